@@ -1,0 +1,135 @@
+"""The Autonomy diagram: from pixels to rotor speeds, without the truth."""
+
+import importlib
+
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+
+from airrace.diagrams.scenario import Scenario
+from airrace.errors import UserError
+from airrace.systems.aruco_detector import ArucoDetector
+from airrace.systems.explorer import Explorer
+from airrace.systems.gate_mapper import GateMapper
+from airrace.systems.geometric_controller import GeometricController
+from airrace.systems.lap_planner import LapPlanner
+from airrace.systems.trajectory_tracker import TrajectoryTracker
+from airrace.track import load_track
+from airrace.vehicle import load_vehicle
+
+
+def _make_gate_mapper(scenario: Scenario):
+    return GateMapper(
+        fps=scenario.camera.fps,
+        state_rate=scenario.state_estimate.rate,
+        **vars(scenario.perception),
+    )
+
+
+def _make_explorer(scenario: Scenario):
+    # The hover height is a rule of the race; nothing else of the track is read.
+    hover_height = load_track(scenario.track).hover_height
+    return Explorer(config=scenario.explorer, hover_height=hover_height)
+
+
+def _make_lap_planner(scenario: Scenario):
+    return LapPlanner(
+        vehicle=load_vehicle(scenario.drone)[0],
+        dimensions=int(scenario.trajectory),
+        config=scenario.planner,
+    )
+
+
+def _make_geometric_controller(scenario: Scenario):
+    return GeometricController(
+        vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate
+    )
+
+
+# Every box, and what makes it unless the scenario's `boxes` names another.
+BOXES = {
+    "aruco_detector": lambda scenario: ArucoDetector(),
+    "gate_mapper": _make_gate_mapper,
+    "explorer": _make_explorer,
+    "lap_planner": _make_lap_planner,
+    "trajectory_tracker": lambda scenario: TrajectoryTracker(),
+    "geometric_controller": _make_geometric_controller,
+}
+INPUTS = ("camera_image", "camera_image_time", "camera_info", "state_estimate")
+OUTPUTS = {
+    "rotor_speed_command": "geometric_controller",
+    "reference": "trajectory_tracker",
+    "lap_plan": "lap_planner",
+    "exploration_reference": "explorer",
+    "explorer_status": "explorer",
+    "gate_map": "gate_mapper",
+    "detections": "aruco_detector",
+}
+
+
+def MakeAutonomy(scenario: Scenario) -> Diagram:
+    """Builds the autonomy of a scenario.
+
+    The ports carry the names of what they carry, and ports of the same name
+    are connected: INPUTS come from the Simulation, OUTPUTS from the boxes
+    that make them. All OUTPUTS are also outputs of the diagram.
+
+    Args:
+        scenario: the race; of its track, only the hover height is used.
+
+    Raises:
+        UserError: if a box of the scenario cannot be had or does not fit.
+    """
+    for name in scenario.boxes:
+        if name not in BOXES:
+            raise UserError(f"boxes.{name} is not a box; the boxes are: {', '.join(BOXES)}.")
+    builder = DiagramBuilder()
+    boxes = {
+        name: builder.AddNamedSystem(name, _make_box(name, scenario)) for name in BOXES
+    }
+    sources = {port: _output(boxes[name], port) for port, name in OUTPUTS.items()}
+    exported = set()
+    for box in boxes.values():
+        for i in range(box.num_input_ports()):
+            port = box.get_input_port(i)
+            name = port.get_name()
+            if name in sources:
+                builder.Connect(sources[name], port)
+            elif name in exported:
+                builder.ConnectInput(name, port)
+            elif name in INPUTS:
+                builder.ExportInput(port, name)
+                exported.add(name)
+            else:
+                raise UserError(
+                    f"The box {box.get_name()} has an input port '{name}', which nothing "
+                    f"provides; there are: {', '.join([*INPUTS, *OUTPUTS])}."
+                )
+    for name, port in sources.items():
+        builder.ExportOutput(port, name)
+    diagram = builder.Build()
+    diagram.set_name("autonomy")
+    return diagram
+
+
+def _make_box(name: str, scenario: Scenario) -> System:
+    """Makes a box by its default or by the scenario's "module:callable"."""
+    if name not in scenario.boxes:
+        return BOXES[name](scenario)
+    path = scenario.boxes[name]
+    module, _, attribute = path.partition(":")
+    try:
+        make = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as e:
+        raise UserError(
+            f"boxes.{name}: '{path}' cannot be imported as module:callable ({e}); "
+            "check its spelling and PYTHONPATH."
+        ) from None
+    box = make(scenario)
+    if not isinstance(box, System):
+        raise UserError(f"boxes.{name}: {path} must return a System, not a {type(box).__name__}.")
+    return box
+
+
+def _output(box: System, port: str):
+    if not box.HasOutputPort(port):
+        raise UserError(f"The box {box.get_name()} must have an output port '{port}'.")
+    return box.GetOutputPort(port)

@@ -1,0 +1,147 @@
+"""Runs a race: python -m airrace.diagrams.race, or ./run.bash."""
+
+import argparse
+import contextlib
+import datetime
+import sys
+from pathlib import Path
+
+from airrace.errors import UserError
+
+EPILOG = """\
+examples:
+  ./run.bash                              ten laps of the reference track
+  ./run.bash --laps 2 -t 4                two laps, yaw along the gates' headings
+  ./run.bash --track my_track.yaml        a track of your own
+  ./run.bash --scenario_text '{state_noise: none, explorer: {max_speed: 4.0}}'
+
+The results are in the output folder: race.json, map.json, map_statistics.json,
+scenario.yaml, and race.html (a replay, with --meshcat).
+Exit codes: 0 finished, 1 did not finish, 2 bad input.
+"""
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Returns the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="airrace",
+        description="Explore a race track from the drone's camera, map it, and race it.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    race = parser.add_argument_group("the race")
+    race.add_argument("-d", "--drone", metavar="NAME",
+                      help="the drone, Default or StarOne (default: Default)")
+    race.add_argument("-s", "--simulation", choices=("SITL", "HITL"), default="SITL",
+                      help="where the autonomy runs: software or hardware in the loop "
+                      "(default: SITL, in this process)")
+    race.add_argument("-t", "--trajectory", choices=("3", "4", "6"),
+                      help="dimensions of the lap planner: 3 = x, y, z; 4 = and yaw along the "
+                      "gates' headings; 6 = and roll = pitch = 0 at the gates (default: 6)")
+    race.add_argument("--track", metavar="NAME|FILE",
+                      help="a shipped track, or a YAML file (default: student-airrace)")
+    race.add_argument("--laps", type=int, metavar="N", help="laps after exploring (default: 10)")
+    race.add_argument("--seed", type=int, metavar="N",
+                      help="of all randomness; the same seed gives the same race (default: 0)")
+    race.add_argument("--renderer", choices=("planar", "vtk"),
+                      help="what draws the camera's image (default: planar, which is fast)")
+    run = parser.add_argument_group("the run")
+    run.add_argument("--output", type=Path, metavar="DIR",
+                     help="results (default: runs/<UTC time>-<track>-<drone>-<t>d)")
+    run.add_argument("--meshcat", action=argparse.BooleanOptionalAction, default=True,
+                     help="show the race in a browser and leave a replay (default: yes)")
+    run.add_argument("--realtime_rate", type=float, metavar="R",
+                     help="1 = real time, 0 = as fast as it can (default: 0)")
+    run.add_argument("--graphviz", type=Path, metavar="FILE",
+                     help="write the diagram in Graphviz's dot language before the race")
+    scenario = parser.add_argument_group(
+        "the scenario", "Fields of airrace/diagrams/scenario.py; options above win over them."
+    )
+    scenario.add_argument("--scenario_file", metavar="NAME|FILE",
+                          help="YAML with one scenario a top-level key; 'races' is shipped")
+    scenario.add_argument("--scenario_name", metavar="KEY",
+                          help="which key of the file (default: Defaults)")
+    scenario.add_argument("--scenario_text", metavar="YAML",
+                          help="scenario fields on top, e.g. '{state_noise: none}'")
+    return parser
+
+
+def resolve_scenario(args):
+    """Returns the checked Scenario that the command line asks for.
+
+    Raises:
+        UserError: naming the option or the field and the remedy.
+    """
+    from airrace.diagrams.scenario import load_scenario
+
+    if args.simulation == "HITL":
+        raise UserError("-s HITL is not supported yet; race with -s SITL.")
+    if args.drone == "StarOne":
+        raise UserError("-d StarOne is not supported yet; race with -d Default.")
+    scenario = load_scenario(
+        filename=args.scenario_file,
+        scenario_name=args.scenario_name,
+        scenario_text=args.scenario_text,
+    )
+    for option in ("drone", "trajectory", "track", "laps", "seed"):
+        if getattr(args, option) is not None:
+            setattr(scenario, option, getattr(args, option))
+    if args.renderer is not None:
+        scenario.camera.renderer = args.renderer
+    if args.realtime_rate is not None:
+        scenario.simulator_config.target_realtime_rate = args.realtime_rate
+    scenario.check()
+    return scenario
+
+
+def default_output_dir(scenario, track_name: str) -> Path:
+    """Returns a folder below runs/ that does not exist."""
+    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
+    name = f"{stamp}-{track_name}-{scenario.drone}-{scenario.trajectory}d"
+    path = Path("runs") / name
+    copies = 1
+    while path.exists():
+        copies += 1
+        path = Path("runs") / f"{name}-{copies}"
+    return path
+
+
+def run(args) -> int:
+    """Runs the race of parsed arguments; returns the exit code."""
+    from airrace.diagrams.progress import RaceDisplay
+    from airrace.diagrams.runner import MakeRace, make_output_dir, run_race
+    from airrace.track import load_track
+    from airrace.vehicle import load_vehicle
+
+    scenario = resolve_scenario(args)
+    track = load_track(scenario.track)
+    load_vehicle(scenario.drone)
+    if args.graphviz is not None:
+        try:
+            args.graphviz.write_text(MakeRace(scenario).GetGraphvizString())
+        except OSError as e:
+            raise UserError(f"--graphviz {args.graphviz} cannot be written: {e.strerror}.") from None
+    output_dir = make_output_dir(args.output or default_output_dir(scenario, track.name))
+    meshcat = None
+    if args.meshcat:
+        from airrace.diagrams.visualization import MakeMeshcat
+
+        meshcat = MakeMeshcat(track)
+    with contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display:
+        result = run_race(scenario, output_dir, meshcat=meshcat, show=display.show)
+    display.print_summary(result, output_dir)
+    return 0 if result["finished"] else 1
+
+
+def main(argv=None) -> int:
+    """The command-line program; returns its exit code."""
+    args = make_parser().parse_args(argv)
+    try:
+        return run(args)
+    except UserError as e:
+        print(f"airrace: {e}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

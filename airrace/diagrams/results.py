@@ -1,0 +1,123 @@
+"""What a race leaves behind: race.json, built up as the race goes on."""
+
+import numpy as np
+
+from airrace.diagrams.scenario import Scenario
+from airrace.systems.referee import RefereeReport
+from airrace.systems.types import ExplorerStatus, GateMap, LapPlan, NO_PLAN
+from airrace.track import Track
+
+
+class RaceRecord:
+    """Collects a race's results from looks at its outputs."""
+
+    def __init__(self, scenario: Scenario, track: Track, simulation: str = "SITL"):
+        """Args: scenario, track: of the race. simulation: SITL or HITL."""
+        self._scenario = scenario
+        self._track = track
+        self._simulation = simulation
+        self._plans = {}
+        self._map_rms = {}
+        self._time = 0.0
+        self._status = ExplorerStatus()
+        self.report = RefereeReport((), False, None, None, 0)
+
+    @property
+    def laps_flown(self) -> int:
+        """Number of complete laps."""
+        return max(len(self.report.crossings) - 1, 0) // len(self._track.gates)
+
+    @property
+    def status(self) -> ExplorerStatus:
+        """The explorer's latest status."""
+        return self._status
+
+    def observe(self, time, report: RefereeReport, status: ExplorerStatus,
+                gate_map: GateMap, plan: LapPlan) -> int:
+        """Takes a look at the race; returns how many laps ended since the last.
+
+        Args:
+            time: of the look (s).
+            report, status, gate_map, plan: the outputs at that time.
+        """
+        before = self.laps_flown
+        self._time, self.report, self._status = time, report, status
+        if plan is not NO_PLAN:
+            self._plans[plan.lap] = plan
+        for lap in range(before + 1, self.laps_flown + 1):
+            self._map_rms[lap] = front_marker_rms(gate_map, self._track)
+        return self.laps_flown - before
+
+    def data(self, wall_seconds: float, dnf_reason: str | None = None) -> dict:
+        """Returns race.json.
+
+        Args:
+            wall_seconds: what the race took.
+            dnf_reason: why it ended if the referee did not end it.
+        """
+        laps = [self._lap(k) for k in range(1, self.laps_flown + 1)]
+        times = [lap["time_s"] for lap in laps]
+        status = self._status
+        return {
+            "track": self._track.name,
+            "drone": self._scenario.drone,
+            "simulation": self._simulation,
+            "trajectory": self._scenario.trajectory,
+            "seed": self._scenario.seed,
+            "finished": self.report.finished,
+            "dnf_reason": None if self.report.finished else self.report.dnf_reason or dnf_reason,
+            "exploration": {
+                "success": status.closed_at is not None,
+                "time_s": status.closed_at if status.closed_at is not None else self._time,
+                "gates_found": len(status.gates),
+            },
+            "laps": laps,
+            "mean_lap_s": float(np.mean(times)) if times else None,
+            "best_lap_s": min(times, default=None),
+            "collisions": self.report.collisions,
+            "wall": {
+                "seconds": wall_seconds,
+                "real_time_factor": self._time / max(wall_seconds, 1e-9),
+            },
+        }
+
+    def _lap(self, lap: int) -> dict:
+        n = len(self._track.gates)
+        crossings = self.report.crossings[n * (lap - 1): n * lap + 1]
+        start = crossings[0].time
+        plans = [plan for first, plan in sorted(self._plans.items()) if first <= lap]
+        plan = plans[-1].report if plans else None
+        return {
+            "lap": lap,
+            "time_s": crossings[-1].time - start,
+            "gate_times_s": [c.time - start for c in crossings[:-1]],
+            "gate_offsets_m": [c.offset for c in crossings[:-1]],
+            "max_speed": max(c.max_speed for c in crossings[1:]),
+            "map_rms_m": self._map_rms[lap],
+            "plan": plan and {
+                "solve_time_s": plan.solve_time,
+                "duration_s": plan.duration,
+                "max_speed": plan.max_speed,
+                "max_acceleration": plan.max_acceleration,
+                "max_rotor_thrust": plan.max_rotor_thrust,
+            },
+        }
+
+
+def front_marker_rms(gate_map: GateMap, track: Track) -> float | None:
+    """Returns the RMS position error of the front markers in the map (m).
+
+    Args:
+        gate_map: the map.
+        track: the truth.
+
+    Returns:
+        None if the map has none of them.
+    """
+    truth = {board.id: board.X_WM.translation() for board in track.boards()}
+    errors = [
+        np.linalg.norm(marker.p_WM - truth[marker.id])
+        for marker in gate_map.markers
+        if marker.id % 2 == 0 and marker.id in truth
+    ]
+    return float(np.sqrt(np.mean(np.square(errors)))) if errors else None

@@ -1,0 +1,176 @@
+"""Runs a race: Simulation and Autonomy joined in one Simulator (SITL)."""
+
+import contextlib
+import signal
+import time
+import types
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_dump_typed
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from airrace.diagrams.autonomy import MakeAutonomy
+from airrace.diagrams.results import RaceRecord
+from airrace.diagrams.scenario import Scenario
+from airrace.diagrams.simulation import MakeSimulation
+from airrace.diagrams.visualization import AddVisualization
+from airrace.errors import UserError
+from airrace.files import write_json, write_text
+from airrace.systems.gate_map_writer import GateMapWriter
+from airrace.track import load_track
+
+_LOOK_PERIOD = 0.1  # s of simulated time between looks at the race
+_MAP_PERIOD = 1.0  # s between two writes of the map
+
+
+def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -> Diagram:
+    """Builds a whole race: two subsystems, ``simulation`` and ``autonomy``.
+
+    What the two exchange is joined by the names of their ports; the race has
+    the outputs that a recorder needs.
+
+    Args:
+        scenario: the race.
+        output_dir: where the map is kept on disk; None: nowhere.
+        meshcat: a Meshcat to show the race in, or None.
+
+    Raises:
+        UserError: if something the scenario names cannot be had.
+    """
+    builder = DiagramBuilder()
+    simulation = builder.AddSystem(MakeSimulation(scenario, meshcat))
+    autonomy = builder.AddSystem(MakeAutonomy(scenario))
+    for source, sink in ((simulation, autonomy), (autonomy, simulation)):
+        for i in range(sink.num_input_ports()):
+            port = sink.get_input_port(i)
+            builder.Connect(source.GetOutputPort(port.get_name()), port)
+    if output_dir is not None:
+        writer = builder.AddNamedSystem(
+            "gate_map_writer", GateMapWriter(directory=output_dir, period=_MAP_PERIOD)
+        )
+        builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
+    if meshcat is not None:
+        AddVisualization(builder, simulation, autonomy, meshcat)
+    for source, name in (
+        (simulation, "truth.referee_report"),
+        (simulation, "truth.state"),
+        (autonomy, "explorer_status"),
+        (autonomy, "gate_map"),
+        (autonomy, "lap_plan"),
+    ):
+        builder.ExportOutput(source.GetOutputPort(name), name)
+    diagram = builder.Build()
+    diagram.set_name("race")
+    return diagram
+
+
+def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
+             show=lambda record, look: None) -> dict:
+    """Flies a race and leaves its files.
+
+    Ctrl-C ends the race at the next look; it and an exception in any system
+    still leave every file, with what was flown.
+
+    Args:
+        scenario: the race.
+        output_dir: an existing folder.
+        meshcat: a Meshcat to show the race in, or None.
+        show: called at every look with the RaceRecord and a namespace of
+            ``time`` (s), ``laps_ended`` and the values of the race's outputs.
+
+    Returns:
+        what race.json holds.
+
+    Raises:
+        UserError: if something the scenario names cannot be had.
+    """
+    write_text(output_dir / "scenario.yaml", yaml_dump_typed(scenario, schema=Scenario))
+    race = MakeRace(scenario, output_dir, meshcat)
+    simulator = Simulator(race)
+    ApplySimulatorConfig(scenario.simulator_config, simulator)
+    record = RaceRecord(scenario, load_track(scenario.track))
+    clock = time.perf_counter()
+    reason = "stopped by an error"
+
+    def save():
+        data = record.data(time.perf_counter() - clock, reason)
+        write_json(output_dir / "race.json", data)
+        return data
+
+    if meshcat is not None:
+        meshcat.StartRecording(frames_per_second=30.0, set_visualizations_while_recording=True)
+    try:
+        simulator.Initialize()
+        with _interrupt_flag() as interrupted:
+            while not record.report.over and not interrupted.is_set:
+                simulator.AdvanceTo(simulator.get_context().get_time() + _LOOK_PERIOD)
+                look = _look(race, simulator.get_context())
+                look.laps_ended = record.observe(
+                    look.time, look.referee_report, look.explorer_status, look.gate_map,
+                    look.lap_plan,
+                )
+                if look.laps_ended:
+                    save()
+                show(record, look)
+        reason = "interrupted"
+    finally:
+        data = save()
+        race.ForcedPublish(simulator.get_context())
+        if meshcat is not None:
+            meshcat.StopRecording()
+            meshcat.PublishRecording()
+            write_text(output_dir / "race.html", meshcat.StaticHtml())
+    return data
+
+
+def _look(race: Diagram, context) -> types.SimpleNamespace:
+    """Returns the time and the values of all outputs of the race."""
+    values = {
+        port.get_name().removeprefix("truth."): port.Eval(context)
+        for port in (race.get_output_port(i) for i in range(race.num_output_ports()))
+    }
+    return types.SimpleNamespace(time=context.get_time(), **values)
+
+
+@contextlib.contextmanager
+def _interrupt_flag():
+    """Turns the first Ctrl-C or SIGTERM into a flag, so that no step is torn."""
+    flag = types.SimpleNamespace(is_set=False)
+    previous = {}
+
+    def set_flag(signum, frame):
+        flag.is_set = True
+        signal.signal(signum, previous[signum])  # a second one means it
+
+    try:
+        for signum in (signal.SIGINT, signal.SIGTERM):
+            previous[signum] = signal.signal(signum, set_flag)
+    except ValueError:
+        pass  # not in the main thread: signals go elsewhere
+    try:
+        yield flag
+    finally:
+        for signum, handler in previous.items():
+            signal.signal(signum, handler)
+
+
+def make_output_dir(path: Path) -> Path:
+    """Creates the folder of a race's results and returns it.
+
+    Raises:
+        UserError: if it cannot be written to, or already holds a race.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if (path / "race.json").exists():
+            raise UserError(
+                f"--output {path} already holds a race; name another folder or remove it."
+            )
+        write_text(path / ".writable", "")
+        (path / ".writable").unlink()
+    except OSError as e:
+        raise UserError(
+            f"--output {path} cannot be written to ({e.strerror}); name another folder."
+        ) from None
+    return path

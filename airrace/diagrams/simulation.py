@@ -1,0 +1,135 @@
+"""The Simulation diagram: where the truth lives."""
+
+import numpy as np
+from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams, Role, SceneGraph
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import AddMultibodyPlant
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from airrace.diagrams.scenario import Scenario
+from airrace.rendering.scenery import AddScenery
+from airrace.rendering.vtk import AddVtkRenderer
+from airrace.rendering.planar import PlanarRenderer
+from airrace.systems.camera import Camera
+from airrace.systems.multirotor import AddMultirotor, AddMultirotorModel
+from airrace.systems.referee import Referee
+from airrace.systems.state_estimate import StateEstimate
+from airrace.systems.types import make_camera_info
+from airrace.track import Track, load_track
+from airrace.vehicle import Vehicle, load_vehicle
+
+# Body x forward, y left, z up to camera x right, y down, z forward.
+R_BC = RotationMatrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
+    """Builds the simulated world of a scenario.
+
+    Input ports: ``rotor_speed_command`` (vector, rad/s) and
+    ``explorer_status`` (ExplorerStatus), the team's word that it races.
+    Output ports for the autonomy: ``camera_image`` (ImageRgba8U),
+    ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
+    (see systems/state_estimate.py). Truth, for judges and spectators only:
+    ``truth.state`` (13), ``truth.rotor_speeds``, ``truth.referee_report``
+    (RefereeReport).
+
+    Args:
+        scenario: the race.
+        meshcat: a Meshcat to show the world in, or None.
+
+    Raises:
+        UserError: if the track, the drone or the renderer cannot be had.
+    """
+    track = load_track(scenario.track)
+    vehicle, sdf = load_vehicle(scenario.drone)
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
+    AddScenery(plant, track)
+    AddMultirotorModel(plant, vehicle, sdf)
+    plant.Finalize()
+    _set_start(plant, track)
+    rotors = AddMultirotor(builder, plant, scene_graph, vehicle)
+    state = plant.get_state_output_port(plant.GetModelInstanceByName("drone"))
+
+    camera = _AddCamera(builder, scene_graph, scenario, track, vehicle)
+    builder.Connect(state, camera.GetInputPort("state"))
+    noisy = scenario.state_noise != "none"
+    estimate = builder.AddNamedSystem(
+        "state_estimate",
+        StateEstimate(
+            rate=scenario.state_estimate.rate,
+            position_sigma=noisy * scenario.state_estimate.position_sigma,
+            velocity_sigma=noisy * scenario.state_estimate.velocity_sigma,
+            seed=scenario.seed,
+        ),
+    )
+    builder.Connect(state, estimate.GetInputPort("state"))
+    referee = builder.AddNamedSystem(
+        "referee",
+        Referee(
+            track=track,
+            laps=scenario.laps,
+            period=plant.time_step(),
+            time_limit=scenario.referee.time_limit,
+            arena_margin=scenario.referee.arena_margin,
+            body_names=_collision_names(scene_graph),
+        ),
+    )
+    builder.Connect(state, referee.GetInputPort("state"))
+    builder.Connect(
+        plant.get_contact_results_output_port(), referee.GetInputPort("contact_results")
+    )
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(
+            builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=1 / 30)
+        )
+
+    builder.ExportInput(rotors.GetInputPort("rotor_speed_command"), "rotor_speed_command")
+    builder.ExportInput(referee.GetInputPort("explorer_status"), "explorer_status")
+    for name in ("camera_image", "camera_image_time", "camera_info"):
+        builder.ExportOutput(camera.GetOutputPort(name), name)
+    builder.ExportOutput(estimate.GetOutputPort("state_estimate"), "state_estimate")
+    builder.ExportOutput(state, "truth.state")
+    builder.ExportOutput(rotors.GetOutputPort("rotor_speeds"), "truth.rotor_speeds")
+    builder.ExportOutput(referee.GetOutputPort("report"), "truth.referee_report")
+    diagram = builder.Build()
+    diagram.set_name("simulation")
+    return diagram
+
+
+def _set_start(plant, track: Track):
+    """Puts the drone on its pad, standing on its lowest collision sphere."""
+    X_WB = RigidTransform(
+        RollPitchYaw(0.0, 0.0, np.deg2rad(track.start.heading_deg)),
+        np.array(track.start.position) + [0.0, 0.0, 0.1],
+    )
+    plant.SetDefaultFloatingBaseBodyPose(plant.GetBodyByName("body"), X_WB)
+
+
+def _AddCamera(builder, scene_graph: SceneGraph, scenario, track, vehicle: Vehicle) -> Camera:
+    config = scenario.camera
+    info = make_camera_info(
+        width=config.width,
+        height=config.height,
+        fov_y=np.deg2rad(config.fov_y_deg),
+        X_BC=RigidTransform(R_BC, vehicle.camera_position),
+    )
+    if config.renderer == "vtk":
+        renderer = AddVtkRenderer(scene_graph, info)
+    else:
+        renderer = PlanarRenderer(track, info)
+    camera = builder.AddNamedSystem(
+        "camera", Camera(camera_info=info, fps=config.fps, renderer=renderer)
+    )
+    if renderer.needs_query_object:
+        builder.Connect(scene_graph.get_query_output_port(), camera.GetInputPort("geometry_query"))
+    return camera
+
+
+def _collision_names(scene_graph: SceneGraph) -> dict:
+    """Maps the IDs of everything anchored that can be hit to its plain name."""
+    inspector = scene_graph.model_inspector()
+    return {
+        geometry_id: inspector.GetName(geometry_id).split("::")[-1]
+        for geometry_id in inspector.GetGeometries(scene_graph.world_frame_id(), Role.kProximity)
+    }

@@ -1,0 +1,1 @@
+"""What the drone's camera sees: textures, the scene, and two renderers."""

@@ -1,0 +1,126 @@
+"""Draws marker boards by homography."""
+
+import cv2
+import numpy as np
+
+from airrace.rendering.projection import NEAR, SHIFT, clip_near, to_fixed, to_pixels
+from airrace.rendering.textures import BOARD_BACK, BOARD_TEXELS, board_image
+from airrace.track import BOARD_SIZE
+
+# Texture sizes. In multiples of 35 edges fall between two texels or halve one.
+_SIZES = (BOARD_TEXELS, 420, 280, 210, 140, 105, 70, 50, 35, 25, 18, 12, 9, 6, 4, 3, 2)
+_OPAQUE = {size: np.full((size, size), 255, np.uint8) for size in _SIZES}
+# Maps texture coordinates (texel centres are integers) to the board's plane.
+_TEXEL_TO_M = {
+    size: np.array([
+        [BOARD_SIZE / size, 0, (BOARD_SIZE / size - BOARD_SIZE) / 2],
+        [0, -BOARD_SIZE / size, (BOARD_SIZE - BOARD_SIZE / size) / 2],
+        [0, 0, 1],
+    ])
+    for size in _SIZES
+}  # fmt: skip
+_CORNERS_M = BOARD_SIZE / 2 * np.array([[-1, 1, 1, -1], [1, 1, -1, -1], [2 / BOARD_SIZE] * 4])
+_BACK_COLOR = (*BOARD_BACK, 255)
+# Boards are supersampled as long as that takes no more samples than this.
+_MAX_SAMPLES = 12_000
+
+
+class BoardPainter:
+    """Draws any board of a track.
+
+    Call look_from() once a picture, then paint() for one board after the other.
+    """
+
+    def __init__(self, boards, camera_info):
+        """Constructs the painter.
+
+        Args:
+            boards: list of Board.
+            camera_info: calibration.
+        """
+        self._ids = [board.id for board in boards]
+        self._K = camera_info.K
+        self._size = (camera_info.width, camera_info.height)
+        R_WM = np.array([board.X_WM.rotation().matrix() for board in boards])
+        self._p_WM = np.array([board.X_WM.translation() for board in boards])
+        self._z_W = R_WM[:, :, 2]
+        self._xy_W = R_WM[:, :, :2]
+
+    def look_from(self, X_WC) -> None:
+        """Takes the pose of the camera for the next picture."""
+        p_CM_W = self._p_WM - X_WC.translation()
+        self.faces_camera = np.sum(p_CM_W * self._z_W, axis=1) < 0
+        # Maps (x, y, 1) of a board's plane to homogeneous pixels.
+        plane_W = np.concatenate([self._xy_W, p_CM_W[:, :, None]], axis=2)
+        self._H = H = self._K @ X_WC.rotation().matrix().T @ plane_W
+        self._corners_h = (H @ _CORNERS_M).transpose(0, 2, 1)
+        depth = self._corners_h[:, :, 2]
+        in_front = depth >= NEAR
+        self._straddles = ~np.all(in_front, axis=1)
+        self._corners = self._corners_h[:, :, :2] / np.maximum(depth, NEAR)[:, :, None]
+        self._low, self._high = self._rectangle(self._corners, axis=1)
+        self._visible = np.all(self._low < self._high, axis=1) | self._straddles
+        self._visible &= np.any(in_front, axis=1)
+
+        # Derivatives of pixels by metres at the corners, (n, 4, 2, 2), and
+        # their smallest singular values (pixels per metre in the direction that
+        # is shortened most), from below: |det| / Frobenius norm.
+        J = H[:, None, :2, :2] - self._corners[:, :, :, None] * H[:, None, 2:, :2]
+        det = np.abs(J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0])
+        scale = det / np.sqrt(np.sum(J * J, axis=(2, 3))) / np.maximum(depth, NEAR)
+        self._scale = np.min(np.where(in_front, scale, np.inf), axis=1)
+
+    def _rectangle(self, corners, axis):
+        """The pixels that polygons can touch, as (low, high) inside the image."""
+        # Two pixels more hold the blurred border.
+        low = np.floor(np.clip(np.min(corners, axis=axis) - 2, 0, self._size))
+        high = np.ceil(np.clip(np.max(corners, axis=axis) + 3, 0, self._size))
+        return low.astype(int), high.astype(int)
+
+    def paint(self, i, out) -> None:
+        """Draws the board with index i over what is there."""
+        if not self._visible[i]:
+            return
+        corners, low, high = self._corners[i], self._low[i], self._high[i]
+        if self._straddles[i]:
+            corners = to_pixels(clip_near(self._corners_h[i]))
+            low, high = self._rectangle(corners, axis=0)
+            if not np.all(low < high):
+                return
+        if not self.faces_camera[i]:
+            cv2.fillConvexPoly(out, to_fixed(corners), _BACK_COLOR, cv2.LINE_AA, SHIFT)
+            return
+        (x0, y0), (x1, y1) = low.tolist(), high.tolist()
+        w, h = x1 - x0, y1 - y0
+        grey, alpha = self._warp(i, x0, y0, w, h)
+        if self._straddles[i]:
+            # The homography shows what is behind the camera, too.
+            visible = np.zeros((h, w), np.uint8)
+            cv2.fillConvexPoly(visible, to_fixed(corners - low), 255, cv2.LINE_8, SHIFT)
+            grey &= visible
+            alpha &= visible
+        region = out[y0:y1, x0:x1]
+        # cvtColor makes the fourth channel 255, so the picture stays opaque.
+        rest = cv2.cvtColor(cv2.bitwise_not(alpha), cv2.COLOR_GRAY2RGBA)
+        cv2.multiply(region, rest, dst=region, scale=1 / 255)
+        cv2.add(region, cv2.cvtColor(grey, cv2.COLOR_GRAY2RGBA), dst=region)
+
+    def _warp(self, i, x0, y0, w, h):
+        """Grey levels, premultiplied with alpha, and alpha in a rectangle."""
+        s = min(4, max(1, int((_MAX_SAMPLES / (w * h)) ** 0.5)))
+        # The finest texture whose texels are at least as large as a sample.
+        wanted = self._scale[i] * s * BOARD_SIZE
+        size = next((size for size in _SIZES if size <= wanted), _SIZES[-1])
+        # Sample j lies at pixel x0 + (j - (s - 1) / 2) / s.
+        shift = (s - 1) / 2
+        to_samples = np.array([[s, 0, shift - s * x0], [0, s, shift - s * y0], [0, 0, 1]])
+        H = to_samples @ self._H[i] @ _TEXEL_TO_M[size]
+        # Outside the textures both pictures are 0.
+        samples = (s * w, s * h)
+        pictures = [
+            cv2.warpPerspective(texture, H, samples)
+            for texture in (board_image(self._ids[i], size), _OPAQUE[size])
+        ]
+        if s == 1:
+            return pictures
+        return [cv2.resize(p, (w, h), interpolation=cv2.INTER_AREA) for p in pictures]

@@ -1,0 +1,1 @@
+"""The boxes of airrace's diagrams: one LeafSystem a file."""

@@ -1,0 +1,113 @@
+"""The drone's camera."""
+
+import typing
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.value import Value
+from pydrake.geometry import QueryObject
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import LeafSystem
+from pydrake.systems.sensors import ImageRgba8U
+
+from airrace.systems.types import CameraInfo
+
+
+class Renderer(typing.Protocol):
+    """Draws the world as the camera sees it: PlanarRenderer or VtkRenderer."""
+
+    #: Whether render() takes the QueryObject of a SceneGraph, too.
+    needs_query_object: bool
+
+    def render(self, X_WC: RigidTransform, out: np.ndarray, query_object=None) -> None:
+        """Draws the picture seen from X_WC into ``out``, (h, w, 4) uint8 RGBA."""
+
+
+class Camera(LeafSystem):
+    """Takes a picture at every frame period.
+
+    .. pydrake_system::
+
+        name: Camera
+        input_ports:
+        - state
+        - geometry_query (only if the renderer needs it)
+        output_ports:
+        - camera_image
+        - camera_image_time
+        - camera_info
+
+    ``state`` is a floating body's slice of a MultibodyPlant's state, shape
+    (13,): quaternion w, x, y, z of R_WB, position p_WB (m), angular velocity
+    w_WB (rad/s) and velocity v_WB (m/s), both expressed in world.
+
+    The camera samples the body's pose and the time at initialization and then
+    every 1/fps seconds. ``camera_image`` (abstract, ImageRgba8U) shows the
+    world from the sampled pose; ``camera_image_time`` (vector, shape (1,)) is
+    when that was (s). ``camera_info`` (abstract, CameraInfo) never changes.
+
+    The picture is a function of the sample only, so Drake's cache keeps it
+    until the next one: a frame is drawn at most once however many look at it,
+    and never if nobody does. With a renderer that needs ``geometry_query`` this
+    relies on a scene that stands still. The drone itself moves, so it must be
+    invisible to that renderer: give its visuals no perception role.
+    """
+
+    def __init__(self, *, camera_info: CameraInfo, fps: float, renderer: Renderer):
+        """Constructs the camera.
+
+        Args:
+            camera_info: calibration and the camera's pose X_BC in the body.
+            fps: pictures per second.
+            renderer: draws the pictures; made for the same camera_info.
+        """
+        LeafSystem.__init__(self)
+        self._info = camera_info
+        self._renderer = renderer
+        self._state = self.DeclareVectorInputPort("state", 13)
+        self._query = None
+        if renderer.needs_query_object:
+            self._query = self.DeclareAbstractInputPort(
+                "geometry_query", Value(QueryObject())
+            )
+
+        # The sample: quaternion (4), position (3), time (1).
+        sample = self.DeclareDiscreteState([1.0, 0, 0, 0, 0, 0, 0, 0])
+        # A periodic event at t = 0 would happen only in the first step, after
+        # the first publish; so the first sample is taken at initialization.
+        self.DeclareInitializationDiscreteUpdateEvent(self._UpdateSample)
+        self.DeclarePeriodicDiscreteUpdateEvent(1 / fps, 1 / fps, self._UpdateSample)
+        self.DeclareForcedDiscreteUpdateEvent(self._UpdateSample)
+
+        ticket = {self.discrete_state_ticket(sample)}
+        self.DeclareAbstractOutputPort(
+            "camera_image",
+            lambda: Value(ImageRgba8U(camera_info.width, camera_info.height)),
+            self._CalcImage,
+            prerequisites_of_calc=ticket,
+        )
+        self.DeclareVectorOutputPort(
+            "camera_image_time", 1, self._CalcTime, prerequisites_of_calc=ticket
+        )
+        self.DeclareAbstractOutputPort(
+            "camera_info",
+            lambda: Value(camera_info),
+            lambda context, output: output.set_value(camera_info),
+            prerequisites_of_calc={self.nothing_ticket()},
+        )
+
+    def _UpdateSample(self, context, discrete_state):
+        sample = discrete_state.get_mutable_value()
+        sample[:7] = self._state.Eval(context)[:7]
+        sample[7] = context.get_time()
+
+    def _CalcImage(self, context, output):
+        sample = context.get_discrete_state_vector().value()
+        # The plant's integrator lets the quaternion's norm drift a little.
+        X_WB = RigidTransform(Quaternion(sample[:4] / np.linalg.norm(sample[:4])), sample[4:7])
+        args = () if self._query is None else (self._query.Eval(context),)
+        image = output.get_mutable_value().mutable_data
+        self._renderer.render(X_WB @ self._info.X_BC, image, *args)
+
+    def _CalcTime(self, context, output):
+        output.SetAtIndex(0, context.get_discrete_state_vector().GetAtIndex(7))

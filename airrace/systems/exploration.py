@@ -1,0 +1,131 @@
+"""The explorer's decisions: pure functions of what it knows."""
+
+import dataclasses as dc
+import typing
+
+import numpy as np
+
+from airrace.systems import state_estimate as se
+from airrace.systems.types import Detections, GateEstimate, GateMap
+
+
+@dc.dataclass(frozen=True)
+class Now:
+    """What the explorer knows at one tick.
+
+    Attributes:
+        memory: the explorer's own state.
+        time: (s).
+        detections, gate_map, estimate: its inputs.
+    """
+
+    memory: typing.Any
+    time: float
+    detections: Detections
+    gate_map: GateMap
+    estimate: np.ndarray
+
+
+def yaw_of(estimate) -> float:
+    """Returns the heading of the body's x axis (rad)."""
+    w, x, y, z = estimate[se.QUATERNION]
+    return float(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
+
+
+def tilt(estimate) -> float:
+    """Returns the angle between the body's and the world's z axis (rad)."""
+    w, x, y, z = estimate[se.QUATERNION] / np.linalg.norm(estimate[se.QUATERNION])
+    return float(np.arccos(np.clip(1 - 2 * (x * x + y * y), -1.0, 1.0)))
+
+
+def hover_pose(estimate) -> np.ndarray:
+    """Returns x, y, z (m) and yaw (rad) of an estimate, (4,)."""
+    return np.array([*estimate[se.POSITION], yaw_of(estimate)])
+
+
+def gate_pose(gate: GateEstimate, beyond: float = 0.0) -> np.ndarray:
+    """Returns x, y, z and yaw at, or a distance (m) beyond, a gate, (4,)."""
+    return np.array([*(gate.p_WG + beyond * gate.forward), gate.heading])
+
+
+def next_gate(now: Now, closing_range: float) -> GateEstimate | None:
+    """Returns the gate to fly to, if it has just been found.
+
+    That is the gate with the next number when both its front markers are in
+    the newest image and the map knows both. Once there were three, it may
+    also be gate 1 again; but that one can be seen across the track, so it
+    must be near and nothing may be known of a gate with the next number.
+
+    Args:
+        now: what is known.
+        closing_range: how near gate 1 must be to close the loop (m).
+    """
+    number = _next_number(now)
+    gates = {gate.number: gate for gate in now.gate_map.gates}
+    if number in gates:
+        return gates[number] if _both_in_image(now, number) else None
+    if number < 3 or any(marker.id // 4 == number for marker in now.gate_map.markers):
+        return None
+    first = gates[0]
+    near = np.linalg.norm(first.p_WG - now.estimate[se.POSITION]) < closing_range
+    return first if near and _both_in_image(now, 0) else None
+
+
+def _both_in_image(now: Now, number: int) -> bool:
+    in_image = {marker.id for marker in now.detections.markers}
+    return {4 * number, 4 * number + 2} <= in_image
+
+
+def search_target(now: Now, config) -> tuple[np.ndarray, str, str]:
+    """Returns where to look next.
+
+    Args:
+        now: what is known.
+        config: an ExplorerConfig.
+
+    Returns:
+        (pose, state, reason): x, y, z and yaw, (4,); STEP_AROUND or
+        STEP_FORWARD; and why.
+    """
+    lone = _lone_marker(now, near=config.side_offset + 2.0)
+    if lone is not None:
+        pose = _pose_in_front(lone, config.side_distance, config.side_offset)
+        return pose, "STEP_AROUND", f"only marker {lone.id} of gate {lone.id // 4 + 1} in sight"
+    pose = now.memory.leg.derivatives(now.memory.leg.duration, 1)[0]
+    step = config.step_length * np.array([np.cos(pose[3]), np.sin(pose[3]), 0.0, 0.0])
+    return pose + step, "STEP_FORWARD", "no gate in sight"
+
+
+def _next_number(now: Now) -> int:
+    last = now.memory.last
+    return 0 if last is None else last.number + 1
+
+
+def _lone_marker(now: Now, near: float):
+    """Returns the estimate of the only front marker in sight of the next gate.
+
+    The left one counts only when it is near: from afar, the right one may
+    just be too small to read.
+    """
+    number = _next_number(now)
+    in_image = {marker.id for marker in now.detections.markers}
+    for estimate in now.gate_map.markers:
+        if estimate.id not in in_image:
+            continue
+        if estimate.id == 4 * number + 2:
+            return estimate
+        distance = np.linalg.norm(estimate.p_WM - now.estimate[se.POSITION])
+        if estimate.id == 4 * number and distance < near:
+            return estimate
+    return None
+
+
+def _pose_in_front(marker, distance, offset) -> np.ndarray:
+    """Returns the pose that faces a marker from its gate's side, (4,)."""
+    normal = marker.normal * [1.0, 1.0, 0.0]
+    normal /= max(np.linalg.norm(normal), 1e-9)
+    # As its viewer sees it, the gate lies right of the left marker.
+    rightward = np.array([-normal[1], normal[0], 0.0])
+    side = offset if marker.id % 4 == 0 else -offset
+    p = marker.p_WM + distance * normal + side * rightward
+    return np.array([*p, np.arctan2(-normal[1], -normal[0])])

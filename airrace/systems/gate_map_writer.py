@@ -1,0 +1,41 @@
+"""Keeps the map on disk."""
+
+from pathlib import Path
+
+from pydrake.common.value import Value
+from pydrake.systems.framework import LeafSystem
+
+from airrace.files import write_json
+from airrace.map_files import map_data, statistics_data
+from airrace.systems.types import GateMap
+
+
+class GateMapWriter(LeafSystem):
+    """Writes map.json and map_statistics.json as the map improves.
+
+    .. pydrake_system::
+
+        name: GateMapWriter
+        input_ports:
+        - gate_map
+
+    ``gate_map`` is a GateMap. A forced publish writes at once.
+    """
+
+    def __init__(self, *, directory: Path, period: float):
+        """Constructs the writer.
+
+        Args:
+            directory: where the two files go.
+            period: between two writes (s of simulated time).
+        """
+        LeafSystem.__init__(self)
+        self._directory = Path(directory)
+        self._map = self.DeclareAbstractInputPort("gate_map", Value[object](GateMap()))
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._Write)
+        self.DeclareForcedPublishEvent(self._Write)
+
+    def _Write(self, context):
+        gate_map = self._map.Eval(context)
+        write_json(self._directory / "map.json", map_data(gate_map))
+        write_json(self._directory / "map_statistics.json", statistics_data(gate_map))

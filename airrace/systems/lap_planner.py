@@ -1,0 +1,150 @@
+"""Plans every lap from the map as it then stands."""
+
+import dataclasses as dc
+import time as wall_clock
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import LeafSystem
+
+from airrace.immutable import Immutable
+from airrace.systems.types import NO_PLAN, LapPlan, PlanReport
+from airrace.trajopt.flat_trajectory import SIZE, FlatTrajectory
+from airrace.trajopt.flatness import rotor_thrusts
+from airrace.trajopt.lap import peaks, plan_circuit, plan_entry
+from airrace.trajopt.min_snap import TrajectoryOptimizationError
+from airrace.vehicle import GRAVITY, Vehicle
+
+_CHECKS_PER_SECOND = 200
+
+
+@dc.dataclass(frozen=True, eq=False)
+class _Memory(Immutable):
+    """The plan in force, the one that will replace it, and when to look next."""
+
+    plan: LapPlan = NO_PLAN
+    pending: LapPlan | None = None
+    due: float = 0.0
+
+
+class LapPlanner(LeafSystem):
+    """Section V of the Student AirRace report.
+
+    .. pydrake_system::
+
+        name: LapPlanner
+        input_ports:
+        - gate_map
+        - explorer_status
+        - exploration_reference
+        output_ports:
+        - lap_plan
+
+    ``gate_map`` is a GateMap, ``explorer_status`` an ExplorerStatus,
+    ``exploration_reference`` see trajopt/flat_trajectory.py; ``lap_plan`` a
+    LapPlan, NO_PLAN until the race begins.
+
+    When the exploration is done, and again whenever a lap's last gate has
+    been passed, the planner takes the map and solves for a new lap. The plan
+    comes into force one declared latency later, on from the state that the
+    old one has then; if there is no such plan, the old one goes on, since a
+    lap can be repeated.
+    """
+
+    def __init__(self, *, vehicle: Vehicle, dimensions: int, config):
+        """Constructs the planner.
+
+        Args:
+            vehicle: for the check of the rotor thrusts.
+            dimensions: 3, 4 or 6, see plan_circuit.
+            config: a PlannerConfig.
+        """
+        LeafSystem.__init__(self)
+        self._vehicle = vehicle
+        self._dimensions = dimensions
+        self._latency = config.latency
+        self._limits = dict(
+            max_speed=config.max_speed, max_acceleration=config.max_acceleration
+        )
+        self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
+        self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
+        self._reference = self.DeclareVectorInputPort("exploration_reference", SIZE)
+        self._memory = self.DeclareAbstractState(Value[object](_Memory()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._Update)
+        self.DeclareAbstractOutputPort(
+            "lap_plan",
+            lambda: Value[object](NO_PLAN),
+            lambda context, output: output.set_value(self._Recall(context).plan),
+            {self.abstract_state_ticket(self._memory)},
+        )
+
+    def _Recall(self, context) -> _Memory:
+        return context.get_abstract_state(int(self._memory)).get_value()
+
+    def _Update(self, context, state):
+        memory = self._Recall(context)
+        now = context.get_time()
+        if memory.pending is not None:
+            if now < memory.pending.start_time - 1e-9:
+                return
+            plan = memory.pending
+            after = _Memory(plan=plan, due=self._NextDue(plan, now))
+        elif self._explorer.Eval(context).done and now >= memory.due:
+            pending = self._Plan(context, memory.plan, now + self._latency)
+            due = now + 1.0 if memory.plan is NO_PLAN else self._NextDue(memory.plan, now)
+            after = dc.replace(memory, pending=pending, due=due)
+        else:
+            return
+        state.get_mutable_abstract_state(int(self._memory)).set_value(after)
+
+    def _NextDue(self, plan: LapPlan, now) -> float:
+        """Returns when the plan passes the last gate again, less the latency."""
+        last_leg = plan.circuit.duration - plan.circuit.breaks[-2]
+        due = plan.next_start(now) - last_leg - self._latency
+        return due if due > now + 1e-9 else due + plan.circuit.duration
+
+    def _Plan(self, context, old: LapPlan, start_time) -> LapPlan | None:
+        """Returns the plan from a time on, or None if there is none."""
+        clock = wall_clock.perf_counter()
+        gates = self._map.Eval(context).gates
+        warm = None
+        if old is NO_PLAN:
+            lap = 1
+            start = _derivatives(self._reference.Eval(context))
+        else:
+            lap = old.lap_at(start_time) + 1
+            start = _derivatives(old.reference(start_time))
+            warm = np.diff(old.circuit.breaks)
+            warm = warm if len(warm) == len(gates) else None
+        try:
+            circuit = plan_circuit(
+                [g.p_WG for g in gates], [g.heading for g in gates], self._dimensions,
+                initial_durations=warm, **self._limits,
+            )
+            entry = plan_entry(start, circuit, **self._limits)
+        except TrajectoryOptimizationError:
+            return None
+        report = self._Check(entry, circuit, wall_clock.perf_counter() - clock)
+        return LapPlan(
+            lap=lap, start_time=start_time, entry=entry, circuit=circuit, report=report
+        )
+
+    def _Check(self, entry: FlatTrajectory, circuit: FlatTrajectory, solve_time) -> PlanReport:
+        samples = np.hstack([
+            t.sample(np.linspace(0.0, t.duration, int(_CHECKS_PER_SECOND * t.duration) + 2))
+            for t in (entry, circuit)
+        ])
+        speed, acceleration = peaks(samples)
+        return PlanReport(
+            solve_time=solve_time,
+            duration=circuit.duration,
+            max_speed=speed,
+            max_acceleration=acceleration,
+            max_rotor_thrust=float(rotor_thrusts(samples, self._vehicle, GRAVITY).max()),
+        )
+
+
+def _derivatives(reference) -> np.ndarray:
+    """Returns value and three derivatives of x, y, z and yaw, (4, 4)."""
+    yaw = [*reference[15:18], 0.0]
+    return np.column_stack([reference[:12].reshape(4, 3), yaw])

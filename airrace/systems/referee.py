@@ -1,0 +1,237 @@
+"""The referee: counts gates and laps, and ends the race, on truth."""
+
+import dataclasses as dc
+import math
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.multibody.plant import ContactResults
+from pydrake.systems.framework import LeafSystem
+
+from airrace.systems.types import ExplorerStatus, Immutable
+from airrace.track import PYLON_HEIGHT, Track
+
+# Columns of the table of crossings.
+_TIME, _OFFSET, _MAX_SPEED = range(3)
+# Why a race ended; the index into this tuple is the state's `verdict`.
+VERDICTS = (
+    None,
+    "finished",
+    "hit the ground",
+    "touched {what}",
+    "left the arena",
+    "ran out of time",
+    "the simulation failed",
+)
+_FINISHED, _GROUND, _TOUCHED, _ARENA, _TIMEOUT, _DIVERGED = range(1, 7)
+
+
+@dc.dataclass(frozen=True)
+class GateCrossing:
+    """One gate flown through in order.
+
+    Attributes:
+        time: of the crossing, interpolated within the step (s).
+        gate: number of the gate, from 1.
+        lap: number of the lap that this crossing belongs to, from 1; gate 1
+            belongs to the lap that it starts.
+        offset: distance of the crossing from the gate's midpoint (m).
+        max_speed: since the crossing before (m/s).
+    """
+
+    time: float
+    gate: int
+    lap: int
+    offset: float
+    max_speed: float
+
+
+@dc.dataclass(frozen=True)
+class RefereeReport(Immutable):
+    """The race so far.
+
+    Attributes:
+        crossings: all counted crossings in order; the one after the last
+            lap's last gate closes that lap.
+        finished: whether all laps are flown.
+        dnf_reason: why the race ended before that, or None.
+        end_time: of either (s), or None.
+        collisions: number of contacts that the race ended with (0 or 1).
+    """
+
+    crossings: tuple
+    finished: bool
+    dnf_reason: str | None
+    end_time: float | None
+    collisions: int
+
+    @property
+    def over(self) -> bool:
+        """Whether the race has ended."""
+        return self.end_time is not None
+
+
+class Referee(LeafSystem):
+    """Judges a race.
+
+    .. pydrake_system::
+
+        name: Referee
+        input_ports:
+        - state
+        - contact_results
+        - explorer_status
+        output_ports:
+        - report
+
+    ``state`` is the plant's floating-body state (13), ``contact_results``
+    the plant's, ``explorer_status`` the autonomy's ExplorerStatus: laps count
+    from the moment it says that the exploration is done. ``report`` is a
+    RefereeReport.
+
+    A gate counts when the body's origin crosses the rectangle between the
+    two pylon axes, from the front, above the ground and below the pylons'
+    tips, in racing order. A lap runs from gate 1 to gate 1. Any contact after
+    take-off, leaving the arena, or the time limit ends the race; on the pad,
+    only contact with something else than the ground does.
+    """
+
+    def __init__(self, *, track: Track, laps: int, period: float, time_limit: float,
+                 arena_margin: float, body_names: dict):
+        """Constructs the referee.
+
+        Args:
+            track: with the true gates.
+            laps: to fly.
+            period: between looks (s); the plant's time step.
+            time_limit: for the whole race (s).
+            arena_margin: how far beyond the outermost pylons, and above the
+                ground, the arena reaches (m).
+            body_names: geometry IDs to the names used in a reason.
+        """
+        LeafSystem.__init__(self)
+        self._gates = [
+            (g.p_WG.tolist(), g.forward.tolist(), g.rightward.tolist(), g.pylon_spacing / 2)
+            for g in track.gates
+        ]
+        feet = track.pylons()[:, :2]
+        self._arena = (*(feet.min(0) - arena_margin), *(feet.max(0) + arena_margin), arena_margin)
+        self._takeoff_height = track.start.position[2] + 0.5
+        self._time_limit = time_limit
+        self._names = body_names
+        self._touchable = sorted(set(body_names.values()) - {"ground"})
+        self._total = laps * len(track.gates) + 1
+        self._state = self.DeclareVectorInputPort("state", 13)
+        self._contacts = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
+        self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object](ExplorerStatus()))
+        # One vector: see _Memory. Numbers only, so that a step copies no objects.
+        self._memory = self.DeclareDiscreteState(_Memory().vector())
+        self._table = self.DeclareDiscreteState(3 * self._total)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._Judge)
+        self.DeclareAbstractOutputPort(
+            "report",
+            lambda: Value[object](RefereeReport((), False, None, None, 0)),
+            self._CalcReport,
+            {self.xd_ticket()},
+        )
+
+    def _Judge(self, context, discrete_state):
+        m = _Memory(*context.get_discrete_state(self._memory).value().tolist())
+        if m.verdict:
+            return
+        time = context.get_time()
+        state = self._state.Eval(context)
+        x, y, z = state[4:7].tolist()
+        vx, vy, vz = state[10:13].tolist()
+        if not m.airborne and z > self._takeoff_height:
+            m.airborne = 1.0
+        m.max_speed = max(m.max_speed, math.sqrt(vx * vx + vy * vy + vz * vz))
+        crossing = self._FindCrossing(m, time, (x, y, z))
+        if crossing and self._explorer.Eval(context).done:
+            table = context.get_discrete_state(self._table).value().copy()
+            row = 3 * int(m.crossings)
+            table[row:row + 3] = (*crossing, m.max_speed)
+            discrete_state.set_value(self._table, table)
+            m.crossings += 1
+            m.max_speed = 0.0
+            if m.crossings == self._total:
+                m.verdict, m.end_time = _FINISHED, crossing[_TIME]
+        if not m.verdict:
+            m.verdict, m.touched = self._FindFault(context, m, time, x, y, z)
+            m.end_time = time
+        m.time, m.x, m.y, m.z = time, x, y, z
+        discrete_state.set_value(self._memory, m.vector())
+
+    def _FindCrossing(self, m, time, p):
+        """Returns (time, offset) if the step crossed the next gate, or None."""
+        p_WG, forward, rightward, half = self._gates[int(m.crossings) % len(self._gates)]
+        q = (m.x, m.y, m.z)
+        before = sum(f * (a - g) for f, a, g in zip(forward, q, p_WG))
+        after = sum(f * (a - g) for f, a, g in zip(forward, p, p_WG))
+        if not (m.airborne and before < 0.0 <= after):
+            return None
+        s = before / (before - after)
+        at = [a + s * (b - a) for a, b in zip(q, p)]
+        side = sum(r * (a - g) for r, a, g in zip(rightward, at, p_WG))
+        if abs(side) >= half or not 0.0 < at[2] < PYLON_HEIGHT:
+            return None
+        return m.time + s * (time - m.time), math.hypot(side, at[2] - p_WG[2])
+
+    def _FindFault(self, context, m, time, x, y, z):
+        """Returns the verdict (0 if none) and the index of what was touched."""
+        if not math.isfinite(x + y + z):
+            return _DIVERGED, 0
+        contacts = self._contacts.Eval(context)
+        for i in range(contacts.num_point_pair_contacts()):
+            pair = contacts.point_pair_contact_info(i).point_pair()
+            name = self._names.get(pair.id_A) or self._names.get(pair.id_B)
+            if name == "ground":
+                if m.airborne:
+                    return _GROUND, 0
+            elif name:
+                return _TOUCHED, self._touchable.index(name)
+        x0, y0, x1, y1, z1 = self._arena
+        if not (x0 < x < x1 and y0 < y < y1 and z < z1):
+            return _ARENA, 0
+        return (_TIMEOUT if time >= self._time_limit else 0), 0
+
+    def _CalcReport(self, context, output):
+        m = _Memory(*context.get_discrete_state(self._memory).value().tolist())
+        table = context.get_discrete_state(self._table).value().reshape(-1, 3)
+        n = len(self._gates)
+        crossings = tuple(
+            GateCrossing(time=row[_TIME], gate=i % n + 1, lap=i // n + 1,
+                         offset=row[_OFFSET], max_speed=row[_MAX_SPEED])
+            for i, row in enumerate(table[:int(m.crossings)].tolist())
+        )
+        verdict = int(m.verdict)
+        reason = None
+        if verdict > _FINISHED:
+            what = self._touchable[int(m.touched)] if verdict == _TOUCHED else ""
+            reason = VERDICTS[verdict].format(what=what)
+        output.set_value(RefereeReport(
+            crossings=crossings,
+            finished=verdict == _FINISHED,
+            dnf_reason=reason,
+            end_time=m.end_time if verdict else None,
+            collisions=int(verdict in (_GROUND, _TOUCHED)),
+        ))
+
+
+@dc.dataclass
+class _Memory:
+    """What the referee remembers between two looks, as one vector."""
+
+    time: float = 0.0
+    x: float = math.nan  # no crossing before the second look
+    y: float = math.nan
+    z: float = math.nan
+    airborne: float = 0.0
+    crossings: float = 0.0
+    max_speed: float = 0.0
+    verdict: float = 0.0
+    touched: float = 0.0
+    end_time: float = 0.0
+
+    def vector(self) -> np.ndarray:
+        return np.array(list(self.__dict__.values()))

@@ -1,0 +1,55 @@
+"""Rotors between the commanded speeds and their thrusts."""
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from airrace.vehicle import Vehicle
+
+
+class RotorBank(LeafSystem):
+    """All rotors of a vehicle: speed limits, first-order lag, thrust c_f w^2.
+
+    .. pydrake_system::
+
+        name: RotorBank
+        input_ports:
+        - rotor_speed_command
+        output_ports:
+        - rotor_speeds
+        - thrusts
+
+    All ports are vectors with one element a rotor, in the order of the
+    vehicle's rotor table: speeds in rad/s, thrusts in N. The lag is
+    integrated exactly over the period. A command that is not finite counts
+    as zero.
+    """
+
+    def __init__(self, *, vehicle: Vehicle, period: float):
+        """Constructs the bank, its rotors at rest.
+
+        Args:
+            vehicle: the rotor table.
+            period: of the update (s); the plant's time step.
+        """
+        LeafSystem.__init__(self)
+        n = len(vehicle.rotors)
+        self._c_f = vehicle.thrust_coefficients
+        self._max_speeds = vehicle.max_speeds
+        self._blend = 1.0 - np.exp(-period / vehicle.rotor_lag)
+        self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
+        state = self.DeclareDiscreteState(n)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._UpdateSpeeds)
+        self.DeclareStateOutputPort("rotor_speeds", state)
+        self.DeclareVectorOutputPort(
+            "thrusts", n, self._CalcThrusts, {self.discrete_state_ticket(state)}
+        )
+
+    def _UpdateSpeeds(self, context, discrete_state):
+        # fmax and fmin, unlike clip, replace NaN.
+        command = np.fmin(np.fmax(self._command.Eval(context), 0.0), self._max_speeds)
+        speeds = context.get_discrete_state_vector().value()
+        discrete_state.set_value(speeds + self._blend * (command - speeds))
+
+    def _CalcThrusts(self, context, output):
+        speeds = context.get_discrete_state_vector().value()
+        output.set_value(self._c_f * speeds * speeds)

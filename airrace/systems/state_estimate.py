@@ -1,0 +1,61 @@
+"""The state estimate that the simulated autopilot hands to the autonomy."""
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from airrace.random import NoiseSequence
+
+# The vector of `state_estimate`: time, then Drake's floating-body state.
+SIZE = 14
+TIME = 0
+QUATERNION = slice(1, 5)  # w, x, y, z of R_WB
+POSITION = slice(5, 8)  # p_WB
+ANGULAR_VELOCITY = slice(8, 11)  # w_WB, in the world frame
+VELOCITY = slice(11, 14)  # v_WB
+
+
+class StateEstimate(LeafSystem):
+    """Samples the true state and adds the reference system's noise.
+
+    .. pydrake_system::
+
+        name: StateEstimate
+        input_ports:
+        - state
+        output_ports:
+        - state_estimate
+
+    ``state`` is the plant's floating-body state (13): quaternion of R_WB
+    (w, x, y, z), p_WB, w_WB, v_WB. ``state_estimate`` (14) is the time of the
+    sample (s) and the same, with white noise on the position and a random
+    factor on each horizontal velocity component.
+    """
+
+    def __init__(self, *, rate, position_sigma=0.0, velocity_sigma=0.0, seed=0):
+        """Constructs the estimate.
+
+        Args:
+            rate: samples per second (Hz).
+            position_sigma: of the noise on each position coordinate (m).
+            velocity_sigma: of the factor 1 + N(0, sigma) on v_x and v_y.
+            seed: of the noise.
+        """
+        LeafSystem.__init__(self)
+        self._rate = rate
+        self._position_sigma = position_sigma
+        self._velocity_sigma = velocity_sigma
+        self._noise = NoiseSequence(seed, "state_estimate", 5)
+        self._state = self.DeclareVectorInputPort("state", SIZE - 1)
+        index = self.DeclareDiscreteState(SIZE)
+        self.DeclareStateOutputPort("state_estimate", index)
+        # The controller's first tick must already see a sample.
+        self.DeclareInitializationDiscreteUpdateEvent(self._Sample)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Sample)
+
+    def _Sample(self, context, discrete_state):
+        time = context.get_time()
+        noise = self._noise[round(time * self._rate)]
+        sample = np.concatenate([[time], self._state.Eval(context)])
+        sample[POSITION] += self._position_sigma * noise[:3]
+        sample[VELOCITY][:2] *= 1.0 + self._velocity_sigma * noise[3:]
+        discrete_state.set_value(sample)

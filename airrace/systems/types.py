@@ -1,0 +1,235 @@
+"""The values that cross abstract ports: frozen, and shared instead of copied."""
+
+import dataclasses as dc
+
+import numpy as np
+from pydrake.math import RigidTransform
+
+from airrace.immutable import Immutable, read_only
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+
+
+@dc.dataclass(frozen=True, eq=False)
+class CameraInfo(Immutable):
+    """Calibration of a camera, as in ROS's sensor_msgs/CameraInfo.
+
+    Pixel coordinates follow OpenCV: (0, 0) is the centre of the top left
+    pixel. Camera frame C: z forward, x right, y down.
+
+    Attributes:
+        width, height: image size (px).
+        K: intrinsics, (3, 3).
+        D: plumb-bob distortion k1, k2, p1, p2, k3, (5,).
+        R: rectification, (3, 3).
+        P: projection of the rectified image, (3, 4).
+        X_BC: pose of the camera in the body frame.
+    """
+
+    width: int
+    height: int
+    K: np.ndarray
+    D: np.ndarray
+    R: np.ndarray
+    P: np.ndarray
+    X_BC: RigidTransform
+
+
+def make_camera_info(*, width, height, fov_y, X_BC) -> CameraInfo:
+    """Returns the calibration of an ideal camera with square pixels.
+
+    Args:
+        width, height: image size (px).
+        fov_y: vertical field of view (rad).
+        X_BC: pose of the camera in the body frame.
+    """
+    f = height / 2 / np.tan(fov_y / 2)
+    K = np.array([[f, 0.0, width / 2], [0.0, f, height / 2], [0.0, 0.0, 1.0]])
+    return CameraInfo(
+        width=width,
+        height=height,
+        K=read_only(K),
+        D=read_only(np.zeros(5)),
+        R=read_only(np.eye(3)),
+        P=read_only(np.column_stack([K, np.zeros(3)])),
+        X_BC=X_BC,
+    )
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Detection(Immutable):
+    """One marker in one image.
+
+    Attributes:
+        id: the ArUco ID.
+        corners: of the black square in pixels, top left first, clockwise as
+            the marker is read, (4, 2).
+        X_CM: pose of the marker frame in the camera frame.
+        reprojection_error: RMS distance of the corners from the projection
+            of X_CM (px).
+    """
+
+    id: int
+    corners: np.ndarray
+    X_CM: RigidTransform
+    reprojection_error: float
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Detections(Immutable):
+    """All markers found in one image.
+
+    Attributes:
+        time: when the image was taken (s).
+        markers: tuple of Detection.
+    """
+
+    time: float = -1.0
+    markers: tuple = ()
+
+
+@dc.dataclass(frozen=True, eq=False)
+class MarkerEstimate(Immutable):
+    """What is known of one marker.
+
+    Attributes:
+        id: the ArUco ID.
+        count: number of sightings that count.
+        outliers: number of sightings that were rejected.
+        p_WM: mean position of the board's centre, (3,).
+        variance: of each coordinate over the sightings, (3,).
+        normal: mean of the unit vectors out of the board's face, (3,).
+    """
+
+    id: int
+    count: int
+    outliers: int
+    p_WM: np.ndarray
+    variance: np.ndarray
+    normal: np.ndarray
+
+
+@dc.dataclass(frozen=True, eq=False)
+class GateEstimate(Immutable):
+    """What is known of one gate.
+
+    Attributes:
+        number: of the gate, n = 0, 1, ... as in the marker IDs.
+        p_WG: midpoint between the pylon axes at the boards' height, (3,).
+        heading: direction of flight through it (rad).
+    """
+
+    number: int
+    p_WG: np.ndarray
+    heading: float
+
+    @property
+    def forward(self) -> np.ndarray:
+        """Unit vector of flight, shape (3,)."""
+        return np.array([np.cos(self.heading), np.sin(self.heading), 0.0])
+
+
+@dc.dataclass(frozen=True, eq=False)
+class GateMap(Immutable):
+    """The map of the track.
+
+    Attributes:
+        time: of the newest image in it (s).
+        markers: tuple of MarkerEstimate, by ID.
+        gates: tuple of GateEstimate of the gates whose two pylons are known,
+            by number.
+        detections: number of markers detected so far.
+        out_of_range: how many of them had an impossible ID.
+    """
+
+    time: float = -1.0
+    markers: tuple = ()
+    gates: tuple = ()
+    detections: int = 0
+    out_of_range: int = 0
+
+    @property
+    def error_rate(self) -> float:
+        """Share of the detections with an impossible ID."""
+        return self.out_of_range / max(self.detections, 1)
+
+
+@dc.dataclass(frozen=True, eq=False)
+class ExplorerStatus(Immutable):
+    """How far the exploration is.
+
+    Attributes:
+        state: name of the explorer's state.
+        reason: why it was entered.
+        since: when (s).
+        gates: numbers of the gates found, in the order of flight.
+        closed_at: when the loop was closed (s), None before.
+        done: whether it is, and the drone is ready to race.
+    """
+
+    state: str = "CALIBRATE"
+    reason: str = "power on"
+    since: float = 0.0
+    gates: tuple = ()
+    closed_at: float | None = None
+    done: bool = False
+
+
+@dc.dataclass(frozen=True, eq=False)
+class PlanReport(Immutable):
+    """What a lap plan promises, from a dense check.
+
+    Attributes:
+        solve_time: wall time of the solve (s).
+        duration: of the lap, gate 1 to gate 1 (s).
+        max_speed: (m/s). max_acceleration: (m/s^2).
+        max_rotor_thrust: of any rotor, by inverse dynamics (N).
+    """
+
+    solve_time: float
+    duration: float
+    max_speed: float
+    max_acceleration: float
+    max_rotor_thrust: float
+
+
+@dc.dataclass(frozen=True, eq=False)
+class LapPlan(Immutable):
+    """A trajectory that joins a lap and then repeats it until it is replaced.
+
+    Attributes:
+        lap: number of the first lap flown on this plan, from 1.
+        start_time: when the entry starts (s).
+        entry: from the state at the hand-over to gate 1.
+        circuit: one lap, gate 1 to gate 1.
+        report: what the plan promises.
+    """
+
+    lap: int
+    start_time: float
+    entry: FlatTrajectory | None
+    circuit: FlatTrajectory | None
+    report: PlanReport | None
+
+    def reference(self, time: float) -> np.ndarray:
+        """Returns the flat outputs (see flat_trajectory.py) at a time, (18,)."""
+        t = time - self.start_time
+        if t < self.entry.duration:
+            return self.entry.reference(t)
+        return self.circuit.reference((t - self.entry.duration) % self.circuit.duration)
+
+    def lap_at(self, time: float) -> int:
+        """Returns the number of the lap being flown at a time; gate 1 starts it.
+
+        On the entry that is still the lap before the plan's first.
+        """
+        flown = (time - self.start_time - self.entry.duration) / self.circuit.duration
+        return self.lap + int(max(np.floor(flown), -1.0))
+
+    def next_start(self, time: float) -> float:
+        """Returns when the drone next passes gate 1 after a time (s)."""
+        laps = self.lap_at(time) + 1 - self.lap
+        return self.start_time + self.entry.duration + laps * self.circuit.duration
+
+
+# What the lap_plan port holds until the race begins; compare with `is`.
+NO_PLAN = LapPlan(lap=0, start_time=0.0, entry=None, circuit=None, report=None)

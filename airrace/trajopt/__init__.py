@@ -1,0 +1,1 @@
+"""Trajectory optimisation: pure functions, without Systems or Contexts."""

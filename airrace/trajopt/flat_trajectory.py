@@ -1,0 +1,69 @@
+"""Trajectories in the flat outputs of a multirotor: x, y, z and yaw."""
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+
+from airrace.immutable import Immutable
+
+# A sample of the flat outputs and their derivatives: the vector `reference`.
+SIZE = 18
+POSITION = slice(0, 3)
+VELOCITY = slice(3, 6)
+ACCELERATION = slice(6, 9)
+JERK = slice(9, 12)
+SNAP = slice(12, 15)
+YAW, YAW_RATE, YAW_ACCELERATION = 15, 16, 17
+
+
+class FlatTrajectory(Immutable):
+    """A PiecewisePolynomial of x, y, z (m, world) and yaw (rad), from time 0.
+
+    Attributes:
+        duration: (s).
+        breaks: when each segment starts, and the duration, as a tuple (s).
+    """
+
+    def __init__(self, polynomial: PiecewisePolynomial):
+        """Args: polynomial: with four rows, starting at time 0."""
+        self.breaks = tuple(polynomial.get_segment_times())
+        self.duration = self.breaks[-1]
+        self._polynomials = [polynomial.derivative(order) for order in range(5)]
+
+    @classmethod
+    def resting(cls, pose) -> "FlatTrajectory":
+        """Returns the trajectory that stays at x, y, z and yaw, (4,), for 1 ms."""
+        return cls(PiecewisePolynomial.ZeroOrderHold([0.0, 1e-3], np.column_stack([pose, pose])))
+
+    def derivatives(self, time: float, count: int = 5) -> np.ndarray:
+        """Returns the value and its derivatives, (count, 4).
+
+        Times beyond either end are clamped.
+        """
+        return np.array([p.value(time)[:, 0] for p in self._polynomials[:count]])
+
+    def reference(self, time: float) -> np.ndarray:
+        """Returns the sample at a time, as laid out above, shape (18,).
+
+        Beyond the end it is the end point, at rest.
+        """
+        d = self.derivatives(time)
+        if time > self.duration:
+            d[1:] = 0.0
+        return np.concatenate([d[:, :3].ravel(), d[:3, 3]])
+
+    def sample(self, times) -> np.ndarray:
+        """Returns samples at many times, shape (18, N)."""
+        d = [p.vector_values(times) for p in self._polynomials]
+        return np.vstack([*(row[:3] for row in d), *(row[3] for row in d[:3])])
+
+
+def hold(p_WB, yaw: float) -> np.ndarray:
+    """Returns the reference of hovering at a point, shape (18,).
+
+    Args:
+        p_WB: (3,) in the world (m).
+        yaw: (rad).
+    """
+    result = np.zeros(SIZE)
+    result[POSITION], result[YAW] = p_WB, yaw
+    return result

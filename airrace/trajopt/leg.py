@@ -1,0 +1,76 @@
+"""A smooth flight through a few waypoints that ends at rest."""
+
+import contextlib
+
+import numpy as np
+
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.min_snap import (
+    DerivativeConstraint,
+    TrajectoryOptimizationError,
+    solve_min_snap,
+    unwrap_headings,
+)
+from airrace.trajopt.time_allocation import durations_within_limits
+
+_EXCESSES = (1.0, 1.2, 1.5, 2.0)  # of the limits, tried in turn
+
+
+def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory:
+    """Returns the minimum-snap flight through waypoints to rest at the last.
+
+    Args:
+        start: value and derivatives of x, y, z (m) and yaw (rad) to start
+            from, (>= 4, 4).
+        waypoints: x, y, z and yaw, (m, 4); yaw turns the shorter way.
+        max_speed, max_acceleration: (m/s), (m/s^2); exceeded only by a start
+            that is too fast for the way.
+
+    Raises:
+        TrajectoryOptimizationError: if there is no such flight.
+    """
+    knots = np.vstack([start[0], waypoints])
+    knots[:, 3] = unwrap_headings(knots[:, 3])
+    if len(knots) == 2 and np.allclose(knots[0], knots[1], atol=1e-3):
+        return FlatTrajectory.resting(knots[1])
+    constraints = [DerivativeConstraint(0, order, start[order]) for order in (1, 2, 3)]
+    constraints += [DerivativeConstraint(-1, order, np.zeros(4)) for order in (1, 2, 3)]
+    durations = trapezoid_durations(
+        knots[:, :3], np.linalg.norm(start[1, :3]), 0.8 * max_speed, 0.5 * max_acceleration
+    )
+    # A turn on the spot takes time, too.
+    durations = np.maximum(durations, np.abs(np.diff(knots[:, 3])) / 1.0)
+    for excess in _EXCESSES:
+        with contextlib.suppress(TrajectoryOptimizationError):
+            durations = durations_within_limits(
+                knots, durations, max_speed=excess * max_speed,
+                max_acceleration=excess * max_acceleration, constraints=constraints,
+            )
+            break
+    else:
+        raise TrajectoryOptimizationError("No leg from this start leads through the waypoints.")
+    return FlatTrajectory(solve_min_snap(knots, durations, constraints=constraints))
+
+
+def trapezoid_durations(points, start_speed, cruise_speed, acceleration) -> np.ndarray:
+    """Returns the times between points on straight lines, to rest at the last.
+
+    Args:
+        points: (m, 3).
+        start_speed, cruise_speed: (m/s).
+        acceleration: to and from the cruise speed (m/s^2).
+
+    Returns:
+        (m - 1,) in s; at least 0.2 s each.
+    """
+    knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    total = max(knots[-1], 1e-3)
+    s = np.linspace(0.0, total, 401)
+    middle = (s[1:] + s[:-1]) / 2
+    speed = np.minimum.reduce([
+        np.full_like(middle, max(cruise_speed, start_speed)),
+        np.sqrt(start_speed**2 + 2 * acceleration * middle),
+        np.sqrt(2 * acceleration * (total - middle)),
+    ])
+    times = np.concatenate([[0.0], np.cumsum(np.diff(s) / speed)])
+    return np.maximum(np.diff(np.interp(knots, s, times)), 0.2)

@@ -1,0 +1,248 @@
+"""Time allocation: how long every segment of a minimum-snap trajectory takes."""
+
+import dataclasses as dc
+from math import perm
+
+import numpy as np
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.solvers import MathematicalProgram, SnoptSolver
+
+from airrace.trajopt.min_snap import (
+    MinSnapProblem, TrajectoryOptimizationError, solve_min_snap, unit_segment)
+
+_SAMPLES = 16  # of a segment, where the optimiser looks at the limits
+_FINAL_SAMPLES = 48  # where it polishes the solution
+_KICKS = 6  # perturbed restarts of problems that have many local minima
+
+
+def peak_speed_and_acceleration(trajectory, samples_per_segment=50) -> tuple[float, float]:
+    """Returns the greatest speed (m/s) and acceleration (m/s^2) of a trajectory.
+
+    Both are Euclidean norms over x, y, z, without gravity. The samples only
+    bracket the peaks, which are then refined to about nine digits.
+
+    Args:
+        trajectory: PiecewisePolynomial whose first three rows are x, y, z.
+        samples_per_segment: a natural number.
+    """
+    breaks = np.array(trajectory.get_segment_times())
+    fractions = np.arange(samples_per_segment) / samples_per_segment
+    times = np.append(breaks[:-1, None] + np.diff(breaks)[:, None] * fractions, breaks[-1])
+    return _peak(trajectory.derivative(1), times), _peak(trajectory.derivative(2), times)
+
+
+def _peak(derivative, times):
+    def norm(t):
+        return np.linalg.norm(derivative.vector_values(t.ravel())[:3], axis=0).reshape(t.shape)
+
+    norms = np.pad(norm(times), 1, constant_values=-np.inf)
+    middle = norms[1:-1]
+    peaks = np.flatnonzero((middle >= norms[:-2]) & (middle >= norms[2:])
+                           & (middle >= 0.95 * middle.max()))
+    low, high = times[np.maximum(peaks - 1, 0)], times[np.minimum(peaks + 1, len(times) - 1)]
+    for _ in range(3):
+        grid = np.linspace(low, high, 17, axis=1)
+        norms = norm(grid)
+        row, best = np.arange(len(grid)), norms.argmax(axis=1)
+        low, high = grid[row, np.maximum(best - 1, 0)], grid[row, np.minimum(best + 1, 16)]
+    return float(norms.max())
+
+
+def durations_within_limits(
+    waypoints, durations, *, max_speed, max_acceleration, constraints=(), margin=0.0,
+    min_factor=0.7, max_factor=4.0, **options,
+) -> np.ndarray:
+    """Returns the shortest multiple of the durations that meets the limits.
+
+    If no derivative is fixed but at zero, the trajectory keeps its shape: time
+    stretched by s divides speeds by s and accelerations by s^2, whence the
+    factor. Otherwise it is searched upwards, solving anew for every factor.
+
+    Args:
+        waypoints, durations, constraints: see solve_min_snap().
+        max_speed: (m/s), of the norm over the first three dimensions.
+        max_acceleration: (m/s^2), likewise, gravity not included.
+        margin: fraction of both limits to keep in reserve, in [0, 1).
+        min_factor: the least factor, even where the limits allow less.
+        max_factor: where the search, if there is one, gives up.
+        options: periodic, period_offset, degree and minimized_derivative of
+            solve_min_snap().
+
+    Returns:
+        (segments,), durations (s).
+
+    Raises:
+        ValueError: if the input is malformed.
+        TrajectoryOptimizationError: if no factor meets the limits.
+    """
+    limits = _check_limits(max_speed, max_acceleration, margin, constraints)
+    if not 0 < min_factor < max_factor:
+        raise ValueError(f"0 < min_factor < max_factor must hold, not {min_factor}, {max_factor}.")
+    durations = np.array(durations, float)
+
+    def excess(factor):
+        return _excess(limits, waypoints, factor * durations, constraints=constraints, **options)
+
+    if not any(np.nan_to_num(c.value[:3]).any() for c in constraints):
+        return durations * max(min_factor, excess(1.0) * (1.0 + 1e-8))
+    low, high, step, rounding = min_factor, min_factor, 0.01, 1e-12
+    while excess(high) > 1.0 + rounding:
+        low, high, step = high, high * (1.0 + step), min(1.5 * step, 0.1)
+        if high > max_factor:
+            raise TrajectoryOptimizationError(
+                f"No {min_factor:g} to {max_factor:g} fold of these durations meets the limits of "
+                f"{limits[0]:g} m/s and {limits[1]:g} m/s^2; relax them or the fixed derivatives.")
+    while high - low > 1e-7 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if excess(middle) > 1.0 + rounding else (low, middle)
+    return durations * high
+
+
+def allocate_times(
+    waypoints, *, max_speed, max_acceleration, constraints=(), periodic=False, period_offset=None,
+    initial_durations=None, margin=0.0, **options,
+) -> np.ndarray:
+    """Returns the segment durations that make the trajectory the fastest.
+
+    They minimise the total duration, not the snap, such that the minimum-snap
+    trajectory keeps to the limits. That is a nonlinear program in the durations
+    alone, for SNOPT: samples of the squared norms of velocity and acceleration
+    are its constraints, with exact gradients, as the optimal derivatives solve
+    linear equations that can be differentiated. What SNOPT finds is scaled to
+    the limits at last, see durations_within_limits().
+
+    Through free waypoints there is one local minimum, as far as seen; fixed
+    derivatives in between make many. Then it also starts from the solution
+    without those, and from perturbations of the best, always the same ones.
+
+    Args:
+        waypoints, constraints, periodic, period_offset: see solve_min_snap();
+            only the first three dimensions matter.
+        max_speed, max_acceleration, margin: see durations_within_limits().
+        initial_durations: the only starting point if given, e.g. last lap's.
+        options: degree and minimized_derivative of solve_min_snap().
+
+    Returns:
+        (segments,), durations (s).
+
+    Raises:
+        ValueError: if the input is malformed.
+        TrajectoryOptimizationError: if no durations were found.
+    """
+    limits = _check_limits(max_speed, max_acceleration, margin, constraints)
+    positions = np.array(waypoints, float)[..., :3]
+    constraints = [dc.replace(c, value=c.value[:3]) for c in constraints]
+    offset = None if period_offset is None else np.array(period_offset, float)[..., :3]
+    options |= dict(periodic=periodic, period_offset=offset)
+
+    def solve(start, constraints, samples=_SAMPLES):
+        problem = MinSnapProblem.build(positions, constraints=constraints, **options)
+        ends = problem.ends(problem.values)
+        chords = np.linalg.norm(ends[:, len(problem.order) // 2] - ends[:, 0], axis=1)
+        start = problem.check_durations(chords if start is None else start)
+        start = start * _excess(limits, positions, start, constraints=constraints, **options)
+        durations = _minimize_total(
+            _LimitSamples(problem, limits, samples), start, chords / limits[0])
+        return durations_within_limits(
+            positions, durations, max_speed=limits[0], max_acceleration=limits[1],
+            constraints=constraints, min_factor=0.9, **options)
+
+    best = solve(initial_durations, constraints)
+    ends = () if periodic else (0, -1, len(positions) - 1)
+    relaxed = [c for c in constraints if c.waypoint in ends]
+    if initial_durations is None and len(relaxed) < len(constraints):
+        best = min(best, solve(solve(None, relaxed), constraints), key=np.sum)
+        phase = np.arange(1, len(best) + 1) * (np.sqrt(5) - 1) / 2  # spread evenly modulo 1
+        for k in range(1, _KICKS + 1):
+            kicked = best * np.exp(k * phase % 1 - 0.5)
+            best = min(best, solve(kicked, constraints), key=np.sum)
+    return min(best, solve(best, constraints, _FINAL_SAMPLES), key=np.sum)
+
+
+def _minimize_total(samples, start, shortest):
+    """Returns durations (s) of a local minimum, up to the solver's success."""
+    def constraint(T):
+        if T.dtype != object:
+            return samples(T)[0]
+        values, jacobian = samples(ExtractValue(T).ravel())
+        return InitializeAutoDiff(values, jacobian @ ExtractGradient(T)).ravel()
+
+    program = MathematicalProgram()
+    T = program.NewContinuousVariables(len(start), "T")
+    program.AddLinearCost(np.ones(len(start)), T)
+    program.AddBoundingBoxConstraint(shortest, np.full(len(start), 2 * start.sum()), T)
+    program.AddConstraint(constraint, np.full(samples.count, -np.inf), np.ones(samples.count), T)
+    return SnoptSolver().Solve(program, start).GetSolution(T)
+
+
+class _LimitSamples:
+    """|v|^2 / v_max^2 and |a|^2 / a_max^2 at samples, by the durations."""
+
+    def __init__(self, problem, limits, samples):
+        """Args: problem: MinSnapProblem. limits: of v and a. samples: a segment."""
+        basis, _ = unit_segment(problem.degree, problem.minimized_derivative)
+        fractions, powers = np.linspace(0, 1, samples), range(len(basis))
+        # From end derivatives to samples of derivative k, in normalised time.
+        self._maps = [
+            np.array([[perm(j, k) * t ** max(j - k, 0) for j in powers] for t in fractions])
+            @ basis / limits[k - 1] for k in (1, 2)]
+        patterns, pattern = np.unique(problem.fixed, axis=1, return_inverse=True)
+        self._free = [(np.flatnonzero(pattern == i), np.flatnonzero(~fixed))
+                      for i, fixed in enumerate(patterns.T)]
+        self._problem = problem
+        self.count = 2 * samples * len(problem.rows)
+
+    def __call__(self, durations):
+        """Returns the samples, (count,), and their Jacobian, (count, segments)."""
+        ends, d_ends = self._end_derivatives(durations)
+        segment, T = np.arange(len(durations)), durations[:, None, None]
+        values, jacobian = [], []
+        for k, rows in zip((1, 2), self._maps):
+            power = self._problem.order - k
+            rows = rows * T**power
+            x = rows @ ends
+            dx = (rows @ d_ends.reshape(*rows.shape[::2], -1)).reshape(*x.shape, -1)
+            dx[segment, :, :, segment] += (rows * power / T) @ ends
+            values.append(np.sum(x * x, axis=2).ravel())
+            jacobian.append(2 * np.sum(x[..., None] * dx, axis=2).reshape(-1, len(durations)))
+        return np.concatenate(values), np.concatenate(jacobian)
+
+    def _end_derivatives(self, durations):
+        """Returns the ends of segments, (segments, 2n, d), and their gradient.
+
+        For the free derivatives x, H x + g = 0, hence dx = -H^-1 (dH x + dg).
+        """
+        p = self._problem
+        segments, hessian, gradient = p.assemble(durations)
+        scale = 1.0 / np.sqrt(np.diag(hessian))
+        inverse = np.zeros((len(p.origin), *hessian.shape))
+        for dimensions, free in self._free:
+            scales = np.outer(scale[free], scale[free])
+            inverse[np.ix_(dimensions, free, free)] = scales * np.linalg.inv(
+                scales * hessian[np.ix_(free, free)])
+        gradient = gradient + hessian @ p.values
+        ends = p.ends(p.values - (inverse @ gradient.T[..., None])[..., 0].T)
+        power = 1 - 2 * p.minimized_derivative + p.order[:, None] + p.order
+        change = np.zeros((*gradient.T.shape, len(durations)))
+        change[:, p.rows, np.arange(len(durations))[:, None]] = np.moveaxis(
+            (segments * power / durations[:, None, None]) @ ends, 2, 0)
+        return ends, np.moveaxis(-(inverse @ change)[:, p.rows], 0, 2)
+
+
+def _excess(limits, *args, **kwargs):
+    """Returns how many times slower solve_min_snap(...) must be for the limits."""
+    peaks = peak_speed_and_acceleration(solve_min_snap(*args, **kwargs))
+    return max(peaks[0] / limits[0], np.sqrt(peaks[1] / limits[1]))
+
+
+def _check_limits(max_speed, max_acceleration, margin, constraints):
+    if not (0 < max_speed < np.inf and 0 < max_acceleration < np.inf and 0 <= margin < 1):
+        raise ValueError("max_speed and max_acceleration must be positive and finite, and 0 <= "
+                         f"margin < 1, not {max_speed}, {max_acceleration} and {margin}.")
+    limits = (1 - margin) * max_speed, (1 - margin) * max_acceleration
+    for c in constraints:
+        if c.order <= 2 and np.linalg.norm(np.nan_to_num(c.value[:3])) > limits[c.order - 1] + 1e-9:
+            raise TrajectoryOptimizationError(
+                f"Derivative {c.order} fixed at waypoint {c.waypoint} exceeds the limit of "
+                f"{limits[c.order - 1]:g}; raise the limit.")
+    return limits

@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+from pydrake.multibody.plant import ContactResults
+from pydrake.systems.analysis import Simulator
+
+from airrace.systems.referee import Referee
+from airrace.systems.types import ExplorerStatus
+from airrace.track import load_track
+
+TRACK = load_track("student-airrace")
+DT = 0.01
+
+
+def judge(path, velocity=(1.0, 2.0, 2.0), laps=1, racing=True, time_limit=1e3, contacts=None):
+    """Shows the referee a path, one position a step, and returns its report."""
+    referee = Referee(
+        track=TRACK, laps=laps, period=DT, time_limit=time_limit, arena_margin=60.0,
+        body_names={},
+    )
+    simulator = Simulator(referee)
+    context = simulator.get_mutable_context()
+    referee.GetInputPort("contact_results").FixValue(
+        context, Value(contacts or ContactResults())
+    )
+    referee.GetInputPort("explorer_status").FixValue(
+        context, Value[object](ExplorerStatus(done=racing))
+    )
+    for k, p in enumerate(path):
+        state = np.concatenate([[1, 0, 0, 0], p, np.zeros(3), velocity])
+        referee.GetInputPort("state").FixValue(context, state)
+        simulator.AdvanceTo((k + 0.5) * DT)
+    return referee.GetOutputPort("report").Eval(context)
+
+
+def through(gate, side=0.0, height=6.25, distance=0.4):
+    """Two positions, before and behind a gate."""
+    middle = gate.p_WG * [1, 1, 0] + side * gate.rightward + [0, 0, height]
+    return [middle - distance * gate.forward, middle + distance * gate.forward]
+
+
+def lap_path(**kwargs):
+    return [p for gate in TRACK.gates for p in through(gate, **kwargs)]
+
+
+def test_a_lap_runs_from_gate_1_to_gate_1():
+    report = judge(lap_path(side=3.0, height=5.25) + through(TRACK.gates[0]))
+    assert report.finished and report.over and report.dnf_reason is None
+    assert [c.gate for c in report.crossings] == [*range(1, 11), 1]
+    assert [c.lap for c in report.crossings] == [1] * 10 + [2]
+    assert report.crossings[0].offset == pytest.approx(np.hypot(3.0, 1.0))
+    assert report.crossings[0].max_speed == pytest.approx(3.0)
+    # Half-way between the two steps.
+    assert report.crossings[0].time == pytest.approx(0.5 * DT)
+    assert report.end_time == pytest.approx(20.5 * DT)
+    assert report.collisions == 0
+
+
+@pytest.mark.parametrize(
+    "kwargs", [dict(side=5.01), dict(side=-5.01), dict(height=12.01)]
+)
+def test_beside_and_above_do_not_count(kwargs):
+    assert judge(lap_path(**kwargs)).crossings == ()
+
+
+def test_backwards_and_out_of_order_do_not_count():
+    gates = TRACK.gates
+    assert judge(through(gates[0])[::-1]).crossings == ()
+    assert judge(through(gates[1]) + through(gates[2])).crossings == ()
+    skipped = judge(through(gates[0]) + through(gates[2]) + through(gates[1]))
+    assert [c.gate for c in skipped.crossings] == [1, 2]
+
+
+def test_nothing_counts_while_exploring():
+    assert judge(lap_path(), racing=False).crossings == ()
+
+
+def test_the_crossing_time_is_interpolated():
+    gate = TRACK.gates[0]
+    before, behind = through(gate, distance=1.0)
+    p = before + 0.1 * (behind - before)  # 0.8 m before the gate
+    q = before + 0.6 * (behind - before)  # 0.2 m behind it
+    assert judge([p, q]).crossings[0].time == pytest.approx(0.8 * DT)
+
+
+def test_arena_and_time_limit():
+    assert judge([[0, 0, 61.0]]).dnf_reason == "left the arena"
+    assert judge([[500.0, 0, 5]]).dnf_reason == "left the arena"
+    report = judge([[0, 0, 5.0]] * 20, time_limit=0.1)
+    assert report.dnf_reason == "ran out of time"
+    assert report.end_time == pytest.approx(0.1)
+    assert judge([[np.nan, 0, 5.0]]).dnf_reason == "the simulation failed"
+
+
+def test_nothing_counts_after_the_end():
+    report = judge([[0, 0, 61.0], *lap_path()])
+    assert report.crossings == () and not report.finished

@@ -11,6 +11,7 @@ from airrace.systems.explorer import Explorer
 from airrace.systems.gate_mapper import GateMapper
 from airrace.systems.geometric_controller import GeometricController
 from airrace.systems.lap_planner import LapPlanner
+from airrace.systems.state_filter import StateFilter
 from airrace.systems.trajectory_tracker import TrajectoryTracker
 from airrace.track import load_track
 from airrace.vehicle import load_vehicle
@@ -38,6 +39,12 @@ def _make_lap_planner(scenario: Scenario):
     )
 
 
+def _make_state_filter(scenario: Scenario):
+    return StateFilter(
+        state_rate=scenario.state_estimate.rate, rate=scenario.controller.rate
+    )
+
+
 def _make_geometric_controller(scenario: Scenario):
     return GeometricController(
         vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate
@@ -51,12 +58,14 @@ BOXES = {
     "explorer": _make_explorer,
     "lap_planner": _make_lap_planner,
     "trajectory_tracker": lambda scenario: TrajectoryTracker(),
+    "state_filter": _make_state_filter,
     "geometric_controller": _make_geometric_controller,
 }
 INPUTS = ("camera_image", "camera_image_time", "camera_info", "state_estimate")
 OUTPUTS = {
     "rotor_speed_command": "geometric_controller",
     "reference": "trajectory_tracker",
+    "filtered_estimate": "state_filter",
     "lap_plan": "lap_planner",
     "exploration_reference": "explorer",
     "explorer_status": "explorer",

@@ -59,10 +59,10 @@ class ExplorerConfig:
 
     rate: float = 20.0  # Hz
     max_speed: float = 8.0  # m/s
-    max_acceleration: float = 4.0  # m/s^2
+    max_acceleration: float = 6.0  # m/s^2
     reached_distance: float = 1.0  # m, when a set-point counts as reached
-    hover_time: float = 1.0  # s, of looking before a search step
-    step_length: float = 10.0  # m, of one step forward
+    hover_time: float = 0.5  # s, of looking before a search step
+    step_length: float = 15.0  # m, of one step forward
     side_distance: float = 20.0  # m, in front of a lone marker when stepping around
     side_offset: float = 5.0  # m, to its side
     closing_range: float = 40.0  # m, how near gate 1 must be to close the loop

@@ -4,11 +4,12 @@ import cv2
 import numpy as np
 
 from airrace.rendering.projection import NEAR, SHIFT, clip_near, to_fixed, to_pixels
-from airrace.rendering.textures import BOARD_BACK, BOARD_TEXELS, board_image
+from airrace.rendering.textures import BOARD_BACK, BOARD_TEXELS, WHITE, board_image
 from airrace.track import BOARD_SIZE
 
 # Texture sizes. In multiples of 35 edges fall between two texels or halve one.
-_SIZES = (BOARD_TEXELS, 420, 280, 210, 140, 105, 70, 50, 35, 25, 18, 12, 9, 6, 4, 3, 2)
+_SIZES = (BOARD_TEXELS, 490, 420, 350, 280, 245, 210, 175, 140, 105, 70)
+_SIZES += (50, 35, 25, 18, 12, 9, 6, 4, 3, 2)
 _OPAQUE = {size: np.full((size, size), 255, np.uint8) for size in _SIZES}
 # Maps texture coordinates (texel centres are integers) to the board's plane.
 _TEXEL_TO_M = {
@@ -21,8 +22,8 @@ _TEXEL_TO_M = {
 }  # fmt: skip
 _CORNERS_M = BOARD_SIZE / 2 * np.array([[-1, 1, 1, -1], [1, 1, -1, -1], [2 / BOARD_SIZE] * 4])
 _BACK_COLOR = (*BOARD_BACK, 255)
-# Boards are supersampled as long as that takes no more samples than this.
-_MAX_SAMPLES = 12_000
+# Boards are supersampled with about that many samples, small ones 4 x 4 fold.
+_SAMPLES = 24_000
 
 
 class BoardPainter:
@@ -63,11 +64,13 @@ class BoardPainter:
         self._visible &= np.any(in_front, axis=1)
 
         # Derivatives of pixels by metres at the corners, (n, 4, 2, 2), and
-        # their smallest singular values (pixels per metre in the direction that
-        # is shortened most), from below: |det| / Frobenius norm.
+        # their smaller singular values (pixels per metre in the direction that
+        # is shortened most).
         J = H[:, None, :2, :2] - self._corners[:, :, :, None] * H[:, None, 2:, :2]
-        det = np.abs(J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0])
-        scale = det / np.sqrt(np.sum(J * J, axis=(2, 3))) / np.maximum(depth, NEAR)
+        J /= np.maximum(depth, NEAR)[:, :, None, None]
+        det = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
+        half = np.sum(J * J, axis=(2, 3)) / 2
+        scale = np.sqrt(np.maximum(half - np.sqrt(np.maximum(half**2 - det**2, 0)), 0))
         self._scale = np.min(np.where(in_front, scale, np.inf), axis=1)
 
     def _rectangle(self, corners, axis):
@@ -92,35 +95,43 @@ class BoardPainter:
             return
         (x0, y0), (x1, y1) = low.tolist(), high.tolist()
         w, h = x1 - x0, y1 - y0
-        grey, alpha = self._warp(i, x0, y0, w, h)
+        # The outline needs no supersampling, what is on the board does.
+        alpha = self._warp(None, i, 1, x0, y0, w, h)
         if self._straddles[i]:
             # The homography shows what is behind the camera, too.
             visible = np.zeros((h, w), np.uint8)
             cv2.fillConvexPoly(visible, to_fixed(corners - low), 255, cv2.LINE_8, SHIFT)
-            grey &= visible
             alpha &= visible
+        s = min(4, max(1, round((_SAMPLES / (w * h)) ** 0.5)))
+        grey = self._warp(self._ids[i], i, s, x0, y0, w, h)
+        grey = cv2.multiply(grey, alpha, scale=1 / 255)
         region = out[y0:y1, x0:x1]
         # cvtColor makes the fourth channel 255, so the picture stays opaque.
         rest = cv2.cvtColor(cv2.bitwise_not(alpha), cv2.COLOR_GRAY2RGBA)
         cv2.multiply(region, rest, dst=region, scale=1 / 255)
         cv2.add(region, cv2.cvtColor(grey, cv2.COLOR_GRAY2RGBA), dst=region)
 
-    def _warp(self, i, x0, y0, w, h):
-        """Grey levels, premultiplied with alpha, and alpha in a rectangle."""
-        s = min(4, max(1, int((_MAX_SAMPLES / (w * h)) ** 0.5)))
+    def _warp(self, marker_id, i, s, x0, y0, w, h):
+        """Draws a board's face, or its outline, into a rectangle.
+
+        Args:
+            marker_id: what is on it; None draws 255 on it and 0 beside it.
+            i: index of the board.
+            s: samples per pixel in either direction.
+            x0, y0, w, h: the rectangle.
+        """
         # The finest texture whose texels are at least as large as a sample.
         wanted = self._scale[i] * s * BOARD_SIZE
         size = next((size for size in _SIZES if size <= wanted), _SIZES[-1])
+        if marker_id is None:
+            texture, beside = _OPAQUE[size], 0
+        else:
+            texture, beside = board_image(marker_id, size), WHITE
         # Sample j lies at pixel x0 + (j - (s - 1) / 2) / s.
         shift = (s - 1) / 2
         to_samples = np.array([[s, 0, shift - s * x0], [0, s, shift - s * y0], [0, 0, 1]])
         H = to_samples @ self._H[i] @ _TEXEL_TO_M[size]
-        # Outside the textures both pictures are 0.
-        samples = (s * w, s * h)
-        pictures = [
-            cv2.warpPerspective(texture, H, samples)
-            for texture in (board_image(self._ids[i], size), _OPAQUE[size])
-        ]
+        picture = cv2.warpPerspective(texture, H, (s * w, s * h), borderValue=beside)
         if s == 1:
-            return pictures
-        return [cv2.resize(p, (w, h), interpolation=cv2.INTER_AREA) for p in pictures]
+            return picture
+        return cv2.resize(picture, (w, h), interpolation=cv2.INTER_AREA)

@@ -7,36 +7,54 @@ from pydrake.geometry import InMemoryMesh
 
 from airrace.rendering.pylon_shape import STRIPES, make_pylon_shape
 from airrace.rendering.textures import (
+    BLACK,
     BOARD_BACK,
     GRASS,
     PYLON_COLOR,
     STRIPE_COLOR,
-    board_image,
+    WHITE,
     grass_detail,
+    marker_modules,
 )
-from airrace.track import BOARD_SIZE, PYLON_HEIGHT
+from airrace.track import BOARD_SIZE, MARKER_SIZE, PYLON_HEIGHT
 
 BOARD_THICKNESS = 0.02  # (m)
-GROUND_SIZE = 1200.0  # side of what is seen of the ground (m)
-_GROUND_TILE = 30.0  # side of its texture (m)
+_GROUND_TILE = 40.0  # side of the ground's texture (m)
+_GROUND_TILES = 24  # on either axis
 
 
 def board_mesh(marker_id: int) -> InMemoryMesh:
-    """Returns a board in the marker frame M: the marker faces +z at z = 0."""
-    h, back = BOARD_SIZE / 2, -BOARD_THICKNESS
-    corners = [(-h, -h), (h, -h), (h, h), (-h, h)]
-    vertices = [(x, y, 0.0) for x, y in corners] + [(x, y, back) for x, y in corners]
-    sides = [(i, 4 + i, 4 + (i + 1) % 4, (i + 1) % 4) for i in range(4)]
-    # One texture shows the face and, in a strip below it, the back's colour: a
-    # mesh with a single material is drawn alike by every renderer.
-    face = cv2.cvtColor(board_image(marker_id), cv2.COLOR_GRAY2RGB)
-    strip = np.full((len(face) // 8, *face.shape[1:]), BOARD_BACK, np.uint8)
-    image = np.concatenate([face, strip])
-    v0 = len(strip) / len(image)
-    uv = [(0, v0), (1, v0), (1, 1), (0, 1), (0.5, v0 / 2)]
-    front = ([0, 1, 2, 3], [0, 1, 2, 3])
-    rest = [(quad, [4] * 4) for quad in [(7, 6, 5, 4), *sides]]
-    return _textured_mesh(f"board_{marker_id}", vertices, uv, [front, *rest], image)
+    """Returns a board in the marker frame M: the marker faces +z at z = 0.
+
+    The marker's modules are faces, not a texture: engines smooth the edges of
+    faces at any distance, but not those inside a distant texture.
+    """
+    colors = np.array([[BLACK] * 3, [WHITE] * 3, BOARD_BACK])
+    black, white, back = range(3)
+    # A row of 4 x 4 texels for each colour, used at its middle.
+    image = np.repeat(np.repeat(colors[None], 4, axis=1), 4, axis=0)
+    uv = [((k + 0.5) / 3, 0.5) for k in range(3)]
+
+    module = MARKER_SIZE / 7
+    h = BOARD_SIZE / 2
+    lines = [-h, *(module * np.arange(-3.5, 4)), h]
+    n = len(lines) - 1  # cells a side, the white border among them
+    cells = np.full((n, n), white)
+    cells[1:-1, 1:-1] = np.where(marker_modules(marker_id)[::-1], white, black)
+    vertices = [(x, y, 0.0) for y in lines for x in lines]
+    faces = []
+    for j in range(n):
+        for i in range(n):
+            k = j * (n + 1) + i
+            faces.append(([k, k + 1, k + n + 2, k + n + 1], [cells[j, i]] * 4))
+
+    front = [0, n, (n + 1) ** 2 - 1, n * (n + 1)]  # its corners
+    rear = [len(vertices) + k for k in range(4)]
+    vertices += [(x, y, -BOARD_THICKNESS) for x, y, _ in (vertices[k] for k in front)]
+    faces.append((rear[::-1], [back] * 4))
+    for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        faces.append(([front[i], rear[i], rear[j], front[j]], [back] * 4))
+    return _textured_mesh(f"board_{marker_id}", vertices, uv, faces, image)
 
 
 def pylon_mesh(sides=24, tip_rings=3) -> InMemoryMesh:
@@ -55,12 +73,19 @@ def pylon_mesh(sides=24, tip_rings=3) -> InMemoryMesh:
 
 def ground_mesh() -> InMemoryMesh:
     """Returns a square of grass in the plane z = 0 about the origin."""
-    h, n = GROUND_SIZE / 2, GROUND_SIZE / _GROUND_TILE
-    corners = [(-h, -h, 0.0), (h, -h, 0.0), (h, h, 0.0), (-h, h, 0.0)]
-    uv = [(0, 0), (n, 0), (n, n), (0, n)]
-    detail = (grass_detail()[::2, ::2, None].astype(float) - 128) / 255
-    image = np.clip(np.array(GRASS) - detail * [70, 70, 35], 0, 255)
-    return _textured_mesh("ground", corners, uv, [([0, 1, 2, 3], [0, 1, 2, 3])], image)
+    # Render engines clamp texture coordinates to [0, 1], so every tile of the
+    # texture is a face of its own.
+    n = _GROUND_TILES
+    grid = (np.arange(n + 1) - n / 2) * _GROUND_TILE
+    vertices = [(x, y, 0.0) for y in grid for x in grid]
+    uv = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    first = [j * (n + 1) + i for j in range(n) for i in range(n)]
+    faces = [([k, k + 1, k + n + 2, k + n + 1], [0, 1, 2, 3]) for k in first]
+    # Few grey levels make a small file.
+    detail = grass_detail()[::2, ::2, None].astype(int) // 8 * 8 - 124
+    image = np.clip(np.array(GRASS) - detail * [0.27, 0.27, 0.14], 0, 255)
+    up = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
+    return _textured_mesh("ground", vertices, uv, faces, image, up)
 
 
 def _textured_mesh(name, vertices, uv, faces, image, normals=None) -> InMemoryMesh:
@@ -79,15 +104,16 @@ def _textured_mesh(name, vertices, uv, faces, image, normals=None) -> InMemoryMe
     lines += [f"vt {u:.6g} {v:.6g}" for u, v in uv]
     if normals is not None:
         lines += [f"vn {x:.4g} {y:.4g} {z:.4g}" for x, y, z in normals]
-    for numbers, texture_numbers in faces:
+    for k, (numbers, texture_numbers) in enumerate(faces):
         if normals is None:
-            a, b, c = (np.array(vertices[k], float) for k in numbers[:3])
-            n = np.cross(b - a, c - b)
-            lines.append("vn {:.4g} {:.4g} {:.4g}".format(*n / np.linalg.norm(n)))
-            last = sum(line.startswith("vn ") for line in lines)
-            corners = [f"{v + 1}/{t + 1}/{last}" for v, t in zip(numbers, texture_numbers)]
-        else:
-            corners = [f"{v + 1}/{t + 1}/{v + 1}" for v, t in zip(numbers, texture_numbers)]
+            a, b, c = np.array([vertices[v] for v in numbers[:3]], float)
+            normal = np.cross(b - a, c - b)
+            normal /= np.linalg.norm(normal)
+            lines.append("vn {:.4g} {:.4g} {:.4g}".format(*normal))
+        corners = [
+            f"{v + 1}/{t + 1}/{(k if normals is None else v) + 1}"
+            for v, t in zip(numbers, texture_numbers)
+        ]
         lines.append("f " + " ".join(corners))
     material = (
         "newmtl surface\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\n"

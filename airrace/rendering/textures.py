@@ -31,6 +31,16 @@ BOARD_TEXELS = 560
 _MARKER_TEXELS = round(BOARD_TEXELS * MARKER_SIZE / BOARD_SIZE)
 
 
+def marker_modules(marker_id: int) -> np.ndarray:
+    """Returns the modules of a marker, True where white, shape (7, 7).
+
+    Args:
+        marker_id: ArUco ID in DICT_ARUCO_ORIGINAL.
+    """
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
+    return cv2.aruco.generateImageMarker(dictionary, marker_id, 7) > 0
+
+
 @functools.cache
 def board_image(marker_id: int, size: int = BOARD_TEXELS) -> np.ndarray:
     """Returns the face of a board, upright as its viewer sees it.
@@ -44,11 +54,10 @@ def board_image(marker_id: int, size: int = BOARD_TEXELS) -> np.ndarray:
         Grey levels, shape (size, size), uint8, read-only.
     """
     if size == BOARD_TEXELS:
-        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
-        marker = cv2.aruco.generateImageMarker(dictionary, marker_id, _MARKER_TEXELS)
-        border = (BOARD_TEXELS - _MARKER_TEXELS) // 2
-        image = np.full((size, size), round(WHITE), np.uint8)
-        image[border:-border, border:-border] = np.where(marker, round(WHITE), round(BLACK))
+        module = np.ones((_MARKER_TEXELS // 7, _MARKER_TEXELS // 7), bool)
+        white = np.kron(marker_modules(marker_id), module)
+        white = np.pad(white, (size - len(white)) // 2, constant_values=True)
+        image = np.where(white, np.uint8(WHITE), np.uint8(BLACK))
     else:
         image = cv2.resize(board_image(marker_id), (size, size), interpolation=cv2.INTER_AREA)
     image.setflags(write=False)

@@ -56,12 +56,13 @@ class Explorer(LeafSystem):
     States, and what they wait for:
 
     - CALIBRATE: level and at rest on the pad; then takes off.
+    - TAKE_OFF: up to the hover height.
     - HOVER: the drone at its set-point, looking; a gate whose two front
       markers are in one image is the next gate.
     - STEP_FORWARD: nothing in sight, so on along the last gate's heading.
     - STEP_AROUND: one marker in sight, so to where both should be.
-    - FLY_TO_GATE: through every gate found and not yet passed, then a little
-      on. Gates found on the way extend the leg without a stop.
+    - FLY_TO_GATE: through every gate found and not yet passed. Gates found on
+      the way extend the leg without a stop; after the last, the search goes on.
     - RETURN: gate 1 showed up again, so back over the start.
     - DONE: hovering there, ready to race.
     """
@@ -94,6 +95,7 @@ class Explorer(LeafSystem):
         )
         self._transitions = {
             "CALIBRATE": self._Calibrate,
+            "TAKE_OFF": self._TakeOff,
             "HOVER": self._Hover,
             "STEP_FORWARD": self._Search,
             "STEP_AROUND": self._Search,
@@ -143,7 +145,12 @@ class Explorer(LeafSystem):
         home = pose + [0.0, 0.0, self._hover_height, 0.0]
         memory = dc.replace(now.memory, home=home, leg=FlatTrajectory.resting(pose))
         reason = f"level within {np.rad2deg(tilt):.1f} degrees, taking off"
-        return self._Go(now, memory, "HOVER", reason, [home])
+        return self._Go(now, memory, "TAKE_OFF", reason, [home])
+
+    def _TakeOff(self, now):
+        if self._Arrived(now) is None:
+            return now.memory
+        return self._Enter(now, now.memory, "HOVER", "reached the hover height")
 
     def _Hover(self, now):
         found = self._Found(now)
@@ -152,8 +159,7 @@ class Explorer(LeafSystem):
         arrived = self._Arrived(now)
         if arrived is None or now.time - arrived < self._config.hover_time:
             return now.memory
-        target, kind, reason = exploration.search_target(now, self._config)
-        return self._Go(now, now.memory, kind, reason, [target])
+        return self._Seek(now)
 
     def _Search(self, now):
         found = self._Found(now)
@@ -173,9 +179,7 @@ class Explorer(LeafSystem):
         found = self._Found(now)
         if found is not None:
             return found
-        if ahead or self._Arrived(now) is None:
-            return memory
-        return self._Enter(now, memory, "HOVER", f"passed gate {memory.last.number + 1}")
+        return memory if ahead else self._Seek(now)
 
     def _Return(self, now):
         if self._Arrived(now) is None:
@@ -208,6 +212,11 @@ class Explorer(LeafSystem):
             [*waypoints, beyond],
         )
         return dc.replace(memory, ahead=tuple(zip(gates, memory.leg.breaks[1:])))
+
+    def _Seek(self, now):
+        """Returns the memory of the next step of the search."""
+        target, state, reason = exploration.search_target(now, self._config)
+        return self._Go(now, now.memory, state, reason, [target])
 
     def _Go(self, now, memory, state, reason, waypoints):
         """Returns the memory of a new leg from the current reference on."""

@@ -249,4 +249,5 @@ def make_gate(number: int, p_WL, p_WR) -> GateEstimate | None:
     heading = float(np.arctan2(right[0], -right[1]))
     forward = np.array([np.cos(heading), np.sin(heading), 0.0])
     p_WG = (p_WL + p_WR) / 2 + BOARD_OFFSET * forward
-    return GateEstimate(number=number, p_WG=read_only(p_WG), heading=heading)
+    return GateEstimate(number=number, p_WG=read_only(p_WG), heading=heading,
+                        spacing=float(np.linalg.norm(right)))

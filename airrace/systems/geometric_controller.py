@@ -21,12 +21,12 @@ class GeometricController(LeafSystem):
         name: GeometricController
         input_ports:
         - reference
-        - state_estimate
+        - filtered_estimate
         output_ports:
         - rotor_speed_command
 
-    ``reference``: see trajopt/flat_trajectory.py; ``state_estimate``: see
-    state_estimate.py; ``rotor_speed_command``: one speed a rotor (rad/s),
+    ``reference``: see trajopt/flat_trajectory.py; ``filtered_estimate``:
+    see state_estimate.py; ``rotor_speed_command``: one speed a rotor (rad/s),
     held over the period.
 
     The desired angular velocity and acceleration come from the jerk and snap
@@ -50,7 +50,7 @@ class GeometricController(LeafSystem):
         self._c_f = vehicle.thrust_coefficients
         self._allocator = Allocator(vehicle.allocation, vehicle.max_thrusts)
         self._reference = self.DeclareVectorInputPort("reference", ref.SIZE)
-        self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
+        self._estimate = self.DeclareVectorInputPort("filtered_estimate", se.SIZE)
         state = self.DeclareDiscreteState(len(vehicle.rotors))
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._UpdateCommand)
         self.DeclareStateOutputPort("rotor_speed_command", state)

@@ -9,13 +9,13 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.immutable import Immutable
 from airrace.systems.types import NO_PLAN, LapPlan, PlanReport
+from airrace.trajopt.circuit import plan_circuit
+from airrace.trajopt.entry import plan_change, plan_start
 from airrace.trajopt.flat_trajectory import SIZE, FlatTrajectory
 from airrace.trajopt.flatness import rotor_thrusts
-from airrace.trajopt.lap import peaks, plan_circuit, plan_entry
+from airrace.trajopt.flyable import peaks, sample_times
 from airrace.trajopt.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import GRAVITY, Vehicle
-
-_CHECKS_PER_SECOND = 200
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ class LapPlanner(LeafSystem):
 
     def _NextDue(self, plan: LapPlan, now) -> float:
         """Returns when the plan passes the last gate again, less the latency."""
-        last_leg = plan.circuit.duration - plan.circuit.breaks[-2]
+        last_leg = plan.circuit.duration - plan.circuit.gate_times[-2]
         due = plan.next_start(now) - last_leg - self._latency
         return due if due > now + 1e-9 else due + plan.circuit.duration
 
@@ -107,32 +107,35 @@ class LapPlanner(LeafSystem):
         """Returns the plan from a time on, or None if there is none."""
         clock = wall_clock.perf_counter()
         gates = self._map.Eval(context).gates
-        warm = None
-        if old is NO_PLAN:
-            lap = 1
-            start = _derivatives(self._reference.Eval(context))
-        else:
-            lap = old.lap_at(start_time) + 1
-            start = _derivatives(old.reference(start_time))
-            warm = np.diff(old.circuit.breaks)
-            warm = warm if len(warm) == len(gates) else None
+        pylons = np.array([gate.pylons for gate in gates]).reshape(-1, 2)
         try:
             circuit = plan_circuit(
-                [g.p_WG for g in gates], [g.heading for g in gates], self._dimensions,
-                initial_durations=warm, **self._limits,
+                [g.p_WG for g in gates], [g.heading for g in gates], pylons,
+                self._dimensions, previous=old.circuit, **self._limits,
             )
-            entry = plan_entry(start, circuit, **self._limits)
+            if old is NO_PLAN:
+                start = _derivatives(self._reference.Eval(context))
+                lap = 1
+                entry, phase = plan_start(
+                    start, circuit, self._dimensions, pylons, **self._limits
+                )
+            else:
+                lap = old.lap_at(start_time) + 1
+                remaining = old.next_start(start_time) - start_time
+                entry, phase = plan_change(
+                    old.derivatives(start_time), circuit, remaining, pylons, **self._limits
+                ), 0.0
         except TrajectoryOptimizationError:
             return None
         report = self._Check(entry, circuit, wall_clock.perf_counter() - clock)
         return LapPlan(
-            lap=lap, start_time=start_time, entry=entry, circuit=circuit, report=report
+            lap=lap, start_time=start_time, entry=entry, circuit=circuit, phase=phase,
+            report=report,
         )
 
     def _Check(self, entry: FlatTrajectory, circuit: FlatTrajectory, solve_time) -> PlanReport:
         samples = np.hstack([
-            t.sample(np.linspace(0.0, t.duration, int(_CHECKS_PER_SECOND * t.duration) + 2))
-            for t in (entry, circuit)
+            trajectory.sample(sample_times(trajectory)) for trajectory in (entry, circuit)
         ])
         speed, acceleration = peaks(samples)
         return PlanReport(
@@ -145,6 +148,9 @@ class LapPlanner(LeafSystem):
 
 
 def _derivatives(reference) -> np.ndarray:
-    """Returns value and three derivatives of x, y, z and yaw, (4, 4)."""
-    yaw = [*reference[15:18], 0.0]
-    return np.column_stack([reference[:12].reshape(4, 3), yaw])
+    """Returns value and four derivatives of x, y, z and yaw, (5, 4).
+
+    Those of yaw beyond the second are not part of a reference: zero.
+    """
+    return np.column_stack([reference[:15].reshape(5, 3), [*reference[15:], 0.0, 0.0]])
+

@@ -4,7 +4,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
 from airrace.systems.types import NO_PLAN
-from airrace.trajopt.flat_trajectory import SIZE
+from airrace.trajopt.flat_trajectory import SIZE, flat_outputs
 
 class TrajectoryTracker(LeafSystem):
     """Evaluates the lap plan; before there is one, passes the explorer's on.
@@ -34,4 +34,4 @@ class TrajectoryTracker(LeafSystem):
         if plan is NO_PLAN:
             output.set_value(self._exploration.Eval(context))
         else:
-            output.set_value(plan.reference(context.get_time()))
+            output.set_value(flat_outputs(plan.derivatives(context.get_time())))

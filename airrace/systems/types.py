@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from airrace.immutable import Immutable, read_only
+from airrace.trajopt.circuit import Circuit
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 
@@ -116,16 +117,24 @@ class GateEstimate(Immutable):
         number: of the gate, n = 0, 1, ... as in the marker IDs.
         p_WG: midpoint between the pylon axes at the boards' height, (3,).
         heading: direction of flight through it (rad).
+        spacing: between the two pylon axes (m).
     """
 
     number: int
     p_WG: np.ndarray
     heading: float
+    spacing: float
 
     @property
     def forward(self) -> np.ndarray:
         """Unit vector of flight, shape (3,)."""
         return np.array([np.cos(self.heading), np.sin(self.heading), 0.0])
+
+    @property
+    def pylons(self) -> np.ndarray:
+        """Axes of the left and the right pylon, [x, y], (2, 2)."""
+        half = self.spacing / 2 * np.array([np.sin(self.heading), -np.cos(self.heading)])
+        return np.array([self.p_WG[:2] - half, self.p_WG[:2] + half])
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -199,37 +208,45 @@ class LapPlan(Immutable):
     Attributes:
         lap: number of the first lap flown on this plan, from 1.
         start_time: when the entry starts (s).
-        entry: from the state at the hand-over to gate 1.
+        entry: from the state at the hand-over onto the circuit.
         circuit: one lap, gate 1 to gate 1.
+        phase: time on the circuit at which the entry joins it (s).
         report: what the plan promises.
     """
 
     lap: int
     start_time: float
     entry: FlatTrajectory | None
-    circuit: FlatTrajectory | None
+    circuit: Circuit | None
+    phase: float
     report: PlanReport | None
 
-    def reference(self, time: float) -> np.ndarray:
-        """Returns the flat outputs (see flat_trajectory.py) at a time, (18,)."""
+    def derivatives(self, time: float) -> np.ndarray:
+        """Returns value and four derivatives of x, y, z, yaw at a time, (5, 4)."""
         t = time - self.start_time
         if t < self.entry.duration:
-            return self.entry.reference(t)
-        return self.circuit.reference((t - self.entry.duration) % self.circuit.duration)
+            return self.entry.derivatives(t)
+        t += self.phase - self.entry.duration
+        return self.circuit.derivatives(t % self.circuit.duration)
 
     def lap_at(self, time: float) -> int:
         """Returns the number of the lap being flown at a time; gate 1 starts it.
 
-        On the entry that is still the lap before the plan's first.
+        On an entry before gate 1 that is the lap before the plan's first.
         """
-        flown = (time - self.start_time - self.entry.duration) / self.circuit.duration
+        flown = (time - self._first_start) / self.circuit.duration
         return self.lap + int(max(np.floor(flown), -1.0))
 
     def next_start(self, time: float) -> float:
         """Returns when the drone next passes gate 1 after a time (s)."""
         laps = self.lap_at(time) + 1 - self.lap
-        return self.start_time + self.entry.duration + laps * self.circuit.duration
+        return self._first_start + laps * self.circuit.duration
+
+    @property
+    def _first_start(self) -> float:
+        """When the circuit, traced back from the entry's end, starts (s)."""
+        return self.start_time + self.entry.duration - self.phase
 
 
 # What the lap_plan port holds until the race begins; compare with `is`.
-NO_PLAN = LapPlan(lap=0, start_time=0.0, entry=None, circuit=None, report=None)
+NO_PLAN = LapPlan(lap=0, start_time=0.0, entry=None, circuit=None, phase=0.0, report=None)

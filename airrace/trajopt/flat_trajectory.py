@@ -49,12 +49,17 @@ class FlatTrajectory(Immutable):
         d = self.derivatives(time)
         if time > self.duration:
             d[1:] = 0.0
-        return np.concatenate([d[:, :3].ravel(), d[:3, 3]])
+        return flat_outputs(d)
 
     def sample(self, times) -> np.ndarray:
         """Returns samples at many times, shape (18, N)."""
         d = [p.vector_values(times) for p in self._polynomials]
         return np.vstack([*(row[:3] for row in d), *(row[3] for row in d[:3])])
+
+
+def flat_outputs(derivatives) -> np.ndarray:
+    """Packs value and four derivatives of x, y, z, yaw, (5, 4), into (18,)."""
+    return np.concatenate([derivatives[:, :3].ravel(), derivatives[:3, 3]])
 
 
 def hold(p_WB, yaw: float) -> np.ndarray:

@@ -60,8 +60,8 @@ def solve_min_snap(waypoints, durations, *, constraints=(), periodic=False, peri
     "Polynomial trajectory planning for aggressive quadrotor flight in dense
     indoor environments": the variables are the derivatives at the waypoints
     that nobody fixed, so continuity is built in and no constraint is left.
-    Each segment has normalised time and each variable unit curvature; in raw
-    times and coefficients, degree 9 is conditioned at 1e10.
+    Each segment has normalised time and each variable unit curvature; raw
+    coefficients of degree 9 are conditioned at 1e10.
 
     The dimensions do not interact, hence need no weights. Yaw must come
     unwrapped, see unwrap_headings().
@@ -176,10 +176,9 @@ class MinSnapProblem:
         return durations
 
     def assemble(self, durations):
-        """Returns the quadratic cost: its Hessian in each segment's end
-        derivatives, (segments, 2n, 2n), in all derivatives, (N, N), and the
-        gradient that the period offset adds, (N, d).
-        """
+        """Returns the cost: its Hessian in each segment's end derivatives,
+        (segments, 2n, 2n), in all derivatives, (N, N), and the gradient that
+        the period offset adds, (N, d)."""
         power = 1 - 2 * self.minimized_derivative + self.order[:, None] + self.order
         _, unit_hessian = unit_segment(self.degree, self.minimized_derivative)
         segments = unit_hessian * durations[:, None, None] ** power

@@ -1,5 +1,6 @@
 """Time allocation: how long every segment of a minimum-snap trajectory takes."""
 
+import contextlib
 import dataclasses as dc
 from math import perm
 
@@ -10,20 +11,17 @@ from pydrake.solvers import MathematicalProgram, SnoptSolver
 from airrace.trajopt.min_snap import (
     MinSnapProblem, TrajectoryOptimizationError, solve_min_snap, unit_segment)
 
-_SAMPLES = 16  # of a segment, where the optimiser looks at the limits
-_FINAL_SAMPLES = 48  # where it polishes the solution
-_KICKS = 6  # perturbed restarts of problems that have many local minima
+_SAMPLES, _FINE_SAMPLES = 12, 64  # of a segment: to optimise, and to polish
 
 
 def peak_speed_and_acceleration(trajectory, samples_per_segment=50) -> tuple[float, float]:
     """Returns the greatest speed (m/s) and acceleration (m/s^2) of a trajectory.
 
-    Both are Euclidean norms over x, y, z, without gravity. The samples only
-    bracket the peaks, which are then refined to about nine digits.
+    Both are norms over x, y, z, without gravity, good to about nine digits.
 
     Args:
         trajectory: PiecewisePolynomial whose first three rows are x, y, z.
-        samples_per_segment: a natural number.
+        samples_per_segment: that bracket the peaks, which are then refined.
     """
     breaks = np.array(trajectory.get_segment_times())
     fractions = np.arange(samples_per_segment) / samples_per_segment
@@ -40,7 +38,7 @@ def _peak(derivative, times):
     peaks = np.flatnonzero((middle >= norms[:-2]) & (middle >= norms[2:])
                            & (middle >= 0.95 * middle.max()))
     low, high = times[np.maximum(peaks - 1, 0)], times[np.minimum(peaks + 1, len(times) - 1)]
-    for _ in range(3):
+    for _ in range(4):
         grid = np.linspace(low, high, 17, axis=1)
         norms = norm(grid)
         row, best = np.arange(len(grid)), norms.argmax(axis=1)
@@ -49,8 +47,8 @@ def _peak(derivative, times):
 
 
 def durations_within_limits(
-    waypoints, durations, *, max_speed, max_acceleration, constraints=(), margin=0.0,
-    min_factor=0.7, max_factor=4.0, **options,
+    waypoints, durations, *, max_speed, max_acceleration, constraints=(), min_factor=0.7,
+    max_factor=4.0, **options,
 ) -> np.ndarray:
     """Returns the shortest multiple of the durations that meets the limits.
 
@@ -59,34 +57,29 @@ def durations_within_limits(
     factor. Otherwise it is searched upwards, solving anew for every factor.
 
     Args:
-        waypoints, durations, constraints: see solve_min_snap().
+        waypoints, constraints: see solve_min_snap().
+        durations: (segments,) s, like those returned.
         max_speed: (m/s), of the norm over the first three dimensions.
         max_acceleration: (m/s^2), likewise, gravity not included.
-        margin: fraction of both limits to keep in reserve, in [0, 1).
         min_factor: the least factor, even where the limits allow less.
         max_factor: where the search, if there is one, gives up.
         options: periodic, period_offset, degree and minimized_derivative of
             solve_min_snap().
 
-    Returns:
-        (segments,), durations (s).
-
     Raises:
         ValueError: if the input is malformed.
         TrajectoryOptimizationError: if no factor meets the limits.
     """
-    limits = _check_limits(max_speed, max_acceleration, margin, constraints)
-    if not 0 < min_factor < max_factor:
-        raise ValueError(f"0 < min_factor < max_factor must hold, not {min_factor}, {max_factor}.")
+    limits = _check_limits(max_speed, max_acceleration, constraints)
     durations = np.array(durations, float)
 
     def excess(factor):
         return _excess(limits, waypoints, factor * durations, constraints=constraints, **options)
 
-    if not any(np.nan_to_num(c.value[:3]).any() for c in constraints):
+    if _keeps_shape(constraints):
         return durations * max(min_factor, excess(1.0) * (1.0 + 1e-8))
-    low, high, step, rounding = min_factor, min_factor, 0.01, 1e-12
-    while excess(high) > 1.0 + rounding:
+    low, high, step, most = min_factor, min_factor, 0.01, 1.0 + 1e-12
+    while excess(high) > most:
         low, high, step = high, high * (1.0 + step), min(1.5 * step, 0.1)
         if high > max_factor:
             raise TrajectoryOptimizationError(
@@ -94,22 +87,21 @@ def durations_within_limits(
                 f"{limits[0]:g} m/s and {limits[1]:g} m/s^2; relax them or the fixed derivatives.")
     while high - low > 1e-7 * high:
         middle = (low + high) / 2
-        low, high = (middle, high) if excess(middle) > 1.0 + rounding else (low, middle)
+        low, high = (middle, high) if excess(middle) > most else (low, middle)
     return durations * high
 
 
 def allocate_times(
     waypoints, *, max_speed, max_acceleration, constraints=(), periodic=False, period_offset=None,
-    initial_durations=None, margin=0.0, **options,
+    initial_durations=None, **options,
 ) -> np.ndarray:
-    """Returns the segment durations that make the trajectory the fastest.
+    """Returns the segment durations (s) that make the trajectory the fastest.
 
     They minimise the total duration, not the snap, such that the minimum-snap
-    trajectory keeps to the limits. That is a nonlinear program in the durations
-    alone, for SNOPT: samples of the squared norms of velocity and acceleration
-    are its constraints, with exact gradients, as the optimal derivatives solve
-    linear equations that can be differentiated. What SNOPT finds is scaled to
-    the limits at last, see durations_within_limits().
+    trajectory keeps to the limits: a nonlinear program in the durations alone.
+    Its constraints are samples of the squared speed and acceleration, with
+    exact gradients, as the optimal derivatives solve linear equations that can
+    be differentiated. What SNOPT finds is scaled until it touches a limit.
 
     Through free waypoints there is one local minimum, as far as seen; fixed
     derivatives in between make many. Then it also starts from the solution
@@ -118,60 +110,67 @@ def allocate_times(
     Args:
         waypoints, constraints, periodic, period_offset: see solve_min_snap();
             only the first three dimensions matter.
-        max_speed, max_acceleration, margin: see durations_within_limits().
-        initial_durations: the only starting point if given, e.g. last lap's.
+        max_speed, max_acceleration: see durations_within_limits().
+        initial_durations: (segments,), the only starting point if given.
         options: degree and minimized_derivative of solve_min_snap().
 
-    Returns:
-        (segments,), durations (s).
-
-    Raises:
-        ValueError: if the input is malformed.
-        TrajectoryOptimizationError: if no durations were found.
+    Raises: like durations_within_limits().
     """
-    limits = _check_limits(max_speed, max_acceleration, margin, constraints)
+    limits = _check_limits(max_speed, max_acceleration, constraints)
     positions = np.array(waypoints, float)[..., :3]
     constraints = [dc.replace(c, value=c.value[:3]) for c in constraints]
     offset = None if period_offset is None else np.array(period_offset, float)[..., :3]
     options |= dict(periodic=periodic, period_offset=offset)
+    problem = MinSnapProblem.build(positions, constraints=constraints, **options)
+    ends = problem.ends(problem.values)
+    chords = np.linalg.norm(ends[:, len(problem.order) // 2] - ends[:, 0], axis=1)
 
-    def solve(start, constraints, samples=_SAMPLES):
+    def solve(start, constraints, polish=False):
+        factor = _excess(limits, positions, start, constraints=constraints, **options)
+        start = start * (factor if _keeps_shape(constraints) else 1.0)
         problem = MinSnapProblem.build(positions, constraints=constraints, **options)
-        ends = problem.ends(problem.values)
-        chords = np.linalg.norm(ends[:, len(problem.order) // 2] - ends[:, 0], axis=1)
-        start = problem.check_durations(chords if start is None else start)
-        start = start * _excess(limits, positions, start, constraints=constraints, **options)
-        durations = _minimize_total(
-            _LimitSamples(problem, limits, samples), start, chords / limits[0])
-        return durations_within_limits(
-            positions, durations, max_speed=limits[0], max_acceleration=limits[1],
-            constraints=constraints, min_factor=0.9, **options)
+        samples = _LimitSamples(problem, limits, _FINE_SAMPLES if polish else _SAMPLES)
+        values, _ = samples(start)
+        rows = np.flatnonzero(values >= (0.9 * values.max() if polish else 0.0))
+        for bound in (1.0, 0.99, 0.9):  # on samples: it may be exceeded between them
+            durations = _minimize_total(samples, rows, bound, start, chords / limits[0])
+            with contextlib.suppress(TrajectoryOptimizationError):
+                return durations_within_limits(
+                    positions, durations, max_speed=max_speed, max_acceleration=max_acceleration,
+                    constraints=constraints, min_factor=0.9, **options)
+        raise TrajectoryOptimizationError(
+            f"No durations found meet the limits of {limits[0]:g} m/s and {limits[1]:g} m/s^2; "
+            "relax them or the fixed derivatives.")
 
-    best = solve(initial_durations, constraints)
-    ends = () if periodic else (0, -1, len(positions) - 1)
-    relaxed = [c for c in constraints if c.waypoint in ends]
+    start = 1.5 * np.maximum(chords / limits[0], np.sqrt(2 * chords / limits[1]))
+    best = solve(start if initial_durations is None else problem.check_durations(
+        initial_durations), constraints)
+    relaxed = [c for c in constraints if not periodic and c.waypoint in (0, -1, len(chords))]
+    tries = [lambda: solve(best, constraints, polish=True)]
     if initial_durations is None and len(relaxed) < len(constraints):
-        best = min(best, solve(solve(None, relaxed), constraints), key=np.sum)
-        phase = np.arange(1, len(best) + 1) * (np.sqrt(5) - 1) / 2  # spread evenly modulo 1
-        for k in range(1, _KICKS + 1):
-            kicked = best * np.exp(k * phase % 1 - 0.5)
-            best = min(best, solve(kicked, constraints), key=np.sum)
-    return min(best, solve(best, constraints, _FINAL_SAMPLES), key=np.sum)
+        phase = np.arange(1, len(chords) + 1) * (np.sqrt(5) - 1) / 2  # spread evenly modulo 1
+        kicks = [np.exp(k * phase % 1 - 0.5) for k in range(1, 7)]
+        tries[:0] = [lambda: solve(solve(start, relaxed), constraints),
+                     *(lambda kick=kick: solve(best * kick, constraints) for kick in kicks)]
+    for retry in tries:  # closures, as they start from the best so far
+        with contextlib.suppress(TrajectoryOptimizationError):
+            best = min(best, retry(), key=np.sum)
+    return best
 
 
-def _minimize_total(samples, start, shortest):
-    """Returns durations (s) of a local minimum, up to the solver's success."""
+def _minimize_total(samples, rows, bound, start, shortest):
+    """Returns durations (s) of a local minimum, or where the solver got stuck."""
     def constraint(T):
         if T.dtype != object:
-            return samples(T)[0]
+            return samples(T)[0][rows]
         values, jacobian = samples(ExtractValue(T).ravel())
-        return InitializeAutoDiff(values, jacobian @ ExtractGradient(T)).ravel()
+        return InitializeAutoDiff(values[rows], jacobian[rows] @ ExtractGradient(T)).ravel()
 
     program = MathematicalProgram()
     T = program.NewContinuousVariables(len(start), "T")
     program.AddLinearCost(np.ones(len(start)), T)
-    program.AddBoundingBoxConstraint(shortest, np.full(len(start), 2 * start.sum()), T)
-    program.AddConstraint(constraint, np.full(samples.count, -np.inf), np.ones(samples.count), T)
+    program.AddBoundingBoxConstraint(shortest, np.full(len(start), 3 * start.sum()), T)
+    program.AddConstraint(constraint, np.full(len(rows), -np.inf), np.full(len(rows), bound), T)
     return SnoptSolver().Solve(program, start).GetSolution(T)
 
 
@@ -190,7 +189,6 @@ class _LimitSamples:
         self._free = [(np.flatnonzero(pattern == i), np.flatnonzero(~fixed))
                       for i, fixed in enumerate(patterns.T)]
         self._problem = problem
-        self.count = 2 * samples * len(problem.rows)
 
     def __call__(self, durations):
         """Returns the samples, (count,), and their Jacobian, (count, segments)."""
@@ -235,14 +233,17 @@ def _excess(limits, *args, **kwargs):
     return max(peaks[0] / limits[0], np.sqrt(peaks[1] / limits[1]))
 
 
-def _check_limits(max_speed, max_acceleration, margin, constraints):
-    if not (0 < max_speed < np.inf and 0 < max_acceleration < np.inf and 0 <= margin < 1):
-        raise ValueError("max_speed and max_acceleration must be positive and finite, and 0 <= "
-                         f"margin < 1, not {max_speed}, {max_acceleration} and {margin}.")
-    limits = (1 - margin) * max_speed, (1 - margin) * max_acceleration
+def _keeps_shape(constraints):
+    return not any(np.nan_to_num(c.value[:3]).any() for c in constraints)
+
+
+def _check_limits(max_speed, max_acceleration, constraints):
+    limits = np.array([max_speed, max_acceleration], float)
+    if not np.all((limits > 0) & (limits < np.inf)):
+        raise ValueError(f"max_speed and max_acceleration must be positive, not {limits}.")
     for c in constraints:
-        if c.order <= 2 and np.linalg.norm(np.nan_to_num(c.value[:3])) > limits[c.order - 1] + 1e-9:
+        size = np.linalg.norm(np.nan_to_num(c.value[:3]))
+        if c.order in (1, 2) and size > (1.0 + 1e-12) * limits[c.order - 1]:
             raise TrajectoryOptimizationError(
-                f"Derivative {c.order} fixed at waypoint {c.waypoint} exceeds the limit of "
-                f"{limits[c.order - 1]:g}; raise the limit.")
+                f"Derivative {c.order} at waypoint {c.waypoint} is fixed above its limit.")
     return limits

@@ -80,7 +80,7 @@ def test_commands_are_held_at_the_control_rate_and_within_limits():
     controller.GetInputPort("reference").FixValue(context, hold([0, 0, 5], 0.0))
     commands = []
     for k, p in enumerate([(0, 0, 5), (100, -100, -50), (0, 0, 200), (0, 0, 5)]):
-        controller.GetInputPort("state_estimate").FixValue(context, estimate(p))
+        controller.GetInputPort("filtered_estimate").FixValue(context, estimate(p))
         simulator.AdvanceTo((k + 0.5) / 500)
         commands.append(controller.get_output_port().Eval(context))
     commands = np.array(commands)

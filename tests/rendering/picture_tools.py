@@ -1,12 +1,46 @@
-"""Measures a marker's corners in a picture without the bias of OpenCV's methods."""
+"""Camera poses, projections and measurements in pictures for the tests."""
 
 import cv2
 import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
 
-from airrace.track import MARKER_SIZE
+from airrace.systems.types import make_camera_info
+from airrace.track import MARKER_SIZE, Gate, Track
+
+# C in the body: z forward, x right, y down.
+R_BC = RotationMatrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
+CAMERA_INFO = make_camera_info(
+    width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=RigidTransform(R_BC, [0, 0, 0])
+)
 
 # The black square's corners in M: upper left first, then clockwise as seen.
 CORNERS_M = MARKER_SIZE / 2 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0.0]])
+
+
+def one_gate() -> Track:
+    """Returns a gate across the x axis, flown through along +x, midpoint x = 20."""
+    return Track(name="one gate", gates=[Gate(left_pylon=[20.0, 5.0], heading_deg=0.0)])
+
+
+def new_picture(camera_info=CAMERA_INFO) -> np.ndarray:
+    """Returns an RGBA picture full of a colour that no renderer draws."""
+    return np.full((camera_info.height, camera_info.width, 4), 77, np.uint8)
+
+
+def look_at(p_WC, target_W, roll=0.0) -> RigidTransform:
+    """Returns the pose of a camera that has the target in its centre.
+
+    Args:
+        p_WC: where the camera is, (3,).
+        target_W: what it looks at, (3,), neither above nor below it.
+        roll: to the right (rad).
+    """
+    z = np.subtract(target_W, p_WC)
+    z /= np.linalg.norm(z)
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    R_WC = RotationMatrix(np.column_stack([x, np.cross(z, x), z]))
+    return RigidTransform(R_WC @ RotationMatrix.MakeZRotation(roll), p_WC)
 
 
 def project(K, X_WC, p_W) -> np.ndarray:
@@ -38,7 +72,7 @@ def measure_corners(image, expected) -> np.ndarray:
         normal = np.array([-along[1], along[0]])
         # The black frame is 1/7 of the marker wide and the white border 1/8;
         # the profile ends well within them.
-        width = np.min(np.abs((expected - a) @ normal)[np.abs((expected - a) @ normal) > 1e-9])
+        width = np.sort(np.abs((expected - a) @ normal))[2]
         reach = min(8.0, 0.075 * width)
         across = np.arange(-reach, reach + 0.01, 0.1)
         t = np.linspace(0.18, 0.82, 60) * length

@@ -1,0 +1,50 @@
+"""Whether a trajectory can be flown: its limits, its height, the pylons."""
+
+import numpy as np
+
+from airrace.trajopt.flat_trajectory import ACCELERATION, VELOCITY, FlatTrajectory
+
+LOWEST = 1.0  # m, the least height
+CLEARANCE = 2.0  # m, from a pylon's axis; its boards reach out 1.25 m, a drone 0.35 m
+_RATE = 100.0  # Hz
+
+
+def is_flyable(trajectory: FlatTrajectory, pylons, *, max_speed, max_acceleration) -> bool:
+    """Whether a trajectory keeps its limits, its height, and clear of pylons.
+
+    Args:
+        trajectory: to check, at 100 Hz.
+        pylons: axes to keep clear of, [x, y], (n, 2) m.
+        max_speed, max_acceleration: (m/s), (m/s^2).
+    """
+    samples = trajectory.sample(sample_times(trajectory))
+    speed, acceleration = peaks(samples)
+    return bool(
+        speed <= max_speed
+        and acceleration <= max_acceleration
+        and samples[2].min() >= LOWEST
+        and pylon_distances(samples, pylons).min(initial=np.inf) >= CLEARANCE
+    )
+
+
+def sample_times(trajectory: FlatTrajectory) -> np.ndarray:
+    """Returns the times of a dense check, both ends included (s)."""
+    return np.linspace(0.0, trajectory.duration, int(_RATE * trajectory.duration) + 2)
+
+
+def pylon_distances(samples, pylons) -> np.ndarray:
+    """Returns the distance of every sample from every pylon's axis, (N, n) m.
+
+    Args:
+        samples: as in flat_trajectory.py, (18, N).
+        pylons: axes, [x, y], (n, 2) m.
+    """
+    return np.linalg.norm(samples[:2].T[:, None] - np.reshape(pylons, (1, -1, 2)), axis=2)
+
+
+def peaks(samples) -> tuple[float, float]:
+    """Returns the largest speed and acceleration of samples (18, N) (m, s)."""
+    return (
+        float(np.linalg.norm(samples[VELOCITY], axis=0).max()),
+        float(np.linalg.norm(samples[ACCELERATION], axis=0).max()),
+    )

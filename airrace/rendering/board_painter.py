@@ -1,5 +1,7 @@
 """Draws marker boards by homography."""
 
+import bisect
+
 import cv2
 import numpy as np
 
@@ -7,9 +9,10 @@ from airrace.rendering.projection import NEAR, SHIFT, clip_near, to_fixed, to_pi
 from airrace.rendering.textures import BOARD_BACK, BOARD_TEXELS, WHITE, board_image
 from airrace.track import BOARD_SIZE
 
-# Texture sizes. In multiples of 35 edges fall between two texels or halve one.
-_SIZES = (BOARD_TEXELS, 490, 420, 350, 280, 245, 210, 175, 140, 105, 70)
-_SIZES += (50, 35, 25, 18, 12, 9, 6, 4, 3, 2)
+# Texture sizes, ascending, in steps of about 10 %: texels hardly larger than the
+# samples taken of them neither alias nor blur. Sizes of 560 * k / 16 have edges
+# between two texels or halfway through one.
+_SIZES = sorted({round(BOARD_TEXELS * k / 2**n) for n in range(4, 12) for k in range(9, 17)})
 _OPAQUE = {size: np.full((size, size), 255, np.uint8) for size in _SIZES}
 # Maps texture coordinates (texel centres are integers) to the board's plane.
 _TEXEL_TO_M = {
@@ -23,7 +26,7 @@ _TEXEL_TO_M = {
 _CORNERS_M = BOARD_SIZE / 2 * np.array([[-1, 1, 1, -1], [1, 1, -1, -1], [2 / BOARD_SIZE] * 4])
 _BACK_COLOR = (*BOARD_BACK, 255)
 # Boards are supersampled with about that many samples, small ones 4 x 4 fold.
-_SAMPLES = 24_000
+_SAMPLES = 28_000
 
 
 class BoardPainter:
@@ -122,7 +125,7 @@ class BoardPainter:
         """
         # The finest texture whose texels are at least as large as a sample.
         wanted = self._scale[i] * s * BOARD_SIZE
-        size = next((size for size in _SIZES if size <= wanted), _SIZES[-1])
+        size = _SIZES[max(bisect.bisect(_SIZES, wanted) - 1, 0)]
         if marker_id is None:
             texture, beside = _OPAQUE[size], 0
         else:

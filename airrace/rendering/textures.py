@@ -41,7 +41,7 @@ def marker_modules(marker_id: int) -> np.ndarray:
     return cv2.aruco.generateImageMarker(dictionary, marker_id, 7) > 0
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def board_image(marker_id: int, size: int = BOARD_TEXELS) -> np.ndarray:
     """Returns the face of a board, upright as its viewer sees it.
 

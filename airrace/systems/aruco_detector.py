@@ -12,6 +12,14 @@ from airrace.systems.types import CameraInfo, Detection, Detections
 from airrace.track import MARKER_SIZE
 
 
+# The marker's corners in a frame F that is M turned half a turn about x: a
+# marker that faces the camera then has no rotation, where M has one of pi,
+# which OpenCV's rotation vectors cannot represent well.
+_H = MARKER_SIZE / 2
+_POINTS = np.array([[-_H, -_H, 0.0], [_H, -_H, 0.0], [_H, _H, 0.0], [-_H, _H, 0.0]])
+_R_FM = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
+
+
 class ArucoDetector(LeafSystem):
     """Detects ArUco markers and their poses in the camera frame.
 
@@ -73,35 +81,41 @@ def make_detector() -> cv2.aruco.ArucoDetector:
     )
 
 
-def locate(id: int, corners, info: CameraInfo, size: float = MARKER_SIZE) -> Detection | None:
+def locate(id: int, corners, info: CameraInfo) -> Detection | None:
     """Solves the pose of one marker from its corners.
 
     Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV
-    2014, as OpenCV's SOLVEPNP_IPPE_SQUARE: of its two solutions, the one
-    with the smaller reprojection error.
+    2014, as OpenCV's SOLVEPNP_IPPE, then Levenberg-Marquardt: of the two
+    solutions, the one with the smaller reprojection error.
 
     Args:
         id: the marker's ID.
         corners: (4, 2) px; top left, top right, bottom right, bottom left.
         info: the camera.
-        size: side of the black square (m).
 
     Returns:
         the detection, or None if there is no pose in front of the camera.
     """
-    h = size / 2
-    points = np.array([[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])
     corners = np.asarray(corners, float)
-    count, rotations, translations, errors = cv2.solvePnPGeneric(
-        points, corners, info.K, info.D, flags=cv2.SOLVEPNP_IPPE_SQUARE
-    )
-    if not count or not np.isfinite(translations[0]).all() or translations[0][2] <= 0:
+    if not np.isfinite(corners).all() or cv2.contourArea(corners.astype(np.float32)) < 1.0:
         return None
-    # OpenCV's rotation is a float product; projecting keeps Drake's checks happy.
-    R_CM = RotationMatrix.ProjectToRotationMatrix(cv2.Rodrigues(rotations[0])[0])
+    _, rotations, translations, _ = cv2.solvePnPGeneric(
+        _POINTS, corners, info.K, info.D, flags=cv2.SOLVEPNP_IPPE
+    )
+    best, best_error = None, np.inf
+    for r, t in zip(rotations, translations):
+        r, t = cv2.solvePnPRefineLM(_POINTS, corners, info.K, info.D, r, t)
+        projected = cv2.projectPoints(_POINTS, r, t, info.K, info.D)[0].reshape(4, 2)
+        error = np.sqrt(np.mean(np.sum((projected - corners) ** 2, axis=1)))
+        if error < best_error and t[2, 0] > 0:
+            best, best_error = (r, t), error
+    if best is None:
+        return None
+    # A rotation matrix from OpenCV is not orthonormal enough for Drake.
+    R_CF = RotationMatrix.ProjectToRotationMatrix(cv2.Rodrigues(best[0])[0])
     return Detection(
         id=id,
         corners=read_only(corners),
-        X_CM=RigidTransform(R_CM, translations[0].ravel()),
-        reprojection_error=float(np.ravel(errors)[0]),
+        X_CM=RigidTransform(R_CF @ _R_FM, best[1].ravel()),
+        reprojection_error=float(best_error),
     )

@@ -88,7 +88,9 @@ def search_target(now: Now, config) -> tuple[np.ndarray, str, str]:
         STEP_FORWARD; and why.
     """
     lone = _lone_marker(now, near=config.side_offset + 2.0)
-    if lone is not None:
+    # A step around that did not help would not help again: the other marker
+    # may be hidden, so look from elsewhere.
+    if lone is not None and not now.memory.stepped_around:
         pose = _pose_in_front(lone, config.side_distance, config.side_offset)
         return pose, "STEP_AROUND", f"only marker {lone.id} of gate {lone.id // 4 + 1} in sight"
     pose = now.memory.leg.derivatives(now.memory.leg.duration, 1)[0]

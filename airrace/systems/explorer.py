@@ -25,6 +25,7 @@ class _Memory(Immutable):
         home: hover pose over the start: x, y, z and yaw, (4,).
         last: newest gate of the list, a GateEstimate, or None.
         ahead: gates on the leg and the times on it at which they are passed.
+        stepped_around: whether the last step of the search was one around.
     """
 
     status: ExplorerStatus
@@ -33,6 +34,7 @@ class _Memory(Immutable):
     home: np.ndarray | None = None
     last: object = None
     ahead: tuple = ()
+    stepped_around: bool = False
 
 
 class Explorer(LeafSystem):
@@ -216,7 +218,8 @@ class Explorer(LeafSystem):
     def _Seek(self, now):
         """Returns the memory of the next step of the search."""
         target, state, reason = exploration.search_target(now, self._config)
-        return self._Go(now, now.memory, state, reason, [target])
+        memory = dc.replace(now.memory, stepped_around=state == "STEP_AROUND")
+        return self._Go(now, memory, state, reason, [target])
 
     def _Go(self, now, memory, state, reason, waypoints):
         """Returns the memory of a new leg from the current reference on."""

@@ -239,7 +239,7 @@ def _apply(constraint, values, periodic):
              f"raise the degree, now {2 * n - 1}, for higher ones")
     _require(value.shape == (d,) and not np.isinf(value).any(),
              f"a constraint's value must be {d} numbers or NaNs, not {value}")
-    _require(not np.any(np.abs(value - values[i, k]) > 0),
+    _require(not np.any(np.abs(value - values[i, k]) > 1e-6 * (1 + np.abs(value))),
              f"two constraints fix derivative {k} at waypoint {i} differently")
     values[i, k] = np.where(np.isnan(value), values[i, k], value)
 

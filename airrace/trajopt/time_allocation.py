@@ -142,17 +142,17 @@ def allocate_times(
             f"No durations found meet the limits of {limits[0]:g} m/s and {limits[1]:g} m/s^2; "
             "relax them or the fixed derivatives.")
 
-    start = 1.5 * np.maximum(chords / limits[0], np.sqrt(2 * chords / limits[1]))
-    best = solve(start if initial_durations is None else problem.check_durations(
-        initial_durations), constraints)
+    cold = initial_durations is None
+    equal_speeds = chords / (0.75 * limits[0])
+    best = solve(equal_speeds if cold else problem.check_durations(initial_durations), constraints)
+    retries = [lambda: solve(best, constraints, polish=True)]
     relaxed = [c for c in constraints if not periodic and c.waypoint in (0, -1, len(chords))]
-    tries = [lambda: solve(best, constraints, polish=True)]
-    if initial_durations is None and len(relaxed) < len(constraints):
+    if cold and len(relaxed) < len(constraints):
         phase = np.arange(1, len(chords) + 1) * (np.sqrt(5) - 1) / 2  # spread evenly modulo 1
         kicks = [np.exp(k * phase % 1 - 0.5) for k in range(1, 7)]
-        tries[:0] = [lambda: solve(solve(start, relaxed), constraints),
-                     *(lambda kick=kick: solve(best * kick, constraints) for kick in kicks)]
-    for retry in tries:  # closures, as they start from the best so far
+        retries[:0] = [lambda: solve(solve(equal_speeds, relaxed), constraints),
+                       *(lambda kick=kick: solve(best * kick, constraints) for kick in kicks)]
+    for retry in retries:  # closures, as they start from the best so far
         with contextlib.suppress(TrajectoryOptimizationError):
             best = min(best, retry(), key=np.sum)
     return best

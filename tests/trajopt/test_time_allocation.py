@@ -149,7 +149,7 @@ def test_reference_track(midpoints):
     equal_speeds = durations_within_limits(midpoints, chords(midpoints) / 20, periodic=True, **LIMITS)
     assert equal_speeds.sum() == pytest.approx(27.23, abs=0.01)
     durations = allocate_times(midpoints, periodic=True, **LIMITS)
-    assert durations.sum() < 22.0
+    assert durations.sum() < 21.99
     assert_touches(solve_min_snap(midpoints, durations, periodic=True))
 
 
@@ -160,7 +160,7 @@ def test_reference_track_with_yaw(midpoints):
     assert offset[3] == pytest.approx(2 * np.pi)
     options = dict(periodic=True, period_offset=offset)
     durations = allocate_times(waypoints, **options, **LIMITS)
-    assert durations.sum() < 22.0
+    assert durations.sum() < 21.99
     p = solve_min_snap(waypoints, durations, **options)
     assert_touches(p)
     np.testing.assert_allclose(p.value(p.end_time()) - p.value(0), np.c_[offset], atol=1e-9)
@@ -170,11 +170,20 @@ def test_reference_track_level_at_the_gates(midpoints):
     constraints = [DerivativeConstraint(i, 2, [0, 0, NAN]) for i in range(len(midpoints))]
     options = dict(constraints=constraints, periodic=True)
     durations = allocate_times(midpoints, **options, **LIMITS)
-    assert durations.sum() < 30.5
+    assert durations.sum() < 30.0
     p = solve_min_snap(midpoints, durations, **options)
     assert_touches(p)
     gates = p.derivative(2).vector_values(p.get_segment_times())
     np.testing.assert_allclose(gates[:2], 0.0, atol=1e-9)
+
+
+def test_restarts_leave_a_poor_local_minimum():
+    waypoints = make_waypoints(0)
+    constraints = [DerivativeConstraint(i, 2, [0, 0, NAN]) for i in range(len(waypoints))]
+    options = dict(constraints=constraints, periodic=True, **LIMITS)
+    best = allocate_times(waypoints, **options)
+    once = allocate_times(waypoints, initial_durations=chords(waypoints) / 10, **options)
+    assert best.sum() < 0.99 * once.sum()
 
 
 @few

@@ -2,13 +2,15 @@
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.geometry import Meshcat, MeshcatParams, Rgba
+from pydrake.geometry import Meshcat, MeshcatParams, Rgba, Sphere
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 
 from airrace.systems.types import NO_PLAN
 
 _FLOWN = Rgba(0.1, 0.5, 1.0, 1.0)
 _PLANNED = Rgba(1.0, 0.5, 0.0, 1.0)
+_HERE = Rgba(1.0, 0.9, 0.1, 0.35)
 _CHUNK = 60  # points a line object
 
 
@@ -25,14 +27,16 @@ def MakeMeshcat(track) -> Meshcat:
     feet = track.pylons()
     middle = feet.mean(axis=0)
     size = np.ptp(feet[:, :2], axis=0).max()
-    meshcat.SetCameraPose(middle + [-0.5 * size, -0.8 * size, 0.7 * size], middle)
+    meshcat.SetCameraPose(middle + [-0.35 * size, -0.6 * size, 0.5 * size], middle)
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.5)
+    meshcat.SetProperty("/Cameras/default/rotated/<object>", "far", 1000.0)
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
     return meshcat
 
 
 class PathVisualizer(LeafSystem):
-    """Draws where the drone flew and what it plans to fly.
+    """Draws where the drone is, where it flew and what it plans to fly.
 
     .. pydrake_system::
 
@@ -43,7 +47,8 @@ class PathVisualizer(LeafSystem):
 
     ``truth.state`` is the plant's floating-body state (13), ``lap_plan`` a
     LapPlan or NO_PLAN. The flown path is drawn in pieces, so that a long race
-    costs no more per point than a short one.
+    costs no more per point than a short one. A translucent ball around the
+    drone shows where to look: from afar, half a metre is too small to see.
     """
 
     def __init__(self, *, meshcat: Meshcat, period: float = 0.1):
@@ -56,10 +61,13 @@ class PathVisualizer(LeafSystem):
         # the publishes so far, and nothing in the simulation depends on it.
         self._points = []
         self._drawn_plan = None
+        meshcat.SetObject("here", Sphere(0.8), _HERE)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._Draw)
 
     def _Draw(self, context):
-        self._points.append(self._state.Eval(context)[4:7].copy())
+        p_WB = self._state.Eval(context)[4:7].copy()
+        self._meshcat.SetTransform("here", RigidTransform(p_WB), context.get_time())
+        self._points.append(p_WB)
         count = len(self._points) - 1
         if count > 0:
             first = (count - 1) // _CHUNK * _CHUNK

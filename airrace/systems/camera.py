@@ -41,10 +41,14 @@ class Camera(LeafSystem):
     (13,): quaternion w, x, y, z of R_WB, position p_WB (m), angular velocity
     w_WB (rad/s) and velocity v_WB (m/s), both expressed in world.
 
-    The camera samples the body's pose and the time at initialization and then
-    every 1/fps seconds. ``camera_image`` (abstract, ImageRgba8U) shows the
+    The camera samples the body's pose and the time at initialization and then at
+    all multiples of 1/fps. ``camera_image`` (abstract, ImageRgba8U) shows the
     world from the sampled pose; ``camera_image_time`` (vector, shape (1,)) is
     when that was (s). ``camera_info`` (abstract, CameraInfo) never changes.
+
+    A MultibodyPlant with sampled output ports steps before the discrete updates
+    of the same time, so its state is that of one plant step later then. Switch
+    them off (``SetUseSampledOutputPorts(False)``) if that matters.
 
     The picture is a function of the sample only, so Drake's cache keeps it
     until the next one: a frame is drawn at most once however many look at it,
@@ -73,10 +77,10 @@ class Camera(LeafSystem):
 
         # The sample: quaternion (4), position (3), time (1).
         sample = self.DeclareDiscreteState([1.0, 0, 0, 0, 0, 0, 0, 0])
-        # A periodic event at t = 0 would happen only in the first step, after
-        # the first publish; so the first sample is taken at initialization.
+        # The periodic event at t = 0 happens only in the first step, after the
+        # first publish; so the first sample is taken at initialization, too.
         self.DeclareInitializationDiscreteUpdateEvent(self._UpdateSample)
-        self.DeclarePeriodicDiscreteUpdateEvent(1 / fps, 1 / fps, self._UpdateSample)
+        self.DeclarePeriodicDiscreteUpdateEvent(1 / fps, 0.0, self._UpdateSample)
         self.DeclareForcedDiscreteUpdateEvent(self._UpdateSample)
 
         ticket = {self.discrete_state_ticket(sample)}

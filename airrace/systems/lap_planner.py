@@ -17,6 +17,8 @@ from airrace.trajopt.flyable import peaks, sample_times
 from airrace.trajopt.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import GRAVITY, Vehicle
 
+_RETRY_PERIOD = 1.0  # s, while there is no plan at all
+
 
 @dc.dataclass(frozen=True, eq=False)
 class _Memory(Immutable):
@@ -44,11 +46,13 @@ class LapPlanner(LeafSystem):
     ``exploration_reference`` see trajopt/flat_trajectory.py; ``lap_plan`` a
     LapPlan, NO_PLAN until the race begins.
 
-    When the exploration is done, and again whenever a lap's last gate has
-    been passed, the planner takes the map and solves for a new lap. The plan
-    comes into force one declared latency later, on from the state that the
-    old one has then; if there is no such plan, the old one goes on, since a
-    lap can be repeated.
+    When the exploration is done, the planner takes the map and solves for a
+    lap through the gates that the explorer found, in its order. It does so
+    again in every lap, such that the plan, which comes into force one declared
+    latency later, does so once the last gate has been passed, and goes on from
+    the state that the old one has then. If there is no such plan, the old one
+    goes on, since a lap can be repeated; before the first, the planner tries
+    again.
     """
 
     def __init__(self, *, vehicle: Vehicle, dimensions: int, config):
@@ -74,40 +78,54 @@ class LapPlanner(LeafSystem):
         self.DeclareAbstractOutputPort(
             "lap_plan",
             lambda: Value[object](NO_PLAN),
-            lambda context, output: output.set_value(self._Recall(context).plan),
-            {self.abstract_state_ticket(self._memory)},
+            self._CalcPlan,
+            {self.abstract_state_ticket(self._memory), self.time_ticket()},
         )
 
     def _Recall(self, context) -> _Memory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
+    def _CalcPlan(self, context, output):
+        # A plan comes into force on time, whether or not that is a tick.
+        memory = self._Recall(context)
+        in_force = memory.pending is not None and _is_due(memory.pending, context)
+        output.set_value(memory.pending if in_force else memory.plan)
+
     def _Update(self, context, state):
         memory = self._Recall(context)
         now = context.get_time()
         if memory.pending is not None:
-            if now < memory.pending.start_time - 1e-9:
+            if not _is_due(memory.pending, context):
                 return
             plan = memory.pending
             after = _Memory(plan=plan, due=self._NextDue(plan, now))
         elif self._explorer.Eval(context).done and now >= memory.due:
             pending = self._Plan(context, memory.plan, now + self._latency)
-            due = now + 1.0 if memory.plan is NO_PLAN else self._NextDue(memory.plan, now)
+            due = now + _RETRY_PERIOD if memory.plan is NO_PLAN else self._NextDue(memory.plan, now)
             after = dc.replace(memory, pending=pending, due=due)
         else:
             return
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
 
     def _NextDue(self, plan: LapPlan, now) -> float:
-        """Returns when the plan passes the last gate again, less the latency."""
-        last_leg = plan.circuit.duration - plan.circuit.gate_times[-2]
-        due = plan.next_start(now) - last_leg - self._latency
-        return due if due > now + 1e-9 else due + plan.circuit.duration
+        """Returns when the plan passes a last gate next, less the latency.
+
+        The entry passes none.
+        """
+        on_circuit = max(now, plan.start_time + plan.entry.duration)
+        due = plan.next_start(on_circuit) - _last_leg(plan) - self._latency
+        lap = plan.circuit.duration
+        return due + lap * max(np.floor((now + 1e-9 - due) / lap) + 1, 0)
 
     def _Plan(self, context, old: LapPlan, start_time) -> LapPlan | None:
         """Returns the plan from a time on, or None if there is none."""
         clock = wall_clock.perf_counter()
-        gates = self._map.Eval(context).gates
-        pylons = np.array([gate.pylons for gate in gates]).reshape(-1, 2)
+        known = {gate.number: gate for gate in self._map.Eval(context).gates}
+        found = self._explorer.Eval(context).gates
+        if not set(found) <= set(known):
+            return None
+        gates = [known[number] for number in found]
+        pylons = np.array([gate.pylons for gate in known.values()]).reshape(-1, 2)
         try:
             circuit = plan_circuit(
                 [g.p_WG for g in gates], [g.heading for g in gates], pylons,
@@ -122,6 +140,8 @@ class LapPlanner(LeafSystem):
             else:
                 lap = old.lap_at(start_time) + 1
                 remaining = old.next_start(start_time) - start_time
+                if remaining > _last_leg(old) + 1e-6:
+                    return None  # a slow planner's tick came after the lap's end
                 entry, phase = plan_change(
                     old.derivatives(start_time), circuit, remaining, pylons, **self._limits
                 ), 0.0
@@ -145,6 +165,15 @@ class LapPlanner(LeafSystem):
             max_acceleration=acceleration,
             max_rotor_thrust=float(rotor_thrusts(samples, self._vehicle, GRAVITY).max()),
         )
+
+
+def _is_due(plan: LapPlan, context) -> bool:
+    return context.get_time() >= plan.start_time - 1e-9
+
+
+def _last_leg(plan: LapPlan) -> float:
+    """Returns the time from the last gate to gate 1 (s)."""
+    return plan.circuit.duration - plan.circuit.gate_times[-2]
 
 
 def _derivatives(reference) -> np.ndarray:

@@ -6,6 +6,7 @@ from pydrake.systems.framework import LeafSystem
 from airrace.systems.types import NO_PLAN
 from airrace.trajopt.flat_trajectory import SIZE, flat_outputs
 
+
 class TrajectoryTracker(LeafSystem):
     """Evaluates the lap plan; before there is one, passes the explorer's on.
 

@@ -1,10 +1,18 @@
 """The circuit: a closed lap through the gates of a map."""
 
+import contextlib
+
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
-from airrace.trajopt.flat_trajectory import VELOCITY, FlatTrajectory
-from airrace.trajopt.flyable import CLEARANCE, is_flyable, pylon_distances, sample_times
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flyable import (
+    CLEARANCE,
+    is_flyable,
+    passes_forward,
+    pylon_distances,
+    sample_times,
+)
 from airrace.trajopt.min_snap import (
     DerivativeConstraint,
     TrajectoryOptimizationError,
@@ -17,8 +25,8 @@ from airrace.trajopt.time_allocation import allocate_times
 LEVEL = np.array([0.0, 0.0, np.nan, np.nan])  # no horizontal acceleration
 # Of the limits, so that a slightly different way onto the circuit keeps them.
 _MARGIN = 0.99
-_MAX_CROSSING_ANGLE = np.deg2rad(60.0)
 _APPROACHES = (None, 5.0, 3.0, 2.0)  # m before a gate, tried in turn
+_LEAST_DISTANCE = 0.1  # m, from gate to gate
 
 
 class Circuit(FlatTrajectory):
@@ -26,13 +34,15 @@ class Circuit(FlatTrajectory):
 
     Attributes:
         gate_times: when each gate is passed (s), then the duration.
+        headings: of the gates (rad), as a tuple.
         approach: gate index to distance (m) of a waypoint in front of it.
     """
 
-    def __init__(self, polynomial: PiecewisePolynomial, gate_times, approach: dict):
-        """Args: polynomial: with four rows. gate_times, approach: see above."""
+    def __init__(self, polynomial: PiecewisePolynomial, gate_times, headings, approach: dict):
+        """Args: polynomial: with four rows. The others: see above."""
         super().__init__(polynomial)
         self.gate_times = tuple(gate_times)
+        self.headings = tuple(headings)
         self.approach = approach
 
 
@@ -61,28 +71,49 @@ def plan_circuit(midpoints, headings, pylons, dimensions, *, max_speed, max_acce
         TrajectoryOptimizationError: if there is no such lap.
     """
     limits = dict(max_speed=max_speed, max_acceleration=max_acceleration)
-    gates = np.column_stack([midpoints, unwrap_headings(headings)])
-    if previous is not None and len(previous.gate_times) == len(gates) + 1:
-        circuit = _solve(gates, previous.approach, dimensions, np.diff(previous.breaks), limits)
-        if not _faults(circuit, gates, pylons) and is_flyable(circuit, pylons, **limits):
-            return circuit
+    gates = _checked(midpoints, headings)
+    if previous is not None and len(previous.headings) == len(gates):
+        with contextlib.suppress(TrajectoryOptimizationError):
+            durations = np.diff(previous.breaks)
+            circuit = _solve(gates, previous.approach, dimensions, durations, limits)
+            if not _faults(circuit, pylons) and is_flyable(circuit, pylons, **limits):
+                return circuit
     faults = set()
     for distance in _APPROACHES:
-        circuit = _solve(gates, {i: distance for i in sorted(faults)}, dimensions, None, limits)
-        new_faults = _faults(circuit, gates, pylons)
-        if not new_faults and is_flyable(circuit, pylons, **limits):
-            return circuit
-        faults |= new_faults
+        with contextlib.suppress(TrajectoryOptimizationError):
+            approach = {i: distance for i in sorted(faults)}
+            circuit = _solve(gates, approach, dimensions, None, limits)
+            new_faults = _faults(circuit, pylons)
+            if not new_faults and is_flyable(circuit, pylons, **limits):
+                return circuit
+            faults |= new_faults
+        if not faults:
+            break  # there is nothing to try
     raise TrajectoryOptimizationError("No lap is within the limits and clear of all pylons.")
+
+
+def _checked(midpoints, headings) -> np.ndarray:
+    """Returns the gates as x, y, z (m) and yaw (rad), unwrapped, (n, 4)."""
+    if len(midpoints) < 2 or not (np.all(np.isfinite(midpoints)) and np.all(np.isfinite(headings))):
+        raise TrajectoryOptimizationError("A lap needs two gates or more, at finite places.")
+    gates = np.column_stack([midpoints, unwrap_headings(headings)])
+    if _legs(gates).min() < _LEAST_DISTANCE:
+        raise TrajectoryOptimizationError("Two gates, one after the other, coincide.")
+    return gates
+
+
+def _legs(gates) -> np.ndarray:
+    """Returns how far each gate is from the one before, (n,) m."""
+    return np.linalg.norm(gates[:, :3] - np.roll(gates[:, :3], 1, axis=0), axis=1)
 
 
 def _solve(gates, approach, dimensions, durations, limits) -> Circuit:
     """Returns the shortest lap with some waypoints in front of gates."""
     waypoints, indices = [], []
-    for i, gate in enumerate(gates):
+    for i, (gate, leg) in enumerate(zip(gates, _legs(gates))):
         if i in approach:
             forward = np.array([np.cos(gate[3]), np.sin(gate[3]), 0.0, 0.0])
-            waypoints.append(gate - approach[i] * forward)
+            waypoints.append(gate - min(approach[i], leg / 2) * forward)
         indices.append(len(waypoints))
         waypoints.append(gate)
     # The lap starts at gate 1, its approach comes last.
@@ -106,19 +137,17 @@ def _solve(gates, approach, dimensions, durations, limits) -> Circuit:
     if dimensions == 3:
         yaw = PiecewisePolynomial.ZeroOrderHold(breaks, np.full((1, len(breaks)), gates[0, 3]))
         lap = _stack(lap, yaw)
-    return Circuit(lap, [*breaks[indices], breaks[-1]], approach)
+    return Circuit(lap, [*breaks[indices], breaks[-1]], gates[:, 3], approach)
 
 
-def _faults(circuit: Circuit, gates, pylons) -> set:
-    """Returns the gates that are passed sideways or with a pylon on the way."""
-    forward = np.column_stack([np.cos(gates[:, 3]), np.sin(gates[:, 3]), np.zeros(len(gates))])
-    velocity = circuit.sample(circuit.gate_times[:-1])[VELOCITY].T
-    along = np.sum(forward * velocity, axis=1)
-    slanted = along < np.cos(_MAX_CROSSING_ANGLE) * np.linalg.norm(velocity, axis=1)
+def _faults(circuit: Circuit, pylons) -> set:
+    """Returns the gates that are passed sideways or nearest to a pylon on the way."""
+    gate_times = np.array(circuit.gate_times)
+    forward = passes_forward(circuit, gate_times[:-1], circuit.headings)
     times = sample_times(circuit)
     near = pylon_distances(circuit.sample(times), pylons).min(axis=1, initial=np.inf) < CLEARANCE
-    leg = np.searchsorted(circuit.gate_times, times[near], side="right") - 1
-    return {*np.flatnonzero(slanted).tolist(), *((leg + 1) % len(gates)).tolist()}
+    nearest = np.abs(times[near, None] - gate_times).argmin(axis=1) % len(forward)
+    return {*np.flatnonzero(~forward).tolist(), *nearest.tolist()}
 
 
 def _stack(upper, lower):

@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from airrace.track import PYLON_HEIGHT
 from airrace.trajopt.flat_trajectory import ACCELERATION, VELOCITY, FlatTrajectory
 
 LOWEST = 1.0  # m, the least height
 CLEARANCE = 2.0  # m, from a pylon's axis; its boards reach out 1.25 m, a drone 0.35 m
+MAX_CROSSING_ANGLE = np.deg2rad(60.0)  # of a gate, off its heading
 _RATE = 100.0  # Hz
 
 
@@ -35,11 +37,27 @@ def sample_times(trajectory: FlatTrajectory) -> np.ndarray:
 def pylon_distances(samples, pylons) -> np.ndarray:
     """Returns the distance of every sample from every pylon's axis, (N, n) m.
 
+    The axes end at the pylons' tips: far above those, a drone is clear.
+
     Args:
         samples: as in flat_trajectory.py, (18, N).
         pylons: axes, [x, y], (n, 2) m.
     """
-    return np.linalg.norm(samples[:2].T[:, None] - np.reshape(pylons, (1, -1, 2)), axis=2)
+    beside = np.linalg.norm(samples[:2].T[:, None] - np.reshape(pylons, (1, -1, 2)), axis=2)
+    return np.hypot(beside, np.maximum(samples[2] - PYLON_HEIGHT, 0.0)[:, None])
+
+
+def passes_forward(trajectory: FlatTrajectory, times, headings) -> np.ndarray:
+    """Whether gates are passed forward, within MAX_CROSSING_ANGLE, (n,) bool.
+
+    Args:
+        trajectory: that passes them.
+        times: when, (n,) s.
+        headings: of the gates, (n,) rad.
+    """
+    velocity = trajectory.sample(times)[VELOCITY]
+    along = velocity[0] * np.cos(headings) + velocity[1] * np.sin(headings)
+    return along > np.cos(MAX_CROSSING_ANGLE) * np.linalg.norm(velocity, axis=0)
 
 
 def peaks(samples) -> tuple[float, float]:

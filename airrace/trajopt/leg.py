@@ -14,10 +14,14 @@ from airrace.trajopt.min_snap import (
 from airrace.trajopt.time_allocation import durations_within_limits
 
 _EXCESSES = (1.0, 1.2, 1.5, 2.0)  # of the limits, tried in turn
+_NEAR = 1e-3  # m, rad and their derivatives: less is no difference
 
 
 def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory:
     """Returns the minimum-snap flight through waypoints to rest at the last.
+
+    Waypoints that coincide with the one before, or with the start, are left
+    out. If none is left and the start is at rest, the flight stays there.
 
     Args:
         start: value and derivatives of x, y, z (m) and yaw (rad) to start
@@ -31,15 +35,18 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
     """
     knots = np.vstack([start[0], waypoints])
     knots[:, 3] = unwrap_headings(knots[:, 3])
-    if len(knots) == 2 and np.allclose(knots[0], knots[1], atol=1e-3):
-        return FlatTrajectory.resting(knots[1])
+    knots = knots[[True, *(np.abs(np.diff(knots, axis=0)).max(axis=1) > _NEAR)]]
+    if len(knots) == 1:
+        if np.abs(start[1:4]).max() > _NEAR:
+            raise TrajectoryOptimizationError("No leg leads from motion to rest on the spot.")
+        return FlatTrajectory.resting(knots[0])
     constraints = [DerivativeConstraint(0, order, start[order]) for order in (1, 2, 3)]
     constraints += [DerivativeConstraint(-1, order, np.zeros(4)) for order in (1, 2, 3)]
-    durations = trapezoid_durations(
-        knots[:, :3], np.linalg.norm(start[1, :3]), 0.8 * max_speed, 0.5 * max_acceleration
-    )
-    # A turn on the spot takes time, too.
+    speed = np.linalg.norm(start[1, :3])
+    durations = trapezoid_durations(knots[:, :3], speed, 0.8 * max_speed, 0.5 * max_acceleration)
+    # A turn on the spot takes time, too, and so does braking.
     durations = np.maximum(durations, np.abs(np.diff(knots[:, 3])) / 1.0)
+    durations *= max(1.0, speed / max_acceleration / durations.sum())
     for excess in _EXCESSES:
         with contextlib.suppress(TrajectoryOptimizationError):
             durations = durations_within_limits(

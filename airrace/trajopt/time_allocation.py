@@ -57,14 +57,12 @@ def durations_within_limits(
     factor. Otherwise it is searched upwards, solving anew for every factor.
 
     Args:
-        waypoints, constraints: see solve_min_snap().
+        waypoints, constraints, options: see solve_min_snap().
         durations: (segments,) s, like those returned.
         max_speed: (m/s), of the norm over the first three dimensions.
         max_acceleration: (m/s^2), likewise, gravity not included.
         min_factor: the least factor, even where the limits allow less.
         max_factor: where the search, if there is one, gives up.
-        options: periodic, period_offset, degree and minimized_derivative of
-            solve_min_snap().
 
     Raises:
         ValueError: if the input is malformed.
@@ -99,20 +97,18 @@ def allocate_times(
 
     They minimise the total duration, not the snap, such that the minimum-snap
     trajectory keeps to the limits: a nonlinear program in the durations alone.
-    Its constraints are samples of the squared speed and acceleration, with
-    exact gradients, as the optimal derivatives solve linear equations that can
-    be differentiated. What SNOPT finds is scaled until it touches a limit.
+    It constrains samples, with exact gradients from the linear equations of the
+    minimum; at last a common factor makes the trajectory touch a limit.
 
-    Through free waypoints there is one local minimum, as far as seen; fixed
+    Laps through free waypoints have one local minimum, as far as seen; fixed
     derivatives in between make many. Then it also starts from the solution
     without those, and from perturbations of the best, always the same ones.
 
     Args:
-        waypoints, constraints, periodic, period_offset: see solve_min_snap();
-            only the first three dimensions matter.
+        waypoints, constraints, periodic, period_offset, options: see
+            solve_min_snap(); only the first three dimensions matter.
         max_speed, max_acceleration: see durations_within_limits().
-        initial_durations: (segments,), the only starting point if given.
-        options: degree and minimized_derivative of solve_min_snap().
+        initial_durations: (segments,) s, to start from, without restarts.
 
     Raises: like durations_within_limits().
     """
@@ -126,6 +122,7 @@ def allocate_times(
     chords = np.linalg.norm(ends[:, len(problem.order) // 2] - ends[:, 0], axis=1)
 
     def solve(start, constraints, polish=False):
+        """Returns a list of one solution, or of none."""
         factor = _excess(limits, positions, start, constraints=constraints, **options)
         start = start * (factor if _keeps_shape(constraints) else 1.0)
         problem = MinSnapProblem.build(positions, constraints=constraints, **options)
@@ -135,27 +132,30 @@ def allocate_times(
         for bound in (1.0, 0.99, 0.9):  # on samples: it may be exceeded between them
             durations = _minimize_total(samples, rows, bound, start, chords / limits[0])
             with contextlib.suppress(TrajectoryOptimizationError):
-                return durations_within_limits(
+                return [durations_within_limits(
                     positions, durations, max_speed=max_speed, max_acceleration=max_acceleration,
-                    constraints=constraints, min_factor=0.9, **options)
+                    constraints=constraints, min_factor=0.9, **options)]
+        return []
+
+    equal_speeds = chords / (0.75 * limits[0])
+    slow = 1.5 * np.maximum(chords / limits[0], np.sqrt(2 * chords / limits[1]))
+    warm = [] if initial_durations is None else [problem.check_durations(initial_durations)]
+    found = []
+    for start in [*warm, equal_speeds, slow]:
+        found = found or solve(start, constraints)
+    if not found:
         raise TrajectoryOptimizationError(
             f"No durations found meet the limits of {limits[0]:g} m/s and {limits[1]:g} m/s^2; "
             "relax them or the fixed derivatives.")
-
-    cold = initial_durations is None
-    equal_speeds = chords / (0.75 * limits[0])
-    best = solve(equal_speeds if cold else problem.check_durations(initial_durations), constraints)
-    retries = [lambda: solve(best, constraints, polish=True)]
     relaxed = [c for c in constraints if not periodic and c.waypoint in (0, -1, len(chords))]
-    if cold and len(relaxed) < len(constraints):
+    if not warm and len(relaxed) < len(constraints):
+        for start in solve(equal_speeds, relaxed):
+            found += solve(start, constraints)
         phase = np.arange(1, len(chords) + 1) * (np.sqrt(5) - 1) / 2  # spread evenly modulo 1
-        kicks = [np.exp(k * phase % 1 - 0.5) for k in range(1, 7)]
-        retries[:0] = [lambda: solve(solve(equal_speeds, relaxed), constraints),
-                       *(lambda kick=kick: solve(best * kick, constraints) for kick in kicks)]
-    for retry in retries:  # closures, as they start from the best so far
-        with contextlib.suppress(TrajectoryOptimizationError):
-            best = min(best, retry(), key=np.sum)
-    return best
+        for k in range(1, 7):
+            found += solve(min(found, key=np.sum) * np.exp(k * phase % 1 - 0.5), constraints)
+    found += solve(min(found, key=np.sum), constraints, polish=True)
+    return min(found, key=np.sum)
 
 
 def _minimize_total(samples, rows, bound, start, shortest):

@@ -1,14 +1,27 @@
 """The map on disk: map.json and map_statistics.json."""
 
+from pathlib import Path
+
 import numpy as np
 
+from airrace.files import write_json
 from airrace.systems.types import GateMap
+
+
+def write_map(directory: Path, gate_map: GateMap) -> None:
+    """Writes both files.
+
+    Raises:
+        UserError: if they cannot be written.
+    """
+    write_json(directory / "map.json", map_data(gate_map))
+    write_json(directory / "map_statistics.json", statistics_data(gate_map))
 
 
 def map_data(gate_map: GateMap) -> dict:
     """Returns the map as plain data: what a planner needs (m, degrees)."""
     return {
-        "time_s": gate_map.time,
+        "time_s": _time(gate_map),
         "gates": [
             {
                 "gate": gate.number + 1,
@@ -27,7 +40,7 @@ def map_data(gate_map: GateMap) -> dict:
 def statistics_data(gate_map: GateMap) -> dict:
     """Returns the statistics of section III of the Student AirRace report."""
     return {
-        "time_s": gate_map.time,
+        "time_s": _time(gate_map),
         "detections": gate_map.detections,
         "out_of_range_ids": gate_map.out_of_range,
         "error_rate": gate_map.error_rate,
@@ -42,6 +55,11 @@ def statistics_data(gate_map: GateMap) -> dict:
             for m in gate_map.markers
         ],
     }
+
+
+def _time(gate_map):
+    """Returns the time of the newest image in the map (s), None before the first."""
+    return gate_map.time if gate_map.time >= 0.0 else None
 
 
 def _rounded(vector, digits=4):

@@ -1,6 +1,7 @@
 """The Autonomy diagram: from pixels to rotor speeds, without the truth."""
 
 import importlib
+import traceback
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
@@ -90,10 +91,20 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
     for name in scenario.boxes:
         if name not in BOXES:
             raise UserError(f"boxes.{name} is not a box; the boxes are: {', '.join(BOXES)}.")
+    boxes = {name: _make_box(name, scenario) for name in BOXES}
+    try:
+        diagram = _wired(boxes)
+    except RuntimeError as e:  # Drake's, on types, sizes and algebraic loops
+        raise UserError(f"The boxes do not fit together: {' '.join(str(e).split())}") from None
+    diagram.set_name("autonomy")
+    return diagram
+
+
+def _wired(boxes: dict) -> Diagram:
+    """Returns the diagram of the boxes, joined by the names of their ports."""
     builder = DiagramBuilder()
-    boxes = {
-        name: builder.AddNamedSystem(name, _make_box(name, scenario)) for name in BOXES
-    }
+    for name, box in boxes.items():
+        builder.AddNamedSystem(name, box)
     sources = {port: _output(boxes[name], port) for port, name in OUTPUTS.items()}
     exported = set()
     for box in boxes.values():
@@ -114,9 +125,7 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
                 )
     for name, port in sources.items():
         builder.ExportOutput(port, name)
-    diagram = builder.Build()
-    diagram.set_name("autonomy")
-    return diagram
+    return builder.Build()
 
 
 def _make_box(name: str, scenario: Scenario) -> System:
@@ -127,15 +136,29 @@ def _make_box(name: str, scenario: Scenario) -> System:
     module, _, attribute = path.partition(":")
     try:
         make = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as e:
+    except Exception as e:  # whatever the module does when it is imported
         raise UserError(
-            f"boxes.{name}: '{path}' cannot be imported as module:callable ({e}); "
-            "check its spelling and PYTHONPATH."
-        ) from None
-    box = make(scenario)
+            f"boxes.{name}: '{path}' cannot be imported as module:callable "
+            f"({_described(e)}); check its spelling and PYTHONPATH."
+        ) from e
+    try:
+        box = make(scenario)
+    except Exception as e:
+        raise UserError(
+            f"boxes.{name}: {path} cannot be called with the scenario ({_described(e)})."
+        ) from e
     if not isinstance(box, System):
         raise UserError(f"boxes.{name}: {path} must return a System, not a {type(box).__name__}.")
     return box
+
+
+def _described(error: Exception) -> str:
+    """Returns what went wrong in a box's own code, and where, on one line."""
+    message = " ".join(f"{type(error).__name__}: {error}".split())
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    if frame.filename == __file__ or "importlib" in frame.filename:
+        return message
+    return f"{message}, at {frame.filename}:{frame.lineno}"
 
 
 def _output(box: System, port: str):

@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import datetime
+import re
 import sys
 from pathlib import Path
 
@@ -74,10 +75,6 @@ def resolve_scenario(args):
     """
     from airrace.diagrams.scenario import load_scenario
 
-    if args.simulation == "HITL":
-        raise UserError("-s HITL is not supported yet; race with -s SITL.")
-    if args.drone == "StarOne":
-        raise UserError("-d StarOne is not supported yet; race with -d Default.")
     scenario = load_scenario(
         filename=args.scenario_file,
         scenario_name=args.scenario_name,
@@ -90,26 +87,52 @@ def resolve_scenario(args):
         scenario.camera.renderer = args.renderer
     if args.realtime_rate is not None:
         scenario.simulator_config.target_realtime_rate = args.realtime_rate
+    if args.simulation == "HITL":
+        raise UserError("-s HITL is not supported yet; race with -s SITL.")
+    if scenario.drone == "StarOne":
+        raise UserError("-d StarOne is not supported yet; race with -d Default.")
     scenario.check()
     return scenario
 
 
 def default_output_dir(scenario, track_name: str) -> Path:
-    """Returns a folder below runs/ that does not exist."""
+    """Returns runs/<UTC time>-<track>-<drone>-<t>d."""
     stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    name = f"{stamp}-{track_name}-{scenario.drone}-{scenario.trajectory}d"
-    path = Path("runs") / name
-    copies = 1
-    while path.exists():
-        copies += 1
-        path = Path("runs") / f"{name}-{copies}"
-    return path
+    # A track may be called anything; a folder is typed and quoted in shells.
+    name = re.sub(r"[^\w.-]+", "-", track_name)[:60]
+    return Path("runs") / f"{stamp}-{name}-{scenario.drone}-{scenario.trajectory}d"
+
+
+def write_graphviz(path: Path, scenario) -> None:
+    """Writes the diagram of a race in Graphviz's dot language."""
+    from airrace.diagrams.runner import MakeRace
+
+    try:
+        path.write_text(MakeRace(scenario).GetGraphvizString(), encoding="utf-8")
+    except OSError as e:
+        raise UserError(
+            f"--graphviz {path} cannot be written ({e.strerror}); name another file."
+        ) from None
+
+
+def make_meshcat(track):
+    """Returns a Meshcat that looks at the track."""
+    from airrace.diagrams.visualization import MakeMeshcat
+
+    try:
+        return MakeMeshcat(track)
+    except RuntimeError as e:
+        raise UserError(
+            f"The race cannot be shown in a browser ({e}); close another program that uses "
+            "Meshcat, or race with --no-meshcat."
+        ) from None
 
 
 def run(args) -> int:
     """Runs the race of parsed arguments; returns the exit code."""
     from airrace.diagrams.progress import RaceDisplay
-    from airrace.diagrams.runner import MakeRace, make_output_dir, run_race
+    from airrace.diagrams.runner import RESULTS, run_race
+    from airrace.files import results_folder
     from airrace.track import load_track
     from airrace.vehicle import load_vehicle
 
@@ -117,18 +140,12 @@ def run(args) -> int:
     track = load_track(scenario.track)
     load_vehicle(scenario.drone)
     if args.graphviz is not None:
-        try:
-            args.graphviz.write_text(MakeRace(scenario).GetGraphvizString())
-        except OSError as e:
-            raise UserError(f"--graphviz {args.graphviz} cannot be written: {e.strerror}.") from None
-    output_dir = make_output_dir(args.output or default_output_dir(scenario, track.name))
-    meshcat = None
-    if args.meshcat:
-        from airrace.diagrams.visualization import MakeMeshcat
-
-        meshcat = MakeMeshcat(track)
-    with contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display:
-        result = run_race(scenario, output_dir, meshcat=meshcat, show=display.show)
+        write_graphviz(args.graphviz, scenario)
+    folder = args.output or default_output_dir(scenario, track.name)
+    with results_folder(folder, numbered=args.output is None, refuse=RESULTS) as output_dir:
+        meshcat = make_meshcat(track) if args.meshcat else None
+        with contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display:
+            result = run_race(scenario, output_dir, meshcat=meshcat, show=display.show)
     display.print_summary(result, output_dir)
     return 0 if result["finished"] else 1
 
@@ -141,6 +158,9 @@ def main(argv=None) -> int:
     except UserError as e:
         print(f"airrace: {e}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("airrace: interrupted", file=sys.stderr)
+        return 1
 
 
 if __name__ == "__main__":

@@ -58,6 +58,8 @@ class RaceRecord:
         laps = [self._lap(k) for k in range(1, self.laps_flown + 1)]
         times = [lap["time_s"] for lap in laps]
         status = self._status
+        # Looks come a little after the end.
+        time = self.report.end_time if self.report.over else self._time
         return {
             "track": self._track.name,
             "drone": self._scenario.drone,
@@ -68,7 +70,7 @@ class RaceRecord:
             "dnf_reason": None if self.report.finished else self.report.dnf_reason or dnf_reason,
             "exploration": {
                 "success": status.closed_at is not None,
-                "time_s": status.closed_at if status.closed_at is not None else self._time,
+                "time_s": status.closed_at if status.closed_at is not None else time,
                 "gates_found": len(status.gates),
             },
             "laps": laps,

@@ -6,20 +6,23 @@ import time
 import types
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.results import RaceRecord
-from airrace.diagrams.scenario import Scenario
+from airrace.diagrams.scenario import Scenario, scenario_yaml
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.diagrams.visualization import AddVisualization
 from airrace.errors import UserError
 from airrace.files import write_json, write_text
+from airrace.map_files import write_map
 from airrace.systems.gate_map_writer import GateMapWriter
+from airrace.systems.types import GateMap
 from airrace.track import load_track
 
+# What a race may leave in its folder.
+RESULTS = ("scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.html")
 _LOOK_PERIOD = 0.1  # s of simulated time between looks at the race
 _MAP_PERIOD = 1.0  # s between two writes of the map
 
@@ -44,7 +47,7 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -
     for source, sink in ((simulation, autonomy), (autonomy, simulation)):
         for i in range(sink.num_input_ports()):
             port = sink.get_input_port(i)
-            builder.Connect(source.GetOutputPort(port.get_name()), port)
+            _connect(builder, source.GetOutputPort(port.get_name()), port)
     if output_dir is not None:
         writer = builder.AddNamedSystem(
             "gate_map_writer", GateMapWriter(directory=output_dir, period=_MAP_PERIOD)
@@ -65,12 +68,19 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -
     return diagram
 
 
+def _connect(builder, source, sink):
+    try:
+        builder.Connect(source, sink)
+    except RuntimeError as e:  # only a box of the scenario can have such a port
+        raise UserError(f"The port {source.get_name()} of the boxes does not fit: {e}") from None
+
+
 def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
              show=lambda record, look: None) -> dict:
     """Flies a race and leaves its files.
 
-    Ctrl-C ends the race at the next look; it and an exception in any system
-    still leave every file, with what was flown.
+    Ctrl-C and SIGTERM end the race at the next look; they and an exception in
+    any system still leave every file, with what was flown.
 
     Args:
         scenario: the race.
@@ -83,45 +93,64 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
         what race.json holds.
 
     Raises:
-        UserError: if something the scenario names cannot be had.
+        UserError: if something the scenario names cannot be had, or a file
+            cannot be written.
     """
-    write_text(output_dir / "scenario.yaml", yaml_dump_typed(scenario, schema=Scenario))
     race = MakeRace(scenario, output_dir, meshcat)
     simulator = Simulator(race)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
     record = RaceRecord(scenario, load_track(scenario.track))
     clock = time.perf_counter()
-    reason = "stopped by an error"
 
-    def save():
+    def save(reason):
         data = record.data(time.perf_counter() - clock, reason)
         write_json(output_dir / "race.json", data)
         return data
 
-    if meshcat is not None:
-        meshcat.StartRecording(frames_per_second=30.0, set_visualizations_while_recording=True)
-    try:
-        simulator.Initialize()
-        with _interrupt_flag() as interrupted:
+    def save_map():
+        race.ForcedPublish(simulator.get_context())
+
+    def save_replay():
+        if meshcat is not None:
+            meshcat.StopRecording()
+            meshcat.PublishRecording()
+            write_text(output_dir / "race.html", meshcat.StaticHtml())
+
+    with _interrupt_flag() as interrupted:
+        # From here on, whatever happens, every file is there and valid.
+        write_text(output_dir / "scenario.yaml", scenario_yaml(scenario))
+        write_map(output_dir, GateMap())
+        save("not over yet")
+        try:
+            if meshcat is not None:
+                meshcat.StartRecording(
+                    frames_per_second=30.0, set_visualizations_while_recording=True
+                )
+            simulator.Initialize()
+            looks = 0
             while not record.report.over and not interrupted.is_set:
-                simulator.AdvanceTo(simulator.get_context().get_time() + _LOOK_PERIOD)
+                looks += 1
+                simulator.AdvanceTo(looks * _LOOK_PERIOD)
                 look = _look(race, simulator.get_context())
                 look.laps_ended = record.observe(
                     look.time, look.referee_report, look.explorer_status, look.gate_map,
                     look.lap_plan,
                 )
                 if look.laps_ended:
-                    save()
+                    save("not over yet")
                 show(record, look)
-        reason = "interrupted"
-    finally:
-        data = save()
-        race.ForcedPublish(simulator.get_context())
-        if meshcat is not None:
-            meshcat.StopRecording()
-            meshcat.PublishRecording()
-            write_text(output_dir / "race.html", meshcat.StaticHtml())
-    return data
+        except BaseException:
+            # What ended the race is what the caller must learn, even if what
+            # is wrong keeps a file from being brought up to date as well.
+            reason = "interrupted" if interrupted.is_set else "stopped by an error"
+            for step in (lambda: save(reason), save_map, save_replay):
+                with contextlib.suppress(Exception):
+                    step()
+            raise
+        data = save("interrupted")
+        save_map()
+        save_replay()
+        return data
 
 
 def _look(race: Diagram, context) -> types.SimpleNamespace:
@@ -153,24 +182,3 @@ def _interrupt_flag():
     finally:
         for signum, handler in previous.items():
             signal.signal(signum, handler)
-
-
-def make_output_dir(path: Path) -> Path:
-    """Creates the folder of a race's results and returns it.
-
-    Raises:
-        UserError: if it cannot be written to, or already holds a race.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        if (path / "race.json").exists():
-            raise UserError(
-                f"--output {path} already holds a race; name another folder or remove it."
-            )
-        write_text(path / ".writable", "")
-        (path / ".writable").unlink()
-    except OSError as e:
-        raise UserError(
-            f"--output {path} cannot be written to ({e.strerror}); name another folder."
-        ) from None
-    return path

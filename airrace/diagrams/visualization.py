@@ -6,6 +6,7 @@ from pydrake.geometry import Meshcat, MeshcatParams, Rgba, Sphere
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 
+from airrace.rendering.daylight import SetDaylight
 from airrace.systems.types import NO_PLAN
 
 _FLOWN = Rgba(0.1, 0.5, 1.0, 1.0)
@@ -28,7 +29,7 @@ def MakeMeshcat(track) -> Meshcat:
     middle = feet.mean(axis=0)
     size = np.ptp(feet[:, :2], axis=0).max()
     meshcat.SetCameraPose(middle + [-0.35 * size, -0.6 * size, 0.5 * size], middle)
-    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.5)
+    SetDaylight(meshcat)
     meshcat.SetProperty("/Cameras/default/rotated/<object>", "far", 1000.0)
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)

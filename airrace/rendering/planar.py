@@ -47,10 +47,9 @@ class PlanarRenderer:
         self._boards.look_from(X_WC)
         # Painter's order. A pylon and its two boards stand in an upright
         # cylinder of the pylon's radius. The cylinders are disjoint and equally
-        # thick, so none hides another one whose axis is nearer. Within one,
-        # boards seen from behind cannot hide the pylon and boards seen from
-        # the front cannot be hidden by it, since a board's plane does not cut
-        # the pylon near the board's height.
+        # thick, so none hides another one whose axis is nearer. Within one, the
+        # plane of a board lies between the board's viewer and the pylon. (It cuts
+        # the pylon's foot, but only one who looks along it would notice.)
         for i in np.argsort(-self._pylons.distance, kind="stable"):
             if not self._pylons.in_view[i]:
                 continue

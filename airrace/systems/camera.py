@@ -14,13 +14,13 @@ from airrace.systems.types import CameraInfo
 
 
 class Renderer(typing.Protocol):
-    """Draws the world as the camera sees it: PlanarRenderer or VtkRenderer."""
+    """What draws the pictures: a PlanarRenderer, a VtkRenderer or your own."""
 
-    #: Whether render() takes the QueryObject of a SceneGraph, too.
+    #: Whether render() takes the QueryObject of a SceneGraph as third argument.
     needs_query_object: bool
 
-    def render(self, X_WC: RigidTransform, out: np.ndarray, query_object=None) -> None:
-        """Draws the picture seen from X_WC into ``out``, (h, w, 4) uint8 RGBA."""
+    def render(self, X_WC: RigidTransform, out: np.ndarray, *query_object) -> None:
+        """Draws the world seen from X_WC into ``out``, (h, w, 4) uint8 RGBA."""
 
 
 class Camera(LeafSystem):

@@ -5,8 +5,7 @@ from pathlib import Path
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
-from airrace.files import write_json
-from airrace.map_files import map_data, statistics_data
+from airrace.map_files import write_map
 from airrace.systems.types import GateMap
 
 
@@ -36,6 +35,4 @@ class GateMapWriter(LeafSystem):
         self.DeclareForcedPublishEvent(self._Write)
 
     def _Write(self, context):
-        gate_map = self._map.Eval(context)
-        write_json(self._directory / "map.json", map_data(gate_map))
-        write_json(self._directory / "map_statistics.json", statistics_data(gate_map))
+        write_map(self._directory, self._map.Eval(context))

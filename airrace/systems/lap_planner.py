@@ -101,7 +101,9 @@ class LapPlanner(LeafSystem):
             after = _Memory(plan=plan, due=self._NextDue(plan, now))
         elif self._explorer.Eval(context).done and now >= memory.due:
             pending = self._Plan(context, memory.plan, now + self._latency)
-            due = now + _RETRY_PERIOD if memory.plan is NO_PLAN else self._NextDue(memory.plan, now)
+            due = now + _RETRY_PERIOD
+            if memory.plan is not NO_PLAN:
+                due = self._NextDue(memory.plan, now)
             after = dc.replace(memory, pending=pending, due=due)
         else:
             return

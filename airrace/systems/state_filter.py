@@ -86,8 +86,9 @@ def kalman_gain(dt: float) -> np.ndarray:
         dt: between two estimates (s).
     """
     A = np.array([[1.0, dt], [0.0, 1.0]])
-    G = np.array([[dt * dt / 2], [dt]])
-    Q = _ACCELERATION_NOISE**2 / dt * G @ G.T
+    # Of white noise all through dt; if held over dt, Q would be singular, and
+    # by rounding not even positive semidefinite.
+    Q = _ACCELERATION_NOISE**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
     R = np.diag([_POSITION_SIGMA**2, _VELOCITY_SIGMA**2])
     # The filter's Riccati equation is the regulator's of the transposed system.
     P = DiscreteAlgebraicRiccatiEquation(A.T, np.eye(2), Q, R)

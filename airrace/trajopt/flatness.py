@@ -15,7 +15,10 @@ def _cross(a, b):
 
 def _sum(*terms):
     """Returns the linear combination of (coefficient, vector) pairs."""
-    return tuple(sum(c * v[i] for c, v in terms) for i in range(3))
+    x = y = z = 0.0
+    for c, v in terms:
+        x, y, z = x + c * v[0], y + c * v[1], z + c * v[2]
+    return x, y, z
 
 
 def _unit(n, dn, ddn):

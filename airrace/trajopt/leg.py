@@ -11,9 +11,13 @@ from airrace.trajopt.min_snap import (
     solve_min_snap,
     unwrap_headings,
 )
-from airrace.trajopt.time_allocation import durations_within_limits
+from airrace.trajopt.time_allocation import allocate_times, durations_within_limits
 
 _EXCESSES = (1.0, 1.2, 1.5, 2.0)  # of the limits, tried in turn
+_LEAST_FACTOR, _MOST_FACTOR = 0.7, 4.0  # of the first guess of a duration
+_SLOW = 1.0  # m/s
+_YAW_ACCELERATION = 2.5  # rad/s^2; drag torques do not turn a drone much faster
+_PEAK = 84 / 5**1.5  # acceleration of a flight of unit length and time, rest to rest
 _NEAR = 1e-3  # m, rad and their derivatives: less is no difference
 
 
@@ -43,17 +47,26 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
     constraints = [DerivativeConstraint(0, order, start[order]) for order in (1, 2, 3)]
     constraints += [DerivativeConstraint(-1, order, np.zeros(4)) for order in (1, 2, 3)]
     speed = np.linalg.norm(start[1, :3])
-    durations = trapezoid_durations(knots[:, :3], speed, 0.8 * max_speed, 0.5 * max_acceleration)
+    guess = trapezoid_durations(knots[:, :3], speed, 0.8 * max_speed, 0.5 * max_acceleration)
     # A turn on the spot takes time, too, and so does braking.
-    durations = np.maximum(durations, np.abs(np.diff(knots[:, 3])) / 1.0)
-    durations *= max(1.0, speed / max_acceleration / durations.sum())
+    turns = np.sqrt(_PEAK * np.abs(np.diff(knots[:, 3])) / _YAW_ACCELERATION)
+    if speed > _SLOW:
+        turns[0] = 0.0  # it is under way, and must not brake for the rest of a turn
+    guess = np.maximum(guess, turns / _LEAST_FACTOR)
+    guess *= max(1.0, speed / max_acceleration / guess.sum())
     for excess in _EXCESSES:
+        limits = dict(
+            max_speed=excess * max_speed, max_acceleration=excess * max_acceleration,
+            constraints=constraints,
+        )
         with contextlib.suppress(TrajectoryOptimizationError):
-            durations = durations_within_limits(
-                knots, durations, max_speed=excess * max_speed,
-                max_acceleration=excess * max_acceleration, constraints=constraints,
-            )
+            durations = durations_within_limits(knots, guess, min_factor=_LEAST_FACTOR, **limits)
             break
+        with contextlib.suppress(TrajectoryOptimizationError):
+            # Not all durations need be stretched alike.
+            durations = allocate_times(knots, initial_durations=guess, **limits)
+            if np.all((turns <= durations) & (durations <= _MOST_FACTOR * guess)):
+                break
     else:
         raise TrajectoryOptimizationError("No leg from this start leads through the waypoints.")
     return FlatTrajectory(solve_min_snap(knots, durations, constraints=constraints))

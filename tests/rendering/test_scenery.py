@@ -11,6 +11,7 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from airrace.rendering.daylight import SetDaylight
 from airrace.rendering.meshes import BOARD_THICKNESS, board_mesh, ground_mesh, pylon_mesh
 from airrace.rendering.scenery import AddScenery
 from airrace.track import PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS, load_track
@@ -154,6 +155,7 @@ def test_meshcat_scene_is_light():
     AddScenery(plant, load_track("student-airrace"))
     plant.Finalize()
     meshcat = Meshcat()
+    SetDaylight(meshcat)
     empty = len(meshcat.StaticHtml())
     MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
     diagram = builder.Build()

@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from airrace.systems.gate_mapper import MarkerStatistics, make_map
+from airrace.systems.marker_statistics import MarkerStatistics, make_map
 from airrace.systems.types import Detection, Detections, ExplorerStatus, GateMap
 from airrace.trajopt import flat_trajectory as ref
 

@@ -53,7 +53,8 @@ def sample(camera, context):
 
 def test_ports():
     camera, _ = make_camera()
-    assert [camera.get_input_port(i).get_name() for i in range(camera.num_input_ports())] == ["state"]
+    inputs = [camera.get_input_port(i).get_name() for i in range(camera.num_input_ports())]
+    assert inputs == ["state"]
     outputs = [camera.get_output_port(i).get_name() for i in range(camera.num_output_ports())]
     assert outputs == ["camera_image", "camera_image_time", "camera_info"]
     # Nothing feeds through, so that the camera closes no algebraic loop.

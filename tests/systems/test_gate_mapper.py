@@ -7,13 +7,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from airrace.diagrams.simulation import R_BC
-from airrace.systems.gate_mapper import (
-    GateMapper,
-    MarkerStatistics,
-    extrapolate,
-    make_gate,
-    make_map,
-)
+from airrace.systems.gate_mapper import GateMapper, extrapolate
+from airrace.systems.marker_statistics import MarkerStatistics, make_gate, make_map
 from airrace.systems.types import Detection, Detections, make_camera_info
 from airrace.track import load_track
 

@@ -1,0 +1,144 @@
+"""Proves that nothing named truth.* reaches Autonomy."""
+
+import textwrap
+
+import pytest
+
+from airrace.diagrams import autonomy as autonomy_module
+from airrace.diagrams.runner import MakeRace
+from airrace.diagrams.scenario import Scenario
+
+INPUTS = {"camera_image", "camera_image_time", "camera_info", "state_estimate"}
+# The only systems of Simulation whose outputs Autonomy may see.
+SENSORS = {"camera", "state_estimate"}
+
+
+def feeds(race):
+    """Yields (consumer, input port, producer, output port) of a diagram's connections."""
+    for (consumer, i), (producer, o) in race.connection_map().items():
+        yield consumer, consumer.get_input_port(i), producer, producer.get_output_port(o)
+
+
+def origin(system, index):
+    """Returns the leaf system, and its port, that an output of a diagram comes from."""
+    while hasattr(system, "get_output_port_locator"):
+        system, index = system.get_output_port_locator(index)
+    return system, system.get_output_port(index)
+
+
+def leaves(system):
+    """Yields all leaf systems of a system."""
+    if hasattr(system, "GetSystems"):
+        for subsystem in system.GetSystems():
+            yield from leaves(subsystem)
+    else:
+        yield system
+
+
+def check_isolation(race):
+    """Raises AssertionError if Autonomy sees more than a drone could."""
+    autonomy = race.GetSubsystemByName("autonomy")
+    names = {autonomy.get_input_port(i).get_name() for i in range(autonomy.num_input_ports())}
+    assert names == INPUTS, f"the inputs of autonomy are {names}"
+    fed = set()
+    for consumer, sink, producer, source in feeds(race):
+        if consumer is not autonomy:
+            continue
+        assert producer.get_name() == "simulation"
+        assert not source.get_name().startswith("truth."), f"autonomy is fed {source.get_name()}"
+        assert source.get_name() == sink.get_name()
+        system, port = origin(producer, source.get_index())
+        assert system.get_name() in SENSORS, f"{source.get_name()} comes from {system.get_name()}"
+        assert port.get_name() == source.get_name()
+        fed.add(sink.get_name())
+    assert fed == INPUTS
+    # Inside, nothing that could produce the truth, or asks for it.
+    for system in leaves(autonomy):
+        ports = [
+            *(system.get_input_port(i) for i in range(system.num_input_ports())),
+            *(system.get_output_port(i) for i in range(system.num_output_ports())),
+        ]
+        assert not any("truth" in port.get_name() for port in ports), system.get_name()
+        kind = type(system).__name__
+        assert kind not in ("MultibodyPlant", "SceneGraph", "Referee", "StateEstimate"), kind
+
+
+def test_the_race_is_isolated(tmp_path):
+    race = MakeRace(Scenario(), tmp_path)
+    check_isolation(race)
+    simulation = race.GetSubsystemByName("simulation")
+    # The check has something to find.
+    outputs = {simulation.get_output_port(i).get_name() for i in range(simulation.num_output_ports())}
+    assert {name for name in outputs if not name.startswith("truth.")} == INPUTS
+    assert {"truth.state", "truth.rotor_speeds", "truth.referee_report"} <= outputs
+    assert len(list(leaves(race.GetSubsystemByName("autonomy")))) == len(autonomy_module.BOXES)
+    # What comes back is rotor speeds, and the team's word that it races.
+    back = {sink.get_name() for consumer, sink, producer, _ in feeds(race)
+            if producer.get_name() == "autonomy" and consumer is simulation}
+    assert back == {"rotor_speed_command", "explorer_status"}
+
+
+def test_the_race_is_isolated_before_spectators(tmp_path):
+    """With Meshcat, truth goes to the page, and still not to Autonomy."""
+    from pydrake.geometry import Meshcat
+
+    race = MakeRace(Scenario(), tmp_path, Meshcat())
+    assert any(source.get_name() == "truth.state" for _, _, _, source in feeds(race))
+    check_isolation(race)
+
+
+@pytest.fixture
+def cheat(tmp_path, monkeypatch):
+    """A scenario whose tracker asks for an input port of the name that is set."""
+    (tmp_path / "cheat_box.py").write_text(textwrap.dedent("""
+        from airrace.systems.trajectory_tracker import TrajectoryTracker
+
+        class Cheat(TrajectoryTracker):
+            port = "truth.state"
+
+            def __init__(self, scenario):
+                TrajectoryTracker.__init__(self)
+                self.DeclareVectorInputPort(self.port, 13)
+    """))
+    monkeypatch.syspath_prepend(tmp_path)
+    return Scenario(boxes={"trajectory_tracker": "cheat_box:Cheat"})
+
+
+def test_a_box_cannot_ask_for_the_truth(cheat):
+    with pytest.raises(Exception, match="truth.state.*which nothing provides"):
+        MakeRace(cheat)
+
+
+def test_the_check_finds_a_leak(cheat, monkeypatch):
+    """If MakeAutonomy let truth.state in, MakeRace would join it by its name."""
+    monkeypatch.setattr(autonomy_module, "INPUTS", (*autonomy_module.INPUTS, "truth.state"))
+    race = MakeRace(cheat)
+    with pytest.raises(AssertionError, match="truth.state"):
+        check_isolation(race)
+
+
+def test_the_check_finds_a_leak_under_another_name(cheat, monkeypatch):
+    """The plant's state as camera_image_time, say, is no sensor's reading."""
+    from airrace.diagrams import runner
+
+    def leaky(scenario, meshcat=None):
+        from pydrake.systems.framework import DiagramBuilder
+
+        simulation = make_simulation(scenario, meshcat)
+        builder = DiagramBuilder()
+        builder.AddSystem(simulation)
+        for i in range(simulation.num_input_ports()):
+            builder.ExportInput(simulation.get_input_port(i), simulation.get_input_port(i).get_name())
+        for i in range(simulation.num_output_ports()):
+            name = simulation.get_output_port(i).get_name()
+            source = "truth.state" if name == "state_estimate" else name
+            builder.ExportOutput(simulation.GetOutputPort(source), name)
+        diagram = builder.Build()
+        diagram.set_name("simulation")
+        return diagram
+
+    make_simulation = runner.MakeSimulation
+    monkeypatch.setattr(runner, "MakeSimulation", leaky)
+    monkeypatch.setattr("airrace.systems.state_estimate.SIZE", 13)
+    with pytest.raises(Exception):
+        check_isolation(MakeRace(Scenario()))

@@ -1,0 +1,156 @@
+import io
+import os
+import types
+
+import pytest
+from rich.console import Console
+
+from airrace.diagrams.progress import RaceDisplay, _PatientConsole, lap_table
+from airrace.diagrams.results import RaceRecord
+from airrace.diagrams.scenario import Scenario
+from airrace.systems.referee import GateCrossing, RefereeReport
+from airrace.systems.types import NO_PLAN, ExplorerStatus, GateMap
+from airrace.track import load_track
+
+TRACK = load_track("student-airrace")
+N = len(TRACK.gates)
+
+
+class Race:
+    """A made-up race before a display."""
+
+    def __init__(self, console, track=TRACK, meshcat=None, laps=2):
+        scenario = Scenario(laps=laps)
+        self.record = RaceRecord(scenario, track)
+        self.display = RaceDisplay(scenario, track, meshcat, console)
+
+    def look(self, time, crossings=0, **status):
+        seen = tuple(GateCrossing(10.0 + k, k % N + 1, k // N + 1, 0.1, 9.0)
+                     for k in range(crossings))
+        finished = crossings == 2 * N + 1
+        report = RefereeReport(seen, finished, None, seen[-1].time if finished else None, 0)
+        ended = self.record.observe(time, report, ExplorerStatus(**status), GateMap(), NO_PLAN)
+        self.display._last = -1.0  # do not wait for the next refresh
+        self.display.show(self.record, types.SimpleNamespace(time=time, laps_ended=ended))
+
+    def fly(self):
+        self.look(0.1)
+        self.look(0.2)
+        self.look(3.0, state="HOVER", reason="reached the hover height", since=2.9)
+        self.look(6.0, state="FLY_TO_GATE", reason="gate 1", since=5.9, gates=(0,))
+        done = dict(state="DONE", reason="over the start", since=9.0, done=True, gates=range(N))
+        self.look(9.5, **done)
+        for k in range(1, 2 * N + 2):
+            self.look(9.5 + k, k, **done)
+        self.display.close()
+        result = self.record.data(12.0)
+        self.display.print_summary(result, "runs/here")
+        return result
+
+
+def plain(width=100, **kwargs):
+    return Console(file=io.StringIO(), width=width, **kwargs)
+
+
+def test_a_log_where_there_is_no_terminal():
+    console = plain()
+    Race(console).fly()
+    lines = console.file.getvalue().splitlines()
+    assert lines[:4] == [
+        "airrace: Default on student-airrace, 6-D, seed 0, 2 laps",
+        "[    0.0 s] CALIBRATE: power on",
+        "[    2.9 s] HOVER: reached the hover height",
+        "[    5.9 s] FLY_TO_GATE: gate 1",
+    ]
+    assert lines[5:7] == ["[   20.0 s] lap 1: 10.00 s", "[   30.0 s] lap 2: 10.00 s"]
+    assert lines[-2:] == [
+        "Finished: mean lap 10.00 s, best 10.00 s (the original system: mean 41.21 s); "
+        "12 s of work, 2.5 x real time.",
+        "Results: runs/here",
+    ]
+    assert "\x1b" not in console.file.getvalue()
+
+
+def test_a_live_line_on_a_terminal():
+    console = plain(force_terminal=True)
+    race = Race(console)
+    race.look(6.0, state="FLY_TO_GATE", reason="gate 1", since=5.9, gates=(0, 1))
+    assert "exploring  2 gates found      6.0 s simulated" in console.file.getvalue()
+    done = dict(done=True, gates=range(N))
+    race.look(9.0, **done)
+    assert "lap 1/2, next gate 1 " in console.file.getvalue()
+    race.look(10.0, 1, **done)
+    assert "lap 1/2, next gate 2 " in console.file.getvalue()
+    race.look(20.5, N + 1, **done)
+    assert f"[{'#' * 15:30}] lap 2/2, next gate 2 " in console.file.getvalue()
+    race.look(30.5, 2 * N + 1, **done)
+    assert f"[{'#' * 30}] lap 2/2" in console.file.getvalue()
+    race.display.close()
+    race.display.close()
+    # The cursor is given back.
+    assert console.file.getvalue().rindex("\x1b[?25h") > console.file.getvalue().rindex("\x1b[?25l")
+
+
+def test_nothing_is_printed_before_the_race_is_on():
+    console = plain()
+    Race(console).display.close()
+    assert console.file.getvalue() == ""
+
+
+def test_where_to_watch():
+    console = plain()
+    Race(console, meshcat=types.SimpleNamespace(web_url=lambda: "http://localhost:7000")).look(0.1)
+    assert "Watch it at http://localhost:7000\n" in console.file.getvalue()
+
+
+def test_a_race_that_does_not_finish():
+    console = plain()
+    race = Race(console)
+    race.look(9.0, 5, done=True)
+    race.display.print_summary(race.record.data(1.0, "interrupted"), "runs/here")
+    assert "Did not finish: interrupted; 1 s of work, 9.0 x real time.\n" in console.file.getvalue()
+    assert "lap" not in console.file.getvalue().split("Did not finish")[0].split("2 laps")[1]
+
+
+def test_names_are_printed_as_they_are():
+    """Not as rich's markup or emoji, and not broken at the end of a line."""
+    name = "[red]no[/blue] :smile: [link=x]"
+    console = plain(width=40)
+    race = Race(console, track=types.SimpleNamespace(name=name, gates=TRACK.gates))
+    race.look(0.1)
+    output = f"runs/{name}/{'x' * 80}"
+    race.display.print_summary(race.record.data(1.0, name), output)
+    for line in (f"on {name}, 6-D", f"Did not finish: {name};", f"Results: {output}\n"):
+        assert line in console.file.getvalue()
+
+
+def test_the_table_fits_a_narrow_terminal():
+    race = Race(plain())
+    result = race.fly()
+    result["laps"][0]["plan"] = {"duration_s": 9.5}
+    console = plain(width=80)
+    console.print(lap_table(result))
+    text = console.file.getvalue()
+    assert "…" not in text
+    cells = [[cell.strip() for cell in line.split("│")[1:-1]] for line in text.splitlines()]
+    assert ["1", "10.00", "9.50", "9.0", "0.10", "-"] in cells
+    assert ["2", "10.00", "-", "9.0", "0.10", "-"] in cells
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_the_race_goes_on_when_nobody_reads(terminal):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "w") as file:
+        console = _PatientConsole(file=file, force_terminal=terminal)
+        Race(console).fly()
+        assert console.quiet
+    # Closing the file did not raise either: what was held back is gone.
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_the_race_goes_on_when_the_disk_is_full(terminal):
+    with open("/dev/full", "w") as file:
+        console = _PatientConsole(file=file, force_terminal=terminal)
+        Race(console).fly()
+        assert console.quiet

@@ -1,0 +1,252 @@
+import dataclasses as dc
+import math
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.common.yaml import yaml_dump_typed
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.analysis import SimulatorConfig
+
+from airrace.diagrams.runner import run_race
+from airrace.diagrams.scenario import Scenario, load_scenario, scenario_yaml
+from airrace.errors import UserError
+from airrace.resources import find_yaml, models_path
+
+SHIPPED = [
+    (path.stem, name)
+    for path in sorted((models_path() / "scenarios").glob("*.yaml"))
+    for name in yaml.safe_load(path.read_text())
+]
+SECTIONS = [f.name for f in dc.fields(Scenario) if dc.is_dataclass(getattr(Scenario(), f.name))]
+
+
+def as_yaml(scenario):
+    """All that a scenario says: Drake's structs do not compare."""
+    return yaml_dump_typed(scenario, schema=Scenario)
+
+
+def refusal(**kwargs):
+    """Returns what load_scenario() or check() say to a bad scenario."""
+    with pytest.raises(UserError) as e:
+        load_scenario(**kwargs).check()
+    message = str(e.value)
+    assert "\n" not in message
+    return message
+
+
+def test_the_defaults_are_good():
+    scenario = load_scenario()
+    scenario.check()
+    assert as_yaml(scenario) == as_yaml(Scenario())
+    assert as_yaml(load_scenario(filename="races")) == as_yaml(Scenario())
+
+
+@pytest.mark.parametrize("filename, name", SHIPPED)
+def test_shipped_scenarios_fly(tmp_path, filename, name):
+    scenario = load_scenario(filename=filename, scenario_name=name)
+    scenario.check()
+    if name != "Defaults":
+        assert as_yaml(scenario) != as_yaml(Scenario())
+    scenario.referee.time_limit = 1.2 if scenario.camera.renderer == "vtk" else 3.0
+    heights = []
+    result = run_race(
+        scenario, tmp_path, show=lambda record, look: heights.append(look.state[6])
+    )
+    assert result["dnf_reason"] == "ran out of time"
+    assert result["track"] == "student-airrace"
+    assert heights[-1] > 0.3  # it stands at 0.1
+
+
+def test_defaults_then_file_then_text(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "Defaults: {laps: 2, seed: 3, explorer: {max_speed: 4.0, rate: 10.0}}\n"
+        "Other: {laps: 5, boxes: {explorer: a:b}}\n"
+    )
+    scenario = load_scenario(filename=str(path))
+    assert (scenario.laps, scenario.seed, scenario.trajectory) == (2, 3, "6")
+    assert (scenario.explorer.max_speed, scenario.explorer.rate) == (4.0, 10.0)
+    assert scenario.explorer.step_length == Scenario().explorer.step_length
+    assert load_scenario(filename=str(path), scenario_name="Other").laps == 5
+    scenario = load_scenario(
+        filename=str(path), scenario_name="Other",
+        scenario_text="{laps: 7, boxes: {gate_mapper: c:d}, explorer: {rate: 5}}",
+    )
+    assert scenario.laps == 7 and scenario.seed == 0
+    assert scenario.boxes == {"explorer": "a:b", "gate_mapper": "c:d"}
+    assert scenario.explorer.rate == 5.0
+    # No two scenarios share a section.
+    assert Scenario().explorer.rate != 5.0 and Scenario().boxes == {}
+
+
+def test_drakes_own_structs_can_be_set():
+    scenario = load_scenario(scenario_text="""
+        simulator_config: {integration_scheme: runge_kutta2, max_step_size: 0.05,
+                           target_realtime_rate: 1}
+        plant_config: {time_step: 0.002, discrete_contact_approximation: sap}
+    """)
+    scenario.check()
+    assert isinstance(scenario.simulator_config, SimulatorConfig)
+    assert isinstance(scenario.plant_config, MultibodyPlantConfig)
+    assert scenario.simulator_config.integration_scheme == "runge_kutta2"
+    assert scenario.simulator_config.target_realtime_rate == 1.0
+    assert scenario.plant_config.time_step == 0.002
+    assert scenario.plant_config.contact_model == "point"
+
+
+BAD = {
+    "lapse: 3": "lapse is unknown",
+    "explorer: {max_sped: 3}": "explorer.max_sped is unknown; there are: rate, max_speed",
+    "simulator_config: {acuracy: 1}": "simulator_config.acuracy is unknown",
+    "laps: many": "laps must be a whole number, not 'many'",
+    "laps: 2.5": "laps must be a whole number, not 2.5",
+    "laps: true": "laps must be a whole number",
+    "trajectory: 4": "trajectory must be text in quotes, not 4",
+    "trajectory: '5'": "trajectory must be one of 3, 4, 6, not '5'",
+    "explorer: 3": "explorer must be a mapping",
+    "explorer: {max_speed: fast}": "explorer.max_speed must be a number, not 'fast'",
+    "boxes: {explorer: 3}": "boxes.explorer must be text",
+    "[1, 2]": "must be a mapping",
+    "laps: [": "not valid YAML",
+    "laps: 0": "laps must be at least 1, not 0",
+    "laps: 1000000": "laps must be at most 1000",
+    "seed: -1": "seed must be at least 0",
+    "camera: {renderer: crayon}": "camera.renderer must be one of planar, vtk",
+    "camera: {width: 100000}": "camera.width must be at most",
+    "camera: {fov_y_deg: 180.0}": "camera.fov_y_deg must be at most",
+    "camera: {fps: 1.0e-9}": "camera.fps must be at least",
+    "state_noise: some": "state_noise must be one of reference, none",
+    "state_estimate: {position_sigma: -0.1}": "state_estimate.position_sigma must be at least 0",
+    "perception: {latency: 0.04}": "perception.latency must be shorter than one frame",
+    "referee: {time_limit: 0.0}": "referee.time_limit must be positive",
+    "simulator_config: {target_realtime_rate: -1}": "target_realtime_rate",
+    "simulator_config: {start_time: 1}": "simulator_config.start_time must be 0",
+    "simulator_config: {accuracy: -1}": "simulator_config.accuracy must be positive",
+    "simulator_config: {integration_scheme: crystal_ball}": "simulator_config: Unknown integration",
+    "plant_config: {time_step: 0}": "plant_config.time_step must be above 0",
+    "plant_config: {contact_model: hydroelastic}": "plant_config.contact_model must be one of",
+    "plant_config: {penetration_allowance: -1}": "plant_config: .*penetration_allowance",
+    "plant_config: {stiction_tolerance: -1}": "plant_config: .*stiction",
+}
+
+
+@pytest.mark.parametrize("text, words", BAD.items())
+def test_bad_values_are_named(text, words):
+    message = refusal(scenario_text=text)
+    assert re.search(words, message), message
+
+
+def test_every_number_must_be_finite():
+    scenario = Scenario()
+    floats = [
+        (section, name)
+        for section in (*SECTIONS, "simulator_config", "plant_config")
+        for name in yaml.safe_load(as_yaml(scenario))[section]
+        if type(getattr(getattr(scenario, section), name)) is float
+    ]
+    assert len(floats) > 30
+    for section, name in floats:
+        for value in ("nan", "inf"):
+            message = refusal(scenario_text=f"{section}: {{{name}: .{value}}}")
+            assert message == f"{section}.{name} must be a finite number, not {value}."
+
+
+def test_every_number_of_ours_but_noise_must_be_positive():
+    for section in SECTIONS:
+        for name, value in vars(getattr(Scenario(), section)).items():
+            if not isinstance(value, str) and not name.endswith("_sigma"):
+                message = refusal(scenario_text=f"{section}: {{{name}: 0}}")
+                assert message.startswith(f"{section}.{name} must be ")
+
+
+def test_missing_files_and_names(tmp_path):
+    assert "the shipped scenarios are: races" in refusal(filename="none")
+    assert "no 'Nobody' at its top level, only: Defaults, NoNoise" in refusal(
+        filename="races", scenario_name="Nobody"
+    )
+    assert "--scenario_name needs --scenario_file" in refusal(scenario_name="Vtk")
+    flat = tmp_path / "flat.yaml"
+    flat.write_text("{laps: 3, seed: 1}")
+    assert "no 'Defaults' at its top level, only: laps, seed" in refusal(filename=str(flat))
+
+
+_positive = st.floats(1e-6, 1e6)
+
+
+@st.composite
+def scenarios(draw):
+    """Scenarios with any good value in any field."""
+    scenario = Scenario(
+        laps=draw(st.integers(1, 1000)),
+        seed=draw(st.integers(0, 10**30)),
+        trajectory=draw(st.sampled_from("346")),
+        state_noise=draw(st.sampled_from(["none", "reference"])),
+        boxes=draw(st.dictionaries(st.text(max_size=9), st.text(max_size=9), max_size=2)),
+    )
+    for section in SECTIONS:
+        config = getattr(scenario, section)
+        for name, value in vars(config).items():
+            if type(value) is float and section not in ("camera", "perception"):
+                setattr(config, name, draw(st.floats(1, 1e4) if name == "rate" else _positive))
+            elif type(value) is int:
+                setattr(config, name, draw(st.integers(16, 256)))
+    scenario.simulator_config.accuracy = draw(st.floats(1e-9, 1e-1))
+    scenario.plant_config.time_step = draw(st.floats(1e-6, 0.01))
+    return scenario
+
+
+@settings(deadline=None, max_examples=50)
+@given(scenarios())
+def test_what_a_run_leaves_loads_again(tmp_path_factory, scenario):
+    scenario.check()
+    path = tmp_path_factory.getbasetemp() / "scenario.yaml"
+    path.write_text(scenario_yaml(scenario))
+    assert as_yaml(load_scenario(filename=str(path))) == as_yaml(scenario)
+
+
+def test_a_left_scenario_finds_its_track_from_any_folder(tmp_path, monkeypatch, hexagon):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "there").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    (tmp_path / "here" / "mine.yaml").write_text(Path(hexagon).read_text())
+    left = tmp_path / "left.yaml"
+    left.write_text(scenario_yaml(Scenario(track="mine.yaml")))
+    monkeypatch.chdir(tmp_path / "there")
+    track = load_scenario(filename=str(left)).track
+    assert find_yaml("tracks", track).samefile(tmp_path / "here" / "mine.yaml")
+    # A shipped track is found wherever airrace is installed.
+    assert yaml.safe_load(scenario_yaml(Scenario()))["Defaults"]["track"] == "student-airrace"
+
+
+_values = st.recursive(
+    st.none() | st.booleans() | st.integers(-3, 2000) | st.floats()
+    | st.sampled_from(["3", "vtk", "none", "x", ""]),
+    lambda inner: st.lists(inner, max_size=2)
+    | st.dictionaries(
+        st.sampled_from([*yaml.safe_load(as_yaml(Scenario())), "rate", "max_speed", "fps", "width"]),
+        inner, max_size=3,
+    ),
+    max_leaves=6,
+)
+
+
+@settings(deadline=None)
+@given(_values)
+def test_anything_loads_or_is_refused_in_a_sentence(data):
+    try:
+        scenario = load_scenario(scenario_text=yaml.safe_dump(data))
+        scenario.check()
+    except UserError as e:
+        assert "\n" not in str(e)
+    else:
+        assert scenario.laps >= 1
+        assert all(
+            math.isfinite(value)
+            for section in SECTIONS
+            for value in vars(getattr(scenario, section)).values()
+            if isinstance(value, float)
+        )

@@ -1,0 +1,90 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airrace.map_files import map_data, statistics_data, write_map
+from airrace.systems.gate_mapper import MarkerStatistics, make_map
+from airrace.systems.types import GateMap
+
+_numbers = st.floats(-1e4, 1e4)
+_vectors = st.tuples(_numbers, _numbers, _numbers).map(np.array)
+
+
+@st.composite
+def maps(draw):
+    """Maps as the mapper makes them."""
+    ids = draw(st.sets(st.integers(0, 79), max_size=12))
+    statistics = {
+        id: MarkerStatistics(
+            count=draw(st.integers(1, 50)),
+            outliers=draw(st.integers(0, 50)),
+            mean=draw(_vectors),
+            squares=np.abs(draw(_vectors)),
+            normal=draw(_vectors),
+        )
+        for id in ids
+    }
+    out_of_range = draw(st.integers(0, 100))
+    return make_map(
+        statistics,
+        min_sightings=5,
+        time=draw(st.floats(0, 1e3)),
+        detections=out_of_range + draw(st.integers(0, 1000)),
+        out_of_range=out_of_range,
+    )
+
+
+def test_an_empty_map(tmp_path):
+    write_map(tmp_path, GateMap())
+    assert json.loads((tmp_path / "map.json").read_text()) == {
+        "time_s": None, "gates": [], "markers": []
+    }
+    assert json.loads((tmp_path / "map_statistics.json").read_text()) == {
+        "time_s": None, "detections": 0, "out_of_range_ids": 0, "error_rate": 0.0, "markers": []
+    }
+
+
+@given(maps())
+def test_the_files_say_what_the_map_says(tmp_path_factory, gate_map):
+    folder = tmp_path_factory.getbasetemp()
+    write_map(folder, gate_map)
+    data = json.loads((folder / "map.json").read_text())
+    assert data == map_data(gate_map)
+    assert data["time_s"] == gate_map.time
+    assert [g["gate"] for g in data["gates"]] == [g.number + 1 for g in gate_map.gates]
+    for entry, gate in zip(data["gates"], gate_map.gates):
+        np.testing.assert_allclose(entry["midpoint"], gate.p_WG, atol=1e-4)
+        assert entry["heading_deg"] == pytest.approx(np.rad2deg(gate.heading), abs=1e-3)
+        assert entry.keys() == {"gate", "midpoint", "heading_deg"}
+    for entry, marker in zip(data["markers"], gate_map.markers, strict=True):
+        assert entry["id"] == marker.id
+        np.testing.assert_allclose(entry["position"], marker.p_WM, atol=1e-4)
+        np.testing.assert_allclose(entry["normal"], marker.normal, atol=1e-4)
+
+    data = json.loads((folder / "map_statistics.json").read_text())
+    assert data == statistics_data(gate_map)
+    assert data["time_s"] == gate_map.time
+    assert data["detections"] == gate_map.detections
+    assert data["out_of_range_ids"] == gate_map.out_of_range
+    assert 0 <= data["error_rate"] <= 1
+    assert data["error_rate"] * max(data["detections"], 1) == pytest.approx(data["out_of_range_ids"])
+    for entry, marker in zip(data["markers"], gate_map.markers, strict=True):
+        assert (entry["id"], entry["sightings"], entry["outliers"]) == (
+            marker.id, marker.count, marker.outliers
+        )
+        np.testing.assert_allclose(entry["mean"], marker.p_WM, atol=1e-4)
+        np.testing.assert_allclose(entry["variance"], marker.variance, atol=1e-6)
+
+
+def test_a_broken_map_still_makes_valid_files(tmp_path):
+    lost = MarkerStatistics(9, 0, np.full(3, np.nan), np.zeros(3), np.ones(3))
+    write_map(tmp_path, make_map(
+        {0: lost}, min_sightings=5, time=float("nan"), detections=9, out_of_range=0
+    ))
+    for name in ("map.json", "map_statistics.json"):
+        text = (tmp_path / name).read_text()
+        assert "NaN" not in text
+        assert json.loads(text)["time_s"] is None

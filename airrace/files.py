@@ -75,7 +75,9 @@ def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()):
                 f"--output {folder} cannot be written to ({e.strerror}); name another folder."
             ) from None
     if any(os.path.lexists(folder / name) for name in refuse):
-        raise UserError(f"--output {folder} already holds a race; name another folder or remove it.")
+        raise UserError(
+            f"--output {folder} already holds a race; name another folder or remove it."
+        )
     try:
         yield folder
     except UserError:

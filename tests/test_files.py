@@ -5,7 +5,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airrace.errors import UserError
@@ -66,7 +66,8 @@ def test_text_is_utf8_whatever_the_locale(tmp_path, monkeypatch):
 
 _values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
+    lambda inner: st.lists(inner, max_size=4)
+    | st.dictionaries(st.text(max_size=5), inner, max_size=4),
     max_leaves=10,
 )
 
@@ -88,6 +89,7 @@ def load_strict(path):
     return json.loads(Path(path).read_text(), parse_constant=refuse)
 
 
+@settings(deadline=None)
 @given(_values)
 def test_json_is_strict_and_loses_only_what_it_lacks(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "data.json"

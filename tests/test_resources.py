@@ -5,7 +5,7 @@ import typing
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.common.yaml import yaml_load_typed
 
@@ -71,7 +71,8 @@ class TestFindYaml:
         assert find_yaml("tracks", "./student-airrace").samefile(tmp_path / "student-airrace")
 
     @pytest.mark.parametrize(
-        "name", ["", ".", "/", "..", "no-such", "/no/such", "x" * 400, "a\0b", "tracks/student-airrace"]
+        "name",
+        ["", ".", "/", "..", "no-such", "/no/such", "x" * 400, "a\0b", "tracks/student-airrace"],
     )
     def test_what_is_missing_is_named_with_what_there_is(self, tmp_path, monkeypatch, name):
         monkeypatch.chdir(tmp_path)
@@ -79,6 +80,7 @@ class TestFindYaml:
             find_yaml("tracks", name)
         assert f"no track named '{name}'" in str(e.value)
 
+    @settings(deadline=None)
     @given(st.text(max_size=40))
     def test_any_name_is_found_or_explained(self, name):
         try:
@@ -159,6 +161,7 @@ _data = st.recursive(
 )
 
 
+@settings(deadline=None)
 @given(_data)
 def test_what_drake_refuses_is_refused_in_our_words(data):
     text = yaml.safe_dump(data)

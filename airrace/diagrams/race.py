@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import datetime
+import logging
 import re
 import sys
 from pathlib import Path
@@ -11,10 +12,12 @@ from airrace.errors import UserError
 
 EPILOG = """\
 examples:
-  ./run.bash                              ten laps of the reference track
-  ./run.bash --laps 2 -t 4                two laps, yaw along the gates' headings
-  ./run.bash --track my_track.yaml        a track of your own
-  ./run.bash --scenario_text '{state_noise: none, explorer: {max_speed: 4.0}}'
+  ./run.bash                           ten laps of the reference track
+  ./run.bash --laps 2 -t 4             two laps, yaw along the gates' headings
+  ./run.bash --track my_track.yaml     a track of your own
+  ./run.bash --scenario_file races --scenario_name NoNoise
+  ./run.bash --scenario_text '{laps: 3, explorer: {max_speed: 4.0}}'
+  ./run.bash --scenario_file runs/NAME/scenario.yaml   a race of yours again
 
 The results are in the output folder: race.json, map.json, map_statistics.json,
 scenario.yaml, and race.html (a replay, with --meshcat).
@@ -43,12 +46,13 @@ def make_parser() -> argparse.ArgumentParser:
                       help="a shipped track, or a YAML file (default: student-airrace)")
     race.add_argument("--laps", type=int, metavar="N", help="laps after exploring (default: 10)")
     race.add_argument("--seed", type=int, metavar="N",
-                      help="of all randomness; the same seed gives the same race (default: 0)")
+                      help="seed of all randomness; the same seed, the same race (default: 0)")
     race.add_argument("--renderer", choices=("planar", "vtk"),
                       help="what draws the camera's image (default: planar, which is fast)")
     run = parser.add_argument_group("the run")
     run.add_argument("--output", type=Path, metavar="DIR",
-                     help="results (default: runs/<UTC time>-<track>-<drone>-<t>d)")
+                     help="where the results go, a folder without a race in it "
+                     "(default: runs/<UTC time>-<track>-<drone>-<t>d)")
     run.add_argument("--meshcat", action=argparse.BooleanOptionalAction, default=True,
                      help="show the race in a browser and leave a replay (default: yes)")
     run.add_argument("--realtime_rate", type=float, metavar="R",
@@ -61,7 +65,7 @@ def make_parser() -> argparse.ArgumentParser:
     scenario.add_argument("--scenario_file", metavar="NAME|FILE",
                           help="YAML with one scenario a top-level key; 'races' is shipped")
     scenario.add_argument("--scenario_name", metavar="KEY",
-                          help="which key of the file (default: Defaults)")
+                          help="which scenario of the file (default: Defaults)")
     scenario.add_argument("--scenario_text", metavar="YAML",
                           help="scenario fields on top, e.g. '{state_noise: none}'")
     return parser
@@ -119,12 +123,13 @@ def make_meshcat(track):
     """Returns a Meshcat that looks at the track."""
     from airrace.diagrams.visualization import MakeMeshcat
 
+    logging.getLogger("drake").setLevel(logging.WARNING)  # the display says where to look
     try:
         return MakeMeshcat(track)
     except RuntimeError as e:
         raise UserError(
-            f"The race cannot be shown in a browser ({e}); close another program that uses "
-            "Meshcat, or race with --no-meshcat."
+            f"The race cannot be shown in a browser ({str(e).rstrip('.')}); close another "
+            "program that uses Meshcat, or race with --no-meshcat."
         ) from None
 
 

@@ -110,7 +110,10 @@ class Scenario:
     )
     plant_config: MultibodyPlantConfig = dc.field(
         default_factory=lambda: MultibodyPlantConfig(
-            time_step=0.001, contact_model="point", discrete_contact_approximation="lagged"
+            time_step=0.001, contact_model="point", discrete_contact_approximation="lagged",
+            # Sampled ports would show the state of one step later to whatever
+            # samples them at the time of a step.
+            use_sampled_output_ports=False,
         )
     )
     camera: CameraConfig = dc.field(default_factory=CameraConfig)

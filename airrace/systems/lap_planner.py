@@ -22,11 +22,19 @@ _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 
 @dc.dataclass(frozen=True, eq=False)
 class _Memory(Immutable):
-    """The plan in force, the one that will replace it, and when to look next."""
+    """What the planner remembers.
+
+    Attributes:
+        plan: in force.
+        pending: the one that will replace it, or None.
+        tried_at: when the planner last looked for one (s).
+        tried_lap: the lap at whose end that plan was to come into force.
+    """
 
     plan: LapPlan = NO_PLAN
     pending: LapPlan | None = None
-    due: float = 0.0
+    tried_at: float = -np.inf
+    tried_lap: int = 0
 
 
 class LapPlanner(LeafSystem):
@@ -97,27 +105,35 @@ class LapPlanner(LeafSystem):
         if memory.pending is not None:
             if not _is_due(memory.pending, context):
                 return
-            plan = memory.pending
-            after = _Memory(plan=plan, due=self._NextDue(plan, now))
-        elif self._explorer.Eval(context).done and now >= memory.due:
-            pending = self._Plan(context, memory.plan, now + self._latency)
-            due = now + _RETRY_PERIOD
-            if memory.plan is not NO_PLAN:
-                due = self._NextDue(memory.plan, now)
-            after = dc.replace(memory, pending=pending, due=due)
+            after = dc.replace(memory, plan=memory.pending, pending=None)
+        elif self._IsTime(context, memory, now):
+            start_time = now + self._latency
+            after = dc.replace(
+                memory,
+                pending=self._Plan(context, memory.plan, start_time),
+                tried_at=now,
+                tried_lap=0 if memory.plan is NO_PLAN else memory.plan.lap_at(start_time),
+            )
         else:
             return
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
 
-    def _NextDue(self, plan: LapPlan, now) -> float:
-        """Returns when the plan passes a last gate next, less the latency.
+    def _IsTime(self, context, memory: _Memory, now) -> bool:
+        """Whether to look for a plan now.
 
-        The entry passes none.
+        With a plan that is once a lap, when the new one would come into force
+        between the last gate and gate 1. An entry counts to the lap before,
+        which has been tried.
         """
-        on_circuit = max(now, plan.start_time + plan.entry.duration)
-        due = plan.next_start(on_circuit) - _last_leg(plan) - self._latency
-        lap = plan.circuit.duration
-        return due + lap * max(np.floor((now + 1e-9 - due) / lap) + 1, 0)
+        if memory.plan is NO_PLAN:
+            done = self._explorer.Eval(context).done
+            return done and now >= memory.tried_at + _RETRY_PERIOD - 1e-9
+        plan, start_time = memory.plan, now + self._latency
+        last_leg = plan.circuit.duration - plan.circuit.gate_times[-2]
+        return (
+            plan.next_start(start_time) - start_time <= last_leg + 1e-9
+            and plan.lap_at(start_time) > memory.tried_lap
+        )
 
     def _Plan(self, context, old: LapPlan, start_time) -> LapPlan | None:
         """Returns the plan from a time on, or None if there is none."""
@@ -142,8 +158,6 @@ class LapPlanner(LeafSystem):
             else:
                 lap = old.lap_at(start_time) + 1
                 remaining = old.next_start(start_time) - start_time
-                if remaining > _last_leg(old) + 1e-6:
-                    return None  # a slow planner's tick came after the lap's end
                 entry, phase = plan_change(
                     old.derivatives(start_time), circuit, remaining, pylons, **self._limits
                 ), 0.0
@@ -171,11 +185,6 @@ class LapPlanner(LeafSystem):
 
 def _is_due(plan: LapPlan, context) -> bool:
     return context.get_time() >= plan.start_time - 1e-9
-
-
-def _last_leg(plan: LapPlan) -> float:
-    """Returns the time from the last gate to gate 1 (s)."""
-    return plan.circuit.duration - plan.circuit.gate_times[-2]
 
 
 def _derivatives(reference) -> np.ndarray:

@@ -3,10 +3,15 @@
 import textwrap
 
 import pytest
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
 from airrace.diagrams import autonomy as autonomy_module
+from airrace.diagrams import runner
 from airrace.diagrams.runner import MakeRace
 from airrace.diagrams.scenario import Scenario
+from airrace.errors import UserError
 
 INPUTS = {"camera_image", "camera_image_time", "camera_info", "state_estimate"}
 # The only systems of Simulation whose outputs Autonomy may see.
@@ -68,7 +73,8 @@ def test_the_race_is_isolated(tmp_path):
     check_isolation(race)
     simulation = race.GetSubsystemByName("simulation")
     # The check has something to find.
-    outputs = {simulation.get_output_port(i).get_name() for i in range(simulation.num_output_ports())}
+    ports = (simulation.get_output_port(i) for i in range(simulation.num_output_ports()))
+    outputs = {port.get_name() for port in ports}
     assert {name for name in outputs if not name.startswith("truth.")} == INPUTS
     assert {"truth.state", "truth.rotor_speeds", "truth.referee_report"} <= outputs
     assert len(list(leaves(race.GetSubsystemByName("autonomy")))) == len(autonomy_module.BOXES)
@@ -78,10 +84,8 @@ def test_the_race_is_isolated(tmp_path):
     assert back == {"rotor_speed_command", "explorer_status"}
 
 
-def test_the_race_is_isolated_before_spectators(tmp_path):
+def test_the_race_is_isolated_with_spectators(tmp_path):
     """With Meshcat, truth goes to the page, and still not to Autonomy."""
-    from pydrake.geometry import Meshcat
-
     race = MakeRace(Scenario(), tmp_path, Meshcat())
     assert any(source.get_name() == "truth.state" for _, _, _, source in feeds(race))
     check_isolation(race)
@@ -105,7 +109,7 @@ def cheat(tmp_path, monkeypatch):
 
 
 def test_a_box_cannot_ask_for_the_truth(cheat):
-    with pytest.raises(Exception, match="truth.state.*which nothing provides"):
+    with pytest.raises(UserError, match="truth.state.*which nothing provides"):
         MakeRace(cheat)
 
 
@@ -117,28 +121,30 @@ def test_the_check_finds_a_leak(cheat, monkeypatch):
         check_isolation(race)
 
 
-def test_the_check_finds_a_leak_under_another_name(cheat, monkeypatch):
-    """The plant's state as camera_image_time, say, is no sensor's reading."""
-    from airrace.diagrams import runner
+def test_the_check_finds_a_leak_under_another_name(monkeypatch):
+    """The plant's state behind a port called state_estimate is no sensor's reading."""
+    make_simulation = runner.MakeSimulation
 
-    def leaky(scenario, meshcat=None):
-        from pydrake.systems.framework import DiagramBuilder
-
+    def make_leaky_simulation(scenario, meshcat=None):
         simulation = make_simulation(scenario, meshcat)
         builder = DiagramBuilder()
         builder.AddSystem(simulation)
+        truth = builder.AddSystem(Multiplexer([1, 13]))
+        time = builder.AddSystem(ConstantVectorSource([0.0]))
+        builder.Connect(time.get_output_port(), truth.get_input_port(0))
+        builder.Connect(simulation.GetOutputPort("truth.state"), truth.get_input_port(1))
         for i in range(simulation.num_input_ports()):
-            builder.ExportInput(simulation.get_input_port(i), simulation.get_input_port(i).get_name())
+            port = simulation.get_input_port(i)
+            builder.ExportInput(port, port.get_name())
         for i in range(simulation.num_output_ports()):
-            name = simulation.get_output_port(i).get_name()
-            source = "truth.state" if name == "state_estimate" else name
-            builder.ExportOutput(simulation.GetOutputPort(source), name)
+            port = simulation.get_output_port(i)
+            leaks = port.get_name() == "state_estimate"
+            builder.ExportOutput(truth.get_output_port() if leaks else port, port.get_name())
         diagram = builder.Build()
         diagram.set_name("simulation")
         return diagram
 
-    make_simulation = runner.MakeSimulation
-    monkeypatch.setattr(runner, "MakeSimulation", leaky)
-    monkeypatch.setattr("airrace.systems.state_estimate.SIZE", 13)
-    with pytest.raises(Exception):
-        check_isolation(MakeRace(Scenario()))
+    monkeypatch.setattr(runner, "MakeSimulation", make_leaky_simulation)
+    race = MakeRace(Scenario())
+    with pytest.raises(AssertionError, match="state_estimate comes from"):
+        check_isolation(race)

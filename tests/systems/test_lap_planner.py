@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 import functools
-import types
 
 import numpy as np
 import pytest
@@ -98,7 +97,8 @@ def test_plans_come_into_force_exactly_one_latency_later(latency, rate):
     assert first.start_time == pytest.approx(latency, abs=1e-12)
     # The next one: at the first tick after the last gate less the latency.
     lap = first.circuit.duration
-    last_gate = first.next_start(latency + first.entry.duration) - lap + first.circuit.gate_times[-2]
+    first_gate = first.next_start(latency + first.entry.duration) - lap
+    last_gate = first_gate + first.circuit.gate_times[-2]
     bench.simulator.AdvanceTo(last_gate - 0.01)
     for _ in range(60):
         second = bench.plan_at(bench.context.get_time() + 0.01)
@@ -123,11 +123,13 @@ def test_a_plan_a_lap_from_the_map_as_it_then_stands(dimensions):
         plans.append(new[-1])
     assert [plan.lap for plan in plans] == [1, 2, 3, 4]
     for plan, step in zip(plans, steps):
-        np.testing.assert_allclose(plan.circuit.derivatives(0.0)[0, :3], GATES[0].p_WG + step, atol=1e-8)
+        gate_1 = plan.circuit.derivatives(0.0)[0, :3]
+        np.testing.assert_allclose(gate_1, GATES[0].p_WG + step, atol=1e-8)
         expected = plan_circuit(
             [g.p_WG for g in moved(step)], [g.heading for g in GATES],
             [p for g in moved(step) for p in g.pylons], dimensions, **LIMITS)
-        assert plan.circuit.duration == pytest.approx(expected.duration, rel=1e-4 if dimensions < 6 else 0.03)
+        tolerance = 1e-4 if dimensions < 6 else 0.03  # of many local minima
+        assert plan.circuit.duration == pytest.approx(expected.duration, rel=tolerance)
     for old, new in zip(plans, plans[1:]):
         # Right after the last gate, less than one tick, and without a jump.
         since = (new.start_time - old.next_start(new.start_time)) + lap - old.circuit.gate_times[-2]
@@ -139,16 +141,17 @@ def test_a_plan_a_lap_from_the_map_as_it_then_stands(dimensions):
         assert new.phase == 0.0
 
 
-def test_an_entry_longer_than_a_lap_is_not_replanned():
-    """The entry passes gate 1 late; only the lap behind it has a last gate."""
+@pytest.mark.parametrize("x", [-30, -60, -100, -400])
+def test_an_entry_is_not_replanned(x):
+    """Not even one longer than a lap: only the lap behind it has a last gate."""
     bench = Bench()
     bench.planner.GetInputPort("exploration_reference").FixValue(
-        bench.context, hold([-400, 0, 5], 0.0))
+        bench.context, hold([x, 0, 5], 0.0))
     first = bench.plan_at(1.0)
-    assert first.entry.duration > 20.0
-    plans, _ = bench.follow(first.start_time + first.entry.duration + 15.0)
-    assert plans == [first]
-    plans, _ = bench.follow(bench.context.get_time() + 10.0)
+    joined = first.start_time + first.entry.duration
+    lap = first.circuit.duration
+    assert bench.follow(joined - first.phase + 0.85 * lap)[0] == [first]
+    plans, _ = bench.follow(bench.context.get_time() + 0.15 * lap)
     assert [plan.lap for plan in plans] == [1, 2]
 
 
@@ -204,15 +207,23 @@ def test_gates_that_the_explorer_did_not_find_are_avoided_but_not_flown_through(
     assert Bench(gates=(*GATES, stray)).plan_at(1.0) is NO_PLAN
 
 
-@pytest.mark.parametrize("rate, latency", [(0.3, 0.5), (1.0, 0.5), (20.0, 30.0)])
-def test_a_slow_planner_never_skips_a_gate(rate, latency):
-    bench = Bench(rate=rate, latency=latency)
-    plans, times = bench.follow(latency + 150.0, every=0.25)
+SQUARE = tuple(
+    GateEstimate(number=n, p_WG=np.array([x, y, 6.0]), heading=n * np.pi / 2, spacing=10.0)
+    for n, (x, y) in enumerate([(20, 0), (40, 20), (20, 40), (0, 20)])
+)
+
+
+@pytest.mark.parametrize("rate, latency", [(0.3, 0.5), (0.45, 3.0), (20.0, 30.0)])
+@pytest.mark.parametrize("gates", [GATES, SQUARE], ids=["reference", "square"])
+def test_a_slow_planner_never_skips_a_gate(gates, rate, latency):
+    status = dc.replace(DONE, gates=tuple(range(len(gates))))
+    bench = Bench(gates=gates, status=status, rate=rate, latency=latency)
+    plans, times = bench.follow(latency + 200.0, every=0.25)
     assert len(plans) > 1  # even so, it replans sometimes
     for old, new in zip(plans, plans[1:]):
         assert new.start_time >= old.start_time + old.entry.duration
         left = old.next_start(new.start_time) - new.start_time
-        assert left <= old.circuit.duration - old.circuit.gate_times[-2] + 1e-6
+        assert 0 < left <= old.circuit.duration - old.circuit.gate_times[-2] + 1e-6
         assert new.lap == old.lap_at(new.start_time) + 1
 
 
@@ -229,7 +240,8 @@ def test_the_report_is_true(dimensions):
             for part in (plan.entry, plan.circuit)])
         report = plan.report
         assert report.duration == plan.circuit.duration
-        assert report.max_speed == pytest.approx(np.linalg.norm(samples[VELOCITY], axis=0).max(), rel=1e-3)
+        assert report.max_speed == pytest.approx(
+            np.linalg.norm(samples[VELOCITY], axis=0).max(), rel=1e-3)
         assert report.max_acceleration == pytest.approx(
             np.linalg.norm(samples[ACCELERATION], axis=0).max(), rel=1e-3)
         thrusts = rotor_thrusts(samples, VEHICLE, GRAVITY)
@@ -312,7 +324,8 @@ def test_laps_and_their_starts_agree(plan, t):
     # All gates of a lap are passed where the circuit says.
     for gate, passing in zip(GATES, plan.circuit.gate_times):
         if start > plan.start_time + plan.entry.duration:
-            np.testing.assert_allclose(plan.derivatives(start + passing)[0, :3], gate.p_WG, atol=1e-6)
+            p = plan.derivatives(start + passing)[0, :3]
+            np.testing.assert_allclose(p, gate.p_WG, atol=1e-6)
 
 
 @few
@@ -323,6 +336,6 @@ def test_laps_only_count_up(plan, t, later):
 
 
 def test_a_plan_is_shared_not_copied():
-    plan = types.SimpleNamespace(value=make_plan(3, True))
-    assert Value[object](plan.value).Clone().get_value() is plan.value
+    plan = make_plan(3, True)
+    assert Value[object](plan).Clone().get_value() is plan
     assert Value[object](NO_PLAN).Clone().get_value() is NO_PLAN

@@ -15,9 +15,9 @@ few = settings(max_examples=25, deadline=None, derandomize=True)
 seeds = st.integers(0, 10**6)
 
 
-def state(pose=(0.0, 0.0, 5.0, 0.0), velocity=(0.0, 0.0, 0.0, 0.0), acceleration=(0.0, 0.0, 0.0, 0.0)):
+def state(pose=(0.0, 0.0, 5.0, 0.0), velocity=(0.0, 0.0, 0.0, 0.0)):
     result = np.zeros((5, 4))
-    result[:3] = pose, velocity, acceleration
+    result[:2] = pose, velocity
     return result
 
 
@@ -34,9 +34,9 @@ def dense(leg):
 def assert_leads(leg, start, waypoints):
     """Continuous with the start, through all waypoints, at rest at the last."""
     np.testing.assert_allclose(leg.derivatives(0.0)[:4], start[:4], atol=1e-9)
-    poses = np.array([leg.derivatives(t)[0] for t in leg.breaks[1:]])
-    np.testing.assert_allclose(poses[:, :3], np.array(waypoints)[:, :3], atol=1e-8)
-    np.testing.assert_allclose(np.exp(1j * poses[:, 3]), np.exp(1j * np.array(waypoints)[:, 3]), atol=1e-8)
+    poses, waypoints = np.array([leg.derivatives(t)[0] for t in leg.breaks[1:]]), np.array(waypoints)
+    np.testing.assert_allclose(poses[:, :3], waypoints[:, :3], atol=1e-8)
+    np.testing.assert_allclose(np.exp(1j * poses[:, 3]), np.exp(1j * waypoints[:, 3]), atol=1e-8)
     np.testing.assert_allclose(leg.derivatives(leg.duration)[1:4], 0.0, atol=1e-8)
     yaw = np.array([leg.derivatives(t)[0, 3] for t in leg.breaks])
     assert np.abs(np.diff(yaw)).max() <= np.pi + 1e-9
@@ -48,7 +48,8 @@ def assert_leads(leg, start, waypoints):
 @given(seeds)
 def test_from_rest(seed):
     rng = np.random.default_rng(seed)
-    start, waypoints = state([*rng.uniform(-9, 9, 2), 5.0, rng.uniform(-9, 9)]), random_waypoints(rng)
+    start = state([*rng.uniform(-9, 9, 2), 5.0, rng.uniform(-9, 9)])
+    waypoints = random_waypoints(rng)
     leg = plan_leg(start, waypoints, **LIMITS)
     assert_leads(leg, start, waypoints)
     speed, acceleration = peaks(dense(leg))
@@ -92,6 +93,10 @@ def test_from_the_middle_of_another_leg():
         start = first.derivatives(t)
         leg = plan_leg(start, waypoints, **LIMITS)
         assert_leads(leg, start, waypoints)
+        # Close before a gate it is too late to keep the limits in the turn behind.
+        excess = 1.0 if t < 0.9 * first.breaks[1] else 2.0
+        speed, acceleration = peaks(dense(leg))
+        assert speed <= 8.0 * excess * (1 + 1e-6) and acceleration <= 6.0 * excess * (1 + 1e-6)
 
 
 def test_through_the_reference_gates():
@@ -109,7 +114,7 @@ def test_through_the_reference_gates():
 def test_a_turn_on_the_spot(yaw, goal):
     leg = plan_leg(state((3.0, 4, 5, yaw)), [[3, 4, 5, goal]], **LIMITS)
     samples = dense(leg)
-    np.testing.assert_allclose(samples[:3].T, np.tile([3.0, 4, 5], (samples.shape[1], 1)), atol=1e-9)
+    assert np.abs(samples[:3] - np.array([[3.0], [4.0], [5.0]])).max() < 1e-9
     turned = leg.derivatives(leg.duration)[0, 3] - leg.derivatives(0.0)[0, 3]
     assert abs(turned) <= np.pi + 1e-9
     assert np.cos(yaw + turned - goal) == pytest.approx(1.0, abs=1e-6)
@@ -131,7 +136,8 @@ def test_staying_where_it_is(offset, turns, x):
     start = state((x, 0, 5, 0), 4 * [1e-12])
     leg = plan_leg(start, [[x + offset, 0, 5, 2 * np.pi * turns]], **LIMITS)
     np.testing.assert_allclose(leg.derivatives(leg.duration), start, atol=1e-3)
-    np.testing.assert_array_equal(plan_leg(state(), np.zeros((0, 4)), **LIMITS).derivatives(0), state())
+    nowhere = plan_leg(state(), np.zeros((0, 4)), **LIMITS)
+    np.testing.assert_array_equal(nowhere.derivatives(0), state())
 
 
 def test_a_centimetre_is_flown_even_far_from_the_origin():
@@ -195,7 +201,8 @@ def test_trapezoid_on_one_line(distance, cruise, acceleration):
     expected = 2 * np.sqrt(distance / acceleration)
     if distance > ramp:
         expected = 2 * cruise / acceleration + (distance - ramp) / cruise
-    durations = trapezoid_durations(np.array([[0, 0, 0], [0, distance, 0]]), 0.0, cruise, acceleration)
+    points = np.array([[0, 0, 0], [0, distance, 0]])
+    durations = trapezoid_durations(points, 0.0, cruise, acceleration)
     # The first and last bits of the way take longest and are sampled coarsely.
     assert durations == pytest.approx([max(expected, 0.2)], rel=0.1)
     halves = trapezoid_durations(np.array([[0, 0, 0], [0, distance / 2, 0], [0, distance, 0]]),
@@ -206,7 +213,8 @@ def test_trapezoid_on_one_line(distance, cruise, acceleration):
 
 def test_trapezoid_of_points_that_coincide_and_of_a_fast_start():
     assert trapezoid_durations(np.zeros((3, 3)), 0.0, 5.0, 2.0).tolist() == [0.2, 0.2]
-    slow, fast = (trapezoid_durations(np.array([[0.0, 0, 0], [50, 0, 0]]), v, 8.0, 3.0)[0] for v in (0, 8))
+    points = np.array([[0.0, 0, 0], [50, 0, 0]])
+    slow, fast = (trapezoid_durations(points, v, 8.0, 3.0)[0] for v in (0, 8))
     assert 50 / 8 < fast < slow
 
 

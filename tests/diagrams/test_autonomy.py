@@ -1,0 +1,187 @@
+import textwrap
+
+import pytest
+from pydrake.systems.framework import Diagram, InputPortIndex
+
+from airrace.diagrams.autonomy import BOXES, INPUTS, OUTPUTS, MakeAutonomy
+from airrace.diagrams.runner import MakeRace, run_race
+from airrace.diagrams.scenario import Scenario
+from airrace.errors import UserError
+
+STUDENT = """
+    from pydrake.systems.framework import DiagramBuilder, LeafSystem
+    from airrace.diagrams.autonomy import BOXES
+    from airrace.systems.geometric_controller import GeometricController
+    from airrace.systems.trajectory_tracker import TrajectoryTracker
+    from airrace.vehicle import load_vehicle
+
+    updates = 0
+
+    class MyController(GeometricController):
+        def __init__(self, scenario):
+            super().__init__(vehicle=load_vehicle(scenario.drone)[0], rate=250.0)
+
+        def CalcWrench(self, reference, estimate):
+            global updates
+            updates += 1
+            return super().CalcWrench(reference, estimate)
+
+    def as_diagram(scenario):
+        "A box may be a diagram of its own."
+        builder = DiagramBuilder()
+        box = builder.AddSystem(BOXES["trajectory_tracker"](scenario))
+        for name in ("lap_plan", "exploration_reference"):
+            builder.ExportInput(box.GetInputPort(name), name)
+        builder.ExportOutput(box.GetOutputPort("reference"), "reference")
+        return builder.Build()
+
+    class Looker(TrajectoryTracker):
+        "Uses every input that Autonomy has, and outputs of other boxes."
+        def __init__(self, scenario):
+            super().__init__()
+            from pydrake.common.value import Value
+            from pydrake.systems.sensors import ImageRgba8U
+            self.DeclareAbstractInputPort("camera_image", Value(ImageRgba8U()))
+            self.DeclareVectorInputPort("camera_image_time", 1)
+            self.DeclareAbstractInputPort("camera_info", Value[object]())
+            self.DeclareVectorInputPort("state_estimate", 14)
+            self.DeclareAbstractInputPort("gate_map", Value[object]())
+            self.DeclareVectorOutputPort("debug", 1, lambda context, output: None)
+
+    class Hungry(TrajectoryTracker):
+        def __init__(self, scenario):
+            super().__init__()
+            self.DeclareVectorInputPort("wind", 3)
+
+    class Mute(LeafSystem):
+        def __init__(self, scenario):
+            super().__init__()
+
+    class WrongSize(LeafSystem):
+        def __init__(self, scenario):
+            super().__init__()
+            self.DeclareVectorOutputPort("reference", 3, lambda context, output: None)
+
+    class WrongSpeeds(LeafSystem):
+        def __init__(self, scenario):
+            super().__init__()
+            self.DeclareVectorOutputPort("rotor_speed_command", 3, lambda context, output: None)
+
+    class Loop(LeafSystem):
+        "Takes what is made of what it makes."
+        def __init__(self, scenario):
+            super().__init__()
+            self.DeclareVectorInputPort("filtered_estimate", 14)
+            self.DeclareVectorOutputPort("reference", 18, lambda context, output: None)
+
+    def broken(scenario):
+        return scenario.no_such_field
+
+    class NoArguments(TrajectoryTracker):
+        def __init__(self):
+            super().__init__()
+
+    number = 3
+"""
+
+
+@pytest.fixture(autouse=True)
+def student_boxes(tmp_path, monkeypatch):
+    (tmp_path / "student_boxes.py").write_text(textwrap.dedent(STUDENT))
+    (tmp_path / "typo.py").write_text("def make(scenario)\n    pass\n")
+    (tmp_path / "crash.py").write_text("import math\n\nmath.sqrt(-1.0)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+
+def port_names(count, get):
+    return [get(i).get_name() for i in range(count)]
+
+
+def test_ports():
+    autonomy = MakeAutonomy(Scenario())
+    assert isinstance(autonomy, Diagram) and autonomy.get_name() == "autonomy"
+    inputs = port_names(autonomy.num_input_ports(), autonomy.get_input_port)
+    outputs = port_names(autonomy.num_output_ports(), autonomy.get_output_port)
+    assert sorted(inputs) == sorted(INPUTS)
+    assert outputs == list(OUTPUTS)
+    assert [box.get_name() for box in autonomy.GetSystems()] == list(BOXES)
+    assert set(OUTPUTS.values()) <= set(BOXES)
+    # A rotor speed must not depend on this very instant's picture.
+    command = autonomy.GetOutputPort("rotor_speed_command").get_index()
+    assert not any(
+        autonomy.HasDirectFeedthrough(i, command) for i in range(autonomy.num_input_ports())
+    )
+
+
+def test_every_input_of_every_box_is_fed():
+    autonomy = MakeAutonomy(Scenario())
+    fed = {(box.get_name(), int(port)) for box, port in autonomy.connection_map()}
+    for i in range(autonomy.num_input_ports()):
+        for box, port in autonomy.GetInputPortLocators(InputPortIndex(i)):
+            fed.add((box.get_name(), int(port)))
+    assert fed == {
+        (box.get_name(), i) for box in autonomy.GetSystems() for i in range(box.num_input_ports())
+    }
+
+
+def test_a_students_box_flies(tmp_path):
+    import student_boxes
+
+    scenario = Scenario(boxes={
+        "geometric_controller": "student_boxes:MyController",
+        "trajectory_tracker": "student_boxes:as_diagram",
+    })
+    scenario.referee.time_limit = 3.0
+    heights = []
+    student_boxes.updates = 0
+    result = run_race(
+        scenario, tmp_path, show=lambda record, look: heights.append(look.state[6])
+    )
+    assert result["dnf_reason"] == "ran out of time"
+    assert student_boxes.updates == pytest.approx(250 * 0.1 * len(heights), abs=2)
+    assert 4.5 < heights[-1] < 5.5
+
+
+def test_a_box_may_look_at_all_that_autonomy_has():
+    race = MakeRace(Scenario(boxes={"trajectory_tracker": "student_boxes:Looker"}))
+    box = race.GetSubsystemByName("autonomy").GetSubsystemByName("trajectory_tracker")
+    assert type(box).__name__ == "Looker"
+    context = box.GetMyContextFromRoot(race.CreateDefaultContext())
+    for i in range(box.num_input_ports()):
+        assert box.get_input_port(i).HasValue(context)
+
+
+BAD = {
+    "no such box": ({"pilot": "a:b"}, "boxes.pilot is not a box; the boxes are: aruco_detector, "),
+    "no module": ({"explorer": "nobody:Box"}, "boxes.explorer: 'nobody:Box' cannot be imported as "
+                  r"module:callable \(ModuleNotFoundError: No module named 'nobody'\)"),
+    "no attribute": ({"explorer": "student_boxes:Box"}, "has no attribute 'Box'"),
+    "no colon": ({"explorer": "student_boxes"}, "module:callable"),
+    "empty": ({"explorer": ""}, "module:callable"),
+    "relative": ({"explorer": ".student_boxes:MyController"}, "module:callable"),
+    "syntax error": ({"explorer": "typo:make"}, r"SyntaxError: .*typo.py, line 1"),
+    "crash": ({"explorer": "crash:make"}, r"ValueError: .*, at .*/crash.py:3\)"),
+    "no callable": ({"explorer": "student_boxes:number"}, "cannot be called .*not callable"),
+    "no system": ({"explorer": "builtins:str"}, "builtins:str must return a System, not a str"),
+    "broken": ({"explorer": "student_boxes:broken"},
+               r"AttributeError: .*no_such_field.*, at .*student_boxes.py:\d+\)"),
+    "no arguments": ({"trajectory_tracker": "student_boxes:NoArguments"},
+                     "cannot be called with the scenario .*TypeError"),
+    "unknown input": ({"trajectory_tracker": "student_boxes:Hungry"},
+                      "trajectory_tracker has an input port 'wind', which nothing provides; "
+                      "there are: camera_image, "),
+    "no output": ({"trajectory_tracker": "student_boxes:Mute"},
+                  "trajectory_tracker must have an output port 'reference'"),
+    "wrong size": ({"trajectory_tracker": "student_boxes:WrongSize"},
+                   "do not fit together: .*size"),
+    "wrong speeds": ({"geometric_controller": "student_boxes:WrongSpeeds"},
+                     "rotor_speed_command.* does not fit: .*size"),
+    "loop": ({"trajectory_tracker": "student_boxes:Loop"}, "do not fit together: .*loop"),
+}
+
+
+@pytest.mark.parametrize("boxes, words", BAD.values(), ids=BAD)
+def test_a_bad_box_is_named_in_a_sentence(boxes, words):
+    with pytest.raises(UserError, match=words) as e:
+        MakeRace(Scenario(boxes=boxes))
+    assert "\n" not in str(e.value)

@@ -1,0 +1,398 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+
+from airrace.diagrams import race as command_line
+from airrace.diagrams import runner
+from airrace.diagrams.runner import RESULTS, MakeRace, run_race
+from airrace.diagrams.scenario import Scenario, load_scenario
+from airrace.errors import UserError
+from airrace.track import load_track
+
+FILES = {"scenario.yaml", "map.json", "map_statistics.json", "race.json"}
+
+
+def refuse(word):
+    raise AssertionError(f"{word} is not JSON")
+
+
+def read_race(folder):
+    """Checks that all files of a race are there and valid; returns race.json."""
+    assert {path.name for path in folder.iterdir()} - {"race.html"} == FILES
+    scenario = load_scenario(filename=str(folder / "scenario.yaml"))
+    scenario.check()
+    data = {
+        name: json.loads((folder / name).read_text(), parse_constant=refuse)
+        for name in FILES if name.endswith(".json")
+    }
+    check_schema(data["race.json"], len(load_track(scenario.track).gates), scenario.laps)
+    assert data["map.json"].keys() == {"time_s", "gates", "markers"}
+    assert data["map_statistics.json"].keys() == {
+        "time_s", "detections", "out_of_range_ids", "error_rate", "markers"
+    }
+    return data["race.json"]
+
+
+def is_a(kind):
+    return lambda value: type(value) is kind
+
+
+def is_number(value):
+    return type(value) is float
+
+
+def optional(check):
+    return lambda value: value is None or check(value)
+
+
+def matches(schema):
+    def check(value):
+        assert list(value) == list(schema)
+        for key, check_value in schema.items():
+            assert check_value(value[key]), f"{key}: {value[key]!r}"
+        return True
+
+    return check
+
+
+def check_schema(data, gates, laps):
+    """Checks keys, their order, and types of race.json."""
+
+    def numbers(value):
+        return type(value) is list and len(value) == gates and all(map(is_number, value))
+
+    plan = matches({
+        "solve_time_s": is_number, "duration_s": is_number, "max_speed": is_number,
+        "max_acceleration": is_number, "max_rotor_thrust": is_number,
+    })
+    lap = matches({
+        "lap": is_a(int), "time_s": is_number, "gate_times_s": numbers, "gate_offsets_m": numbers,
+        "max_speed": is_number, "map_rms_m": optional(is_number), "plan": optional(plan),
+    })
+    matches({
+        "track": is_a(str), "drone": is_a(str), "simulation": is_a(str),
+        "trajectory": lambda value: value in ("3", "4", "6"), "seed": is_a(int),
+        "finished": is_a(bool), "dnf_reason": optional(is_a(str)),
+        "exploration": matches({
+            "success": is_a(bool), "time_s": is_number, "gates_found": is_a(int),
+        }),
+        "laps": lambda value: type(value) is list and all(map(lap, value)),
+        "mean_lap_s": optional(is_number), "best_lap_s": optional(is_number),
+        "collisions": is_a(int),
+        "wall": matches({"seconds": is_number, "real_time_factor": is_number}),
+    })(data)
+    assert data["finished"] == (data["dnf_reason"] is None) == (len(data["laps"]) == laps)
+    assert [lap["lap"] for lap in data["laps"]] == list(range(1, len(data["laps"]) + 1))
+    times = [lap["time_s"] for lap in data["laps"]]
+    assert data["best_lap_s"] == min(times, default=None)
+    assert data["mean_lap_s"] == (pytest.approx(np.mean(times)) if times else None)
+
+
+def comparable(data):
+    """race.json without what depends on the machine."""
+    data = json.loads(json.dumps(data))
+    del data["wall"]
+    for lap in data["laps"]:
+        del lap["plan"]["solve_time_s"]
+    return data
+
+
+def short(time_limit=2.0, **fields):
+    scenario = Scenario(**fields)
+    scenario.referee.time_limit = time_limit
+    return scenario
+
+
+@pytest.fixture(scope="module")
+def flown(hexagon, tmp_path_factory):
+    """A whole race from pixels: its folder, and race.json as it was at every look."""
+    folder = tmp_path_factory.mktemp("flown")
+    scenario = Scenario(track=hexagon, laps=2, trajectory="4", seed=3)
+    scenario.referee.time_limit = 120.0
+    looks = []
+
+    def show(record, look):
+        look.on_disk = json.loads((folder / "race.json").read_text())
+        looks.append(look)
+
+    result = run_race(scenario, folder, show=show)
+    return folder, result, looks
+
+
+class TestWholeRace:
+    def test_it_is_finished(self, flown):
+        folder, result, _ = flown
+        data = read_race(folder)
+        assert data == result
+        assert data["finished"] and data["dnf_reason"] is None and data["collisions"] == 0
+        assert (data["track"], data["drone"], data["simulation"]) == ("hexagon", "Default", "SITL")
+        assert (data["trajectory"], data["seed"]) == ("4", 3)
+        assert data["exploration"]["success"] and data["exploration"]["gates_found"] == 6
+        assert 10 < data["exploration"]["time_s"] < 100
+
+    def test_its_laps_are_plausible(self, flown):
+        for lap in flown[1]["laps"]:
+            assert lap["gate_times_s"][0] == 0.0
+            assert np.all(np.diff([*lap["gate_times_s"], lap["time_s"]]) > 0)
+            assert 0 <= min(lap["gate_offsets_m"]) and max(lap["gate_offsets_m"]) < 1.0
+            assert 0 < lap["map_rms_m"] < 0.5
+            plan = lap["plan"]
+            assert plan["max_speed"] <= 20.0 and plan["max_acceleration"] <= 10.0
+            assert lap["time_s"] == pytest.approx(plan["duration_s"], rel=0.1)
+            assert lap["max_speed"] == pytest.approx(plan["max_speed"], rel=0.1)
+
+    def test_laps_are_on_disk_as_they_end(self, flown):
+        for look in flown[2]:
+            crossings = len(look.referee_report.crossings)
+            assert len(look.on_disk["laps"]) == max(crossings - 1, 0) // 6
+            check_schema(look.on_disk, 6, 2)
+        assert [look.laps_ended for look in flown[2] if look.laps_ended] == [1, 1]
+        first = next(look for look in flown[2] if look.laps_ended)
+        assert first.on_disk["laps"] == flown[1]["laps"][:1]
+        assert first.on_disk["dnf_reason"] == "not over yet"
+
+    def test_the_map_is_on_disk(self, flown):
+        folder, _, looks = flown
+        gates = json.loads((folder / "map.json").read_text())["gates"]
+        assert [gate["gate"] for gate in gates] == [1, 2, 3, 4, 5, 6]
+        assert json.loads((folder / "map.json").read_text())["time_s"] == looks[-1].gate_map.time
+        statistics = json.loads((folder / "map_statistics.json").read_text())
+        assert statistics["detections"] > 500 and statistics["error_rate"] < 0.01
+
+    def test_its_scenario_gives_the_same_race_again(self, flown, tmp_path, monkeypatch, capsys):
+        """By the command line, from another folder, and with a spectator."""
+        folder, result, _ = flown
+        monkeypatch.chdir(tmp_path)
+        code = command_line.main(
+            ["--scenario_file", str(folder / "scenario.yaml"), "--output", "again"]
+        )
+        assert code == 0
+        again = read_race(tmp_path / "again")
+        assert comparable(again) == comparable(result)
+        for name in ("scenario.yaml", "map.json", "map_statistics.json"):
+            assert (tmp_path / "again" / name).read_text() == (folder / name).read_text()
+        html = (tmp_path / "again" / "race.html").read_text()
+        assert "</html>" in html and len(html) < 30e6
+        out, err = capsys.readouterr()
+        assert f"Finished: mean lap {result['mean_lap_s']:.2f} s" in out
+        assert out.splitlines()[-1] == "Results: again"
+
+
+class TestShortFlights:
+    def test_the_seed_decides(self, tmp_path):
+        states = {}
+        for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+            (tmp_path / name).mkdir()
+            result = run_race(
+                short(seed=seed), tmp_path / name,
+                show=lambda record, look: states.setdefault(name, []).append(look.state.tolist()),
+            )
+            assert result == read_race(tmp_path / name)
+            assert result["seed"] == seed
+            assert result["dnf_reason"] == "ran out of time"
+            assert result["exploration"] == {
+                "success": False, "time_s": pytest.approx(2.0), "gates_found": 0
+            }
+        assert states["a"] == states["b"] != states["c"]
+        same = [comparable(read_race(tmp_path / name)) for name in "ab"]
+        assert same[0] == same[1]
+
+    def test_every_file_is_there_from_the_first_look_on(self, tmp_path):
+        def show(record, look):
+            data = read_race(tmp_path)
+            assert data["dnf_reason"] == "not over yet" and data["laps"] == []
+            raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            run_race(short(), tmp_path, show=show)
+
+    def test_looks_come_at_round_times(self, tmp_path):
+        times = []
+        run_race(short(1.0), tmp_path, show=lambda record, look: times.append(look.time))
+        np.testing.assert_allclose(times, 0.1 * np.arange(1, len(times) + 1), rtol=0, atol=1e-12)
+
+    def test_signal_handlers_are_given_back(self, tmp_path):
+        before = [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)]
+        during = []
+        run_race(short(0.2), tmp_path, show=lambda record, look: during.append(
+            [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)]
+        ))
+        assert [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)] == before
+        assert all(handlers != before for handlers in during)
+
+    def test_the_second_ctrl_c_means_it(self, tmp_path):
+        def show(record, look):
+            if look.time > 0.25:
+                os.kill(os.getpid(), signal.SIGINT)  # only sets a flag
+                os.kill(os.getpid(), signal.SIGINT)
+                pytest.fail("still flying")
+
+        with pytest.raises(KeyboardInterrupt):
+            run_race(short(), tmp_path, show=show)
+        assert read_race(tmp_path)["dnf_reason"] == "interrupted"
+
+    def test_ctrl_c_before_the_first_look(self, tmp_path, monkeypatch):
+        """The files are written with no flight at all."""
+        def interrupted_write(*args):
+            os.kill(os.getpid(), signal.SIGINT)
+            write_map(*args)
+
+        write_map = runner.write_map
+        monkeypatch.setattr(runner, "write_map", interrupted_write)
+        data = run_race(short(), tmp_path, show=lambda record, look: pytest.fail("flew"))
+        assert data == read_race(tmp_path)
+        assert data["dnf_reason"] == "interrupted"
+
+
+FAULTY = """
+    from airrace.errors import UserError
+    from airrace.systems.gate_mapper import GateMapper
+    from airrace.systems.trajectory_tracker import TrajectoryTracker
+
+    class Crash(Exception):
+        pass
+
+    class Tracker(TrajectoryTracker):
+        after = 3.0
+
+        def __init__(self, scenario):
+            super().__init__()
+            self.DeclarePeriodicPublishEvent(0.01, 0.0, self._Look)
+
+        def _Look(self, context):
+            if context.get_time() >= self.after:
+                raise Crash("a student's mistake")
+
+    class TrackerAtOnce(Tracker):
+        after = 0.0
+
+    class Mapper(GateMapper):
+        "Nobody can have its map, not even when the race is over."
+        def __init__(self, scenario):
+            super().__init__(fps=30.0, state_rate=200.0, **vars(scenario.perception))
+
+        mistakes = 0
+
+        def _CalcMap(self, context, output):
+            if context.get_time() >= 1.0:
+                self.mistakes += 1
+                raise Crash("a student's mistake" if self.mistakes == 1 else "what comes of it")
+            super()._CalcMap(context, output)
+"""
+
+
+@pytest.fixture
+def faulty_boxes(tmp_path, monkeypatch):
+    (tmp_path / "boxes").mkdir()
+    (tmp_path / "boxes" / "faulty_boxes.py").write_text(textwrap.dedent(FAULTY))
+    monkeypatch.syspath_prepend(tmp_path / "boxes")
+    (tmp_path / "out").mkdir()
+    return tmp_path / "out"
+
+
+class TestFaults:
+    @pytest.mark.parametrize(
+        "boxes, time_s",
+        [
+            ({"trajectory_tracker": "faulty_boxes:Tracker"}, 2.9),
+            ({"trajectory_tracker": "faulty_boxes:TrackerAtOnce"}, 0.0),
+            ({"gate_mapper": "faulty_boxes:Mapper"}, 0.9),
+        ],
+        ids=["at 3 s", "at once", "in an output"],
+    )
+    def test_a_box_that_raises(self, faulty_boxes, boxes, time_s):
+        with pytest.raises(Exception, match="a student's mistake") as e:
+            run_race(short(5.0, boxes=boxes), faulty_boxes)
+        assert e.type.__name__ == "Crash"
+        data = read_race(faulty_boxes)
+        assert data["dnf_reason"] == "stopped by an error" and not data["finished"]
+        assert data["exploration"]["time_s"] == pytest.approx(time_s, abs=0.101)
+
+    def test_a_display_that_raises(self, tmp_path):
+        def show(record, look):
+            raise ZeroDivisionError("in the display")
+
+        with pytest.raises(ZeroDivisionError):
+            run_race(short(), tmp_path, show=show)
+        assert read_race(tmp_path)["dnf_reason"] == "stopped by an error"
+
+    def test_a_disk_that_is_full_at_the_end(self, tmp_path, monkeypatch):
+        """What was written before stays, and one sentence says what is wrong."""
+        def show(record, look):
+            if look.time > 1.45:
+                monkeypatch.setattr("pathlib.Path.write_text", full)
+
+        def full(self, *args, **kwargs):
+            raise OSError(28, "No space left on device")
+
+        with pytest.raises(UserError, match="cannot be written .No space left on device"):
+            run_race(short(1.5), tmp_path, show=show)
+        monkeypatch.undo()
+        assert read_race(tmp_path)["dnf_reason"] == "not over yet"
+
+    def test_a_disk_that_is_full_in_flight(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(
+            "airrace.systems.gate_map_writer.write_map", self._fail_with_user_error
+        )
+        with pytest.raises(UserError, match="map.json cannot be written"):
+            run_race(short(1.5), tmp_path)
+        assert read_race(tmp_path)["dnf_reason"] == "stopped by an error"
+
+    @staticmethod
+    def _fail_with_user_error(directory, gate_map):
+        raise UserError(f"{directory}/map.json cannot be written (No space left on device).")
+
+    def test_what_cannot_be_had_leaves_nothing(self, tmp_path):
+        for fields in ({"track": "none"}, {"drone": "none"}, {"boxes": {"none": "a:b"}}):
+            with pytest.raises(UserError):
+                run_race(Scenario(**fields), tmp_path)
+        assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_mid_flight(tmp_path, signum):
+    log = tmp_path / "log"
+    with open(log, "w") as file:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "airrace.diagrams.race", "--output", str(tmp_path / "out"),
+             "--no-meshcat"],
+            stdout=file, stderr=subprocess.STDOUT, cwd=os.getcwd(),
+            # A shell that started the tests in the background may ignore SIGINT.
+            preexec_fn=lambda: signal.signal(signum, signal.SIG_DFL),
+        )
+    try:
+        deadline = time.monotonic() + 60
+        while "TAKE_OFF" not in log.read_text():
+            assert process.poll() is None and time.monotonic() < deadline, log.read_text()
+            time.sleep(0.02)
+        process.send_signal(signum)
+        assert process.wait(30) == 1
+    finally:
+        process.kill()
+        process.wait()
+    data = read_race(tmp_path / "out")
+    assert data["dnf_reason"] == "interrupted"
+    assert data["exploration"]["time_s"] > 0.5
+    text = log.read_text()
+    assert "Did not finish: interrupted" in text and "Traceback" not in text
+    assert text.splitlines()[-1] == f"Results: {tmp_path / 'out'}"
+
+
+def test_a_race_has_the_outputs_of_a_recorder():
+    race = MakeRace(Scenario())
+    assert race.get_name() == "race"
+    assert [system.get_name() for system in race.GetSystems()] == ["simulation", "autonomy"]
+    names = [race.get_output_port(i).get_name() for i in range(race.num_output_ports())]
+    assert names == [
+        "truth.referee_report", "truth.state", "explorer_status", "gate_map", "lap_plan"
+    ]
+    assert race.num_input_ports() == 0
+
+    assert set(RESULTS) == FILES | {"race.html"}

@@ -356,13 +356,13 @@ class TestFaults:
         assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_in_mid_flight(tmp_path, signum):
+@pytest.mark.parametrize("signum, replay", [(signal.SIGINT, True), (signal.SIGTERM, False)])
+def test_a_signal_in_mid_flight(tmp_path, signum, replay):
     log = tmp_path / "log"
     with open(log, "w") as file:
         process = subprocess.Popen(
             [sys.executable, "-m", "airrace.diagrams.race", "--output", str(tmp_path / "out"),
-             "--no-meshcat"],
+             "--meshcat" if replay else "--no-meshcat"],
             stdout=file, stderr=subprocess.STDOUT, cwd=os.getcwd(),
             # A shell that started the tests in the background may ignore SIGINT.
             preexec_fn=lambda: signal.signal(signum, signal.SIG_DFL),
@@ -378,6 +378,7 @@ def test_a_signal_in_mid_flight(tmp_path, signum):
         process.kill()
         process.wait()
     data = read_race(tmp_path / "out")
+    assert (tmp_path / "out" / "race.html").exists() == replay
     assert data["dnf_reason"] == "interrupted"
     assert data["exploration"]["time_s"] > 0.5
     text = log.read_text()

@@ -34,7 +34,8 @@ def dense(leg):
 def assert_leads(leg, start, waypoints):
     """Continuous with the start, through all waypoints, at rest at the last."""
     np.testing.assert_allclose(leg.derivatives(0.0)[:4], start[:4], atol=1e-9)
-    poses, waypoints = np.array([leg.derivatives(t)[0] for t in leg.breaks[1:]]), np.array(waypoints)
+    waypoints = np.array(waypoints)
+    poses = np.array([leg.derivatives(t)[0] for t in leg.breaks[1:]])
     np.testing.assert_allclose(poses[:, :3], waypoints[:, :3], atol=1e-8)
     np.testing.assert_allclose(np.exp(1j * poses[:, 3]), np.exp(1j * waypoints[:, 3]), atol=1e-8)
     np.testing.assert_allclose(leg.derivatives(leg.duration)[1:4], 0.0, atol=1e-8)

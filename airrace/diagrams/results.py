@@ -3,8 +3,9 @@
 import numpy as np
 
 from airrace.diagrams.scenario import Scenario
+from airrace.systems.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.referee import RefereeReport
-from airrace.systems.types import ExplorerStatus, GateMap, LapPlan, NO_PLAN
+from airrace.systems.types import ExplorerStatus, GateMap
 from airrace.track import Track
 
 

@@ -41,7 +41,7 @@ class StateEstimateConfig:
 class RefereeConfig:
     """When a race is over."""
 
-    time_limit: float = 1200.0  # s, exploration and laps
+    time_limit: typing.Optional[float] = None  # s; by default 600, and 120 a lap
     arena_margin: float = 60.0  # m beyond the outermost pylons, and upwards
 
 

@@ -7,9 +7,9 @@ from pydrake.multibody.plant import AddMultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from airrace.diagrams.scenario import Scenario
+from airrace.rendering.planar import PlanarRenderer
 from airrace.rendering.scenery import AddScenery
 from airrace.rendering.vtk import AddVtkRenderer
-from airrace.rendering.planar import PlanarRenderer
 from airrace.systems.camera import Camera
 from airrace.systems.multirotor import AddMultirotor, AddMultirotorModel
 from airrace.systems.referee import Referee
@@ -70,7 +70,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
             track=track,
             laps=scenario.laps,
             period=plant.time_step(),
-            time_limit=scenario.referee.time_limit,
+            time_limit=scenario.referee.time_limit or 600.0 + 120.0 * scenario.laps,
             arena_margin=scenario.referee.arena_margin,
             body_names=_collision_names(scene_graph),
         ),

@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 
 from airrace.rendering.daylight import SetDaylight
-from airrace.systems.types import NO_PLAN
+from airrace.systems.lap_plan import NO_PLAN
 
 _FLOWN = Rgba(0.1, 0.5, 1.0, 1.0)
 _PLANNED = Rgba(1.0, 0.5, 0.0, 1.0)

@@ -11,7 +11,6 @@ from airrace.immutable import read_only
 from airrace.systems.types import CameraInfo, Detection, Detections
 from airrace.track import MARKER_SIZE
 
-
 # The marker's corners in a frame F that is M turned half a turn about x: a
 # marker that faces the camera then has no rotation, where M has one of pi,
 # which OpenCV's rotation vectors cannot represent well.

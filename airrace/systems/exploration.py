@@ -7,6 +7,11 @@ import numpy as np
 
 from airrace.systems import state_estimate as se
 from airrace.systems.types import Detections, GateEstimate, GateMap
+from airrace.track import PYLON_HEIGHT
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flyable import CLEARANCE, pylon_distances, sample_times
+
+_ABOVE_PYLONS = PYLON_HEIGHT + 3.0  # m
 
 
 @dc.dataclass(frozen=True)
@@ -96,6 +101,33 @@ def search_target(now: Now, config) -> tuple[np.ndarray, str, str]:
     pose = now.memory.leg.derivatives(now.memory.leg.duration, 1)[0]
     step = config.step_length * np.array([np.cos(pose[3]), np.sin(pose[3]), 0.0, 0.0])
     return pose + step, "STEP_FORWARD", "no gate in sight"
+
+
+def ways_home(now: Now, config) -> list:
+    """Returns routes through the gates still ahead and back over the start.
+
+    Args:
+        now: what is known.
+        config: an ExplorerConfig.
+
+    Returns:
+        lists of x, y, z and yaw: straight home, and home above all pylons.
+    """
+    home, last = now.memory.home, now.memory.last
+    gates = [gate_pose(gate) for gate, _ in now.memory.ahead]
+    if gates:
+        gates.append(gate_pose(last, config.passing_distance))
+    # Up on the way out of the last gate, where nothing can stand.
+    out = gate_pose(last, 2 * config.passing_distance)
+    climb, descend = (np.array([*pose[:2], _ABOVE_PYLONS, pose[3]]) for pose in (out, home))
+    return [[*gates, home], [*gates, climb, descend, home]]
+
+
+def is_clear(leg: FlatTrajectory, gate_map: GateMap) -> bool:
+    """Whether a leg keeps clear of every pylon in the map."""
+    pylons = [pylon for gate in gate_map.gates for pylon in gate.pylons]
+    distances = pylon_distances(leg.sample(sample_times(leg)), np.reshape(pylons, (-1, 2)))
+    return bool(distances.min(initial=np.inf) >= CLEARANCE)
 
 
 def _next_number(now: Now) -> int:

@@ -65,7 +65,7 @@ class Explorer(LeafSystem):
     - STEP_AROUND: one marker in sight, so to where both should be.
     - FLY_TO_GATE: through every gate found and not yet passed. Gates found on
       the way extend the leg without a stop; after the last, the search goes on.
-    - RETURN: gate 1 showed up again, so back over the start.
+    - RETURN: gate 1 showed up again, so through what is left and home.
     - DONE: hovering there, ready to race.
     """
 
@@ -200,7 +200,8 @@ class Explorer(LeafSystem):
             status = dc.replace(memory.status, closed_at=now.time)
             memory = dc.replace(memory, status=status, ahead=())
             reason = f"gate 1 again after {len(memory.status.gates)} gates: the loop is closed"
-            return self._Go(now, memory, "RETURN", reason, [memory.home])
+            routes = exploration.ways_home(now, self._config)
+            return self._Go(now, memory, "RETURN", reason, *routes)
         gates = tuple(g for g, _ in memory.ahead) + (gate,)
         waypoints = [exploration.gate_pose(g) for g in gates]
         beyond = exploration.gate_pose(gate, self._config.passing_distance)
@@ -221,14 +222,20 @@ class Explorer(LeafSystem):
         memory = dc.replace(now.memory, stepped_around=state == "STEP_AROUND")
         return self._Go(now, memory, state, reason, [target])
 
-    def _Go(self, now, memory, state, reason, waypoints):
-        """Returns the memory of a new leg from the current reference on."""
-        leg = plan_leg(
-            memory.leg.derivatives(now.time - memory.leg_start),
-            np.array(waypoints),
-            max_speed=self._config.max_speed,
-            max_acceleration=self._config.max_acceleration,
+    def _Go(self, now, memory, state, reason, *routes):
+        """Returns the memory of a new leg from the current reference on.
+
+        Of several routes it takes the first that keeps clear of all known
+        pylons, else the last.
+        """
+        start = memory.leg.derivatives(now.time - memory.leg_start)
+        limits = dict(
+            max_speed=self._config.max_speed, max_acceleration=self._config.max_acceleration
         )
+        for route in routes:
+            leg = plan_leg(start, np.array(route), **limits)
+            if exploration.is_clear(leg, now.gate_map):
+                break
         memory = dc.replace(memory, leg=leg, leg_start=now.time)
         return self._Enter(now, memory, state, reason)
 

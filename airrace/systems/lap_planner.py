@@ -8,7 +8,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
 from airrace.immutable import Immutable
-from airrace.systems.types import NO_PLAN, LapPlan, PlanReport
+from airrace.systems.lap_plan import NO_PLAN, LapPlan, PlanReport
 from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.entry import plan_change, plan_start
 from airrace.trajopt.flat_trajectory import SIZE, FlatTrajectory

@@ -3,7 +3,7 @@
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
-from airrace.systems.types import NO_PLAN
+from airrace.systems.lap_plan import NO_PLAN
 from airrace.trajopt.flat_trajectory import SIZE, flat_outputs
 
 

@@ -6,8 +6,6 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from airrace.immutable import Immutable, read_only
-from airrace.trajopt.circuit import Circuit
-from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -181,72 +179,3 @@ class ExplorerStatus(Immutable):
     gates: tuple = ()
     closed_at: float | None = None
     done: bool = False
-
-
-@dc.dataclass(frozen=True, eq=False)
-class PlanReport(Immutable):
-    """What a lap plan promises, from a dense check.
-
-    Attributes:
-        solve_time: wall time of the solve (s).
-        duration: of the lap, gate 1 to gate 1 (s).
-        max_speed: (m/s). max_acceleration: (m/s^2).
-        max_rotor_thrust: of any rotor, by inverse dynamics (N).
-    """
-
-    solve_time: float
-    duration: float
-    max_speed: float
-    max_acceleration: float
-    max_rotor_thrust: float
-
-
-@dc.dataclass(frozen=True, eq=False)
-class LapPlan(Immutable):
-    """A trajectory that joins a lap and then repeats it until it is replaced.
-
-    Attributes:
-        lap: number of the first lap flown on this plan, from 1.
-        start_time: when the entry starts (s).
-        entry: from the state at the hand-over onto the circuit.
-        circuit: one lap, gate 1 to gate 1.
-        phase: time on the circuit at which the entry joins it (s).
-        report: what the plan promises.
-    """
-
-    lap: int
-    start_time: float
-    entry: FlatTrajectory | None
-    circuit: Circuit | None
-    phase: float
-    report: PlanReport | None
-
-    def derivatives(self, time: float) -> np.ndarray:
-        """Returns value and four derivatives of x, y, z, yaw at a time, (5, 4)."""
-        t = time - self.start_time
-        if t < self.entry.duration:
-            return self.entry.derivatives(t)
-        t += self.phase - self.entry.duration
-        return self.circuit.derivatives(t % self.circuit.duration)
-
-    def lap_at(self, time: float) -> int:
-        """Returns the number of the lap being flown at a time; gate 1 starts it.
-
-        On an entry before gate 1 that is the lap before the plan's first.
-        """
-        flown = (time - self._first_start) / self.circuit.duration
-        return self.lap + int(max(np.floor(flown), -1.0))
-
-    def next_start(self, time: float) -> float:
-        """Returns when the drone next passes gate 1 after a time (s)."""
-        laps = self.lap_at(time) + 1 - self.lap
-        return self._first_start + laps * self.circuit.duration
-
-    @property
-    def _first_start(self) -> float:
-        """When the circuit, traced back from the entry's end, starts (s)."""
-        return self.start_time + self.entry.duration - self.phase
-
-
-# What the lap_plan port holds until the race begins; compare with `is`.
-NO_PLAN = LapPlan(lap=0, start_time=0.0, entry=None, circuit=None, phase=0.0, report=None)

@@ -9,7 +9,11 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
 from airrace.trajopt.min_snap import (
-    MinSnapProblem, TrajectoryOptimizationError, solve_min_snap, unit_segment)
+    MinSnapProblem,
+    TrajectoryOptimizationError,
+    solve_min_snap,
+    unit_segment,
+)
 
 _SAMPLES, _FINE_SAMPLES = 12, 64  # of a segment: to optimise, and to polish
 

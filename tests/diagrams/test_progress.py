@@ -8,8 +8,9 @@ from rich.console import Console
 from airrace.diagrams.progress import RaceDisplay, _PatientConsole, lap_table
 from airrace.diagrams.results import RaceRecord
 from airrace.diagrams.scenario import Scenario
+from airrace.systems.lap_plan import NO_PLAN
 from airrace.systems.referee import GateCrossing, RefereeReport
-from airrace.systems.types import NO_PLAN, ExplorerStatus, GateMap
+from airrace.systems.types import ExplorerStatus, GateMap
 from airrace.track import load_track
 
 TRACK = load_track("student-airrace")

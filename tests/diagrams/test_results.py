@@ -8,15 +8,9 @@ from hypothesis import strategies as st
 
 from airrace.diagrams.results import RaceRecord, front_marker_rms
 from airrace.diagrams.scenario import Scenario
+from airrace.systems.lap_plan import NO_PLAN, LapPlan, PlanReport
 from airrace.systems.referee import GateCrossing, RefereeReport
-from airrace.systems.types import (
-    NO_PLAN,
-    ExplorerStatus,
-    GateMap,
-    LapPlan,
-    MarkerEstimate,
-    PlanReport,
-)
+from airrace.systems.types import ExplorerStatus, GateMap, MarkerEstimate
 from airrace.track import load_track
 
 TRACK = load_track("student-airrace")

@@ -6,7 +6,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
 from airrace.diagrams.visualization import MakeMeshcat, PathVisualizer
-from airrace.systems.types import NO_PLAN
+from airrace.systems.lap_plan import NO_PLAN
 from airrace.track import load_track
 
 

@@ -1,7 +1,6 @@
 """The camera as a System: what it samples, when, and how often it draws."""
 
 import numpy as np
-import pytest
 from pydrake.common.value import Value
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix

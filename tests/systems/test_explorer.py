@@ -118,6 +118,27 @@ def test_any_heading_of_the_track(turned):
     assert (path[-1, 3] - np.deg2rad(turned) + np.pi) % (2 * np.pi) == pytest.approx(np.pi)
 
 
+def polygon(n, leg=20.0):
+    """A track of n gates, each turned by 360 / n degrees, by the layout rule."""
+    p, gates = np.array([20.0, 5.0]), []
+    for k in range(n):
+        heading = 2 * np.pi * k / n
+        gates.append(Gate(p.tolist(), np.rad2deg(heading)))
+        p = p + leg * np.array([np.cos(heading), np.sin(heading)])
+    return Track(f"polygon-{n}", Start([0.0, 0.0, 0.0], 0.0), 5.0, gates)
+
+
+@pytest.mark.parametrize("n", [7, 8])
+def test_returns_home_clear_of_pylons(n):
+    """Gate 1 shows up before the last gates are flown, and they are in the way."""
+    track = polygon(n)
+    statuses, path = run(track)
+    assert statuses[-1].done and statuses[-1].gates == tuple(range(n))
+    beside = np.linalg.norm(path[:, None, :2] - track.pylons()[None, :, :2], axis=2)
+    assert np.hypot(beside, np.maximum(path[:, None, 2] - 12.0, 0)).min() > 1.9
+    np.testing.assert_allclose(path[-1, :3], [0, 0, 5.1], atol=0.05)
+
+
 def still(estimate, seconds):
     """Returns the explorer's status after sitting still with one estimate."""
     explorer = Explorer(config=ExplorerConfig(), hover_height=5.0)

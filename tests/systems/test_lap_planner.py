@@ -11,8 +11,9 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
 from airrace.diagrams.scenario import PlannerConfig
+from airrace.systems.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.lap_planner import LapPlanner
-from airrace.systems.types import NO_PLAN, ExplorerStatus, GateEstimate, GateMap, LapPlan
+from airrace.systems.types import ExplorerStatus, GateEstimate, GateMap
 from airrace.track import load_track
 from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.entry import plan_change, plan_start

@@ -3,8 +3,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.common.value import Value
 
+from airrace.systems.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.trajectory_tracker import TrajectoryTracker
-from airrace.systems.types import NO_PLAN, LapPlan
 from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.entry import plan_start
 from airrace.trajopt.flat_trajectory import POSITION, SIZE, VELOCITY, YAW, flat_outputs, hold

@@ -106,6 +106,8 @@ def _value_misfit(name, schema, value):
         fits = _fits(schema, value)
         return None if fits else f"{name} must be {_WORDS[schema]}, not {value!r}"
     args = typing.get_args(schema)
+    if type(None) in args:  # Optional
+        return None if value is None else _value_misfit(name, args[0], value)
     if len(args) == 1:  # a list
         if not isinstance(value, list):
             return f"{name} must be a list, not {value!r}"

@@ -132,7 +132,8 @@ class Track:
         _require(self.name, "it has no name")
         start = np.array([*self.start.position, self.start.heading_deg], float)
         _require(len(self.start.position) == 3, "start.position needs three numbers")
-        _require(np.all(np.isfinite(start)), "start.position or start.heading_deg is missing or not finite")
+        _require(np.all(np.isfinite(start)),
+                 "start.position or start.heading_deg is missing or not finite")
         _require(self.start.position[2] >= 0, "the start lies below the ground")
         _require(
             0.5 <= self.hover_height < PYLON_HEIGHT,

@@ -172,7 +172,7 @@ def _numbers(config, prefix=""):
         value = getattr(config, name)
         if isinstance(value, (int, float)):
             yield prefix + name, value
-        elif not isinstance(value, (str, dict)):
+        elif not isinstance(value, (str, dict, type(None))):
             yield from _numbers(value, f"{prefix}{name}.")
 
 

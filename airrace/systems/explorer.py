@@ -210,10 +210,8 @@ class Explorer(LeafSystem):
             last=gate,
             status=dc.replace(memory.status, gates=(*memory.status.gates, gate.number)),
         )
-        memory = self._Go(
-            now, memory, "FLY_TO_GATE", f"both front markers of gate {gate.number + 1} in one image",
-            [*waypoints, beyond],
-        )
+        reason = f"both front markers of gate {gate.number + 1} in one image"
+        memory = self._Go(now, memory, "FLY_TO_GATE", reason, [*waypoints, beyond])
         return dc.replace(memory, ahead=tuple(zip(gates, memory.leg.breaks[1:])))
 
     def _Seek(self, now):

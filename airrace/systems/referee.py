@@ -123,7 +123,9 @@ class Referee(LeafSystem):
         self._total = laps * len(track.gates) + 1
         self._state = self.DeclareVectorInputPort("state", 13)
         self._contacts = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
-        self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object](ExplorerStatus()))
+        self._explorer = self.DeclareAbstractInputPort(
+            "explorer_status", Value[object](ExplorerStatus())
+        )
         # One vector: see _Memory. Numbers only, so that a step copies no objects.
         self._memory = self.DeclareDiscreteState(_Memory().vector())
         self._table = self.DeclareDiscreteState(3 * self._total)

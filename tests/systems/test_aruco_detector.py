@@ -55,7 +55,7 @@ def detect(grey, time=1.5):
 def test_finds_markers_and_their_poses():
     poses = {
         0: RigidTransform(FACING, [-3.0, 0.0, 10.0]),
-        6: RigidTransform(RollPitchYaw(0.1, 0.5, 0.0).ToRotationMatrix() @ FACING, [2.0, -1.0, 8.0]),
+        6: RigidTransform(RollPitchYaw(0.1, 0.5, 0).ToRotationMatrix() @ FACING, [2, -1, 8.0]),
         39: RigidTransform(FACING, [0.0, 0.5, 20.0]),
     }
     found = detect(picture(poses))

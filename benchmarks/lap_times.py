@@ -35,7 +35,7 @@ def main(argv=None) -> int:
         with tempfile.TemporaryDirectory() as directory:
             scenario = Scenario(trajectory=trajectory, seed=seed, laps=args.laps)
             results.append(run_race(scenario, Path(directory)))
-    Console().print(make_table(results))
+    Console(width=120).print(make_table(results))
     if args.json is not None:
         args.json.write_text(json.dumps(results, indent=1))
     return 0 if all(r["finished"] for r in results) else 1

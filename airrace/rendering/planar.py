@@ -9,7 +9,7 @@ from airrace.rendering.textures import EARTH, PYLON_COLOR
 
 
 class PlanarRenderer:
-    """Draws a track without a graphics library, in about a millisecond.
+    """Draws a track without a graphics library, in a few milliseconds.
 
     Points of the world appear exactly where K maps them: pixel (u, v) of p_C is
     K p_C / z, and integers are pixel centres. Edges of markers lie there to a

@@ -12,6 +12,7 @@ from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flyable import CLEARANCE, pylon_distances, sample_times
 
 _ABOVE_PYLONS = PYLON_HEIGHT + 3.0  # m
+_LEAST_SIGHTINGS = 3  # before a marker is believed: the dictionary has strays
 
 
 @dc.dataclass(frozen=True)
@@ -69,7 +70,7 @@ def next_gate(now: Now, closing_range: float) -> GateEstimate | None:
     gates = {gate.number: gate for gate in now.gate_map.gates}
     if number in gates:
         return gates[number] if _both_in_image(now, number) else None
-    if number < 3 or any(marker.id // 4 == number for marker in now.gate_map.markers):
+    if number < 3 or 0 not in gates or _is_known(now, number):
         return None
     first = gates[0]
     near = np.linalg.norm(first.p_WG - now.estimate[se.POSITION]) < closing_range
@@ -77,8 +78,19 @@ def next_gate(now: Now, closing_range: float) -> GateEstimate | None:
 
 
 def _both_in_image(now: Now, number: int) -> bool:
-    in_image = {marker.id for marker in now.detections.markers}
-    return {4 * number, 4 * number + 2} <= in_image
+    return {4 * number, 4 * number + 2} <= _ids_in_image(now)
+
+
+def _ids_in_image(now: Now) -> set:
+    return {marker.id for marker in now.detections.markers}
+
+
+def _is_known(now: Now, number: int) -> bool:
+    """Whether any marker of a gate has been seen, and not by mistake."""
+    return any(
+        marker.id // 4 == number and marker.count >= _LEAST_SIGHTINGS
+        for marker in now.gate_map.markers
+    )
 
 
 def search_target(now: Now, config) -> tuple[np.ndarray, str, str]:
@@ -142,9 +154,11 @@ def _lone_marker(now: Now, near: float):
     just be too small to read.
     """
     number = _next_number(now)
-    in_image = {marker.id for marker in now.detections.markers}
+    if _both_in_image(now, number):
+        return None
+    in_image = _ids_in_image(now)
     for estimate in now.gate_map.markers:
-        if estimate.id not in in_image:
+        if estimate.id not in in_image or estimate.count < _LEAST_SIGHTINGS:
             continue
         if estimate.id == 4 * number + 2:
             return estimate

@@ -8,5 +8,5 @@ from airrace.rendering.textures import HORIZON, ZENITH
 def SetDaylight(meshcat) -> None:
     """Makes Meshcat, whose default is a dim studio, look like a fine day."""
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 2.0)
-    meshcat.SetProperty("/Background", "top_color", list(np.array(ZENITH) / 255))
-    meshcat.SetProperty("/Background", "bottom_color", list(np.array(HORIZON) / 255))
+    meshcat.SetProperty("/Background/<object>", "top_color", list(np.array(ZENITH) / 255))
+    meshcat.SetProperty("/Background/<object>", "bottom_color", list(np.array(HORIZON) / 255))

@@ -5,7 +5,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.errors import UserError
@@ -89,7 +89,6 @@ def load_strict(path):
     return json.loads(Path(path).read_text(), parse_constant=refuse)
 
 
-@settings(deadline=None)
 @given(_values)
 def test_json_is_strict_and_loses_only_what_it_lacks(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "data.json"

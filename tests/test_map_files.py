@@ -2,7 +2,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.map_files import map_data, statistics_data, write_map
@@ -47,7 +47,6 @@ def test_an_empty_map(tmp_path):
     }
 
 
-@settings(deadline=None)
 @given(maps())
 def test_the_files_say_what_the_map_says(tmp_path_factory, gate_map):
     folder = tmp_path_factory.getbasetemp()

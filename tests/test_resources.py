@@ -5,7 +5,7 @@ import typing
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.common.yaml import yaml_load_typed
 
@@ -80,7 +80,6 @@ class TestFindYaml:
             find_yaml("tracks", name)
         assert f"no track named '{name}'" in str(e.value)
 
-    @settings(deadline=None)
     @given(st.text(max_size=40))
     def test_any_name_is_found_or_explained(self, name):
         try:
@@ -161,7 +160,6 @@ _data = st.recursive(
 )
 
 
-@settings(deadline=None)
 @given(_data)
 def test_what_drake_refuses_is_refused_in_our_words(data):
     text = yaml.safe_dump(data)

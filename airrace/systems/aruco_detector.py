@@ -16,6 +16,7 @@ from airrace.track import MARKER_SIZE
 # which OpenCV's rotation vectors cannot represent well.
 _H = MARKER_SIZE / 2
 _POINTS = np.array([[-_H, -_H, 0.0], [_H, -_H, 0.0], [_H, _H, 0.0], [-_H, _H, 0.0]])
+_TILT = 0.4  # rad
 _R_FM = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
 
 
@@ -101,8 +102,11 @@ def locate(id: int, corners, info: CameraInfo) -> Detection | None:
     _, rotations, translations, _ = cv2.solvePnPGeneric(
         _POINTS, corners, info.K, info.D, flags=cv2.SOLVEPNP_IPPE
     )
+    seeds = [
+        (r, t) for r, t in zip(rotations, translations) if np.isfinite(r).all() and t[2, 0] > 0
+    ]
     best, best_error = None, np.inf
-    for r, t in zip(rotations, translations):
+    for r, t in seeds or _guesses(corners, info):
         r, t = cv2.solvePnPRefineLM(_POINTS, corners, info.K, info.D, r, t)
         projected = cv2.projectPoints(_POINTS, r, t, info.K, info.D)[0].reshape(4, 2)
         error = np.sqrt(np.mean(np.sum((projected - corners) ** 2, axis=1)))
@@ -118,3 +122,13 @@ def locate(id: int, corners, info: CameraInfo) -> Detection | None:
         X_CM=RigidTransform(R_CF @ _R_FM, best[1].ravel()),
         reprojection_error=float(best_error),
     )
+
+
+def _guesses(corners, info: CameraInfo):
+    """Returns rough poses, for views of perfect symmetry where IPPE finds none."""
+    depth = MARKER_SIZE * info.K[0, 0] / np.ptp(corners, axis=0).max()
+    t = depth * np.linalg.solve(info.K, [*corners.mean(axis=0), 1.0])
+    return [
+        (np.array([[a], [b], [0.0]]), t[:, None].copy())
+        for a, b in ((_TILT, 0), (-_TILT, 0), (0, _TILT), (0, -_TILT))
+    ]

@@ -241,7 +241,6 @@ _values = st.recursive(
 )
 
 
-@settings(deadline=None)
 @given(_values)
 def test_anything_loads_or_is_refused_in_a_sentence(data):
     try:

@@ -56,7 +56,7 @@ def views(nearest, farthest, most_oblique):
     )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(views(3.0, 28.0, 60))
 def test_edges_of_markers_are_unbiased(view):
     X_WC, corners, usable = view
@@ -91,7 +91,7 @@ def test_edges_of_markers_are_precise_on_the_whole():
     assert np.sqrt(np.mean(errors**2)) < 0.03
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(views(5.0, 20.0, 45))
 def test_opencv_detects_markers_where_they_are(view):
     X_WC, corners, usable = view

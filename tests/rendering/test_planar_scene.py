@@ -120,7 +120,7 @@ def test_inside_a_pylon_and_below_the_ground():
     assert np.all(below[..., :3] == EARTH)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.floats(-2.5, 2.5), st.floats(-2.5, 2.5), st.floats(-0.5, 13.0),
     st.floats(-np.pi, np.pi), st.floats(-1.5, 1.5), st.floats(-np.pi, np.pi),

@@ -114,6 +114,17 @@ def test_locate_inverts_the_projection(pitch, yaw, x, y, z):
     assert marker.X_CM.rotation().IsValid()
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.3, -0.44])
+@pytest.mark.parametrize("x", [0.0, 1.0, -3.3])
+def test_locate_in_views_of_perfect_symmetry(yaw, x):
+    """OpenCV's closed form fails in some of them."""
+    R = RollPitchYaw(0.0, yaw, 0.0).ToRotationMatrix() @ FACING
+    for z in np.linspace(6.0, 35.0, 200):
+        X_CM = RigidTransform(R, [x, 0.0, z])
+        marker = locate(5, project(X_CM), INFO)
+        np.testing.assert_allclose(marker.X_CM.translation(), X_CM.translation(), atol=1e-5 * z)
+
+
 @pytest.mark.parametrize("corners", [np.full((4, 2), np.nan), np.zeros((4, 2))])
 def test_locate_refuses_what_is_no_square(corners):
     assert locate(5, corners, INFO) is None

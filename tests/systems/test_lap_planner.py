@@ -28,7 +28,7 @@ GATES = tuple(
     for n, gate in enumerate(load_track("student-airrace").gates)
 )
 DONE = ExplorerStatus(state="DONE", gates=tuple(range(10)), done=True)
-few = settings(max_examples=60, deadline=None, derandomize=True)
+few = settings(max_examples=60)
 
 
 def moved(step):
@@ -89,7 +89,7 @@ def test_no_plan_before_the_exploration_is_done():
     np.testing.assert_allclose(plan.derivatives(5.55)[1:4], 0.0, atol=1e-9)
 
 
-@settings(max_examples=6, deadline=None, derandomize=True)
+@settings(max_examples=6)
 @given(st.floats(0.01, 2.0), st.floats(2.0, 50.0))
 def test_plans_come_into_force_exactly_one_latency_later(latency, rate):
     bench = Bench(latency=latency, rate=rate)

@@ -14,7 +14,7 @@ from airrace.systems.state_filter import StateFilter, kalman_gain
 from airrace.trajopt.flat_trajectory import ACCELERATION, hold
 
 STATE_RATE, RATE = 200.0, 500.0
-few = settings(max_examples=30, deadline=None, derandomize=True)
+few = settings(max_examples=30)
 ACC = np.array([1.0, -2.0, 0.5])
 
 

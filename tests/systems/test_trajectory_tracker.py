@@ -11,7 +11,7 @@ from airrace.trajopt.flat_trajectory import POSITION, SIZE, VELOCITY, YAW, flat_
 
 LIMITS = dict(max_speed=20.0, max_acceleration=10.0)
 MIDPOINTS = np.array([[0, -20, 6], [20, 0, 6], [0, 20, 6], [-20, 0, 6]], float)
-few = settings(max_examples=40, deadline=None, derandomize=True)
+few = settings(max_examples=40)
 
 
 def make_plan():

@@ -20,7 +20,7 @@ MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
 HEADINGS = np.array([gate.heading for gate in TRACK.gates])
 LIMITS = dict(max_speed=20.0, max_acceleration=10.0)
 each = pytest.mark.parametrize("dimensions", [3, 4, 6])
-few = settings(max_examples=8, deadline=None, derandomize=True)
+few = settings(max_examples=8)
 
 
 def pylons_of(midpoints, headings, spacing=10.0):

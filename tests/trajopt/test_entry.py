@@ -20,7 +20,7 @@ HEADINGS = np.array([gate.heading for gate in TRACK.gates])
 PYLONS = TRACK.pylons()[:, :2]
 LIMITS = dict(max_speed=20.0, max_acceleration=10.0)
 each = pytest.mark.parametrize("dimensions", [3, 4, 6])
-few = settings(max_examples=12, deadline=None, derandomize=True)
+few = settings(max_examples=12)
 
 
 def pylons_of(midpoints, headings):

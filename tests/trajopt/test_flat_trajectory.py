@@ -15,7 +15,7 @@ DURATIONS = [1.5, 1.0, 2.0, 1.8]
 POLYNOMIAL = solve_min_snap(POINTS, DURATIONS)
 TRAJECTORY = FlatTrajectory(POLYNOMIAL)
 times = st.floats(0.0, sum(DURATIONS))
-few = settings(max_examples=30, deadline=None, derandomize=True)
+few = settings(max_examples=30)
 
 
 def test_the_layout_covers_the_vector_once():

@@ -22,7 +22,7 @@ from airrace.trajopt.min_snap import DerivativeConstraint, solve_min_snap
 
 LIMITS = dict(max_speed=20.0, max_acceleration=10.0)
 NONE = np.zeros((0, 2))
-few = settings(max_examples=40, deadline=None, derandomize=True)
+few = settings(max_examples=40)
 
 
 def line(start, end, duration):

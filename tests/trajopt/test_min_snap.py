@@ -16,7 +16,7 @@ from airrace.trajopt.min_snap import (
 )
 
 NAN = np.nan
-few = settings(max_examples=25, deadline=None, derandomize=True)
+few = settings(max_examples=25)
 seeds = st.integers(0, 10**6)
 
 

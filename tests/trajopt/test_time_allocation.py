@@ -24,7 +24,7 @@ from airrace.trajopt.time_allocation import (
 
 NAN = np.nan
 LIMITS = dict(max_speed=20.0, max_acceleration=10.0)
-few = settings(max_examples=10, deadline=None, derandomize=True)
+few = settings(max_examples=10)
 seeds = st.integers(0, 10**6)
 
 

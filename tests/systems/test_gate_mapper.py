@@ -114,7 +114,7 @@ points = st.lists(st.tuples(*[st.floats(-50, 50)] * 3), min_size=2, max_size=30)
 def test_mean_and_variance_of_what_counts(samples):
     statistics = EMPTY
     for p in samples:
-        statistics = statistics.updated(np.array(p), np.array([1.0, 0, 0]), 1e9, 5)
+        statistics = statistics.updated(np.array(p), np.array([1.0, 0, 0]), 3.0, 100)
     assert statistics.count == len(samples)
     np.testing.assert_allclose(statistics.mean, np.mean(samples, axis=0), atol=1e-9)
     np.testing.assert_allclose(statistics.variance, np.var(samples, axis=0, ddof=1), atol=1e-6)

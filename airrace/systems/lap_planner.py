@@ -11,7 +11,7 @@ from airrace.immutable import Immutable
 from airrace.systems.lap_plan import NO_PLAN, LapPlan, PlanReport
 from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.entry import plan_change, plan_start
-from airrace.trajopt.flat_trajectory import SIZE, FlatTrajectory
+from airrace.trajopt.flat_trajectory import SIZE, FlatTrajectory, unpack_flat_outputs
 from airrace.trajopt.flatness import rotor_thrusts
 from airrace.trajopt.flyable import peaks, sample_times
 from airrace.trajopt.min_snap import TrajectoryOptimizationError
@@ -150,7 +150,7 @@ class LapPlanner(LeafSystem):
                 self._dimensions, previous=old.circuit, **self._limits,
             )
             if old is NO_PLAN:
-                start = _derivatives(self._reference.Eval(context))
+                start = unpack_flat_outputs(self._reference.Eval(context))
                 lap = 1
                 entry, phase = plan_start(
                     start, circuit, self._dimensions, pylons, **self._limits
@@ -185,12 +185,3 @@ class LapPlanner(LeafSystem):
 
 def _is_due(plan: LapPlan, context) -> bool:
     return context.get_time() >= plan.start_time - 1e-9
-
-
-def _derivatives(reference) -> np.ndarray:
-    """Returns value and four derivatives of x, y, z and yaw, (5, 4).
-
-    Those of yaw beyond the second are not part of a reference: zero.
-    """
-    return np.column_stack([reference[:15].reshape(5, 3), [*reference[15:], 0.0, 0.0]])
-

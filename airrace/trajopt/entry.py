@@ -7,7 +7,7 @@ import numpy as np
 from airrace.trajopt.circuit import LEVEL, Circuit
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flyable import is_flyable, passes_forward
-from airrace.trajopt.leg import trapezoid_durations
+from airrace.trajopt.leg import end_constraints, trapezoid_durations
 from airrace.trajopt.min_snap import (
     DerivativeConstraint,
     TrajectoryOptimizationError,
@@ -75,7 +75,7 @@ def _solve_start(start, circuit: Circuit, gates, approach, dimensions, limits):
     knots[:, 3] = unwrap_headings(knots[:, 3])
     if np.linalg.norm(np.diff(knots[:, :3], axis=0), axis=1).min() < _LEAST_DISTANCE:
         raise TrajectoryOptimizationError("Two waypoints coincide.")
-    constraints = _end_constraints(start, goal, (1, 2, 3))
+    constraints = end_constraints(start, goal, (1, 2, 3))
     if dimensions == 6:
         constraints += [DerivativeConstraint(i, 2, LEVEL) for i in indices]
     guess = trapezoid_durations(
@@ -117,7 +117,7 @@ def plan_change(start, circuit: Circuit, duration, pylons, *, max_speed,
     knots = np.array([start[0], *(circuit.derivatives(t)[0] for t in between), goal[0]])
     knots[:, 3] = unwrap_headings(knots[:, 3])
     times = [0.0, *(duration - circuit.duration + t for t in between), duration]
-    constraints = _end_constraints(start, goal, (1, 2, 3, 4))
+    constraints = end_constraints(start, goal, (1, 2, 3, 4))
     for factor in _STRETCHES:
         change = FlatTrajectory(
             solve_min_snap(knots, factor * np.diff(times), constraints=constraints)
@@ -127,11 +127,3 @@ def plan_change(start, circuit: Circuit, duration, pylons, *, max_speed,
         ):
             return change
     raise TrajectoryOptimizationError("No change to the new lap is within the limits.")
-
-
-def _end_constraints(start, goal, orders):
-    return [
-        DerivativeConstraint(i, order, side[order])
-        for i, side in ((0, start), (-1, goal))
-        for order in orders
-    ]

@@ -62,6 +62,15 @@ def flat_outputs(derivatives) -> np.ndarray:
     return np.concatenate([derivatives[:, :3].ravel(), derivatives[:3, 3]])
 
 
+def unpack_flat_outputs(reference) -> np.ndarray:
+    """Returns value and four derivatives of x, y, z and yaw, (5, 4), of a sample (18,).
+
+    Those of yaw beyond the second are not part of a sample: zero.
+    """
+    xyz = reference[:YAW].reshape(5, 3)
+    return np.column_stack([xyz, [*reference[YAW:], 0.0, 0.0]])
+
+
 def hold(p_WB, yaw: float) -> np.ndarray:
     """Returns the reference of hovering at a point, shape (18,).
 

@@ -44,8 +44,7 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
         if np.abs(start[1:4]).max() > _NEAR:
             raise TrajectoryOptimizationError("No leg leads from motion to rest on the spot.")
         return FlatTrajectory.resting(knots[0])
-    constraints = [DerivativeConstraint(0, order, start[order]) for order in (1, 2, 3)]
-    constraints += [DerivativeConstraint(-1, order, np.zeros(4)) for order in (1, 2, 3)]
+    constraints = end_constraints(start, np.zeros((4, 4)), (1, 2, 3))
     speed = np.linalg.norm(start[1, :3])
     guess = trapezoid_durations(knots[:, :3], speed, 0.8 * max_speed, 0.5 * max_acceleration)
     # A turn on the spot takes time, too, and so does braking.
@@ -70,6 +69,20 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
     else:
         raise TrajectoryOptimizationError("No leg from this start leads through the waypoints.")
     return FlatTrajectory(solve_min_snap(knots, durations, constraints=constraints))
+
+
+def end_constraints(start, goal, orders) -> list:
+    """Returns constraints that fix derivatives at both ends of a flight.
+
+    Args:
+        start, goal: value and derivatives of x, y, z (m) and yaw (rad), (n, 4).
+        orders: of the derivatives to fix, each below n.
+    """
+    return [
+        DerivativeConstraint(i, order, side[order])
+        for i, side in ((0, start), (-1, goal))
+        for order in orders
+    ]
 
 
 def trapezoid_durations(points, start_speed, cruise_speed, acceleration) -> np.ndarray:

@@ -5,7 +5,11 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from picture_tools import (
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+
+from airrace.rendering.planar import PlanarRenderer
+from airrace.systems.types import make_camera_info
+from tests.rendering.picture_tools import (
     CAMERA_INFO,
     CORNERS_M,
     grey,
@@ -15,10 +19,6 @@ from picture_tools import (
     one_gate,
     project,
 )
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
-
-from airrace.rendering.planar import PlanarRenderer
-from airrace.systems.types import make_camera_info
 
 TRACK = one_gate()
 RENDERER = PlanarRenderer(TRACK, CAMERA_INFO)

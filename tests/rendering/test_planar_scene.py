@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from picture_tools import CAMERA_INFO, R_BC, look_at, new_picture, one_gate, project
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from airrace.rendering.planar import PlanarRenderer
 from airrace.rendering.textures import BOARD_BACK, EARTH
 from airrace.track import Gate, Track, load_track
+from tests.rendering.picture_tools import CAMERA_INFO, R_BC, look_at, new_picture, one_gate, project
 
 GATE = one_gate()
 AWAY = Track(gates=[Gate(left_pylon=[-1e6, 0.0], heading_deg=0.0)])  # out of sight

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from picture_tools import one_gate
 from pydrake.geometry import Box, Meshcat, MeshcatVisualizer, Role, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
@@ -15,6 +14,7 @@ from airrace.rendering.daylight import SetDaylight
 from airrace.rendering.meshes import BOARD_THICKNESS, board_mesh, ground_mesh, pylon_mesh
 from airrace.rendering.scenery import AddScenery
 from airrace.track import PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS, load_track
+from tests.rendering.picture_tools import one_gate
 
 RADIUS = 0.25
 

@@ -6,7 +6,14 @@ import types
 
 import numpy as np
 import pytest
-from picture_tools import (
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from airrace.errors import UserError
+from airrace.rendering.planar import PlanarRenderer
+from airrace.rendering.scenery import AddScenery
+from airrace.rendering.vtk import AddVtkRenderer, check_vtk_available
+from tests.rendering.picture_tools import (
     CAMERA_INFO,
     CORNERS_M,
     grey,
@@ -16,13 +23,6 @@ from picture_tools import (
     one_gate,
     project,
 )
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
-
-from airrace.errors import UserError
-from airrace.rendering.planar import PlanarRenderer
-from airrace.rendering.scenery import AddScenery
-from airrace.rendering.vtk import AddVtkRenderer, check_vtk_available
 
 TRACK = one_gate()
 

@@ -12,9 +12,11 @@ from airrace.systems.explorer import Explorer
 from airrace.systems.gate_mapper import GateMapper
 from airrace.systems.geometric_controller import GeometricController
 from airrace.systems.lap_planner import LapPlanner
+from airrace.systems.rotor_monitor import RotorMonitor
 from airrace.systems.state_filter import StateFilter
 from airrace.systems.trajectory_tracker import TrajectoryTracker
 from airrace.track import load_track
+from airrace.trajopt.flyable import clearance_of
 from airrace.vehicle import load_vehicle
 
 
@@ -27,9 +29,12 @@ def _make_gate_mapper(scenario: Scenario):
 
 
 def _make_explorer(scenario: Scenario):
-    # The hover height is a rule of the race; nothing else of the track is read.
-    hover_height = load_track(scenario.track).hover_height
-    return Explorer(config=scenario.explorer, hover_height=hover_height)
+    return Explorer(
+        config=scenario.explorer,
+        # The hover height is a rule of the race; nothing else of the track is read.
+        hover_height=load_track(scenario.track).hover_height,
+        clearance=clearance_of(load_vehicle(scenario.drone)[0].radius),
+    )
 
 
 def _make_lap_planner(scenario: Scenario):
@@ -40,15 +45,21 @@ def _make_lap_planner(scenario: Scenario):
     )
 
 
+def _make_rotor_monitor(scenario: Scenario):
+    return RotorMonitor(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate)
+
+
 def _make_state_filter(scenario: Scenario):
     return StateFilter(
-        state_rate=scenario.state_estimate.rate, rate=scenario.controller.rate
+        vehicle=load_vehicle(scenario.drone)[0],
+        state_rate=scenario.state_estimate.rate,
+        rate=scenario.controller.rate,
     )
 
 
 def _make_geometric_controller(scenario: Scenario):
     return GeometricController(
-        vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate
+        vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller)
     )
 
 
@@ -59,14 +70,17 @@ BOXES = {
     "explorer": _make_explorer,
     "lap_planner": _make_lap_planner,
     "trajectory_tracker": lambda scenario: TrajectoryTracker(),
+    "rotor_monitor": _make_rotor_monitor,
     "state_filter": _make_state_filter,
     "geometric_controller": _make_geometric_controller,
 }
-INPUTS = ("camera_image", "camera_image_time", "camera_info", "state_estimate")
+INPUTS = ("camera_image", "camera_image_time", "camera_info", "state_estimate", "rotor_speeds")
 OUTPUTS = {
     "rotor_speed_command": "geometric_controller",
     "reference": "trajectory_tracker",
     "filtered_estimate": "state_filter",
+    "disturbance": "state_filter",
+    "rotor_losses": "rotor_monitor",
     "lap_plan": "lap_planner",
     "exploration_reference": "explorer",
     "explorer_status": "explorer",
@@ -91,7 +105,7 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
     for name in scenario.boxes:
         if name not in BOXES:
             raise UserError(f"boxes.{name} is not a box; the boxes are: {', '.join(BOXES)}.")
-    boxes = {name: _make_box(name, scenario) for name in BOXES}
+    boxes = {name: make_box(name, scenario) for name in BOXES}
     try:
         diagram = _wired(boxes)
     except RuntimeError as e:  # Drake's, on types, sizes and algebraic loops
@@ -128,7 +142,7 @@ def _wired(boxes: dict) -> Diagram:
     return builder.Build()
 
 
-def _make_box(name: str, scenario: Scenario) -> System:
+def make_box(name: str, scenario: Scenario) -> System:
     """Makes a box by its default or by the scenario's "module:callable"."""
     if name not in scenario.boxes:
         return BOXES[name](scenario)

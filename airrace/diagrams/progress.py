@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from airrace.diagrams.results import RaceRecord
+from airrace.rotor_loss import Remaining
 
 # Mean laps of the original system on its own track (s).
 ORIGINAL_MEAN_LAP = {"3": 40.60, "4": 41.52, "6": 41.21}
@@ -48,6 +49,7 @@ class RaceDisplay:
         self._console = console or _PatientConsole()
         self._start = self._last = time.perf_counter()
         self._state = None
+        self._losses = 0  # shown so far
         self._live = None
 
     def close(self):
@@ -60,7 +62,7 @@ class RaceDisplay:
         """Shows the race at a look; see run_race()."""
         with self._patience():
             if self._state is None:
-                self._open()
+                self._open(record.vehicle.name)
             self._show(record, look)
 
     @contextlib.contextmanager
@@ -72,9 +74,9 @@ class RaceDisplay:
             self._live = None
             _go_quiet(self._console)
 
-    def _open(self):
+    def _open(self, drone: str):
         scenario = self._scenario
-        self._print(f"airrace: {scenario.drone} on {self._track_name}, {scenario.trajectory}-D, "
+        self._print(f"airrace: {drone} on {self._track_name}, {scenario.trajectory}-D, "
                     f"seed {scenario.seed}, {scenario.laps} laps")
         if self._meshcat is not None:
             self._print(f"Watch it at {self._meshcat.web_url()}")
@@ -91,6 +93,9 @@ class RaceDisplay:
         if (status.state, status.since) != self._state:
             self._state = (status.state, status.since)
             self._print(f"[{status.since:7.1f} s] {status.state}: {status.reason}")
+        for rotor, time_noticed in list(record.rotor_losses.items())[self._losses:]:
+            self._losses += 1
+            self._print(f"[{time_noticed:7.1f} s] {loss_line(record, rotor)}")
         for lap in range(record.laps_flown - look.laps_ended, record.laps_flown):
             first, last = (record.report.crossings[self._gates * k].time for k in (lap, lap + 1))
             self._print(f"[{last:7.1f} s] lap {lap + 1}: {last - first:.2f} s")
@@ -126,6 +131,9 @@ class RaceDisplay:
         with self._patience():
             if result["laps"]:
                 self._console.print(lap_table(result))
+            failures = failures_line(result)
+            if failures:
+                self._print(failures)
             self._print(f"{line}; {wall['seconds']:.0f} s of work, "
                         f"{wall['real_time_factor']:.1f} x real time.")
             self._print(f"Results: {output_dir}")
@@ -139,8 +147,9 @@ def lap_table(result: dict) -> Table:
         table.add_column(heading, justify="right")
     for lap in result["laps"]:
         plan = lap["plan"]
+        mark = " *" if _failures_in(result, lap["start_s"], _end(lap)) else ""
         table.add_row(
-            str(lap["lap"]),
+            f"{lap['lap']}{mark}",
             f"{lap['time_s']:.2f}",
             f"{plan['duration_s']:.2f}" if plan else "-",
             f"{lap['max_speed']:.1f}",
@@ -148,3 +157,40 @@ def lap_table(result: dict) -> Table:
             f"{lap['map_rms_m']:.3f}" if lap["map_rms_m"] is not None else "-",
         )
     return table
+
+
+def loss_line(record: RaceRecord, rotor: int) -> str:
+    """Returns what the autonomy makes of a lost rotor, given by its number."""
+    n = len(record.vehicle.rotors)
+    remaining = Remaining(record.vehicle, [i + 1 not in record.rotor_losses for i in range(n)])
+    if remaining.can_fly:
+        return f"rotor {rotor} lost: flying on with the other {n - len(record.rotor_losses)}"
+    return f"rotor {rotor} lost: the others cannot hold the yaw, coming down"
+
+
+def failures_line(result: dict) -> str:
+    """Returns what failing rotors did to the laps of a race.json; empty if nothing."""
+    laps = result["laps"]
+    failures = _failures_in(result, 0.0, _end(laps[-1])) if laps else []
+    if not failures:
+        return ""
+    times = [failure["time_s"] for failure in failures]
+    before = _mean_time(lap for lap in laps if _end(lap) <= min(times))
+    after = _mean_time(lap for lap in laps if lap["start_s"] > max(times))
+    what = ", ".join(f"rotor {f['rotor']} failed at {f['time_s']:.1f} s" for f in failures)
+    return f"* {what}: mean lap {before} before, {after} after."
+
+
+def _failures_in(result: dict, start: float, end: float) -> list:
+    """Returns the rotor failures from start to before end (s), in order."""
+    failures = [f for f in result["rotor_failures"] if start <= f["time_s"] < end]
+    return sorted(failures, key=lambda failure: failure["time_s"])
+
+
+def _end(lap: dict) -> float:
+    return lap["start_s"] + lap["time_s"]
+
+
+def _mean_time(laps) -> str:
+    times = [lap["time_s"] for lap in laps]
+    return f"{sum(times) / len(times):.2f} s" if times else "-"

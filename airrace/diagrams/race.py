@@ -15,6 +15,7 @@ examples:
   ./run.bash                           ten laps of the reference track
   ./run.bash --laps 2 -t 4             two laps, yaw along the gates' headings
   ./run.bash --track my_track.yaml     a track of your own
+  ./run.bash -d StarOne                the octocopter
   ./run.bash --scenario_file races --scenario_name NoNoise
   ./run.bash --scenario_text '{laps: 3, explorer: {max_speed: 4.0}}'
   ./run.bash --scenario_file runs/NAME/scenario.yaml   a race of yours again
@@ -34,8 +35,9 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     race = parser.add_argument_group("the race")
-    race.add_argument("-d", "--drone", metavar="NAME",
-                      help="the drone, Default or StarOne (default: Default)")
+    race.add_argument("-d", "--drone", metavar="NAME|DIR",
+                      help="a shipped drone, Default or StarOne, or the folder of your own "
+                      "(default: Default)")
     race.add_argument("-s", "--simulation", choices=("SITL", "HITL"), default="SITL",
                       help="where the autonomy runs: software or hardware in the loop "
                       "(default: SITL, in this process)")
@@ -93,18 +95,16 @@ def resolve_scenario(args):
         scenario.simulator_config.target_realtime_rate = args.realtime_rate
     if args.simulation == "HITL":
         raise UserError("-s HITL is not supported yet; race with -s SITL.")
-    if scenario.drone == "StarOne":
-        raise UserError("-d StarOne is not supported yet; race with -d Default.")
     scenario.check()
     return scenario
 
 
-def default_output_dir(scenario, track_name: str) -> Path:
+def default_output_dir(track_name: str, drone_name: str, trajectory: str) -> Path:
     """Returns runs/<UTC time>-<track>-<drone>-<t>d."""
     stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    # A track may be called anything; a folder is typed and quoted in shells.
-    name = re.sub(r"[^\w.-]+", "-", track_name)[:60]
-    return Path("runs") / f"{stamp}-{name}-{scenario.drone}-{scenario.trajectory}d"
+    # Tracks and drones may be called anything; a folder is typed and quoted in shells.
+    track, drone = (re.sub(r"[^\w.-]+", "-", name)[:60] for name in (track_name, drone_name))
+    return Path("runs") / f"{stamp}-{track}-{drone}-{trajectory}d"
 
 
 def write_graphviz(path: Path, scenario) -> None:
@@ -143,10 +143,10 @@ def run(args) -> int:
 
     scenario = resolve_scenario(args)
     track = load_track(scenario.track)
-    load_vehicle(scenario.drone)
+    vehicle, _ = load_vehicle(scenario.drone)
     if args.graphviz is not None:
         write_graphviz(args.graphviz, scenario)
-    folder = args.output or default_output_dir(scenario, track.name)
+    folder = args.output or default_output_dir(track.name, vehicle.name, scenario.trajectory)
     with results_folder(folder, numbered=args.output is None, refuse=RESULTS) as output_dir:
         meshcat = make_meshcat(track) if args.meshcat else None
         with contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display:

@@ -7,6 +7,7 @@ from airrace.systems.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.referee import RefereeReport
 from airrace.systems.types import ExplorerStatus, GateMap
 from airrace.track import Track
+from airrace.vehicle import load_vehicle
 
 
 class RaceRecord:
@@ -16,6 +17,8 @@ class RaceRecord:
         """Args: scenario, track: of the race. simulation: SITL or HITL."""
         self._scenario = scenario
         self._track = track
+        self.vehicle = load_vehicle(scenario.drone)[0]
+        self.rotor_losses = {}  # number of a rotor, from 1, to when it was noticed (s)
         self._simulation = simulation
         self._plans = {}
         self._map_rms = {}
@@ -34,15 +37,18 @@ class RaceRecord:
         return self._status
 
     def observe(self, time, report: RefereeReport, status: ExplorerStatus,
-                gate_map: GateMap, plan: LapPlan) -> int:
+                gate_map: GateMap, plan: LapPlan, rotor_losses=()) -> int:
         """Takes a look at the race; returns how many laps ended since the last.
 
         Args:
             time: of the look (s).
-            report, status, gate_map, plan: the outputs at that time.
+            report, status, gate_map, plan, rotor_losses: the outputs at that
+                time; for the last, see RotorMonitor.
         """
         before = self.laps_flown
         self._time, self.report, self._status = time, report, status
+        for i in np.flatnonzero(np.isfinite(rotor_losses)):
+            self.rotor_losses[int(i) + 1] = float(rotor_losses[i])
         if plan is not NO_PLAN:
             self._plans[plan.lap] = plan
         for lap in range(before + 1, self.laps_flown + 1):
@@ -63,10 +69,14 @@ class RaceRecord:
         time = self.report.end_time if self.report.over else self._time
         return {
             "track": self._track.name,
-            "drone": self._scenario.drone,
+            "drone": self.vehicle.name,
             "simulation": self._simulation,
             "trajectory": self._scenario.trajectory,
             "seed": self._scenario.seed,
+            "rotor_failures": [
+                {"rotor": f.rotor, "time_s": f.time, "noticed_s": self.rotor_losses.get(f.rotor)}
+                for f in self._scenario.rotor_failures
+            ],
             "finished": self.report.finished,
             "dnf_reason": None if self.report.finished else self.report.dnf_reason or dnf_reason,
             "exploration": {
@@ -92,6 +102,7 @@ class RaceRecord:
         plan = plans[-1].report if plans else None
         return {
             "lap": lap,
+            "start_s": start,
             "time_s": crossings[-1].time - start,
             "gate_times_s": [c.time - start for c in crossings[:-1]],
             "gate_offsets_m": [c.offset for c in crossings[:-1]],

@@ -61,6 +61,7 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -
         (autonomy, "explorer_status"),
         (autonomy, "gate_map"),
         (autonomy, "lap_plan"),
+        (autonomy, "rotor_losses"),
     ):
         builder.ExportOutput(source.GetOutputPort(name), name)
     diagram = builder.Build()
@@ -134,7 +135,7 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
                 look = _look(race, simulator.get_context())
                 look.laps_ended = record.observe(
                     look.time, look.referee_report, look.explorer_status, look.gate_map,
-                    look.lap_plan,
+                    look.lap_plan, look.rotor_losses,
                 )
                 if look.laps_ended:
                     save("not over yet")

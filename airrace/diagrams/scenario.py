@@ -1,17 +1,23 @@
 """The scenario: everything that defines a race, as one YAML file."""
 
 import dataclasses as dc
-import math
 import typing
 
 from pydrake.common.yaml import yaml_dump_typed
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.analysis import SimulatorConfig
 
+from airrace.diagrams.scenario_checks import (
+    check_choice,
+    check_disturbances,
+    check_drakes_own,
+    check_numbers,
+    check_rotor_failures,
+)
+from airrace.disturbances import DisturbancesConfig, RotorFailure
 from airrace.errors import UserError
 from airrace.resources import find_yaml, load_yaml, models_path
+from airrace.vehicle import DRONES, find_vehicle
 
 TRAJECTORIES = ("3", "4", "6")
 RENDERERS = ("planar", "vtk")
@@ -88,6 +94,8 @@ class ControllerConfig:
     """The geometric controller."""
 
     rate: float = 500.0  # Hz
+    feed_forward: bool = True  # of the reference's jerk and snap, and of the rotors' lag
+    disturbance_rejection: bool = True  # against wind and drag: integral action
 
 
 @dc.dataclass
@@ -99,7 +107,7 @@ class Scenario:
 
     # What is raced.
     track: str = "student-airrace"  # name of a shipped track, or a file
-    drone: str = "Default"
+    drone: str = "Default"  # a shipped drone, or the folder of one
     laps: int = 10
     trajectory: str = "6"  # dimensions of the lap planner: 3, 4 or 6
     seed: int = 0
@@ -119,6 +127,8 @@ class Scenario:
     camera: CameraConfig = dc.field(default_factory=CameraConfig)
     state_noise: str = "reference"  # or "none"
     state_estimate: StateEstimateConfig = dc.field(default_factory=StateEstimateConfig)
+    disturbances: DisturbancesConfig = dc.field(default_factory=DisturbancesConfig)
+    rotor_failures: typing.List[RotorFailure] = dc.field(default_factory=list)
     referee: RefereeConfig = dc.field(default_factory=RefereeConfig)
 
     # The autonomy.
@@ -132,86 +142,15 @@ class Scenario:
 
     def check(self) -> None:
         """Raises UserError with one sentence on the first bad value."""
-        for name, value in _numbers(self):
-            if isinstance(value, float) and not math.isfinite(value):
-                raise UserError(f"{name} must be a finite number, not {value}.")
-            if not name.startswith(("simulator_config.", "plant_config.")):
-                _check_range(name, value)
-        _check_choice("trajectory", self.trajectory, TRAJECTORIES)
-        _check_choice("camera.renderer", self.camera.renderer, RENDERERS)
-        _check_choice("state_noise", self.state_noise, ("reference", "none"))
+        check_numbers(self)
+        check_choice("trajectory", self.trajectory, TRAJECTORIES)
+        check_choice("camera.renderer", self.camera.renderer, RENDERERS)
+        check_choice("state_noise", self.state_noise, ("reference", "none"))
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
-        _check_drakes_own(self.simulator_config, self.plant_config)
-
-
-# Least and greatest value of numbers for which "positive" does not say it all.
-# The upper limits keep a slip of the pen from filling the memory.
-_RANGES = {
-    "laps": (1, 1000),
-    "seed": (0, math.inf),
-    "camera.width": (16, 8192),
-    "camera.height": (16, 8192),
-    "camera.fov_y_deg": (1, 170),
-    "camera.fps": (1, 1000),
-    "state_estimate.rate": (1, 10000),
-    "state_estimate.position_sigma": (0, math.inf),
-    "state_estimate.velocity_sigma": (0, math.inf),
-    "perception.max_gates": (1, 256),
-    "explorer.rate": (1, 10000),
-    "planner.rate": (1, 10000),
-    "controller.rate": (1, 10000),
-}
-
-
-def _numbers(config, prefix=""):
-    """Yields the dotted names and the values of all numbers in a config."""
-    drakes_fields = getattr(config, "__fields__", None)
-    names = [field.name for field in drakes_fields] if drakes_fields else vars(config)
-    for name in names:
-        value = getattr(config, name)
-        if isinstance(value, (int, float)):
-            yield prefix + name, value
-        elif not isinstance(value, (str, dict, type(None))):
-            yield from _numbers(value, f"{prefix}{name}.")
-
-
-def _check_range(name, value):
-    if name not in _RANGES and value <= 0:
-        raise UserError(f"{name} must be positive, not {value}.")
-    low, high = _RANGES.get(name, (0, math.inf))
-    if value < low:
-        raise UserError(f"{name} must be at least {low}, not {value}.")
-    if value > high:
-        raise UserError(f"{name} must be at most {high}, not {value}.")
-
-
-def _check_choice(name, value, choices):
-    if value not in choices:
-        raise UserError(f"{name} must be one of {', '.join(choices)}, not '{value}'.")
-
-
-def _check_drakes_own(simulator_config, plant_config):
-    """Lets Drake check its own structs, and adds what a race needs of them."""
-    rate = simulator_config.target_realtime_rate
-    if rate < 0:
-        raise UserError(f"target_realtime_rate (--realtime_rate) must be at least 0, not {rate}.")
-    if simulator_config.start_time != 0:
-        raise UserError("simulator_config.start_time must be 0: a race starts at time zero.")
-    for name in ("max_step_size", "accuracy"):
-        _check_range(f"simulator_config.{name}", getattr(simulator_config, name))
-    if not 0 < plant_config.time_step <= 0.01:
-        raise UserError("plant_config.time_step must be above 0 and at most 0.01 s.")
-    # The scene has no hydroelastic shapes, and the referee reads point contacts.
-    _check_choice("plant_config.contact_model", plant_config.contact_model,
-                  ("point", "hydroelastic_with_fallback"))
-    name = "simulator_config"
-    try:
-        ApplySimulatorConfig(simulator_config, Simulator(ConstantVectorSource([0.0])))
-        name = "plant_config"
-        AddMultibodyPlant(plant_config, DiagramBuilder())
-    except (RuntimeError, SystemExit) as e:  # Drake's assertions arrive as SystemExit
-        raise UserError(f"Drake refuses {name}: {' '.join(str(e).split())}") from None
+        check_disturbances(self.disturbances)
+        check_rotor_failures(self.rotor_failures)
+        check_drakes_own(self.simulator_config, self.plant_config)
 
 
 def load_scenario(*, filename=None, scenario_name=None, scenario_text=None) -> Scenario:
@@ -249,4 +188,7 @@ def scenario_yaml(scenario: Scenario) -> str:
     track = find_yaml("tracks", scenario.track)
     if track.parent != models_path() / "tracks":
         scenario = dc.replace(scenario, track=str(track.resolve()))
+    if scenario.drone not in DRONES:
+        folder = find_vehicle(scenario.drone).parent
+        scenario = dc.replace(scenario, drone=str(folder.resolve()))
     return yaml_dump_typed(scenario, schema=Scenario, child_name="Defaults")

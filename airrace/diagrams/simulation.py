@@ -2,24 +2,25 @@
 
 import numpy as np
 from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams, Role, SceneGraph
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import DiscreteTimeDelay
 
 from airrace.diagrams.scenario import Scenario
+from airrace.disturbances import check_rotors_exist, true_vehicle
 from airrace.rendering.planar import PlanarRenderer
 from airrace.rendering.scenery import AddScenery
 from airrace.rendering.vtk import AddVtkRenderer
 from airrace.systems.camera import Camera
-from airrace.systems.multirotor import AddMultirotor, AddMultirotorModel
+from airrace.systems.drag import Drag
+from airrace.systems.multirotor import AddMultirotor, AddMultirotorModel, ground_clearance
 from airrace.systems.referee import Referee
 from airrace.systems.state_estimate import StateEstimate
 from airrace.systems.types import make_camera_info
+from airrace.systems.wind import Wind
 from airrace.track import Track, load_track
 from airrace.vehicle import Vehicle, load_vehicle
-
-# Body x forward, y left, z up to camera x right, y down, z forward.
-R_BC = RotationMatrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
@@ -29,27 +30,41 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     ``explorer_status`` (ExplorerStatus), the team's word that it races.
     Output ports for the autonomy: ``camera_image`` (ImageRgba8U),
     ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
-    (see systems/state_estimate.py). Truth, for judges and spectators only:
-    ``truth.state`` (13), ``truth.rotor_speeds``, ``truth.referee_report``
-    (RefereeReport).
+    (see systems/state_estimate.py), ``rotor_speeds`` (rad/s, what the motor
+    controllers report). Truth, for judges and spectators only: ``truth.state``
+    (13), ``truth.referee_report`` (RefereeReport).
+
+    The drone that flies is the scenario's with the errors of its disturbances.
 
     Args:
         scenario: the race.
         meshcat: a Meshcat to show the world in, or None.
 
     Raises:
-        UserError: if the track, the drone or the renderer cannot be had.
+        UserError: if the track, the drone or the renderer cannot be had, or a
+            rotor fails that is not there.
     """
     track = load_track(scenario.track)
     vehicle, sdf = load_vehicle(scenario.drone)
+    check_rotors_exist(scenario.rotor_failures, vehicle)
+    truth = true_vehicle(vehicle, scenario.disturbances, scenario.seed)
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
     AddScenery(plant, track)
-    AddMultirotorModel(plant, vehicle, sdf)
+    AddMultirotorModel(plant, vehicle, sdf, truth)
     plant.Finalize()
-    _set_start(plant, track)
-    rotors = AddMultirotor(builder, plant, scene_graph, vehicle)
-    state = plant.get_state_output_port(plant.GetModelInstanceByName("drone"))
+    height = ground_clearance(plant, scene_graph)
+    _set_start(plant, track, height)
+    state = plant.get_state_output_port(plant.GetBodyByName("body").model_instance())
+    rotors = AddMultirotor(
+        builder, plant, scene_graph, truth,
+        failures=[(f.rotor - 1, f.time) for f in scenario.rotor_failures],
+        forces=_AddAir(builder, plant, state, truth, scenario),
+    )
+    command = _AddDelay(
+        builder, rotors.GetInputPort("rotor_speed_command"),
+        delay=scenario.disturbances.actuator_delay, period=plant.time_step(),
+    )
 
     camera = _AddCamera(builder, scene_graph, scenario, track, vehicle)
     builder.Connect(state, camera.GetInputPort("state"))
@@ -72,7 +87,9 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
             period=plant.time_step(),
             time_limit=scenario.referee.time_limit or 600.0 + 120.0 * scenario.laps,
             arena_margin=scenario.referee.arena_margin,
+            standing_height=track.start.position[2] + height,
             body_names=_collision_names(scene_graph),
+            rotor_failures=scenario.rotor_failures,
         ),
     )
     builder.Connect(state, referee.GetInputPort("state"))
@@ -84,26 +101,53 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
             builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=1 / 30)
         )
 
-    builder.ExportInput(rotors.GetInputPort("rotor_speed_command"), "rotor_speed_command")
+    builder.ExportInput(command, "rotor_speed_command")
     builder.ExportInput(referee.GetInputPort("explorer_status"), "explorer_status")
     for name in ("camera_image", "camera_image_time", "camera_info"):
         builder.ExportOutput(camera.GetOutputPort(name), name)
     builder.ExportOutput(estimate.GetOutputPort("state_estimate"), "state_estimate")
+    builder.ExportOutput(rotors.GetOutputPort("rotor_speeds"), "rotor_speeds")
     builder.ExportOutput(state, "truth.state")
-    builder.ExportOutput(rotors.GetOutputPort("rotor_speeds"), "truth.rotor_speeds")
     builder.ExportOutput(referee.GetOutputPort("report"), "truth.referee_report")
     diagram = builder.Build()
     diagram.set_name("simulation")
     return diagram
 
 
-def _set_start(plant, track: Track):
-    """Puts the drone on its pad, standing on its lowest collision sphere."""
+def _set_start(plant, track: Track, height: float):
+    """Puts the drone on its pad, with its origin at a height (m) above it."""
     X_WB = RigidTransform(
         RollPitchYaw(0.0, 0.0, np.deg2rad(track.start.heading_deg)),
-        np.array(track.start.position) + [0.0, 0.0, 0.1],
+        np.array(track.start.position) + [0.0, 0.0, height],
     )
     plant.SetDefaultFloatingBaseBodyPose(plant.GetBodyByName("body"), X_WB)
+
+
+def _AddAir(builder, plant, state, vehicle: Vehicle, scenario) -> list:
+    """Adds wind and drag; returns the output ports of their forces, if any."""
+    config = scenario.disturbances
+    if config.drag == 0.0:
+        return []
+    wind = builder.AddNamedSystem("wind", Wind(config=config.wind, seed=scenario.seed))
+    body_index = plant.GetBodyByName("body").index()
+    drag = builder.AddNamedSystem(
+        "drag", Drag(vehicle=vehicle, share=config.drag, body_index=body_index)
+    )
+    builder.Connect(state, drag.GetInputPort("state"))
+    builder.Connect(wind.GetOutputPort("wind"), drag.GetInputPort("wind"))
+    return [drag.GetOutputPort("spatial_forces")]
+
+
+def _AddDelay(builder, port, *, delay: float, period: float):
+    """Adds a delay (s) before an input port; returns the port that is then open."""
+    if delay == 0.0:
+        return port
+    # What looks at a system of the same period sees it before its update, which
+    # is a step of delay already.
+    steps = max(1, round(delay / period)) - 1
+    box = builder.AddNamedSystem("actuator_delay", DiscreteTimeDelay(period, steps, port.size()))
+    builder.Connect(box.get_output_port(), port)
+    return box.get_input_port()
 
 
 def _AddCamera(builder, scene_graph: SceneGraph, scenario, track, vehicle: Vehicle) -> Camera:
@@ -112,7 +156,7 @@ def _AddCamera(builder, scene_graph: SceneGraph, scenario, track, vehicle: Vehic
         width=config.width,
         height=config.height,
         fov_y=np.deg2rad(config.fov_y_deg),
-        X_BC=RigidTransform(R_BC, vehicle.camera_position),
+        X_BC=vehicle.camera.X_BC,
     )
     if config.renderer == "vtk":
         renderer = AddVtkRenderer(scene_graph, info)

@@ -9,9 +9,17 @@ from airrace.systems import state_estimate as se
 from airrace.systems.types import Detections, GateEstimate, GateMap
 from airrace.track import PYLON_HEIGHT
 from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.trajopt.flyable import CLEARANCE, pylon_distances, sample_times
+from airrace.trajopt.flyable import pylon_distances, sample_times
 
 _ABOVE_PYLONS = PYLON_HEIGHT + 3.0  # m
+# The steps of a search: turn (degrees), steps forward, state, reason.
+_SEARCH = (
+    (60.0, 1, "STEP_FORWARD", "no gate in sight"),  # the turn is back from the last look
+    (0.0, 1, "STEP_FORWARD", "still no gate in sight"),
+    (0.0, 1, "STEP_FORWARD", "still no gate in sight"),
+    (60.0, 0, "LOOK_AROUND", "no gate ahead, looking left"),
+    (-120.0, 0, "LOOK_AROUND", "no gate ahead, looking right"),
+)
 _LEAST_SIGHTINGS = 3  # before a marker is believed: the dictionary has strays
 
 
@@ -101,18 +109,26 @@ def search_target(now: Now, config) -> tuple[np.ndarray, str, str]:
         config: an ExplorerConfig.
 
     Returns:
-        (pose, state, reason): x, y, z and yaw, (4,); STEP_AROUND or
-        STEP_FORWARD; and why.
+        (pose, state, reason): x, y, z and yaw, (4,); STEP_AROUND,
+        STEP_FORWARD or LOOK_AROUND; and why.
     """
     lone = _lone_marker(now, near=config.side_offset + 2.0)
+    # Braking turns the camera up: what was in sight before is still there.
+    marker = lone or _marker_seen_before(now)
     # A step around that did not help would not help again: the other marker
     # may be hidden, so look from elsewhere.
-    if lone is not None and not now.memory.stepped_around:
-        pose = _pose_in_front(lone, config.side_distance, config.side_offset)
-        return pose, "STEP_AROUND", f"only marker {lone.id} of gate {lone.id // 4 + 1} in sight"
+    if marker is not None and not now.memory.stepped_around:
+        pose = _pose_in_front(marker, config.side_distance, config.side_offset)
+        name = f"marker {marker.id} of gate {marker.id // 4 + 1}"
+        reason = f"only {name} in sight" if lone else f"{name} was in sight"
+        return pose, "STEP_AROUND", reason
     pose = now.memory.leg.derivatives(now.memory.leg.duration, 1)[0]
-    step = config.step_length * np.array([np.cos(pose[3]), np.sin(pose[3]), 0.0, 0.0])
-    return pose + step, "STEP_FORWARD", "no gate in sight"
+    turn, ahead, state, reason = _SEARCH[now.memory.steps % len(_SEARCH)]
+    if now.memory.steps == 0:
+        turn = 0.0  # nothing to turn back from
+    pose = pose + [0.0, 0.0, 0.0, np.deg2rad(turn)]
+    step = ahead * config.step_length
+    return pose + [step * np.cos(pose[3]), step * np.sin(pose[3]), 0.0, 0.0], state, reason
 
 
 def ways_home(now: Now, config) -> list:
@@ -135,11 +151,11 @@ def ways_home(now: Now, config) -> list:
     return [[*gates, home], [*gates, climb, descend, home]]
 
 
-def is_clear(leg: FlatTrajectory, gate_map: GateMap) -> bool:
-    """Whether a leg keeps clear of every pylon in the map."""
+def is_clear(leg: FlatTrajectory, gate_map: GateMap, clearance) -> bool:
+    """Whether a leg keeps a clearance (m) from every pylon in the map."""
     pylons = [pylon for gate in gate_map.gates for pylon in gate.pylons]
     distances = pylon_distances(leg.sample(sample_times(leg)), np.reshape(pylons, (-1, 2)))
-    return bool(distances.min(initial=np.inf) >= CLEARANCE)
+    return bool(distances.min(initial=np.inf) >= clearance)
 
 
 def _next_number(now: Now) -> int:
@@ -166,6 +182,15 @@ def _lone_marker(now: Now, near: float):
         if estimate.id == 4 * number and distance < near:
             return estimate
     return None
+
+
+def _marker_seen_before(now: Now):
+    """Returns the estimate of a front marker of the next gate that is out of sight."""
+    number = _next_number(now)
+    if _ids_in_image(now) & {4 * number, 4 * number + 2}:
+        return None
+    known = {m.id: m for m in now.gate_map.markers if m.count >= _LEAST_SIGHTINGS}
+    return known.get(4 * number + 2, known.get(4 * number))
 
 
 def _pose_in_front(marker, distance, offset) -> np.ndarray:

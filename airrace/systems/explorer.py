@@ -26,6 +26,7 @@ class _Memory(Immutable):
         last: newest gate of the list, a GateEstimate, or None.
         ahead: gates on the leg and the times on it at which they are passed.
         stepped_around: whether the last step of the search was one around.
+        steps: of the search for the next gate so far, forward and looks around.
     """
 
     status: ExplorerStatus
@@ -35,6 +36,7 @@ class _Memory(Immutable):
     last: object = None
     ahead: tuple = ()
     stepped_around: bool = False
+    steps: int = 0
 
 
 class Explorer(LeafSystem):
@@ -62,6 +64,7 @@ class Explorer(LeafSystem):
     - HOVER: the drone at its set-point, looking; a gate whose two front
       markers are in one image is the next gate.
     - STEP_FORWARD: nothing in sight, so on along the last gate's heading.
+    - LOOK_AROUND: steps forward did not help, so turn left, then right.
     - STEP_AROUND: one marker in sight, so to where both should be.
     - FLY_TO_GATE: through every gate found and not yet passed. Gates found on
       the way extend the leg without a stop; after the last, the search goes on.
@@ -69,16 +72,18 @@ class Explorer(LeafSystem):
     - DONE: hovering there, ready to race.
     """
 
-    def __init__(self, *, config, hover_height: float):
+    def __init__(self, *, config, hover_height: float, clearance: float):
         """Constructs the explorer.
 
         Args:
             config: an ExplorerConfig.
             hover_height: of the first hover above the start (m).
+            clearance: to keep from pylons' axes (m).
         """
         LeafSystem.__init__(self)
         self._config = config
         self._hover_height = hover_height
+        self._clearance = clearance
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
@@ -100,6 +105,7 @@ class Explorer(LeafSystem):
             "TAKE_OFF": self._TakeOff,
             "HOVER": self._Hover,
             "STEP_FORWARD": self._Search,
+            "LOOK_AROUND": self._Search,
             "STEP_AROUND": self._Search,
             "FLY_TO_GATE": self._FlyToGate,
             "RETURN": self._Return,
@@ -208,6 +214,7 @@ class Explorer(LeafSystem):
         memory = dc.replace(
             memory,
             last=gate,
+            steps=0,
             status=dc.replace(memory.status, gates=(*memory.status.gates, gate.number)),
         )
         reason = f"both front markers of gate {gate.number + 1} in one image"
@@ -217,7 +224,9 @@ class Explorer(LeafSystem):
     def _Seek(self, now):
         """Returns the memory of the next step of the search."""
         target, state, reason = exploration.search_target(now, self._config)
-        memory = dc.replace(now.memory, stepped_around=state == "STEP_AROUND")
+        around = state == "STEP_AROUND"
+        steps = 0 if around else now.memory.steps + 1
+        memory = dc.replace(now.memory, stepped_around=around, steps=steps)
         return self._Go(now, memory, state, reason, [target])
 
     def _Go(self, now, memory, state, reason, *routes):
@@ -232,7 +241,7 @@ class Explorer(LeafSystem):
         )
         for route in routes:
             leg = plan_leg(start, np.array(route), **limits)
-            if exploration.is_clear(leg, now.gate_map):
+            if exploration.is_clear(leg, now.gate_map, self._clearance):
                 break
         memory = dc.replace(memory, leg=leg, leg_start=now.time)
         return self._Enter(now, memory, state, reason)

@@ -1,15 +1,23 @@
 """Geometric tracking control on SE(3)."""
 
+import functools
 import math
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from airrace.allocation import Allocator
+from airrace.attitude import attitude_error, cross, rotation_matrix, turned_back
+from airrace.reduced_attitude import ROTOR_DELAY, ReducedAttitude
+from airrace.rotor_loss import Remaining
 from airrace.systems import state_estimate as se
 from airrace.trajopt import flat_trajectory as ref
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.vehicle import GRAVITY, Vehicle
+
+_THRUST_SHARE = 0.9  # of what the rotors have: the rest is for the attitude
+_LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
+_YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have for it
+_SHORT_LAG = 0.01  # s, that the rotors' lag is made to look like
 
 
 class GeometricController(LeafSystem):
@@ -22,42 +30,90 @@ class GeometricController(LeafSystem):
         input_ports:
         - reference
         - filtered_estimate
+        - disturbance
+        - rotor_speeds
+        - rotor_losses
         output_ports:
         - rotor_speed_command
 
-    ``reference``: see trajopt/flat_trajectory.py; ``filtered_estimate``:
-    see state_estimate.py; ``rotor_speed_command``: one speed a rotor (rad/s),
-    held over the period.
+    ``reference``: see trajopt/flat_trajectory.py; ``filtered_estimate``: see
+    state_estimate.py; ``disturbance``: an acceleration to lean against (m/s^2,
+    in the world), see StateFilter; ``rotor_speeds`` as reported, and
+    ``rotor_speed_command``, held over the period: one speed a rotor (rad/s);
+    ``rotor_losses``: see RotorMonitor.
 
     The desired angular velocity and acceleration come from the jerk and snap
     of the reference; the derivatives of the feedback terms, which would need
-    the acceleration of the drone, are left out.
+    the acceleration of the drone, are left out. The rotors are driven beyond
+    the speeds that they should have, by as much as makes them get there sooner.
+
+    With rotors lost, the wrench is allocated to the rest. If those cannot hold
+    the yaw, the controller forgets the reference and comes down: see
+    airrace/reduced_attitude.py.
     """
 
-    def __init__(self, *, vehicle: Vehicle, rate: float):
+    def __init__(self, *, vehicle: Vehicle, rate: float, feed_forward: bool = True,
+                 disturbance_rejection: bool = True):
         """Constructs the controller.
 
         Args:
             vehicle: mass, inertia, rotors and gains.
             rate: of the control loop (Hz).
+            feed_forward: whether to use the reference's jerk, snap, and yaw
+                rates; without, the desired angular velocity and acceleration
+                are zero, as in the original system.
+            disturbance_rejection: whether to lean against the disturbance.
         """
         LeafSystem.__init__(self)
-        gains = vehicle.gains
         self._mass = vehicle.mass
         self._J = np.array(vehicle.inertia)
-        self._k_x, self._k_v = gains.position, gains.velocity
-        self._k_R, self._k_w = gains.attitude, gains.angular_velocity
+        self._k_x, self._k_v = vehicle.gains.position, vehicle.gains.velocity
+        self._k_R, self._k_w = _attitude_gains(vehicle)
         self._c_f = vehicle.thrust_coefficients
-        self._allocator = Allocator(vehicle.allocation, vehicle.max_thrusts)
+        self._max_speeds = vehicle.max_speeds
+        self._feed_forward = feed_forward
+        self._rejection = float(disturbance_rejection)
+        self._overdrive = _reached(rate, min(_SHORT_LAG, vehicle.rotor_lag)) / _reached(
+            rate, vehicle.rotor_lag
+        )
+        n = len(vehicle.rotors)
+        self._remaining = functools.cache(lambda working: Remaining(vehicle, working))
+        self._max_thrust = _THRUST_SHARE * self._remaining((True,) * n).max_lift
+        self._reduced = ReducedAttitude(vehicle)
         self._reference = self.DeclareVectorInputPort("reference", ref.SIZE)
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", se.SIZE)
-        state = self.DeclareDiscreteState(len(vehicle.rotors))
+        self._disturbance = self.DeclareVectorInputPort("disturbance", 3)
+        self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
+        self._losses = self.DeclareVectorInputPort("rotor_losses", n)
+        state = self.DeclareDiscreteState(n)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._UpdateCommand)
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     def _UpdateCommand(self, context, discrete_state):
-        wrench = self.CalcWrench(self._reference.Eval(context), self._estimate.Eval(context))
-        discrete_state.set_value(np.sqrt(self._allocator.allocate(wrench) / self._c_f))
+        working = np.isinf(self._losses.Eval(context))
+        remaining = self._remaining(tuple(working.tolist()))
+        estimate = self._estimate.Eval(context)
+        disturbance = self._rejection * self._disturbance.Eval(context)
+        reference = self._reference.Eval(context).copy()
+        needed = [estimate, disturbance, reference][: 3 if remaining.can_fly else 2]
+        if not np.isfinite(np.concatenate(needed)).all():
+            return  # the last command is the best there is
+        if remaining.can_fly:
+            reference[ref.ACCELERATION] -= disturbance
+            if not self._feed_forward:
+                reference[ref.JERK] = reference[ref.SNAP] = 0.0
+                reference[ref.YAW_RATE] = reference[ref.YAW_ACCELERATION] = 0.0
+            wrench = self.CalcWrench(reference, estimate)
+        else:
+            wrench = self._reduced.wrench(estimate, disturbance, remaining)
+        if not np.isfinite(wrench).all():
+            return
+        desired = np.sqrt(remaining.allocator.allocate(wrench) / self._c_f)
+        speeds = self._speeds.Eval(context)
+        command = speeds + self._overdrive * (desired - speeds)
+        # fmax and fmin, unlike clip, replace NaN.
+        command = np.fmin(np.fmax(command, 0.0), self._max_speeds)
+        discrete_state.set_value(command * working)
 
     def CalcWrench(self, reference, estimate) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), shape (4,).
@@ -66,58 +122,69 @@ class GeometricController(LeafSystem):
             reference: of trajopt/flat_trajectory.py, (18,).
             estimate: of systems/state_estimate.py, (14,).
         """
-        R = _rotation_matrix(*estimate[se.QUATERNION].tolist())
+        R = rotation_matrix(*estimate[se.QUATERNION].tolist())
         position_error = estimate[se.POSITION] - reference[ref.POSITION]
         velocity_error = estimate[se.VELOCITY] - reference[ref.VELOCITY]
         # Equation (23): the desired specific force, and its axis.
         force = reference[ref.ACCELERATION] - self._k_x * position_error
         force -= self._k_v * velocity_error
         force[2] += GRAVITY
+        force = limited(force, self._max_thrust / self._mass)
         yaw, yaw_rate, yaw_acceleration = reference[ref.YAW:].tolist()
         axes, w_d, alpha_d = attitude_from_force(
-            _upward(force.tolist()),
+            force.tolist(),
             reference[ref.JERK].tolist(),
             reference[ref.SNAP].tolist(),
             heading_vectors(math.cos(yaw), math.sin(yaw), yaw_rate, yaw_acceleration),
         )
-        # Equations (19) and (20), in the body frame.
-        R_d = np.array(axes).T
-        E = R_d.T @ R
-        S = E - E.T
-        attitude_error = 0.5 * np.array([S[2, 1], S[0, 2], S[1, 0]])
-        w = R.T @ estimate[se.ANGULAR_VELOCITY]
-        w_d = E.T @ w_d
-        # Equations (15) and (16); gains are per unit of mass and inertia.
-        Jw = self._J * w
+        E = np.array(axes) @ R  # R_d^T R
+        w = estimate[se.ANGULAR_VELOCITY] @ R
+        w_d = w_d @ E
+        e_w = w - w_d
+        # Equations (15) and (16); gains are per unit of mass and inertia. The
+        # third term keeps a spin that is yet to be stopped from turning the others.
         moment = self._J * (
-            -self._k_R * attitude_error
-            - self._k_w * (w - w_d)
-            - _cross(w, w_d)
-            + E.T @ alpha_d
-        ) + _cross(w, Jw)
-        return np.array([self._mass * force.dot(R[:, 2]), *moment])
+            -self._k_R * attitude_error(E, w)
+            - self._k_w * e_w
+            - e_w[2] * np.array([-e_w[1], e_w[0], 0.0])
+            - cross(w, w_d)
+            + alpha_d @ E
+        ) + cross(w, self._J * w)
+        moment = turned_back(moment, ROTOR_DELAY * w[2])
+        return np.array([self._mass * max(force.dot(R[:, 2]), 0.0), *moment])
 
 
-def _upward(force):
-    """Keeps a desired force from vanishing or pointing down.
+def limited(force, greatest: float) -> np.ndarray:
+    """Returns the part of a desired specific force that rotors can give, (3,).
 
-    Large errors could ask for it; the drone would then flip over.
+    Height goes first; to the side goes what is left.
+
+    Args:
+        force: (3,) in the world (m/s^2).
+        greatest: amount (m/s^2).
     """
-    return (force[0], force[1], max(force[2], 0.2 * GRAVITY))
+    x, y, z = force.tolist()
+    z = min(max(z, _LEAST_LIFT), greatest)
+    side = math.hypot(x, y)
+    share = min(1.0, math.sqrt(greatest**2 - z**2) / side) if side > 0.0 else 1.0
+    return np.array([share * x, share * y, z])
 
 
-def _cross(a, b):
-    # numpy's own costs ten times as much on a single pair.
-    a0, a1, a2 = a.tolist()
-    b0, b1, b2 = b.tolist()
-    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+def _attitude_gains(vehicle: Vehicle):
+    """Returns the gains on the errors in attitude and angular velocity, (3,) each.
+
+    Rotors have far less moment about z than about x and y: with the same gains
+    there, small errors would take all of it, and an error that goes round and
+    round would not be damped.
+    """
+    inverse = np.linalg.pinv(vehicle.allocation)
+    hover = inverse[:, 0] * vehicle.mass * GRAVITY
+    moment = (np.minimum(hover, vehicle.max_thrusts - hover) / np.abs(inverse[:, 3])).min()
+    k_R = np.full(3, vehicle.gains.attitude)
+    k_R[2] = min(k_R[2], max(moment, 0.0) / vehicle.inertia[2] / _YAW_REACH)
+    return k_R, vehicle.gains.angular_velocity * np.sqrt(k_R / vehicle.gains.attitude)
 
 
-def _rotation_matrix(w, x, y, z):
-    """Rotation matrix (3, 3) of a quaternion of any length."""
-    s = 2.0 / (w * w + x * x + y * y + z * z)
-    return np.array([
-        [1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
-        [s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)],
-        [s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)],
-    ])
+def _reached(rate, lag) -> float:
+    """Returns how much of a step a first-order lag makes in one period."""
+    return 1.0 - math.exp(-1.0 / (rate * lag))

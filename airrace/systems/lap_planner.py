@@ -13,7 +13,7 @@ from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.entry import plan_change, plan_start
 from airrace.trajopt.flat_trajectory import SIZE, FlatTrajectory, unpack_flat_outputs
 from airrace.trajopt.flatness import rotor_thrusts
-from airrace.trajopt.flyable import peaks, sample_times
+from airrace.trajopt.flyable import clearance_of, peaks, sample_times
 from airrace.trajopt.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import GRAVITY, Vehicle
 
@@ -67,7 +67,7 @@ class LapPlanner(LeafSystem):
         """Constructs the planner.
 
         Args:
-            vehicle: for the check of the rotor thrusts.
+            vehicle: for its size and the check of the rotor thrusts.
             dimensions: 3, 4 or 6, see plan_circuit.
             config: a PlannerConfig.
         """
@@ -76,7 +76,9 @@ class LapPlanner(LeafSystem):
         self._dimensions = dimensions
         self._latency = config.latency
         self._limits = dict(
-            max_speed=config.max_speed, max_acceleration=config.max_acceleration
+            clearance=clearance_of(vehicle.radius),
+            max_speed=config.max_speed,
+            max_acceleration=config.max_acceleration,
         )
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())

@@ -8,6 +8,7 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import LeafSystem
 
+from airrace.disturbances import failures_clause
 from airrace.systems.types import ExplorerStatus, Immutable
 from airrace.track import PYLON_HEIGHT, Track
 
@@ -97,7 +98,8 @@ class Referee(LeafSystem):
     """
 
     def __init__(self, *, track: Track, laps: int, period: float, time_limit: float,
-                 arena_margin: float, body_names: dict):
+                 arena_margin: float, standing_height: float, body_names: dict,
+                 rotor_failures=()):
         """Constructs the referee.
 
         Args:
@@ -107,7 +109,10 @@ class Referee(LeafSystem):
             time_limit: for the whole race (s).
             arena_margin: how far beyond the outermost pylons, and above the
                 ground, the arena reaches (m).
+            standing_height: of the body's origin when the drone stands on its
+                pad (m).
             body_names: geometry IDs to the names used in a reason.
+            rotor_failures: the scenario's, named in the reason of a crash.
         """
         LeafSystem.__init__(self)
         self._gates = [
@@ -116,9 +121,10 @@ class Referee(LeafSystem):
         ]
         feet = track.pylons()[:, :2]
         self._arena = (*(feet.min(0) - arena_margin), *(feet.max(0) + arena_margin), arena_margin)
-        self._takeoff_height = track.start.position[2] + 0.5
+        self._takeoff_height = standing_height + 0.4
         self._time_limit = time_limit
         self._names = body_names
+        self._failures = rotor_failures
         self._touchable = sorted(set(body_names.values()) - {"ground"})
         self._total = laps * len(track.gates) + 1
         self._state = self.DeclareVectorInputPort("state", 13)
@@ -211,6 +217,8 @@ class Referee(LeafSystem):
         if verdict > _FINISHED:
             what = self._touchable[int(m.touched)] if verdict == _TOUCHED else ""
             reason = VERDICTS[verdict].format(what=what)
+            if verdict in (_GROUND, _TOUCHED, _ARENA):
+                reason += failures_clause(self._failures, m.end_time)
         output.set_value(RefereeReport(
             crossings=crossings,
             finished=verdict == _FINISHED,

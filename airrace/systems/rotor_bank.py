@@ -19,22 +19,26 @@ class RotorBank(LeafSystem):
         - thrusts
 
     All ports are vectors with one element a rotor, in the order of the
-    vehicle's rotor table: speeds in rad/s, thrusts in N. The lag is
-    integrated exactly over the period. A command that is not finite counts
-    as zero.
+    vehicle's rotor table: speeds in rad/s, thrusts in N. ``rotor_speeds`` is
+    also what the motor controllers report. The lag is integrated exactly over
+    the period. A command that is not finite counts as zero, and so does any
+    to a rotor that has failed: it spins down.
     """
 
-    def __init__(self, *, vehicle: Vehicle, period: float):
+    def __init__(self, *, vehicle: Vehicle, period: float, failures=()):
         """Constructs the bank, its rotors at rest.
 
         Args:
             vehicle: the rotor table.
             period: of the update (s); the plant's time step.
+            failures: pairs of a rotor's index, from 0, and since when it has
+                failed (s).
         """
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
         self._c_f = vehicle.thrust_coefficients
         self._max_speeds = vehicle.max_speeds
+        self._failures = tuple(failures)
         self._blend = 1.0 - np.exp(-period / vehicle.rotor_lag)
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         state = self.DeclareDiscreteState(n)
@@ -47,6 +51,9 @@ class RotorBank(LeafSystem):
     def _UpdateSpeeds(self, context, discrete_state):
         # fmax and fmin, unlike clip, replace NaN.
         command = np.fmin(np.fmax(self._command.Eval(context), 0.0), self._max_speeds)
+        for rotor, time in self._failures:
+            if context.get_time() >= time:
+                command[rotor] = 0.0
         speeds = context.get_discrete_state_vector().value()
         discrete_state.set_value(speeds + self._blend * (command - speeds))
 

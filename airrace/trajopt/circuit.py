@@ -6,13 +6,7 @@ import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.trajopt.flyable import (
-    CLEARANCE,
-    is_flyable,
-    passes_forward,
-    pylon_distances,
-    sample_times,
-)
+from airrace.trajopt.flyable import is_flyable, passes_forward, pylon_distances, sample_times
 from airrace.trajopt.min_snap import (
     DerivativeConstraint,
     TrajectoryOptimizationError,
@@ -46,8 +40,8 @@ class Circuit(FlatTrajectory):
         self.approach = approach
 
 
-def plan_circuit(midpoints, headings, pylons, dimensions, *, max_speed, max_acceleration,
-                 previous: Circuit | None = None) -> Circuit:
+def plan_circuit(midpoints, headings, pylons, dimensions, *, clearance, max_speed,
+                 max_acceleration, previous: Circuit | None = None) -> Circuit:
     """Returns the lap through the gates that is shortest within the limits.
 
     Section V of the Student AirRace report, as a closed loop: nobody stops at
@@ -64,6 +58,7 @@ def plan_circuit(midpoints, headings, pylons, dimensions, *, max_speed, max_acce
         headings: of the gates, (n,) rad.
         pylons: axes to keep clear of, [x, y], (m, 2) m.
         dimensions: 3, 4 or 6.
+        clearance: from the pylons' axes (m).
         max_speed, max_acceleration: (m/s), (m/s^2).
         previous: the lap through a similar map, to start from.
 
@@ -71,20 +66,22 @@ def plan_circuit(midpoints, headings, pylons, dimensions, *, max_speed, max_acce
         TrajectoryOptimizationError: if there is no such lap.
     """
     limits = dict(max_speed=max_speed, max_acceleration=max_acceleration)
+    all_limits = dict(clearance=clearance, **limits)
     gates = _checked(midpoints, headings)
     if previous is not None and len(previous.headings) == len(gates):
         with contextlib.suppress(TrajectoryOptimizationError):
             durations = np.diff(previous.breaks)
             circuit = _solve(gates, previous.approach, dimensions, durations, limits)
-            if not _faults(circuit, pylons) and is_flyable(circuit, pylons, **limits):
+            faults = _faults(circuit, pylons, clearance)
+            if not faults and is_flyable(circuit, pylons, **all_limits):
                 return circuit
     faults = set()
     for distance in _APPROACHES:
         with contextlib.suppress(TrajectoryOptimizationError):
             approach = {i: distance for i in sorted(faults)}
             circuit = _solve(gates, approach, dimensions, None, limits)
-            new_faults = _faults(circuit, pylons)
-            if not new_faults and is_flyable(circuit, pylons, **limits):
+            new_faults = _faults(circuit, pylons, clearance)
+            if not new_faults and is_flyable(circuit, pylons, **all_limits):
                 return circuit
             faults |= new_faults
         if not faults:
@@ -140,12 +137,12 @@ def _solve(gates, approach, dimensions, durations, limits) -> Circuit:
     return Circuit(lap, [*breaks[indices], breaks[-1]], gates[:, 3], approach)
 
 
-def _faults(circuit: Circuit, pylons) -> set:
+def _faults(circuit: Circuit, pylons, clearance) -> set:
     """Returns the gates that are passed sideways or nearest to a pylon on the way."""
     gate_times = np.array(circuit.gate_times)
     forward = passes_forward(circuit, gate_times[:-1], circuit.headings)
     times = sample_times(circuit)
-    near = pylon_distances(circuit.sample(times), pylons).min(axis=1, initial=np.inf) < CLEARANCE
+    near = pylon_distances(circuit.sample(times), pylons).min(axis=1, initial=np.inf) < clearance
     nearest = np.abs(times[near, None] - gate_times).argmin(axis=1) % len(forward)
     return {*np.flatnonzero(~forward).tolist(), *nearest.tolist()}
 

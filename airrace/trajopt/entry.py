@@ -22,7 +22,7 @@ _LEAST_DISTANCE = 0.01  # m, from waypoint to waypoint
 _LEAST_CHANGE = 0.1  # s, no polynomial changes laps in less
 
 
-def plan_start(start, circuit: Circuit, dimensions, pylons, *, max_speed,
+def plan_start(start, circuit: Circuit, dimensions, pylons, *, clearance, max_speed,
                max_acceleration) -> tuple[FlatTrajectory, float]:
     """Returns the quickest flight from hover through gate 1 and onto a circuit.
 
@@ -34,6 +34,7 @@ def plan_start(start, circuit: Circuit, dimensions, pylons, *, max_speed,
         circuit: the lap.
         dimensions: of the lap, 3, 4 or 6, see plan_circuit().
         pylons: axes to keep clear of, [x, y], (n, 2) m.
+        clearance: from those (m).
         max_speed, max_acceleration: (m/s), (m/s^2).
 
     Returns:
@@ -49,7 +50,7 @@ def plan_start(start, circuit: Circuit, dimensions, pylons, *, max_speed,
             with contextlib.suppress(TrajectoryOptimizationError):
                 entry, times = _solve_start(start, circuit, gates, approach, dimensions, limits)
                 forward = passes_forward(entry, times, circuit.headings[:gates])
-                if forward.all() and is_flyable(entry, pylons, **limits):
+                if forward.all() and is_flyable(entry, pylons, clearance=clearance, **limits):
                     starts.append((entry, circuit.gate_times[gates]))
         if starts:
             return min(starts, key=lambda s: s[0].duration - s[1])
@@ -88,7 +89,7 @@ def _solve_start(start, circuit: Circuit, gates, approach, dimensions, limits):
     return entry, np.array(entry.breaks)[indices]
 
 
-def plan_change(start, circuit: Circuit, duration, pylons, *, max_speed,
+def plan_change(start, circuit: Circuit, duration, pylons, *, clearance, max_speed,
                 max_acceleration) -> FlatTrajectory:
     """Returns a flight from one lap's last leg onto another lap at its gate 1.
 
@@ -101,6 +102,7 @@ def plan_change(start, circuit: Circuit, duration, pylons, *, max_speed,
         circuit: the new lap.
         duration: that the old lap takes from there to gate 1 (s).
         pylons: axes to keep clear of, [x, y], (n, 2) m.
+        clearance: from those (m).
         max_speed, max_acceleration: (m/s), (m/s^2).
 
     Raises:
@@ -123,7 +125,8 @@ def plan_change(start, circuit: Circuit, duration, pylons, *, max_speed,
             solve_min_snap(knots, factor * np.diff(times), constraints=constraints)
         )
         if is_flyable(
-            change, pylons, max_speed=max_speed, max_acceleration=max_acceleration
+            change, pylons, clearance=clearance, max_speed=max_speed,
+            max_acceleration=max_acceleration,
         ):
             return change
     raise TrajectoryOptimizationError("No change to the new lap is within the limits.")

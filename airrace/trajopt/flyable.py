@@ -2,21 +2,29 @@
 
 import numpy as np
 
-from airrace.track import PYLON_HEIGHT
+from airrace.track import BOARD_OFFSET, BOARD_SIZE, PYLON_HEIGHT
 from airrace.trajopt.flat_trajectory import ACCELERATION, VELOCITY, FlatTrajectory
 
 LOWEST = 1.0  # m, the least height
-CLEARANCE = 2.0  # m, from a pylon's axis; its boards reach out 1.25 m, a drone 0.35 m
 MAX_CROSSING_ANGLE = np.deg2rad(60.0)  # of a gate, off its heading
+_BOARD_REACH = np.hypot(BOARD_OFFSET, BOARD_SIZE / 2)  # m, from the axis of their pylon
+_MARGIN = 0.44  # m, for what the map and the controller leave
 _RATE = 100.0  # Hz
 
 
-def is_flyable(trajectory: FlatTrajectory, pylons, *, max_speed, max_acceleration) -> bool:
+def clearance_of(radius: float) -> float:
+    """Returns how far from a pylon's axis a drone of a radius should keep (m)."""
+    return _BOARD_REACH + radius + _MARGIN
+
+
+def is_flyable(trajectory: FlatTrajectory, pylons, *, clearance, max_speed,
+               max_acceleration) -> bool:
     """Whether a trajectory keeps its limits, its height, and clear of pylons.
 
     Args:
         trajectory: to check, at 100 Hz.
         pylons: axes to keep clear of, [x, y], (n, 2) m.
+        clearance: from those (m).
         max_speed, max_acceleration: (m/s), (m/s^2).
     """
     samples = trajectory.sample(sample_times(trajectory))
@@ -25,7 +33,7 @@ def is_flyable(trajectory: FlatTrajectory, pylons, *, max_speed, max_acceleratio
         speed <= max_speed
         and acceleration <= max_acceleration
         and samples[2].min() >= LOWEST
-        and pylon_distances(samples, pylons).min(initial=np.inf) >= CLEARANCE
+        and pylon_distances(samples, pylons).min(initial=np.inf) >= clearance
     )
 
 

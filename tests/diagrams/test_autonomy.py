@@ -45,6 +45,9 @@ STUDENT = """
             self.DeclareVectorInputPort("camera_image_time", 1)
             self.DeclareAbstractInputPort("camera_info", Value[object]())
             self.DeclareVectorInputPort("state_estimate", 14)
+            self.DeclareVectorInputPort("rotor_speeds", 4)
+            self.DeclareVectorInputPort("rotor_losses", 4)
+            self.DeclareVectorInputPort("disturbance", 3)
             self.DeclareAbstractInputPort("gate_map", Value[object]())
             self.DeclareVectorOutputPort("debug", 1, lambda context, output: None)
 
@@ -67,11 +70,17 @@ STUDENT = """
             super().__init__()
             self.DeclareVectorOutputPort("rotor_speed_command", 3, lambda context, output: None)
 
-    class Loop(LeafSystem):
-        "Takes what is made of what it makes."
+    class Deaf(LeafSystem):
+        "Looks at nothing."
         def __init__(self, scenario):
             super().__init__()
-            self.DeclareVectorInputPort("filtered_estimate", 14)
+            self.DeclareVectorOutputPort("rotor_losses", 4, lambda context, output: None)
+
+    class Loop(LeafSystem):
+        "Takes what it makes."
+        def __init__(self, scenario):
+            super().__init__()
+            self.DeclareVectorInputPort("reference", 18)
             self.DeclareVectorOutputPort("reference", 18, lambda context, output: None)
 
     def broken(scenario):
@@ -175,7 +184,10 @@ BAD = {
     "wrong size": ({"trajectory_tracker": "student_boxes:WrongSize"},
                    "do not fit together: .*size"),
     "wrong speeds": ({"geometric_controller": "student_boxes:WrongSpeeds"},
-                     "rotor_speed_command.* does not fit: .*size"),
+                     "do not fit together: .*sizes.* rotor_speed_command"),
+    "wrong speeds, unseen": ({"geometric_controller": "student_boxes:WrongSpeeds",
+                              "rotor_monitor": "student_boxes:Deaf"},
+                             "rotor_speed_command.* does not fit: .*size"),
     "loop": ({"trajectory_tracker": "student_boxes:Loop"}, "do not fit together: .*loop"),
 }
 

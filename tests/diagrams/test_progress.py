@@ -2,12 +2,14 @@ import io
 import os
 import types
 
+import numpy as np
 import pytest
 from rich.console import Console
 
-from airrace.diagrams.progress import RaceDisplay, _PatientConsole, lap_table
+from airrace.diagrams.progress import RaceDisplay, _PatientConsole, failures_line, lap_table
 from airrace.diagrams.results import RaceRecord
 from airrace.diagrams.scenario import Scenario
+from airrace.disturbances import RotorFailure
 from airrace.systems.lap_plan import NO_PLAN
 from airrace.systems.referee import GateCrossing, RefereeReport
 from airrace.systems.types import ExplorerStatus, GateMap
@@ -20,17 +22,19 @@ N = len(TRACK.gates)
 class Race:
     """A made-up race before a display."""
 
-    def __init__(self, console, track=TRACK, meshcat=None, laps=2):
-        scenario = Scenario(laps=laps)
+    def __init__(self, console, track=TRACK, meshcat=None, laps=2, **fields):
+        scenario = Scenario(laps=laps, **fields)
         self.record = RaceRecord(scenario, track)
         self.display = RaceDisplay(scenario, track, meshcat, console)
 
-    def look(self, time, crossings=0, **status):
+    def look(self, time, crossings=0, rotor_losses=(), **status):
         seen = tuple(GateCrossing(10.0 + k, k % N + 1, k // N + 1, 0.1, 9.0)
                      for k in range(crossings))
         finished = crossings == 2 * N + 1
         report = RefereeReport(seen, finished, None, seen[-1].time if finished else None, 0)
-        ended = self.record.observe(time, report, ExplorerStatus(**status), GateMap(), NO_PLAN)
+        ended = self.record.observe(
+            time, report, ExplorerStatus(**status), GateMap(), NO_PLAN, np.array(rotor_losses)
+        )
         self.display._last = -1.0  # do not wait for the next refresh
         self.display.show(self.record, types.SimpleNamespace(time=time, laps_ended=ended))
 
@@ -136,6 +140,65 @@ def test_the_table_fits_a_narrow_terminal():
     cells = [[cell.strip() for cell in line.split("│")[1:-1]] for line in text.splitlines()]
     assert ["1", "10.00", "9.50", "9.0", "0.10", "-"] in cells
     assert ["2", "10.00", "-", "9.0", "0.10", "-"] in cells
+
+
+def laps(*times, start=100.0):
+    """Laps of a race.json that take so many seconds."""
+    starts = [start + sum(times[:k]) for k in range(len(times))]
+    return [{"start_s": s, "time_s": t} for s, t in zip(starts, times)]
+
+
+FAILURES = {
+    "none": ((20.0, 21.0), (), ""),
+    "before the first lap": (
+        (20.0, 21.0), [(3, 60.0)], "* rotor 3 failed at 60.0 s: mean lap - before, 20.50 s after."
+    ),
+    "in the second lap": (
+        (20.0, 30.0, 25.0, 26.0), [(3, 120.0)],
+        "* rotor 3 failed at 120.0 s: mean lap 20.00 s before, 25.50 s after.",
+    ),
+    "in the last lap": (
+        (20.0, 22.0, 30.0), [(3, 142.5)],
+        "* rotor 3 failed at 142.5 s: mean lap 21.00 s before, - after.",
+    ),
+    "after the last lap": ((20.0, 21.0), [(3, 141.0)], ""),
+    "no laps": ((), [(3, 60.0)], ""),
+    "two": (
+        (20.0, 30.0, 30.0, 30.0, 26.0), [(1, 190.0), (3, 130.0), (2, 999.0)],
+        "* rotor 3 failed at 130.0 s, rotor 1 failed at 190.0 s: "
+        "mean lap 20.00 s before, 26.00 s after.",
+    ),
+}
+
+
+@pytest.mark.parametrize("times, failures, line", FAILURES.values(), ids=FAILURES)
+def test_what_failing_rotors_did(times, failures, line):
+    failures = [{"rotor": rotor, "time_s": time} for rotor, time in failures]
+    assert failures_line({"laps": laps(*times), "rotor_failures": failures}) == line
+
+
+def test_the_lap_of_a_failure_is_marked():
+    console = plain()
+    race = Race(console, rotor_failures=[RotorFailure(2, 25.0), RotorFailure(4, 31.0)])
+    race.fly()
+    lines = console.file.getvalue().splitlines()
+    cells = [line.split("│")[1].strip() for line in lines if line.startswith("│")]
+    assert cells == ["1", "2 *"]
+    # It began at 20 s and ended at 30 s, with the race: no lap knows the other failure.
+    assert lines[-3] == "* rotor 2 failed at 25.0 s: mean lap 10.00 s before, - after."
+
+
+@pytest.mark.parametrize("drone, n, words", [
+    ("Default", 4, "rotor 2 lost: the others cannot hold the yaw, coming down"),
+    ("StarOne", 8, "rotor 2 lost: flying on with the other 7"),
+])
+def test_a_rotor_that_is_noticed_is_told_once(drone, n, words):
+    console = plain()
+    race = Race(console, drone=drone)
+    race.look(0.1, rotor_losses=[np.inf] * n)
+    for time in (25.1, 25.2):
+        race.look(time, rotor_losses=[np.inf, 25.02, *[np.inf] * (n - 2)])
+    assert console.file.getvalue().splitlines()[2:] == [f"[   25.0 s] {words}"]
 
 
 @pytest.mark.parametrize("terminal", [False, True])

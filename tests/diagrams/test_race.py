@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from airrace import vehicle
 from airrace.diagrams import race, runner, visualization
 from airrace.diagrams.race import main, make_parser, resolve_scenario
 from airrace.diagrams.scenario import load_scenario
@@ -24,6 +25,68 @@ def track_with(change):
     return yaml.safe_dump(data)
 
 
+def drone_with(change=None, sdf=None):
+    """The files of the Default drone, changed."""
+    default = models_path() / "default"
+    data = yaml.safe_load((default / "vehicle.yaml").read_text())
+    data.update(change or {})
+    text = (default / "default.sdf").read_text()
+    return {"vehicle.yaml": yaml.safe_dump(data), "default.sdf": (sdf or str)(text)}
+
+
+def rotors_with(change):
+    """The Default drone's rotors, changed one by one."""
+    data = yaml.safe_load(drone_with()["vehicle.yaml"])
+    return {"rotors": [{**rotor, **change(*rotor["position"][:2])} for rotor in data["rotors"]]}
+
+
+def twice(sdf):
+    model = sdf[sdf.index("<model"):sdf.index("</sdf>")]
+    other = model.replace('"drone"', '"two"')
+    return f'<sdf version="1.9"><world name="both">{model}{other}</world></sdf>'
+
+
+# Folders of drones that cannot fly, and what is said about them.
+DRONES = {
+    "negative": (drone_with({"mass": -1.0}), "vehicle.yaml cannot fly: mass must be a positive"),
+    "nan": (drone_with({"inertia": [0.01, float("nan"), 0.01]}), "inertia needs three positive"),
+    "flat": (drone_with({"inertia": [0.01, 0.01, 0.03]}), "inertia breaks the triangle"),
+    "same_way": (
+        drone_with(rotors_with(lambda x, y: {"direction": "cw"})),
+        "its rotors cannot produce thrust and all three moments",
+    ),
+    "nose_heavy": (
+        drone_with(rotors_with(lambda x, y: {"position": [x - 0.2, y, 0.0]})),
+        "its rotors cannot hold it level",
+    ),
+    "nameless": (drone_with({"name": " "}), "vehicle.yaml cannot fly: it has no name"),
+    "typo": (drone_with({"wings": 2}), "vehicle.yaml does not fit its schema: wings is unknown"),
+    "no_sdf": (drone_with({"model": "gone.sdf"}), "no_sdf/gone.sdf, which does not exist"),
+    "long_name": (drone_with({"model": "x" * 300}), "which does not exist"),
+    "garbage": (drone_with(sdf=lambda text: "garbage"), "default.sdf cannot be used: .*XML"),
+    "cut_off": (drone_with(sdf=lambda text: text[:900]), "default.sdf cannot be used: .*XML"),
+    "no_body": (
+        drone_with(sdf=lambda text: text.replace('"body"', '"hull"')),
+        "default.sdf cannot be used: it must be one link, named 'body'",
+    ),
+    "static": (
+        drone_with(sdf=lambda text: text.replace("<link", "<static>true</static><link")),
+        "must be one link, named 'body', without joints",
+    ),
+    "two": (drone_with(sdf=twice), "default.sdf cannot be used: it must be one link"),
+    "untouchable": (
+        drone_with(sdf=lambda text: re.sub("<collision.*</collision>", "", text, flags=re.S)),
+        "has nothing to stand on: its SDF file needs collision geometries",
+    ),
+    "not_finite": (
+        drone_with(sdf=lambda text: text.replace("<mass>1.0", "<mass>nan")),
+        "default.sdf must have the mass and inertia of its vehicle.yaml",
+    ),
+    "heavy": (
+        drone_with(sdf=lambda text: text.replace("<mass>1.0", "<mass>1.1")),
+        "default.sdf must have the mass and inertia of its vehicle.yaml",
+    ),
+}
 FILES = {
     "nan.yaml": track_with(lambda d: d["gates"][4].update(heading_deg=float("nan"))),
     "overlap.yaml": track_with(
@@ -38,13 +101,17 @@ FILES = {
     "file": "mine",
     "flown/race.json": "{}",
     "aborted/scenario.yaml": "",
+    **{f"{drone}/{name}": text for drone, (files, _) in DRONES.items()
+       for name, text in files.items()},
 }
 
 # Arguments, and what the one sentence on standard error must say.
 BAD = [
-    (["-d", "Nimbus"], "no drone named 'Nimbus'; choose from: Default"),
-    (["-d", "StarOne"], "-d StarOne is not supported yet; race with -d Default"),
-    (["--scenario_text", "drone: StarOne"], "StarOne is not supported yet"),
+    (["-d", "Nimbus"], "no drone named 'Nimbus' and no file Nimbus/vehicle.yaml; choose from "
+     "Default, StarOne, or name the folder"),
+    (["--scenario_text", "drone: flown"], "no file flown/vehicle.yaml"),
+    (["-d", "x" * 300], "no drone named"),
+    *((["-d", drone], words) for drone, (_, words) in DRONES.items()),
     (["-s", "HITL"], "-s HITL is not supported yet; race with -s SITL"),
     (["--track", "none"], "no track named 'none' .* are: .*student-airrace"),
     (["--track", "none.yaml"], "no track named 'none.yaml' and no such file"),
@@ -72,6 +139,10 @@ BAD = [
     (["--scenario_text", "laps: 3\nseed: [\n"], "not valid YAML"),
     (["--scenario_text", "boxes: {explorer: nobody:Box}"], "boxes.explorer: .*No module named"),
     (["--scenario_text", "boxes: {pilot: a:b}"], "boxes.pilot is not a box"),
+    (["--scenario_text", "rotor_failures: [{rotor: 9, time: 1.0}]"],
+     "rotor_failures: there is no rotor 9; the Default has rotors 1 to 4"),
+    (["--scenario_text", "disturbances: {wind: {gust_rms: 1.0}}"],
+     "wind acts through drag: set disturbances.drag, e.g. to 1"),
     (["--output", "file"], "--output file cannot be written to .File exists.; name another"),
     (["--output", "file/below"], "--output file/below cannot be written to"),
     (["--output", "/proc/none/out"], "--output /proc/none/out cannot be written to"),
@@ -125,7 +196,7 @@ class TestBadInput:
 
     def test_the_process(self, folder):
         before = tree(folder)
-        for args in (["--laps", "0"], ["--track", "overlap.yaml"],
+        for args in (["--laps", "0"], ["--track", "overlap.yaml"], ["-d", "not_finite"],
                      ["--scenario_text", "boxes: {explorer: nobody:Box}"]):
             process = airrace(*args, cwd=folder)
             assert process.returncode == 2 and process.stdout == ""
@@ -236,10 +307,12 @@ class TestOptions:
                 self.resolve(*args)
 
 
-def test_the_reference_track(folder, capsys):
+@pytest.mark.parametrize("drone", vehicle.DRONES)
+def test_the_reference_track(folder, capsys, drone):
     """From pixels: explored, mapped and raced."""
-    assert main(["--laps", "1", "--no-meshcat", "--output", "out"]) == 0
+    assert main(["-d", drone, "--laps", "1", "--no-meshcat", "--output", "out"]) == 0
     data = json.loads((folder / "out" / "race.json").read_text())
+    assert data["drone"] == drone
     assert data["finished"] and data["collisions"] == 0
     assert data["exploration"]["success"] and data["exploration"]["gates_found"] == 10
     assert len(data["laps"]) == 1 and len(data["laps"][0]["gate_times_s"]) == 10
@@ -273,6 +346,21 @@ class TestOutput:
         assert {line for line in out.splitlines() if line.startswith("Results")} == {
             f"Results: {path.relative_to(folder)}" for path in folders
         }
+
+    def test_a_drone_of_ones_own(self, folder, monkeypatch):
+        """It may be called anything, and flies again from any folder."""
+        (folder / "my_drone").mkdir()
+        for name, text in drone_with({"name": "../my Drone"}).items():
+            (folder / "my_drone" / name).write_text(text)
+        assert main(["-d", "my_drone/", *SHORT]) == 1
+        path, = (folder / "runs").iterdir()
+        assert path.name.endswith("-student-airrace-..-my-Drone-6d")
+        assert json.loads((path / "race.json").read_text())["drone"] == "../my Drone"
+        left = path / "scenario.yaml"
+        assert load_scenario(filename=str(left)).drone == str(folder / "my_drone")
+        monkeypatch.chdir(path)
+        assert main(["--scenario_file", str(left), "--no-meshcat", "--output", "again"]) == 1
+        assert (path / "again" / "scenario.yaml").read_text() == left.read_text()
 
     def test_a_folder_of_ones_own(self, folder, capsys):
         (folder / "mine" / "notes").mkdir(parents=True)

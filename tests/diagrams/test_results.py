@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from airrace.diagrams.results import RaceRecord, front_marker_rms
 from airrace.diagrams.scenario import Scenario
+from airrace.disturbances import RotorFailure
 from airrace.systems.lap_plan import NO_PLAN, LapPlan, PlanReport
 from airrace.systems.referee import GateCrossing, RefereeReport
 from airrace.systems.types import ExplorerStatus, GateMap, MarkerEstimate
@@ -55,6 +56,7 @@ def test_before_the_first_look():
         "simulation": "SITL",
         "trajectory": "4",
         "seed": 7,
+        "rotor_failures": [],
         "finished": False,
         "dnf_reason": "interrupted",
         "exploration": {"success": False, "time_s": 0.0, "gates_found": 0},
@@ -66,6 +68,16 @@ def test_before_the_first_look():
     }
     assert record.laps_flown == 0 and not record.report.over
     assert RaceRecord(Scenario(), TRACK, simulation="HITL").data(1.0)["simulation"] == "HITL"
+
+
+def test_rotor_failures_are_the_scenarios():
+    scenario = Scenario(rotor_failures=[RotorFailure(3, 60.0), RotorFailure(1, 50.0)])
+    record = RaceRecord(scenario, TRACK)
+    record.observe(50.1, report(0), RACING, GateMap(), NO_PLAN, np.array([50.02, *[np.inf] * 3]))
+    assert record.data(1.0)["rotor_failures"] == [
+        {"rotor": 3, "time_s": 60.0, "noticed_s": None},
+        {"rotor": 1, "time_s": 50.0, "noticed_s": 50.02},
+    ]
 
 
 def test_exploring():
@@ -106,6 +118,7 @@ def test_a_whole_race():
     assert data["exploration"] == {"success": True, "time_s": 60.5, "gates_found": N}
     first, second = data["laps"]
     assert first["lap"] == 1 and second["lap"] == 2
+    assert (first["start_s"], second["start_s"]) == (100.0, 120.0)
     assert first["time_s"] == second["time_s"] == 20.0
     assert first["gate_times_s"] == second["gate_times_s"] == [2.0 * k for k in range(N)]
     assert first["gate_offsets_m"] == pytest.approx([0.01 * k for k in range(N)])

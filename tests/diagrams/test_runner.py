@@ -73,12 +73,15 @@ def check_schema(data, gates, laps):
         "max_acceleration": is_number, "max_rotor_thrust": is_number,
     })
     lap = matches({
-        "lap": is_a(int), "time_s": is_number, "gate_times_s": numbers, "gate_offsets_m": numbers,
+        "lap": is_a(int), "start_s": is_number, "time_s": is_number,
+        "gate_times_s": numbers, "gate_offsets_m": numbers,
         "max_speed": is_number, "map_rms_m": optional(is_number), "plan": optional(plan),
     })
+    failure = matches({"rotor": is_a(int), "time_s": is_number, "noticed_s": optional(is_number)})
     matches({
         "track": is_a(str), "drone": is_a(str), "simulation": is_a(str),
         "trajectory": lambda value: value in ("3", "4", "6"), "seed": is_a(int),
+        "rotor_failures": lambda value: type(value) is list and all(map(failure, value)),
         "finished": is_a(bool), "dnf_reason": optional(is_a(str)),
         "exploration": matches({
             "success": is_a(bool), "time_s": is_number, "gates_found": is_a(int),
@@ -392,7 +395,8 @@ def test_a_race_has_the_outputs_of_a_recorder():
     assert [system.get_name() for system in race.GetSystems()] == ["simulation", "autonomy"]
     names = [race.get_output_port(i).get_name() for i in range(race.num_output_ports())]
     assert names == [
-        "truth.referee_report", "truth.state", "explorer_status", "gate_map", "lap_plan"
+        "truth.referee_report", "truth.state", "explorer_status", "gate_map", "lap_plan",
+        "rotor_losses",
     ]
     assert race.num_input_ports() == 0
 

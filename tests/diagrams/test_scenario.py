@@ -13,6 +13,7 @@ from pydrake.systems.analysis import SimulatorConfig
 
 from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import Scenario, load_scenario, scenario_yaml
+from airrace.disturbances import DisturbancesConfig, RotorFailure, WindConfig
 from airrace.errors import UserError
 from airrace.rendering.vtk import check_vtk_available
 from airrace.resources import find_yaml, models_path
@@ -37,6 +38,40 @@ def refusal(**kwargs):
     message = str(e.value)
     assert "\n" not in message
     return message
+
+
+def leaves(value, path=()):
+    """Yields the paths to all plain values of a document, and the values."""
+    if isinstance(value, (dict, list)):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from leaves(item, (*path, key))
+    else:
+        yield path, value
+
+
+def dotted(path):
+    """As messages write it: rotor_failures[0].time."""
+    return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in path).lstrip(".")
+
+
+def document():
+    """All fields of a good scenario: every list has an element, every number is there."""
+    scenario = Scenario(
+        disturbances=DisturbancesConfig(drag=1.0), rotor_failures=[RotorFailure(3, 60.0)]
+    )
+    scenario.referee.time_limit = 100.0
+    return yaml.safe_load(as_yaml(scenario))
+
+
+def changed(path, value):
+    """The text of that scenario with another value at a path."""
+    result = document()
+    *parents, key = path
+    place = result
+    for parent in parents:
+        place = place[parent]
+    place[key] = value
+    return yaml.safe_dump(result)
 
 
 def test_the_defaults_are_good():
@@ -128,6 +163,34 @@ BAD = {
     "camera: {fps: 1.0e-9}": "camera.fps must be at least",
     "state_noise: some": "state_noise must be one of reference, none",
     "state_estimate: {position_sigma: -0.1}": "state_estimate.position_sigma must be at least 0",
+    "disturbances: {drag: 11}": "disturbances.drag must be at most 10, not 11",
+    "disturbances: {mass_error: 0.6}": "disturbances.mass_error must be at most 0.5",
+    "disturbances: {actuator_delay: 1}": "disturbances.actuator_delay must be at most 0.1",
+    "disturbances: {drag: 1, wind: {mean: [1, 2, 31]}}":
+        r"disturbances.wind.mean\[2\] must be at most 30, not 31",
+    "disturbances: {drag: 1, wind: {mean: [4, 3]}}":
+        "disturbances.wind.mean needs three numbers, x, y and z, not 2",
+    "disturbances: {drag: 1, wind: {mean: []}}": "wind.mean needs three numbers",
+    "disturbances: {drag: 1, wind: {mean: 4}}": "disturbances.wind.mean must be a list",
+    "disturbances: {drag: 1, wind: {mean: [1, 2, up]}}":
+        r"disturbances.wind.mean\[2\] must be a number, not 'up'",
+    "disturbances: {wind: {mean: [0, 0, 1]}}":
+        "disturbances.wind acts through drag: set disturbances.drag, e.g. to 1",
+    "disturbances: {wind: {gust_rms: 1}}": "disturbances.wind acts through drag",
+    "disturbances: {wind: {speed: 1}}":
+        "disturbances.wind.speed is unknown; there are: mean, gust_rms, gust_time",
+    "controller: {feed_forward: 1}": "controller.feed_forward must be true or false, not 1",
+    "rotor_failures: {rotor: 1, time: 1}": "rotor_failures must be a list",
+    "rotor_failures: [3]": r"rotor_failures\[0\] must be a mapping",
+    "rotor_failures: [{rotor: 1.5, time: 1}]": r"rotor_failures\[0\].rotor must be a whole number",
+    "rotor_failures: [{number: 1}]":
+        r"rotor_failures\[0\].number is unknown; there are: rotor, time",
+    "rotor_failures: [{rotor: 1}, {time: 3}]":
+        r"rotor_failures\[1\].rotor must be at least 1, not 0",
+    "rotor_failures: [{rotor: 1, time: -1}]":
+        r"rotor_failures\[0\].time must be at least 0, not -1",
+    "rotor_failures: [{rotor: 2, time: 1}, {rotor: 1}, {rotor: 2, time: 3}]":
+        "rotor_failures has rotor 2 twice; name each rotor once",
     "perception: {latency: 0.04}": "perception.latency must be shorter than one frame",
     "referee: {time_limit: 0.0}": "referee.time_limit must be positive",
     "simulator_config: {target_realtime_rate: -1}": "target_realtime_rate",
@@ -148,26 +211,71 @@ def test_bad_values_are_named(text, words):
 
 
 def test_every_number_must_be_finite():
-    scenario = Scenario()
-    floats = [
-        (section, name)
-        for section in (*SECTIONS, "simulator_config", "plant_config")
-        for name in yaml.safe_load(as_yaml(scenario))[section]
-        if type(getattr(getattr(scenario, section), name)) is float
-    ]
-    assert len(floats) > 30
-    for section, name in floats:
-        for value in ("nan", "inf"):
-            message = refusal(scenario_text=f"{section}: {{{name}: .{value}}}")
-            assert message == f"{section}.{name} must be a finite number, not {value}."
+    floats = [path for path, value in leaves(document()) if type(value) is float]
+    assert len(floats) > 40
+    assert {path[0] for path in floats} >= {
+        "disturbances", "rotor_failures", "simulator_config", "plant_config"
+    }
+    for path in floats:
+        for value in (math.nan, math.inf):
+            message = refusal(scenario_text=changed(path, value))
+            assert message == f"{dotted(path)} must be a finite number, not {value}."
 
 
-def test_every_number_of_ours_but_noise_must_be_positive():
-    for section in SECTIONS:
-        for name, value in vars(getattr(Scenario(), section)).items():
-            if not isinstance(value, str) and not name.endswith("_sigma"):
-                message = refusal(scenario_text=f"{section}: {{{name}: 0}}")
-                assert message.startswith(f"{section}.{name} must be ")
+# The numbers of ours that zero is good for.
+ZERO = (
+    "seed", "state_estimate.position_sigma", "state_estimate.velocity_sigma",
+    "disturbances.wind.gust_rms", "disturbances.drag", "disturbances.mass_error",
+    "disturbances.inertia_error", "disturbances.thrust_coefficient_error",
+    "disturbances.actuator_delay", "rotor_failures[0].time",
+)
+
+
+def test_every_number_of_ours_but_noise_and_errors_must_be_positive():
+    numbers = {
+        dotted(path): path for path, value in leaves(document())
+        if type(value) in (int, float) and path[0] not in ("simulator_config", "plant_config")
+    }
+    assert set(ZERO) < set(numbers)
+    for name, path in numbers.items():
+        if name.startswith("disturbances.wind.mean["):
+            continue  # the wind blows where it wants
+        if name in ZERO:
+            load_scenario(scenario_text=changed(path, 0)).check()
+        else:
+            assert refusal(scenario_text=changed(path, 0)).startswith(f"{name} must be ")
+        assert refusal(scenario_text=changed(path, -1)).startswith(f"{name} must be ")
+
+
+def test_switches_are_no_numbers():
+    switches = [path for path, value in leaves(document())
+                if type(value) is bool and path[0] not in ("simulator_config", "plant_config")]
+    assert len(switches) >= 2
+    for path in switches:
+        for value in (False, True):
+            text = changed(path, value)
+            scenario = load_scenario(scenario_text=text)
+            scenario.check()
+            assert yaml.safe_load(as_yaml(scenario)) == yaml.safe_load(text)
+        assert refusal(scenario_text=changed(path, 1)).endswith(
+            f"{dotted(path)} must be true or false, not 1."
+        )
+
+
+def test_lists_take_the_place_of_lists(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "Defaults: {rotor_failures: [{rotor: 1, time: 5.0}, {rotor: 2, time: 6.0}],\n"
+        "           disturbances: {drag: 1.0, wind: {mean: [1.0, 2.0, 3.0]}}}\n"
+    )
+    text = "{rotor_failures: [{rotor: 3, time: 7}], disturbances: {wind: {mean: [4, 5, 6]}}}"
+    scenario = load_scenario(filename=str(path), scenario_text=text)
+    scenario.check()
+    assert scenario.rotor_failures == [RotorFailure(3, 7.0)]
+    assert scenario.disturbances == DisturbancesConfig(WindConfig([4.0, 5.0, 6.0]), drag=1.0)
+    scenario = load_scenario(filename=str(path), scenario_text="rotor_failures: []")
+    assert scenario.rotor_failures == [] and scenario.disturbances.drag == 1.0
+    assert Scenario().disturbances.wind.mean == [0.0, 0.0, 0.0] and not Scenario().rotor_failures
 
 
 def test_missing_files_and_names(tmp_path):
@@ -182,6 +290,20 @@ def test_missing_files_and_names(tmp_path):
 
 
 _positive = st.floats(1e-6, 1e6)
+_errors = st.floats(0.0, 0.5)
+_disturbances = st.builds(
+    DisturbancesConfig,
+    wind=st.builds(
+        WindConfig, mean=st.lists(st.floats(-30, 30), min_size=3, max_size=3),
+        gust_rms=st.floats(0, 20), gust_time=_positive,
+    ),
+    drag=st.floats(1e-6, 10), mass_error=_errors, inertia_error=_errors,
+    thrust_coefficient_error=_errors, actuator_delay=st.floats(0, 0.1),
+)
+_failures = st.lists(
+    st.builds(RotorFailure, rotor=st.integers(1, 8), time=st.floats(0, 1e6)),
+    max_size=3, unique_by=lambda failure: failure.rotor,
+)
 
 
 @st.composite
@@ -192,12 +314,18 @@ def scenarios(draw):
         seed=draw(st.integers(0, 10**30)),
         trajectory=draw(st.sampled_from("346")),
         state_noise=draw(st.sampled_from(["none", "reference"])),
+        disturbances=draw(_disturbances),
+        rotor_failures=draw(_failures),
         boxes=draw(st.dictionaries(st.text(max_size=9), st.text(max_size=9), max_size=2)),
     )
     for section in SECTIONS:
+        if section == "disturbances":
+            continue
         config = getattr(scenario, section)
         for name, value in vars(config).items():
-            if type(value) is float and section not in ("camera", "perception"):
+            if type(value) is bool:
+                setattr(config, name, draw(st.booleans()))
+            elif type(value) is float and section not in ("camera", "perception"):
                 setattr(config, name, draw(st.floats(1, 1e4) if name == "rate" else _positive))
             elif type(value) is int:
                 setattr(config, name, draw(st.integers(16, 256)))
@@ -234,7 +362,10 @@ _values = st.recursive(
     | st.sampled_from(["3", "vtk", "none", "x", ""]),
     lambda inner: st.lists(inner, max_size=2)
     | st.dictionaries(
-        st.sampled_from([*yaml.safe_load(as_yaml(Scenario())), "rate", "max_speed", "width"]),
+        st.sampled_from([
+            *yaml.safe_load(as_yaml(Scenario())), "rate", "max_speed", "width", "wind", "mean",
+            "drag", "rotor", "time",
+        ]),
         inner, max_size=3,
     ),
     max_leaves=6,
@@ -251,8 +382,6 @@ def test_anything_loads_or_is_refused_in_a_sentence(data):
     else:
         assert scenario.laps >= 1
         assert all(
-            math.isfinite(value)
-            for section in SECTIONS
-            for value in vars(getattr(scenario, section)).values()
+            math.isfinite(value) for _, value in leaves(yaml.safe_load(as_yaml(scenario)))
             if isinstance(value, float)
         )

@@ -1,3 +1,5 @@
+import shutil
+
 import numpy as np
 import pytest
 from pydrake.common.value import Value
@@ -7,21 +9,20 @@ from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
 from airrace.diagrams.scenario import Scenario
 from airrace.diagrams.simulation import MakeSimulation
+from airrace.disturbances import DisturbancesConfig, RotorFailure, WindConfig, true_vehicle
 from airrace.errors import UserError
 from airrace.systems import state_estimate as se
-from airrace.systems.geometric_controller import GeometricController
 from airrace.systems.types import ExplorerStatus
-from airrace.trajopt.flat_trajectory import hold
-from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle import GRAVITY, find_vehicle, load_vehicle
 
 VEHICLE, _ = load_vehicle("Default")
 HOVER_SPEED = np.sqrt(GRAVITY / 4 / 1e-3)
 
 
 class Flight:
-    """A simulation with constant rotor speeds, or a controller at a reference."""
+    """A simulation with constant rotor speeds."""
 
-    def __init__(self, speeds=None, reference=None, start=None, racing=False, scenario=None):
+    def __init__(self, speeds, start=None, racing=False, scenario=None):
         builder = DiagramBuilder()
         self.simulation = builder.AddSystem(MakeSimulation(scenario or Scenario()))
         status = builder.AddSystem(
@@ -30,17 +31,7 @@ class Flight:
         builder.Connect(
             status.get_output_port(), self.simulation.GetInputPort("explorer_status")
         )
-        if speeds is not None:
-            command = builder.AddSystem(ConstantVectorSource(speeds)).get_output_port()
-        else:
-            controller = builder.AddSystem(GeometricController(vehicle=VEHICLE, rate=500.0))
-            target = builder.AddSystem(ConstantVectorSource(reference))
-            builder.Connect(target.get_output_port(), controller.GetInputPort("reference"))
-            builder.Connect(
-                self.simulation.GetOutputPort("state_estimate"),
-                controller.GetInputPort("filtered_estimate"),
-            )
-            command = controller.get_output_port()
+        command = builder.AddSystem(ConstantVectorSource(speeds)).get_output_port()
         builder.Connect(command, self.simulation.GetInputPort("rotor_speed_command"))
         self.simulator = Simulator(builder.Build())
         self.context = self.simulation.GetMyContextFromRoot(self.simulator.get_mutable_context())
@@ -57,8 +48,7 @@ class Flight:
         return self
 
     def __getattr__(self, name):
-        ports = {"state": "truth.state", "report": "truth.referee_report",
-                 "rotor_speeds": "truth.rotor_speeds"}
+        ports = {"state": "truth.state", "report": "truth.referee_report"}
         return self.simulation.GetOutputPort(ports.get(name, name)).Eval(self.context)
 
 
@@ -66,9 +56,37 @@ def start_at(p, v=(0, 0, 0), w=(0, 0, 0)):
     return np.array([1, 0, 0, 0, *p, *w, *v], float)
 
 
-def test_stands_on_its_pad():
-    flight = Flight(speeds=np.zeros(4)).advance(2.0)
-    np.testing.assert_allclose(flight.state[4:7], [0, 0, 0.1], atol=5e-3)
+@pytest.mark.parametrize("drone, height", [("Default", 0.1), ("StarOne", 0.25)])
+def test_stands_on_its_pad(drone, height):
+    rotors = len(load_vehicle(drone)[0].rotors)
+    flight = Flight(speeds=np.zeros(rotors), scenario=Scenario(drone=drone))
+    np.testing.assert_allclose(flight.state[:7], [1, 0, 0, 0, 0, 0, height], atol=1e-12)
+    flight.advance(1.0)
+    np.testing.assert_allclose(flight.state[:7], [1, 0, 0, 0, 0, 0, height], atol=1e-3)
+    np.testing.assert_allclose(flight.state[7:], 0.0, atol=1e-6)
+    plant = flight.simulation.GetSubsystemByName("plant")
+    contacts = plant.get_contact_results_output_port().Eval(
+        plant.GetMyContextFromRoot(flight.simulator.get_context())
+    )
+    depths = [
+        contacts.point_pair_contact_info(i).point_pair().depth
+        for i in range(contacts.num_point_pair_contacts())
+    ]
+    assert len(depths) == 4 and max(depths) < 1e-3
+    assert not flight.report.over
+
+
+def test_a_drone_on_long_legs_is_not_in_the_air(tmp_path):
+    shutil.copytree(find_vehicle("Default").parent, tmp_path / "mine")
+    sdf = tmp_path / "mine" / "default.sdf"
+    sdf.write_text(sdf.read_text().replace(
+        "</link>", "".join(
+            f'<collision name="foot_{x}_{y}"><pose>{x} {y} -0.8 0 0 0</pose>'
+            "<geometry><sphere><radius>0.1</radius></sphere></geometry></collision>"
+            for x in (-0.15, 0.15) for y in (-0.15, 0.15)) + "</link>"))
+    flight = Flight(speeds=np.zeros(4), scenario=Scenario(drone=str(tmp_path / "mine")))
+    flight.advance(0.5)
+    np.testing.assert_allclose(flight.state[4:7], [0, 0, 0.9], atol=2e-3)
     assert not flight.report.over
 
 
@@ -115,12 +133,17 @@ def test_rotors_turn_the_drone_the_right_way(faster, axis, sign):
     assert sign * w[axis] > 0
 
 
-def test_hovers_with_the_controller_and_reports_its_estimate():
-    flight = Flight(reference=hold([0, 0, 5], 0.5)).advance(5.0)
-    np.testing.assert_allclose(flight.state[4:7], [0, 0, 5], atol=0.05)
-    np.testing.assert_allclose(flight.state_estimate[se.POSITION], [0, 0, 5], atol=0.06)
+def test_hovers_and_reports_its_estimate():
+    start = start_at([0, 0, 5])
+    flight = Flight(speeds=np.full(4, HOVER_SPEED), start=start)
+    rotors = flight.simulation.GetSubsystemByName("rotor_bank")
+    context = rotors.GetMyMutableContextFromRoot(flight.simulator.get_mutable_context())
+    context.SetDiscreteState(np.full(4, HOVER_SPEED))
+    flight.advance(5.0)
+    np.testing.assert_allclose(flight.state, start, atol=1e-6)
+    np.testing.assert_allclose(flight.state_estimate[se.POSITION], [0, 0, 5], atol=0.03)
     assert flight.state_estimate[se.TIME] == pytest.approx(5.0, abs=0.0051)
-    assert flight.rotor_speeds == pytest.approx([HOVER_SPEED] * 4, rel=0.1)
+    assert flight.rotor_speeds == pytest.approx([HOVER_SPEED] * 4)
 
 
 def test_noise_off():
@@ -154,3 +177,90 @@ def test_the_start_pose_is_the_tracks(tmp_path):
     np.testing.assert_allclose(flight.state[:4], [1, 0, 0, 0])
     with pytest.raises(UserError, match="track"):
         MakeSimulation(Scenario(track=str(tmp_path / "none.yaml")))
+
+
+class TestDisturbances:
+    ALL = DisturbancesConfig(
+        wind=WindConfig([4.0, 3.0, 0.5], gust_rms=2.0), drag=1.0, mass_error=0.1,
+        inertia_error=0.1, thrust_coefficient_error=0.1, actuator_delay=0.01,
+    )
+
+    @staticmethod
+    def history(scenario, seconds=0.2):
+        """Rotor speeds after every step of the plant, from rest and from a command at once."""
+        flight = Flight(speeds=np.full(4, 60.0), scenario=scenario)
+        times = np.arange(round(seconds / 0.001)) * 0.001 + 0.0005
+        return np.array([flight.advance(time).rotor_speeds for time in times])
+
+    @pytest.mark.parametrize("delay, steps", [
+        (0.001, 1), (0.01, 10), (0.0304, 30), (0.0306, 31), (0.0001, 1)
+    ])
+    def test_a_delay_is_exact(self, delay, steps):
+        prompt = self.history(Scenario())
+        late = self.history(Scenario(disturbances=DisturbancesConfig(actuator_delay=delay)))
+        assert np.all(prompt[0] > 0.0)
+        np.testing.assert_array_equal(late[:steps], 0.0)
+        np.testing.assert_array_equal(late[steps:], prompt[:-steps])
+
+    def test_a_rotor_fails(self):
+        healthy = self.history(Scenario())
+        failing = self.history(Scenario(rotor_failures=[RotorFailure(3, 0.1)]))
+        np.testing.assert_array_equal(failing[:, [0, 1, 3]], healthy[:, [0, 1, 3]])
+        np.testing.assert_array_equal(failing[:100, 2], healthy[:100, 2])
+        np.testing.assert_allclose(
+            failing[100:, 2], healthy[99, 2] * np.exp(-np.arange(1, 101) * 0.001 / 0.03)
+        )
+
+    def test_a_crash_after_a_failure_says_so(self):
+        scenario = Scenario(rotor_failures=[RotorFailure(2, 0.1), RotorFailure(4, 9.0)])
+        flight = Flight(
+            speeds=np.full(4, HOVER_SPEED), start=start_at([0, 0, 3.0]), scenario=scenario
+        ).advance(3.0)
+        assert flight.report.dnf_reason == "hit the ground after rotor 2 had failed"
+
+    def test_a_rotor_that_is_not_there_cannot_fail(self):
+        with pytest.raises(UserError, match="there is no rotor 5; the Default has rotors 1 to 4"):
+            MakeSimulation(Scenario(rotor_failures=[RotorFailure(5, 1.0)]))
+
+    def test_the_world_has_the_true_drone(self):
+        truth = true_vehicle(VEHICLE, self.ALL, seed=3)
+        flight = Flight(speeds=[50.0] * 4, scenario=Scenario(disturbances=self.ALL, seed=3))
+        body = flight.simulation.GetSubsystemByName("plant").GetBodyByName("body")
+        assert body.default_mass() == pytest.approx(truth.mass, rel=1e-12)
+        flight.advance(1.0)
+        bank = flight.simulation.GetSubsystemByName("rotor_bank")
+        thrusts = bank.GetOutputPort("thrusts").Eval(bank.GetMyContextFromRoot(
+            flight.simulator.get_context()
+        ))
+        np.testing.assert_allclose(thrusts, truth.thrust_coefficients * 2500.0)
+
+    def test_the_wind_carries_the_drone_and_needs_drag(self):
+        start = start_at([0, 0, 50.0])
+        for drag in (0.0, 1.0):
+            config = DisturbancesConfig(wind=WindConfig([5.0, 0.0, 0.0]), drag=drag)
+            flight = Flight(speeds=np.full(4, HOVER_SPEED), start=start,
+                            scenario=Scenario(disturbances=config)).advance(1.0)
+            # (linear + quadratic |v|) v, on 1 kg, with v falling a little.
+            force = drag * (0.1 + 0.006 * 5.0) * 5.0
+            assert flight.state[10] == pytest.approx(force, rel=0.1, abs=1e-9)
+            names = {system.get_name() for system in flight.simulation.GetSystems()}
+            assert ("drag" in names) == ("wind" in names) == (drag > 0.0)
+
+    def test_the_seed_decides(self):
+        def fly(seed):
+            scenario = Scenario(
+                disturbances=self.ALL, rotor_failures=[RotorFailure(2, 1.5)], seed=seed
+            )
+            flight = Flight(
+                speeds=np.full(4, HOVER_SPEED), start=start_at([0, 0, 50.0]), scenario=scenario
+            )
+            rows = [
+                np.concatenate([flight.state, flight.state_estimate, flight.rotor_speeds])
+                for flight in (flight.advance(0.1 * k) for k in range(1, 21))
+            ]
+            return np.array(rows)
+
+        one, again, other = fly(1), fly(1), fly(2)
+        assert np.all(np.isfinite(one))
+        assert one.tobytes() == again.tobytes()
+        assert not np.any(one[:, 4:13] == other[:, 4:13])

@@ -10,13 +10,14 @@ from airrace.systems.marker_statistics import MarkerStatistics, make_map
 from airrace.systems.types import Detection, Detections
 from airrace.track import load_track
 from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.leg import plan_leg
 
 TRACK = load_track("student-airrace")
 BOARDS = {board.id: board.X_WM for board in TRACK.boards()}
 CONFIG = ExplorerConfig()
 
 
-def situation(counts, in_image, last=None, p=(0.0, 0.0, 5.0), stepped_around=False):
+def situation(counts, in_image, last=None, p=(0.0, 0.0, 5.0), stepped_around=False, steps=0):
     """What the explorer knows with some markers mapped and some in the image."""
     statistics = {
         id: MarkerStatistics(
@@ -28,6 +29,7 @@ def situation(counts, in_image, last=None, p=(0.0, 0.0, 5.0), stepped_around=Fal
     gates = {gate.number: gate for gate in gate_map.gates}
     memory = types.SimpleNamespace(
         last=None if last is None else gates[last], stepped_around=stepped_around,
+        steps=steps,
         leg=FlatTrajectory.resting([*p, 0.3]),
     )
     markers = tuple(
@@ -88,7 +90,7 @@ def test_the_left_marker_alone_counts_only_from_near():
 @pytest.mark.parametrize("counts, in_image, stepped", [
     ({}, [], False),
     ({2: 2}, [2], False),  # perhaps a stray
-    ({2: 9}, [], False),  # out of sight
+    ({2: 9}, [], True),  # that is not where it was
     ({2: 9}, [2], True),  # that did not help
     ({0: 9, 2: 4}, [0, 2], False),  # both in sight
 ])
@@ -98,6 +100,37 @@ def test_otherwise_steps_forward(counts, in_image, stepped):
     assert state == "STEP_FORWARD"
     step = CONFIG.step_length * np.array([np.cos(0.3), np.sin(0.3), 0.0])
     np.testing.assert_allclose(pose, [*(step + [0, 0, 5]), 0.3], atol=1e-9)
+
+
+@pytest.mark.parametrize("counts, id", [({0: 9, 2: 9}, 2), ({2: 9}, 2), ({0: 9}, 0)])
+def test_steps_around_what_was_in_sight(counts, id):
+    pose, state, reason = exploration.search_target(situation(counts, []), CONFIG)
+    assert (state, reason) == ("STEP_AROUND", f"marker {id} of gate 1 was in sight")
+    np.testing.assert_allclose(pose, [-1.0, 0.0, 6.25, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("steps, state, turn, ahead", [
+    (1, "STEP_FORWARD", 0, 15), (2, "STEP_FORWARD", 0, 15), (3, "LOOK_AROUND", 60, 0),
+    (4, "LOOK_AROUND", -120, 0), (5, "STEP_FORWARD", 60, 15), (6, "STEP_FORWARD", 0, 15),
+])
+def test_looks_left_and_right_after_three_steps_in_vain(steps, state, turn, ahead):
+    """And then on along the heading that it had before."""
+    pose, found, _ = exploration.search_target(situation({}, [], steps=steps), CONFIG)
+    yaw = 0.3 + np.deg2rad(turn)
+    step = [ahead * np.cos(yaw), ahead * np.sin(yaw), 0.0]
+    assert found == state
+    np.testing.assert_allclose(pose, [*(step + np.array([0, 0, 5])), yaw], atol=1e-9)
+
+
+def test_a_larger_drone_needs_more_room():
+    """Straight on, 2.2 m inside of the left pylon of gate 1."""
+    gate_map = situation({0: 9, 2: 9}, []).gate_map
+    (left, _), start = gate_map.gates[0].pylons, np.zeros((5, 4))
+    start[0, 1:3] = left[1] - 2.2, 6.0
+    leg = plan_leg(start, [[40.0, left[1] - 2.2, 6.0, 0.0]], max_speed=8.0, max_acceleration=6.0)
+    assert exploration.is_clear(leg, gate_map, 2.1)
+    assert not exploration.is_clear(leg, gate_map, 2.3)
+    assert exploration.is_clear(leg, situation({}, []).gate_map, 2.3)
 
 
 def test_tilt_and_yaw():

@@ -13,12 +13,11 @@ from airrace.track import Gate, Start, Track, load_track
 from tests.systems.kinematic_world import KinematicWorld, explore
 
 REFERENCE = load_track("student-airrace")
-
-
+CLEARANCE = 2.0
 
 
 def run(track, config=ExplorerConfig(), **kwargs):
-    explorer = Explorer(config=config, hover_height=track.hover_height)
+    explorer = Explorer(config=config, hover_height=track.hover_height, clearance=CLEARANCE)
     return explore(explorer, KinematicWorld(track, **kwargs))
 
 
@@ -141,7 +140,7 @@ def test_returns_home_clear_of_pylons(n):
 
 def still(estimate, seconds):
     """Returns the explorer's status after sitting still with one estimate."""
-    explorer = Explorer(config=ExplorerConfig(), hover_height=5.0)
+    explorer = Explorer(config=ExplorerConfig(), hover_height=5.0, clearance=CLEARANCE)
     simulator = Simulator(explorer)
     context = simulator.get_mutable_context()
     explorer.GetInputPort("detections").FixValue(context, Value[object](Detections()))

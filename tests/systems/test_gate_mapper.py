@@ -6,14 +6,15 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
-from airrace.diagrams.simulation import R_BC
 from airrace.systems.gate_mapper import GateMapper, extrapolate
 from airrace.systems.marker_statistics import MarkerStatistics, make_gate, make_map
 from airrace.systems.types import Detection, Detections, make_camera_info
 from airrace.track import load_track
+from airrace.vehicle import CameraMount
 
 TRACK = load_track("student-airrace")
-INFO = make_camera_info(width=1280, height=720, fov_y=1.0, X_BC=RigidTransform(R_BC, [0.1, 0, 0]))
+CAMERA = CameraMount(position=[0.1, 0.0, 0.0])
+INFO = make_camera_info(width=1280, height=720, fov_y=1.0, X_BC=CAMERA.X_BC)
 EMPTY = MarkerStatistics(0, 0, np.zeros(3), np.zeros(3), np.zeros(3))
 LATENCY = 0.01
 

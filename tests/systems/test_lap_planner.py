@@ -19,10 +19,12 @@ from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.entry import plan_change, plan_start
 from airrace.trajopt.flat_trajectory import ACCELERATION, SIZE, VELOCITY, hold
 from airrace.trajopt.flatness import rotor_thrusts
+from airrace.trajopt.flyable import clearance_of
 from airrace.vehicle import GRAVITY, load_vehicle
 
 VEHICLE, _ = load_vehicle("Default")
-LIMITS = dict(max_speed=20.0, max_acceleration=10.0)
+LIMITS = dict(
+    clearance=clearance_of(VEHICLE.radius), max_speed=20.0, max_acceleration=10.0)
 GATES = tuple(
     GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.pylon_spacing)
     for n, gate in enumerate(load_track("student-airrace").gates)

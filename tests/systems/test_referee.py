@@ -4,6 +4,7 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.analysis import Simulator
 
+from airrace.disturbances import RotorFailure
 from airrace.systems.referee import Referee
 from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
@@ -12,11 +13,12 @@ TRACK = load_track("student-airrace")
 DT = 0.01
 
 
-def judge(path, velocity=(1.0, 2.0, 2.0), laps=1, racing=True, time_limit=1e3, contacts=None):
+def judge(path, velocity=(1.0, 2.0, 2.0), laps=1, racing=True, time_limit=1e3, contacts=None,
+          rotor_failures=()):
     """Shows the referee a path, one position a step, and returns its report."""
     referee = Referee(
         track=TRACK, laps=laps, period=DT, time_limit=time_limit, arena_margin=60.0,
-        body_names={},
+        standing_height=TRACK.start.position[2] + 0.1, body_names={}, rotor_failures=rotor_failures,
     )
     simulator = Simulator(referee)
     context = simulator.get_mutable_context()
@@ -95,3 +97,18 @@ def test_arena_and_time_limit():
 def test_nothing_counts_after_the_end():
     report = judge([[0, 0, 61.0], *lap_path()])
     assert report.crossings == () and not report.finished
+
+
+def test_a_reason_names_the_rotors_that_had_failed():
+    failures = [RotorFailure(3, 5 * DT), RotorFailure(1, 2 * DT), RotorFailure(2, 99.0)]
+    flight = [[0, 0, 5.0]] * 5
+    reason = judge([*flight, [0, 0, 61.0]], rotor_failures=failures).dnf_reason
+    assert reason == "left the arena after rotors 1 and 3 had failed"
+    reason = judge([*flight[:4], [0, 0, 61.0]], rotor_failures=failures).dnf_reason
+    assert reason == "left the arena after rotor 1 had failed"
+    assert judge([[0, 0, 61.0]], rotor_failures=failures).dnf_reason == "left the arena"
+    # Neither the clock nor a race that is finished has to do with rotors.
+    late = judge(flight * 4, rotor_failures=failures, time_limit=10 * DT)
+    assert late.dnf_reason == "ran out of time"
+    whole = judge(lap_path() + through(TRACK.gates[0]), rotor_failures=failures)
+    assert whole.finished and whole.dnf_reason is None

@@ -8,8 +8,8 @@ from airrace.vehicle import load_vehicle
 VEHICLE, _ = load_vehicle("Default")
 
 
-def run(command, time):
-    bank = RotorBank(vehicle=VEHICLE, period=0.001)
+def run(command, time, failures=()):
+    bank = RotorBank(vehicle=VEHICLE, period=0.001, failures=failures)
     simulator = Simulator(bank)
     context = simulator.get_mutable_context()
     bank.get_input_port().FixValue(context, command)
@@ -37,3 +37,21 @@ def test_a_bad_command_stops_the_rotor(bad):
 def test_thrust_limit():
     _, thrusts = run([1e9, np.inf, 1e3, 50.0], 1.0)
     np.testing.assert_allclose(thrusts[:3], 8.5, rtol=1e-6)
+
+
+def test_a_rotor_that_fails_spins_down():
+    command = [60.0, 50.0, np.inf, 30.0]
+    speeds, _ = run(command, 1.0, failures=[(0, 0.5), (2, 0.94)])
+    healthy, _ = run(command, 1.0)
+    np.testing.assert_array_equal(speeds[[1, 3]], healthy[[1, 3]])
+    # With the first step at the very time of the failure.
+    assert speeds[2] == pytest.approx(healthy[2] * np.exp(-2), rel=1e-6)
+    assert speeds[0] == pytest.approx(60.0 * np.exp(-0.5 / 0.03), rel=1e-6)
+
+
+def test_a_rotor_that_has_not_failed_yet_is_healthy():
+    np.testing.assert_array_equal(
+        run([50.0] * 4, 0.5, failures=[(1, 0.5)]), run([50.0] * 4, 0.5)
+    )
+    speeds, _ = run([50.0] * 4, 0.5, failures=[(1, 0.0)])
+    assert speeds[1] == 0.0 and np.all(speeds[[0, 2, 3]] > 49)

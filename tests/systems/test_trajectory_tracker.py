@@ -9,7 +9,7 @@ from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.entry import plan_start
 from airrace.trajopt.flat_trajectory import POSITION, SIZE, VELOCITY, YAW, flat_outputs, hold
 
-LIMITS = dict(max_speed=20.0, max_acceleration=10.0)
+LIMITS = dict(clearance=2.0, max_speed=20.0, max_acceleration=10.0)
 MIDPOINTS = np.array([[0, -20, 6], [20, 0, 6], [0, 20, 6], [-20, 0, 6]], float)
 few = settings(max_examples=40)
 

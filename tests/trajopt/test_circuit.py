@@ -18,7 +18,7 @@ from airrace.vehicle import GRAVITY
 TRACK = load_track("student-airrace")
 MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
 HEADINGS = np.array([gate.heading for gate in TRACK.gates])
-LIMITS = dict(max_speed=20.0, max_acceleration=10.0)
+LIMITS = dict(clearance=2.0, max_speed=20.0, max_acceleration=10.0)
 each = pytest.mark.parametrize("dimensions", [3, 4, 6])
 few = settings(max_examples=8)
 
@@ -236,6 +236,21 @@ def test_a_gate_askew_gets_a_waypoint_in_front_of_it(turned, by, dimensions):
             assert np.cos(pose[3] - headings[i]) == pytest.approx(1.0)
 
 
+def test_a_larger_drone_takes_a_turned_gate_straighter():
+    midpoints, headings = square(2, 1.0)
+    pylons = pylons_of(midpoints, headings)
+    laps = {
+        clearance: plan_circuit(
+            midpoints, headings, pylons, 3, **{**LIMITS, "clearance": clearance})
+        for clearance in (2.0, 2.4)
+    }
+    for clearance, lap in laps.items():
+        distances = np.linalg.norm(dense(lap)[:2, :, None] - pylons.T[:, None], axis=0)
+        assert distances.min() > clearance - 0.01
+    assert laps[2.0].approach == {} and 2 in laps[2.4].approach
+    assert laps[2.0].duration < laps[2.4].duration
+
+
 @each
 def test_a_wide_gate_is_crossed_forward_although_no_pylon_says_so(dimensions):
     midpoints, headings = square(2, 1.4, side=80.0)
@@ -287,5 +302,5 @@ def test_impossible_laps_are_refused_in_time(case, dimensions):
 def test_limits_scale(s):
     """Slower by s, at accelerations less by s squared, a lap takes s as long."""
     circuit = plan_circuit(MIDPOINTS, HEADINGS, pylons_of(MIDPOINTS, HEADINGS), 3,
-                           max_speed=20 / s, max_acceleration=10 / s**2)
+                           clearance=2.0, max_speed=20 / s, max_acceleration=10 / s**2)
     assert circuit.duration == pytest.approx(s * reference(3).duration, rel=1e-4)

@@ -18,7 +18,7 @@ TRACK = load_track("student-airrace")
 MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
 HEADINGS = np.array([gate.heading for gate in TRACK.gates])
 PYLONS = TRACK.pylons()[:, :2]
-LIMITS = dict(max_speed=20.0, max_acceleration=10.0)
+LIMITS = dict(clearance=2.0, max_speed=20.0, max_acceleration=10.0)
 each = pytest.mark.parametrize("dimensions", [3, 4, 6])
 few = settings(max_examples=12)
 

@@ -9,9 +9,9 @@ from pydrake.trajectories import PiecewisePolynomial
 from airrace.track import PYLON_HEIGHT
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flyable import (
-    CLEARANCE,
     LOWEST,
     MAX_CROSSING_ANGLE,
+    clearance_of,
     is_flyable,
     passes_forward,
     peaks,
@@ -19,8 +19,9 @@ from airrace.trajopt.flyable import (
     sample_times,
 )
 from airrace.trajopt.min_snap import DerivativeConstraint, solve_min_snap
+from airrace.vehicle import load_vehicle
 
-LIMITS = dict(max_speed=20.0, max_acceleration=10.0)
+LIMITS = dict(clearance=2.0, max_speed=20.0, max_acceleration=10.0)
 NONE = np.zeros((0, 2))
 few = settings(max_examples=40)
 
@@ -57,19 +58,26 @@ def test_height(lowest):
 
 
 @few
-@given(st.floats(-6, 6), st.floats(1.0, 30.0), st.floats(-np.pi, np.pi))
-def test_pylons(offset, height, angle):
+@given(st.floats(-6, 6), st.floats(1.0, 30.0), st.floats(-np.pi, np.pi), st.floats(0.5, 4.0))
+def test_pylons(offset, height, angle, clearance):
     """Past a pylon on either side, or over it."""
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     distance = np.hypot(offset, max(height - PYLON_HEIGHT, 0.0))
-    assume(abs(distance - CLEARANCE) > 0.01)
+    assume(abs(distance - clearance) > 0.01)
+    limits = {**LIMITS, "clearance": clearance}
     start, end = turn @ [-10, offset], turn @ [10, offset]
     trajectory = line([*start, height], [*end, height], 8.0)
     distances = pylon_distances(trajectory.sample(sample_times(trajectory)), [[0, 0], [500, 0]])
     assert distances.shape == (len(sample_times(trajectory)), 2)
     assert distances.min() == pytest.approx(distance, abs=1e-3 + 0.05 * (distance < 1))
-    assert is_flyable(trajectory, [[0, 0], [500, 0]], **LIMITS) == (distance > CLEARANCE)
-    assert is_flyable(trajectory, [[500, 0]], **LIMITS)
+    assert is_flyable(trajectory, [[0, 0], [500, 0]], **limits) == (distance > clearance)
+    assert is_flyable(trajectory, [[500, 0]], **limits)
+
+
+def test_the_clearance_grows_with_the_drone():
+    default, star_one = (load_vehicle(name)[0].radius for name in ("Default", "StarOne"))
+    assert clearance_of(default) == pytest.approx(2.0, abs=0.01)
+    assert clearance_of(star_one) - clearance_of(default) == pytest.approx(star_one - default)
 
 
 def test_height_alone_is_no_fault():

@@ -1,0 +1,74 @@
+"""Notices rotors that have stopped."""
+
+import math
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from airrace.vehicle import Vehicle
+
+_SHARE = 0.8  # of the speed that it should have: a rotor below that does not follow
+_LEAST = 0.2  # of the greatest speed: below, there is nothing to tell by
+_WINDOW = 0.03  # s by which a command may be late
+_PATIENCE = 0.006  # s of not following
+
+
+class RotorMonitor(LeafSystem):
+    """Compares the reported rotor speeds with those that were commanded.
+
+    .. pydrake_system::
+
+        name: RotorMonitor
+        input_ports:
+        - rotor_speed_command
+        - rotor_speeds
+        output_ports:
+        - rotor_losses
+
+    ``rotor_speed_command`` and ``rotor_speeds`` (rad/s) have one element a
+    rotor; ``rotor_losses`` is the time at which each rotor was found to be lost
+    (s), infinite for those that work.
+
+    A model of each rotor, a first-order lag, follows the commands. A rotor is
+    lost for good once its reported speed has for a few milliseconds been clearly
+    below all that the model has had in the last 30 ms, within which a command
+    should arrive.
+    """
+
+    def __init__(self, *, vehicle: Vehicle, rate: float):
+        """Constructs the monitor.
+
+        Args:
+            vehicle: the rotor table.
+            rate: of the commands (Hz).
+        """
+        LeafSystem.__init__(self)
+        n = len(vehicle.rotors)
+        self._period = 1.0 / rate
+        self._blend = 1.0 - np.exp(-self._period / vehicle.rotor_lag)
+        self._least = _LEAST * vehicle.max_speeds
+        self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
+        self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
+        # The model's speeds, newest first, and for how long a rotor has not followed (s).
+        self._depth = math.ceil(_WINDOW * rate) + 1
+        self._model = self.DeclareDiscreteState((self._depth + 1) * n)
+        losses = self.DeclareDiscreteState(np.full(n, np.inf))
+        self._losses = losses
+        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._Compare)
+        self.DeclareStateOutputPort("rotor_losses", losses)
+
+    def _Compare(self, context, discrete_state):
+        n = self._speeds.size()
+        *models, waited = context.get_discrete_state(self._model).value().reshape(-1, n)
+        due = np.min(models, axis=0)
+        # Written such that a speed that is not a number is too low.
+        low = (due > self._least) & ~(self._speeds.Eval(context) >= _SHARE * due)
+        waited = np.where(low, waited + self._period, 0.0)
+        if waited.max() > _PATIENCE:
+            losses = context.get_discrete_state(self._losses).value()
+            lost = np.where(waited > _PATIENCE, context.get_time(), np.inf)
+            discrete_state.set_value(self._losses, np.minimum(losses, lost))
+        newest = models[0] + self._blend * (self._command.Eval(context) - models[0])
+        discrete_state.set_value(
+            self._model, np.concatenate([newest, *models[:-1], waited])
+        )

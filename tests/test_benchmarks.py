@@ -1,0 +1,58 @@
+import json
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from airrace.vehicle import DRONES, load_vehicle
+from benchmarks import control
+from benchmarks.control_tables import despin_time, recovery_tables, tracking_tables
+from benchmarks.experiments import loss, recovery, tracking
+
+
+def printed(tables):
+    console = Console(width=200)
+    with console.capture() as capture:
+        for table in tables:
+            console.print(table)
+    return capture.get()
+
+
+def test_recovers_from_upside_down_in_any_process():
+    jobs = [("Default", "none", index) for index in (0, 5)]
+    rows = control.run([(recovery, job) for job in jobs], workers=1)
+    assert rows[0] == recovery(*jobs[0])
+    assert max(row["hover_s"] for row in rows) <= 3.0
+    assert max(row["height_lost_m"] for row in rows) < 12.0
+    assert "2/2" in printed(recovery_tables(rows))
+
+
+def test_feed_forward_tracks_better():
+    cases = {"nominal": "", "feed-forward off": "controller: {feed_forward: false}"}
+    rows = [tracking("Default", case, noise, "Defaults", text, 0, duration=1.0)
+            for case, text in cases.items() for noise in ("none", "reference")]
+    assert rows[2]["rms_m"] > 3.0 * rows[0]["rms_m"]
+    assert rows[0]["rms_m"] < 0.05
+    assert "feed-forward off" in printed(tracking_tables(rows))
+
+
+def test_an_octocopter_flies_on_without_a_rotor():
+    row = loss("StarOne", [3], 0.25, 0.0)
+    assert row["can_fly"] and row["end"] is None
+    assert row["deviation_m"] < 0.5
+    assert row["found_after_s"] < 0.05
+    json.dumps(row, allow_nan=False)
+
+
+@pytest.mark.parametrize("drone", DRONES)
+def test_yaw_stops_no_sooner_than_its_rotors_can(drone):
+    vehicle, _ = load_vehicle(drone)
+    # Half of the rotors carry the weight, and all turn the same way.
+    moment = vehicle.mass * 9.81 * vehicle.rotors[0].torque_ratio
+    assert np.isclose(despin_time(vehicle, 10.0), vehicle.inertia[2] * 10.0 / moment)
+
+
+def test_every_section_has_jobs_and_tables():
+    assert set(control.SECTIONS) == set(control.TABLES)
+    for jobs in control.SECTIONS.values():
+        assert len(jobs(True)) <= len(jobs(False))

@@ -14,7 +14,10 @@ _DESCENT = 0.5  # m/s
 _BRAKE = 2.0  # 1/s, from an error in velocity to an acceleration
 _MAX_SIDE = 0.5 * GRAVITY  # m/s^2, to the side
 _MOST_LIFT = 2.0  # for the tilt, as a factor
-_SHARED = 0.3  # of the thrust, that all rotors share in the trim
+# How far the trim goes from the thrusts that need no spin to equal ones: little at a
+# slow spin, which cannot balance more; beyond equal at a fast one, to stop it growing.
+_SHARED = (0.3, 1.5)
+_SPINS = (20.0, 40.0)  # rad/s
 _MAX_LEAN = 0.3  # of the spin axis, as a tangent
 
 
@@ -83,7 +86,8 @@ class ReducedAttitude:
         level = remaining.allocator.allocate(np.array([weight, 0.0, 0.0, 0.0]))
         works = remaining.max_thrusts > 0
         equal = works * weight / works.sum()
-        _, Mx, My, _ = self._allocation @ (level + _SHARED * (equal - level))
+        shared = np.interp(abs(spin), _SPINS, _SHARED)
+        _, Mx, My, _ = self._allocation @ (level + shared * (equal - level))
         Jx, Jy, Jz = self._J
         differences = np.array([Jx - Jz, Jz - Jy])
         differences[differences == 0.0] = 1e-9  # no lean will do; the greatest is as good as any

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RotationMatrix
 
-from airrace.reduced_attitude import ReducedAttitude
+from airrace.attitude import turned_back
+from airrace.reduced_attitude import ROTOR_DELAY, ReducedAttitude
 from airrace.rotor_loss import Remaining
 from airrace.vehicle import GRAVITY, load_vehicle
 
@@ -111,6 +112,24 @@ def test_the_moment_rights_it(heading, tilt, left):
     acceleration = R.matrix() @ (moment / DEFAULT.inertia)
     gain = DEFAULT.gains.attitude
     np.testing.assert_allclose(acceleration, -2 * gain * np.sin(tilt / 2) * across, atol=1e-6)
+
+
+@given(vectors, spins, st.sampled_from(LEFT))
+def test_the_spin_does_not_turn_the_damping(w, spin, left):
+    """Seen from axes that do not spin, what is beside the spin fades straight to zero."""
+    reduced, J = ReducedAttitude(DEFAULT), np.array(DEFAULT.inertia)
+    axis = reduced.spin_axis(spin, left)
+    w = np.array([*(spin / axis[2] * axis + w)[:2], spin])
+    along = w @ axis * axis
+    beside = w - along
+    R = upright(axis)
+    trim = np.cross(along, J * along)
+    moment = reduced.wrench(estimate(R, R.matrix() @ w), CALM, left)[1:]
+    # What the rotors will have done, late.
+    moment = trim + turned_back(moment - trim, -ROTOR_DELAY * spin)
+    acceleration = (moment - np.cross(w, J * w)) / J
+    gain = DEFAULT.gains.angular_velocity
+    np.testing.assert_allclose(acceleration + np.cross(along, beside), -gain * beside, atol=1e-5)
 
 
 @given(st.floats(-5.0, 5.0), st.sampled_from(LEFT))

@@ -193,7 +193,7 @@ def test_what_pushes_it_does_not_move_it(drone, disturbances):
 @pytest.mark.parametrize("rotor", [1, 2, 3, 4])
 def test_a_quadrotor_without_a_rotor_comes_down_softly(rotor):
     flown = scenario(rotor_failures=[RotorFailure(rotor, 0.3)])
-    states, losses = fly(flown, hover(3.0), 12.0, until=lambda state: state[6] < 0.15)
+    states, losses = fly(flown, hover(2.0), 12.0, until=lambda state: state[6] < 0.15)
     assert states[-1, 6] < 0.15
     assert np.linalg.norm(states[-1, 10:]) < 1.0  # m/s
     assert np.rad2deg(tilt(states[-1])) < 20.0
@@ -202,6 +202,15 @@ def test_a_quadrotor_without_a_rotor_comes_down_softly(rotor):
     # On the way it never tips over, nor does it drift far.
     assert np.rad2deg(max(tilt(state) for state in states)) < 90.0
     assert np.linalg.norm(states[:, 4:6], axis=1).max() < 5.0
+
+
+def test_the_spin_settles_on_a_long_way_down():
+    """Without drag nothing stops it but the rotor opposite the lost one."""
+    flown = scenario(rotor_failures=[RotorFailure(3, 0.3)])
+    states, _ = fly(flown, hover(14.0), 40.0, until=lambda state: state[6] < 0.15)
+    assert states[-1, 6] < 0.15 and np.linalg.norm(states[-1, 10:]) < 1.0
+    spins = np.abs(states[:, 9])  # about the vertical
+    assert spins[-1] > 30.0 and spins.max() < 45.0
 
 
 def test_it_comes_down_from_a_lap_as_well():

@@ -194,6 +194,36 @@ def test_height_goes_first(force, greatest):
 
 
 @both_drones
+@given(headings)
+def test_far_away_it_leans_as_far_as_the_thrust_carries_it(drone, heading):
+    """And no farther: nine tenths of the rotors' thrust hold the height."""
+    vehicle = VEHICLES[drone]
+    most = 0.9 * vehicle.max_thrusts.sum()
+    lean = np.arccos(vehicle.mass * GRAVITY / most)
+    R = tilted(lean, heading)
+    p = P - 1e3 * np.array([R.matrix()[0, 2], R.matrix()[1, 2], 0.0])
+    wrench = CONTROLLERS[drone].CalcWrench(hold(P, 0.0), estimate(p, R))
+    assert wrench[0] == pytest.approx(most)
+    np.testing.assert_allclose(wrench[1:3], 0.0, atol=1e-6)
+
+
+@both_drones
+@given(vectors, st.floats(-10.0, 10.0))
+def test_a_spin_does_not_turn_the_damping_of_the_others(drone, w, spin):
+    """Seen from axes that do not spin, rates about x and y fade straight to zero."""
+    vehicle = VEHICLES[drone]
+    w = np.array([w[0], w[1], spin])
+    moment = CONTROLLERS[drone].CalcWrench(hold(P, 0.0), estimate(w=w))[1:]
+    moment = turned_back(moment, -ROTOR_DELAY * spin)  # what the rotors will have done
+    J = np.array(vehicle.inertia)
+    acceleration = (moment - np.cross(w, J * w)) / J
+    across = np.array([w[0], w[1], 0.0])
+    seen = acceleration + np.cross([0.0, 0.0, spin], across)
+    np.testing.assert_allclose(
+        seen[:2], -vehicle.gains.angular_velocity * across[:2], atol=1e-6)
+
+
+@both_drones
 def test_errors_in_yaw_take_no_more_than_the_rotors_have(drone):
     """At a hover; and they are damped as well as those of the tilt."""
     vehicle, calc = VEHICLES[drone], CONTROLLERS[drone].CalcWrench
@@ -262,6 +292,14 @@ def test_what_is_not_finite_keeps_the_last_command(drone, port, size, bad):
         value[i] = bad
         bench.fix(**{port: value})
         np.testing.assert_array_equal(bench.update(), last)
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_a_wrench_that_is_not_finite_keeps_the_last_command(bad):
+    bench = Bench(VEHICLES["Default"])
+    last = bench.update().copy()
+    bench.controller.CalcWrench = lambda reference, estimate: np.array([9.81, 0.0, bad, 0.0])
+    np.testing.assert_array_equal(bench.update(), last)
 
 
 @both_drones
@@ -366,9 +404,14 @@ def test_a_quadrotor_that_lost_a_rotor_forgets_the_reference():
     bench.fix(rotor_losses=[np.inf, 1.0, np.inf, np.inf], filtered_estimate=estimate(w=(0, 0, 9)))
     command = bench.update().copy()
     assert np.count_nonzero(command) == 3
+    bench.fix(filtered_estimate=estimate(w=(1, 0, 9)))
+    other = bench.update().copy()
+    assert np.any(other != command)
     for reference in (hold([50, 0, 0], 1.0), np.full(18, np.nan)):
-        bench.fix(reference=reference)
+        bench.fix(reference=reference, filtered_estimate=estimate(w=(0, 0, 9)))
         np.testing.assert_array_equal(bench.update(), command)
+        bench.fix(filtered_estimate=estimate(w=(1, 0, 9)))
+        np.testing.assert_array_equal(bench.update(), other)
 
 
 @st.composite

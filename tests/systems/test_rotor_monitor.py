@@ -130,6 +130,15 @@ def test_rotors_at_rest_are_not_lost():
         assert np.all(np.isinf(watch(commands, delay=delay)))
 
 
+@pytest.mark.parametrize("share, found", [(0.19, False), (0.21, True)])
+def test_below_a_fifth_of_the_greatest_speed_there_is_nothing_to_tell_by(share, found):
+    def report(time, speeds):
+        return np.full(4, np.nan)
+
+    losses = watch(steady(share, 0.5), report=report)[-1]
+    assert np.all(np.isfinite(losses) == found)
+
+
 def test_a_rotor_that_never_starts_is_noticed_at_the_start():
     commands = np.vstack([steady(0.0, 0.5), steady(0.6, 0.3)])
     losses = watch(commands, stops=[(3, 0.0)])[-1]

@@ -4,11 +4,14 @@ import dataclasses as dc
 import functools
 
 import numpy as np
+from pydrake.common.yaml import yaml_dump_typed
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
 
 from airrace.attitude import rotation_matrix
 from airrace.diagrams.flight import MakeFlight, start_in_flight
+from airrace.diagrams.scenario import Scenario, load_scenario
 from airrace.systems.referee import RefereeReport
 from airrace.track import load_track
 from airrace.trajopt import flat_trajectory as ref
@@ -57,9 +60,9 @@ def fly(scenario, reference, duration, **start) -> Flown:
         duration: (s).
         start: X_WB, w_WB and v_WB of start_in_flight().
     """
-    flight = MakeFlight(scenario, reference)
-    simulator = Simulator(flight)
-    context = simulator.get_mutable_context()
+    flight, simulator = _built(yaml_dump_typed(scenario, schema=Scenario), reference)
+    context = flight.CreateDefaultContext()
+    simulator.reset_context(context)
     start_in_flight(flight, scenario, context, **start)
     simulator.Initialize()
     names = ("truth.state", "truth.referee_report", "rotor_losses")
@@ -76,6 +79,13 @@ def fly(scenario, reference, duration, **start) -> Flown:
     )
 
 
+@functools.lru_cache(maxsize=4)  # it takes as long as seconds of flight
+def _built(scenario_text: str, reference) -> tuple[Diagram, Simulator]:
+    """Returns the flight of a scenario along a reference, and its simulator."""
+    flight = MakeFlight(load_scenario(scenario_text=scenario_text), reference)
+    return flight, Simulator(flight)
+
+
 @functools.cache
 def racing_lap(drone: str) -> Circuit:
     """Returns the 3-D lap of a drone through the true gates of the reference track."""
@@ -87,6 +97,7 @@ def racing_lap(drone: str) -> Circuit:
     )
 
 
+@functools.cache
 def lap_reference(lap: Circuit, phase: float):
     """Returns the reference of lap after lap, from a share of the first on."""
 
@@ -96,6 +107,7 @@ def lap_reference(lap: Circuit, phase: float):
     return reference
 
 
+@functools.cache
 def hover_reference(height: float):
     """Returns the reference of hovering over the world's origin (m)."""
     pose = ref.hold([0.0, 0.0, height], 0.0)

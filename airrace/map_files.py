@@ -38,12 +38,17 @@ def map_data(gate_map: GateMap) -> dict:
 
 
 def statistics_data(gate_map: GateMap) -> dict:
-    """Returns the statistics of section III of the Student AirRace report."""
+    """Returns the statistics of section III of the Student AirRace report.
+
+    And why markers were refused; of a board with no sightings, position and
+    variance follow from the other boards of its gate.
+    """
     return {
         "time_s": _time(gate_map),
         "detections": gate_map.detections,
         "out_of_range_ids": gate_map.out_of_range,
         "error_rate": gate_map.error_rate,
+        "refused": gate_map.refused,
         "markers": [
             {
                 "id": m.id,

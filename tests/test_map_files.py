@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.map_files import map_data, statistics_data, write_map
-from airrace.systems.gate_mapper import MarkerStatistics, make_map
+from airrace.systems.marker_statistics import MarkerStatistics, make_map
 from airrace.systems.types import GateMap
 
 _numbers = st.floats(-1e4, 1e4)
@@ -34,6 +34,7 @@ def maps(draw):
         time=draw(st.floats(0, 1e3)),
         detections=out_of_range + draw(st.integers(0, 1000)),
         out_of_range=out_of_range,
+        refused=draw(st.dictionaries(st.text(max_size=9), st.integers(1, 99), max_size=3)),
     )
 
 
@@ -43,7 +44,8 @@ def test_an_empty_map(tmp_path):
         "time_s": None, "gates": [], "markers": []
     }
     assert json.loads((tmp_path / "map_statistics.json").read_text()) == {
-        "time_s": None, "detections": 0, "out_of_range_ids": 0, "error_rate": 0.0, "markers": []
+        "time_s": None, "detections": 0, "out_of_range_ids": 0, "error_rate": 0.0, "refused": {},
+        "markers": [],
     }
 
 
@@ -69,6 +71,7 @@ def test_the_files_say_what_the_map_says(tmp_path_factory, gate_map):
     assert data["time_s"] == gate_map.time
     assert data["detections"] == gate_map.detections
     assert data["out_of_range_ids"] == gate_map.out_of_range
+    assert data["refused"] == gate_map.refused
     assert 0 <= data["error_rate"] <= 1
     errors = data["error_rate"] * max(data["detections"], 1)
     assert errors == pytest.approx(data["out_of_range_ids"])

@@ -12,6 +12,7 @@ from airrace.systems.explorer import Explorer
 from airrace.systems.gate_mapper import GateMapper
 from airrace.systems.geometric_controller import GeometricController
 from airrace.systems.lap_planner import LapPlanner
+from airrace.systems.rectifier import Rectifier
 from airrace.systems.rotor_monitor import RotorMonitor
 from airrace.systems.state_filter import StateFilter
 from airrace.systems.trajectory_tracker import TrajectoryTracker
@@ -21,10 +22,11 @@ from airrace.vehicle import load_vehicle
 
 
 def _make_gate_mapper(scenario: Scenario):
+    perception = dict(vars(scenario.perception))
+    # The mapper counts from the exposure.
+    perception["latency"] += scenario.camera.resolved().latency
     return GateMapper(
-        fps=scenario.camera.fps,
-        state_rate=scenario.state_estimate.rate,
-        **vars(scenario.perception),
+        fps=scenario.camera.fps, state_rate=scenario.state_estimate.rate, **perception
     )
 
 
@@ -65,7 +67,7 @@ def _make_geometric_controller(scenario: Scenario):
 
 # Every box, and what makes it unless the scenario's `boxes` names another.
 BOXES = {
-    "aruco_detector": lambda scenario: ArucoDetector(),
+    "aruco_detector": lambda scenario: ArucoDetector(fps=scenario.camera.fps),
     "gate_mapper": _make_gate_mapper,
     "explorer": _make_explorer,
     "lap_planner": _make_lap_planner,
@@ -94,7 +96,8 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
 
     The ports carry the names of what they carry, and ports of the same name
     are connected: INPUTS come from the Simulation, OUTPUTS from the boxes
-    that make them. All OUTPUTS are also outputs of the diagram.
+    that make them. All OUTPUTS are also outputs of the diagram. If the camera's
+    lens distorts, a Rectifier stands between its images and every box.
 
     Args:
         scenario: the race; of its track, only the hover height is used.
@@ -107,20 +110,26 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
             raise UserError(f"boxes.{name} is not a box; the boxes are: {', '.join(BOXES)}.")
     boxes = {name: make_box(name, scenario) for name in BOXES}
     try:
-        diagram = _wired(boxes)
+        diagram = _wired(boxes, rectify=any(scenario.camera.resolved().distortion))
     except RuntimeError as e:  # Drake's, on types, sizes and algebraic loops
         raise UserError(f"The boxes do not fit together: {' '.join(str(e).split())}") from None
     diagram.set_name("autonomy")
     return diagram
 
 
-def _wired(boxes: dict) -> Diagram:
+def _wired(boxes: dict, rectify: bool) -> Diagram:
     """Returns the diagram of the boxes, joined by the names of their ports."""
     builder = DiagramBuilder()
     for name, box in boxes.items():
         builder.AddNamedSystem(name, box)
     sources = {port: _output(boxes[name], port) for port, name in OUTPUTS.items()}
+    outputs = dict(sources)
     exported = set()
+    if rectify:
+        rectifier = builder.AddNamedSystem("rectifier", Rectifier())
+        for name in ("camera_image", "camera_info"):
+            builder.ExportInput(rectifier.GetInputPort(name), name)
+            sources[name] = rectifier.GetOutputPort(name)
     for box in boxes.values():
         for i in range(box.num_input_ports()):
             port = box.get_input_port(i)
@@ -137,7 +146,7 @@ def _wired(boxes: dict) -> Diagram:
                     f"The box {box.get_name()} has an input port '{name}', which nothing "
                     f"provides; there are: {', '.join([*INPUTS, *OUTPUTS])}."
                 )
-    for name, port in sources.items():
+    for name, port in outputs.items():
         builder.ExportOutput(port, name)
     return builder.Build()
 

@@ -7,6 +7,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
+from airrace.diagrams.camera_config import CameraConfig
 from airrace.diagrams.scenario_checks import (
     check_choice,
     check_disturbances,
@@ -20,18 +21,7 @@ from airrace.resources import find_yaml, load_yaml, models_path
 from airrace.vehicle import DRONES, find_vehicle
 
 TRAJECTORIES = ("3", "4", "6")
-RENDERERS = ("planar", "vtk")
-
-
-@dc.dataclass
-class CameraConfig:
-    """The drone's camera."""
-
-    renderer: str = "planar"  # or "vtk"
-    width: int = 1280
-    height: int = 720
-    fov_y_deg: float = 55.95
-    fps: float = 30.0
+ESTIMATORS = ("robust", "report")
 
 
 @dc.dataclass
@@ -55,11 +45,12 @@ class RefereeConfig:
 class PerceptionConfig:
     """From pixels to the map."""
 
-    latency: float = 0.010  # s, from exposure to detections
+    latency: float = 0.010  # s, from an image to its detections
     max_range: float = 30.0  # m, farther sightings do not enter the map
     max_gates: int = 20  # the rule book's limit: higher IDs are out of range
-    outlier_sigma: float = 3.0  # the report's rejection threshold
-    min_sightings: int = 5  # before anything can be an outlier, or a gate
+    estimator: str = "robust"  # or "report", section III to the letter
+    outlier_sigma: float = 3.0  # the rejection threshold of `report`
+    min_sightings: int = 5  # before a gate is known, and to `report` anything an outlier
 
 
 @dc.dataclass
@@ -144,10 +135,11 @@ class Scenario:
         """Raises UserError with one sentence on the first bad value."""
         check_numbers(self)
         check_choice("trajectory", self.trajectory, TRAJECTORIES)
-        check_choice("camera.renderer", self.camera.renderer, RENDERERS)
         check_choice("state_noise", self.state_noise, ("reference", "none"))
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
+        self.camera.check()
+        check_choice("perception.estimator", self.perception.estimator, ESTIMATORS)
         check_disturbances(self.disturbances)
         check_rotor_failures(self.rotor_failures)
         check_drakes_own(self.simulator_config, self.plant_config)

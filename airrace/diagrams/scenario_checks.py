@@ -8,6 +8,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
+from airrace.diagrams.camera_config import RANGES as CAMERA_RANGES
 from airrace.disturbances import DisturbancesConfig, RotorFailure
 from airrace.errors import UserError
 
@@ -17,10 +18,7 @@ from airrace.errors import UserError
 _RANGES = {
     "laps": (1, 1000),
     "seed": (0, math.inf),
-    "camera.width": (16, 8192),
-    "camera.height": (16, 8192),
-    "camera.fov_y_deg": (1, 170),
-    "camera.fps": (1, 1000),
+    **CAMERA_RANGES,
     "state_estimate.rate": (1, 10000),
     "state_estimate.position_sigma": (0, math.inf),
     "state_estimate.velocity_sigma": (0, math.inf),

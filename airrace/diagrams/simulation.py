@@ -1,5 +1,7 @@
 """The Simulation diagram: where the truth lives."""
 
+import dataclasses as dc
+
 import numpy as np
 from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams, Role, SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -9,6 +11,7 @@ from pydrake.systems.primitives import DiscreteTimeDelay
 
 from airrace.diagrams.scenario import Scenario
 from airrace.disturbances import check_rotors_exist, true_vehicle
+from airrace.rendering.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar import PlanarRenderer
 from airrace.rendering.scenery import AddScenery
 from airrace.rendering.vtk import AddVtkRenderer
@@ -152,18 +155,31 @@ def _AddDelay(builder, port, *, delay: float, period: float):
 
 def _AddCamera(builder, scene_graph: SceneGraph, scenario, track, vehicle: Vehicle) -> Camera:
     config = scenario.camera
+    effects = config.resolved()
     info = make_camera_info(
         width=config.width,
         height=config.height,
         fov_y=np.deg2rad(config.fov_y_deg),
         X_BC=vehicle.camera.X_BC,
+        D=effects.distortion,
     )
+    imaging, drawn = None, info
+    if dc.replace(effects, latency=0.0) != CameraEffects():
+        imaging = ImagingChain(effects=effects, camera_info=info, seed=scenario.seed)
+        drawn = imaging.pinhole
     if config.renderer == "vtk":
-        renderer = AddVtkRenderer(scene_graph, info)
+        renderer = AddVtkRenderer(scene_graph, drawn)
     else:
-        renderer = PlanarRenderer(track, info)
+        renderer = PlanarRenderer(track, drawn)
     camera = builder.AddNamedSystem(
-        "camera", Camera(camera_info=info, fps=config.fps, renderer=renderer)
+        "camera",
+        Camera(
+            camera_info=info,
+            fps=config.fps,
+            renderer=renderer,
+            imaging=imaging,
+            latency=effects.latency,
+        ),
     )
     if renderer.needs_query_object:
         builder.Connect(scene_graph.get_query_output_port(), camera.GetInputPort("geometry_query"))

@@ -88,6 +88,12 @@ def ground_mesh() -> InMemoryMesh:
     return _textured_mesh("ground", vertices, uv, faces, image, up)
 
 
+def shadow_mesh(vertices, image) -> InMemoryMesh:
+    """Returns what pylon_shadow() draws."""
+    uv = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    return _textured_mesh("shadow", vertices, uv, [([0, 1, 2, 3], [0, 1, 2, 3])], image)
+
+
 def _textured_mesh(name, vertices, uv, faces, image, normals=None) -> InMemoryMesh:
     """Writes a mesh of one material.
 
@@ -96,7 +102,7 @@ def _textured_mesh(name, vertices, uv, faces, image, normals=None) -> InMemoryMe
         vertices: (n, 3) (m).
         uv: texture coordinates from the lower left corner, (m, 2).
         faces: pairs of lists: numbers of vertices and numbers of uv.
-        image: RGB, (h, w, 3).
+        image: RGB, (h, w, 3), or RGBA, (h, w, 4).
         normals: (n, 3); without them, faces are flat.
     """
     lines = [f"mtllib {name}.mtl", "usemtl surface"]
@@ -119,7 +125,8 @@ def _textured_mesh(name, vertices, uv, faces, image, normals=None) -> InMemoryMe
         "newmtl surface\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\n"
         f"map_Kd {name}.png\n"
     )
-    bgr = cv2.cvtColor(np.uint8(np.round(image)), cv2.COLOR_RGB2BGR)
+    to_bgr = cv2.COLOR_RGB2BGR if image.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
+    bgr = cv2.cvtColor(np.uint8(np.round(image)), to_bgr)
     png = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
     return InMemoryMesh(
         mesh_file=MemoryFile("\n".join(lines) + "\n", ".obj", f"{name}.obj"),

@@ -6,6 +6,7 @@ from pydrake.geometry import (
     Convex,
     GeometryInstance,
     Mesh,
+    PerceptionProperties,
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction
@@ -15,8 +16,10 @@ from airrace.rendering.meshes import (
     board_mesh,
     ground_mesh,
     pylon_mesh,
+    shadow_mesh,
 )
 from airrace.rendering.pylon_shape import make_pylon_shape
+from airrace.rendering.shadows import pylon_shadow
 from airrace.track import BOARD_SIZE
 
 _FRICTION = CoulombFriction(static_friction=0.8, dynamic_friction=0.6)
@@ -48,12 +51,18 @@ def AddScenery(plant, track) -> None:
     # Few vertices suffice for contact: the flank is a few millimetres off.
     outline = make_pylon_shape(16, 1).vertices
     pylon = pylon_mesh()
-    for n, gate in enumerate(track.gates, 1):
-        for side, foot in (("left", gate.p_WL), ("right", gate.p_WR)):
-            name = f"pylon_{n}_{side}"
-            add(name, RigidTransform(foot), pylon, Convex(outline.T, "pylon"))
+    boards = track.boards()
+    for i, foot in enumerate(track.pylons()):
+        name = f"pylon_{i // 2 + 1}_{('left', 'right')[i % 2]}"
+        X_WG = RigidTransform(foot)
+        add(name, X_WG, pylon, Convex(outline.T, "pylon"))
+        mesh = shadow_mesh(*pylon_shadow(foot, boards[2 * i : 2 * i + 2]))
+        shadow = GeometryInstance(X_WG, Mesh(mesh), f"{name}_shadow")
+        # For render engines only: Meshcat shows no transparent textures.
+        shadow.set_perception_properties(PerceptionProperties())
+        plant.RegisterVisualGeometry(world, shadow)
 
     box = Box(BOARD_SIZE, BOARD_SIZE, BOARD_THICKNESS)
     behind_face = RigidTransform(np.array([0.0, 0.0, -BOARD_THICKNESS / 2]))
-    for board in track.boards():
+    for board in boards:
         add(f"board_{board.id}", board.X_WM, board_mesh(board.id), box, behind_face)

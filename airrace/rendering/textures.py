@@ -24,6 +24,10 @@ ZENITH = (66.0, 124.0, 202.0)
 SUN_W = np.array([-0.45, -0.55, 0.70]) / np.linalg.norm([-0.45, -0.55, 0.70])
 AMBIENT = 0.55
 
+# Of haze(): its most, and the distance over which it approaches that (m).
+HAZE_MOST = 0.85
+HAZE_LENGTH = 350.0
+
 # A marker has 7 modules a side (5 of data and a black frame) and the board's
 # border is 1/8 of the marker: with 56 texels for the border every edge of the
 # picture falls between two texels.
@@ -102,7 +106,7 @@ def haze(distance) -> np.ndarray:
     Args:
         distance: from the camera (m), any shape.
     """
-    return 0.85 * (1.0 - np.exp(-np.asarray(distance) / 350.0))
+    return HAZE_MOST * (1.0 - np.exp(-np.asarray(distance) / HAZE_LENGTH))
 
 
 def shade(color, normals_W) -> np.ndarray:

@@ -10,6 +10,8 @@ import numpy as np
 from pydrake.geometry import (
     ClippingRange,
     ColorRenderCamera,
+    DepthRange,
+    DepthRenderCamera,
     LightParameter,
     MakeRenderEngineVtk,
     RenderCameraCore,
@@ -20,10 +22,12 @@ from pydrake.math import RigidTransform
 from pydrake.systems.sensors import CameraInfo as DrakeCameraInfo
 
 from airrace.errors import UserError
+from airrace.rendering.atmosphere import Atmosphere
 from airrace.rendering.textures import HORIZON, SUN_W
 
 _NAME = "vtk"
 _CLIPPING = ClippingRange(0.05, 2000.0)
+_DEPTHS = DepthRange(0.05, 2000.0)
 
 # Draws one small picture. Without a driver VTK does not raise but crash.
 _PROBE = """
@@ -89,18 +93,20 @@ def AddVtkRenderer(scene_graph: SceneGraph, camera_info, *, supersampling=1) -> 
     """
     check_vtk_available()
 
-    def lamp(frame, direction, intensity):
+    def lamp(direction, intensity):
         return LightParameter(
-            type="directional", frame=frame, direction=direction, intensity=intensity
+            type="directional", frame="world", direction=direction, intensity=intensity
         )
 
-    # The camera carries a lamp: a marker is well lit from wherever it is seen.
+    # Three lamps around and one above stand for the sky's light: what the
+    # first three give to an upright board differs by 15 % with its direction.
+    around = np.arctan2(SUN_W[1], SUN_W[0]) + np.deg2rad([60, 180, 300])
     params = RenderEngineVtkParams(
         default_clear_color=np.array(HORIZON) / 255,
         lights=[
-            lamp("camera", [0.0, 0.0, 1.0], 0.75),
-            lamp("world", -SUN_W, 0.45),
-            lamp("world", [0.0, 0.0, -1.0], 0.60),
+            lamp(-SUN_W, 0.38),
+            lamp([0.0, 0.0, -1.0], 0.65),
+            *(lamp([np.cos(a), np.sin(a), 0.0], 0.72) for a in around),
         ],
     )
     scene_graph.AddRenderer(_NAME, MakeRenderEngineVtk(params))
@@ -125,6 +131,13 @@ class VtkRenderer:
         self._camera = ColorRenderCamera(
             RenderCameraCore(_NAME, intrinsics, _CLIPPING, RigidTransform())
         )
+        # Depths need no supersampling: haze is soft.
+        K = camera_info.K + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+        intrinsics = DrakeCameraInfo(camera_info.width, camera_info.height, K)
+        self._depth_camera = DepthRenderCamera(
+            RenderCameraCore(_NAME, intrinsics, _CLIPPING, RigidTransform()), _DEPTHS
+        )
+        self._atmosphere = Atmosphere(camera_info)
 
     def render(self, X_WC, out, query_object) -> None:
         """Draws a picture.
@@ -137,3 +150,5 @@ class VtkRenderer:
         world = SceneGraph.world_frame_id()
         image = query_object.RenderColorImage(self._camera, world, X_WC)
         cv2.resize(image.data, self._size, dst=out, interpolation=cv2.INTER_AREA)
+        depth = query_object.RenderDepthImage(self._depth_camera, world, X_WC)
+        self._atmosphere.apply(X_WC, depth.data[..., 0], out)

@@ -1,23 +1,35 @@
 """Finds marker boards in the camera's image."""
 
-import cv2
+import dataclasses as dc
+
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import LeafSystem, ValueProducer
 from pydrake.systems.sensors import ImageRgba8U
 
-from airrace.immutable import read_only
-from airrace.systems.types import CameraInfo, Detection, Detections
-from airrace.track import MARKER_SIZE
+from airrace.immutable import Immutable
+from airrace.systems import detection_checks as checks
+from airrace.systems.marker_measurement import measure
+from airrace.systems.marker_search import MarkerSearch
+from airrace.systems.types import CameraInfo, Detections
 
-# The marker's corners in a frame F that is M turned half a turn about x: a
-# marker that faces the camera then has no rotation, where M has one of pi,
-# which OpenCV's rotation vectors cannot represent well.
-_H = MARKER_SIZE / 2
-_POINTS = np.array([[-_H, -_H, 0.0], [_H, -_H, 0.0], [_H, _H, 0.0], [-_H, _H, 0.0]])
-_TILT = 0.4  # rad
-_R_FM = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
+
+@dc.dataclass(frozen=True, eq=False)
+class Sight(Immutable):
+    """What the detector remembers of one image.
+
+    Attributes:
+        detections: what it made of it.
+        measured: tuple of Detection, with those whose pose jumped: if they stay
+            there, it was the one before that was wrong.
+        velocities: of the centres of the markers, ID to (2,) px/s.
+        tracked: number of images since all of one was searched.
+    """
+
+    detections: Detections = Detections()
+    measured: tuple = ()
+    velocities: dict = dc.field(default_factory=dict)
+    tracked: int = 0
 
 
 class ArucoDetector(LeafSystem):
@@ -36,99 +48,109 @@ class ArucoDetector(LeafSystem):
     ``camera_image`` is an ImageRgba8U, ``camera_image_time`` when it was
     taken (s), ``camera_info`` a CameraInfo; ``detections`` a Detections.
 
-    The output is a function of the inputs alone: Drake's cache makes sure
-    that an image is searched once, however many look at the detections.
+    The output is a function of the inputs and of what was in the last image,
+    which is the state: while markers are in sight, only the regions around them
+    are searched, and all of the image every few frames, or when one is lost.
+    Drake's cache makes sure that an image is searched once, however many look
+    at the detections.
     """
 
-    def __init__(self):
+    def __init__(self, *, fps=30.0, max_gates=None, full_search_period=5):
+        """Constructs the detector.
+
+        Args:
+            fps: how often it remembers what it has seen (Hz): the camera's.
+            max_gates: IDs of 4 max_gates and more are refused; None for no limit.
+            full_search_period: all of every so many images is searched; 1 for
+                all of every image.
+        """
         LeafSystem.__init__(self)
-        self._detector = make_detector()
+        self._search = MarkerSearch()
+        self._max_id = np.inf if max_gates is None else 4 * max_gates - 1
+        self._period = full_search_period
         self._image = self.DeclareAbstractInputPort("camera_image", Value(ImageRgba8U()))
         self._time = self.DeclareVectorInputPort("camera_image_time", 1)
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
+        self._memory = self.DeclareAbstractState(Value[object](Sight()))
+        self._sight = self.DeclareCacheEntry(
+            "sight",
+            ValueProducer(allocate=lambda: Value[object](Sight()), calc=self._CalcSight),
+            {port.ticket() for port in (self._image, self._time, self._info)}
+            | {self.abstract_state_ticket(self._memory)},
+        )
+        # An unrestricted update comes before the camera takes the next image at
+        # the same time.
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, 0.0, self._Remember)
         self.DeclareAbstractOutputPort(
             "detections",
             lambda: Value[object](Detections()),
-            self._CalcDetections,
-            {self._image.ticket(), self._time.ticket(), self._info.ticket()},
+            lambda context, output: output.set_value(self._sight.Eval(context).detections),
+            {self._sight.ticket()},
         )
 
-    def _CalcDetections(self, context, output):
-        info = self._info.Eval(context)
-        image = cv2.cvtColor(self._image.Eval(context).data, cv2.COLOR_RGBA2GRAY)
-        corners, ids, _ = self._detector.detectMarkers(image)
-        markers = () if ids is None else tuple(
-            detection
-            for quad, id in zip(corners, np.ravel(ids).tolist())
-            if (detection := locate(id, quad.reshape(4, 2), info)) is not None
-        )
-        output.set_value(Detections(float(self._time.Eval(context)[0]), markers))
+    def _CalcSight(self, context, sight):
+        last = context.get_abstract_state(int(self._memory)).get_value()
+        time = float(self._time.Eval(context)[0])
+        if time == last.detections.time:
+            sight.set_value(last)
+            return
+        image, info = self._image.Eval(context).data, self._info.Eval(context)
+        sight.set_value(look(
+            self._search, image, time, info, last,
+            max_id=self._max_id, full_search_period=self._period,
+        ))
+
+    def _Remember(self, context, state):
+        state.get_mutable_abstract_state(int(self._memory)).set_value(
+            self._sight.Eval(context))
 
 
-def make_detector() -> cv2.aruco.ArucoDetector:
-    """Returns OpenCV's detector, set up for the boards.
-
-    The boards are black on white: one threshold window with a large constant
-    passes over grass and sky, which saves four fifths of the time of OpenCV's
-    default and loses few markers, all of them small.
-    """
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = 7
-    parameters.adaptiveThreshConstant = 20
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    return cv2.aruco.ArucoDetector(
-        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL), parameters
-    )
-
-
-def locate(id: int, corners, info: CameraInfo) -> Detection | None:
-    """Solves the pose of one marker from its corners.
-
-    Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV
-    2014, as OpenCV's SOLVEPNP_IPPE, then Levenberg-Marquardt: of the two
-    solutions, the one with the smaller reprojection error.
+def look(search: MarkerSearch, image, time, info: CameraInfo, last: Sight, *,
+         max_id=np.inf, full_search_period=5) -> Sight:
+    """Returns what is in an image, given what was in the last one.
 
     Args:
-        id: the marker's ID.
-        corners: (4, 2) px; top left, top right, bottom right, bottom left.
+        search: finds the markers.
+        image: RGBA, (h, w, 4), uint8.
+        time: when it was taken (s).
         info: the camera.
+        last: of the last image; Sight() if there was none.
+        max_id, full_search_period: see ArucoDetector.
+    """
+    if reason := checks.check_image(image, time, info):
+        return Sight(Detections(time, (), ((reason, None),)))
+    dt = time - last.detections.time
+    found = None
+    if last.measured and last.tracked + 1 < full_search_period:
+        found = _track(search, image, dt, info, last)
+    tracked = 0 if found is None else last.tracked + 1
+    measured, refused = measure(*(found or search.everywhere(image)), info, max_id)
+    before = {marker.id: marker for marker in last.measured}
+    jumping = {m.id for m in measured if m.id in before and checks.jumps(m, before[m.id], dt)}
+    detections = Detections(
+        time,
+        tuple(m for m in measured if m.id not in jumping),
+        (*refused, *((checks.JUMP, id) for id in sorted(jumping))),
+    )
+    velocities = {
+        m.id: (m.corners - before[m.id].corners).mean(axis=0) / dt
+        for m in measured if m.id in before
+    }
+    return Sight(detections, measured, velocities, tracked)
+
+
+def _track(search: MarkerSearch, image, dt, info: CameraInfo, last: Sight):
+    """Searches around the markers of the last image.
 
     Returns:
-        the detection, or None if there is no pose in front of the camera.
+        see MarkerSearch, or None if one is lost: it should be in the image, and
+        is not.
     """
-    corners = np.asarray(corners, float)
-    if not np.isfinite(corners).all() or cv2.contourArea(corners.astype(np.float32)) < 1.0:
-        return None
-    _, rotations, translations, _ = cv2.solvePnPGeneric(
-        _POINTS, corners, info.K, info.D, flags=cv2.SOLVEPNP_IPPE
-    )
-    seeds = [
-        (r, t) for r, t in zip(rotations, translations) if np.isfinite(r).all() and t[2, 0] > 0
-    ]
-    best, best_error = None, np.inf
-    for r, t in seeds or _guesses(corners, info):
-        r, t = cv2.solvePnPRefineLM(_POINTS, corners, info.K, info.D, r, t)
-        projected = cv2.projectPoints(_POINTS, r, t, info.K, info.D)[0].reshape(4, 2)
-        error = np.sqrt(np.mean(np.sum((projected - corners) ** 2, axis=1)))
-        if error < best_error and t[2, 0] > 0:
-            best, best_error = (r, t), error
-    if best is None:
-        return None
-    # A rotation matrix from OpenCV is not orthonormal enough for Drake.
-    R_CF = RotationMatrix.ProjectToRotationMatrix(cv2.Rodrigues(best[0])[0])
-    return Detection(
-        id=id,
-        corners=read_only(corners),
-        X_CM=RigidTransform(R_CF @ _R_FM, best[1].ravel()),
-        reprojection_error=float(best_error),
-    )
-
-
-def _guesses(corners, info: CameraInfo):
-    """Returns rough poses, for views of perfect symmetry where IPPE finds none."""
-    depth = MARKER_SIZE * info.K[0, 0] / np.ptp(corners, axis=0).max()
-    t = depth * np.linalg.solve(info.K, [*corners.mean(axis=0), 1.0])
-    return [
-        (np.array([[a], [b], [0.0]]), t[:, None].copy())
-        for a, b in ((_TILT, 0), (-_TILT, 0), (0, _TILT), (0, -_TILT))
-    ]
+    predictions = {
+        m.id: m.corners + dt * last.velocities.get(m.id, np.zeros(2)) for m in last.measured
+    }
+    found = search.around(image, list(predictions.values()))
+    for id in predictions.keys() - set(found[1]):
+        if np.all((predictions[id] > 0) & (predictions[id] < [info.width - 1, info.height - 1])):
+            return None
+    return found

@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 from pydrake.systems.sensors import ImageRgba8U
 
+from airrace.rendering.camera_effects import ImagingChain
 from airrace.systems.types import CameraInfo
 
 
@@ -41,10 +42,12 @@ class Camera(LeafSystem):
     (13,): quaternion w, x, y, z of R_WB, position p_WB (m), angular velocity
     w_WB (rad/s) and velocity v_WB (m/s), both expressed in world.
 
-    The camera samples the body's pose and the time at initialization and then at
-    all multiples of 1/fps. ``camera_image`` (abstract, ImageRgba8U) shows the
-    world from the sampled pose; ``camera_image_time`` (vector, shape (1,)) is
-    when that was (s). ``camera_info`` (abstract, CameraInfo) never changes.
+    The camera samples the state and the time at initialization and then at all
+    multiples of 1/fps. ``camera_image`` (abstract, ImageRgba8U) shows the world
+    from the sampled pose; ``camera_image_time`` (vector, shape (1,)) is when
+    that was (s): the middle of the exposure. Both are there ``latency`` later,
+    but for the first ones, which are there from the beginning. ``camera_info``
+    (abstract, CameraInfo) never changes.
 
     A MultibodyPlant with sampled output ports steps before the discrete updates
     of the same time, so its state is that of one plant step later then. Switch
@@ -57,17 +60,30 @@ class Camera(LeafSystem):
     invisible to that renderer: give its visuals no perception role.
     """
 
-    def __init__(self, *, camera_info: CameraInfo, fps: float, renderer: Renderer):
+    def __init__(
+        self,
+        *,
+        camera_info: CameraInfo,
+        fps: float,
+        renderer: Renderer,
+        imaging: ImagingChain | None = None,
+        latency: float = 0.0,
+    ):
         """Constructs the camera.
 
         Args:
             camera_info: calibration and the camera's pose X_BC in the body.
             fps: pictures per second.
-            renderer: draws the pictures; made for the same camera_info.
+            renderer: draws the pictures; made for the same camera_info, or for
+                ``imaging.pinhole``.
+            imaging: turns what is drawn into what a real camera shows.
+            latency: from a sample to its picture, less than 1/fps (s).
         """
         LeafSystem.__init__(self)
         self._info = camera_info
+        self._fps = fps
         self._renderer = renderer
+        self._imaging = imaging
         self._state = self.DeclareVectorInputPort("state", 13)
         self._query = None
         if renderer.needs_query_object:
@@ -75,15 +91,24 @@ class Camera(LeafSystem):
                 "geometry_query", Value(QueryObject())
             )
 
-        # The sample: quaternion (4), position (3), time (1).
-        sample = self.DeclareDiscreteState([1.0, 0, 0, 0, 0, 0, 0, 0])
+        # A sample is the state, and the time. The one that the outputs show is an
+        # abstract state: any discrete update spoils what Drake's cache holds of
+        # all discrete states, so the picture would be drawn anew when the next
+        # sample is taken.
+        blank = (1.0, *np.zeros(13).tolist())
+        self._shown = self.DeclareAbstractState(Value[object](blank))
         # The periodic event at t = 0 happens only in the first step, after the
         # first publish; so the first sample is taken at initialization, too.
-        self.DeclareInitializationDiscreteUpdateEvent(self._UpdateSample)
-        self.DeclarePeriodicDiscreteUpdateEvent(1 / fps, 0.0, self._UpdateSample)
-        self.DeclareForcedDiscreteUpdateEvent(self._UpdateSample)
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._ShowNow)
+        self.DeclareForcedUnrestrictedUpdateEvent(self._ShowNow)
+        if latency == 0:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(1 / fps, 0.0, self._ShowNow)
+        else:
+            self._newest = self.DeclareDiscreteState(blank)
+            self.DeclarePeriodicDiscreteUpdateEvent(1 / fps, 0.0, self._Sample)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(1 / fps, latency, self._ShowNewest)
 
-        ticket = {self.discrete_state_ticket(sample)}
+        ticket = {self.abstract_state_ticket(self._shown)}
         self.DeclareAbstractOutputPort(
             "camera_image",
             lambda: Value(ImageRgba8U(camera_info.width, camera_info.height)),
@@ -100,18 +125,40 @@ class Camera(LeafSystem):
             prerequisites_of_calc={self.nothing_ticket()},
         )
 
-    def _UpdateSample(self, context, discrete_state):
-        sample = discrete_state.get_mutable_value()
-        sample[:7] = self._state.Eval(context)[:7]
-        sample[7] = context.get_time()
+    def _SampleNow(self, context):
+        return (*self._state.Eval(context).tolist(), context.get_time())
+
+    def _ShowNow(self, context, state):
+        shown = state.get_mutable_abstract_state(int(self._shown))
+        shown.set_value(self._SampleNow(context))
+
+    def _Sample(self, context, discrete_state):
+        discrete_state.set_value(self._newest, self._SampleNow(context))
+
+    def _ShowNewest(self, context, state):
+        newest = context.get_discrete_state(self._newest).value()
+        state.get_mutable_abstract_state(int(self._shown)).set_value(tuple(newest.tolist()))
+
+    def _Shown(self, context):
+        return np.array(context.get_abstract_state(int(self._shown)).get_value())
 
     def _CalcImage(self, context, output):
-        sample = context.get_discrete_state_vector().value()
+        sample = self._Shown(context)
         # The plant's integrator lets the quaternion's norm drift a little.
         X_WB = RigidTransform(Quaternion(sample[:4] / np.linalg.norm(sample[:4])), sample[4:7])
         args = () if self._query is None else (self._query.Eval(context),)
         image = output.get_mutable_value().mutable_data
-        self._renderer.render(X_WB @ self._info.X_BC, image, *args)
+        if self._imaging is None:
+            self._renderer.render(X_WB @ self._info.X_BC, image, *args)
+            return
+        self._imaging.take(
+            lambda X_WC, out: self._renderer.render(X_WC, out, *args),
+            X_WB,
+            sample[7:10],
+            sample[10:13],
+            round(sample[13] * self._fps),
+            image,
+        )
 
     def _CalcTime(self, context, output):
-        output.SetAtIndex(0, context.get_discrete_state_vector().GetAtIndex(7))
+        output.SetAtIndex(0, self._Shown(context)[13])

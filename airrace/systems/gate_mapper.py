@@ -1,29 +1,24 @@
 """Builds the map of the track from detections."""
 
-import dataclasses as dc
-
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import LeafSystem
 
-from airrace.immutable import Immutable
 from airrace.systems import state_estimate as se
-from airrace.systems.marker_statistics import MarkerStatistics, make_map
+from airrace.systems.detection_checks import JUMP
+from airrace.systems.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.sighting import UNKNOWN_TIME
 from airrace.systems.types import GateMap
 
-
-@dc.dataclass(frozen=True, eq=False)
-class _Memory(Immutable):
-    """The mapper's state: the map and the statistics behind it."""
-
-    statistics: dict
-    gate_map: GateMap
+# No flight leads so far from where the estimate before leads.
+_LEAST_JUMP, _MOST_ACCELERATION = 0.2, 50.0  # m and rad; m/s^2 and rad/s^2
+_REACH = 2.0  # periods of the estimate, beyond one it says nothing about the pose
 
 
 class GateMapper(LeafSystem):
-    """Averages the world positions of all sightings of each marker.
+    """Makes one map of the sightings of all markers.
 
     .. pydrake_system::
 
@@ -43,25 +38,18 @@ class GateMapper(LeafSystem):
     the one at the image's own time.
     """
 
-    def __init__(self, *, fps, latency, state_rate, max_range, max_gates,
-                 outlier_sigma, min_sightings):
+    def __init__(self, *, fps, latency, state_rate, **mapping):
         """Constructs the mapper with an empty map.
 
         Args:
             fps: how often it looks for new detections (Hz).
             latency: from an image to its detections (s).
             state_rate: of the state estimate (Hz).
-            max_range: sightings beyond this distance are ignored (m).
-            max_gates: IDs of 4 max_gates and more are out of range.
-            outlier_sigma: see MarkerStatistics.updated().
-            min_sightings: before sightings can be outliers, and before a
-                marker counts as known.
+            mapping: the arguments of ImageMapper.
         """
         LeafSystem.__init__(self)
-        self._max_range = max_range
-        self._max_id = 4 * max_gates - 1
-        self._outlier_sigma = outlier_sigma
-        self._min_sightings = min_sightings
+        self._mapper = ImageMapper(**mapping)
+        self._reach = _REACH / state_rate
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
@@ -71,7 +59,7 @@ class GateMapper(LeafSystem):
         history[:, 0] = -1.0
         self._history = self.DeclareDiscreteState(history.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / state_rate, 0.0, self._Remember)
-        self._memory = self.DeclareAbstractState(Value[object](_Memory({}, GateMap())))
+        self._memory = self.DeclareAbstractState(Value[object](MapperMemory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, latency, self._UpdateMap)
         self.DeclareAbstractOutputPort(
             "gate_map",
@@ -83,7 +71,7 @@ class GateMapper(LeafSystem):
     def _Remember(self, context, discrete_state):
         estimate = self._estimate.Eval(context)
         history = context.get_discrete_state(self._history).value()
-        if estimate[se.TIME] > history[0]:
+        if _is_sound(estimate) and estimate[se.TIME] > history[0]:
             discrete_state.set_value(
                 self._history, np.concatenate([estimate, history[:-se.SIZE]])
             )
@@ -91,53 +79,29 @@ class GateMapper(LeafSystem):
     def _UpdateMap(self, context, state):
         detections = self._detections.Eval(context)
         memory = context.get_abstract_state(int(self._memory)).get_value()
-        if not detections.markers or detections.time <= memory.gate_map.time:
-            return
-        X_WB = self._PoseAt(context, detections.time)
-        if X_WB is None:
-            return
-        X_WC = X_WB @ self._info.Eval(context).X_BC
-        statistics = dict(memory.statistics)
-        out_of_range = memory.gate_map.out_of_range
-        for marker in detections.markers:
-            if marker.id > self._max_id:
-                out_of_range += 1
-            elif np.linalg.norm(marker.X_CM.translation()) <= self._max_range:
-                statistics[marker.id] = self._Counted(statistics.get(marker.id), X_WC, marker)
-        gate_map = make_map(
-            statistics,
-            min_sightings=self._min_sightings,
-            time=detections.time,
-            detections=memory.gate_map.detections + len(detections.markers),
-            out_of_range=out_of_range,
-        )
-        state.get_mutable_abstract_state(int(self._memory)).set_value(
-            _Memory(statistics, gate_map)
-        )
+        X_WB, reason = self._PoseAt(context, detections.time)
+        info = self._info.Eval(context)
+        X_WC = None if X_WB is None else X_WB @ info.X_BC
+        after = self._mapper.updated(memory, detections, X_WC, info, reason)
+        state.get_mutable_abstract_state(int(self._memory)).set_value(after)
 
-    def _PoseAt(self, context, time) -> RigidTransform | None:
-        """Returns X_WB at a time within the history, or None.
+    def _PoseAt(self, context, time) -> tuple[RigidTransform | None, str | None]:
+        """Returns X_WB at a time within the history, or None and why there is none.
 
         The estimate before that time is carried forward with its velocities,
         which spares interpolating noise.
         """
         newest = self._estimate.Eval(context)
         history = context.get_discrete_state(self._history).value()
-        for estimate in (newest, *history.reshape(self._depth, se.SIZE)):
-            if 0.0 <= estimate[se.TIME] <= time + 1e-9:
-                return extrapolate(estimate, time - estimate[se.TIME])
-        return None
-
-    def _Counted(self, statistics, X_WC, marker):
-        X_WM = X_WC @ marker.X_CM
-        if statistics is None:
-            statistics = MarkerStatistics(0, 0, np.zeros(3), np.zeros(3), np.zeros(3))
-        return statistics.updated(
-            X_WM.translation(),
-            X_WM.rotation().col(2),
-            self._outlier_sigma,
-            self._min_sightings,
-        )
+        history = history.reshape(self._depth, se.SIZE)
+        if _is_sound(newest) and newest[se.TIME] > history[0, se.TIME]:
+            history = np.vstack([newest, history])
+        known = history[(history[:, se.TIME] >= 0.0) & (history[:, se.TIME] <= time + 1e-9)]
+        if len(known) == 0 or not time - known[0, se.TIME] <= self._reach:
+            return None, UNKNOWN_TIME
+        if len(known) > 1 and _jumps(known[1], known[0]):
+            return None, JUMP
+        return extrapolate(known[0], time - known[0, se.TIME]), None
 
     def _CalcMap(self, context, output):
         output.set_value(context.get_abstract_state(int(self._memory)).get_value().gate_map)
@@ -157,3 +121,21 @@ def extrapolate(estimate, dt) -> RigidTransform:
         Quaternion(q / np.linalg.norm(q))
     )
     return RigidTransform(R_WB, estimate[se.POSITION] + dt * estimate[se.VELOCITY])
+
+
+def _is_sound(estimate) -> bool:
+    """Whether a state estimate is finite and its quaternion one."""
+    return bool(
+        np.isfinite(estimate).all() and abs(np.linalg.norm(estimate[se.QUATERNION]) - 1.0) < 0.1
+    )
+
+
+def _jumps(before, after) -> bool:
+    """Whether no flight leads from one state estimate to the next."""
+    dt = after[se.TIME] - before[se.TIME]
+    expected, actual = extrapolate(before, dt), extrapolate(after, 0.0)
+    limit = _LEAST_JUMP + _MOST_ACCELERATION * dt**2
+    turn = (expected.rotation().inverse() @ actual.rotation()).ToAngleAxis().angle()
+    return bool(
+        np.linalg.norm(expected.translation() - actual.translation()) > limit or turn > limit
+    )

@@ -1,10 +1,12 @@
-"""From sightings of single markers to a map of gates."""
+"""The report's estimator: mean and variance of each marker, on its own."""
 
 import dataclasses as dc
+from collections import Counter
 
 import numpy as np
 
 from airrace.immutable import Immutable, read_only
+from airrace.systems.sighting import OFF_MAP, Sighting
 from airrace.systems.types import GateEstimate, GateMap, MarkerEstimate
 from airrace.track import BOARD_OFFSET, PYLON_BASE_RADIUS
 
@@ -52,14 +54,49 @@ class MarkerStatistics(Immutable):
         )
 
 
-def make_map(statistics: dict, *, min_sightings, time, detections, out_of_range) -> GateMap:
+EMPTY = MarkerStatistics(0, 0, *(read_only(np.zeros(3)) for _ in range(3)))
+
+
+class ReportEstimator:
+    """Section III of the Student AirRace report.
+
+    The variance of a MarkerEstimate is that of the sightings that count.
+    """
+
+    def __init__(self, *, outlier_sigma, min_sightings):
+        """Constructs the estimator.
+
+        Args:
+            outlier_sigma: see MarkerStatistics.updated().
+            min_sightings: before sightings can be outliers, and of both front
+                markers before a gate is in the map.
+        """
+        self._outlier_sigma = outlier_sigma
+        self._min_sightings = min_sightings
+
+    def updated(self, statistics: dict, sighting: Sighting) -> dict:
+        """Returns marker ID to MarkerStatistics after one more sighting."""
+        marker = statistics.get(sighting.id, EMPTY).updated(
+            sighting.p_WM, sighting.normal, self._outlier_sigma, self._min_sightings
+        )
+        return statistics | {sighting.id: marker}
+
+    def make_map(self, statistics: dict, **counters) -> GateMap:
+        """Returns the map; counters: the attributes of GateMap that count."""
+        return make_map(statistics, min_sightings=self._min_sightings, **counters)
+
+
+def make_map(statistics: dict, *, min_sightings, time, detections, out_of_range,
+             refused=None) -> GateMap:
     """Returns the map that the statistics of all markers amount to.
 
     Args:
         statistics: marker ID to MarkerStatistics.
         min_sightings: of both front markers before a gate is in the map.
         time, detections, out_of_range: see GateMap.
+        refused: see GateMap; the outliers come on top.
     """
+    outliers = {OFF_MAP: sum(s.outliers for s in statistics.values())}
     markers = {
         id: MarkerEstimate(
             id=id,
@@ -83,6 +120,7 @@ def make_map(statistics: dict, *, min_sightings, time, detections, out_of_range)
         gates=tuple(g for g in gates if g is not None),
         detections=detections,
         out_of_range=out_of_range,
+        refused=dict(sorted((Counter(refused or {}) + Counter(outliers)).items())),
     )
 
 

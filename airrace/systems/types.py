@@ -33,13 +33,14 @@ class CameraInfo(Immutable):
     X_BC: RigidTransform
 
 
-def make_camera_info(*, width, height, fov_y, X_BC) -> CameraInfo:
-    """Returns the calibration of an ideal camera with square pixels.
+def make_camera_info(*, width, height, fov_y, X_BC, D=(0.0,) * 5) -> CameraInfo:
+    """Returns the calibration of a camera with square pixels.
 
     Args:
         width, height: image size (px).
-        fov_y: vertical field of view (rad).
+        fov_y: vertical field of view without distortion (rad).
         X_BC: pose of the camera in the body frame.
+        D: plumb-bob distortion, (5,).
     """
     f = height / 2 / np.tan(fov_y / 2)
     K = np.array([[f, 0.0, width / 2], [0.0, f, height / 2], [0.0, 0.0, 1.0]])
@@ -47,7 +48,7 @@ def make_camera_info(*, width, height, fov_y, X_BC) -> CameraInfo:
         width=width,
         height=height,
         K=read_only(K),
-        D=read_only(np.zeros(5)),
+        D=read_only(D),
         R=read_only(np.eye(3)),
         P=read_only(np.column_stack([K, np.zeros(3)])),
         X_BC=X_BC,
@@ -65,12 +66,28 @@ class Detection(Immutable):
         X_CM: pose of the marker frame in the camera frame.
         reprojection_error: RMS distance of the corners from the projection
             of X_CM (px).
+        covariance: of X_CM, (6, 6): first of its rotation as a rotation
+            vector in C (rad), then of its position in C (m). None if unknown.
+        joint: whether X_CM was solved together with that of the marker on the
+            other pylon of the gate. The errors of the two are then those of
+            one rigid body: count their mean once, not as two.
+        ambiguity: misfit of X_CM divided by that of the other pose that a flat
+            thing admits, 0 to 1: near 1 they look alike, and the rotation may
+            be the wrong one. 0 if there is no other worth mention.
     """
 
     id: int
     corners: np.ndarray
     X_CM: RigidTransform
     reprojection_error: float
+    covariance: np.ndarray | None = None
+    joint: bool = False
+    ambiguity: float = 0.0
+
+    @property
+    def face(self) -> str:
+        """Which face of its pylon the marker is on, "front" or "back"."""
+        return "back" if self.id % 2 else "front"
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -80,10 +97,13 @@ class Detections(Immutable):
     Attributes:
         time: when the image was taken (s).
         markers: tuple of Detection.
+        refused: tuple of (reason, ID) of what looked like a marker and was not
+            taken for one; the ID is None if the reason is the whole image.
     """
 
     time: float = -1.0
     markers: tuple = ()
+    refused: tuple = ()
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -92,11 +112,13 @@ class MarkerEstimate(Immutable):
 
     Attributes:
         id: the ArUco ID.
-        count: number of sightings that count.
+        count: number of sightings that count; 0 of a board that only the
+            others of its gate tell of.
         outliers: number of sightings that were rejected.
-        p_WM: mean position of the board's centre, (3,).
-        variance: of each coordinate over the sightings, (3,).
-        normal: mean of the unit vectors out of the board's face, (3,).
+        p_WM: position of the board's centre, (3,).
+        variance: of each coordinate (m^2), (3,); what it is of, the
+            estimator says.
+        normal: unit vector out of the board's face, (3,).
     """
 
     id: int
@@ -146,6 +168,8 @@ class GateMap(Immutable):
             by number.
         detections: number of markers detected so far.
         out_of_range: how many of them had an impossible ID.
+        refused: dict of why a marker, or what looked like one, did not enter
+            the map, to how many times.
     """
 
     time: float = -1.0
@@ -153,6 +177,7 @@ class GateMap(Immutable):
     gates: tuple = ()
     detections: int = 0
     out_of_range: int = 0
+    refused: dict = dc.field(default_factory=dict)
 
     @property
     def error_rate(self) -> float:

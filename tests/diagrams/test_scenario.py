@@ -11,6 +11,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
+from airrace.diagrams.camera_config import PRESETS
 from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import Scenario, load_scenario, scenario_yaml
 from airrace.disturbances import DisturbancesConfig, RotorFailure, WindConfig
@@ -191,6 +192,7 @@ BAD = {
         r"rotor_failures\[0\].time must be at least 0, not -1",
     "rotor_failures: [{rotor: 2, time: 1}, {rotor: 1}, {rotor: 2, time: 3}]":
         "rotor_failures has rotor 2 twice; name each rotor once",
+    "perception: {estimator: best}": "perception.estimator must be one of robust, report, not",
     "perception: {latency: 0.04}": "perception.latency must be shorter than one frame",
     "referee: {time_limit: 0.0}": "referee.time_limit must be positive",
     "simulator_config: {target_realtime_rate: -1}": "target_realtime_rate",
@@ -329,6 +331,11 @@ def scenarios(draw):
                 setattr(config, name, draw(st.floats(1, 1e4) if name == "rate" else _positive))
             elif type(value) is int:
                 setattr(config, name, draw(st.integers(16, 256)))
+    scenario.camera.preset = draw(st.sampled_from(list(PRESETS)))
+    scenario.camera.effects.shutter = draw(st.none() | st.floats(0, 0.03))
+    scenario.camera.effects.distortion = draw(
+        st.none() | st.lists(st.floats(-1, 1), min_size=5, max_size=5)
+    )
     scenario.simulator_config.accuracy = draw(st.floats(1e-9, 1e-1))
     scenario.plant_config.time_step = draw(st.floats(1e-6, 0.01))
     return scenario

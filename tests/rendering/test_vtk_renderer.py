@@ -4,6 +4,7 @@ import ctypes
 import subprocess
 import types
 
+import cv2
 import numpy as np
 import pytest
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
@@ -12,6 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from airrace.errors import UserError
 from airrace.rendering.planar import PlanarRenderer
 from airrace.rendering.scenery import AddScenery
+from airrace.rendering.textures import SUN_W
 from airrace.rendering.vtk import AddVtkRenderer, check_vtk_available
 from tests.rendering.picture_tools import (
     CAMERA_INFO,
@@ -129,6 +131,43 @@ def test_boards_have_contrast_on_all_sides(vtk):
         assert picture[v, u] > 150
         u, v = np.round(dark).astype(int)
         assert picture[v, u] < 40
+
+
+def test_boards_can_be_read_from_any_side(vtk):
+    """In the sun, in the shade, and however the camera is turned."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
+    detector = cv2.aruco.ArucoDetector(dictionary)
+    for board in TRACK.boards():
+        for azimuth in (-0.9, -0.4, 0.4, 0.9):
+            p_MC = 8 * np.array([np.sin(azimuth), 0.0, np.cos(azimuth)])
+            beside = board.X_WM.translation() + np.array([0.0, -3.0 * np.sign(azimuth), 0.0])
+            for target in (board.X_WM.translation(), beside):
+                picture = vtk(look_at(board.X_WM @ p_MC, target))
+                _, ids, _ = detector.detectMarkers(cv2.cvtColor(picture, cv2.COLOR_RGBA2GRAY))
+                assert ids is not None and board.id in ids
+
+
+def test_sky_and_horizon_are_the_planar_ones(vtk):
+    X_WC = look_at([0.0, 0.0, 5.0], [-20.0, 1.0, 6.0])
+    a, b = vtk(X_WC)[..., :3].astype(int), render_planar(X_WC)[..., :3].astype(int)
+    assert np.array_equal(a[:300], b[:300])
+    # The ground fades into it: no edge shows where its mesh ends.
+    rows = a[360:480].mean(axis=1)
+    assert np.abs(np.diff(rows, axis=0)).max() < 20
+
+
+def test_pylons_cast_shadows_on_the_grass(vtk):
+    X_WC = look_at([20.0, -20.0, 12.0], [22.0, 5.0, 0.0])
+    picture = grey(vtk(X_WC))
+    away = -SUN_W[:2] / SUN_W[2]
+    for foot in TRACK.pylons():
+        axis = np.array([*(foot[:2] + 5 * away), 0.0])  # of the shadow of a height of 5 m
+        across = 4 * np.array([-away[1], away[0], 0.0]) / np.linalg.norm(away)
+        spots, _ = project(CAMERA_INFO.K, X_WC, [axis, axis + across, axis - across])
+        levels = [
+            picture[v - 4 : v + 5, u - 4 : u + 5].mean() for u, v in np.round(spots).astype(int)
+        ]
+        assert levels[0] < 0.75 * min(levels[1:])
 
 
 @pytest.fixture

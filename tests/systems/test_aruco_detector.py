@@ -1,73 +1,58 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pydrake.common.value import Value
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.sensors import ImageRgba8U
 
-from airrace.systems.aruco_detector import ArucoDetector, locate
-from airrace.systems.types import make_camera_info
-from airrace.track import MARKER_SIZE
+from airrace.systems import detection_checks as checks
+from airrace.systems.aruco_detector import ArucoDetector, Sight, look
+from airrace.systems.marker_search import MarkerSearch
+from tests.systems.marker_pictures import INFO, gate, picture, pose, project
 
-INFO = make_camera_info(width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=RigidTransform())
-FACING = RotationMatrix(np.diag([1.0, -1.0, -1.0]))  # a marker that faces the camera
-H = MARKER_SIZE / 2
-CORNERS = np.array([[-H, H, 0], [H, H, 0], [H, -H, 0], [-H, -H, 0]])
-
-
-def project(X_CM):
-    p = X_CM.multiply(CORNERS.T)
-    uvw = INFO.K @ p
-    return (uvw[:2] / uvw[2]).T
+GATE = dict(zip((0, 2), gate(pose(-0.5, 0.3, 18.0, yaw=0.3))))
+LONE = {39: pose(0.0, 2.0, 15.0, yaw=-0.4)}
+EMPTY = np.full((720, 1280), 120, np.uint8)
 
 
-def picture(markers):
-    """An image of markers {id: X_CM} on white boards before grey."""
-    image = np.full((720, 1280), 120, np.uint8)
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
-    for id, X_CM in markers.items():
-        board = cv2.copyMakeBorder(
-            cv2.aruco.generateImageMarker(dictionary, id, 560), 70, 70, 70, 70,
-            cv2.BORDER_CONSTANT, value=255)
-        source = np.float32([[69.5, 69.5], [629.5, 69.5], [629.5, 629.5], [69.5, 629.5]])
-        homography = cv2.getPerspectiveTransform(source, np.float32(project(X_CM)))
-        warped, mask = (
-            cv2.warpPerspective(x, homography, (1280, 720))
-            for x in (board, np.full_like(board, 255))
-        )
-        image[mask > 127] = warped[mask > 127]
-    return image
+def rgba(grey):
+    return cv2.cvtColor(grey, cv2.COLOR_GRAY2RGBA)
 
 
-def detect(grey, time=1.5):
-    detector = ArucoDetector()
-    context = detector.CreateDefaultContext()
+def show(detector, context, grey, time):
     image = ImageRgba8U(grey.shape[1], grey.shape[0])
-    image.mutable_data[:] = cv2.cvtColor(grey, cv2.COLOR_GRAY2RGBA)
+    image.mutable_data[:] = rgba(grey)
     detector.GetInputPort("camera_image").FixValue(context, Value(image))
     detector.GetInputPort("camera_image_time").FixValue(context, [time])
     detector.GetInputPort("camera_info").FixValue(context, Value[object](INFO))
+
+
+def detect(grey, time=1.5, **kwargs):
+    detector = ArucoDetector(**kwargs)
+    context = detector.CreateDefaultContext()
+    show(detector, context, grey, time)
     return detector.get_output_port().Eval(context)
 
 
+def ids(detections):
+    return [m.id for m in detections.markers]
+
+
 def test_finds_markers_and_their_poses():
-    poses = {
-        0: RigidTransform(FACING, [-3.0, 0.0, 10.0]),
-        6: RigidTransform(RollPitchYaw(0.1, 0.5, 0).ToRotationMatrix() @ FACING, [2, -1, 8.0]),
-        39: RigidTransform(FACING, [0.0, 0.5, 20.0]),
-    }
+    poses = GATE | LONE
     found = detect(picture(poses))
-    assert found.time == 1.5
-    assert {m.id for m in found.markers} == set(poses)
+    assert found.time == 1.5 and found.refused == ()
+    assert ids(found) == [0, 2, 39]
     for marker in found.markers:
         X_CM = poses[marker.id]
-        distance = np.linalg.norm(X_CM.translation())
-        np.testing.assert_allclose(
-            marker.X_CM.translation(), X_CM.translation(), atol=0.03 * distance)
-        np.testing.assert_allclose(marker.corners, project(X_CM), atol=1.5)
-        assert marker.reprojection_error < 1.0
+        assert marker.joint == (marker.id != 39)
+        assert marker.face == ("back" if marker.id == 39 else "front")
+        error = marker.X_CM.translation() - X_CM.translation()
+        assert np.linalg.norm(error) < 0.005 * X_CM.translation()[2]
+        np.testing.assert_allclose(marker.corners, project(X_CM), atol=0.15)
+        assert marker.X_CM.rotation().IsNearlyEqualTo(X_CM.rotation(), 0.1)
+        assert marker.covariance.shape == (6, 6) and not marker.covariance.flags.writeable
+        assert marker.reprojection_error < 0.1
 
 
 @pytest.mark.parametrize("grey", [0, 128, 255])
@@ -80,51 +65,106 @@ def test_nothing_in_noise():
     assert detect(noise).markers == ()
 
 
-def test_the_image_is_searched_once(monkeypatch):
+def test_half_an_image():
+    grey = picture(GATE | LONE)
+    grey[:, 640:] = 0
+    assert set(ids(detect(grey))) < {0, 2, 39}
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (360, 640), (1280, 720)])
+def test_images_of_a_wrong_size_are_refused(shape):
+    found = detect(np.zeros(shape, np.uint8))
+    assert found.markers == () and found.refused == ((checks.WRONG_IMAGE, None),)
+
+
+def test_an_image_without_a_time_is_refused():
+    found = detect(picture(LONE), time=np.nan)
+    assert found.markers == () and found.refused == ((checks.NO_TIME, None),)
+
+
+def test_foreign_ids():
+    grey = picture({500: LONE[39]})
+    assert ids(detect(grey)) == [500]
+    found = detect(grey, max_gates=20)
+    assert found.markers == () and found.refused == ((checks.FOREIGN_ID, 500),)
+
+
+def test_the_same_id_twice_is_refused():
+    grey = np.minimum(picture({4: pose(-3, 0, 12)}), picture({4: pose(3, 0, 12)}))
+    assert detect(grey).refused == 2 * ((checks.SEEN_TWICE, 4),)
+
+
+def test_a_gate_with_its_markers_swapped_is_refused():
+    found = detect(picture(dict(zip((2, 0), GATE.values()))))
+    assert found.markers == ()
+    assert found.refused == ((checks.FROM_BEHIND, 0), (checks.FROM_BEHIND, 2))
+
+
+class CountingSearch(MarkerSearch):
+    """Says where it has searched."""
+
+    def __init__(self):
+        super().__init__()
+        self.calls = []
+
+    def everywhere(self, image):
+        self.calls.append("everywhere")
+        return super().everywhere(image)
+
+    def around(self, image, predictions):
+        self.calls.append("around")
+        return super().around(image, predictions)
+
+
+def watch(pictures, **kwargs):
+    """Looks at pictures at 30 Hz; returns the sights, and where was searched."""
+    search, sights = CountingSearch(), [Sight()]
+    for k, grey in enumerate(pictures):
+        sights.append(look(search, rgba(grey), k / 30, INFO, sights[-1], **kwargs))
+    return sights[1:], search.calls
+
+
+def test_tracking_finds_the_same_in_less_of_the_image():
+    pictures = [picture({id: pose(0.1 * k, 0, 15 - 0.3 * k, yaw=0.2)}) for id in (7,)
+                for k in range(7)]
+    tracked, calls = watch(pictures)
+    assert calls == ["everywhere", *4 * ["around"], "everywhere", "around"]
+    searched, calls = watch(pictures, full_search_period=1)
+    assert calls == 7 * ["everywhere"]
+    for a, b in zip(tracked, searched):
+        (a,), (b,) = a.detections.markers, b.detections.markers
+        np.testing.assert_allclose(a.corners, b.corners, atol=1e-3)
+
+
+def test_all_of_an_image_is_searched_when_a_marker_is_lost():
+    sights, calls = watch([picture(LONE), picture({39: pose(-4, -2, 15)}), EMPTY, EMPTY])
+    assert calls == ["everywhere", "around", "everywhere", "around", "everywhere", "everywhere"]
+    assert [ids(s.detections) for s in sights] == [[39], [39], [], []]
+
+
+def test_new_markers_are_found_by_the_next_full_search():
+    sights, _ = watch([picture(LONE), *5 * [picture(LONE | GATE)]])
+    assert ids(sights[-1].detections) == [0, 2, 39]
+
+
+def test_a_pose_that_jumps_is_refused_until_it_stays():
+    near, far = (picture({39: pose(0, 0, z)}) for z in (12.0, 16.0))
+    sights, _ = watch([far, near, near])
+    assert [ids(s.detections) for s in sights] == [[39], [], [39]]
+    assert sights[1].detections.refused == ((checks.JUMP, 39),)
+
+
+def test_the_image_is_searched_once():
     detector = ArucoDetector()
-    context = detector.CreateDefaultContext()
-    calls = []
-
-    class Counting:
-        def detectMarkers(self, image):
-            calls.append(image)
-            return (), None, ()
-
-    detector._detector = Counting()
-    detector.GetInputPort("camera_image").FixValue(context, Value(ImageRgba8U(64, 64)))
-    detector.GetInputPort("camera_image_time").FixValue(context, [0.0])
-    detector.GetInputPort("camera_info").FixValue(context, Value[object](INFO))
-    for _ in range(3):
-        detector.get_output_port().Eval(context)
-    context.SetTime(1.0)
-    detector.get_output_port().Eval(context)
-    assert len(calls) == 1
-
-
-angles = st.floats(-0.9, 0.9)
-
-
-@given(angles, angles, st.floats(-4, 4), st.floats(-2, 2), st.floats(6, 35))
-def test_locate_inverts_the_projection(pitch, yaw, x, y, z):
-    """From exact corners, the position is exact."""
-    R = RollPitchYaw(pitch, yaw, 0.0).ToRotationMatrix() @ FACING
-    X_CM = RigidTransform(R, [x, y, z])
-    marker = locate(5, project(X_CM), INFO)
-    np.testing.assert_allclose(marker.X_CM.translation(), X_CM.translation(), atol=1e-5 * z)
-    assert marker.X_CM.rotation().IsValid()
-
-
-@pytest.mark.parametrize("yaw", [0.0, 0.3, -0.44])
-@pytest.mark.parametrize("x", [0.0, 1.0, -3.3])
-def test_locate_in_views_of_perfect_symmetry(yaw, x):
-    """OpenCV's closed form fails in some of them."""
-    R = RollPitchYaw(0.0, yaw, 0.0).ToRotationMatrix() @ FACING
-    for z in np.linspace(6.0, 35.0, 200):
-        X_CM = RigidTransform(R, [x, 0.0, z])
-        marker = locate(5, project(X_CM), INFO)
-        np.testing.assert_allclose(marker.X_CM.translation(), X_CM.translation(), atol=1e-5 * z)
-
-
-@pytest.mark.parametrize("corners", [np.full((4, 2), np.nan), np.zeros((4, 2))])
-def test_locate_refuses_what_is_no_square(corners):
-    assert locate(5, corners, INFO) is None
+    detector._search = search = CountingSearch()
+    simulator = Simulator(detector)
+    context = simulator.get_mutable_context()
+    show(detector, context, picture(LONE), 0.0)
+    first = detector.get_output_port().Eval(context)
+    # The detector remembers the image, which must not change what is in it.
+    simulator.AdvanceTo(0.2)
+    assert detector.get_output_port().Eval(context) is first
+    assert search.calls == ["everywhere"]
+    show(detector, context, picture(LONE), 0.2)
+    assert ids(detector.get_output_port().Eval(context)) == [39]
+    assert search.calls == ["everywhere", "around"]

@@ -38,16 +38,14 @@ def make_state(X_WB, scale=1.0):
     return np.concatenate([quaternion, X_WB.translation(), np.zeros(6)])
 
 
-def make_camera():
+def make_camera(**kwargs):
     renderer = RecordingRenderer()
-    return Camera(camera_info=INFO, fps=FPS, renderer=renderer), renderer
+    return Camera(camera_info=INFO, fps=FPS, renderer=renderer, **kwargs), renderer
 
 
 def sample(camera, context):
     """What happens at initialization and at every period."""
-    values = camera.AllocateDiscreteVariables()
-    camera.CalcForcedDiscreteVariableUpdate(context, values)
-    context.SetDiscreteState(values)
+    camera.CalcForcedUnrestrictedUpdate(context, context.get_mutable_state())
 
 
 def test_ports():
@@ -96,7 +94,7 @@ def test_one_sample_is_drawn_once_and_only_if_looked_at():
     assert renderer.poses[1].IsNearlyEqualTo(RigidTransform([1.0, 0.0, 0.0]) @ X_BC, 1e-12)
 
 
-def make_flight():
+def make_flight(**kwargs):
     """A free body moving along x at 1 m/s, and a camera on it."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
@@ -104,7 +102,7 @@ def make_flight():
     plant.AddRigidBody("body", SpatialInertia.SolidSphereWithMass(1.0, 0.1))
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     plant.Finalize()
-    camera, renderer = make_camera()
+    camera, renderer = make_camera(**kwargs)
     builder.AddSystem(camera)
     builder.Connect(plant.get_state_output_port(), camera.GetInputPort("state"))
     time_log = builder.AddSystem(VectorLogSink(1, publish_period=0.01))
@@ -153,6 +151,53 @@ def test_pictures_keep_their_period():
     # A publish at t happens before the update at t.
     expected = np.maximum(np.ceil(log.sample_times() * FPS - 1e-9) - 1, 0) / FPS
     assert np.array_equal(log.data()[0], expected)
+
+
+def test_latency_is_exact():
+    """A picture is there one latency after its sample, which it still shows."""
+    latency = 3 / 64
+    simulator, camera, renderer, time_log = make_flight(latency=latency)
+    context = camera.GetMyContextFromRoot(simulator.get_context())
+    seen = {}
+
+    def look(root):
+        camera.GetOutputPort("camera_image").Eval(context)
+        (time,) = camera.GetOutputPort("camera_image_time").Eval(context)
+        x = renderer.poses[-1].translation()[0]
+        seen.setdefault(time, (root.get_time(), x))
+        return EventStatus.DidNothing()
+
+    simulator.set_monitor(look)
+    simulator.AdvanceTo(0.95)
+    assert list(seen) == [k / FPS for k in range(8)]
+    for time, (first_seen, x) in seen.items():
+        assert abs(x - (5.1 + time)) < 1e-9
+        if time > 0:  # the first picture is there from the beginning
+            # The monitor looks after the plant's step that the update began.
+            assert time + latency < first_seen <= time + latency + 1.1e-3
+    # Each is drawn once, but for the first, which is sampled twice.
+    assert len(renderer.poses) <= 9
+    log = time_log.FindLog(simulator.get_context())
+    behind = log.sample_times() - log.data()[0]
+    assert behind[log.data()[0] > 0].min() > latency - 1e-9
+    assert behind.max() <= latency + 1 / FPS + 1e-9
+
+
+def test_imaging_is_given_the_sample_and_its_number():
+    class Imaging:
+        def take(self, render, X_WB, w_WB, v_WB, frame, out):
+            render(X_WB, out)
+            self.args = X_WB.translation().tolist(), w_WB.tolist(), v_WB.tolist(), frame
+
+    imaging = Imaging()
+    camera, _ = make_camera(imaging=imaging)
+    context = camera.CreateDefaultContext()
+    state = [1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9]
+    camera.GetInputPort("state").FixValue(context, state)
+    context.SetTime(5 / FPS)
+    sample(camera, context)
+    assert np.all(camera.GetOutputPort("camera_image").Eval(context).data == 1)
+    assert imaging.args == ([1, 2, 3], [4, 5, 6], [7, 8, 9], 5)
 
 
 def test_nobody_looks_nothing_is_drawn():

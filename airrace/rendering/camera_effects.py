@@ -1,0 +1,92 @@
+"""From ideal pictures to a camera's: shutter, lens and sensor in a row."""
+
+import dataclasses as dc
+
+import cv2
+import numpy as np
+
+from airrace.rendering.lens import Lens
+from airrace.rendering.motion_blur import Shutter
+from airrace.rendering.sensor import Sensor
+
+
+@dc.dataclass(frozen=True)
+class CameraEffects:
+    """What a real camera adds to an ideal picture; the defaults add nothing.
+
+    Attributes:
+        shutter: how long it is open (s).
+        gain, vignetting, read_noise, shot_noise: see Sensor.
+        distortion: plumb-bob k1, k2, p1, p2, k3.
+        latency: from the middle of the exposure to the picture (s).
+    """
+
+    shutter: float = 0.0
+    gain: float = 1.0
+    vignetting: float = 0.0
+    read_noise: float = 0.0
+    shot_noise: float = 0.0
+    distortion: tuple = (0.0, 0.0, 0.0, 0.0, 0.0)
+    latency: float = 0.0
+
+
+class ImagingChain:
+    """Takes a picture with any renderer, as a real camera would.
+
+    Brightness is taken as proportional to grey levels, as in a raw picture.
+
+    Attributes:
+        pinhole: CameraInfo of the pictures that the renderer must draw.
+    """
+
+    def __init__(self, *, effects: CameraEffects, camera_info, seed: int):
+        """Constructs the chain.
+
+        Args:
+            effects: what to add; the latency is not of a picture, and the
+                distortion is that of camera_info.
+            camera_info: of the camera's pictures.
+            seed: of the noise, >= 0.
+
+        Raises:
+            UserError: if the lens is impossible.
+        """
+        self._lens = Lens(camera_info) if np.any(camera_info.D) else None
+        self.pinhole = camera_info if self._lens is None else self._lens.pinhole
+        self._shutter = Shutter(time=effects.shutter, camera_info=self.pinhole)
+        self._sensor = Sensor(
+            camera_info=camera_info,
+            gain=effects.gain,
+            vignetting=effects.vignetting,
+            read_noise=effects.read_noise,
+            shot_noise=effects.shot_noise,
+            seed=seed,
+        )
+        shape = (self.pinhole.height, self.pinhole.width, 4)
+        # Room for pictures on the way; nothing in it outlives a call.
+        self._next = np.zeros(shape, np.uint8)
+        self._ideal = None if self._lens is None else np.zeros(shape, np.uint8)
+
+    def take(self, render, X_WB, w_WB, v_WB, frame: int, out) -> None:
+        """Takes a picture.
+
+        Args:
+            render: draws the world for the camera ``pinhole``; called with its
+                pose X_WC and the array to draw into.
+            X_WB: pose of the body that carries the camera, in the middle of the
+                exposure.
+            w_WB, v_WB: its angular velocity (rad/s) and velocity (m/s) in world.
+            frame: number of the picture >= 0.
+            out: RGBA, (h, w, 4), uint8; overwritten.
+        """
+        ideal = out if self._lens is None else self._ideal
+        total = 0.0
+        for weight, X_WC in self._shutter.poses(X_WB, w_WB, v_WB):
+            render(X_WC, self._next if total else ideal)
+            if total:
+                share = weight / (total + weight)
+                cv2.addWeighted(ideal, 1 - share, self._next, share, 0.0, dst=ideal)
+            total += weight
+        if self._lens is not None:
+            self._lens.distort(ideal, out)
+        self._sensor.expose(out, frame)

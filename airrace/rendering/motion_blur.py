@@ -1,0 +1,83 @@
+"""Motion blur: a picture shows all that the camera sees while its shutter is open."""
+
+import functools
+
+import numpy as np
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RigidTransform, RotationMatrix
+
+_DISTANCE = 10.0  # how far away a thing is whose blur decides on the effort (m)
+_SHARP = 1.0  # blur up to here is not drawn (px)
+_STEP = 2.5  # blur that one exposure stands for (px)
+_MOST = 6  # exposures a picture
+
+
+def moved(X_WB, w_WB, v_WB, dt) -> RigidTransform:
+    """Returns a pose after a time of constant velocities.
+
+    Args:
+        X_WB: pose of the body.
+        w_WB: angular velocity in world (rad/s), (3,).
+        v_WB: velocity of the body's origin in world (m/s), (3,).
+        dt: may be negative (s).
+    """
+    rate = np.linalg.norm(w_WB)
+    R_WB = X_WB.rotation()
+    if rate > 0:
+        R_WB = RotationMatrix(AngleAxis(rate * dt, w_WB / rate)) @ R_WB
+    return RigidTransform(R_WB, X_WB.translation() + dt * v_WB)
+
+
+class Shutter:
+    """Tells from where to look for one picture.
+
+    The picture is the mean over the time that the shutter is open, which ranges
+    from half of it before to half of it after the sampled pose. That integral
+    is done by Gauss-Legendre quadrature with as many poses as the blur is long:
+    its centre and its variance are exact with two of them already, and so is
+    the parallax, as every pose is drawn.
+    """
+
+    def __init__(self, *, time, camera_info):
+        """Args: time: how long it is open (s). camera_info: calibration."""
+        self._time = time
+        self._X_BC = camera_info.X_BC
+        # Rays to the picture's middle and halfway to its sides and corners.
+        w, h = camera_info.width, camera_info.height
+        pixels = np.array([[w * x, h * y, 4.0] for x in (1, 2, 3) for y in (1, 2, 3)]) / 4
+        self._K = camera_info.K
+        self._p_C = _DISTANCE * pixels @ np.linalg.inv(self._K).T
+
+    def poses(self, X_WB, w_WB, v_WB) -> list:
+        """Returns pairs of a weight and X_WC; the weights add up to 1.
+
+        Args: see moved(); all in the middle of the exposure.
+        """
+
+        def X_WC(t):
+            return moved(X_WB, w_WB, v_WB, t) @ self._X_BC
+
+        if self._time == 0:
+            return [(1.0, X_WC(0.0))]
+        half = self._time / 2
+        X_01 = X_WC(-half).InvertAndCompose(X_WC(half))
+        length = self._blur(X_01)
+        if length <= _SHARP:
+            return [(1.0, X_WC(0.0))]
+        nodes, weights = _quadrature(min(max(2, int(np.ceil(length / _STEP))), _MOST))
+        return [(weight, X_WC(half * node)) for node, weight in zip(nodes, weights)]
+
+    def _blur(self, X_01):
+        """Returns the longest way of a nominal point in the picture (px)."""
+        before = self._p_C @ self._K.T
+        after = (X_01 @ self._p_C.T).T @ self._K.T
+        after[:, 2] = np.maximum(after[:, 2], 0.1 * _DISTANCE)
+        way = after[:, :2] / after[:, 2:] - before[:, :2] / before[:, 2:]
+        return np.hypot(*way.T).max()
+
+
+@functools.cache
+def _quadrature(n):
+    """Returns nodes in [-1, 1] and weights that add up to 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(n)
+    return nodes.tolist(), (weights / 2).tolist()

@@ -1,0 +1,87 @@
+"""Takes the lens distortion out of the camera's image."""
+
+import dataclasses as dc
+import functools
+
+import cv2
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import LeafSystem
+from pydrake.systems.sensors import ImageRgba8U
+
+from airrace.immutable import read_only
+from airrace.systems.types import CameraInfo
+
+
+class Rectifier(LeafSystem):
+    """Turns raw images into those of a pinhole camera.
+
+    .. pydrake_system::
+
+        name: Rectifier
+        input_ports:
+        - camera_image
+        - camera_info
+        output_ports:
+        - camera_image
+        - camera_info
+
+    ``camera_image`` is an ImageRgba8U, ``camera_info`` a CameraInfo. The
+    outputs have the inputs' names, so the Rectifier fits in front of any system
+    that asks for them: the image is that of K' = P[:, :3] and no distortion,
+    seen from the frame that R rotates to, and the info says so. What the lens
+    did not see is black.
+
+    The output is a function of the inputs alone; Drake's cache rectifies an
+    image once.
+    """
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        # All that it does depends on a calibration, which never changes.
+        self._maps = functools.lru_cache(maxsize=1)(_maps)
+        self._rectified = functools.lru_cache(maxsize=1)(rectified_info)
+        self._image = self.DeclareAbstractInputPort("camera_image", Value(ImageRgba8U()))
+        self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
+        self.DeclareAbstractOutputPort(
+            "camera_image",
+            lambda: Value(ImageRgba8U()),
+            self._CalcImage,
+            {self._image.ticket(), self._info.ticket()},
+        )
+        self.DeclareAbstractOutputPort(
+            "camera_info", lambda: Value[object](), self._CalcInfo, {self._info.ticket()}
+        )
+
+    def _CalcImage(self, context, output):
+        info = self._info.Eval(context)
+        image = output.get_mutable_value()
+        image.resize(info.width, info.height)
+        raw = self._image.Eval(context).data
+        cv2.remap(raw, *self._maps(info), cv2.INTER_LINEAR, dst=image.mutable_data,
+                  borderValue=(0, 0, 0, 255))
+
+    def _CalcInfo(self, context, output):
+        output.set_value(self._rectified(self._info.Eval(context)))
+
+
+def _maps(info: CameraInfo):
+    """Returns where in the raw image to look for every pixel, twice (h, w)."""
+    return cv2.initUndistortRectifyMap(
+        info.K, info.D, info.R, info.P[:, :3], (info.width, info.height), cv2.CV_32FC1
+    )
+
+
+def rectified_info(info: CameraInfo) -> CameraInfo:
+    """Returns the calibration of the rectified images of a camera."""
+    K = read_only(info.P[:, :3].copy())
+    R_CR = RotationMatrix(info.R).inverse()  # R rotates into the rectified frame
+    return dc.replace(
+        info,
+        K=K,
+        D=read_only(np.zeros(5)),
+        R=read_only(np.eye(3)),
+        P=read_only(np.column_stack([K, np.zeros(3)])),
+        X_BC=info.X_BC @ RigidTransform(R_CR, np.zeros(3)),
+    )

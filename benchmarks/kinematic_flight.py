@@ -1,0 +1,62 @@
+"""A flight without physics: the camera goes exactly where a plan leads."""
+
+import numpy as np
+from pydrake.math import RotationMatrix
+
+from airrace.random import make_generator
+from airrace.systems import state_estimate as se
+from airrace.track import Track
+from airrace.trajopt.circuit import plan_circuit
+from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, POSITION, SNAP, VELOCITY, YAW
+from airrace.trajopt.flatness import attitude_from_force, heading_vectors
+from airrace.vehicle import GRAVITY
+
+
+class Flight:
+    """A flat trajectory, flown perfectly, some number of times on end."""
+
+    def __init__(self, trajectory, rounds: int = 1):
+        """Args: trajectory: a FlatTrajectory. rounds: of a closed one."""
+        self._trajectory = trajectory
+        self.duration = rounds * trajectory.duration
+
+    def state(self, time: float) -> np.ndarray:
+        """Returns the vector of state_estimate.py at a time (s), without noise, (14,)."""
+        f = self._trajectory.reference(time % self._trajectory.duration)
+        yaw, rate, acceleration = f[YAW:]
+        axes, w_B, _ = attitude_from_force(
+            tuple(f[ACCELERATION] + [0.0, 0.0, GRAVITY]), tuple(f[JERK]), tuple(f[SNAP]),
+            heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration),
+        )
+        R_WB = RotationMatrix.ProjectToRotationMatrix(np.column_stack(axes))
+        result = np.empty(se.SIZE)
+        result[se.TIME] = time
+        result[se.QUATERNION] = R_WB.ToQuaternion().wxyz()
+        result[se.POSITION], result[se.VELOCITY] = f[POSITION], f[VELOCITY]
+        result[se.ANGULAR_VELOCITY] = R_WB @ np.array(w_B)
+        return result
+
+
+def fly_laps(track: Track, dimensions: int, config, laps: int) -> Flight:
+    """Returns laps through all gates.
+
+    Args:
+        track: where.
+        dimensions: see plan_circuit.
+        config: an ExplorerConfig or a PlannerConfig: whose limits are kept.
+        laps: how many.
+    """
+    return Flight(plan_circuit(
+        [gate.p_WG for gate in track.gates], [gate.heading for gate in track.gates],
+        track.pylons()[:, :2], dimensions, max_speed=config.max_speed,
+        max_acceleration=config.max_acceleration,
+    ), laps)
+
+
+def noisy(state, config, seed: int) -> np.ndarray:
+    """Returns a state with the noise of a StateEstimateConfig, drawn by its time, (14,)."""
+    n = make_generator(seed, "benchmark", round(state[se.TIME] * 1e6)).standard_normal(5)
+    result = state.copy()
+    result[se.POSITION] += config.position_sigma * n[:3]
+    result[se.VELOCITY][:2] *= 1.0 + config.velocity_sigma * n[3:]
+    return result

@@ -1,0 +1,174 @@
+"""What the mapping benchmark flies past and sees."""
+
+import dataclasses as dc
+
+import cv2
+import numpy as np
+from pydrake.math import RigidTransform
+from rich.progress import track as progress
+
+from airrace.diagrams.scenario import Scenario
+from airrace.random import make_generator
+from airrace.rendering.camera_effects import ImagingChain
+from airrace.rendering.planar import PlanarRenderer
+from airrace.systems import state_estimate as se
+from airrace.systems.gate_mapper import extrapolate
+from airrace.systems.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.marker_measurement import measure
+from airrace.systems.marker_pose import locate
+from airrace.systems.marker_search import MarkerSearch, make_detector
+from airrace.systems.types import Detections, make_camera_info
+from airrace.track import load_track
+from airrace.vehicle import CameraMount
+from benchmarks.kinematic_flight import Flight, fly_laps, noisy
+
+CORNERS = ("refitted", "OpenCV")
+_OUTLIER_SIGMA = 3.0  # m, on each coordinate
+_LEAST_SIGHTINGS = 5  # of a marker that is judged
+_CORNER_SIGMA = 0.1  # px, of OpenCV's corners
+
+
+@dc.dataclass(frozen=True)
+class Frame:
+    """One picture.
+
+    Attributes:
+        phase: 0 in the exploration, 1 in the laps.
+        flight, time: which flight, and when on it (s).
+        clock: time since the first picture (s).
+        markers: what was measured in it: a key of CORNERS, or "exact" for the
+            true poses of the markers with refitted corners, to tuples of
+            Detection.
+    """
+
+    phase: int
+    flight: Flight
+    time: float
+    clock: float
+    markers: dict
+
+
+class World:
+    """The track, the camera and the settings of a scenario."""
+
+    def __init__(self, scenario: Scenario):
+        """Args: scenario: whose track, camera and limits are used."""
+        self.scenario = scenario
+        self.track = load_track(scenario.track)
+        self.boards = {board.id: board.X_WM for board in self.track.boards()}
+        self.info = make_camera_info(
+            width=scenario.camera.width, height=scenario.camera.height,
+            fov_y=np.deg2rad(scenario.camera.fov_y_deg), X_BC=CameraMount().X_BC,
+        )
+
+    def frames(self, laps: int, console) -> list[Frame]:
+        """Flies, takes pictures and measures the markers in them."""
+        flights = (fly_laps(self.track, 4, self.scenario.explorer, 1),
+                   fly_laps(self.track, 6, self.scenario.planner, laps))
+        times = [(phase, k / self.scenario.camera.fps) for phase, flight in enumerate(flights)
+                 for k in range(int(flight.duration * self.scenario.camera.fps))]
+        imaging = ImagingChain(effects=self.scenario.camera.resolved(), camera_info=self.info,
+                               seed=self.scenario.seed)
+        renderer, eyes = PlanarRenderer(self.track, imaging.pinhole), _Eyes(self.info)
+        image = np.empty((self.info.height, self.info.width, 4), np.uint8)
+        frames = []
+        for k, (phase, time) in enumerate(progress(times, "Looking", console=console)):
+            state = flights[phase].state(time)
+            X_WB = extrapolate(state, 0.0)
+            imaging.take(renderer.render, X_WB, state[se.ANGULAR_VELOCITY], state[se.VELOCITY],
+                         k, image)
+            X_WC = X_WB @ self.info.X_BC
+            markers = eyes.look(image)
+            markers["exact"] = tuple(
+                dc.replace(m, X_CM=X_WC.inverse() @ self.boards[m.id])
+                for m in markers["refitted"] if m.id in self.boards
+            )
+            clock = time + phase * flights[0].duration
+            frames.append(Frame(phase, flights[phase], time, clock, markers))
+        return frames
+
+    def map(self, frames, corners, estimator, *, seed=None, outliers=0.0, offset=0.0) -> list:
+        """Returns the figures of the map after the exploration and after the laps.
+
+        Args:
+            frames: from frames().
+            corners: which of their markers.
+            estimator: which of ESTIMATORS.
+            seed: of the noise of the state estimate, None for the true state.
+            outliers: share of detections that are far off.
+            offset: by which the poses are older than the images (s).
+        """
+        settings = {k: v for k, v in vars(self.scenario.perception).items() if k != "latency"}
+        mapper = ImageMapper(**settings | {"estimator": estimator})
+        rng = make_generator(0, "outliers")
+        memory, injected, results = MapperMemory(), {}, []
+        for frame, following in zip(frames, [*frames[1:], None]):
+            markers = tuple(
+                _grossly_wrong(m, rng, injected) if rng.random() < outliers else m
+                for m in frame.markers[corners]
+            )
+            X_WC = self._Pose(frame.flight, frame.time - offset, seed) @ self.info.X_BC
+            memory = mapper.updated(memory, Detections(frame.clock, markers), X_WC, self.info)
+            if following is None or following.phase > frame.phase:
+                results.append(self._Figures(memory.gate_map, injected))
+        return results
+
+    def _Pose(self, flight, time, seed) -> RigidTransform:
+        """Returns X_WB as the mapper has it: from the state estimate before."""
+        config = self.scenario.state_estimate
+        sampled_at = np.floor(time * config.rate + 1e-6) / config.rate
+        state = flight.state(sampled_at if seed is not None else time)
+        if seed is None:
+            return extrapolate(state, 0.0)
+        return extrapolate(noisy(state, config, seed), time - sampled_at)
+
+    def _Figures(self, gate_map, injected) -> dict:
+        errors, rejected, derived = {}, [0.0], [0.0]
+        for m in gate_map.markers:
+            if m.id not in self.boards:
+                continue
+            error = m.p_WM - self.boards[m.id].translation()
+            if m.count >= _LEAST_SIGHTINGS:
+                errors[m.id] = error
+                wrongly = max(m.outliers - injected.get(m.id, 0), 0)
+                rejected.append(wrongly / (m.count + wrongly))
+            elif m.count == 0:
+                derived.append(float(np.linalg.norm(error)))
+        distances = np.linalg.norm(list(errors.values()), axis=1)
+        return {
+            "markers": len(errors), "mean": float(np.mean(distances)),
+            "worst": float(np.max(distances)), "unseen": max(derived),
+            "rejected": max(rejected), "refused": gate_map.refused,
+            "errors": {id: error.tolist() for id, error in errors.items()},
+        }
+
+
+class _Eyes:
+    """Measures markers in pictures, in both ways."""
+
+    def __init__(self, info):
+        self._info = info
+        self._search = MarkerSearch()
+        self._opencv = make_detector()
+        parameters = self._opencv.getDetectorParameters()
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        self._opencv.setDetectorParameters(parameters)
+
+    def look(self, image) -> dict:
+        """Returns tuples of Detection by a key of CORNERS; image: RGBA."""
+        grey, ids, quads = self._search.everywhere(image)
+        refitted, _ = measure(grey, ids, quads, self._info, np.inf)
+        quads, ids, _ = self._opencv.detectMarkers(grey)
+        covariance = _CORNER_SIGMA**2 * np.eye(8)
+        located = () if ids is None else (
+            locate(id, quad.reshape(4, 2).astype(float), covariance, self._info)
+            for quad, id in zip(quads, np.ravel(ids).tolist())
+        )
+        return {"refitted": refitted, "OpenCV": tuple(m for m in located if m is not None)}
+
+
+def _grossly_wrong(marker, rng, injected):
+    """Returns a detection moved far off, and counts it by its ID."""
+    injected[marker.id] = injected.get(marker.id, 0) + 1
+    p_CM = marker.X_CM.translation() + _OUTLIER_SIGMA * rng.standard_normal(3)
+    return dc.replace(marker, X_CM=RigidTransform(marker.X_CM.rotation(), p_CM))

@@ -1,0 +1,256 @@
+"""How well and how fast the detector sees.
+
+    python -m benchmarks.perception [--views 200] [--frames 2000] [--seed 0] [--json FILE]
+
+Views of single boards give the errors of corners and poses, random places of the
+reference track the stray markers. `clean` and `realistic` are the presets of the
+scenario's camera, `blurred` adds a defocus of 0.7 px; the drone moves.
+"""
+
+import argparse
+import dataclasses as dc
+import json
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from airrace.diagrams.camera_config import PRESETS
+from airrace.errors import UserError
+from airrace.rendering.vtk import check_vtk_available
+from airrace.systems.aruco_detector import Sight, look
+from airrace.systems.marker_measurement import measure
+from airrace.systems.marker_search import MarkerSearch
+from airrace.track import load_track
+from benchmarks.perception_scenes import (
+    INFO,
+    ONE_GATE,
+    TWO_GATES,
+    look_at,
+    planar_camera,
+    project,
+    random_view,
+    vtk_camera,
+)
+
+DISTANCES = (5, 10, 15, 20, 25, 30, 35, 40)  # m
+OBLIQUE = (30, 45)  # degrees
+CAMERAS = {"clean": 0.0, "realistic": 0.0, "blurred": 0.7}  # and their defocus (px)
+_FLIP = np.deg2rad(15)  # a normal farther off is the other solution's
+_STRAY = 10.0  # px from any board of that ID
+_SEARCH = MarkerSearch()
+
+
+def main(argv=None) -> int:
+    """Measures and prints the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--views", type=int, default=200, help="of each distance (default: 200)")
+    parser.add_argument("--frames", type=int, default=2000,
+                        help="to look for strays in (default: 2000)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    args = parser.parse_args(argv)
+    cv2.setNumThreads(1)
+    results = {
+        "accuracy": [
+            measure_accuracy(camera, oblique, distance, args.views, args.seed)
+            for camera, oblique, distance in progress(
+                [(c, o, d) for c in CAMERAS for o in OBLIQUE for d in DISTANCES], "Views")
+        ],
+        "renderers": compare_renderers(args.views // 4, args.seed),
+        "strays": count_strays(args.frames, args.seed),
+        "time": measure_time(),
+    }
+    console = Console(width=120)
+    console.print(make_accuracy_table(results["accuracy"]))
+    for name, title in (("renderers", "Corners, planar against vtk"),
+                        ("strays", "Stray markers over the reference track"),
+                        ("time", "Time of one frame, one thread")):
+        console.print(make_list(results[name], title))
+    if args.json is not None:
+        args.json.write_text(json.dumps(results, indent=1))
+    return 0
+
+
+def progress(items, what):
+    """Returns an iterator over the items that draws a progress bar."""
+    return track(items, what, console=Console(stderr=True))
+
+
+def make_camera(name, rng):
+    """Returns one of CAMERAS, see planar_camera()."""
+    effects = PRESETS.get(name, PRESETS["realistic"])
+    return planar_camera(ONE_GATE, effects, defocus=CAMERAS[name], rng=rng)
+
+
+def measure_accuracy(camera, most_oblique_deg, distance, count, seed) -> dict:
+    """Looks at random boards at one distance and compares with the truth."""
+    rng = np.random.default_rng(seed)
+    shoot = make_camera(camera, rng)
+    errors, radial, single, joint, misfit = [], [], [], [], []
+    for _ in range(count):
+        view = random_view(rng, ONE_GATE.boards(), distance, np.deg2rad(most_oblique_deg))
+        grey, ids, quads = _SEARCH.everywhere(shoot(view.X_WC))
+        near = [i for i, id in enumerate(ids) if id == view.board.id]
+        alone, _ = measure(grey, [ids[i] for i in near], quads[near], INFO, np.inf)
+        if not alone:
+            continue
+        error = alone[0].corners - view.corners
+        outward = view.corners - view.corners.mean(axis=0)
+        outward /= np.linalg.norm(outward, axis=1)[:, None]
+        errors.append(error)
+        radial.append(np.sum(error * outward, axis=1).mean())
+        single.append(pose_error(alone[0].X_CM, view.X_CM))
+        twist = pose_twist(alone[0].X_CM, view.X_CM)
+        misfit.append(twist @ np.linalg.solve(alone[0].covariance, twist) / 6)
+        together, _ = measure(grey, ids, quads, INFO, np.inf)
+        joint += [pose_error(m.X_CM, view.X_CM) for m in together
+                  if m.id == view.board.id and m.joint]
+    ranges, turns = np.reshape(single, (-1, 2)).T
+    return {
+        "camera": camera, "most_oblique_deg": most_oblique_deg, "distance_m": distance,
+        "views": count, "found": len(errors) / count,
+        "corner_rms_px": float(np.sqrt(2 * np.mean(np.square(errors)))),
+        "radial_bias_px": float(np.mean(radial)),
+        "range_bias": float(np.mean(ranges)), "range_spread": float(np.std(ranges)),
+        "flips": float(np.mean(turns > _FLIP)),
+        "misfit": float(np.median(misfit)),  # squared errors by predicted variances
+        "joint": len(joint) / count,
+        "joint_range_bias": float(np.mean([e[0] for e in joint])) if joint else None,
+        "joint_range_spread": float(np.std([e[0] for e in joint])) if joint else None,
+        "joint_turn_rms_deg":
+            float(np.rad2deg(np.sqrt(np.mean([e[1]**2 for e in joint])))) if joint else None,
+    }
+
+
+def pose_error(found, true):
+    """Returns the relative error of the range, and the angle between normals (rad)."""
+    ratio = np.linalg.norm(found.translation()) / np.linalg.norm(true.translation())
+    cosine = found.rotation().col(2) @ true.rotation().col(2)
+    return ratio - 1, np.arccos(np.clip(cosine, -1, 1))
+
+
+def pose_twist(found, true):
+    """Returns the error as rotation vector (rad) and translation (m) in C, (6,)."""
+    turn = (found.rotation() @ true.rotation().inverse()).ToAngleAxis()
+    return np.concatenate([
+        turn.angle() * turn.axis(), found.translation() - true.translation()])
+
+
+def compare_renderers(count, seed) -> dict:
+    """Compares the corners that are found in pictures of the two renderers."""
+    try:
+        check_vtk_available()
+    except UserError as e:
+        return {"vtk": str(e)}
+    rng = np.random.default_rng(seed)
+    cameras = {"planar": planar_camera(ONE_GATE), "vtk": vtk_camera(ONE_GATE, 1),
+               "vtk, supersampled": vtk_camera(ONE_GATE, 2)}
+    corners = {name: [] for name in cameras}
+    for _ in progress(range(count), "Renderers"):
+        view = random_view(rng, ONE_GATE.boards(), rng.uniform(4, 30), np.deg2rad(45))
+        found = {name: find(shoot(view.X_WC), view.board.id) for name, shoot in cameras.items()}
+        if all(corner is not None for corner in found.values()):
+            for name in cameras:
+                corners[name].append(found[name])
+    result = {"views": len(corners["planar"])}
+    for name in list(cameras)[1:]:
+        difference = np.array(corners["planar"]) - corners[name]
+        result[f"{name}: mean offset (px)"] = np.abs(difference.mean(axis=(0, 1))).max()
+        result[f"{name}: RMS (px)"] = np.sqrt(2 * np.mean(difference**2))
+    return {name: float(value) for name, value in result.items()}
+
+
+def find(picture, id):
+    """Returns the refitted corners of a marker, (4, 2) px, or None."""
+    grey, ids, quads = _SEARCH.everywhere(picture)
+    markers, _ = measure(grey, ids, quads, INFO, np.inf)
+    return next((m.corners for m in markers if m.id == id), None)
+
+
+def count_strays(count, seed) -> dict:
+    """Looks around above the reference track; every second picture is blurred."""
+    rng = np.random.default_rng(seed)
+    race = load_track("student-airrace")
+    boards = {board.id: board.X_WM for board in race.boards()}
+    # Defocus and a shutter open for so long blur by several pixels.
+    blurred = dc.replace(PRESETS["realistic"], shutter=0.012)
+    cameras = (planar_camera(race), planar_camera(race, blurred, defocus=0.8, rng=rng))
+    result = {"frames": count, "markers": 0, "strays": 0}
+    for i in progress(range(count), "Strays"):
+        gate = race.gates[rng.integers(len(race.gates))]
+        p_WC = gate.p_WG + rng.uniform([-40, -40, -5], [40, 40, 5])
+        X_WC = look_at(p_WC, gate.p_WG + rng.uniform(-8, 8, 3))
+        sight = look(_SEARCH, cameras[i % 2](X_WC), 0.0, INFO, Sight())
+        for marker in sight.detections.markers:
+            result["markers"] += 1
+            X_WM = boards.get(marker.id)
+            true = np.inf if X_WM is None else project(X_WC.inverse() @ X_WM)
+            result["strays"] += int(np.abs(marker.corners - true).max() > _STRAY)
+        for reason, _ in sight.detections.refused:
+            result[f"refused: {reason}"] = result.get(f"refused: {reason}", 0) + 1
+    return result
+
+
+def measure_time() -> dict:
+    """Times four markers in one frame, as milliseconds and ratios."""
+    picture = planar_camera(TWO_GATES)(look_at(np.array([5.0, -2.0, 6.0]), [20.0, 0.0, 6.25]))
+    grey = cv2.cvtColor(picture, cv2.COLOR_RGBA2GRAY)
+    plain = cv2.aruco.ArucoDetector(
+        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL))
+    first = look(_SEARCH, picture, 0.0, INFO, Sight())
+    assert len(first.measured) == 4
+    calls = {
+        "plain": lambda: plain.detectMarkers(grey),
+        "ours_without_refit": lambda: _SEARCH.everywhere(picture),
+        "full": lambda: look(_SEARCH, picture, 1.0, INFO, Sight()),
+        "tracked": lambda: look(_SEARCH, picture, 1 / 30, INFO, first),
+    }
+    # By turns, so that whatever else the machine does slows down all of them.
+    spent = {name: [] for name in calls}
+    for _ in range(40):
+        for name, call in calls.items():
+            start = time.perf_counter()
+            call()
+            spent[name].append(time.perf_counter() - start)
+    ms = {f"{name} (ms)": 1e3 * float(np.median(t)) for name, t in spent.items()}
+    return ms | {
+        "full / plain": ms["full (ms)"] / ms["plain (ms)"],
+        "tracked / plain": ms["tracked (ms)"] / ms["plain (ms)"],
+        "full / ours without refit": ms["full (ms)"] / ms["ours_without_refit (ms)"],
+    }
+
+
+def make_accuracy_table(rows) -> Table:
+    """Returns the table of measure_accuracy(), one row a distance."""
+    table = Table(title="One marker, random views; and the same jointly with the gate's other")
+    for name in ("camera", "up to (deg)", "distance (m)", "found", "corner RMS (px)",
+                 "radial bias (px)", "range bias", "spread", "flips", "joint bias", "spread"):
+        table.add_column(name, justify="right")
+    for r in rows:
+        joint = [r["joint_range_bias"], r["joint_range_spread"]]
+        table.add_row(
+            r["camera"], str(r["most_oblique_deg"]), str(r["distance_m"]), f"{r['found']:.3f}",
+            f"{r['corner_rms_px']:.3f}", f"{r['radial_bias_px']:+.3f}",
+            f"{100 * r['range_bias']:+.2f} %", f"{100 * r['range_spread']:.2f} %",
+            f"{100 * r['flips']:.1f} %",
+            *("" if j is None else f"{100 * j:+.2f} %" for j in joint),
+        )
+    return table
+
+
+def make_list(values: dict, title) -> Table:
+    """Returns a table of names and values."""
+    table = Table(title=title, show_header=False)
+    for name, value in values.items():
+        table.add_row(name, f"{value:.3f}" if isinstance(value, float) else str(value))
+    return table
+
+
+if __name__ == "__main__":
+    sys.exit(main())

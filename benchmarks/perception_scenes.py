@@ -1,0 +1,139 @@
+"""Views of marker boards at known poses, for the benchmark of the perception."""
+
+import dataclasses as dc
+import itertools
+
+import cv2
+import numpy as np
+from pydrake.geometry import SceneGraph
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from airrace.rendering.camera_effects import CameraEffects, ImagingChain
+from airrace.rendering.planar import PlanarRenderer
+from airrace.rendering.scenery import AddScenery
+from airrace.rendering.vtk import AddVtkRenderer
+from airrace.systems.types import make_camera_info
+from airrace.track import MARKER_SIZE, Board, Gate, Track
+from airrace.vehicle import CameraMount
+
+INFO = make_camera_info(
+    width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=CameraMount().X_BC
+)
+ONE_GATE = Track(name="one gate", gates=[Gate(left_pylon=[20.0, 5.0], heading_deg=0.0)])
+TWO_GATES = Track(name="two gates", gates=[
+    *ONE_GATE.gates, Gate(left_pylon=[40.0, 5.0], heading_deg=45.0)])
+_CORNERS_M = MARKER_SIZE / 2 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0.0]])
+
+
+@dc.dataclass(frozen=True)
+class View:
+    """A board seen by the camera.
+
+    Attributes:
+        board: what is looked at.
+        X_WC: from where.
+        oblique: angle between line of sight and the board's normal (rad).
+    """
+
+    board: Board
+    X_WC: RigidTransform
+    oblique: float
+
+    @property
+    def X_CM(self) -> RigidTransform:
+        """The pose that is to be found."""
+        return self.X_WC.inverse() @ self.board.X_WM
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Where the corners of the black square are seen, (4, 2) px."""
+        return project(self.X_CM)
+
+
+def project(X_CM) -> np.ndarray:
+    """Returns the pixels of the black square's corners, (4, 2)."""
+    p_C = INFO.K @ (X_CM @ _CORNERS_M.T)
+    return (p_C[:2] / p_C[2]).T
+
+
+def random_view(rng, boards, distance, most_oblique) -> View:
+    """Returns a random view of one of some boards, with all of it in the picture.
+
+    Args:
+        rng: a Generator.
+        boards: list of Board.
+        distance: from the camera (m).
+        most_oblique: largest angle to the left or right of the normal (rad).
+    """
+    while True:
+        board = boards[rng.integers(len(boards))]
+        azimuth = rng.uniform(-most_oblique, most_oblique)
+        elevation = rng.uniform(-0.13, 0.09)
+        to_camera = np.array([np.sin(azimuth) * np.cos(elevation), np.sin(elevation),
+                              np.cos(azimuth) * np.cos(elevation)])
+        X_WC = look_at(board.X_WM @ (distance * to_camera), board.X_WM.translation())
+        turn = RollPitchYaw(rng.uniform(-0.3, 0.3), rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5))
+        view = View(board, X_WC @ RigidTransform(turn, [0, 0, 0]), np.arccos(to_camera[2]))
+        margin = 0.3 * np.ptp(view.corners)
+        if np.all((view.corners > margin) & (view.corners < [INFO.width - margin,
+                                                             INFO.height - margin])):
+            return view
+
+
+def look_at(p_WC, target_W) -> RigidTransform:
+    """Returns the pose of a level camera at p_WC with a target in its centre."""
+    z = (target_W - p_WC) / np.linalg.norm(target_W - p_WC)
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), p_WC)
+
+
+def planar_camera(track, effects=CameraEffects(), *, defocus=0.0, rng=None):
+    """Returns a function of X_WC that returns a picture, (h, w, 4) uint8 RGBA.
+
+    Args:
+        track: a Track.
+        effects: what a real camera does to a picture; not its distortion.
+        defocus: standard deviation of a blur by the lens (px).
+        rng: a Generator, for how the drone moves while the shutter is open:
+            turning with 0.5 rad/s and moving with 6 m/s, root mean square of
+            each component. None if it stands still.
+    """
+    renderer = PlanarRenderer(track, INFO)
+    chain = ImagingChain(effects=effects, camera_info=INFO, seed=0)
+    frames = itertools.count()
+
+    def render(X_WC, out):
+        renderer.render(X_WC, out)
+        if defocus > 0:
+            cv2.GaussianBlur(out, (0, 0), defocus, dst=out)
+
+    def shoot(X_WC):
+        w_WB, v_WB = np.zeros((2, 3)) if rng is None else (
+            rng.normal(0, 0.5, 3), rng.normal(0, 6.0, 3))
+        picture = np.zeros((INFO.height, INFO.width, 4), np.uint8)
+        chain.take(render, X_WC @ INFO.X_BC.inverse(), w_WB, v_WB, next(frames), picture)
+        return picture
+
+    return shoot
+
+
+def vtk_camera(track, supersampling):
+    """Returns the same of an ideal camera and VTK; see AddVtkRenderer()."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+    AddScenery(plant, track)
+    plant.Finalize()
+    renderer = AddVtkRenderer(scene_graph, INFO, supersampling=supersampling)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    port: SceneGraph = scene_graph.get_query_output_port()
+
+    def shoot(X_WC):
+        picture = np.zeros((INFO.height, INFO.width, 4), np.uint8)
+        renderer.render(X_WC, picture, port.Eval(scene_graph.GetMyContextFromRoot(context)))
+        return picture
+
+    return shoot

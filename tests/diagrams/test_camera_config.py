@@ -85,7 +85,7 @@ def test_the_seed_is_that_of_the_noise():
     ("{effects: {vignetting: 1.5}}", "camera.effects.vignetting must be at most 1"),
     ("{effects: {read_noise: .nan}}", "camera.effects.read_noise must be a finite number"),
     ("{effects: {distortion: [0.1]}}", "camera.effects.distortion must be five finite"),
-    ("{effects: {distortion: [.inf, 0, 0, 0, 0]}}", "distortion must be five finite"),
+    ("{effects: {distortion: [.inf, 0, 0, 0, 0]}}", r"distortion\[0\] must be a finite number, not inf"),
     ("{effects: {distortion: 0.1}}", "camera.effects.distortion must be a list"),
     ("{effects: {blur: 1}}", "camera.effects.blur is unknown; there are: shutter, gain"),
 ])
@@ -112,7 +112,8 @@ def test_a_rectifier_stands_before_every_box_if_the_lens_distorts():
             fed.add((box.get_name(), name))
     assert {("aruco_detector", "camera_image"), ("aruco_detector", "camera_info")} <= fed
     inputs = {autonomy.get_input_port(i).get_name() for i in range(autonomy.num_input_ports())}
-    assert inputs == {"camera_image", "camera_image_time", "camera_info", "state_estimate"}
+    assert inputs == {"camera_image", "camera_image_time", "camera_info", "state_estimate",
+                      "rotor_speeds"}
     assert not any(
         system.get_name() == "rectifier" for system in MakeAutonomy(Scenario()).GetSystems()
     )

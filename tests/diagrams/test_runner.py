@@ -35,7 +35,7 @@ def read_race(folder):
     check_schema(data["race.json"], len(load_track(scenario.track).gates), scenario.laps)
     assert data["map.json"].keys() == {"time_s", "gates", "markers"}
     assert data["map_statistics.json"].keys() == {
-        "time_s", "detections", "out_of_range_ids", "error_rate", "markers"
+        "time_s", "detections", "out_of_range_ids", "error_rate", "refused", "markers"
     }
     return data["race.json"]
 

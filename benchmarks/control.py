@@ -42,6 +42,7 @@ _TRACKING_CASES = (
 )
 _PHASES = (0.0, 0.25, 0.5, 0.75)  # of the lap
 _DRAGS = (0.0, 1.0)
+_JOBS_A_PROCESS = 50
 _FAILING_ROTOR, _FAILURE_TIMES = 3, (60.0, 120.0)  # number, s
 
 
@@ -80,7 +81,9 @@ def run(jobs: list, workers: int) -> list:
     # for one another.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
         os.environ.setdefault(name, "1")
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    # A flight is never freed, as its Python systems and the diagram hold each other.
+    with ProcessPoolExecutor(workers, context, max_tasks_per_child=_JOBS_A_PROCESS) as pool:
         # Races take longest, so they go first.
         order = sorted(range(len(jobs)), key=lambda i: jobs[i][0] is not race)
         futures = {i: pool.submit(jobs[i][0], *jobs[i][1]) for i in order}

@@ -48,7 +48,7 @@ def recovery(drone: str, noise: str, index: int) -> dict:
             pitch, at rest and with a yaw spin.
     """
     scenario = load_scenario(scenario_text=f"{{drone: {drone}, state_noise: {noise}}}")
-    scenario.seed = index
+    scenario.seed = index if noise != "none" else 0  # one world is built faster than many
     R_WB, w_WB = _thrown(index)
     flown = fly(scenario, hover_reference(_RECOVERY_HEIGHT), _SETTLING,
                 X_WB=RigidTransform(R_WB, [0.0, 0.0, _RECOVERY_HEIGHT]), w_WB=w_WB)

@@ -18,7 +18,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import track
+from rich.progress import Progress
 
 from airrace.vehicle import DRONES, load_vehicle
 from benchmarks.control_tables import TABLES
@@ -42,7 +42,7 @@ _TRACKING_CASES = (
 )
 _PHASES = (0.0, 0.25, 0.5, 0.75)  # of the lap
 _DRAGS = (0.0, 1.0)
-_JOBS_A_PROCESS = 50
+_BATCH = 100  # jobs of a process
 _FAILING_ROTOR, _FAILURE_TIMES = 3, (60.0, 120.0)  # number, s
 
 
@@ -82,19 +82,24 @@ def run(jobs: list, workers: int) -> list:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
         os.environ.setdefault(name, "1")
     context = multiprocessing.get_context("spawn")
-    # A flight is never freed, as its Python systems and the diagram hold each other.
-    with ProcessPoolExecutor(workers, context, max_tasks_per_child=_JOBS_A_PROCESS) as pool:
-        # Races take longest, so they go first.
-        order = sorted(range(len(jobs)), key=lambda i: jobs[i][0] is not race)
-        futures = {i: pool.submit(jobs[i][0], *jobs[i][1]) for i in order}
-        try:
-            for future in track(as_completed(futures.values()), "Flying", total=len(jobs),
-                                console=Console(stderr=True)):
-                future.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    return [futures[i].result() for i in range(len(jobs))]
+    # Races take longest, so they go first.
+    order = sorted(range(len(jobs)), key=lambda i: jobs[i][0] is not race)
+    results = {}
+    with Progress(console=Console(stderr=True)) as progress:
+        bar = progress.add_task("Flying", total=len(jobs))
+        # A flight is never freed, as its Python systems and the diagram hold each
+        # other: from time to time, new processes go on.
+        for batch in itertools.batched(order, _BATCH * workers):
+            with ProcessPoolExecutor(workers, context) as pool:
+                futures = {pool.submit(jobs[i][0], *jobs[i][1]): i for i in batch}
+                try:
+                    for future in as_completed(futures):
+                        results[futures[future]] = future.result()
+                        progress.advance(bar)
+                except BaseException:
+                    pool.shutdown(cancel_futures=True)
+                    raise
+    return [results[i] for i in range(len(jobs))]
 
 
 def recovery_jobs(quick: bool) -> list:

@@ -29,7 +29,7 @@ from benchmarks.flights import (
 )
 
 MAX_RATE = 10.0  # rad/s, to recover from
-_SETTLING = 8.0  # s, of which the end tells what is for good
+_SETTLING = 6.0  # s, of which the end tells what is for good
 _RUN_IN = 5.0  # s, before a lap counts
 _LOSS_TIME = 4.0  # s, by when what the start brought has faded
 _AFTER_LOSS = 10.0  # s, of flying on

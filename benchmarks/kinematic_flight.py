@@ -5,11 +5,13 @@ from pydrake.math import RotationMatrix
 
 from airrace.random import make_generator
 from airrace.systems import state_estimate as se
+from airrace.systems.state_filter import StateFilter
 from airrace.track import Track
 from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, POSITION, SNAP, VELOCITY, YAW
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
-from airrace.vehicle import GRAVITY
+from airrace.trajopt.flyable import clearance_of
+from airrace.vehicle import GRAVITY, load_vehicle
 
 
 class Flight:
@@ -19,6 +21,10 @@ class Flight:
         """Args: trajectory: a FlatTrajectory. rounds: of a closed one."""
         self._trajectory = trajectory
         self.duration = rounds * trajectory.duration
+
+    def acceleration(self, time: float) -> np.ndarray:
+        """Returns it at a time (s), (3,) m/s^2."""
+        return self._trajectory.reference(time % self._trajectory.duration)[ACCELERATION]
 
     def state(self, time: float) -> np.ndarray:
         """Returns the vector of state_estimate.py at a time (s), without noise, (14,)."""
@@ -50,7 +56,40 @@ def fly_laps(track: Track, dimensions: int, config, laps: int) -> Flight:
         [gate.p_WG for gate in track.gates], [gate.heading for gate in track.gates],
         track.pylons()[:, :2], dimensions, max_speed=config.max_speed,
         max_acceleration=config.max_acceleration,
+        clearance=clearance_of(load_vehicle("Default")[0].radius),
     ), laps)
+
+
+def filtered(flight: Flight, config, seed: int) -> np.ndarray:
+    """Returns what a StateFilter makes of noisy states, one before every sample, (K, 14).
+
+    Args:
+        flight: by the Default drone.
+        config: a StateEstimateConfig.
+        seed: of the noise.
+    """
+    vehicle = load_vehicle("Default")[0]
+    thrust_per_speed2 = vehicle.thrust_coefficients.sum()
+    state_filter = StateFilter(vehicle=vehicle, state_rate=config.rate, rate=config.rate)
+    context = state_filter.CreateDefaultContext()
+    output = state_filter.GetOutputPort("filtered_estimate")
+    estimate, speeds = (
+        state_filter.GetInputPort(name) for name in ("state_estimate", "rotor_speeds")
+    )
+    results = []
+    for k in range(int(flight.duration * config.rate) + 1):
+        time = k / config.rate
+        context.SetTime(time)
+        force = vehicle.mass * np.linalg.norm(flight.acceleration(time) + [0.0, 0.0, GRAVITY])
+        speeds.FixValue(context, np.full(len(vehicle.rotors), np.sqrt(force / thrust_per_speed2)))
+        new = noisy(flight.state(time), config, seed)
+        if k == 0:
+            estimate.FixValue(context, new)
+        results.append(output.Eval(context).copy())  # as sampled before the estimate is there
+        estimate.FixValue(context, new)
+        after = state_filter.EvalUniquePeriodicDiscreteUpdate(context)
+        context.SetDiscreteState(after.value())
+    return np.array(results)
 
 
 def noisy(state, config, seed: int) -> np.ndarray:

@@ -1,6 +1,7 @@
 """What the mapping benchmark flies past and sees."""
 
 import dataclasses as dc
+import functools
 
 import cv2
 import numpy as np
@@ -20,7 +21,7 @@ from airrace.systems.marker_search import MarkerSearch, make_detector
 from airrace.systems.types import Detections, make_camera_info
 from airrace.track import load_track
 from airrace.vehicle import CameraMount
-from benchmarks.kinematic_flight import Flight, fly_laps, noisy
+from benchmarks.kinematic_flight import Flight, filtered, fly_laps
 
 CORNERS = ("refitted", "OpenCV")
 _OUTLIER_SIGMA = 3.0  # m, on each coordinate
@@ -114,13 +115,16 @@ class World:
         return results
 
     def _Pose(self, flight, time, seed) -> RigidTransform:
-        """Returns X_WB as the mapper has it: from the state estimate before."""
-        config = self.scenario.state_estimate
-        sampled_at = np.floor(time * config.rate + 1e-6) / config.rate
-        state = flight.state(sampled_at if seed is not None else time)
+        """Returns X_WB as the mapper has it: from the filtered estimate before."""
         if seed is None:
-            return extrapolate(state, 0.0)
-        return extrapolate(noisy(state, config, seed), time - sampled_at)
+            return extrapolate(flight.state(time), 0.0)
+        estimate = self._Estimates(flight, seed)[
+            int(time * self.scenario.state_estimate.rate + 1e-6)]
+        return extrapolate(estimate, time - estimate[se.TIME])
+
+    @functools.cache
+    def _Estimates(self, flight, seed) -> np.ndarray:
+        return filtered(flight, self.scenario.state_estimate, seed)
 
     def _Figures(self, gate_map, injected) -> dict:
         errors, rejected, derived = {}, [0.0], [0.0]

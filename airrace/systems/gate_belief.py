@@ -22,7 +22,7 @@ _CHI_SQUARE_4 = 18.47  # and of four: nine equations of two sightings less five 
 _HEADING_SIGMAS = 3.0  # beyond these, a normal is not believed
 _FLOOR = 0.03  # m, of a board's place in tests: errors that sightings share
 # What is known fades with time, so that the newest laps always count: variances.
-_FADING = np.array([5e-4, 5e-4, 5e-4, 5e-5, 0.0]) ** 2  # m^2/s, rad^2/s
+_FADING = np.array([2e-4, 2e-4, 2e-4, 2e-5, 0.0]) ** 2  # m^2/s, rad^2/s
 _ITERATIONS, _CLOSE_ENOUGH = 8, 1e-4  # m, rad
 _I = np.eye(3)
 _LEAST_HEADING_INFORMATION = 0.1  # 1/rad^2

@@ -26,16 +26,17 @@ class GateMapper(LeafSystem):
         input_ports:
         - detections
         - camera_info
-        - state_estimate
+        - filtered_estimate
         output_ports:
         - gate_map
 
     ``detections`` is a Detections, ``camera_info`` a CameraInfo,
-    ``state_estimate`` see state_estimate.py; ``gate_map`` a GateMap.
+    ``filtered_estimate`` see state_estimate.py; ``gate_map`` a GateMap.
 
     Detections are in the camera frame of an image of the past, so the mapper
     remembers the state estimates of the last moments and projects through
-    the one at the image's own time.
+    the one at the image's own time. The filtered ones, as the noise of a single
+    estimate would be most of the map's error.
     """
 
     def __init__(self, *, fps, latency, state_rate, **mapping):
@@ -52,7 +53,7 @@ class GateMapper(LeafSystem):
         self._reach = _REACH / state_rate
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
-        self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
+        self._estimate = self.DeclareVectorInputPort("filtered_estimate", se.SIZE)
         # The last estimates, newest first, enough to reach back one latency.
         self._depth = int(np.ceil((latency + 1.0 / fps) * state_rate)) + 2
         history = np.zeros((self._depth, se.SIZE))

@@ -109,6 +109,7 @@ class StateFilter(LeafSystem):
             motion, _ = self._Predict(context, memory, estimate, time)
             estimate[se.QUATERNION] = predict_quaternion(estimate, time)
             estimate[se.POSITION], estimate[se.VELOCITY] = motion[:2]
+            estimate[se.TIME] = time
         output.set_value(estimate)
 
     def _CalcDisturbance(self, context, output):

@@ -46,7 +46,7 @@ def run(images, seconds, pose=lambda t: estimate(t, [0, 0, 5]), max_range=1e3,
     for k in range(round(1000 * seconds)):
         t = k / 1000
         if k % 5 == 0:
-            mapper.GetInputPort("state_estimate").FixValue(
+            mapper.GetInputPort("filtered_estimate").FixValue(
                 context, pose(t) if seen(t) is None else seen(t)
             )
         for time, markers in images.items():
@@ -169,7 +169,7 @@ def test_times_that_cannot_be():
     marker = sight(extrapolate(estimate(0, [0, 0, 5]), 0.0), BOARD, 0)
     for k, time in enumerate((0.0, np.nan, 1e9, np.inf, None, None), 1):
         t = LATENCY + k / 30
-        mapper.GetInputPort("state_estimate").FixValue(context, estimate(t - 0.001, [0, 0, 5]))
+        mapper.GetInputPort("filtered_estimate").FixValue(context, estimate(t - 0.001, [0, 0, 5]))
         mapper.GetInputPort("detections").FixValue(
             context, Value[object](Detections(t - 0.001 if time is None else time, (marker,))))
         simulator.AdvanceTo(t + 0.001)

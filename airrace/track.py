@@ -19,6 +19,7 @@ BOARD_SIZE = 1.5
 BOARD_HEIGHT = 6.25  # of the board's centre
 BOARD_OFFSET = 1.0  # of a board's face from the pylon axis, to front and back
 MARKER_SIZE = 1.2  # the black square; the rest is white border
+MAX_PAD_TILT_DEG = 15.0  # of the start; a drone may slip off a steeper one
 MAX_GATES = 256  # DICT_ARUCO_ORIGINAL has 1024 markers, four a gate
 
 
@@ -97,10 +98,20 @@ class Gate:
 
 @dc.dataclass
 class Start:
-    """Where the drone stands before take-off: [x, y, z] (m), heading (deg)."""
+    """The pad on which the drone stands before take-off.
+
+    Attributes:
+        position: [x, y, z] of its centre (m, world).
+        heading_deg: of the drone (degrees from +x).
+        pad_tilt_deg: angle between the pad and the horizontal (degrees).
+        pad_tilt_direction_deg: horizontal direction in which the pad descends
+            (degrees from +x, world).
+    """
 
     position: typing.List[float] = dc.field(default_factory=list)
     heading_deg: float = float("nan")
+    pad_tilt_deg: float = 0.0
+    pad_tilt_direction_deg: float = 0.0
 
 
 @dc.dataclass
@@ -135,6 +146,10 @@ class Track:
         _require(np.all(np.isfinite(start)),
                  "start.position or start.heading_deg is missing or not finite")
         _require(self.start.position[2] >= 0, "the start lies below the ground")
+        _require(0.0 <= self.start.pad_tilt_deg <= MAX_PAD_TILT_DEG,
+                 f"start.pad_tilt_deg must lie between 0 and {MAX_PAD_TILT_DEG:.0f}")
+        _require(np.isfinite(self.start.pad_tilt_direction_deg),
+                 "start.pad_tilt_direction_deg is not finite")
         _require(
             0.5 <= self.hover_height < PYLON_HEIGHT,
             f"hover_height must lie between 0.5 and {PYLON_HEIGHT} m",
@@ -223,3 +238,13 @@ def _load_track(path: Path, _mtime: int) -> Track:
 def _require(condition, message):
     if not condition:
         raise ValueError(message)
+
+
+if __name__ == "__main__":
+    import sys
+
+    # This module is now loaded twice, as __main__ and as airrace.track. Only the
+    # classes of the latter are used.
+    from airrace.track_tool import main
+
+    sys.exit(main())

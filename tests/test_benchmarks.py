@@ -5,7 +5,7 @@ import pytest
 from rich.console import Console
 
 from airrace.vehicle import DRONES, load_vehicle
-from benchmarks import control
+from benchmarks import control, tracks
 from benchmarks.control_tables import despin_time, recovery_tables, tracking_tables
 from benchmarks.experiments import loss, recovery, tracking
 
@@ -56,3 +56,11 @@ def test_every_section_has_jobs_and_tables():
     assert set(control.SECTIONS) == set(control.TABLES)
     for jobs in control.SECTIONS.values():
         assert len(jobs(True)) <= len(jobs(False))
+
+
+def test_generated_tracks_are_measured(capsys):
+    assert tracks.main(["--seeds", "3", "--gates", "8"]) == 0
+    assert "Generated tracks" in capsys.readouterr().out
+    row = tracks.measure(0, 10, "right")
+    assert row["fault"] is None and row["gates"] == len(row["legs_m"]) == 10
+    assert "9 gates" in tracks.measure(0, 9)["fault"]

@@ -83,6 +83,10 @@ BAD = {
     "start below ground": (
         lambda d: d["start"].update(position=[0.0, 0.0, -1.0]), "below the ground"
     ),
+    "steep pad": (lambda d: d["start"].update(pad_tilt_deg=16.0), "pad_tilt_deg must lie"),
+    "pad tilts nowhere": (
+        lambda d: d["start"].update(pad_tilt_direction_deg=math.inf), "pad_tilt_direction_deg"
+    ),
     "no start": (lambda d: d.pop("start"), "start.position"),
     "no name": (lambda d: d.pop("name"), "name"),
     "hover too high": (lambda d: d.update(hover_height=50.0), "hover_height"),

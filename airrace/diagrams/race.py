@@ -35,15 +35,10 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     race = parser.add_argument_group("the race")
-    race.add_argument("-d", "--drone", metavar="NAME|DIR",
-                      help="a shipped drone, Default or StarOne, or the folder of your own "
-                      "(default: Default)")
+    add_drone_options(race)
     race.add_argument("-s", "--simulation", choices=("SITL", "HITL"), default="SITL",
                       help="where the autonomy runs: software or hardware in the loop "
                       "(default: SITL, in this process)")
-    race.add_argument("-t", "--trajectory", choices=("3", "4", "6"),
-                      help="dimensions of the lap planner: 3 = x, y, z; 4 = and yaw along the "
-                      "gates' headings; 6 = and roll = pitch = 0 at the gates (default: 6)")
     race.add_argument("--track", metavar="NAME|FILE",
                       help="a shipped track, or a YAML file (default: student-airrace)")
     race.add_argument("--laps", type=int, metavar="N", help="laps after exploring (default: 10)")
@@ -61,6 +56,22 @@ def make_parser() -> argparse.ArgumentParser:
                      help="1 = real time, 0 = as fast as it can (default: 0)")
     run.add_argument("--graphviz", type=Path, metavar="FILE",
                      help="write the diagram in Graphviz's dot language before the race")
+    add_scenario_options(parser)
+    return parser
+
+
+def add_drone_options(group) -> None:
+    """Adds the options of what is raced to a group of a parser's."""
+    group.add_argument("-d", "--drone", metavar="NAME|DIR",
+                       help="a shipped drone, Default or StarOne, or the folder of your own "
+                       "(default: Default)")
+    group.add_argument("-t", "--trajectory", choices=("3", "4", "6"),
+                       help="dimensions of the lap planner: 3 = x, y, z; 4 = and yaw along the "
+                       "gates' headings; 6 = and roll = pitch = 0 at the gates (default: 6)")
+
+
+def add_scenario_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options that load_scenario() needs to a parser."""
     scenario = parser.add_argument_group(
         "the scenario", "Fields of airrace/diagrams/scenario.py; options above win over them."
     )
@@ -70,7 +81,6 @@ def make_parser() -> argparse.ArgumentParser:
                           help="which scenario of the file (default: Defaults)")
     scenario.add_argument("--scenario_text", metavar="YAML",
                           help="scenario fields on top, e.g. '{state_noise: none}'")
-    return parser
 
 
 def resolve_scenario(args):

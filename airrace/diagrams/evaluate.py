@@ -1,0 +1,224 @@
+"""Evaluates the autonomy over many races: python -m airrace.diagrams.evaluate."""
+
+import argparse
+import datetime
+import os
+import re
+import sys
+from pathlib import Path
+
+from airrace.diagrams.race import add_drone_options, add_scenario_options, resolve_scenario
+from airrace.errors import UserError
+from airrace.evaluation.interrupts import interrupts_held, sigterm_as_ctrl_c
+
+EPILOG = """\
+examples:
+  python -m airrace.diagrams.evaluate --tracks 100 --laps 3 --output runs/first
+  python -m airrace.diagrams.evaluate --tracks 100 --laps 3 --output runs/first --resume
+  python -m airrace.diagrams.evaluate --track student-airrace --tracks 20 -t 4
+  python -m airrace.diagrams.evaluate --scenario_file races --scenario_name Wind
+  python -m airrace.diagrams.evaluate --scheduler tcp://192.168.1.5:8786
+
+Race i = 0, 1, ... flies the generated track of seed track_seed + i, or the one of
+--track, with that seed for all other randomness; the scenario's own track and seed
+are not used. A seed without a track is said before anything flies. Every race is
+a process of its own; what crashes one is the reason why that one did not finish.
+
+The output folder:
+  races.jsonl      one line a race, written when it ends: race.json and wall times
+  evaluation.json  settings, numbers, and every race; the same whoever flew it
+  evaluation.md    the tables
+  evaluation.png   the picture
+
+Any Dask cluster will do whose workers have the same airrace and packages:
+  dask scheduler --host 127.0.0.1 --port 8786 --no-dashboard
+  dask worker tcp://127.0.0.1:8786 --nworkers 2 --nthreads 1 --no-dashboard
+A worker flies as many races at once as it has threads. Whoever reaches a
+scheduler can run code on its workers: keep both inside a network that you trust.
+
+Exit codes: 0 all races have ended, finished or not; 1 the evaluation was ended
+early, by Ctrl-C or a lost scheduler, and --resume goes on with it; 2 bad input.
+"""
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Returns the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="airrace-evaluate",
+        description="Race on many tracks, and tell how often and how fast the drone finishes.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    races = parser.add_argument_group("the races")
+    races.add_argument("--tracks", type=int, default=20, metavar="N",
+                       help="number of races, each on a track of its own (default: 20)")
+    races.add_argument("--track_seed", type=int, default=1000, metavar="N",
+                       help="seed of the first track and race (default: 1000)")
+    races.add_argument("--track", metavar="NAME|FILE",
+                       help="fly all races on this shipped track or YAML file instead")
+    races.add_argument("--laps", type=int, metavar="N",
+                       help="laps of each race after exploring (default: the scenario's)")
+    races.add_argument("--level", type=int, metavar="L",
+                       help="difficulty, 0 to 4, see models/scenarios/levels.yaml (default: 1, "
+                       "unless --scenario_file is given)")
+    add_drone_options(races)
+    run = parser.add_argument_group("the run")
+    run.add_argument("--output", type=Path, metavar="DIR",
+                     help="where the results go, a folder without an evaluation in it "
+                     "(default: runs/<UTC time>-evaluation-<drone>)")
+    run.add_argument("--resume", action="store_true",
+                     help="go on with the evaluation in --output, if there is one: only the races "
+                     "that it lacks are flown")
+    where = run.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="N",
+                       help="processes on this machine (default: one a processor)")
+    where.add_argument("--scheduler", metavar="tcp://HOST:PORT",
+                       help="a running Dask cluster instead")
+    add_scenario_options(parser)
+    parser.set_defaults(seed=None, renderer=None, realtime_rate=None, simulation="SITL")
+    return parser
+
+
+def check_options(args) -> None:
+    """Raises UserError on the first bad option of this program's own."""
+    if args.tracks < 1:
+        raise UserError(f"--tracks must be at least 1, not {args.tracks}.")
+    if args.track_seed < 0:
+        raise UserError(f"--track_seed must be at least 0, not {args.track_seed}.")
+    if args.workers is not None and args.workers < 1:
+        raise UserError(f"--workers must be at least 1, not {args.workers}.")
+    if args.resume and args.output is None:
+        raise UserError("--resume needs --output, the folder of the evaluation to go on with.")
+    if args.scenario_name is not None and args.scenario_file is None:
+        raise UserError("--scenario_name needs --scenario_file.")
+    if args.level is not None and args.scenario_file is not None:
+        raise UserError("--level is a scenario of its own: leave out it or --scenario_file.")
+
+
+def resolve(args) -> tuple[list, dict]:
+    """Returns the jobs and the settings that the command line asks for.
+
+    Raises:
+        UserError: naming the option or the field and the remedy.
+    """
+    from rich.console import Console
+    from rich.progress import track as progress
+
+    from airrace.evaluation.jobs import generated_track, given_track, make_jobs, settings
+    from airrace.vehicle import load_vehicle
+
+    check_options(args)
+    if args.scenario_file is None:
+        level = 1 if args.level is None else args.level
+        args.scenario_file, args.scenario_name = "levels", f"Level{level}"
+        args.level = None
+    scenario = resolve_scenario(args)
+    load_vehicle(scenario.drone)
+    seeds = range(args.track_seed, args.track_seed + args.tracks)
+    if args.track is not None:
+        tracks = [given_track(args.track)] * args.tracks
+    else:
+        console = Console(stderr=True)
+        tracks = [
+            generated_track(seed)
+            for seed in progress(seeds, "Making tracks", console=console, transient=True,
+                                 disable=not console.is_terminal)
+        ]
+    jobs = make_jobs(scenario, seeds, tracks)
+    return jobs, settings(
+        jobs,
+        track=f"the track {args.track}" if args.track else "generated tracks",
+        scenario_name=args.scenario_name or f"{args.scenario_file} Defaults",
+    )
+
+
+def connect(args):
+    """Returns the context manager of the cluster that the command line asks for."""
+    from airrace.evaluation.cluster import local_cluster, running_cluster
+
+    if args.scheduler is not None:
+        return running_cluster(args.scheduler)
+    return local_cluster(args.workers or os.cpu_count() or 1)
+
+
+def default_output_dir(drone: str) -> Path:
+    """Returns runs/<UTC time>-evaluation-<drone>."""
+    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
+    return Path("runs") / f"{stamp}-evaluation-{re.sub(r'[^\w.-]+', '-', Path(drone).name)[:60]}"
+
+
+def run(args) -> int:
+    """Evaluates by parsed arguments; returns the exit code."""
+    from airrace.evaluation.store import RaceStore
+    from airrace.files import results_folder
+
+    jobs, settings = resolve(args)
+    output = args.output or default_output_dir(settings["scenario"]["drone"])
+    with results_folder(output, numbered=args.output is None) as folder:
+        with RaceStore(folder, settings, resume=args.resume) as store:
+            return evaluate(args, jobs, settings, folder, store)
+
+
+def evaluate(args, jobs, settings, folder, store) -> int:
+    """Flies the races that a store lacks, and reports; returns the exit code."""
+    from airrace.evaluation.cluster import EvaluationStopped, check_workers, fly_races
+    from airrace.evaluation.progress import EvaluationDisplay
+
+    missing = [job for job in jobs if job.seed not in store.seeds]
+    display = EvaluationDisplay(settings, store.rows)
+    stopped = None
+
+    def keep(row):
+        with interrupts_held():
+            store.append(row)
+        display.show(row)
+
+    try:
+        if missing:
+            with connect(args) as client:
+                check_workers(client, jobs[0].versions, jobs[0].boxes)
+                with display:
+                    fly_races(client, missing, keep)
+    except KeyboardInterrupt:
+        stopped = "interrupted"
+    except EvaluationStopped as e:
+        stopped = str(e)
+    except UserError:
+        if len(store.rows) > len(jobs) - len(missing):
+            report(folder, settings, store.rows, display)
+        raise
+    report(folder, settings, store.rows, display)
+    if stopped:
+        print(
+            f"airrace: {stopped}; {len(store.rows)} of {len(jobs)} races are in {folder}: the "
+            "same command with --resume flies the others.", file=sys.stderr,
+        )
+    return 1 if stopped else 0
+
+
+def report(folder, settings, rows, display) -> None:
+    """Writes evaluation.json, evaluation.md and evaluation.png, and prints the tables."""
+    from airrace.evaluation.picture import draw_picture
+    from airrace.evaluation.report import write_report
+
+    evaluation = write_report(folder, settings, rows)
+    draw_picture(folder, evaluation)
+    display.print_summary(evaluation, folder)
+
+
+def main(argv=None) -> int:
+    """The command-line program; returns its exit code."""
+    args = make_parser().parse_args(argv)
+    try:
+        with sigterm_as_ctrl_c():
+            return run(args)
+    except UserError as e:
+        print(f"airrace: {e}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("airrace: interrupted", file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

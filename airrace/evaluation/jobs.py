@@ -1,0 +1,110 @@
+"""What an evaluation flies: one RaceJob a race."""
+
+import dataclasses as dc
+import hashlib
+
+import numpy as np
+import yaml
+from pydrake.common.yaml import yaml_dump_typed
+
+from airrace.diagrams.scenario import Scenario
+from airrace.errors import UserError
+from airrace.evaluation.flight import RaceJob
+from airrace.evaluation.versions import versions
+from airrace.resources import find_yaml
+from airrace.track import Track, load_track
+from airrace.vehicle import DRONES, find_vehicle
+
+_MAX_DRONE = 20e6  # bytes of a drone's folder, which goes to the workers with every race
+
+
+def make_jobs(scenario: Scenario, seeds, tracks) -> list[RaceJob]:
+    """Returns the races of an evaluation.
+
+    Args:
+        scenario: checked; its seed and track are replaced.
+        seeds: one a race.
+        tracks: pairs of a Track and its YAML, one a race.
+
+    Raises:
+        UserError: if the drone's folder is too large.
+    """
+    drone = {} if scenario.drone in DRONES else _drone_files(scenario.drone)
+    flying = versions(scenario.boxes)
+    track = Scenario().track
+    return [
+        RaceJob(
+            seed=seed, track=text, gates=len(track_.gates), length=_length(track_), drone=drone,
+            boxes=dict(scenario.boxes), versions=flying,
+            scenario=yaml_dump_typed(
+                dc.replace(scenario, seed=seed, track=track), schema=Scenario,
+                child_name="Defaults",
+            ),
+        )
+        for seed, (track_, text) in zip(seeds, tracks, strict=True)
+    ]
+
+
+def given_track(name_or_file: str) -> tuple[Track, str]:
+    """Returns a track that somebody made, and its YAML; see load_track()."""
+    return load_track(name_or_file), find_yaml("tracks", name_or_file).read_text("utf-8")
+
+
+def generated_track(seed: int) -> tuple[Track, str]:
+    """Returns the generated track of a seed, and its YAML.
+
+    Raises:
+        UserError: if there is none.
+    """
+    from airrace.track_generator import generate_track
+
+    track = generate_track(seed)
+    return track, yaml_dump_typed(track, schema=Track)
+
+
+def settings(jobs: list[RaceJob], *, track: str, scenario_name: str) -> dict:
+    """Returns what must be equal for two evaluations to be the same.
+
+    Args:
+        jobs: of the evaluation.
+        track: where the tracks come from.
+        scenario_name: where the scenario comes from.
+    """
+    scenario = yaml.safe_load(jobs[0].scenario)["Defaults"]
+    for name in ("seed", "track"):
+        del scenario[name]
+    return {
+        "tracks": len(jobs),
+        "track_seed": jobs[0].seed,
+        "track": track,
+        "scenario_name": scenario_name,
+        "scenario": scenario,
+        "versions": jobs[0].versions,
+        "races_sha256": _digest(jobs),
+    }
+
+
+def _digest(jobs) -> str:
+    result = hashlib.sha256()
+    for job in jobs:
+        for part in (job.track, job.scenario, *sorted(job.drone)):
+            result.update(hashlib.sha256(part.encode()).digest())
+        for name in sorted(job.drone):
+            result.update(hashlib.sha256(job.drone[name]).digest())
+    return result.hexdigest()
+
+
+def _length(track: Track) -> float:
+    midpoints = np.array([gate.p_WG for gate in track.gates])
+    return float(np.linalg.norm(np.roll(midpoints, -1, axis=0) - midpoints, axis=1).sum())
+
+
+def _drone_files(drone: str) -> dict:
+    folder = find_vehicle(drone).parent
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    if sum(path.stat().st_size for path in files) > _MAX_DRONE:
+        raise UserError(
+            f"The drone's folder {folder} holds more than {_MAX_DRONE / 1e6:.0f} MB, too much to "
+            "send with every race; leave only the drone's own files in it."
+        )
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}

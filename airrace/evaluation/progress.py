@@ -1,0 +1,89 @@
+"""An evaluation on the terminal: a bar and a line a race, then the tables."""
+
+import contextlib
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from airrace.evaluation.report import finish_line, terminal_tables, title
+from airrace.evaluation.summary import race_line
+
+
+class EvaluationDisplay(contextlib.AbstractContextManager):
+    """Shows an evaluation; inside its ``with`` block the bar is live.
+
+    Progress goes to standard error, the tables to standard output.
+    """
+
+    def __init__(self, settings: dict, rows: list[dict]):
+        """Args: settings: of the evaluation. rows: of the races that ended before."""
+        self._total = settings["tracks"]
+        self._title = title(settings)
+        self._finished = sum(row["result"]["finished"] for row in rows)
+        self._ended = len(rows)
+        self._progress = Progress(
+            TextColumn("Racing"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[f]}"),
+            TimeElapsedColumn(), TextColumn("of about"), TimeRemainingColumn(),
+            console=Console(stderr=True),
+        )
+        self._bar = self._progress.add_task(
+            "", total=self._total, completed=self._ended, f=self._rate()
+        )
+
+    def __enter__(self):
+        self._print(f"airrace: {self._title}")
+        if self._ended:
+            self._print(f"{self._ended} of {self._total} races have been flown already.")
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_):
+        self._progress.stop()
+
+    def show(self, row: dict) -> None:
+        """Shows that a race has ended."""
+        line = race_line(row)
+        self._ended += 1
+        self._finished += line["finished"]
+        self._progress.update(self._bar, completed=self._ended, f=self._rate())
+        width = len(str(self._total))
+        self._print(f"[{self._ended:{width}}/{self._total}] seed {line['seed']}: {_words(line)}")
+
+    def print_summary(self, evaluation: dict, folder: Path) -> None:
+        """Prints the tables and where the results are."""
+        console = Console()
+        with contextlib.suppress(OSError):  # nobody reads; the files are there
+            _print(console, self._title)
+            for table in terminal_tables(evaluation["summary"]):
+                console.print(table)
+            _print(console, finish_line(evaluation["summary"]))
+            _print(console, f"Results: {folder}")
+
+    def _rate(self) -> str:
+        return f"{self._finished} finished"
+
+    def _print(self, line):
+        _print(self._progress.console, line)
+
+
+def _print(console, line):
+    """Prints a line as it is: names and reasons may look like markup."""
+    console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
+
+
+def _words(line: dict) -> str:
+    explored = (
+        f"explored in {line['exploration_s']:.1f} s" if line["explored"]
+        else f"{line['gates_found']} gates found"
+    )
+    if line["finished"]:
+        return f"finished, {explored}, mean lap {line['mean_lap_s']:.2f} s"
+    return f"did not finish: {line['dnf_reason']} ({explored}, {len(line['lap_times_s'])} laps)"

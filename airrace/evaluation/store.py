@@ -1,0 +1,190 @@
+"""The folder of an evaluation: settings, and one line of JSON a race that ended."""
+
+import fcntl
+import json
+import os
+from pathlib import Path
+
+from airrace.errors import UserError
+from airrace.files import write_json
+
+# What an evaluation leaves in its folder.
+RACES, SUMMARY, TABLE, PICTURE = (
+    "races.jsonl", "evaluation.json", "evaluation.md", "evaluation.png"
+)
+
+
+class RaceStore:
+    """Keeps the rows of races, each on disk before the next one is taken.
+
+    races.jsonl gets a whole line for every race. The last line may be torn by
+    a crash; it is removed when the evaluation is resumed, and its race is flown
+    again. One process at a time writes to a folder. As a context manager it
+    takes its files away when UserError ends it before the first row: then
+    nothing has been evaluated.
+    """
+
+    def __init__(self, folder: Path, settings: dict, *, resume: bool = False):
+        """Opens a folder, and writes the settings to evaluation.json.
+
+        Args:
+            folder: an existing one.
+            settings: plain data; equal for the same evaluation.
+            resume: whether to go on with what is in the folder.
+
+        Raises:
+            UserError: if there is an evaluation and it is not to be resumed or
+                has other settings, if another process writes to it, or if its
+                files cannot be read or written.
+        """
+        self._folder = folder
+        self._rows = {}
+        _check_settings(folder, settings, resume)
+        path = folder / RACES
+        self._is_new = not path.exists()
+        try:
+            self._file = open(path, "a+b")
+        except OSError as e:
+            raise UserError(f"{path} cannot be written ({e.strerror}); make it writable.") from None
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._file.close()
+            raise UserError(
+                f"Another evaluation is writing to {folder}; wait for its end or name "
+                "another folder."
+            ) from None
+        try:
+            self._load(path)
+            if not (folder / SUMMARY).exists():
+                write_json(folder / SUMMARY, {"complete": False, "settings": settings})
+            _sync(folder)
+        except BaseException:
+            self._file.close()
+            raise
+
+    @property
+    def rows(self) -> list[dict]:
+        """The rows so far, ordered by seed."""
+        return [self._rows[seed] for seed in sorted(self._rows)]
+
+    @property
+    def seeds(self) -> set[int]:
+        """The seeds of the races that have ended."""
+        return set(self._rows)
+
+    def append(self, row: dict) -> None:
+        """Keeps the row of a race; it is on the disk when this returns.
+
+        Raises:
+            UserError: if it cannot be written.
+        """
+        if row["seed"] in self._rows:
+            raise ValueError(f"the race with seed {row['seed']} has ended before")
+        line = json.dumps(row, allow_nan=False).encode() + b"\n"
+        end = self._file.seek(0, os.SEEK_END)
+        try:
+            self._file.write(line)
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as e:
+            _truncate(self._file, end)
+            raise UserError(
+                f"{self._folder / RACES} cannot be written ({e.strerror}); make room there "
+                "and go on with --resume."
+            ) from None
+        self._rows[row["seed"]] = row
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, kind, error, traceback):
+        if self._is_new and not self._rows and isinstance(error, UserError):
+            for name in (RACES, SUMMARY):
+                (self._folder / name).unlink(missing_ok=True)
+        self._file.close()
+
+    def _load(self, path):
+        self._file.seek(0)
+        end = 0
+        lines = list(self._file)
+        for number, line in enumerate(lines, 1):
+            row = _parsed(line)
+            if row is None:
+                if number < len(lines):
+                    raise UserError(
+                        f"Line {number} of {path} is not the row of a race; remove the line, "
+                        "and --resume flies that race again."
+                    )
+                _truncate(self._file, end)
+                return
+            self._rows.setdefault(row["seed"], row)
+            end += len(line)
+
+
+def _parsed(line: bytes) -> dict | None:
+    """Returns the row that a line holds, or None if it holds none or is torn."""
+    try:
+        row = json.loads(line)
+    except ValueError:
+        return None
+    fits = line.endswith(b"\n") and isinstance(row, dict) and isinstance(row.get("seed"), int)
+    return row if fits else None
+
+
+def _truncate(file, size):
+    os.ftruncate(file.fileno(), size)
+    os.fsync(file.fileno())
+
+
+def _sync(folder):
+    """Makes new names in a folder survive a loss of power."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _check_settings(folder, settings, resume):
+    path = folder / SUMMARY
+    if not resume:
+        if any(os.path.lexists(folder / name) for name in (RACES, SUMMARY, TABLE, PICTURE)):
+            raise UserError(
+                f"--output {folder} already holds an evaluation; go on with it by --resume, "
+                "or name another folder."
+            )
+        return
+    try:
+        before = json.loads(path.read_text(encoding="utf-8"))["settings"]
+    except FileNotFoundError:
+        if not (folder / RACES).exists() or (folder / RACES).stat().st_size == 0:
+            return
+        raise UserError(
+            f"--resume: {path} is missing, which tells what {RACES} holds; name another folder."
+        ) from None
+    except (OSError, ValueError, LookupError, TypeError):
+        raise UserError(
+            f"--resume: {path} is not the settings of an evaluation; name another folder."
+        ) from None
+    # As JSON has it: tuples are lists.
+    key = first_difference(before, json.loads(json.dumps(settings)))
+    if key:
+        name, old, new = key
+        raise UserError(
+            f"--resume: {folder} holds an evaluation with {name} {old}, not {new}; evaluate as "
+            "you did before, or name another folder."
+        )
+
+
+def first_difference(a, b, name="") -> tuple | None:
+    """Returns the dotted name and the two values where plain data first differs, or None."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in [*a, *(key for key in b if key not in a)]:
+            found = first_difference(
+                a.get(key, "nothing"), b.get(key, "nothing"), f"{name}.{key}".lstrip(".")
+            )
+            if found:
+                return found
+        return None
+    return None if a == b else (name, a, b)

@@ -1,0 +1,79 @@
+"""What the results of a race depend on beside its scenario: the code that flies it."""
+
+import hashlib
+import importlib.metadata
+import os
+import sys
+from importlib.machinery import PathFinder
+from pathlib import Path
+
+import airrace
+from airrace.resources import models_path
+
+_MISSING = "missing"
+
+
+def versions(boxes: dict) -> dict:
+    """Returns names and versions of what flies a race in this Python.
+
+    airrace, which may be a checkout with changes, and the modules of boxes are
+    told apart by the contents of their files.
+
+    Args:
+        boxes: of a Scenario.
+    """
+    import cv2
+    import numpy
+
+    package = Path(airrace.__file__).parent
+    result = {
+        "airrace": _digest([*package.rglob("*.py"), *_files(models_path())]),
+        "drake": _distribution("drake"),
+        "numpy": numpy.__version__,
+        "opencv": cv2.__version__,
+    }
+    for name in sorted({path.partition(":")[0].partition(".")[0] for path in boxes.values()}):
+        if name != "airrace":
+            result[name] = _module_digest(name)
+    return result
+
+
+def mismatch(expected: dict, actual: dict) -> str | None:
+    """Returns a clause on the first version that differs, or None."""
+    for name, version in expected.items():
+        if actual.get(name) != version:
+            return f"{name} {actual.get(name, _MISSING)} instead of {version}"
+    return None
+
+
+def _distribution(name):
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "unknown"  # not installed by pip
+
+
+def _module_digest(name):
+    """Finds a module where `python -m` finds it, and does not import it."""
+    spec = PathFinder.find_spec(name, [os.getcwd(), *sys.path])
+    if spec is None:
+        return _MISSING
+    folders = [Path(folder) for folder in spec.submodule_search_locations or ()]
+    if folders:
+        return _digest(file for folder in folders for file in folder.rglob("*.py"))
+    return _digest([Path(spec.origin)])
+
+
+def _files(folder):
+    return (path for path in folder.rglob("*") if path.is_file())
+
+
+def _digest(files) -> str:
+    """Returns twelve hexadecimal digits for names and contents of files."""
+    files = sorted(set(files))
+    root = os.path.commonpath([file.parent for file in files]) if files else ""
+    result = hashlib.sha256()
+    for file in files:
+        content = hashlib.sha256(file.read_bytes()).digest()
+        result.update(os.path.relpath(file, root).encode() + b"\0" + content)
+    return result.hexdigest()[:12]

@@ -1,0 +1,98 @@
+"""The races are pretended, in this process; for real ones see tests/diagrams/test_evaluate.py."""
+
+import collections
+import threading
+import types
+
+import pytest
+from distributed import Client, LocalCluster
+
+from airrace.errors import UserError
+from airrace.evaluation import cluster
+from airrace.evaluation.cluster import EvaluationStopped, check_workers, fly_races, running_cluster
+from airrace.evaluation.flight import RaceKilled
+from airrace.evaluation.versions import versions
+
+FLOWN = collections.Counter()
+STOPPED = threading.Event()
+
+
+def pretend(job, evaluation):
+    FLOWN[job.seed] += 1
+    if FLOWN[job.seed] <= job.kills:
+        raise RaceKilled("its process was killed (SIGKILL)")
+    if job.long:
+        STOPPED.wait(timeout=20)
+        raise RaceKilled
+    if job.refused:
+        return {"seed": job.seed, "refused": "no such box."}
+    return {"seed": job.seed}
+
+
+def stop(evaluation):
+    STOPPED.set()
+
+
+def job(seed, kills=0, refused=False, long=False):
+    return types.SimpleNamespace(seed=seed, kills=kills, refused=refused, long=long)
+
+
+@pytest.fixture
+def client(monkeypatch):
+    monkeypatch.setattr(cluster, "fly", pretend)
+    monkeypatch.setattr(cluster, "stop_races", stop)
+    FLOWN.clear()
+    STOPPED.clear()
+    with (
+        LocalCluster(n_workers=1, threads_per_worker=2, processes=False, protocol="inproc",
+                     dashboard_address=None,
+                     scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}) as local,
+        Client(local, set_as_default=False) as client,
+    ):
+        yield client
+
+
+def test_killed_races_are_flown_again_and_none_counts_twice(client):
+    rows = []
+    fly_races(client, [job(0), job(1, kills=2), job(2)], rows.append)
+    assert sorted(row["seed"] for row in rows) == [0, 1, 2]
+    assert FLOWN == {0: 1, 1: 3, 2: 1}
+
+
+def test_what_is_killed_again_and_again_is_left_out_and_said(client):
+    rows = []
+    with pytest.raises(EvaluationStopped, match="1 races .* in 3 attempts, with seed 0: .*SIGKILL"):
+        fly_races(client, [job(0, kills=99), *map(job, range(1, 5))], rows.append)
+    assert sorted(row["seed"] for row in rows) == [1, 2, 3, 4]
+    assert FLOWN[0] == 3
+
+
+def test_a_refused_race_ends_it(client):
+    with pytest.raises(UserError, match="The race with seed 0 was refused: no such box"):
+        fly_races(client, [job(0, refused=True)], lambda row: pytest.fail("ended"))
+
+
+def test_an_error_of_the_caller_ends_all_races(client):
+    def full(row):
+        raise UserError("the disk is full")
+
+    with pytest.raises(UserError, match="the disk is full"):
+        fly_races(client, [job(0), job(1, long=True)], full)
+    assert STOPPED.is_set()  # the race in the air ends too
+
+
+def test_workers_are_compared(client):
+    expected = versions({})
+    check_workers(client, expected, {})
+    with pytest.raises(UserError, match="has drake .* instead of 1.0; give all workers the same"):
+        check_workers(client, {**expected, "drake": "1.0"}, {})
+
+
+def test_a_cluster_without_workers(monkeypatch):
+    monkeypatch.setattr(cluster, "_WORKERS_TIMEOUT", 0.2)
+    with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None,
+                      scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}) as local:
+        address = local.scheduler_address
+        with pytest.raises(UserError, match=f"{address} has no workers; start some with 'dask"):
+            with running_cluster(address):
+                pytest.fail("connected")

@@ -15,6 +15,7 @@ class WindConfig:
     mean: typing.List[float] = dc.field(default_factory=lambda: [0.0] * 3)  # m/s, in the world
     gust_rms: float = 0.0  # m/s, of each component
     gust_time: float = 2.0  # s, over which a gust fades to 1 / e
+    mean_speed: float = 0.0  # m/s, on top of mean: level, in a direction that the seed draws
 
 
 @dc.dataclass
@@ -31,6 +32,7 @@ class DisturbancesConfig:
     inertia_error: float = 0.0
     thrust_coefficient_error: float = 0.0  # of each rotor, drawn on its own
     actuator_delay: float = 0.0  # s, of the rotor speed command
+    gate_shift: float = 0.0  # m, how far a gate may move between laps; see GateMover
 
 
 @dc.dataclass

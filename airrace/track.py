@@ -138,6 +138,19 @@ class Track:
         """Returns the feet of all pylons, left and right by turns, (2n, 3)."""
         return np.array([p for gate in self.gates for p in (gate.p_WL, gate.p_WR)])
 
+    def shifted(self, shifts) -> "Track":
+        """Returns the track with every gate moved.
+
+        Args:
+            shifts: x and y of each gate (m, world), (n, 2) or (2 n,).
+        """
+        moves = np.reshape(shifts, (-1, 2))
+        gates = [
+            dc.replace(gate, left_pylon=(gate.left_pylon + move).tolist())
+            for gate, move in zip(self.gates, moves, strict=True)
+        ]
+        return dc.replace(self, gates=gates)
+
     def check(self) -> None:
         """Raises ValueError with one clause that says what is wrong."""
         _require(self.name, "it has no name")

@@ -141,3 +141,18 @@ def test_segment_distance(p, q, r, s):
     sampled = np.linalg.norm(a[:, None] - b[None], axis=2).min()
     spacing = (np.linalg.norm(np.subtract(q, p)) + np.linalg.norm(np.subtract(s, r))) / 59
     assert sampled - spacing <= distance + 1e-9 <= sampled + 2e-9
+
+
+@given(st.lists(_points, min_size=10, max_size=10))
+def test_gates_move_as_a_whole(shifts):
+    track = load_track("student-airrace")
+    moved = track.shifted(shifts)
+    assert track == load_track("student-airrace")  # untouched
+    for gate, there, (x, y) in zip(track.gates, moved.gates, shifts):
+        for name in ("p_WL", "p_WR", "p_WG"):
+            expected = getattr(gate, name) + [x, y, 0.0]
+            np.testing.assert_allclose(getattr(there, name), expected, atol=1e-9)
+        np.testing.assert_array_equal(there.forward, gate.forward)
+    assert moved == track.shifted(np.ravel(shifts))
+    with pytest.raises(ValueError):
+        track.shifted(shifts[1:])

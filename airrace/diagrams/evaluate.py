@@ -7,7 +7,12 @@ import re
 import sys
 from pathlib import Path
 
-from airrace.diagrams.race import add_drone_options, add_scenario_options, resolve_scenario
+from airrace.diagrams.race import (
+    add_drone_options,
+    add_level_option,
+    add_scenario_options,
+    resolve_scenario,
+)
 from airrace.errors import UserError
 from airrace.evaluation.interrupts import interrupts_held, sigterm_as_ctrl_c
 
@@ -58,9 +63,7 @@ def make_parser() -> argparse.ArgumentParser:
                        help="fly all races on this shipped track or YAML file instead")
     races.add_argument("--laps", type=int, metavar="N",
                        help="laps of each race after exploring (default: the scenario's)")
-    races.add_argument("--level", type=int, metavar="L",
-                       help="difficulty, 0 to 4, see models/scenarios/levels.yaml (default: 1, "
-                       "unless --scenario_file is given)")
+    add_level_option(races, "(default: 1, unless --scenario_file is given)")
     add_drone_options(races)
     run = parser.add_argument_group("the run")
     run.add_argument("--output", type=Path, metavar="DIR",
@@ -91,8 +94,6 @@ def check_options(args) -> None:
         raise UserError("--resume needs --output, the folder of the evaluation to go on with.")
     if args.scenario_name is not None and args.scenario_file is None:
         raise UserError("--scenario_name needs --scenario_file.")
-    if args.level is not None and args.scenario_file is not None:
-        raise UserError("--level is a scenario of its own: leave out it or --scenario_file.")
 
 
 def resolve(args) -> tuple[list, dict]:
@@ -108,11 +109,10 @@ def resolve(args) -> tuple[list, dict]:
     from airrace.vehicle import load_vehicle
 
     check_options(args)
-    if args.scenario_file is None:
-        level = 1 if args.level is None else args.level
-        args.scenario_file, args.scenario_name = "levels", f"Level{level}"
-        args.level = None
+    if args.level is None and args.scenario_file is None:
+        args.level = 1
     scenario = resolve_scenario(args)
+    name = args.scenario_name or f"{args.scenario_file} Defaults"
     load_vehicle(scenario.drone)
     seeds = range(args.track_seed, args.track_seed + args.tracks)
     if args.track is not None:
@@ -128,7 +128,7 @@ def resolve(args) -> tuple[list, dict]:
     return jobs, settings(
         jobs,
         track=f"the track {args.track}" if args.track else "generated tracks",
-        scenario_name=args.scenario_name or f"{args.scenario_file} Defaults",
+        scenario_name=name if args.level is None else f"Level{args.level}",
     )
 
 

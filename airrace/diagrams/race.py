@@ -10,12 +10,15 @@ from pathlib import Path
 
 from airrace.errors import UserError
 
+LEVELS = range(5)  # of models/scenarios/levels.yaml
+
 EPILOG = """\
 examples:
   ./run.bash                           ten laps of the reference track
   ./run.bash --laps 2 -t 4             two laps, yaw along the gates' headings
   ./run.bash --track my_track.yaml     a track of your own
   ./run.bash -d StarOne                the octocopter
+  ./run.bash --level 3                 noise, a drone not as in its file, wind
   ./run.bash --scenario_file races --scenario_name NoNoise
   ./run.bash --scenario_text '{laps: 3, explorer: {max_speed: 4.0}}'
   ./run.bash --scenario_file runs/NAME/scenario.yaml   a race of yours again
@@ -44,6 +47,7 @@ def make_parser() -> argparse.ArgumentParser:
     race.add_argument("--laps", type=int, metavar="N", help="laps after exploring (default: 10)")
     race.add_argument("--seed", type=int, metavar="N",
                       help="seed of all randomness; the same seed, the same race (default: 0)")
+    add_level_option(race)
     race.add_argument("--renderer", choices=("planar", "vtk"),
                       help="what draws the camera's image (default: planar, which is fast)")
     run = parser.add_argument_group("the run")
@@ -58,6 +62,15 @@ def make_parser() -> argparse.ArgumentParser:
                      help="write the diagram in Graphviz's dot language before the race")
     add_scenario_options(parser)
     return parser
+
+
+def add_level_option(group, default="") -> None:
+    """Adds --level to a group of a parser's; default: what its help ends with."""
+    group.add_argument("--level", type=int, choices=LEVELS,
+                       help="difficulty: 0 = no noise; 1 = noise and a realistic camera; 2 = and a "
+                       "drone not quite as its file says; 3 = and wind, and a harsh camera; "
+                       "4 = and gates that move between laps; short for --scenario_file levels "
+                       f"--scenario_name Level<N> {default}".rstrip())
 
 
 def add_drone_options(group) -> None:
@@ -76,7 +89,8 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
         "the scenario", "Fields of airrace/diagrams/scenario.py; options above win over them."
     )
     scenario.add_argument("--scenario_file", metavar="NAME|FILE",
-                          help="YAML with one scenario a top-level key; 'races' is shipped")
+                          help="YAML with one scenario a top-level key; 'races' and 'levels' are "
+                          "shipped")
     scenario.add_argument("--scenario_name", metavar="KEY",
                           help="which scenario of the file (default: Defaults)")
     scenario.add_argument("--scenario_text", metavar="YAML",
@@ -91,10 +105,14 @@ def resolve_scenario(args):
     """
     from airrace.diagrams.scenario import load_scenario
 
+    filename, name = args.scenario_file, args.scenario_name
+    if args.level is not None:
+        if filename is not None or name is not None:
+            raise UserError("--level is a scenario of its own: leave out --scenario_file and "
+                            "--scenario_name, or --level.")
+        filename, name = "levels", f"Level{args.level}"
     scenario = load_scenario(
-        filename=args.scenario_file,
-        scenario_name=args.scenario_name,
-        scenario_text=args.scenario_text,
+        filename=filename, scenario_name=name, scenario_text=args.scenario_text
     )
     for option in ("drone", "trajectory", "track", "laps", "seed"):
         if getattr(args, option) is not None:

@@ -37,13 +37,15 @@ class RaceRecord:
         return self._status
 
     def observe(self, time, report: RefereeReport, status: ExplorerStatus,
-                gate_map: GateMap, plan: LapPlan, rotor_losses=()) -> int:
+                gate_map: GateMap, plan: LapPlan, rotor_losses=(), gate_shifts=None) -> int:
         """Takes a look at the race; returns how many laps ended since the last.
 
         Args:
             time: of the look (s).
             report, status, gate_map, plan, rotor_losses: the outputs at that
                 time; for the last, see RotorMonitor.
+            gate_shifts: where the gates stand then, see GateMover; None if they
+                do not move.
         """
         before = self.laps_flown
         self._time, self.report, self._status = time, report, status
@@ -52,7 +54,8 @@ class RaceRecord:
         if plan is not NO_PLAN:
             self._plans[plan.lap] = plan
         for lap in range(before + 1, self.laps_flown + 1):
-            self._map_rms[lap] = front_marker_rms(gate_map, self._track)
+            track = self._track if gate_shifts is None else self._track.shifted(gate_shifts)
+            self._map_rms[lap] = front_marker_rms(gate_map, track)
         return self.laps_flown - before
 
     def data(self, wall_seconds: float, dnf_reason: str | None = None) -> dict:

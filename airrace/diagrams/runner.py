@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.results import RaceRecord
 from airrace.diagrams.scenario import Scenario, scenario_yaml
-from airrace.diagrams.simulation import MakeSimulation
+from airrace.diagrams.simulation import FollowGates, MakeSimulation
 from airrace.diagrams.visualization import AddVisualization
 from airrace.errors import UserError
 from airrace.files import write_json, write_text
@@ -25,6 +25,8 @@ from airrace.track import load_track
 RESULTS = ("scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.html")
 _LOOK_PERIOD = 0.1  # s of simulated time between looks at the race
 _MAP_PERIOD = 1.0  # s between two writes of the map
+# Of the replay (Hz). Each gate that can move takes 120 bytes a frame.
+_REPLAY_RATE, _REPLAY_RATE_OF_MOVING_GATES = 30.0, 10.0
 
 
 def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -> Diagram:
@@ -55,14 +57,17 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
     if meshcat is not None:
         AddVisualization(builder, simulation, autonomy, meshcat)
-    for source, name in (
+    outputs = [
         (simulation, "truth.referee_report"),
         (simulation, "truth.state"),
         (autonomy, "explorer_status"),
         (autonomy, "gate_map"),
         (autonomy, "lap_plan"),
         (autonomy, "rotor_losses"),
-    ):
+    ]
+    if simulation.HasOutputPort("truth.gate_shifts"):
+        outputs.append((simulation, "truth.gate_shifts"))
+    for source, name in outputs:
         builder.ExportOutput(source.GetOutputPort(name), name)
     diagram = builder.Build()
     diagram.set_name("race")
@@ -124,18 +129,23 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
         save("not over yet")
         try:
             if meshcat is not None:
+                moving = scenario.disturbances.gate_shift > 0.0
                 meshcat.StartRecording(
-                    frames_per_second=30.0, set_visualizations_while_recording=True
+                    frames_per_second=_REPLAY_RATE_OF_MOVING_GATES if moving else _REPLAY_RATE,
+                    set_visualizations_while_recording=True,
                 )
             simulator.Initialize()
             looks = 0
             while not record.report.over and not interrupted.is_set:
                 looks += 1
                 simulator.AdvanceTo(looks * _LOOK_PERIOD)
+                FollowGates(
+                    race.GetSubsystemByName("simulation"), simulator.get_mutable_context()
+                )
                 look = _look(race, simulator.get_context())
                 look.laps_ended = record.observe(
                     look.time, look.referee_report, look.explorer_status, look.gate_map,
-                    look.lap_plan, look.rotor_losses,
+                    look.lap_plan, look.rotor_losses, getattr(look, "gate_shifts", None),
                 )
                 if look.laps_ended:
                     save("not over yet")

@@ -23,12 +23,14 @@ _RANGES = {
     "state_estimate.position_sigma": (0, math.inf),
     "state_estimate.velocity_sigma": (0, math.inf),
     "disturbances.wind.mean[]": (-30, 30),
+    "disturbances.wind.mean_speed": (0, 30),
     "disturbances.wind.gust_rms": (0, 20),
     "disturbances.drag": (0, 10),
     "disturbances.mass_error": (0, 0.5),
     "disturbances.inertia_error": (0, 0.5),
     "disturbances.thrust_coefficient_error": (0, 0.5),
     "disturbances.actuator_delay": (0, 0.1),
+    "disturbances.gate_shift": (0, 2),
     "rotor_failures[].rotor": (1, math.inf),
     "rotor_failures[].time": (0, math.inf),
     "perception.max_gates": (1, 256),
@@ -85,7 +87,7 @@ def check_disturbances(config: DisturbancesConfig) -> None:
         raise UserError(
             f"disturbances.wind.mean needs three numbers, x, y and z, not {len(wind.mean)}."
         )
-    if (any(wind.mean) or wind.gust_rms) and not config.drag:
+    if (any(wind.mean) or wind.mean_speed or wind.gust_rms) and not config.drag:
         raise UserError("disturbances.wind acts through drag: set disturbances.drag, e.g. to 1.")
 
 

@@ -13,10 +13,11 @@ from airrace.diagrams.scenario import Scenario
 from airrace.disturbances import check_rotors_exist, true_vehicle
 from airrace.rendering.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar import PlanarRenderer
-from airrace.rendering.scenery import AddScenery
+from airrace.rendering.scenery import AddScenery, MoveGates
 from airrace.rendering.vtk import AddVtkRenderer
 from airrace.systems.camera import Camera
 from airrace.systems.drag import Drag
+from airrace.systems.gate_mover import GateMover
 from airrace.systems.multirotor import AddMultirotor, AddMultirotorModel, ground_clearance
 from airrace.systems.referee import Referee
 from airrace.systems.state_estimate import StateEstimate
@@ -35,7 +36,9 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
     (see systems/state_estimate.py), ``rotor_speeds`` (rad/s, what the motor
     controllers report). Truth, for judges and spectators only: ``truth.state``
-    (13), ``truth.referee_report`` (RefereeReport).
+    (13), ``truth.referee_report`` (RefereeReport), and if gates move,
+    ``truth.gate_shifts`` (see GateMover), which the plant's bodies follow when
+    FollowGates() is called.
 
     The drone that flies is the scenario's with the errors of its disturbances.
 
@@ -53,7 +56,8 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     truth = true_vehicle(vehicle, scenario.disturbances, scenario.seed)
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
-    AddScenery(plant, track)
+    moving = scenario.disturbances.gate_shift > 0.0
+    AddScenery(plant, track, movable=moving)
     AddMultirotorModel(plant, vehicle, sdf, truth)
     plant.Finalize()
     height = ground_clearance(plant, scene_graph)
@@ -91,14 +95,29 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
             time_limit=scenario.referee.time_limit or 600.0 + 120.0 * scenario.laps,
             arena_margin=scenario.referee.arena_margin,
             standing_height=track.start.position[2] + height,
-            body_names=_collision_names(scene_graph),
+            body_names=_collision_names(plant, scene_graph),
             rotor_failures=scenario.rotor_failures,
+            moving_gates=moving,
         ),
     )
     builder.Connect(state, referee.GetInputPort("state"))
     builder.Connect(
         plant.get_contact_results_output_port(), referee.GetInputPort("contact_results")
     )
+    if moving:
+        mover = builder.AddNamedSystem(
+            "gate_mover",
+            GateMover(
+                track=track, max_shift=scenario.disturbances.gate_shift, seed=scenario.seed
+            ),
+        )
+        builder.Connect(state, mover.GetInputPort("state"))
+        for system in (camera, referee):
+            if system.HasInputPort("gate_shifts"):
+                builder.Connect(
+                    mover.GetOutputPort("gate_shifts"), system.GetInputPort("gate_shifts")
+                )
+        builder.ExportOutput(mover.GetOutputPort("gate_shifts"), "truth.gate_shifts")
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(
             builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=1 / 30)
@@ -115,6 +134,23 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     diagram = builder.Build()
     diagram.set_name("simulation")
     return diagram
+
+
+def FollowGates(simulation: Diagram, context) -> None:
+    """Moves the bodies of the gates to where GateMover says that they stand.
+
+    Who runs the simulation calls it now and then: a gate only moves when the drone
+    is far from it, and no system of Drake may change the parameters of another.
+
+    Args:
+        simulation: from MakeSimulation(); if its gates stand still, nothing happens.
+        context: of the diagram that is simulated.
+    """
+    if simulation.HasOutputPort("truth.gate_shifts"):
+        port = simulation.GetOutputPort("truth.gate_shifts")
+        shifts = port.Eval(simulation.GetMyContextFromRoot(context))
+        plant = simulation.GetSubsystemByName("plant")
+        MoveGates(plant, plant.GetMyMutableContextFromRoot(context), shifts.reshape(-1, 2))
 
 
 def _set_start(plant, track: Track, height: float):
@@ -179,6 +215,7 @@ def _AddCamera(builder, scene_graph: SceneGraph, scenario, track, vehicle: Vehic
             renderer=renderer,
             imaging=imaging,
             latency=effects.latency,
+            moving_gates=len(track.gates) if scenario.disturbances.gate_shift else 0,
         ),
     )
     if renderer.needs_query_object:
@@ -186,10 +223,12 @@ def _AddCamera(builder, scene_graph: SceneGraph, scenario, track, vehicle: Vehic
     return camera
 
 
-def _collision_names(scene_graph: SceneGraph) -> dict:
-    """Maps the IDs of everything anchored that can be hit to its plain name."""
+def _collision_names(plant, scene_graph: SceneGraph) -> dict:
+    """Maps the IDs of everything that the drone can hit to its plain name."""
     inspector = scene_graph.model_inspector()
+    drone = plant.GetBodyFrameIdOrThrow(plant.GetBodyByName("body").index())
     return {
         geometry_id: inspector.GetName(geometry_id).split("::")[-1]
-        for geometry_id in inspector.GetGeometries(scene_graph.world_frame_id(), Role.kProximity)
+        for frame_id in inspector.GetAllFrameIds() if frame_id != drone
+        for geometry_id in inspector.GetGeometries(frame_id, Role.kProximity)
     }

@@ -46,9 +46,13 @@ class BoardPainter:
         self._K = camera_info.K
         self._size = (camera_info.width, camera_info.height)
         R_WM = np.array([board.X_WM.rotation().matrix() for board in boards])
-        self._p_WM = np.array([board.X_WM.translation() for board in boards])
+        self._p_WM = self._places = np.array([board.X_WM.translation() for board in boards])
         self._z_W = R_WM[:, :, 2]
         self._xy_W = R_WM[:, :, :2]
+
+    def move(self, shifts) -> None:
+        """Moves the boards by shifts, (n, 3) m, from where they were at first."""
+        self._p_WM = self._places + shifts
 
     def look_from(self, X_WC) -> None:
         """Takes the pose of the camera for the next picture."""

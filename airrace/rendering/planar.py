@@ -29,13 +29,17 @@ class PlanarRenderer:
         self._pylons = PylonPainter(track.pylons(), camera_info)
         self._boards = BoardPainter(track.boards(), camera_info)
 
-    def render(self, X_WC, out) -> None:
+    def render(self, X_WC, out, gate_shifts=None) -> None:
         """Draws a picture.
 
         Args:
             X_WC: pose of the camera frame C: z forward, x right, y down.
             out: RGBA, (h, w, 4), uint8, contiguous; overwritten.
+            gate_shifts: of every gate from its place in the track, (n, 2) m, if
+                gates move; then they must be given for every picture.
         """
+        if gate_shifts is not None:
+            self._move(gate_shifts)
         if X_WC.translation()[2] <= 0:
             out[:] = (*EARTH, 255)
             return
@@ -61,3 +65,9 @@ class PlanarRenderer:
             for b in boards:
                 if self._boards.faces_camera[b]:
                     self._boards.paint(b, out)
+
+    def _move(self, gate_shifts):
+        """Puts the gates where the next picture shows them."""
+        shifts = np.column_stack([gate_shifts, np.zeros(len(gate_shifts))])
+        self._pylons.move(np.repeat(shifts, 2, axis=0))
+        self._boards.move(np.repeat(shifts, 4, axis=0))

@@ -29,7 +29,7 @@ class PylonPainter:
             feet: where the pylons stand, (n, 3), world.
             camera_info: calibration.
         """
-        self._feet = feet
+        self._feet = self._places = feet
         self._K = camera_info.K
         # Inward normals of the view's four sides, in C.
         w, h = camera_info.width, camera_info.height
@@ -37,6 +37,10 @@ class PylonPainter:
         rays = corners @ np.linalg.inv(self._K).T
         sides = np.cross(rays, np.roll(rays, -1, axis=0))
         self._sides = sides / np.linalg.norm(sides, axis=1)[:, None]
+
+    def move(self, shifts) -> None:
+        """Moves the pylons by shifts, (n, 3) m, from where they were at first."""
+        self._feet = self._places + shifts
 
     def look_from(self, X_WC) -> None:
         """Takes the pose of the camera for the next picture."""

@@ -7,7 +7,7 @@ from airrace.rendering.pylon_shape import make_pylon_shape
 from airrace.rendering.textures import SUN_W
 from airrace.track import BOARD_SIZE
 
-# Nothing but the drone moves, and the sun stands still, so shadows are drawn
+# The sun stands still, and gates do not turn when they move, so shadows are drawn
 # once. Shadow maps of a render engine would have to cover the whole track: they
 # are coarse, darken what is lit, and double the time of a picture.
 _TEXELS = 256  # a side

@@ -20,8 +20,12 @@ class Renderer(typing.Protocol):
     #: Whether render() takes the QueryObject of a SceneGraph as third argument.
     needs_query_object: bool
 
-    def render(self, X_WC: RigidTransform, out: np.ndarray, *query_object) -> None:
-        """Draws the world seen from X_WC into ``out``, (h, w, 4) uint8 RGBA."""
+    def render(self, X_WC: RigidTransform, out: np.ndarray, *scene) -> None:
+        """Draws the world seen from X_WC into ``out``, (h, w, 4) uint8 RGBA.
+
+        ``scene`` is the QueryObject, or the shifts of the gates, (n, 2), if the
+        Camera is told that gates move, or nothing.
+        """
 
 
 class Camera(LeafSystem):
@@ -33,6 +37,7 @@ class Camera(LeafSystem):
         input_ports:
         - state
         - geometry_query (only if the renderer needs it)
+        - gate_shifts (only if gates move, and the renderer needs no geometry_query)
         output_ports:
         - camera_image
         - camera_image_time
@@ -40,7 +45,8 @@ class Camera(LeafSystem):
 
     ``state`` is a floating body's slice of a MultibodyPlant's state, shape
     (13,): quaternion w, x, y, z of R_WB, position p_WB (m), angular velocity
-    w_WB (rad/s) and velocity v_WB (m/s), both expressed in world.
+    w_WB (rad/s) and velocity v_WB (m/s), both expressed in world. ``gate_shifts``
+    (2 n) is where the gates stand, see GateMover; it is part of a sample, too.
 
     The camera samples the state and the time at initialization and then at all
     multiples of 1/fps. ``camera_image`` (abstract, ImageRgba8U) shows the world
@@ -56,7 +62,7 @@ class Camera(LeafSystem):
     The picture is a function of the sample only, so Drake's cache keeps it
     until the next one: a frame is drawn at most once however many look at it,
     and never if nobody does. With a renderer that needs ``geometry_query`` this
-    relies on a scene that stands still. The drone itself moves, so it must be
+    relies on a scene that stands still while it is looked at. The drone itself moves, so it must be
     invisible to that renderer: give its visuals no perception role.
     """
 
@@ -68,6 +74,7 @@ class Camera(LeafSystem):
         renderer: Renderer,
         imaging: ImagingChain | None = None,
         latency: float = 0.0,
+        moving_gates: int = 0,
     ):
         """Constructs the camera.
 
@@ -78,6 +85,7 @@ class Camera(LeafSystem):
                 ``imaging.pinhole``.
             imaging: turns what is drawn into what a real camera shows.
             latency: from a sample to its picture, less than 1/fps (s).
+            moving_gates: how many gates there are, if they move, else 0.
         """
         LeafSystem.__init__(self)
         self._info = camera_info
@@ -90,12 +98,15 @@ class Camera(LeafSystem):
             self._query = self.DeclareAbstractInputPort(
                 "geometry_query", Value(QueryObject())
             )
+        self._shifts = None
+        if moving_gates and not renderer.needs_query_object:
+            self._shifts = self.DeclareVectorInputPort("gate_shifts", 2 * moving_gates)
 
-        # A sample is the state, and the time. The one that the outputs show is an
-        # abstract state: any discrete update spoils what Drake's cache holds of
-        # all discrete states, so the picture would be drawn anew when the next
-        # sample is taken.
-        blank = (1.0, *np.zeros(13).tolist())
+        # A sample is the state, the time, and where gates that move are. The one that
+        # the outputs show is an abstract state: any discrete update spoils what Drake's
+        # cache holds of all discrete states, so the picture would be drawn anew when the
+        # next sample is taken.
+        blank = (1.0, *np.zeros(13 if self._shifts is None else 13 + 2 * moving_gates).tolist())
         self._shown = self.DeclareAbstractState(Value[object](blank))
         # The periodic event at t = 0 happens only in the first step, after the
         # first publish; so the first sample is taken at initialization, too.
@@ -126,7 +137,10 @@ class Camera(LeafSystem):
         )
 
     def _SampleNow(self, context):
-        return (*self._state.Eval(context).tolist(), context.get_time())
+        sample = (*self._state.Eval(context).tolist(), context.get_time())
+        if self._shifts is None:
+            return sample
+        return (*sample, *self._shifts.Eval(context).tolist())
 
     def _ShowNow(self, context, state):
         shown = state.get_mutable_abstract_state(int(self._shown))
@@ -147,6 +161,8 @@ class Camera(LeafSystem):
         # The plant's integrator lets the quaternion's norm drift a little.
         X_WB = RigidTransform(Quaternion(sample[:4] / np.linalg.norm(sample[:4])), sample[4:7])
         args = () if self._query is None else (self._query.Eval(context),)
+        if self._shifts is not None:
+            args = (sample[14:].reshape(-1, 2),)
         image = output.get_mutable_value().mutable_data
         if self._imaging is None:
             self._renderer.render(X_WB @ self._info.X_BC, image, *args)

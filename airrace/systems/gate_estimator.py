@@ -32,6 +32,7 @@ class GateRecord(Immutable):
         counts: marker ID to how many sightings count.
         times: marker ID to the time of the newest that counts (s).
         refused: (marker ID, reason) to how many are refused for good.
+        certain_once: whether it was known well where it stood before it moved.
     """
 
     belief: gb.GateBelief | None = None
@@ -39,6 +40,7 @@ class GateRecord(Immutable):
     counts: dict = dc.field(default_factory=dict)
     times: dict = dc.field(default_factory=dict)
     refused: dict = dc.field(default_factory=dict)
+    certain_once: bool = False
 
     def seen(self, sighting: Sighting) -> "GateRecord":
         """Returns the record after one more sighting of one of the gate's boards."""
@@ -107,6 +109,7 @@ class GateRecord(Immutable):
             doubted=(),
             counts=dict(Counter(self.counts) + Counter(s.id for s in agreed)),
             times={s.id: s.time for s in agreed},
+            certain_once=self.certain_once or _is_certain(self.belief),
         )
         for sighting, reason in doubted:
             if any(sighting is s for s in agreed):
@@ -180,8 +183,16 @@ def _is_known(number, record: GateRecord, min_sightings) -> bool:
     return bool(
         min(counts[0] + counts[1], counts[2] + counts[3]) >= min_sightings
         and record.belief.pose[gb.SPACING] > 2 * PYLON_BASE_RADIUS
-        and np.linalg.eigvalsh(record.belief.covariance[:3, :3])[-1] < _GATE_SIGMA**2
+        # A gate that moved stays in the map, even if it was hardly seen since.
+        and (record.certain_once or _is_certain(record.belief))
     )
+
+
+def _is_certain(belief: gb.GateBelief | None) -> bool:
+    """Whether it is known well where a gate stands."""
+    if belief is None:
+        return False
+    return bool(np.linalg.eigvalsh(belief.covariance[:3, :3])[-1] < _GATE_SIGMA**2)
 
 
 def _gate_estimate(number, belief) -> GateEstimate:

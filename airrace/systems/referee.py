@@ -9,8 +9,9 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import LeafSystem
 
 from airrace.disturbances import failures_clause
+from airrace.systems.gate_opening import GateOpening
 from airrace.systems.types import ExplorerStatus, Immutable
-from airrace.track import PYLON_HEIGHT, Track
+from airrace.track import Track
 
 # Columns of the table of crossings.
 _TIME, _OFFSET, _MAX_SPEED = range(3)
@@ -82,13 +83,14 @@ class Referee(LeafSystem):
         - state
         - contact_results
         - explorer_status
+        - gate_shifts (only if gates move)
         output_ports:
         - report
 
     ``state`` is the plant's floating-body state (13), ``contact_results``
     the plant's, ``explorer_status`` the autonomy's ExplorerStatus: laps count
     from the moment it says that the exploration is done. ``report`` is a
-    RefereeReport.
+    RefereeReport. ``gate_shifts`` (2 n) is where the gates stand, see GateMover.
 
     A gate counts when the body's origin crosses the rectangle between the
     two pylon axes, from the front, above the ground and below the pylons'
@@ -99,7 +101,7 @@ class Referee(LeafSystem):
 
     def __init__(self, *, track: Track, laps: int, period: float, time_limit: float,
                  arena_margin: float, standing_height: float, body_names: dict,
-                 rotor_failures=()):
+                 rotor_failures=(), moving_gates: bool = False):
         """Constructs the referee.
 
         Args:
@@ -113,12 +115,10 @@ class Referee(LeafSystem):
                 pad (m).
             body_names: geometry IDs to the names used in a reason.
             rotor_failures: the scenario's, named in the reason of a crash.
+            moving_gates: whether the gates move.
         """
         LeafSystem.__init__(self)
-        self._gates = [
-            (g.p_WG.tolist(), g.forward.tolist(), g.rightward.tolist(), g.pylon_spacing / 2)
-            for g in track.gates
-        ]
+        self._gates = [GateOpening(gate) for gate in track.gates]
         feet = track.pylons()[:, :2]
         self._arena = (*(feet.min(0) - arena_margin), *(feet.max(0) + arena_margin), arena_margin)
         self._takeoff_height = standing_height + 0.4
@@ -132,6 +132,9 @@ class Referee(LeafSystem):
         self._explorer = self.DeclareAbstractInputPort(
             "explorer_status", Value[object](ExplorerStatus())
         )
+        self._shifts = None
+        if moving_gates:
+            self._shifts = self.DeclareVectorInputPort("gate_shifts", 2 * len(track.gates))
         # One vector: see _Memory. Numbers only, so that a step copies no objects.
         self._memory = self.DeclareDiscreteState(_Memory().vector())
         self._table = self.DeclareDiscreteState(3 * self._total)
@@ -154,7 +157,7 @@ class Referee(LeafSystem):
         if not m.airborne and z > self._takeoff_height:
             m.airborne = 1.0
         m.max_speed = max(m.max_speed, math.sqrt(vx * vx + vy * vy + vz * vz))
-        crossing = self._FindCrossing(m, time, (x, y, z))
+        crossing = self._FindCrossing(context, m, time, (x, y, z))
         if crossing and self._explorer.Eval(context).done:
             table = context.get_discrete_state(self._table).value().copy()
             row = 3 * int(m.crossings)
@@ -170,20 +173,19 @@ class Referee(LeafSystem):
         m.time, m.x, m.y, m.z = time, x, y, z
         discrete_state.set_value(self._memory, m.vector())
 
-    def _FindCrossing(self, m, time, p):
+    def _FindCrossing(self, context, m, time, p):
         """Returns (time, offset) if the step crossed the next gate, or None."""
-        p_WG, forward, rightward, half = self._gates[int(m.crossings) % len(self._gates)]
-        q = (m.x, m.y, m.z)
-        before = sum(f * (a - g) for f, a, g in zip(forward, q, p_WG))
-        after = sum(f * (a - g) for f, a, g in zip(forward, p, p_WG))
-        if not (m.airborne and before < 0.0 <= after):
+        if not m.airborne:
             return None
-        s = before / (before - after)
-        at = [a + s * (b - a) for a, b in zip(q, p)]
-        side = sum(r * (a - g) for r, a, g in zip(rightward, at, p_WG))
-        if abs(side) >= half or not 0.0 < at[2] < PYLON_HEIGHT:
+        gate = int(m.crossings) % len(self._gates)
+        shift = (0.0, 0.0)
+        if self._shifts is not None:
+            shift = self._shifts.Eval(context)[2 * gate:2 * gate + 2].tolist()
+        found = self._gates[gate].find((m.x, m.y, m.z), p, shift)
+        if found is None:
             return None
-        return m.time + s * (time - m.time), math.hypot(side, at[2] - p_WG[2])
+        share, offset = found
+        return m.time + share * (time - m.time), offset
 
     def _FindFault(self, context, m, time, x, y, z):
         """Returns the verdict (0 if none) and the index of what was touched."""

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from airrace.disturbances import WindConfig
-from airrace.random import NoiseSequence
+from airrace.random import NoiseSequence, make_generator
 
 PERIOD = 0.01  # s, between two values
 
@@ -30,15 +30,18 @@ class Wind(LeafSystem):
     """
 
     def __init__(self, *, config: WindConfig, seed: int):
-        """Args: config: the wind. seed: of the gusts."""
+        """Args: config: the wind. seed: of the gusts and of where ``mean_speed`` comes from."""
         LeafSystem.__init__(self)
         fade = math.exp(-PERIOD / config.gust_time)
         self._fade = fade
-        self._rest = (1.0 - fade) * np.array(config.mean)
+        angle = make_generator(seed, "wind_direction").uniform(0.0, 2.0 * math.pi)
+        drawn = config.mean_speed * np.array([math.cos(angle), math.sin(angle), 0.0])
+        mean = np.array(config.mean) + drawn
+        self._rest = (1.0 - fade) * mean
         self._push = config.gust_rms * math.sqrt(1.0 - fade * fade)
         self._noise = NoiseSequence(seed, "wind", 3)
         # The first gust is as strong as any other.
-        state = self.DeclareDiscreteState(config.mean + config.gust_rms * self._noise[0])
+        state = self.DeclareDiscreteState(mean + config.gust_rms * self._noise[0])
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self._UpdateWind)
         self.DeclareStateOutputPort("wind", state)
 

@@ -29,7 +29,7 @@ BAD = [
     (["--workers", "0"], "--workers must be at least 1, not 0"),
     (["--laps", "0"], "laps must be at least 1, not 0"),
     (["--resume"], "--resume needs --output"),
-    (["--level", "1"], "leave out it or --scenario_file"),
+    (["--level", "1"], "leave out --scenario_file"),
     (["-d", "Nimbus"], "no drone named 'Nimbus'"),
     (["--track", "none"], "no track named 'none'"),
     (["--track", "student-airrace", "--scheduler", "here"], "must be tcp://HOST:PORT, not 'here'"),

@@ -13,7 +13,7 @@ import yaml
 from airrace import vehicle
 from airrace.diagrams import race, runner, visualization
 from airrace.diagrams.race import main, make_parser, resolve_scenario
-from airrace.diagrams.scenario import load_scenario
+from airrace.diagrams.scenario import load_scenario, scenario_yaml
 from airrace.resources import models_path
 
 SHORT = ["--no-meshcat", "--scenario_text", "referee: {time_limit: 0.2}"]
@@ -127,12 +127,14 @@ BAD = [
     (["--seed", "-1"], "seed must be at least 0, not -1"),
     (["--realtime_rate", "-1"], "--realtime_rate. must be at least 0"),
     (["--realtime_rate", "nan"], "target_realtime_rate must be a finite number"),
-    (["--scenario_file", "none"], "no scenario named 'none' .* are: races"),
+    (["--scenario_file", "none"], "no scenario named 'none' .* are: levels, races"),
     (["--scenario_file", "scenario.yaml"], "no 'Defaults' at its top level, only: Mine"),
     (["--scenario_file", "races", "--scenario_name", "None"], "only: Defaults, NoNoise, "),
     (["--scenario_file", "nan_scenario.yaml"], "planner.max_speed must be a finite number"),
     (["--scenario_file", "bad_scenario.yaml"], "bad_scenario.yaml .*camera.lens is unknown"),
     (["--scenario_name", "Vtk"], "--scenario_name needs --scenario_file"),
+    (["--level", "2", "--scenario_file", "races"], "--level is a scenario of its own: leave out"),
+    (["--level", "0", "--scenario_name", "Wind"], "--level is a scenario of its own: leave out"),
     (["--scenario_text", "{lapse: 3}"], "--scenario_text '{lapse: 3}' .*lapse is unknown"),
     (["--scenario_text", "explorer: {max_sped: 3}"], "explorer.max_sped is unknown; there are:"),
     (["--scenario_text", "laps: many"], "laps must be a whole number, not 'many'"),
@@ -209,6 +211,7 @@ class TestBadInput:
             (["-t", "5"], "argument -t/--trajectory: invalid choice: '5'"),
             (["-s", "ROS"], "argument -s/--simulation: invalid choice: 'ROS'"),
             (["--renderer", "crayon"], "argument --renderer: invalid choice"),
+            (["--level", "5"], "argument --level: invalid choice: 5"),
             (["--laps", "abc"], "argument --laps: invalid int value: 'abc'"),
             (["--laps", "2.5"], "argument --laps: invalid int value"),
             (["--seed"], "argument --seed: expected one argument"),
@@ -272,6 +275,17 @@ class TestOptions:
         assert scenario.camera.renderer == "planar" and scenario.state_noise == "none"
         assert scenario.simulator_config.target_realtime_rate == 1.5
 
+    def test_a_level_is_a_shipped_scenario(self):
+        for level in race.LEVELS:
+            scenario = self.resolve("--level", str(level), "--laps", "3")
+            expected = load_scenario(filename="levels", scenario_name=f"Level{level}")
+            expected.laps = 3
+            assert scenario_yaml(scenario) == scenario_yaml(expected)
+        path = models_path() / "scenarios" / "levels.yaml"
+        assert list(yaml.safe_load(path.read_text())) == [f"Level{n}" for n in race.LEVELS]
+        scenario = self.resolve("--level", "3", "--scenario_text", "camera: {preset: clean}")
+        assert scenario.camera.preset == "clean" and scenario.disturbances.drag == 1.0
+
     def test_help_lists_everything(self, capsys, monkeypatch):
         monkeypatch.setenv("COLUMNS", "80")
         with pytest.raises(SystemExit) as e:
@@ -283,7 +297,7 @@ class TestOptions:
         listed = {word for option in options for word in re.findall(r"--?[a-z_-]+", option)}
         assert listed == {
             "-h", "--help", "-d", "--drone", "-s", "--simulation", "-t", "--trajectory", "--track",
-            "--laps", "--seed", "--renderer", "--output", "--meshcat", "--no-meshcat",
+            "--laps", "--seed", "--level", "--renderer", "--output", "--meshcat", "--no-meshcat",
             "--realtime_rate", "--graphviz", "--scenario_file", "--scenario_name",
             "--scenario_text",
         }

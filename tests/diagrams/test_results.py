@@ -199,3 +199,13 @@ class TestFrontMarkerRms:
         assert front_marker_rms(GateMap(), TRACK) is None
         mixed = GateMap(markers=gate_map(0.1, [4]).markers + stray.markers)
         assert front_marker_rms(mixed, TRACK) == pytest.approx(0.1)
+
+
+def test_the_map_is_compared_with_where_the_gates_stand_then():
+    shifts = np.zeros((N, 2))
+    shifts[:, 1] = 0.5
+    for moved, rms in ((shifts, 0.5), (0 * shifts, 0.0), (None, 0.0)):
+        record = RaceRecord(Scenario(), TRACK)
+        given = None if moved is None else moved.ravel()
+        record.observe(130.0, report(N + 1), RACING, gate_map(), NO_PLAN, gate_shifts=given)
+        assert record.data(1.0)["laps"][0]["map_rms_m"] == pytest.approx(rms)

@@ -86,8 +86,9 @@ def test_the_defaults_are_good():
 def test_shipped_scenarios_fly(tmp_path, filename, name):
     scenario = load_scenario(filename=filename, scenario_name=name)
     scenario.check()
-    if name != "Defaults":
-        assert as_yaml(scenario) != as_yaml(Scenario())
+    # Level 1 is what the reference system flew, and so the default.
+    same = as_yaml(scenario) == as_yaml(Scenario())
+    assert same == (name in ("Defaults", "Level1"))
     scenario.referee.time_limit = 3.0
     if scenario.camera.renderer == "vtk":
         scenario.referee.time_limit = 1.2
@@ -102,6 +103,61 @@ def test_shipped_scenarios_fly(tmp_path, filename, name):
     assert result["dnf_reason"] == "ran out of time"
     assert result["track"] == "student-airrace"
     assert heights[-1] > 0.3  # it stands at 0.1
+
+
+def disturbances(scenario):
+    """Paths and values of all the trouble of a scenario."""
+    return dict(leaves(yaml.safe_load(as_yaml(scenario))["disturbances"]))
+
+
+def test_a_level_is_the_one_before_and_a_little_more():
+    """Each makes what the one before left out worse, and nothing better."""
+    levels = [load_scenario(filename="levels", scenario_name=f"Level{n}") for n in range(5)]
+    noises = [(s.state_noise, list(PRESETS).index(s.camera.preset)) for s in levels]
+    assert noises == [("none", 0), ("reference", 1), ("reference", 1), ("reference", 2),
+                      ("reference", 2)]
+    numbers = [disturbances(scenario) for scenario in levels]
+    assert numbers[0] == numbers[1] == disturbances(Scenario())
+    for easier, harder in zip(numbers[1:], numbers[2:]):
+        assert all(harder[path] >= easier[path] for path in easier)
+    new = [
+        {dotted(path) for path in easier if harder[path] > easier[path]}
+        for easier, harder in zip(numbers[1:], numbers[2:])
+    ]
+    assert new == [
+        {"mass_error", "inertia_error", "thrust_coefficient_error", "actuator_delay"},
+        {"drag", "wind.mean_speed", "wind.gust_rms"},
+        {"gate_shift"},
+    ]
+
+
+def test_a_levels_table_tells_its_values():
+    """What the comments say varies is in the scenario, and the other way round."""
+    text = (models_path() / "scenarios" / "levels.yaml").read_text()
+    parts = re.split(r"^# Level (\d): ", text, flags=re.M)[1:]
+    tables = dict(zip(map(int, parts[::2]), parts[1::2]))
+    assert sorted(tables) == list(range(5))
+    told = set()
+    for level, part in tables.items():
+        table, _, body = part.partition(f"Level{level}:")
+        rows = re.findall(r"^#   \(?((?:state_noise|camera|disturbances)\S*) +(.*)$", table, re.M)
+        told |= {name.removeprefix("disturbances.") for name, _ in rows}
+        scenario = yaml.safe_load(as_yaml(
+            load_scenario(filename="levels", scenario_name=f"Level{level}")
+        ))
+        for name, words in rows:
+            value = scenario
+            for key in name.split("."):
+                value = value[key]
+            if isinstance(value, str):
+                assert words.startswith(value)
+            else:
+                found = [float(x) for x in re.findall(r"\d+(?:\.\d+)?", words)]
+                assert value in found or 100 * value in found, (level, name, words)
+    plain = disturbances(Scenario())
+    hardest = disturbances(load_scenario(filename="levels", scenario_name="Level4"))
+    for path, value in hardest.items():
+        assert (value != plain[path]) == (dotted(path) in told), path
 
 
 def test_defaults_then_file_then_text(tmp_path):
@@ -179,7 +235,11 @@ BAD = {
         "disturbances.wind acts through drag: set disturbances.drag, e.g. to 1",
     "disturbances: {wind: {gust_rms: 1}}": "disturbances.wind acts through drag",
     "disturbances: {wind: {speed: 1}}":
-        "disturbances.wind.speed is unknown; there are: mean, gust_rms, gust_time",
+        "disturbances.wind.speed is unknown; there are: mean, gust_rms, gust_time, mean_speed",
+    "disturbances: {wind: {mean_speed: 4}}": "disturbances.wind acts through drag",
+    "disturbances: {drag: 1, wind: {mean_speed: -1}}":
+        "disturbances.wind.mean_speed must be at least 0, not -1",
+    "disturbances: {gate_shift: 3}": "disturbances.gate_shift must be at most 2, not 3",
     "controller: {feed_forward: 1}": "controller.feed_forward must be true or false, not 1",
     "rotor_failures: {rotor: 1, time: 1}": "rotor_failures must be a list",
     "rotor_failures: [3]": r"rotor_failures\[0\] must be a mapping",
@@ -227,9 +287,10 @@ def test_every_number_must_be_finite():
 # The numbers of ours that zero is good for.
 ZERO = (
     "seed", "state_estimate.position_sigma", "state_estimate.velocity_sigma",
-    "disturbances.wind.gust_rms", "disturbances.drag", "disturbances.mass_error",
-    "disturbances.inertia_error", "disturbances.thrust_coefficient_error",
-    "disturbances.actuator_delay", "rotor_failures[0].time",
+    "disturbances.wind.mean_speed", "disturbances.wind.gust_rms", "disturbances.drag",
+    "disturbances.mass_error", "disturbances.inertia_error",
+    "disturbances.thrust_coefficient_error",
+    "disturbances.actuator_delay", "disturbances.gate_shift", "rotor_failures[0].time",
 )
 
 
@@ -281,7 +342,7 @@ def test_lists_take_the_place_of_lists(tmp_path):
 
 
 def test_missing_files_and_names(tmp_path):
-    assert "the shipped scenarios are: races" in refusal(filename="none")
+    assert "the shipped scenarios are: levels, races" in refusal(filename="none")
     assert "no 'Nobody' at its top level, only: Defaults, NoNoise" in refusal(
         filename="races", scenario_name="Nobody"
     )
@@ -297,10 +358,11 @@ _disturbances = st.builds(
     DisturbancesConfig,
     wind=st.builds(
         WindConfig, mean=st.lists(st.floats(-30, 30), min_size=3, max_size=3),
-        gust_rms=st.floats(0, 20), gust_time=_positive,
+        mean_speed=st.floats(0, 30), gust_rms=st.floats(0, 20), gust_time=_positive,
     ),
     drag=st.floats(1e-6, 10), mass_error=_errors, inertia_error=_errors,
     thrust_coefficient_error=_errors, actuator_delay=st.floats(0, 0.1),
+    gate_shift=st.floats(0, 2),
 )
 _failures = st.lists(
     st.builds(RotorFailure, rotor=st.integers(1, 8), time=st.floats(0, 1e6)),

@@ -3,16 +3,21 @@ import shutil
 import numpy as np
 import pytest
 from pydrake.common.value import Value
+from pydrake.common.yaml import yaml_dump_typed
+from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
+from airrace.diagrams.camera_config import RENDERERS, CameraConfig
 from airrace.diagrams.scenario import Scenario
-from airrace.diagrams.simulation import MakeSimulation
+from airrace.diagrams.simulation import FollowGates, MakeSimulation
 from airrace.disturbances import DisturbancesConfig, RotorFailure, WindConfig, true_vehicle
 from airrace.errors import UserError
+from airrace.rendering.vtk import check_vtk_available
 from airrace.systems import state_estimate as se
 from airrace.systems.types import ExplorerStatus
+from airrace.track import load_track
 from airrace.vehicle import GRAVITY, find_vehicle, load_vehicle
 
 VEHICLE, _ = load_vehicle("Default")
@@ -22,9 +27,9 @@ HOVER_SPEED = np.sqrt(GRAVITY / 4 / 1e-3)
 class Flight:
     """A simulation with constant rotor speeds."""
 
-    def __init__(self, speeds, start=None, racing=False, scenario=None):
+    def __init__(self, speeds, start=None, racing=False, scenario=None, meshcat=None):
         builder = DiagramBuilder()
-        self.simulation = builder.AddSystem(MakeSimulation(scenario or Scenario()))
+        self.simulation = builder.AddSystem(MakeSimulation(scenario or Scenario(), meshcat))
         status = builder.AddSystem(
             ConstantValueSource(Value[object](ExplorerStatus(done=racing)))
         )
@@ -264,3 +269,118 @@ class TestDisturbances:
         assert np.all(np.isfinite(one))
         assert one.tobytes() == again.tobytes()
         assert not np.any(one[:, 4:13] == other[:, 4:13])
+
+
+class TestMovingGates:
+    MOVING = DisturbancesConfig(gate_shift=1.0)
+
+    def flight(self, shift, start, speeds=HOVER_SPEED, **scenario):
+        """A flight in which gate 1 has moved by a shift, [x, y]."""
+        scenario = Scenario(disturbances=self.MOVING, **scenario)
+        flight = Flight(np.full(4, speeds), start, racing=True, scenario=scenario)
+        self.move(flight, shift)
+        return flight
+
+    @staticmethod
+    def move(flight, shift):
+        mover = flight.simulation.GetSubsystemByName("gate_mover")
+        root = flight.simulator.get_mutable_context()
+        mover.GetMyMutableContextFromRoot(root).SetDiscreteState(1, [*shift, *np.zeros(18)])
+        FollowGates(flight.simulation, root)
+
+    @staticmethod
+    def camera_image(flight):
+        context = flight.simulator.get_mutable_context()
+        flight.simulator.Initialize()  # which takes a picture
+        assert context.get_time() == 0.0
+        return flight.camera_image.data.copy()
+
+    @pytest.mark.parametrize("p, v, shift, reason", [
+        ([14.0, 5.0, 6.25], [15, 0, 0], [0.0, 0.0], "touched board_0"),
+        ([14.0, 5.0, 6.25], [15, 0, 0], [0.0, -3.0], None),
+        ([14.0, 2.0, 6.25], [15, 0, 0], [0.0, 0.0], None),
+        ([14.0, 2.0, 6.25], [15, 0, 0], [0.0, -3.0], "touched board_0"),
+        ([14.0, -2.0, 2.0], [15, 0, 0], [0.0, 0.0], None),
+        ([14.0, -2.0, 2.0], [15, 0, 0], [0.0, 3.0], "touched pylon_1_right"),
+    ])
+    def test_it_is_touched_where_it_stands(self, p, v, shift, reason):
+        flight = self.flight(shift, start_at(p, v)).advance(0.6)
+        assert flight.report.dnf_reason == reason
+        if reason is None:
+            assert flight.state[4] > 21.5  # and it is through
+
+    def test_a_contact_pushes(self):
+        """The plant's, not only the referee's: the drone bounces off a board that moved there."""
+        start = start_at([14.0, 2.0, 6.25], [15, 0, 0])
+        assert self.flight([0.0, -3.0], start).advance(0.6).state[10] < 5.0
+        assert self.flight([0.0, 0.0], start).advance(0.6).state[10] > 14.0
+
+    def test_it_is_passed_where_it_stands(self):
+        start = start_at([17.0, 0.5, 6.25], [10, 0, 0])
+        flight = self.flight([1.0, 1.0], start).advance(0.5)
+        (crossing,) = flight.report.crossings
+        assert crossing.time == pytest.approx(0.4, abs=0.01)
+        assert crossing.offset == pytest.approx(0.5, abs=0.05)
+
+    @pytest.mark.parametrize("renderer", RENDERERS)
+    def test_it_is_seen_where_it_stands(self, tmp_path, renderer):
+        if renderer == "vtk":
+            try:
+                check_vtk_available()
+            except UserError as e:
+                pytest.skip(str(e))
+        track = load_track("student-airrace")
+        shifts = np.zeros((10, 2))
+        shifts[0] = [0.5, -2.0]
+        (tmp_path / "moved.yaml").write_text(yaml_dump_typed(track.shifted(shifts)))
+        camera = CameraConfig(renderer=renderer, preset="clean", width=320, height=180)
+        start = start_at([0.0, 0.0, 5.0])
+        still, moved = (
+            self.camera_image(self.flight(shift, start, camera=camera))
+            for shift in ([0.0, 0.0], shifts[0])
+        )
+        there = self.camera_image(Flight(
+            np.zeros(4), start, scenario=Scenario(
+                track=str(tmp_path / "moved.yaml"), camera=camera)
+        ))
+        assert np.mean(moved != still) > 0.01
+        np.testing.assert_array_equal(moved, there)
+        plain = Flight(np.zeros(4), start, scenario=Scenario(camera=camera))
+        np.testing.assert_array_equal(still, self.camera_image(plain))
+
+    def test_spectators_see_it(self):
+        meshcat = Meshcat()
+        scenario = Scenario(disturbances=self.MOVING, camera=CameraConfig(width=64, height=36))
+        flight = Flight(np.zeros(4), scenario=scenario, meshcat=meshcat)
+
+        def place(gate):
+            packed = meshcat._GetPackedTransform(f"visualizer/gates/gate_{gate}")
+            # MessagePack: after the word, three bytes and 16 numbers, column by column.
+            numbers = packed.partition(b"matrix")[2][3:]
+            matrix = np.frombuffer(numbers, np.dtype([("", "u1"), ("x", ">f8")]))["x"]
+            return matrix.reshape(4, 4).T[:3, 3].tolist()
+
+        flight.advance(0.05)
+        assert place(1) == place(2) == [0.0, 0.0, 0.0]
+        self.move(flight, [0.5, -0.25])
+        flight.advance(0.1)
+        assert place(1) == [0.5, -0.25, 0.0] and place(2) == [0.0, 0.0, 0.0]
+
+    def test_gates_that_stand_still_cost_nothing(self):
+        flight = Flight(np.zeros(4))
+        assert not flight.simulation.HasSubsystemNamed("gate_mover")
+        assert not flight.simulation.HasOutputPort("truth.gate_shifts")
+        assert flight.simulation.GetSubsystemByName("plant").num_bodies() == 2
+        before = flight.simulator.get_context().Clone()
+        FollowGates(flight.simulation, flight.simulator.get_mutable_context())
+        np.testing.assert_array_equal(flight.state, flight.simulation.GetOutputPort(
+            "truth.state").Eval(flight.simulation.GetMyContextFromRoot(before)))
+
+    def test_it_flies_as_before(self):
+        """Bodies that can be moved, and are not, change nothing."""
+        start = start_at([0.0, 0.0, 5.0], [3.0, 1.0, 0.0], [0.1, 0.2, 0.3])
+        rows = [
+            Flight(np.full(4, HOVER_SPEED), start, scenario=Scenario(disturbances=config))
+            .advance(0.5).state for config in (self.MOVING, DisturbancesConfig())
+        ]
+        np.testing.assert_allclose(*rows, rtol=0, atol=1e-9)

@@ -244,3 +244,44 @@ def test_camera_info_port_holds_the_calibration():
     camera, _ = make_camera()
     value = camera.GetOutputPort("camera_info").Allocate()
     assert isinstance(value, Value[object])
+
+
+def test_gates_are_drawn_where_they_stood_when_the_picture_was_taken():
+    track = Track(gates=[Gate([20.0, 5.0], 0.0), Gate([40.0, 5.0], 0.0)])
+    camera = Camera(
+        camera_info=INFO, fps=FPS, renderer=PlanarRenderer(track, INFO), moving_gates=2
+    )
+    assert not camera.HasAnyDirectFeedthrough()
+    context = camera.CreateDefaultContext()
+    X_WB = RigidTransform([0.0, 0.0, 5.0])
+    camera.GetInputPort("state").FixValue(context, make_state(X_WB))
+
+    def take(shifts):
+        camera.GetInputPort("gate_shifts").FixValue(context, np.ravel(shifts))
+        sample(camera, context)
+        return picture()
+
+    def picture():
+        return camera.GetOutputPort("camera_image").Eval(context).data.copy()
+
+    def expected(shifts):
+        direct = np.zeros((INFO.height, INFO.width, 4), np.uint8)
+        PlanarRenderer(track.shifted(shifts), INFO).render(X_WB @ X_BC, direct)
+        return direct
+
+    still, moved = np.zeros((2, 2)), np.array([[0.0, 2.0], [-3.0, 0.0]])
+    assert np.array_equal(take(still), expected(still))
+    assert np.array_equal(take(moved), expected(moved))
+    assert not np.array_equal(take(moved), take(still))
+    # What comes after a sample does not change its picture.
+    camera.GetInputPort("gate_shifts").FixValue(context, moved.ravel())
+    assert np.array_equal(picture(), expected(still))
+
+
+def test_only_a_renderer_without_a_scene_of_its_own_is_told_of_the_gates():
+    assert make_camera(moving_gates=3)[0].GetInputPort("gate_shifts").size() == 6
+    assert not make_camera()[0].HasInputPort("gate_shifts")
+    renderer = RecordingRenderer()
+    renderer.needs_query_object = True
+    camera = Camera(camera_info=INFO, fps=FPS, renderer=renderer, moving_gates=3)
+    assert not camera.HasInputPort("gate_shifts")

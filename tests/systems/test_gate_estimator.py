@@ -163,3 +163,24 @@ def test_records_do_not_grow():
     assert len(records[0].doubted) <= 8
     assert len(records[0].refused) <= 4 * 4
     assert sum(gate_map.refused.values()) + sum(m.count for m in gate_map.markers) == 430
+
+
+def test_a_gate_that_moved_stays_in_the_map():
+    """Two glances in agreement from afar: not good enough for a new gate, but for a known one."""
+    rng = np.random.default_rng(4)
+    gate, moved = make_gate(), make_gate(x=26.0)
+    glances = [see(moved, id, 30.0 + 0.5 * id, rng, sigma=0.6) for id in (0, 2)]
+    records, gate_map = mapped(flight(gate, rng, sigma=0.02))
+    assert len(gate_map.gates) == 1
+    records, gate_map = mapped(glances, records)
+    (found,) = gate_map.gates
+    assert np.linalg.norm(found.p_WG - moved.p_WG) < 2.0
+    assert np.linalg.eigvalsh(records[0].belief.covariance[:3, :3])[-1] > 0.3**2
+    assert len(gate_map.markers) == 4
+    # Another move does not lose it, either.
+    again = [see(gate, id, 60.0 + 0.5 * id, rng, sigma=0.6) for id in (0, 2)]
+    _, gate_map = mapped(again, records)
+    assert np.linalg.norm(gate_map.gates[0].p_WG - gate.p_WG) < 2.0
+    # A gate that was never known well needs more than that.
+    _, gate_map = mapped(glances * 3)
+    assert gate_map.gates == ()

@@ -14,11 +14,12 @@ DT = 0.01
 
 
 def judge(path, velocity=(1.0, 2.0, 2.0), laps=1, racing=True, time_limit=1e3, contacts=None,
-          rotor_failures=()):
+          rotor_failures=(), gate_shifts=None):
     """Shows the referee a path, one position a step, and returns its report."""
     referee = Referee(
         track=TRACK, laps=laps, period=DT, time_limit=time_limit, arena_margin=60.0,
         standing_height=TRACK.start.position[2] + 0.1, body_names={}, rotor_failures=rotor_failures,
+        moving_gates=gate_shifts is not None,
     )
     simulator = Simulator(referee)
     context = simulator.get_mutable_context()
@@ -28,6 +29,9 @@ def judge(path, velocity=(1.0, 2.0, 2.0), laps=1, racing=True, time_limit=1e3, c
     referee.GetInputPort("explorer_status").FixValue(
         context, Value[object](ExplorerStatus(done=racing))
     )
+    assert referee.HasInputPort("gate_shifts") == (gate_shifts is not None)
+    if gate_shifts is not None:
+        referee.GetInputPort("gate_shifts").FixValue(context, np.ravel(gate_shifts))
     for k, p in enumerate(path):
         state = np.concatenate([[1, 0, 0, 0], p, np.zeros(3), velocity])
         referee.GetInputPort("state").FixValue(context, state)
@@ -112,3 +116,30 @@ def test_a_reason_names_the_rotors_that_had_failed():
     assert late.dnf_reason == "ran out of time"
     whole = judge(lap_path() + through(TRACK.gates[0]), rotor_failures=failures)
     assert whole.finished and whole.dnf_reason is None
+
+
+def test_gates_count_where_they_stand():
+    shifts = np.random.default_rng(2).uniform(-2.0, 2.0, (len(TRACK.gates), 2))
+    moved = TRACK.shifted(shifts)
+    path = [p for gate in moved.gates for p in through(gate, side=4.9)]
+    report = judge(path + through(moved.gates[0]), gate_shifts=shifts)
+    assert report.finished
+    np.testing.assert_allclose([c.offset for c in report.crossings], [4.9] * 10 + [0.0], atol=1e-9)
+    np.testing.assert_allclose(
+        [c.time for c in report.crossings], DT * (2 * np.arange(11) + 0.5), atol=1e-9
+    )
+    # Where the gate was is beside it, or elsewhere along the flight.
+    gate = TRACK.gates[0]
+    aside = np.zeros_like(shifts)
+    aside[0] = 2.0 * gate.rightward[:2]
+    assert judge(through(gate, side=-4.0), gate_shifts=aside).crossings == ()
+    assert len(judge(through(gate, side=-4.0), gate_shifts=0 * aside).crossings) == 1
+    onwards = np.zeros_like(shifts)
+    onwards[0] = 2.0 * gate.forward[:2]
+    assert judge(through(gate), gate_shifts=onwards).crossings == ()
+
+
+def test_gates_that_did_not_move_are_judged_as_those_that_cannot():
+    path = lap_path(side=3.0) + through(TRACK.gates[0])
+    still = judge(path, gate_shifts=np.zeros((len(TRACK.gates), 2)))
+    assert still.crossings == judge(path).crossings

@@ -73,3 +73,16 @@ def test_the_update_is_exact():
 def test_the_seed_decides():
     np.testing.assert_array_equal(blow(0.5, seed=1), blow(0.5, seed=1))
     assert not np.any(blow(0.5, seed=1) == blow(0.5, seed=2))
+
+
+def test_the_seed_draws_the_direction():
+    """Of the mean speed alone: `mean` blows as the scenario says."""
+    rows = np.array([blow(0.05, WindConfig(mean_speed=4.0), seed)[-1] for seed in range(200)])
+    np.testing.assert_allclose(np.hypot(*rows[:, :2].T), 4.0)
+    np.testing.assert_array_equal(rows[:, 2], 0.0)
+    angles = np.sort(np.arctan2(rows[:, 1], rows[:, 0]))
+    # Uniform: the greatest distance of its distribution function (Kolmogorov, 99 %).
+    steps = np.arange(1, 201) / 200 - (angles + np.pi) / (2 * np.pi)
+    assert np.abs(steps).max() < 1.63 / np.sqrt(200)
+    both = blow(0.05, WindConfig(mean=MEAN, mean_speed=4.0), seed=7)[-1]
+    np.testing.assert_allclose(both, MEAN + rows[7])

@@ -45,15 +45,17 @@ class Allocator:
 
     def allocate(self, wrench: np.ndarray) -> np.ndarray:
         """Returns the thrusts (n,) for a wrench [f, Mx, My, Mz], shape (4,)."""
-        result = np.zeros(self._size)
         if not len(self._max):
-            return result
+            return np.zeros(self._size)
         wrench = wrench[self._rows]
         thrusts = self._inverse @ wrench
         if not (self._complete and thrusts.min() >= 0.0 and (thrusts <= self._max).all()):
             b = np.concatenate([self._scale * wrench, np.zeros(len(self._max))])
             start = np.clip(thrusts / self._max, 0.0, 1.0)
             thrusts = self._max * _least_squares_in_unit_box(self._A, b, start)
+        if len(thrusts) == self._size:
+            return thrusts
+        result = np.zeros(self._size)
         result[self._working] = thrusts
         return result
 

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from airrace import triples
+
 
 def attitude_error(E, w) -> np.ndarray:
     """Returns the error vector e_R of a relative attitude, in B, (3,).
@@ -15,11 +17,11 @@ def attitude_error(E, w) -> np.ndarray:
     equation (19) of Lee, Leok, McClamroch (CDC 2010).
 
     Args:
-        E: R_d^T R, (3, 3).
+        E: R_d^T R, (3, 3), an array or its rows.
         w: angular velocity in B, see tilt_error().
     """
     e = tilt_error(E[2], _Z, w)  # the last row of E is the desired z axis in B
-    yaw = math.atan2(E[1, 0] - E[0, 1], E[0, 0] + E[1, 1])
+    yaw = math.atan2(E[1][0] - E[0][1], E[0][0] + E[1][1])
     e[2] = 2.0 * math.sin(yaw / 2)
     return e
 
@@ -37,10 +39,11 @@ def tilt_error(n_d, n, w) -> np.ndarray:
         n: unit vector fixed in B, (3,).
         w: angular velocity in B, (3,).
     """
-    cosine = math.sqrt(max(0.5 + 0.5 * n_d.dot(n), 0.0))  # of half the angle
+    cosine = math.sqrt(max(0.5 + 0.5 * triples.dot(n_d, n), 0.0))  # of half the angle
     if cosine > 1e-3:
-        return cross(n_d, n) / cosine
+        return np.array(triples.cross(n_d, n)) / cosine
     # The way on, and if at rest, across n.
+    n, w = np.array(n), np.array(w)
     axis = -(w - w.dot(n) * n)
     if axis.dot(axis) < 1e-6:
         axis = cross(n, np.eye(3)[np.abs(n).argmin()])
@@ -54,25 +57,18 @@ def turned_back(moment, angle: float) -> np.ndarray:
     turned with the body; this makes up for it.
     """
     c, s = math.cos(angle), math.sin(angle)
-    x, y, z = moment.tolist()
+    x, y, z = moment
     return np.array([c * x + s * y, c * y - s * x, z])
 
 
 def cross(a, b) -> np.ndarray:
     """Returns a x b; numpy's own costs ten times as much on a single pair."""
-    a0, a1, a2 = a.tolist()
-    b0, b1, b2 = b.tolist()
-    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+    return np.array(triples.cross(a.tolist(), b.tolist()))
 
 
 def rotation_matrix(w, x, y, z) -> np.ndarray:
     """Returns the rotation matrix (3, 3) of a quaternion of any length."""
-    s = 2.0 / (w * w + x * x + y * y + z * z)
-    return np.array([
-        [1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
-        [s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)],
-        [s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)],
-    ])
+    return np.array(triples.columns(w, x, y, z)).T
 
 
-_Z = np.array([0.0, 0.0, 1.0])
+_Z = (0.0, 0.0, 1.0)

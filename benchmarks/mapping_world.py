@@ -71,7 +71,7 @@ class World:
         imaging = ImagingChain(effects=self.scenario.camera.resolved(), camera_info=self.info,
                                seed=self.scenario.seed)
         renderer, eyes = PlanarRenderer(self.track, imaging.pinhole), _Eyes(self.info)
-        image = np.empty((self.info.height, self.info.width, 4), np.uint8)
+        image = np.empty((self.info.height, self.info.width), np.uint8)
         frames = []
         for k, (phase, time) in enumerate(progress(times, "Looking", console=console)):
             state = flights[phase].state(time)
@@ -159,10 +159,10 @@ class _Eyes:
         self._opencv.setDetectorParameters(parameters)
 
     def look(self, image) -> dict:
-        """Returns tuples of Detection by a key of CORNERS; image: RGBA."""
-        grey, ids, quads = self._search.everywhere(image)
-        refitted, _ = measure(grey, ids, quads, self._info, np.inf)
-        quads, ids, _ = self._opencv.detectMarkers(grey)
+        """Returns tuples of Detection by a key of CORNERS; image: grey levels."""
+        ids, quads = self._search.everywhere(image)
+        refitted, _ = measure(image, ids, quads, self._info, np.inf)
+        quads, ids, _ = self._opencv.detectMarkers(image)
         covariance = _CORNER_SIGMA**2 * np.eye(8)
         located = () if ids is None else (
             locate(id, quad.reshape(4, 2).astype(float), covariance, self._info)

@@ -95,7 +95,8 @@ def measure_accuracy(camera, most_oblique_deg, distance, count, seed) -> dict:
     errors, radial, single, joint, misfit = [], [], [], [], []
     for _ in range(count):
         view = random_view(rng, ONE_GATE.boards(), distance, np.deg2rad(most_oblique_deg))
-        grey, ids, quads = _SEARCH.everywhere(shoot(view.X_WC))
+        grey = shoot(view.X_WC)
+        ids, quads = _SEARCH.everywhere(grey)
         near = [i for i, id in enumerate(ids) if id == view.board.id]
         alone, _ = measure(grey, [ids[i] for i in near], quads[near], INFO, np.inf)
         if not alone:
@@ -168,8 +169,8 @@ def compare_renderers(count, seed) -> dict:
 
 def find(picture, id):
     """Returns the refitted corners of a marker, (4, 2) px, or None."""
-    grey, ids, quads = _SEARCH.everywhere(picture)
-    markers, _ = measure(grey, ids, quads, INFO, np.inf)
+    ids, quads = _SEARCH.everywhere(picture)
+    markers, _ = measure(picture, ids, quads, INFO, np.inf)
     return next((m.corners for m in markers if m.id == id), None)
 
 
@@ -200,13 +201,12 @@ def count_strays(count, seed) -> dict:
 def measure_time() -> dict:
     """Times four markers in one frame, as milliseconds and ratios."""
     picture = planar_camera(TWO_GATES)(look_at(np.array([5.0, -2.0, 6.0]), [20.0, 0.0, 6.25]))
-    grey = cv2.cvtColor(picture, cv2.COLOR_RGBA2GRAY)
     plain = cv2.aruco.ArucoDetector(
         cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL))
     first = look(_SEARCH, picture, 0.0, INFO, Sight())
     assert len(first.measured) == 4
     calls = {
-        "plain": lambda: plain.detectMarkers(grey),
+        "plain": lambda: plain.detectMarkers(picture),
         "ours_without_refit": lambda: _SEARCH.everywhere(picture),
         "full": lambda: look(_SEARCH, picture, 1.0, INFO, Sight()),
         "tracked": lambda: look(_SEARCH, picture, 1 / 30, INFO, first),

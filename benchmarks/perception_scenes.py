@@ -91,7 +91,7 @@ def look_at(p_WC, target_W) -> RigidTransform:
 
 
 def planar_camera(track, effects=CameraEffects(), *, defocus=0.0, rng=None):
-    """Returns a function of X_WC that returns a picture, (h, w, 4) uint8 RGBA.
+    """Returns a function of X_WC that returns a picture, grey levels, (h, w), uint8.
 
     Args:
         track: a Track.
@@ -113,7 +113,7 @@ def planar_camera(track, effects=CameraEffects(), *, defocus=0.0, rng=None):
     def shoot(X_WC):
         w_WB, v_WB = np.zeros((2, 3)) if rng is None else (
             rng.normal(0, 0.5, 3), rng.normal(0, 6.0, 3))
-        picture = np.zeros((INFO.height, INFO.width, 4), np.uint8)
+        picture = np.zeros((INFO.height, INFO.width), np.uint8)
         chain.take(render, X_WC @ INFO.X_BC.inverse(), w_WB, v_WB, next(frames), picture)
         return picture
 
@@ -132,7 +132,7 @@ def vtk_camera(track, supersampling):
     port: SceneGraph = scene_graph.get_query_output_port()
 
     def shoot(X_WC):
-        picture = np.zeros((INFO.height, INFO.width, 4), np.uint8)
+        picture = np.zeros((INFO.height, INFO.width), np.uint8)
         renderer.render(X_WC, picture, port.Eval(scene_graph.GetMyContextFromRoot(context)))
         return picture
 

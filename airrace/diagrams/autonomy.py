@@ -76,7 +76,10 @@ BOXES = {
     "state_filter": _make_state_filter,
     "geometric_controller": _make_geometric_controller,
 }
-INPUTS = ("camera_image", "camera_image_time", "camera_info", "state_estimate", "rotor_speeds")
+INPUTS = (
+    "camera_image", "camera_grey", "camera_image_time", "camera_info", "state_estimate",
+    "rotor_speeds",
+)
 OUTPUTS = {
     "rotor_speed_command": "geometric_controller",
     "reference": "trajectory_tracker",
@@ -127,7 +130,7 @@ def _wired(boxes: dict, rectify: bool) -> Diagram:
     exported = set()
     if rectify:
         rectifier = builder.AddNamedSystem("rectifier", Rectifier())
-        for name in ("camera_image", "camera_info"):
+        for name in ("camera_image", "camera_grey", "camera_info"):
             builder.ExportInput(rectifier.GetInputPort(name), name)
             sources[name] = rectifier.GetOutputPort(name)
     for box in boxes.values():

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from airrace.rendering.pixels import is_grey, to_grey
 from airrace.rendering.textures import (
     GRASS,
     HORIZON,
@@ -52,14 +53,16 @@ class Background:
         self._colors[:_HALF, :3] = np.round(sky_color(self._sine[::-1]))
         self._contrasts = [np.zeros(2 * _HALF, np.uint8) for _ in _LAYERS]
         self._grass_tiles = np.tile(grass_detail(), (4, 4))
-        self._half_size = np.zeros((2 * self._h, 2 * self._w, 4), np.uint8)
+        self._half_sizes = [
+            np.zeros((2 * self._h, 2 * self._w, *channels), np.uint8) for channels in ((4,), ())
+        ]
 
     def paint(self, X_WC, out) -> None:
         """Fills the picture.
 
         Args:
             X_WC: pose of the camera; z forward, x right, y down.
-            out: RGBA, (h, w, 4), uint8.
+            out: RGBA or grey levels, see pixels.py.
         """
         R_WC = X_WC.rotation().matrix()
         p_WC = X_WC.translation()
@@ -68,19 +71,31 @@ class Background:
         index = (self._rays @ np.float32(-R_WC[2]) + _HALF).astype(np.intp)
         index = index.reshape(self._h, self._w)
         self._fill_tables(height)
-        small = self._colors.view(np.uint32).take(index, mode="wrap")
-        small = small.view(np.uint8).reshape(self._h, self._w, 4)
+        grey = is_grey(out)
+        if grey:
+            table = cv2.cvtColor(self._colors[None], cv2.COLOR_RGBA2GRAY)[0]
+            small = table.take(index, mode="wrap")
+        else:
+            small = self._colors.view(np.uint32).take(index, mode="wrap")
+            small = small.view(np.uint8).reshape(self._h, self._w, 4)
         ray_W = R_WC @ self._K_inverse  # maps (u, v, 1) to the ray's direction
         rows = self._ground_rows(-ray_W[2])
         if rows.stop > rows.start:
-            dark = self._grass(ray_W, rows, index[rows], p_WC[:2], height)
             # Less of it in the blue, which grass has little of.
-            dark = cv2.merge((dark, dark, dark >> 1, np.zeros_like(dark)))
+            share = to_grey([1.0, 1.0, 0.5]) if grey else 1.0
+            dark = self._grass(ray_W, rows, index[rows], p_WC[:2], height, share)
+            if not grey:
+                dark = cv2.merge((dark, dark, dark >> 1, np.zeros_like(dark)))
             cv2.subtract(small[rows], dark, dst=small[rows])
         # Interpolating to half the size and doubling the pixels takes half the
         # time of interpolating at once.
-        half = self._half_size
+        half = self._half_sizes[grey]
         cv2.resize(small, half.shape[1::-1], dst=half)
+        if grey and out.shape == (2 * half.shape[0], 2 * half.shape[1]):
+            # OpenCV has no quick way to double bytes, but merges them quickly.
+            wide = cv2.merge((half, half)).reshape(len(half), 1, -1)
+            out.reshape(len(half), 2, -1)[:] = wide
+            return
         cv2.resize(half, (self._width, self._height), dst=out, interpolation=cv2.INTER_NEAREST)
 
     def _ground_rows(self, down) -> slice:
@@ -89,8 +104,8 @@ class Background:
         rows = np.flatnonzero(most > 0)
         return slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 0)
 
-    def _grass(self, ray_W, rows, index, p_WC_xy, height):
-        """Draws how much darker than its colour the ground is in these rows."""
+    def _grass(self, ray_W, rows, index, p_WC_xy, height, share):
+        """Draws that share of how much darker than its colour the ground is in these rows."""
         # The ground point of a pixel is p_WC + ray * height / (down of the ray).
         to_ground = np.array([ray_W[0], ray_W[1], -ray_W[2] / height])
         to_ground[:, 2] += to_ground[:, 1] * rows.start
@@ -109,7 +124,7 @@ class Background:
                 flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
                 borderValue=128,
             )
-            grass = cv2.multiply(grass, contrast.take(index, mode="wrap"), scale=1 / 255)
+            grass = cv2.multiply(grass, contrast.take(index, mode="wrap"), scale=share / 255)
             total = grass if total is None else cv2.add(total, grass)
         return total
 

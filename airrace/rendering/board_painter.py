@@ -5,6 +5,7 @@ import bisect
 import cv2
 import numpy as np
 
+from airrace.rendering.pixels import blend, fill_polygons
 from airrace.rendering.projection import NEAR, SHIFT, clip_near, to_fixed, to_pixels
 from airrace.rendering.textures import BOARD_BACK, BOARD_TEXELS, WHITE, board_image
 from airrace.track import BOARD_SIZE
@@ -24,7 +25,6 @@ _TEXEL_TO_M = {
     for size in _SIZES
 }  # fmt: skip
 _CORNERS_M = BOARD_SIZE / 2 * np.array([[-1, 1, 1, -1], [1, 1, -1, -1], [2 / BOARD_SIZE] * 4])
-_BACK_COLOR = (*BOARD_BACK, 255)
 # Boards are supersampled with about that many samples, small ones 4 x 4 fold.
 _SAMPLES = 28_000
 
@@ -98,7 +98,7 @@ class BoardPainter:
             if not np.all(low < high):
                 return
         if not self.faces_camera[i]:
-            cv2.fillConvexPoly(out, to_fixed(corners), _BACK_COLOR, cv2.LINE_AA, SHIFT)
+            fill_polygons(out, [to_fixed(corners)], [BOARD_BACK], SHIFT)
             return
         (x0, y0), (x1, y1) = low.tolist(), high.tolist()
         w, h = x1 - x0, y1 - y0
@@ -112,11 +112,7 @@ class BoardPainter:
         s = min(4, max(1, round((_SAMPLES / (w * h)) ** 0.5)))
         grey = self._warp(self._ids[i], i, s, x0, y0, w, h)
         grey = cv2.multiply(grey, alpha, scale=1 / 255)
-        region = out[y0:y1, x0:x1]
-        # cvtColor makes the fourth channel 255, so the picture stays opaque.
-        rest = cv2.cvtColor(cv2.bitwise_not(alpha), cv2.COLOR_GRAY2RGBA)
-        cv2.multiply(region, rest, dst=region, scale=1 / 255)
-        cv2.add(region, cv2.cvtColor(grey, cv2.COLOR_GRAY2RGBA), dst=region)
+        blend(out[y0:y1, x0:x1], grey, alpha)
 
     def _warp(self, marker_id, i, s, x0, y0, w, h):
         """Draws a board's face, or its outline, into a rectangle.

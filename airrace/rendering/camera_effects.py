@@ -2,11 +2,10 @@
 
 import dataclasses as dc
 
-import cv2
 import numpy as np
 
 from airrace.rendering.lens import Lens
-from airrace.rendering.motion_blur import Shutter
+from airrace.rendering.motion_blur import Shutter, mean_picture
 from airrace.rendering.sensor import Sensor
 
 
@@ -62,12 +61,8 @@ class ImagingChain:
             shot_noise=effects.shot_noise,
             seed=seed,
         )
-        shape = (self.pinhole.height, self.pinhole.width, 4)
-        # Room for pictures on the way; nothing in it outlives a call.
-        self._next = np.zeros(shape, np.uint8)
-        self._ideal = None if self._lens is None else np.zeros(shape, np.uint8)
 
-    def take(self, render, X_WB, w_WB, v_WB, frame: int, out) -> None:
+    def take(self, render, X_WB, w_WB, v_WB, frame: int, out, expose=None) -> None:
         """Takes a picture.
 
         Args:
@@ -77,16 +72,19 @@ class ImagingChain:
                 exposure.
             w_WB, v_WB: its angular velocity (rad/s) and velocity (m/s) in world.
             frame: number of the picture >= 0.
-            out: RGBA, (h, w, 4), uint8; overwritten.
+            out: RGBA or grey levels, see pixels.py; overwritten.
+            expose: draws the mean of pictures at once, see PlanarRenderer; None:
+                they are rendered one by one.
         """
-        ideal = out if self._lens is None else self._ideal
-        total = 0.0
-        for weight, X_WC in self._shutter.poses(X_WB, w_WB, v_WB):
-            render(X_WC, self._next if total else ideal)
-            if total:
-                share = weight / (total + weight)
-                cv2.addWeighted(ideal, 1 - share, self._next, share, 0.0, dst=ideal)
-            total += weight
+        ideal = out
+        if self._lens is not None:
+            shape = (self.pinhole.height, self.pinhole.width, *out.shape[2:])
+            ideal = np.empty(shape, np.uint8)
+        poses = self._shutter.poses(X_WB, w_WB, v_WB)
+        if expose is None:
+            mean_picture(render, poses, ideal)
+        else:
+            expose(poses, X_WB @ self.pinhole.X_BC, ideal)
         if self._lens is not None:
             self._lens.distort(ideal, out)
         self._sensor.expose(out, frame)

@@ -51,8 +51,8 @@ class Lens:
         """Draws the distorted picture.
 
         Args:
-            image: of the pinhole camera, RGBA, uint8.
-            out: (h, w, 4), uint8; overwritten.
+            image: of the pinhole camera, RGBA or grey levels, see pixels.py.
+            out: of the same kind, (h, w) pixels; overwritten.
         """
         cv2.remap(image, self._map_u, self._map_v, cv2.INTER_LINEAR, dst=out)
 

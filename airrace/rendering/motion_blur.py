@@ -2,6 +2,7 @@
 
 import functools
 
+import cv2
 import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RotationMatrix
@@ -26,6 +27,24 @@ def moved(X_WB, w_WB, v_WB, dt) -> RigidTransform:
     if rate > 0:
         R_WB = RotationMatrix(AngleAxis(rate * dt, w_WB / rate)) @ R_WB
     return RigidTransform(R_WB, X_WB.translation() + dt * v_WB)
+
+
+def mean_picture(render, poses, out) -> None:
+    """Draws the mean of several pictures.
+
+    Args:
+        render: draws one; called with X_WC and the array to draw into.
+        poses: pairs of a weight and X_WC; the weights add up to 1.
+        out: RGBA or grey levels, see pixels.py; overwritten.
+    """
+    (total, X_WC), *others = poses
+    render(X_WC, out)
+    picture = np.empty_like(out) if others else None
+    for weight, X_WC in others:
+        render(X_WC, picture)
+        share = weight / (total + weight)
+        cv2.addWeighted(out, 1 - share, picture, share, 0.0, dst=out)
+        total += weight
 
 
 class Shutter:

@@ -4,8 +4,12 @@ import numpy as np
 
 from airrace.rendering.background import Background
 from airrace.rendering.board_painter import BoardPainter
+from airrace.rendering.motion_blur import mean_picture
+from airrace.rendering.pixels import fill
 from airrace.rendering.pylon_painter import PylonPainter
 from airrace.rendering.textures import EARTH, PYLON_COLOR
+
+_SHARING = 4  # exposures, whose blur the background is too soft to show
 
 
 class PlanarRenderer:
@@ -34,20 +38,48 @@ class PlanarRenderer:
 
         Args:
             X_WC: pose of the camera frame C: z forward, x right, y down.
-            out: RGBA, (h, w, 4), uint8, contiguous; overwritten.
+            out: RGBA or grey levels, see pixels.py; contiguous; overwritten.
             gate_shifts: of every gate from its place in the track, (n, 2) m, if
                 gates move; then they must be given for every picture.
         """
-        if gate_shifts is not None:
-            self._move(gate_shifts)
+        self._move(gate_shifts)
+        self._background.paint(X_WC, out)
+        self._paint_things(X_WC, out)
+
+    def expose(self, poses, X_WC, out, gate_shifts=None) -> None:
+        """Draws the mean of several pictures from nearly the same place.
+
+        The background has no detail that a little motion would blur: unless it
+        is more than that, the pictures share one.
+
+        Args:
+            poses: pairs of a weight and the pose of the camera; the weights add
+                up to 1.
+            X_WC: the pose in the middle.
+            out, gate_shifts: as for render().
+        """
+        self._move(gate_shifts)
+        if len(poses) > _SHARING:
+            mean_picture(self.render, poses, out)
+            return
+        background = np.empty_like(out)
+        self._background.paint(X_WC, background)
+
+        def render(X_WC, out):
+            np.copyto(out, background)
+            self._paint_things(X_WC, out)
+
+        mean_picture(render, poses, out)
+
+    def _paint_things(self, X_WC, out):
+        """Draws pylons and boards over the background."""
         if X_WC.translation()[2] <= 0:
-            out[:] = (*EARTH, 255)
+            fill(out, EARTH)
             return
         self._pylons.look_from(X_WC)
         if self._pylons.camera_is_inside():
-            out[:] = (*np.array(PYLON_COLOR) / 2, 255)
+            fill(out, np.array(PYLON_COLOR) / 2)
             return
-        self._background.paint(X_WC, out)
         self._boards.look_from(X_WC)
         # Painter's order. A pylon and its two boards stand in an upright
         # cylinder of the pylon's radius. The cylinders are disjoint and equally
@@ -67,7 +99,9 @@ class PlanarRenderer:
                     self._boards.paint(b, out)
 
     def _move(self, gate_shifts):
-        """Puts the gates where the next picture shows them."""
+        """Puts the gates where the next pictures show them; None: where they are."""
+        if gate_shifts is None:
+            return
         shifts = np.column_stack([gate_shifts, np.zeros(len(gate_shifts))])
         self._pylons.move(np.repeat(shifts, 2, axis=0))
         self._boards.move(np.repeat(shifts, 4, axis=0))

@@ -1,8 +1,8 @@
 """Draws pylons as shaded, banded cones."""
 
-import cv2
 import numpy as np
 
+from airrace.rendering.pixels import fill_polygons
 from airrace.rendering.projection import NEAR, SHIFT, clip_near, to_fixed, to_pixels
 from airrace.rendering.pylon_shape import make_pylon_shape
 from airrace.rendering.textures import HORIZON, haze
@@ -14,6 +14,7 @@ _DETAIL = (
     (40.0, make_pylon_shape(12, 1)),
     (np.inf, make_pylon_shape(6, 0)),
 )
+_EDGE = 2.0  # px, wider than a smooth edge
 
 
 class PylonPainter:
@@ -31,6 +32,7 @@ class PylonPainter:
         """
         self._feet = self._places = feet
         self._K = camera_info.K
+        self._beyond = np.array([camera_info.width, camera_info.height]) + _EDGE
         # Inward normals of the view's four sides, in C.
         w, h = camera_info.width, camera_info.height
         corners = np.array([[0, 0, 1], [w, 0, 1], [w, h, 1], [0, h, 1]], float) - [0.5, 0.5, 0]
@@ -73,11 +75,15 @@ class PylonPainter:
         veil = haze(distance)
         colors = (1 - veil) * shape.facet_colors[visible] + veil * np.array(HORIZON)
         vertices_h = (shape.vertices - p_WC) @ self._P.T
-        if np.all(vertices_h[:, 2] >= NEAR):
-            polygons = to_fixed(to_pixels(vertices_h))[facets]
+        depth = vertices_h[:, 2]
+        if depth.max() < NEAR:
+            return
+        if depth.min() >= NEAR:
+            pixels = to_pixels(vertices_h)
+            if (pixels.max(axis=0) < -_EDGE).any() or (pixels.min(axis=0) > self._beyond).any():
+                return
+            polygons = to_fixed(pixels)[facets]
         else:
             clipped = (clip_near(vertices_h[facet]) for facet in facets)
             polygons = [to_fixed(to_pixels(polygon)) for polygon in clipped]
-        for polygon, color in zip(polygons, colors.tolist()):
-            if len(polygon):
-                cv2.fillConvexPoly(out, polygon, (*color, 255), cv2.LINE_AA, SHIFT)
+        fill_polygons(out, polygons, colors, SHIFT)

@@ -4,8 +4,10 @@ import cv2
 import numpy as np
 
 from airrace.random import make_generator
+from airrace.rendering.pixels import is_grey
 
 _MARGIN = 256  # of the sheet of noise beyond a picture (px)
+_STRIP = 120  # rows that are worked on at a time
 _MOST = 5.0  # standard normal numbers beyond that are cut off
 
 
@@ -40,45 +42,59 @@ class Sensor:
             rgb = np.uint8(np.round(mask))
             # Rounded up, so that an opaque pixel stays at 255.
             alpha = np.full_like(rgb, int(np.ceil(1 / self._scale)))
-            self._mask = cv2.merge([rgb, rgb, rgb, alpha])
+            self._mask = {True: rgb, False: cv2.merge([rgb, rgb, rgb, alpha])}  # is it grey?
         self._noisy = read_noise > 0 or shot_noise > 0
         if not self._noisy:
             return
         self._seed = seed
         shape = (camera_info.height + _MARGIN, camera_info.width + _MARGIN)
         z = make_generator(seed, "camera_noise_sheet").standard_normal(shape, np.float32)
-        # OpenCV is fastest on bytes, so there is one sheet of what is brighter
-        # and one of what is darker.
-        z *= 255 / _MOST
-        self._sheets = [np.uint8(np.round(np.clip(part, 0, 255))) for part in (z, -z)]
+        # OpenCV is fastest on bytes, so there is one sheet of amounts and one that
+        # says where they make the picture darker; or, turned over, brighter.
+        self._amount = np.uint8(np.round(np.clip(np.abs(z) * (255 / _MOST), 0, 255)))
+        darker = np.uint8(255 * (z < 0))
+        self._darker = [darker, 255 - darker]
         sigma = np.sqrt(read_noise**2 + shot_noise * np.arange(256))
         self._sigma = np.uint8(np.round(sigma / sigma[-1] * 255))
         self._noise_scale = sigma[-1] / 255 * _MOST / 255
-        self._zeros = np.zeros((camera_info.height, camera_info.width), np.uint8)
 
     def expose(self, image, frame: int) -> None:
         """Changes a picture in place; opaque pixels stay opaque.
 
         Args:
-            image: RGBA, (h, w, 4), uint8.
+            image: RGBA or grey levels, see pixels.py.
             frame: number of the picture >= 0; the noise is a function of it.
         """
-        if self._mask is not None:
-            cv2.multiply(image, self._mask, dst=image, scale=self._scale)
-        if self._noisy:
-            self._add_noise(image, frame)
-
-    def _add_noise(self, image, frame):
         h, w = image.shape[:2]
-        rng = make_generator(self._seed, "camera_noise_place", frame)
-        y, x, turned = rng.integers([_MARGIN + 1, _MARGIN + 1, 2]).tolist()
-        sigma = cv2.LUT(cv2.cvtColor(image, cv2.COLOR_RGBA2GRAY), self._sigma)
-        brighter, darker = (
-            cv2.multiply(sigma, sheet[y : y + h, x : x + w], scale=self._noise_scale)
-            for sheet in (self._sheets[::-1] if turned else self._sheets)
-        )
-        cv2.add(image, cv2.merge([brighter] * 3 + [self._zeros]), dst=image)
-        cv2.subtract(image, cv2.merge([darker] * 3 + [self._zeros]), dst=image)
+        mask = None if self._mask is None else self._mask[is_grey(image)]
+        sheets = ()
+        if self._noisy:
+            rng = make_generator(self._seed, "camera_noise_place", frame)
+            y, x, turned = rng.integers([_MARGIN + 1, _MARGIN + 1, 2]).tolist()
+            sheets = [
+                sheet[y : y + h, x : x + w] for sheet in (self._amount, self._darker[turned])
+            ]
+        # Strips stay in the processor's cache from one step to the next.
+        for start in range(0, h, _STRIP):
+            rows = slice(start, start + _STRIP)
+            strip = image[rows]
+            if mask is not None:
+                cv2.multiply(strip, mask[rows], dst=strip, scale=self._scale)
+            if sheets:
+                self._add_noise(strip, *(sheet[rows] for sheet in sheets))
+
+    def _add_noise(self, image, amount, darker):
+        """Adds noise to a picture, given the sheets of the same size."""
+        grey = image if is_grey(image) else cv2.cvtColor(image, cv2.COLOR_RGBA2GRAY)
+        sigma = cv2.LUT(grey, self._sigma)
+        noise = cv2.multiply(sigma, amount, scale=self._noise_scale)
+        if not is_grey(image):
+            nothing = np.zeros_like(noise)
+            noise, darker = (cv2.merge([a, a, a, nothing]) for a in (noise, darker))
+        # What is added to the negative is subtracted from the picture.
+        cv2.bitwise_xor(image, darker, dst=image)
+        cv2.add(image, noise, dst=image)
+        cv2.bitwise_xor(image, darker, dst=image)
 
 
 def _loss(camera_info):

@@ -23,6 +23,7 @@ from pydrake.systems.sensors import CameraInfo as DrakeCameraInfo
 
 from airrace.errors import UserError
 from airrace.rendering.atmosphere import Atmosphere
+from airrace.rendering.pixels import is_grey
 from airrace.rendering.textures import HORIZON, SUN_W
 
 _NAME = "vtk"
@@ -144,9 +145,14 @@ class VtkRenderer:
 
         Args:
             X_WC: pose of the camera frame C: z forward, x right, y down.
-            out: RGBA, (h, w, 4), uint8; overwritten.
+            out: RGBA or grey levels, see pixels.py; overwritten.
             query_object: the SceneGraph's.
         """
+        if is_grey(out):
+            picture = np.zeros((*out.shape, 4), np.uint8)
+            self.render(X_WC, picture, query_object)
+            cv2.cvtColor(picture, cv2.COLOR_RGBA2GRAY, dst=out)
+            return
         world = SceneGraph.world_frame_id()
         image = query_object.RenderColorImage(self._camera, world, X_WC)
         cv2.resize(image.data, self._size, dst=out, interpolation=cv2.INTER_AREA)

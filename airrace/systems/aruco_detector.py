@@ -5,7 +5,7 @@ import dataclasses as dc
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem, ValueProducer
-from pydrake.systems.sensors import ImageRgba8U
+from pydrake.systems.sensors import ImageGrey8U
 
 from airrace.immutable import Immutable
 from airrace.systems import detection_checks as checks
@@ -39,13 +39,13 @@ class ArucoDetector(LeafSystem):
 
         name: ArucoDetector
         input_ports:
-        - camera_image
+        - camera_grey
         - camera_image_time
         - camera_info
         output_ports:
         - detections
 
-    ``camera_image`` is an ImageRgba8U, ``camera_image_time`` when it was
+    ``camera_grey`` is an ImageGrey8U, ``camera_image_time`` when it was
     taken (s), ``camera_info`` a CameraInfo; ``detections`` a Detections.
 
     The output is a function of the inputs and of what was in the last image,
@@ -68,7 +68,7 @@ class ArucoDetector(LeafSystem):
         self._search = MarkerSearch()
         self._max_id = np.inf if max_gates is None else 4 * max_gates - 1
         self._period = full_search_period
-        self._image = self.DeclareAbstractInputPort("camera_image", Value(ImageRgba8U()))
+        self._image = self.DeclareAbstractInputPort("camera_grey", Value(ImageGrey8U()))
         self._time = self.DeclareVectorInputPort("camera_image_time", 1)
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
         self._memory = self.DeclareAbstractState(Value[object](Sight()))
@@ -94,7 +94,7 @@ class ArucoDetector(LeafSystem):
         if time == last.detections.time:
             sight.set_value(last)
             return
-        image, info = self._image.Eval(context).data, self._info.Eval(context)
+        image, info = self._image.Eval(context).data[..., 0], self._info.Eval(context)
         sight.set_value(look(
             self._search, image, time, info, last,
             max_id=self._max_id, full_search_period=self._period,
@@ -111,7 +111,7 @@ def look(search: MarkerSearch, image, time, info: CameraInfo, last: Sight, *,
 
     Args:
         search: finds the markers.
-        image: RGBA, (h, w, 4), uint8.
+        image: grey levels, (h, w), uint8.
         time: when it was taken (s).
         info: the camera.
         last: of the last image; Sight() if there was none.
@@ -124,7 +124,7 @@ def look(search: MarkerSearch, image, time, info: CameraInfo, last: Sight, *,
     if last.measured and last.tracked + 1 < full_search_period:
         found = _track(search, image, dt, info, last)
     tracked = 0 if found is None else last.tracked + 1
-    measured, refused = measure(*(found or search.everywhere(image)), info, max_id)
+    measured, refused = measure(image, *(found or search.everywhere(image)), info, max_id)
     before = {marker.id: marker for marker in last.measured}
     jumping = {m.id for m in measured if m.id in before and checks.jumps(m, before[m.id], dt)}
     detections = Detections(
@@ -150,7 +150,7 @@ def _track(search: MarkerSearch, image, dt, info: CameraInfo, last: Sight):
         m.id: m.corners + dt * last.velocities.get(m.id, np.zeros(2)) for m in last.measured
     }
     found = search.around(image, list(predictions.values()))
-    for id in predictions.keys() - set(found[1]):
+    for id in predictions.keys() - set(found[0]):
         if np.all((predictions[id] > 0) & (predictions[id] < [info.width - 1, info.height - 1])):
             return None
     return found

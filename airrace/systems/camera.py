@@ -8,7 +8,7 @@ from pydrake.common.value import Value
 from pydrake.geometry import QueryObject
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
-from pydrake.systems.sensors import ImageRgba8U
+from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.rendering.camera_effects import ImagingChain
 from airrace.systems.types import CameraInfo
@@ -21,10 +21,11 @@ class Renderer(typing.Protocol):
     needs_query_object: bool
 
     def render(self, X_WC: RigidTransform, out: np.ndarray, *scene) -> None:
-        """Draws the world seen from X_WC into ``out``, (h, w, 4) uint8 RGBA.
+        """Draws the world seen from X_WC into ``out``, uint8.
 
-        ``scene`` is the QueryObject, or the shifts of the gates, (n, 2), if the
-        Camera is told that gates move, or nothing.
+        That is RGBA, (h, w, 4), or grey levels, (h, w). ``scene`` is the
+        QueryObject, or the shifts of the gates, (n, 2), if the Camera is told
+        that gates move, or nothing.
         """
 
 
@@ -40,6 +41,7 @@ class Camera(LeafSystem):
         - gate_shifts (only if gates move, and the renderer needs no geometry_query)
         output_ports:
         - camera_image
+        - camera_grey
         - camera_image_time
         - camera_info
 
@@ -50,8 +52,10 @@ class Camera(LeafSystem):
 
     The camera samples the state and the time at initialization and then at all
     multiples of 1/fps. ``camera_image`` (abstract, ImageRgba8U) shows the world
-    from the sampled pose; ``camera_image_time`` (vector, shape (1,)) is when
-    that was (s): the middle of the exposure. Both are there ``latency`` later,
+    from the sampled pose; ``camera_grey`` (abstract, ImageGrey8U) is the same picture
+    in grey levels, drawn as such, which is several times as fast: up to rounding,
+    what OpenCV makes of the colours. ``camera_image_time`` (vector, shape (1,)) is
+    when that was (s): the middle of the exposure. All are there ``latency`` later,
     but for the first ones, which are there from the beginning. ``camera_info``
     (abstract, CameraInfo) never changes.
 
@@ -60,10 +64,10 @@ class Camera(LeafSystem):
     them off (``SetUseSampledOutputPorts(False)``) if that matters.
 
     The picture is a function of the sample only, so Drake's cache keeps it
-    until the next one: a frame is drawn at most once however many look at it,
-    and never if nobody does. With a renderer that needs ``geometry_query`` this
-    relies on a scene that stands still while it is looked at. The drone itself moves, so it must be
-    invisible to that renderer: give its visuals no perception role.
+    until the next one: a frame is drawn at most once in either way however many
+    look at it, and never if nobody does. With a renderer that needs ``geometry_query``
+    this relies on a scene that stands still while it is looked at. The drone itself
+    moves, so it must be invisible to that renderer: give its visuals no perception role.
     """
 
     def __init__(
@@ -123,7 +127,14 @@ class Camera(LeafSystem):
         self.DeclareAbstractOutputPort(
             "camera_image",
             lambda: Value(ImageRgba8U(camera_info.width, camera_info.height)),
-            self._CalcImage,
+            lambda context, output: self._Draw(context, output.get_mutable_value().mutable_data),
+            prerequisites_of_calc=ticket,
+        )
+        self.DeclareAbstractOutputPort(
+            "camera_grey",
+            lambda: Value(ImageGrey8U(camera_info.width, camera_info.height)),
+            lambda context, output: self._Draw(
+                context, output.get_mutable_value().mutable_data[..., 0]),
             prerequisites_of_calc=ticket,
         )
         self.DeclareVectorOutputPort(
@@ -156,17 +167,21 @@ class Camera(LeafSystem):
     def _Shown(self, context):
         return np.array(context.get_abstract_state(int(self._shown)).get_value())
 
-    def _CalcImage(self, context, output):
+    def _Draw(self, context, image):
         sample = self._Shown(context)
         # The plant's integrator lets the quaternion's norm drift a little.
         X_WB = RigidTransform(Quaternion(sample[:4] / np.linalg.norm(sample[:4])), sample[4:7])
         args = () if self._query is None else (self._query.Eval(context),)
         if self._shifts is not None:
             args = (sample[14:].reshape(-1, 2),)
-        image = output.get_mutable_value().mutable_data
         if self._imaging is None:
             self._renderer.render(X_WB @ self._info.X_BC, image, *args)
             return
+        options = {}
+        if hasattr(self._renderer, "expose"):
+            options["expose"] = lambda poses, X_WC, out: self._renderer.expose(
+                poses, X_WC, out, *args
+            )
         self._imaging.take(
             lambda X_WC, out: self._renderer.render(X_WC, out, *args),
             X_WB,
@@ -174,6 +189,7 @@ class Camera(LeafSystem):
             sample[10:13],
             round(sample[13] * self._fps),
             image,
+            **options,
         )
 
     def _CalcTime(self, context, output):

@@ -72,7 +72,7 @@ def _fit_lines(image, edges: Edges, share, limit, crowded):
     reach = np.minimum(share * edges.width, limit)
     n = len(reach)
     profiles = edges.profiles(image, reach)
-    gradient = np.diff(profiles, axis=2)
+    gradient = profiles[:, :, 1:] - profiles[:, :, :-1]
     # What rises outwards is this edge's: rim and modules fall. But so does half
     # of the noise, and there is more of it on the white side.
     gradient[np.repeat(crowded, 4)[:, None, None] & (gradient < 0)] = 0.0
@@ -80,24 +80,32 @@ def _fit_lines(image, edges: Edges, share, limit, crowded):
     y = reach[:, :, None] * (gradient @ _BETWEEN).reshape(n, 4, len(ALONG))
     y = y / np.maximum(contrast, 1e-6)
     x = ALONG * edges.length[:, :, None]
-    seen = contrast > np.maximum(0.5 * np.median(contrast, axis=2, keepdims=True),
-                                 _LEAST_CONTRAST)
+    seen = contrast > np.maximum(0.5 * _median(contrast), _LEAST_CONTRAST)
     weight = seen.astype(float)
     for _ in range(2):
         offset, slope, moments = _weighted_line(x, y, weight)
         residual = np.abs(y - offset[..., None] - slope[..., None] * x)
-        sigma = 1.4826 * np.median(residual, axis=2, keepdims=True)
+        sigma = 1.4826 * _median(residual)
         weight = seen * (residual < _OUTLIER * np.maximum(sigma, _FLOOR))
     offset, slope, (count, spread) = _weighted_line(x, y, weight)
     residual = y - offset[..., None] - slope[..., None] * x
     # Profiles less than a pixel apart look at the same pixels.
     independent = np.minimum(count, count * EXTENT * edges.length / len(ALONG))
-    scatter = np.sum(weight * residual**2, axis=2) / np.maximum(independent - 2, 1.0)
+    scatter = (weight * residual**2).sum(axis=2) / np.maximum(independent - 2, 1.0)
     variance = np.stack([
         scatter / count + _SYSTEMATIC**2,
         scatter / spread + (_SYSTEMATIC / (0.5 * edges.length)) ** 2,
     ], axis=2)
     return offset, slope, variance
+
+
+def _median(a):
+    """Returns the median over the last axis of an array (n, 4, p), p even, as (n, 4, 1).
+
+    numpy's own takes four times as long on so few.
+    """
+    half = a.shape[2] // 2
+    return np.sort(a, axis=2)[..., half - 1:half + 1].mean(axis=2, keepdims=True)
 
 
 def _weighted_line(x, y, weight):
@@ -109,10 +117,10 @@ def _weighted_line(x, y, weight):
     """
     count = weight.sum(axis=2)
     count = np.where(count < len(ALONG) / 4, np.nan, count)
-    mean_x, mean_y = (np.sum(weight * a, axis=2) / count for a in (x, y))
+    mean_x, mean_y = ((weight * a).sum(axis=2) / count for a in (x, y))
     deviation = weight * (x - mean_x[..., None])
-    spread = np.sum(deviation * x, axis=2)
-    slope = np.sum(deviation * y, axis=2) / spread
+    spread = (deviation * x).sum(axis=2)
+    slope = (deviation * y).sum(axis=2) / spread
     return mean_y - slope * mean_x, slope, (count, spread)
 
 

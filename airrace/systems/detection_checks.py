@@ -34,13 +34,13 @@ def check_image(image, time, info: CameraInfo) -> str | None:
     """Returns why an image cannot be searched, None if it can.
 
     Args:
-        image: should be RGBA, (info.height, info.width, 4), uint8.
+        image: should be grey levels, (info.height, info.width), uint8.
         time: when it was taken (s).
         info: the camera.
     """
     if getattr(image, "dtype", None) != np.uint8:
         return WRONG_IMAGE
-    if image.shape != (info.height, info.width, 4):
+    if image.shape != (info.height, info.width):
         return WRONG_IMAGE
     return None if np.isfinite(time) else NO_TIME
 

@@ -1,5 +1,7 @@
 """Builds the map of the track from detections."""
 
+import math
+
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
@@ -126,8 +128,9 @@ def extrapolate(estimate, dt) -> RigidTransform:
 
 def _is_sound(estimate) -> bool:
     """Whether a state estimate is finite and its quaternion one."""
-    return bool(
-        np.isfinite(estimate).all() and abs(np.linalg.norm(estimate[se.QUATERNION]) - 1.0) < 0.1
+    numbers = estimate.tolist()
+    return (
+        all(map(math.isfinite, numbers)) and abs(math.hypot(*numbers[se.QUATERNION]) - 1.0) < 0.1
     )
 
 

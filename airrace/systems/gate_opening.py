@@ -29,8 +29,10 @@ class GateOpening:
         """
         x, y, z = self._p_WG
         p_WG = (x + shift[0], y + shift[1], z)
-        before = sum(f * (a - g) for f, a, g in zip(self._forward, q, p_WG))
-        after = sum(f * (a - g) for f, a, g in zip(self._forward, p, p_WG))
+        forward = self._forward
+        before, after = (
+            forward[0] * (a[0] - p_WG[0]) + forward[1] * (a[1] - p_WG[1]) for a in (q, p)
+        )
         if not before < 0.0 <= after:
             return None
         share = before / (before - after)

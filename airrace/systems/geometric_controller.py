@@ -6,12 +6,13 @@ import math
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from airrace.attitude import attitude_error, cross, rotation_matrix, turned_back
+from airrace.attitude import attitude_error, turned_back
 from airrace.reduced_attitude import ROTOR_DELAY, ReducedAttitude
 from airrace.rotor_loss import Remaining
 from airrace.systems import state_estimate as se
 from airrace.trajopt import flat_trajectory as ref
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
+from airrace.triples import columns, cross, dot
 from airrace.vehicle import GRAVITY, Vehicle
 
 _THRUST_SHARE = 0.9  # of what the rotors have: the rest is for the attitude
@@ -66,9 +67,9 @@ class GeometricController(LeafSystem):
         """
         LeafSystem.__init__(self)
         self._mass = vehicle.mass
-        self._J = np.array(vehicle.inertia)
+        self._J = list(map(float, vehicle.inertia))
         self._k_x, self._k_v = vehicle.gains.position, vehicle.gains.velocity
-        self._k_R, self._k_w = _attitude_gains(vehicle)
+        self._k_R, self._k_w = (gain.tolist() for gain in _attitude_gains(vehicle))
         self._c_f = vehicle.thrust_coefficients
         self._max_speeds = vehicle.max_speeds
         self._feed_forward = feed_forward
@@ -90,12 +91,14 @@ class GeometricController(LeafSystem):
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     def _UpdateCommand(self, context, discrete_state):
-        working = np.isinf(self._losses.Eval(context))
-        remaining = self._remaining(tuple(working.tolist()))
+        working = tuple(map(math.isinf, self._losses.Eval(context).tolist()))
+        remaining = self._remaining(working)
         estimate = self._estimate.Eval(context)
         disturbance = self._rejection * self._disturbance.Eval(context)
-        reference = self._reference.Eval(context).copy()
-        needed = [estimate, disturbance, reference][: 3 if remaining.can_fly else 2]
+        needed = [estimate, disturbance]
+        if remaining.can_fly:
+            reference = self._reference.Eval(context).copy()
+            needed.append(reference)
         if not np.isfinite(np.concatenate(needed)).all():
             return  # the last command is the best there is
         if remaining.can_fly:
@@ -113,7 +116,7 @@ class GeometricController(LeafSystem):
         command = speeds + self._overdrive * (desired - speeds)
         # fmax and fmin, unlike clip, replace NaN.
         command = np.fmin(np.fmax(command, 0.0), self._max_speeds)
-        discrete_state.set_value(command * working)
+        discrete_state.set_value(command if all(working) else command * working)
 
     def CalcWrench(self, reference, estimate) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), shape (4,).
@@ -122,36 +125,43 @@ class GeometricController(LeafSystem):
             reference: of trajopt/flat_trajectory.py, (18,).
             estimate: of systems/state_estimate.py, (14,).
         """
-        R = rotation_matrix(*estimate[se.QUATERNION].tolist())
-        position_error = estimate[se.POSITION] - reference[ref.POSITION]
-        velocity_error = estimate[se.VELOCITY] - reference[ref.VELOCITY]
+        # Plain numbers: arrays this small cost more than they spare.
+        r, e = reference.tolist(), estimate.tolist()
+        k_x, k_v = self._k_x, self._k_v
         # Equation (23): the desired specific force, and its axis.
-        force = reference[ref.ACCELERATION] - self._k_x * position_error
-        force -= self._k_v * velocity_error
+        force = [
+            a - k_x * (p - p_d) - k_v * (v - v_d)
+            for a, p, p_d, v, v_d in zip(
+                r[ref.ACCELERATION], e[se.POSITION], r[ref.POSITION],
+                e[se.VELOCITY], r[ref.VELOCITY],
+            )
+        ]
         force[2] += GRAVITY
-        force = limited(force, self._max_thrust / self._mass)
-        yaw, yaw_rate, yaw_acceleration = reference[ref.YAW:].tolist()
+        force = limited(force, self._max_thrust / self._mass).tolist()
+        yaw, yaw_rate, yaw_acceleration = r[ref.YAW:]
         axes, w_d, alpha_d = attitude_from_force(
-            force.tolist(),
-            reference[ref.JERK].tolist(),
-            reference[ref.SNAP].tolist(),
+            force, r[ref.JERK], r[ref.SNAP],
             heading_vectors(math.cos(yaw), math.sin(yaw), yaw_rate, yaw_acceleration),
         )
-        E = np.array(axes) @ R  # R_d^T R
-        w = estimate[se.ANGULAR_VELOCITY] @ R
-        w_d = w_d @ E
-        e_w = w - w_d
+        R = columns(*e[se.QUATERNION])
+        E = [[dot(axis, column) for column in R] for axis in axes]  # R_d^T R
+        ET = tuple(zip(*E))
+        w = [dot(e[se.ANGULAR_VELOCITY], column) for column in R]
+        w_d = [dot(w_d, column) for column in ET]
+        e_w = [a - b for a, b in zip(w, w_d)]
         # Equations (15) and (16); gains are per unit of mass and inertia. The
         # third term keeps a spin that is yet to be stopped from turning the others.
-        moment = self._J * (
-            -self._k_R * attitude_error(E, w)
-            - self._k_w * e_w
-            - e_w[2] * np.array([-e_w[1], e_w[0], 0.0])
-            - cross(w, w_d)
-            + alpha_d @ E
-        ) + cross(w, self._J * w)
+        turning = (-e_w[2] * e_w[1], e_w[2] * e_w[0], 0.0)
+        J = self._J
+        moment = [
+            J_i * (-k_R * e_R - k_w * de - turn - coupling + dot(alpha_d, column)) + gyroscopic
+            for J_i, k_R, e_R, k_w, de, turn, coupling, column, gyroscopic in zip(
+                J, self._k_R, attitude_error(E, w).tolist(), self._k_w, e_w, turning,
+                cross(w, w_d), ET, cross(w, [J_i * w_i for J_i, w_i in zip(J, w)]),
+            )
+        ]
         moment = turned_back(moment, ROTOR_DELAY * w[2])
-        return np.array([self._mass * max(force.dot(R[:, 2]), 0.0), *moment])
+        return np.array([self._mass * max(dot(force, R[2]), 0.0), *moment])
 
 
 def limited(force, greatest: float) -> np.ndarray:
@@ -163,7 +173,7 @@ def limited(force, greatest: float) -> np.ndarray:
         force: (3,) in the world (m/s^2).
         greatest: amount (m/s^2).
     """
-    x, y, z = force.tolist()
+    x, y, z = force
     z = min(max(z, _LEAST_LIFT), greatest)
     side = math.hypot(x, y)
     share = min(1.0, math.sqrt(greatest**2 - z**2) / side) if side > 0.0 else 1.0

@@ -22,27 +22,25 @@ class MarkerSearch:
         """Searches a picture.
 
         Args:
-            image: RGBA, (h, w, 4), uint8.
+            image: grey levels, (h, w), uint8.
 
         Returns:
-            grey levels, (h, w), uint8; IDs, list of n; and rough corners, top
-            left first, clockwise as the marker is read, (n, 4, 2) px.
+            IDs, list of n; and rough corners, top left first, clockwise as the
+            marker is read, (n, 4, 2) px.
         """
-        grey = cv2.cvtColor(image, cv2.COLOR_RGBA2GRAY)
-        return grey, *self._Detect(grey)
+        return self._Detect(image)
 
     def around(self, image, predictions):
         """Searches a picture near where markers are expected.
 
         Args:
-            image: RGBA, (h, w, 4), uint8.
+            image: grey levels, (h, w), uint8.
             predictions: corners expected, list of (4, 2) px.
 
         Returns:
-            as everywhere(); the grey levels outside the regions are zero.
+            as everywhere().
         """
-        h, w = image.shape[:2]
-        grey = np.zeros((h, w), np.uint8)
+        h, w = image.shape
         found = {}
         for box in predictions:
             low, high = box.min(axis=0), box.max(axis=0)
@@ -51,12 +49,10 @@ class MarkerSearch:
             x1, y1 = np.clip(np.ceil(high + margin), 0, (w, h)).astype(int).tolist()
             if x1 - x0 < _SMALLEST_SIDE or y1 - y0 < _SMALLEST_SIDE:
                 continue
-            region = grey[y0:y1, x0:x1]
-            cv2.cvtColor(image[y0:y1, x0:x1], cv2.COLOR_RGBA2GRAY, dst=region)
-            ids, quads = self._Detect(region)
+            ids, quads = self._Detect(image[y0:y1, x0:x1])
             # Regions overlap, so a marker may be found in several of them.
             found.update(zip(ids, quads + [x0, y0]))
-        return grey, list(found), np.reshape(list(found.values()), (-1, 4, 2))
+        return list(found), np.reshape(list(found.values()), (-1, 4, 2))
 
     def _Detect(self, grey):
         parameters = self._detector.getDetectorParameters()

@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import LeafSystem
-from pydrake.systems.sensors import ImageRgba8U
+from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.immutable import read_only
 from airrace.systems.types import CameraInfo
@@ -22,19 +22,22 @@ class Rectifier(LeafSystem):
         name: Rectifier
         input_ports:
         - camera_image
+        - camera_grey
         - camera_info
         output_ports:
         - camera_image
+        - camera_grey
         - camera_info
 
-    ``camera_image`` is an ImageRgba8U, ``camera_info`` a CameraInfo. The
+    ``camera_image`` is an ImageRgba8U, ``camera_grey`` an ImageGrey8U and
+    ``camera_info`` a CameraInfo. The
     outputs have the inputs' names, so the Rectifier fits in front of any system
     that asks for them: the image is that of K' = P[:, :3] and no distortion,
     seen from the frame that R rotates to, and the info says so. What the lens
     did not see is black.
 
-    The output is a function of the inputs alone; Drake's cache rectifies an
-    image once.
+    An output is a function of the input of its name and of the calibration;
+    Drake's cache rectifies an image once, and none that nobody looks at.
     """
 
     def __init__(self):
@@ -42,23 +45,27 @@ class Rectifier(LeafSystem):
         # All that it does depends on a calibration, which never changes.
         self._maps = functools.lru_cache(maxsize=1)(_maps)
         self._rectified = functools.lru_cache(maxsize=1)(rectified_info)
-        self._image = self.DeclareAbstractInputPort("camera_image", Value(ImageRgba8U()))
+        images = [
+            self.DeclareAbstractInputPort(name, Value(kind()))
+            for name, kind in (("camera_image", ImageRgba8U), ("camera_grey", ImageGrey8U))
+        ]
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
-        self.DeclareAbstractOutputPort(
-            "camera_image",
-            lambda: Value(ImageRgba8U()),
-            self._CalcImage,
-            {self._image.ticket(), self._info.ticket()},
-        )
+        for port, kind in zip(images, (ImageRgba8U, ImageGrey8U)):
+            self.DeclareAbstractOutputPort(
+                port.get_name(),
+                lambda kind=kind: Value(kind()),
+                functools.partial(self._CalcImage, port),
+                {port.ticket(), self._info.ticket()},
+            )
         self.DeclareAbstractOutputPort(
             "camera_info", lambda: Value[object](), self._CalcInfo, {self._info.ticket()}
         )
 
-    def _CalcImage(self, context, output):
+    def _CalcImage(self, port, context, output):
         info = self._info.Eval(context)
         image = output.get_mutable_value()
         image.resize(info.width, info.height)
-        raw = self._image.Eval(context).data
+        raw = port.Eval(context).data
         cv2.remap(raw, *self._maps(info), cv2.INTER_LINEAR, dst=image.mutable_data,
                   borderValue=(0, 0, 0, 255))
 

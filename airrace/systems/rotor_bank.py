@@ -37,9 +37,9 @@ class RotorBank(LeafSystem):
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
         self._c_f = vehicle.thrust_coefficients
-        self._max_speeds = vehicle.max_speeds
+        self._max_speeds = vehicle.max_speeds.tolist()
         self._failures = tuple(failures)
-        self._blend = 1.0 - np.exp(-period / vehicle.rotor_lag)
+        self._blend = float(1.0 - np.exp(-period / vehicle.rotor_lag))
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         state = self.DeclareDiscreteState(n)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._UpdateSpeeds)
@@ -49,13 +49,19 @@ class RotorBank(LeafSystem):
         )
 
     def _UpdateSpeeds(self, context, discrete_state):
-        # fmax and fmin, unlike clip, replace NaN.
-        command = np.fmin(np.fmax(self._command.Eval(context), 0.0), self._max_speeds)
+        # Plain numbers: arrays this small cost more than they spare. NaN is not
+        # greater than zero.
+        command = [
+            min(speed, limit) if speed > 0.0 else 0.0
+            for speed, limit in zip(self._command.Eval(context).tolist(), self._max_speeds)
+        ]
         for rotor, time in self._failures:
             if context.get_time() >= time:
                 command[rotor] = 0.0
-        speeds = context.get_discrete_state_vector().value()
-        discrete_state.set_value(speeds + self._blend * (command - speeds))
+        speeds = context.get_discrete_state_vector().value().tolist()
+        discrete_state.set_value(np.array([
+            speed + self._blend * (wanted - speed) for speed, wanted in zip(speeds, command)
+        ]))
 
     def _CalcThrusts(self, context, output):
         speeds = context.get_discrete_state_vector().value()

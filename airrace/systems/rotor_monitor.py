@@ -45,8 +45,8 @@ class RotorMonitor(LeafSystem):
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
         self._period = 1.0 / rate
-        self._blend = 1.0 - np.exp(-self._period / vehicle.rotor_lag)
-        self._least = _LEAST * vehicle.max_speeds
+        self._blend = 1.0 - math.exp(-self._period / vehicle.rotor_lag)
+        self._least = (_LEAST * vehicle.max_speeds).tolist()
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         # The model's speeds, newest first, and for how long a rotor has not followed (s).
@@ -58,17 +58,24 @@ class RotorMonitor(LeafSystem):
         self.DeclareStateOutputPort("rotor_losses", losses)
 
     def _Compare(self, context, discrete_state):
+        # Plain numbers: arrays this small cost more than they spare.
         n = self._speeds.size()
-        *models, waited = context.get_discrete_state(self._model).value().reshape(-1, n)
-        due = np.min(models, axis=0)
+        memory = context.get_discrete_state(self._model).value().tolist()
+        models, waited = memory[:-n], memory[-n:]
+        due = [min(models[i::n]) for i in range(n)]
         # Written such that a speed that is not a number is too low.
-        low = (due > self._least) & ~(self._speeds.Eval(context) >= _SHARE * due)
-        waited = np.where(low, waited + self._period, 0.0)
-        if waited.max() > _PATIENCE:
+        waited = [
+            since + self._period if model > least and not speed >= _SHARE * model else 0.0
+            for since, model, least, speed in zip(
+                waited, due, self._least, self._speeds.Eval(context).tolist()
+            )
+        ]
+        if max(waited) > _PATIENCE:
             losses = context.get_discrete_state(self._losses).value()
-            lost = np.where(waited > _PATIENCE, context.get_time(), np.inf)
+            lost = np.where(np.array(waited) > _PATIENCE, context.get_time(), np.inf)
             discrete_state.set_value(self._losses, np.minimum(losses, lost))
-        newest = models[0] + self._blend * (self._command.Eval(context) - models[0])
-        discrete_state.set_value(
-            self._model, np.concatenate([newest, *models[:-1], waited])
-        )
+        newest = [
+            model + self._blend * (command - model)
+            for model, command in zip(models, self._command.Eval(context).tolist())
+        ]
+        discrete_state.set_value(self._model, np.array([*newest, *models[:-n], *waited]))

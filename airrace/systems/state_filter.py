@@ -1,10 +1,13 @@
 """Smooths the state estimate for the controller, and finds what pushes the drone."""
 
+import math
+
 import numpy as np
 from pydrake.math import DiscreteAlgebraicRiccatiEquation
 from pydrake.systems.framework import LeafSystem
 
 from airrace.systems import state_estimate as se
+from airrace.triples import columns
 from airrace.vehicle import GRAVITY, Vehicle
 
 # What the filter is tuned for; the first two are the reference system's noise.
@@ -54,8 +57,8 @@ class StateFilter(LeafSystem):
             rate: how often it looks for a new one (Hz).
         """
         LeafSystem.__init__(self)
-        self._gain = kalman_gain(1.0 / state_rate)
-        self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
+        self._gain = kalman_gain(1.0 / state_rate).tolist()
+        self._thrust_per_mass = (vehicle.thrust_coefficients / vehicle.mass).tolist()
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
         self.DeclareDiscreteState([-1.0, -1.0, *np.zeros(9)])
@@ -66,73 +69,95 @@ class StateFilter(LeafSystem):
         )
 
     def _Update(self, context, discrete_state):
-        memory = context.get_discrete_state_vector().value()
-        estimate = self._estimate.Eval(context)
-        if not np.isfinite(estimate).all():
+        # Plain numbers: arrays this small cost more than they spare.
+        memory = context.get_discrete_state_vector().value().tolist()
+        estimate = self._estimate.Eval(context).tolist()
+        if not all(map(math.isfinite, estimate)):
             return  # the prediction goes on from the last that was
-        time = estimate[se.TIME]
-        if memory[_NEWEST] < 0.0:
-            motion = np.array([estimate[se.POSITION], estimate[se.VELOCITY], np.zeros(3)])
-        elif time > memory[_NEWEST]:
-            motion, thrust = self._Predict(context, memory, estimate, time)
-            measured = np.array([estimate[se.POSITION], estimate[se.VELOCITY]])
-            motion += self._gain @ (measured - motion[:2])
-            if thrust < _FLYING * GRAVITY:
-                motion[2] = memory[_MOTION][6:]
-            motion[2] *= min(1.0, _MAX_DISTURBANCE / max(np.linalg.norm(motion[2]), 1e-9))
+        time, newest = estimate[se.TIME], memory[_NEWEST]
+        if newest < 0.0:
+            motion = [*estimate[se.POSITION], *estimate[se.VELOCITY], 0.0, 0.0, 0.0]
+        elif time > newest:
+            motion = self._Corrected(context, memory, estimate)
         else:
             time = context.get_time()
-            motion, _ = self._Predict(context, memory, estimate, time)
-        newest = max(memory[_NEWEST], estimate[se.TIME])
-        discrete_state.set_value(np.concatenate([[time, newest], motion.ravel()]))
+            motion, _, _ = self._Predict(context, memory, estimate, time)
+        discrete_state.set_value(np.array([time, max(newest, estimate[se.TIME]), *motion]))
+
+    def _Corrected(self, context, memory, estimate) -> list:
+        """Returns position, velocity and disturbance at the time of a new estimate, (9,)."""
+        motion, thrust, _ = self._Predict(context, memory, estimate, estimate[se.TIME])
+        measured = [*estimate[se.POSITION], *estimate[se.VELOCITY]]
+        errors = [z - x for z, x in zip(measured, motion)]
+        p, v, d = (
+            [x + by_position * e_p + by_velocity * e_v
+             for x, e_p, e_v in zip(motion[i:i + 3], errors[:3], errors[3:])]
+            for i, (by_position, by_velocity) in zip((0, 3, 6), self._gain)
+        )
+        if thrust < _FLYING * GRAVITY:
+            d = memory[_MOTION][6:]
+        limit = min(1.0, _MAX_DISTURBANCE / max(math.hypot(*d), 1e-9))
+        return [*p, *v, *(limit * x for x in d)]
 
     def _Predict(self, context, memory, estimate, time):
-        """Returns position, velocity and disturbance at a time, (3, 3), and the thrust.
+        """Carries the memory and the attitude forward.
 
-        The thrust is per mass (m/s^2).
+        Args:
+            memory, estimate: lists of numbers.
+            time: (s).
+
+        Returns:
+            position, velocity and disturbance, (9,); the thrust per mass (m/s^2);
+            and the quaternion of R_WB, (4,).
         """
-        p, v, d = memory[_MOTION].reshape(3, 3)
-        dt = time - memory[_NOW]
-        speeds = np.nan_to_num(self._speeds.Eval(context), nan=0.0, posinf=0.0, neginf=0.0)
-        thrust = (self._thrust_per_mass * speeds).dot(speeds)
-        w, x, y, z = predict_quaternion(estimate, time).tolist()
-        up = np.array([2 * (w * y + x * z), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-        a = thrust * up + d
+        motion = memory[_MOTION]
+        thrust = 0.0
+        for c, speed in zip(self._thrust_per_mass, self._speeds.Eval(context).tolist()):
+            if math.isfinite(speed):
+                thrust += c * speed * speed
+        quaternion = predict_quaternion(estimate, time)
+        *_, up = columns(*quaternion)
+        d = motion[6:]
+        a = [thrust * axis + push for axis, push in zip(up, d)]
         a[2] -= GRAVITY
-        return np.array([p + dt * (v + (0.5 * dt) * a), v + dt * a, d]), thrust
+        dt = time - memory[_NOW]
+        v = [v + dt * a for v, a in zip(motion[3:], a)]
+        p = [p + dt * (v + 0.5 * dt * a) for p, v, a in zip(motion, motion[3:], a)]
+        return [*p, *v, *d], thrust, quaternion
 
     def _CalcEstimate(self, context, output):
-        memory = context.get_discrete_state_vector().value()
-        estimate = self._estimate.Eval(context).copy()
-        if memory[_NEWEST] >= 0.0 and np.isfinite(estimate).all():
+        memory = context.get_discrete_state_vector().value().tolist()
+        estimate = self._estimate.Eval(context).tolist()
+        if memory[_NEWEST] >= 0.0 and all(map(math.isfinite, estimate)):
             time = context.get_time()
-            motion, _ = self._Predict(context, memory, estimate, time)
-            estimate[se.QUATERNION] = predict_quaternion(estimate, time)
-            estimate[se.POSITION], estimate[se.VELOCITY] = motion[:2]
-            estimate[se.TIME] = time
-        output.set_value(estimate)
+            motion, _, quaternion = self._Predict(context, memory, estimate, time)
+            estimate[se.TIME], estimate[se.QUATERNION] = time, quaternion
+            estimate[se.POSITION], estimate[se.VELOCITY] = motion[:3], motion[3:6]
+        output.set_value(np.array(estimate))
 
     def _CalcDisturbance(self, context, output):
         output.set_value(context.get_discrete_state_vector().value()[_MOTION][6:])
 
 
-def predict_quaternion(estimate, time: float) -> np.ndarray:
+def predict_quaternion(estimate, time: float) -> tuple:
     """Returns the unit quaternion of R_WB a short time after a state estimate, (4,).
 
     Args:
-        estimate: vector of state_estimate.py, (14,).
+        estimate: numbers of state_estimate.py, (14,).
         time: (s).
     """
-    w, x, y, z = estimate[se.QUATERNION].tolist()
-    a, b, c = ((time - estimate[se.TIME]) / 2 * estimate[se.ANGULAR_VELOCITY]).tolist()
+    w, x, y, z = estimate[se.QUATERNION]
+    half = (time - estimate[se.TIME]) / 2
+    a, b, c = (half * rate for rate in estimate[se.ANGULAR_VELOCITY])
     # The product of 1 + [a, b, c] / 1, which is normalised, and the quaternion.
-    q = np.array([
+    q = (
         w - a * x - b * y - c * z,
         x + a * w + b * z - c * y,
         y + b * w + c * x - a * z,
         z + c * w + a * y - b * x,
-    ])
-    return q / np.sqrt(q.dot(q))
+    )
+    length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q[0] / length, q[1] / length, q[2] / length, q[3] / length
 
 
 def kalman_gain(dt: float) -> np.ndarray:

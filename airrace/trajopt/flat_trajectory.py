@@ -1,5 +1,7 @@
 """Trajectories in the flat outputs of a multirotor: x, y, z and yaw."""
 
+import functools
+
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -39,7 +41,16 @@ class FlatTrajectory(Immutable):
 
         Times beyond either end are clamped.
         """
-        return np.array([p.value(time)[:, 0] for p in self._polynomials[:count]])
+        return self._stack.value(time).reshape(5, 4)[:count]
+
+    @functools.cached_property
+    def _stack(self) -> PiecewisePolynomial:
+        """Value and derivatives below each other: one look-up for all."""
+        return PiecewisePolynomial(
+            [np.vstack([p.getPolynomialMatrix(i) for p in self._polynomials])
+             for i in range(len(self.breaks) - 1)],
+            self.breaks,
+        )
 
     def reference(self, time: float) -> np.ndarray:
         """Returns the sample at a time, as laid out above, shape (18,).

@@ -3,35 +3,17 @@
 import numpy as np
 
 from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SNAP, YAW
-
-
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a, b):
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-def _sum(*terms):
-    """Returns the linear combination of (coefficient, vector) pairs."""
-    x = y = z = 0.0
-    for c, v in terms:
-        x, y, z = x + c * v[0], y + c * v[1], z + c * v[2]
-    return x, y, z
+from airrace.triples import cross, dot, sum2, sum3
 
 
 def _unit(n, dn, ddn):
     """Returns n / |n| and its first two derivatives, given those of n."""
-    length = _dot(n, n) ** 0.5
-    u = _sum((1 / length, n))
-    rate = _dot(u, dn)
-    du = _sum((1 / length, dn), (-rate / length, u))
-    ddu = _sum(
-        (1 / length, ddn),
-        (-(_dot(du, dn) + _dot(u, ddn)) / length, u),
-        (-2 * rate / length, du),
-    )
+    length = dot(n, n) ** 0.5
+    scale = 1 / length
+    u = (scale * n[0], scale * n[1], scale * n[2])
+    rate = dot(u, dn)
+    du = sum2(scale, dn, -rate / length, u)
+    ddu = sum3(scale, ddn, -(dot(du, dn) + dot(u, ddn)) / length, u, -2 * rate / length, du)
     return u, du, ddu
 
 
@@ -59,18 +41,18 @@ def attitude_from_force(force, force_rate, force_acceleration, heading):
     b3, db3, ddb3 = _unit(force, force_rate, force_acceleration)
     h, dh, ddh = heading
     b2, db2, ddb2 = _unit(
-        _cross(b3, h),
-        _sum((1.0, _cross(db3, h)), (1.0, _cross(b3, dh))),
-        _sum((1.0, _cross(ddb3, h)), (2.0, _cross(db3, dh)), (1.0, _cross(b3, ddh))),
+        cross(b3, h),
+        sum2(1.0, cross(db3, h), 1.0, cross(b3, dh)),
+        sum3(1.0, cross(ddb3, h), 2.0, cross(db3, dh), 1.0, cross(b3, ddh)),
     )
-    b1 = _cross(b2, b3)
-    db1 = _sum((1.0, _cross(db2, b3)), (1.0, _cross(b2, db3)))
+    b1 = cross(b2, b3)
+    db1 = sum2(1.0, cross(db2, b3), 1.0, cross(b2, db3))
     # The entries of R^T dR and of its derivative R^T ddR + dR^T dR.
-    w = (_dot(b3, db2), _dot(b1, db3), _dot(b2, db1))
+    w = (dot(b3, db2), dot(b1, db3), dot(b2, db1))
     alpha = (
-        _dot(b3, ddb2) + _dot(db3, db2),
-        _dot(b1, ddb3) + _dot(db1, db3),
-        -(_dot(b1, ddb2) + _dot(db1, db2)),
+        dot(b3, ddb2) + dot(db3, db2),
+        dot(b1, ddb3) + dot(db1, db3),
+        -(dot(b1, ddb2) + dot(db1, db2)),
     )
     return (b1, b2, b3), w, alpha
 
@@ -81,7 +63,7 @@ def heading_vectors(cos_yaw, sin_yaw, yaw_rate, yaw_acceleration):
     h = (cos_yaw, sin_yaw, zero)
     left = (-sin_yaw, cos_yaw, zero)
     dh = (yaw_rate * left[0], yaw_rate * left[1], zero)
-    ddh = _sum((yaw_acceleration, left), (-yaw_rate * yaw_rate, h))
+    ddh = sum2(yaw_acceleration, left, -yaw_rate * yaw_rate, h)
     return h, dh, ddh
 
 
@@ -105,5 +87,5 @@ def rotor_thrusts(flat_outputs, vehicle, gravity) -> np.ndarray:
     )
     w, alpha, J = np.array(w), np.array(alpha), np.array(vehicle.inertia)[:, None]
     moment = J * alpha + np.cross(w, J * w, axis=0)
-    thrust = vehicle.mass * np.sqrt(_dot(force, force))
+    thrust = vehicle.mass * np.sqrt(dot(force, force))
     return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust[None], moment])

@@ -237,8 +237,8 @@ def _apply(constraint, values, periodic):
     _require(i in range(first, m), f"waypoint {i} of a constraint is not in {first} ... {m - 1}")
     _require(k in range(1, n), f"a constraint's order must lie in 1 ... {n - 1}, not {k}; "
              f"raise the degree, now {2 * n - 1}, for higher ones")
-    _require(value.shape == (d,) and not np.isinf(value).any(),
-             f"a constraint's value must be {d} numbers or NaNs, not {value}")
+    if value.shape != (d,) or np.isinf(value).any():  # printing an array takes its time
+        raise ValueError(f"A constraint's value must be {d} numbers or NaNs, not {value}.")
     _require(not np.any(np.abs(value - values[i, k]) > 1e-6 * (1 + np.abs(value))),
              f"two constraints fix derivative {k} at waypoint {i} differently")
     values[i, k] = np.where(np.isnan(value), values[i, k], value)

@@ -149,3 +149,14 @@ def test_markers_of_the_first_gates_are_seen_from_the_start():
         cv2.cvtColor(picture, cv2.COLOR_RGBA2GRAY)
     )
     assert {0, 2} <= set(np.ravel(ids).tolist())
+
+
+def test_grey_levels_are_those_of_the_colours():
+    renderer = PlanarRenderer(load_track("student-airrace"), CAMERA_INFO)
+    for heading in (0.0, 1.0, 2.5):
+        X_WC = body_pose(heading, 0.1, 0.05, [1.0, -2.0, 4.0])
+        colored, levels = new_picture(), np.zeros(new_picture().shape[:2], np.uint8)
+        renderer.render(X_WC, colored)
+        renderer.render(X_WC, levels)
+        difference = cv2.cvtColor(colored, cv2.COLOR_RGBA2GRAY).astype(int) - levels
+        assert np.abs(difference).max() <= 4 and abs(difference.mean()) < 0.5

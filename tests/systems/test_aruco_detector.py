@@ -1,9 +1,8 @@
-import cv2
 import numpy as np
 import pytest
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.sensors import ImageRgba8U
+from pydrake.systems.sensors import ImageGrey8U
 
 from airrace.systems import detection_checks as checks
 from airrace.systems.aruco_detector import ArucoDetector, Sight, look
@@ -15,14 +14,10 @@ LONE = {39: pose(0.0, 2.0, 15.0, yaw=-0.4)}
 EMPTY = np.full((720, 1280), 120, np.uint8)
 
 
-def rgba(grey):
-    return cv2.cvtColor(grey, cv2.COLOR_GRAY2RGBA)
-
-
 def show(detector, context, grey, time):
-    image = ImageRgba8U(grey.shape[1], grey.shape[0])
-    image.mutable_data[:] = rgba(grey)
-    detector.GetInputPort("camera_image").FixValue(context, Value(image))
+    image = ImageGrey8U(grey.shape[1], grey.shape[0])
+    image.mutable_data[..., 0] = grey
+    detector.GetInputPort("camera_grey").FixValue(context, Value(image))
     detector.GetInputPort("camera_image_time").FixValue(context, [time])
     detector.GetInputPort("camera_info").FixValue(context, Value[object](INFO))
 
@@ -120,7 +115,7 @@ def watch(pictures, **kwargs):
     """Looks at pictures at 30 Hz; returns the sights, and where was searched."""
     search, sights = CountingSearch(), [Sight()]
     for k, grey in enumerate(pictures):
-        sights.append(look(search, rgba(grey), k / 30, INFO, sights[-1], **kwargs))
+        sights.append(look(search, grey, k / 30, INFO, sights[-1], **kwargs))
     return sights[1:], search.calls
 
 

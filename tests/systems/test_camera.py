@@ -53,7 +53,8 @@ def test_ports():
     inputs = [camera.get_input_port(i).get_name() for i in range(camera.num_input_ports())]
     assert inputs == ["state"]
     outputs = [camera.get_output_port(i).get_name() for i in range(camera.num_output_ports())]
-    assert outputs == ["camera_image", "camera_image_time", "camera_info"]
+    assert outputs == [
+        "camera_image", "camera_grey", "camera_image_time", "camera_info"]
     # Nothing feeds through, so that the camera closes no algebraic loop.
     assert not camera.HasAnyDirectFeedthrough()
 

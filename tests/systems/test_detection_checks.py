@@ -25,10 +25,11 @@ def test_refits_that_run_away():
 
 
 def test_images():
-    good = np.zeros((720, 1280, 4), np.uint8)
+    good = np.zeros((720, 1280), np.uint8)
     assert checks.check_image(good, 0.0, INFO) is None
     assert checks.check_image(good, np.nan, INFO) == checks.NO_TIME
-    for bad in (None, good[:0], good[:300], good[..., :3], good[..., 0], good.astype(float)):
+    color = np.dstack(3 * [good])
+    for bad in (None, good[:0], good[:300], good[..., :3], color, good.astype(float)):
         assert checks.check_image(bad, 0.0, INFO) == checks.WRONG_IMAGE
 
 

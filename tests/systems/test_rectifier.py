@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 from pydrake.math import RollPitchYaw, RotationMatrix
-from pydrake.systems.sensors import ImageRgba8U
+from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.immutable import read_only
 from airrace.rendering.lens import Lens
@@ -26,15 +26,15 @@ from tests.rendering.picture_tools import (
 HARSH = dc.replace(CAMERA_INFO, D=read_only([-0.25, 0.08, 0.001, -0.001, 0.0]))
 
 
-def rectify(picture, info):
+def rectify(picture, info, port="camera_image", kind=ImageRgba8U):
     """Returns image and info as they leave the system."""
     rectifier = Rectifier()
     context = rectifier.CreateDefaultContext()
-    image = ImageRgba8U(info.width, info.height)
+    image = kind(info.width, info.height)
     image.mutable_data[:] = picture
-    rectifier.GetInputPort("camera_image").FixValue(context, Value(image))
+    rectifier.GetInputPort(port).FixValue(context, Value(image))
     rectifier.GetInputPort("camera_info").FixValue(context, Value[object](info))
-    outputs = [rectifier.GetOutputPort(name) for name in ("camera_image", "camera_info")]
+    outputs = [rectifier.GetOutputPort(name) for name in (port, "camera_info")]
     image, info = (port.Eval(context) for port in outputs)
     return image.data.copy(), info
 
@@ -118,6 +118,16 @@ def test_new_focal_length_and_size_of_P():
     assert np.abs(measure_corners(grey(picture), small) - small).max() < 0.3
 
 
-@pytest.mark.parametrize("port", ["camera_image", "camera_info"])
+def test_grey_levels_are_rectified_as_colours_are():
+    X_WC, _ = next(views(1))
+    raw = new_picture()
+    PlanarRenderer(one_gate(), CAMERA_INFO).render(X_WC, raw)
+    colored, _ = rectify(raw, HARSH)
+    levels, _ = rectify(grey(raw)[..., None], HARSH, "camera_grey", ImageGrey8U)
+    difference = grey(colored).astype(int) - levels[..., 0]
+    assert np.abs(difference).max() <= 2 and abs(difference.mean()) < 0.5
+
+
+@pytest.mark.parametrize("port", ["camera_image", "camera_grey", "camera_info"])
 def test_ports_have_the_names_of_the_cameras(port):
     assert Rectifier().HasInputPort(port) and Rectifier().HasOutputPort(port)

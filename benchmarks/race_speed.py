@@ -1,0 +1,172 @@
+"""How fast a race is, and what takes its time.
+
+    python -m benchmarks.race_speed [--profile] [--laps 2] [--drone NAME] [--json FILE]
+
+A race is flown from pixels on one core. Wall time and CPU time differ when the
+machine has other work, too; ratios to the simulated time are given for both.
+With --profile, a second table shows the CPU time of every box; a box counts
+without the boxes whose outputs it asks for. Watching makes the race some
+percent slower.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+from rich.console import Console
+from rich.progress import Progress, TextColumn
+from rich.table import Table
+
+from airrace.diagrams.camera_config import RENDERERS
+from airrace.diagrams.runner import run_race
+from airrace.diagrams.scenario import load_scenario
+from benchmarks.stopwatch import Stopwatch, watching
+
+SET_UP, EXPLORATION, LAPS = "set-up", "exploration", "laps"
+REST = "runner: looks, files, set-up"
+# Parts of boxes, and what is no box.
+PARTS = {
+    "airrace.rendering.planar:PlanarRenderer.expose": "Camera: drawing",
+    "airrace.rendering.planar:PlanarRenderer.render": "Camera: drawing",
+    "airrace.rendering.vtk:VtkRenderer.render": "Camera: drawing",
+    "airrace.rendering.lens:Lens.distort": "Camera: lens",
+    "airrace.rendering.sensor:Sensor.expose": "Camera: sensor",
+    "airrace.systems.marker_search:MarkerSearch.everywhere": "ArucoDetector: whole images",
+    "airrace.systems.marker_search:MarkerSearch.around": "ArucoDetector: regions",
+    "airrace.systems.marker_measurement:refit": "ArucoDetector: corners",
+    "airrace.systems.aruco_detector:measure": "ArucoDetector: checks, poses",
+    "pydrake.systems.analysis:Simulator.AdvanceTo": "Drake: plant step, Simulator",
+}
+
+
+def main(argv=None) -> int:
+    """Flies the race and prints the tables; exit code 1 if it did not finish."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--profile", action="store_true", help="also show the time of every box")
+    parser.add_argument("--laps", type=int, default=2, help="after exploring (default: 2)")
+    parser.add_argument("--drone", default="Default", help="a shipped drone, or a folder")
+    parser.add_argument("--renderer", choices=RENDERERS, default=RENDERERS[0],
+                        help=f"(default: {RENDERERS[0]})")
+    parser.add_argument("--scenario_text", metavar="YAML",
+                        help="scenario fields on top, e.g. '{camera: {preset: harsh}}'")
+    parser.add_argument("--json", type=Path, help="also write the numbers here")
+    args = parser.parse_args(argv)
+    scenario = load_scenario(scenario_text=args.scenario_text)
+    scenario.laps, scenario.drone = args.laps, args.drone
+    scenario.camera.renderer = args.renderer
+    scenario.check()
+    cv2.setNumThreads(1)
+    result = measure(scenario, profile=args.profile)
+    console = Console(width=120)
+    console.print(speed_table(result))
+    if args.profile:
+        console.print(box_table(result))
+    if args.json is not None:
+        args.json.write_text(json.dumps(result, indent=1))
+    return 0 if result["race"]["finished"] else 1
+
+
+def measure(scenario, *, profile: bool) -> dict:
+    """Flies a race.
+
+    Args:
+        scenario: of the race.
+        profile: whether to watch the boxes.
+
+    Returns:
+        ``race``: its race.json; ``phases``: name to ``simulated_s``, ``wall_s``,
+        ``cpu_s`` and ``boxes``, name to ``seconds`` and ``calls``, which is
+        empty without profile.
+    """
+    stopwatch = Stopwatch(REST)
+    starts = []  # of the phases, and the end: simulated, wall, CPU time, boxes
+
+    def mark(simulated):
+        boxes = stopwatch.snapshot() if profile else {}
+        starts.append((simulated, time.perf_counter(), time.process_time(), boxes))
+
+    with Progress(*Progress.get_default_columns()[:1], TextColumn("{task.fields[clock]}"),
+                  console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("Racing", total=None, clock="")
+
+        def show(record, look):
+            if len(starts) == 1:  # the first look: all is set up
+                mark(look.time)
+            if look.explorer_status.done and len(starts) == 2:
+                mark(look.time)
+            if round(10 * look.time) % 10 == 0:
+                progress.update(task, clock=f"{look.time:.0f} s simulated")
+            show.time = look.time
+
+        with tempfile.TemporaryDirectory() as folder:
+            mark(0.0)
+            if profile:
+                with watching(stopwatch, PARTS):
+                    race = run_race(scenario, Path(folder), show=show)
+            else:
+                race = run_race(scenario, Path(folder), show=show)
+            mark(show.time)
+    return {"race": race, "phases": {
+        name: _between(start, end)
+        for name, start, end in zip((SET_UP, EXPLORATION, LAPS), starts, starts[1:])
+    }}
+
+
+def _between(start, end) -> dict:
+    boxes = {}
+    for name, (seconds, calls) in end[3].items():
+        before = start[3].get(name, (0.0, 0))
+        boxes[name] = {"seconds": seconds - before[0], "calls": calls - before[1]}
+    simulated, wall, cpu = (b - a for a, b in zip(start[:3], end[:3]))
+    return {"simulated_s": simulated, "wall_s": wall, "cpu_s": cpu, "boxes": boxes}
+
+
+def speed_table(result) -> Table:
+    """Returns the table of speeds of what measure() returns."""
+    table = Table(title=f"{result['race']['drone']} on {result['race']['track']}")
+    for name in ("", "simulated (s)", "wall (s)", "CPU (s)", "x real time", "x real time, CPU"):
+        table.add_column(name, justify="right")
+    phases = result["phases"]
+    sums = {key: sum(phase[key] for phase in phases.values())
+            for key in ("simulated_s", "wall_s", "cpu_s")}
+    for name, phase in (*phases.items(), ("all", sums)):
+        simulated, wall, cpu = (phase[key] for key in sums)
+        rates = [f"{simulated / t:.2f}" if simulated else "-" for t in (wall, cpu)]
+        table.add_row(name, f"{simulated:.1f}", f"{wall:.2f}", f"{cpu:.2f}", *rates)
+    return table
+
+
+def box_table(result) -> Table:
+    """Returns the table of boxes of what measure() returns, with profile."""
+    table = Table(title="CPU time, ms for each simulated second")
+    phases = {name: result["phases"][name] for name in (EXPLORATION, LAPS)
+              if name in result["phases"]}
+    table.add_column("box")
+    for name in phases:
+        for heading in (name, "calls/s", "us a call"):
+            table.add_column(heading, justify="right")
+
+    def cells(phase, seconds, calls):
+        simulated = max(phase["simulated_s"], 1e-9)
+        rate = f"{calls / simulated:.0f}" if calls else "-"
+        return (f"{1e3 * seconds / simulated:.1f}", rate,
+                f"{1e6 * seconds / calls:.1f}" if calls else "-")
+
+    none = {"seconds": 0.0, "calls": 0}
+    rows = {box for phase in phases.values() for box in phase["boxes"]}
+    for box in sorted(rows):
+        table.add_row(box, *(cell for phase in phases.values()
+                             for cell in cells(phase, *phase["boxes"].get(box, none).values())))
+    table.add_section()
+    sums = {name: sum(b["seconds"] for b in p["boxes"].values()) for name, p in phases.items()}
+    table.add_row("sum of the rows", *(c for n, p in phases.items() for c in cells(p, sums[n], 0)))
+    table.add_row("CPU time", *(c for p in phases.values() for c in cells(p, p["cpu_s"], 0)))
+    return table
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -29,18 +29,28 @@ class Flight:
     def state(self, time: float) -> np.ndarray:
         """Returns the vector of state_estimate.py at a time (s), without noise, (14,)."""
         f = self._trajectory.reference(time % self._trajectory.duration)
-        yaw, rate, acceleration = f[YAW:]
-        axes, w_B, _ = attitude_from_force(
-            tuple(f[ACCELERATION] + [0.0, 0.0, GRAVITY]), tuple(f[JERK]), tuple(f[SNAP]),
-            heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration),
-        )
-        R_WB = RotationMatrix.ProjectToRotationMatrix(np.column_stack(axes))
-        result = np.empty(se.SIZE)
-        result[se.TIME] = time
-        result[se.QUATERNION] = R_WB.ToQuaternion().wxyz()
-        result[se.POSITION], result[se.VELOCITY] = f[POSITION], f[VELOCITY]
-        result[se.ANGULAR_VELOCITY] = R_WB @ np.array(w_B)
-        return result
+        return flat_state(f, time)
+
+
+def flat_state(f, time: float) -> np.ndarray:
+    """Returns the vector of state_estimate.py of who flies a reference exactly, (14,).
+
+    Args:
+        f: the sample of flat_trajectory.py, (18,).
+        time: (s).
+    """
+    yaw, rate, acceleration = f[YAW:]
+    axes, w_B, _ = attitude_from_force(
+        tuple(f[ACCELERATION] + [0.0, 0.0, GRAVITY]), tuple(f[JERK]), tuple(f[SNAP]),
+        heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration),
+    )
+    R_WB = RotationMatrix.ProjectToRotationMatrix(np.column_stack(axes))
+    result = np.empty(se.SIZE)
+    result[se.TIME] = time
+    result[se.QUATERNION] = R_WB.ToQuaternion().wxyz()
+    result[se.POSITION], result[se.VELOCITY] = f[POSITION], f[VELOCITY]
+    result[se.ANGULAR_VELOCITY] = R_WB @ np.array(w_B)
+    return result
 
 
 def fly_laps(track: Track, dimensions: int, config, laps: int) -> Flight:

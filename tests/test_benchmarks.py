@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from airrace.track import load_track
 from airrace.vehicle import DRONES, load_vehicle
-from benchmarks import control, tracks
+from benchmarks import control, exploration, tracks
 from benchmarks.control_tables import despin_time, recovery_tables, tracking_tables
 from benchmarks.experiments import loss, recovery, tracking
 
@@ -64,3 +65,22 @@ def test_generated_tracks_are_measured(capsys):
     row = tracks.measure(0, 10, "right")
     assert row["fault"] is None and row["gates"] == len(row["legs_m"]) == 10
     assert "9 gates" in tracks.measure(0, 9)["fault"]
+
+
+def test_an_exploration_in_a_table():
+    row = {"seed": 2, **exploration.explore_generated(2)}
+    assert row["failure"] is None and row["wrong_gaps"] == 0 and row["room_m"] > 1.0
+    json.dumps(row, allow_nan=False)
+    lost = row | {"failure": "found 3 of 8 gates", "time_s": None}
+    text = printed([exploration.summary([row, lost])])
+    assert "1 (50.0%)" in text and "FLY_TO_GATE 16" in text
+
+
+def test_room_to_pylons():
+    track = load_track("student-airrace")
+    for height, room in ((0.0, 8.0 - 1.7), (6.25, 8.0 - 1.25), (9.0, 8.0 - 0.425), (16.0, np.hypot(
+            8.0, 4.0))):
+        path = np.array([[20.0, 13.0, height]])  # 8 m left of gate 1
+        assert np.isclose(exploration.clear_of_pylons(path, track, 0.4), room - 0.4)
+    inside = np.array([[20.0, 5.5, 6.25]])
+    assert np.isclose(exploration.clear_of_pylons(inside, track, 0.4), 0.5 - 1.25 - 0.4)

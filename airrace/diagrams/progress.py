@@ -48,8 +48,7 @@ class RaceDisplay:
         self._meshcat = meshcat
         self._console = console or _PatientConsole()
         self._start = self._last = time.perf_counter()
-        self._state = None
-        self._losses = 0  # shown so far
+        self._events = self._losses = 0  # shown so far
         self._live = None
 
     def close(self):
@@ -61,7 +60,7 @@ class RaceDisplay:
     def show(self, record: RaceRecord, look):
         """Shows the race at a look; see run_race()."""
         with self._patience():
-            if self._state is None:
+            if not self._events:
                 self._open(record.vehicle.name)
             self._show(record, look)
 
@@ -89,10 +88,9 @@ class RaceDisplay:
         self._console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
     def _show(self, record, look):
-        status = record.status
-        if (status.state, status.since) != self._state:
-            self._state = (status.state, status.since)
-            self._print(f"[{status.since:7.1f} s] {status.state}: {status.reason}")
+        for event in record.events[self._events:]:
+            self._events += 1
+            self._print(f"[{event.time:7.1f} s] {event.state}: {event.reason}")
         for rotor, time_noticed in list(record.rotor_losses.items())[self._losses:]:
             self._losses += 1
             self._print(f"[{time_noticed:7.1f} s] {loss_line(record, rotor)}")

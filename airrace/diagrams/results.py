@@ -4,8 +4,8 @@ import numpy as np
 
 from airrace.diagrams.scenario import Scenario
 from airrace.systems.lap_plan import NO_PLAN, LapPlan
-from airrace.systems.referee import RefereeReport
-from airrace.systems.types import ExplorerStatus, GateMap
+from airrace.systems.referee import OUT_OF_TIME, RefereeReport
+from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateMap
 from airrace.track import Track
 from airrace.vehicle import load_vehicle
 
@@ -24,6 +24,7 @@ class RaceRecord:
         self._map_rms = {}
         self._time = 0.0
         self._status = ExplorerStatus()
+        self.events = ()  # ExplorerEvents, all so far
         self.report = RefereeReport((), False, None, None, 0)
 
     @property
@@ -49,6 +50,7 @@ class RaceRecord:
         """
         before = self.laps_flown
         self._time, self.report, self._status = time, report, status
+        self.events = _events(self.events, status)
         for i in np.flatnonzero(np.isfinite(rotor_losses)):
             self.rotor_losses[int(i) + 1] = float(rotor_losses[i])
         if plan is not NO_PLAN:
@@ -81,11 +83,14 @@ class RaceRecord:
                 for f in self._scenario.rotor_failures
             ],
             "finished": self.report.finished,
-            "dnf_reason": None if self.report.finished else self.report.dnf_reason or dnf_reason,
+            "dnf_reason": None if self.report.finished else self._dnf_reason(dnf_reason),
             "exploration": {
                 "success": status.closed_at is not None,
                 "time_s": status.closed_at if status.closed_at is not None else time,
                 "gates_found": len(status.gates),
+                "events": [
+                    {"time_s": e.time, "state": e.state, "reason": e.reason} for e in self.events
+                ],
             },
             "laps": laps,
             "mean_lap_s": float(np.mean(times)) if times else None,
@@ -96,6 +101,13 @@ class RaceRecord:
                 "real_time_factor": self._time / max(wall_seconds, 1e-9),
             },
         }
+
+    def _dnf_reason(self, other: str | None) -> str | None:
+        """Returns why the race ended; for a search in vain, in which state."""
+        reason, status = self.report.dnf_reason or other, self._status
+        if reason != OUT_OF_TIME or status.done:
+            return reason
+        return f"{reason} in state {status.state}: {status.reason}"
 
     def _lap(self, lap: int) -> dict:
         n = len(self._track.gates)
@@ -119,6 +131,15 @@ class RaceRecord:
                 "max_rotor_thrust": plan.max_rotor_thrust,
             },
         }
+
+
+def _events(events: tuple, status: ExplorerStatus) -> tuple:
+    """Returns the events after a look; an explorer of one's own may keep none."""
+    if status.events:
+        return status.events
+    if events and (events[-1].state, events[-1].time) == (status.state, status.since):
+        return events
+    return (*events, ExplorerEvent(status.since, status.state, status.reason))
 
 
 def front_marker_rms(gate_map: GateMap, track: Track) -> float | None:

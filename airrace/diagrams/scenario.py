@@ -60,14 +60,17 @@ class ExplorerConfig:
     rate: float = 20.0  # Hz
     max_speed: float = 8.0  # m/s
     max_acceleration: float = 6.0  # m/s^2
+    max_level_error_deg: float = 15.0  # tilt on the pad that the calibration accepts
+    max_heading_error_deg: float = 5.0  # off gate 1, that it does not turn away
     reached_distance: float = 1.0  # m, when a set-point counts as reached
     hover_time: float = 0.5  # s, of looking before a search step
     step_length: float = 15.0  # m, of one step forward
-    side_distance: float = 20.0  # m, in front of a lone marker when stepping around
-    side_offset: float = 5.0  # m, to its side
+    side_distance: float = 20.0  # m, in front of a gate when stepping around
+    side_offset: float = 5.0  # m, to the side, if straight in front did not help
     closing_range: float = 40.0  # m, how near gate 1 must be to close the loop
+    approach_distance: float = 8.0  # m, before a gate, if the straight way is not free
     passing_distance: float = 5.0  # m, beyond a gate before the drone stops
-    max_level_error_deg: float = 15.0  # tilt on the pad that the calibration accepts
+    replan_distance: float = 0.3  # m, by which gates ahead move in the map
 
 
 @dc.dataclass

@@ -4,7 +4,6 @@ import dataclasses as dc
 
 import numpy as np
 from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams, Role, SceneGraph
-from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import DiscreteTimeDelay
@@ -12,6 +11,7 @@ from pydrake.systems.primitives import DiscreteTimeDelay
 from airrace.diagrams.scenario import Scenario
 from airrace.disturbances import check_rotors_exist, true_vehicle
 from airrace.rendering.camera_effects import CameraEffects, ImagingChain
+from airrace.rendering.pad import AddPad, start_pose
 from airrace.rendering.planar import PlanarRenderer
 from airrace.rendering.scenery import AddScenery, MoveGates
 from airrace.rendering.vtk import AddVtkRenderer
@@ -23,7 +23,7 @@ from airrace.systems.referee import Referee
 from airrace.systems.state_estimate import StateEstimate
 from airrace.systems.types import make_camera_info
 from airrace.systems.wind import Wind
-from airrace.track import Track, load_track
+from airrace.track import load_track
 from airrace.vehicle import Vehicle, load_vehicle
 
 
@@ -59,10 +59,11 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
     moving = scenario.disturbances.gate_shift > 0.0
     AddScenery(plant, track, movable=moving)
+    AddPad(plant, track.start, vehicle.radius)
     AddMultirotorModel(plant, vehicle, sdf, truth)
     plant.Finalize()
-    height = ground_clearance(plant, scene_graph)
-    _set_start(plant, track, height)
+    X_WB = start_pose(track.start, vehicle.radius, ground_clearance(plant, scene_graph))
+    plant.SetDefaultFloatingBaseBodyPose(plant.GetBodyByName("body"), X_WB)
     state = plant.get_state_output_port(plant.GetBodyByName("body").model_instance())
     rotors = AddMultirotor(
         builder, plant, scene_graph, truth,
@@ -95,7 +96,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
             period=plant.time_step(),
             time_limit=scenario.referee.time_limit or 600.0 + 120.0 * scenario.laps,
             arena_margin=scenario.referee.arena_margin,
-            standing_height=track.start.position[2] + height,
+            standing_height=X_WB.translation()[2],
             body_names=_collision_names(plant, scene_graph),
             rotor_failures=scenario.rotor_failures,
             moving_gates=moving,
@@ -152,15 +153,6 @@ def FollowGates(simulation: Diagram, context) -> None:
         shifts = port.Eval(simulation.GetMyContextFromRoot(context))
         plant = simulation.GetSubsystemByName("plant")
         MoveGates(plant, plant.GetMyMutableContextFromRoot(context), shifts.reshape(-1, 2))
-
-
-def _set_start(plant, track: Track, height: float):
-    """Puts the drone on its pad, with its origin at a height (m) above it."""
-    X_WB = RigidTransform(
-        RollPitchYaw(0.0, 0.0, np.deg2rad(track.start.heading_deg)),
-        np.array(track.start.position) + [0.0, 0.0, height],
-    )
-    plant.SetDefaultFloatingBaseBodyPose(plant.GetBodyByName("body"), X_WB)
 
 
 def _AddAir(builder, plant, state, vehicle: Vehicle, scenario) -> list:

@@ -15,6 +15,7 @@ from airrace.track import Track
 
 # Columns of the table of crossings.
 _TIME, _OFFSET, _MAX_SPEED = range(3)
+OUT_OF_TIME = "ran out of time"
 # Why a race ended; the index into this tuple is the state's `verdict`.
 VERDICTS = (
     None,
@@ -22,7 +23,7 @@ VERDICTS = (
     "hit the ground",
     "touched {what}",
     "left the arena",
-    "ran out of time",
+    OUT_OF_TIME,
     "the simulation failed",
 )
 _FINISHED, _GROUND, _TOUCHED, _ARENA, _TIMEOUT, _DIVERGED = range(1, 7)
@@ -125,7 +126,7 @@ class Referee(LeafSystem):
         self._time_limit = time_limit
         self._names = body_names
         self._failures = rotor_failures
-        self._touchable = sorted(set(body_names.values()) - {"ground"})
+        self._touchable = sorted(set(body_names.values()) - {"ground", "pad"})
         self._total = laps * len(track.gates) + 1
         self._state = self.DeclareVectorInputPort("state", 13)
         self._contacts = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
@@ -195,7 +196,7 @@ class Referee(LeafSystem):
         for i in range(contacts.num_point_pair_contacts()):
             pair = contacts.point_pair_contact_info(i).point_pair()
             name = self._names.get(pair.id_A) or self._names.get(pair.id_B)
-            if name == "ground":
+            if name in ("ground", "pad"):
                 if m.airborne:
                     return _GROUND, 0
             elif name:

@@ -186,6 +186,21 @@ class GateMap(Immutable):
 
 
 @dc.dataclass(frozen=True, eq=False)
+class ExplorerEvent(Immutable):
+    """A change of the explorer's state.
+
+    Attributes:
+        time: when (s).
+        state: name of the state that was entered.
+        reason: why.
+    """
+
+    time: float
+    state: str
+    reason: str
+
+
+@dc.dataclass(frozen=True, eq=False)
 class ExplorerStatus(Immutable):
     """How far the exploration is.
 
@@ -196,6 +211,8 @@ class ExplorerStatus(Immutable):
         gates: numbers of the gates found, in the order of flight.
         closed_at: when the loop was closed (s), None before.
         done: whether it is, and the drone is ready to race.
+        events: tuple of ExplorerEvent, all changes of state so far, the last
+            of which is the present state.
     """
 
     state: str = "CALIBRATE"
@@ -204,3 +221,4 @@ class ExplorerStatus(Immutable):
     gates: tuple = ()
     closed_at: float | None = None
     done: bool = False
+    events: tuple = ()

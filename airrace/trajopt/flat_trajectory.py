@@ -62,6 +62,10 @@ class FlatTrajectory(Immutable):
             d[1:] = 0.0
         return flat_outputs(d)
 
+    def positions(self, times) -> np.ndarray:
+        """Returns the positions at many times, (3, N) m."""
+        return self._polynomials[0].vector_values(times)[:3]
+
     def sample(self, times) -> np.ndarray:
         """Returns samples at many times, shape (18, N)."""
         d = [p.vector_values(times) for p in self._polynomials]

@@ -61,6 +61,8 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
         with contextlib.suppress(TrajectoryOptimizationError):
             durations = durations_within_limits(knots, guess, min_factor=_LEAST_FACTOR, **limits)
             break
+        if len(guess) == 1:
+            continue  # there is nothing to allot
         with contextlib.suppress(TrajectoryOptimizationError):
             # Not all durations need be stretched alike.
             durations = allocate_times(knots, initial_durations=guess, **limits)

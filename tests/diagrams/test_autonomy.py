@@ -146,7 +146,7 @@ def test_a_students_box_flies(tmp_path):
     result = run_race(
         scenario, tmp_path, show=lambda record, look: heights.append(look.state[6])
     )
-    assert result["dnf_reason"] == "ran out of time"
+    assert result["dnf_reason"].startswith("ran out of time")
     assert student_boxes.updates == pytest.approx(250 * 0.1 * len(heights), abs=2)
     assert 4.5 < heights[-1] < 5.5
 

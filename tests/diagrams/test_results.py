@@ -11,7 +11,7 @@ from airrace.diagrams.scenario import Scenario
 from airrace.disturbances import RotorFailure
 from airrace.systems.lap_plan import NO_PLAN, LapPlan, PlanReport
 from airrace.systems.referee import GateCrossing, RefereeReport
-from airrace.systems.types import ExplorerStatus, GateMap, MarkerEstimate
+from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateMap, MarkerEstimate
 from airrace.track import load_track
 
 TRACK = load_track("student-airrace")
@@ -59,7 +59,7 @@ def test_before_the_first_look():
         "rotor_failures": [],
         "finished": False,
         "dnf_reason": "interrupted",
-        "exploration": {"success": False, "time_s": 0.0, "gates_found": 0},
+        "exploration": {"success": False, "time_s": 0.0, "gates_found": 0, "events": []},
         "laps": [],
         "mean_lap_s": None,
         "best_lap_s": None,
@@ -85,7 +85,10 @@ def test_exploring():
     status = ExplorerStatus(state="HOVER", gates=(0, 1, 2))
     assert record.observe(12.5, report(0), status, gate_map(), NO_PLAN) == 0
     data = record.data(5.0, "interrupted")
-    assert data["exploration"] == {"success": False, "time_s": 12.5, "gates_found": 3}
+    assert data["exploration"] == {
+        "success": False, "time_s": 12.5, "gates_found": 3,
+        "events": [{"time_s": 0.0, "state": "HOVER", "reason": "power on"}],
+    }
     assert data["wall"] == {"seconds": 5.0, "real_time_factor": 2.5}
     assert record.status is status
 
@@ -95,9 +98,41 @@ def test_an_exploration_that_fails_took_until_the_end():
     over = report(0, dnf_reason="touched pylon_3_left", end_time=12.43, collisions=1)
     record.observe(12.5, over, ExplorerStatus(gates=(0, 1)), gate_map(), NO_PLAN)
     data = record.data(5.0, "interrupted")
-    assert data["exploration"] == {"success": False, "time_s": 12.43, "gates_found": 2}
+    explored = data["exploration"]
+    assert (explored["success"], explored["time_s"], explored["gates_found"]) == (False, 12.43, 2)
     assert data["dnf_reason"] == "touched pylon_3_left"  # not what ended the loop
     assert data["collisions"] == 1 and data["finished"] is False
+
+
+def test_every_event_of_the_exploration_is_kept_even_between_two_looks():
+    record = RaceRecord(Scenario(), TRACK)
+    events = [ExplorerEvent(0.05 * k, "HOVER", f"reason {k}") for k in range(5)]
+    for n in (2, 5):
+        status = ExplorerStatus(state="HOVER", events=tuple(events[:n]))
+        record.observe(0.1 * n, report(0), status, GateMap(), NO_PLAN)
+    assert record.data(1.0)["exploration"]["events"] == [
+        {"time_s": e.time, "state": e.state, "reason": e.reason} for e in events
+    ]
+
+
+def test_an_explorer_without_events_is_recorded_by_its_states():
+    record = RaceRecord(Scenario(), TRACK)
+    for since, state in ((0.0, "CALIBRATE"), (0.0, "CALIBRATE"), (1.0, "MINE")):
+        status = ExplorerStatus(state=state, reason="why", since=since)
+        record.observe(since, report(0), status, GateMap(), NO_PLAN)
+    states = [event["state"] for event in record.data(1.0)["exploration"]["events"]]
+    assert states == ["CALIBRATE", "MINE"]
+
+
+def test_a_search_in_vain_ends_with_what_it_tried_last():
+    record = RaceRecord(Scenario(), TRACK)
+    over = report(0, dnf_reason="ran out of time", end_time=600.0)
+    status = ExplorerStatus(state="LOOK_AROUND", reason="lost, looking left", gates=(0,))
+    record.observe(600.0, over, status, GateMap(), NO_PLAN)
+    assert record.data(1.0)["dnf_reason"] == (
+        "ran out of time in state LOOK_AROUND: lost, looking left")
+    record.observe(600.0, over, RACING, GateMap(), NO_PLAN)
+    assert record.data(1.0)["dnf_reason"] == "ran out of time"
 
 
 def test_a_whole_race():
@@ -115,7 +150,8 @@ def test_a_whole_race():
     assert record.laps_flown == 2
     data = record.data(70.05)
     assert data["finished"] is True and data["dnf_reason"] is None
-    assert data["exploration"] == {"success": True, "time_s": 60.5, "gates_found": N}
+    explored = data["exploration"]
+    assert (explored["success"], explored["time_s"], explored["gates_found"]) == (True, 60.5, N)
     first, second = data["laps"]
     assert first["lap"] == 1 and second["lap"] == 2
     assert (first["start_s"], second["start_s"]) == (100.0, 120.0)

@@ -77,6 +77,7 @@ def check_schema(data, gates, laps):
         "gate_times_s": numbers, "gate_offsets_m": numbers,
         "max_speed": is_number, "map_rms_m": optional(is_number), "plan": optional(plan),
     })
+    event = matches({"time_s": is_number, "state": is_a(str), "reason": is_a(str)})
     failure = matches({"rotor": is_a(int), "time_s": is_number, "noticed_s": optional(is_number)})
     matches({
         "track": is_a(str), "drone": is_a(str), "simulation": is_a(str),
@@ -85,6 +86,7 @@ def check_schema(data, gates, laps):
         "finished": is_a(bool), "dnf_reason": optional(is_a(str)),
         "exploration": matches({
             "success": is_a(bool), "time_s": is_number, "gates_found": is_a(int),
+            "events": lambda value: type(value) is list and all(map(event, value)),
         }),
         "laps": lambda value: type(value) is list and all(map(lap, value)),
         "mean_lap_s": optional(is_number), "best_lap_s": optional(is_number),
@@ -199,7 +201,9 @@ class TestShortFlights:
             )
             assert result == read_race(tmp_path / name)
             assert result["seed"] == seed
-            assert result["dnf_reason"] == "ran out of time"
+            assert result["dnf_reason"].startswith("ran out of time in state TAKE_OFF: level")
+            states_entered = [e["state"] for e in result["exploration"].pop("events")]
+            assert states_entered == ["CALIBRATE", "TAKE_OFF"]
             assert result["exploration"] == {
                 "success": False, "time_s": pytest.approx(2.0), "gates_found": 0
             }

@@ -92,3 +92,8 @@ def test_a_copy_is_the_thing_itself():
     assert copy.deepcopy(TRAJECTORY) is TRAJECTORY and copy.copy(TRAJECTORY) is TRAJECTORY
     with pytest.raises(AttributeError):
         TRAJECTORY.breaks.append(1.0)
+
+
+def test_positions_are_those_of_the_samples():
+    t = np.linspace(0.0, TRAJECTORY.duration, 7)
+    np.testing.assert_array_equal(TRAJECTORY.positions(t), TRAJECTORY.sample(t)[flat.POSITION])

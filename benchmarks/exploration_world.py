@@ -1,0 +1,221 @@
+"""A world for explorers without pixels and physics: perfect flight, geometric sight."""
+
+import dataclasses as dc
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+
+from airrace.diagrams.scenario import PerceptionConfig, Scenario, StateEstimateConfig
+from airrace.random import make_generator
+from airrace.systems import state_estimate as se
+from airrace.systems.explorer import Explorer
+from airrace.systems.gate_mapper import extrapolate
+from airrace.systems.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.types import Detection, Detections, ExplorerStatus, GateMap, make_camera_info
+from airrace.track import BOARD_OFFSET, BOARD_SIZE, MARKER_SIZE, Track
+from airrace.trajopt import flat_trajectory as ref
+from airrace.trajopt.flyable import clearance_of
+from airrace.vehicle import CameraMount, load_vehicle
+from benchmarks.kinematic_flight import flat_state, noisy
+
+_INFO = make_camera_info(width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=CameraMount().X_BC)
+# What `benchmarks.perception`'s detector reads of the realistic camera's pictures: half
+# of the markers that look this narrow, none that look this flat or this small.
+_WIDTH, _SOFTNESS = 10.2, 0.6  # px
+_FLATTEST = np.cos(np.deg2rad(72.0))
+_SMALLEST = 17.0  # px
+_SHUTTER, _MOST_BLUR = 0.004, 0.25  # s, and of a marker's width
+# A pylon and its boards fit into an upright cylinder; that is what hides markers.
+_HIDING_RADIUS = np.hypot(BOARD_OFFSET, BOARD_SIZE / 2)
+_NOISE = 0.15  # px, of corners
+
+
+class SightWorld(LeafSystem):
+    """Flies the explorer's reference exactly, and sees what a camera would.
+
+    .. pydrake_system::
+
+        name: SightWorld
+        input_ports:
+        - exploration_reference
+        output_ports:
+        - state_estimate
+        - detections
+        - gate_map
+
+    The attitude is that of a multirotor that accelerates so, so that the camera
+    turns up when it brakes. Markers are seen as often and as well as from the
+    realistic camera, and mapped by the real ImageMapper. What happened is kept
+    in plain attributes: this world is used once.
+
+    Attributes:
+        path: positions so far, list of (3,).
+    """
+
+    def __init__(self, track: Track, *, seed=0, sight=np.inf, hidden=lambda id, p_WB: False,
+                 perception=PerceptionConfig(), rate=20.0):
+        """Constructs the world with the drone on its pad.
+
+        Args:
+            track: with the true gates.
+            seed: of the noise of sightings and state estimate.
+            sight: farthest sighting (m).
+            hidden: (ID, p_WB) to whether something else hides a marker.
+            perception: of the mapper.
+            rate: of the camera (Hz).
+        """
+        LeafSystem.__init__(self)
+        boards = track.boards()
+        self._ids = np.array([board.id for board in boards])
+        self._X_WM = [board.X_WM for board in boards]
+        self._p_WM = np.array([X.translation() for X in self._X_WM])
+        self._normals = np.array([X.rotation().col(2) for X in self._X_WM])
+        self._pylons = track.pylons()[:, :2]
+        self._sight, self._hidden, self._seed = sight, hidden, seed
+        self._rng = make_generator(seed, "sight")
+        settings = {k: v for k, v in vars(perception).items() if k != "latency"}
+        self._mapper, self._mapped = ImageMapper(**settings), MapperMemory()
+        self._pad = self._state = _on_pad(track)
+        self._estimate = self._state
+        self._detections = Detections()
+        self.path = []
+        self._reference = self.DeclareVectorInputPort("exploration_reference", ref.SIZE)
+        now = {self.time_ticket()}  # and nothing of the input: no loop
+        self.DeclareVectorOutputPort(
+            "state_estimate", se.SIZE, lambda c, o: o.set_value(self._estimate), now)
+        self.DeclareAbstractOutputPort(
+            "detections", lambda: Value[object](Detections()),
+            lambda c, o: o.set_value(self._detections), now)
+        self.DeclareAbstractOutputPort(
+            "gate_map", lambda: Value[object](GateMap()),
+            lambda c, o: o.set_value(self._mapped.gate_map), now)
+        self.DeclarePeriodicPublishEvent(1 / rate, 0.5 / rate, self._Look)
+
+    def _Look(self, context):
+        time = context.get_time()
+        f = self._reference.Eval(context)
+        standing = f[2] < self._pad[se.POSITION][2] + 0.01
+        state = self._pad.copy() if standing else flat_state(f, time)
+        state[se.TIME] = time
+        self._state = state
+        self._estimate = noisy(state, StateEstimateConfig(), self._seed)
+        self.path.append(state[se.POSITION])
+        X_WC = extrapolate(state, 0.0) @ _INFO.X_BC
+        speed = np.linalg.norm(state[se.ANGULAR_VELOCITY])
+        markers = tuple(self._Measure(i, X_WC) for i in self._Seen(X_WC, speed))
+        self._detections = Detections(time, markers)
+        believed = extrapolate(self._estimate, 0.0) @ _INFO.X_BC
+        self._mapped = self._mapper.updated(self._mapped, self._detections, believed, _INFO)
+
+    def _Seen(self, X_WC, turn_rate) -> np.ndarray:
+        """Returns the indices of the boards that are read in a picture."""
+        p_WC = X_WC.translation()
+        rays = self._p_WM - p_WC
+        distance = np.linalg.norm(rays, axis=1)
+        p_CM = rays @ X_WC.rotation().matrix()
+        depth = np.maximum(p_CM[:, 2], 1e-6)
+        height = _INFO.K[0, 0] * MARKER_SIZE / depth
+        facing = -np.sum(rays * self._normals, axis=1) / distance
+        width = height * facing
+        u, v = (_INFO.K[:2] @ (p_CM / depth[:, None]).T)
+        margin = 0.75 * height
+        seen = (p_CM[:, 2] > 0.5) & (distance < self._sight) & (height > _SMALLEST)
+        seen &= (facing > _FLATTEST) & (np.abs(u - _INFO.width / 2) < _INFO.width / 2 - margin)
+        seen &= np.abs(v - _INFO.height / 2) < _INFO.height / 2 - margin
+        seen &= _SHUTTER * _INFO.K[0, 0] * turn_rate < _MOST_BLUR * width
+        luck = self._rng.uniform(size=len(width))
+        seen &= luck < 0.99 / (1 + np.exp(-np.clip((width - _WIDTH) / _SOFTNESS, -50, 50)))
+        return [
+            i for i in np.flatnonzero(seen)
+            if not self._hidden(int(self._ids[i]), p_WC) and not self._IsOccluded(i, p_WC)
+        ]
+
+    def _IsOccluded(self, i, p_WC) -> bool:
+        """Whether another pylon stands in the line of sight to a board."""
+        others = np.delete(self._pylons, i // 2, axis=0)
+        ray = (self._p_WM[i] - p_WC)[:2]
+        along = np.clip((others - p_WC[:2]) @ ray / (ray @ ray), 0.0, 1.0)
+        gaps = np.linalg.norm(p_WC[:2] + along[:, None] * ray - others, axis=1)
+        return bool(gaps.min() < _HIDING_RADIUS)
+
+    def _Measure(self, i, X_WC) -> Detection:
+        X_CM = X_WC.inverse() @ self._X_WM[i]
+        p = X_CM.translation()
+        angle = _NOISE / _INFO.K[0, 0]
+        n = self._rng.standard_normal(6)
+        across, along = p[2] * angle, p[2] ** 2 * angle / MARKER_SIZE
+        tilt = 2 * p[2] * angle / MARKER_SIZE
+        turn = RotationMatrix(RollPitchYaw(tilt * n[0], tilt * n[1], 0.0))
+        p = p + along * n[5] * p / np.linalg.norm(p) + across * np.array([n[3], n[4], 0.0])
+        return Detection(int(self._ids[i]), np.zeros((4, 2)),
+                         RigidTransform(turn @ X_CM.rotation(), p), 0.0)
+
+
+def _on_pad(track: Track) -> np.ndarray:
+    """Returns the state of the drone on its tilted pad, (14,)."""
+    start = track.start
+    downhill = np.deg2rad(start.pad_tilt_direction_deg)
+    axis = RotationMatrix.MakeZRotation(downhill)
+    tilt = axis @ RotationMatrix.MakeYRotation(np.deg2rad(start.pad_tilt_deg)) @ axis.inverse()
+    R_WB = tilt @ RotationMatrix.MakeZRotation(np.deg2rad(start.heading_deg))
+    x, y, z = start.position
+    return np.array([0.0, *R_WB.ToQuaternion().wxyz(), x, y, z + 0.1, *np.zeros(6)])
+
+
+@dc.dataclass(frozen=True)
+class Exploration:
+    """What happened.
+
+    Attributes:
+        status: the last one.
+        path: positions, (n, 3) m, and `rate` of them a second.
+        crossings: numbers of the gates flown through, below the pylons' tips, in
+            order; negative, -1 - number, against their direction.
+    """
+
+    status: ExplorerStatus
+    path: np.ndarray
+    crossings: tuple
+
+
+def make_explorer(track: Track, scenario: Scenario = Scenario()) -> Explorer:
+    """Returns the explorer of a scenario on a track."""
+    return Explorer(config=scenario.explorer, hover_height=track.hover_height,
+                    clearance=clearance_of(load_vehicle(scenario.drone)[0].radius))
+
+
+def explore(explorer, world: SightWorld, track: Track, seconds: float) -> Exploration:
+    """Explores until done, or for so many seconds."""
+    builder = DiagramBuilder()
+    builder.AddSystem(explorer)
+    builder.AddSystem(world)
+    for name in ("detections", "gate_map", "state_estimate"):
+        builder.Connect(world.GetOutputPort(name), explorer.GetInputPort(name))
+    builder.Connect(explorer.GetOutputPort("exploration_reference"),
+                    world.GetInputPort("exploration_reference"))
+    simulator = Simulator(builder.Build())
+    context = explorer.GetMyContextFromRoot(simulator.get_context())
+    status, time = ExplorerStatus(), 0.0
+    while not status.done and time < seconds:
+        time += 0.5
+        simulator.AdvanceTo(time)
+        status = explorer.GetOutputPort("explorer_status").Eval(context)
+    path = np.array(world.path)
+    return Exploration(status, path, tuple(crossings(path, track)))
+
+
+def crossings(path, track: Track) -> list:
+    """Returns see Exploration; path: (n, 3) m."""
+    found = []
+    for n, gate in enumerate(track.gates):
+        along, aside = (path - gate.p_WG) @ gate.forward, (path - gate.p_WG) @ gate.rightward
+        for k in np.flatnonzero((along[:-1] < 0) != (along[1:] < 0)):
+            s = along[k] / (along[k] - along[k + 1])
+            at = aside[k] + s * (aside[k + 1] - aside[k])
+            height = path[k, 2] + s * (path[k + 1, 2] - path[k, 2])
+            if abs(at) < gate.pylon_spacing / 2 and height < 12.0:
+                found.append((k, n if along[k] < 0 else -1 - n))
+    return [n for _, n in sorted(found)]

@@ -20,6 +20,7 @@ LEVEL = np.array([0.0, 0.0, np.nan, np.nan])  # no horizontal acceleration
 # Of the limits, so that a slightly different way onto the circuit keeps them.
 _MARGIN = 0.99
 _APPROACHES = (None, 5.0, 3.0, 2.0)  # m before a gate, tried in turn
+_MOST_ROUNDS = 4  # of each, with the gates that were faulty in the last
 _LEAST_DISTANCE = 0.1  # m, from gate to gate
 
 
@@ -77,13 +78,20 @@ def plan_circuit(midpoints, headings, pylons, dimensions, *, clearance, max_spee
                 return circuit
     faults = set()
     for distance in _APPROACHES:
-        with contextlib.suppress(TrajectoryOptimizationError):
-            approach = {i: distance for i in sorted(faults)}
-            circuit = _solve(gates, approach, dimensions, None, limits)
+        # A waypoint in front of one gate may lead to another minimum, with faults elsewhere.
+        for _ in range(_MOST_ROUNDS):
+            approach = {} if distance is None else {i: distance for i in sorted(faults)}
+            try:
+                circuit = _solve(gates, approach, dimensions, None, limits)
+            except TrajectoryOptimizationError:
+                break
             new_faults = _faults(circuit, pylons, clearance)
             if not new_faults and is_flyable(circuit, pylons, **all_limits):
                 return circuit
+            settled = distance is None or new_faults <= faults
             faults |= new_faults
+            if settled:
+                break
         if not faults:
             break  # there is nothing to try
     raise TrajectoryOptimizationError("No lap is within the limits and clear of all pylons.")

@@ -304,3 +304,17 @@ def test_limits_scale(s):
     circuit = plan_circuit(MIDPOINTS, HEADINGS, pylons_of(MIDPOINTS, HEADINGS), 3,
                            clearance=2.0, max_speed=20 / s, max_acceleration=10 / s**2)
     assert circuit.duration == pytest.approx(s * reference(3).duration, rel=1e-4)
+
+
+def test_faults_that_move_from_gate_to_gate():
+    """With a waypoint in front of the faulty gates, another one becomes faulty here."""
+    gates = np.array([
+        [12.99, -19.89, 75], [18.8, 7.76, 120], [10.22, 19.69, 75], [15.13, 43.67, 30],
+        [33.15, 55.76, -15], [67.07, 48.19, -60], [75.35, 36.77, -105], [61.76, -19.63, -60],
+        [78.84, -46.29, -105], [72.6, -75.22, -60], [89.24, -101.12, -105],
+        [80.23, -140.39, -150], [43.18, -163.48, 165], [25.92, -160.37, 120],
+        [13.76, -142.25, 75], [25.5, -92.78, 120], [14.24, -76.19, 75], [23.83, -34.74, 120],
+    ])
+    midpoints = np.column_stack([gates[:, :2], np.full(len(gates), 6.25)])
+    circuit = plan(midpoints, np.deg2rad(gates[:, 2]), 6)
+    assert 50.0 < circuit.duration < 60.0 and len(circuit.approach) > 2

@@ -154,9 +154,9 @@ INFO = make_camera_info(width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=Ca
 def ids_in_picture(track, point, heading):
     """Returns the IDs that a detector finds in the picture from a point."""
     X_WB = RigidTransform(RollPitchYaw(0, 0, heading), [*point, BOARD_HEIGHT])
-    picture = np.zeros((INFO.height, INFO.width, 4), np.uint8)
+    picture = np.zeros((INFO.height, INFO.width), np.uint8)
     PlanarRenderer(track, INFO).render(X_WB @ INFO.X_BC, picture)
-    return set(MarkerSearch().everywhere(picture)[1])
+    return set(MarkerSearch().everywhere(picture)[0])
 
 
 @pytest.mark.parametrize("track", [REFERENCE, generate_track(1, 8, "left"),

@@ -85,7 +85,8 @@ def summarize(lines: list[dict]) -> dict:
 
 
 def dnf_class(reason: str) -> str:
-    """Returns a reason without the number of what was touched: reasons to be counted."""
+    """Returns a reason without numbers and what led to it: reasons to be counted."""
+    reason = re.sub(r"^(ran out of time in state \w+):.*", r"\1", reason)
     return re.sub(r"\b(pylon|board)_\w+", r"a \1", reason)
 
 

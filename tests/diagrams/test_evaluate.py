@@ -178,7 +178,8 @@ class TestOptions:
 
 def test_the_results(reference):
     data = json.loads((reference / "evaluation.json").read_text())
-    assert data["complete"] and data["summary"]["dnf_reasons"] == {"ran out of time": 3}
+    assert data["complete"] and data["summary"]["dnf_reasons"] == {
+        "ran out of time in state CALIBRATE": 3}
     assert [race["seed"] for race in data["races"]] == [1000, 1001, 1002]
     assert len({race["length_m"] for race in data["races"]}) == 3
     assert data["settings"]["scenario"]["laps"] == 1

@@ -1,6 +1,7 @@
 """The races are pretended, in this process; for real ones see tests/diagrams/test_evaluate.py."""
 
 import collections
+import gc
 import threading
 import types
 
@@ -43,6 +44,8 @@ def client(monkeypatch):
     monkeypatch.setattr(cluster, "stop_races", stop)
     FLOWN.clear()
     STOPPED.clear()
+    # What other tests left, such as a Meshcat, must not be destroyed in a thread of Dask's.
+    gc.collect()
     with (
         LocalCluster(n_workers=1, threads_per_worker=2, processes=False, protocol="inproc",
                      dashboard_address=None,
@@ -89,6 +92,7 @@ def test_workers_are_compared(client):
 
 
 def test_a_cluster_without_workers(monkeypatch):
+    gc.collect()  # see client()
     monkeypatch.setattr(cluster, "_WORKERS_TIMEOUT", 0.2)
     with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None,
                       scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}) as local:

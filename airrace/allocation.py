@@ -34,6 +34,7 @@ class Allocator:
         self._rows = slice(0, 4 if yaw else 3)
         self._B = allocation[self._rows, self._working]
         self._max = max_thrusts[self._working]
+        self._limits = self._max.tolist()
         self._inverse = np.linalg.pinv(self._B)
         # A lost rotor can leave fewer axes than the pseudo-inverse needs.
         self._complete = np.linalg.matrix_rank(self._B) == len(self._B)
@@ -49,7 +50,9 @@ class Allocator:
             return np.zeros(self._size)
         wrench = wrench[self._rows]
         thrusts = self._inverse @ wrench
-        if not (self._complete and thrusts.min() >= 0.0 and (thrusts <= self._max).all()):
+        # Plain numbers: arrays this small cost more than they spare.
+        if not self._complete or not all(
+                0.0 <= thrust <= limit for thrust, limit in zip(thrusts.tolist(), self._limits)):
             b = np.concatenate([self._scale * wrench, np.zeros(len(self._max))])
             start = np.clip(thrusts / self._max, 0.0, 1.0)
             thrusts = self._max * _least_squares_in_unit_box(self._A, b, start)

@@ -98,7 +98,7 @@ def filtered(flight: Flight, config, seed: int) -> np.ndarray:
         results.append(output.Eval(context).copy())  # as sampled before the estimate is there
         estimate.FixValue(context, new)
         after = state_filter.EvalUniquePeriodicDiscreteUpdate(context)
-        context.SetDiscreteState(after.value())
+        context.SetDiscreteState(after)
     return np.array(results)
 
 

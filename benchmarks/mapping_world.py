@@ -13,6 +13,7 @@ from airrace.random import make_generator
 from airrace.rendering.camera_effects import ImagingChain
 from airrace.rendering.planar import PlanarRenderer
 from airrace.systems import state_estimate as se
+from airrace.systems.camera_view import CameraView
 from airrace.systems.gate_mapper import extrapolate
 from airrace.systems.image_mapper import ImageMapper, MapperMemory
 from airrace.systems.marker_measurement import measure
@@ -161,7 +162,7 @@ class _Eyes:
     def look(self, image) -> dict:
         """Returns tuples of Detection by a key of CORNERS; image: grey levels."""
         ids, quads = self._search.everywhere(image)
-        refitted, _ = measure(image, ids, quads, self._info, np.inf)
+        refitted, _ = measure(CameraView.of(image), ids, quads, self._info, np.inf)
         quads, ids, _ = self._opencv.detectMarkers(image)
         covariance = _CORNER_SIGMA**2 * np.eye(8)
         located = () if ids is None else (

@@ -24,6 +24,7 @@ from airrace.diagrams.camera_config import PRESETS
 from airrace.errors import UserError
 from airrace.rendering.vtk import check_vtk_available
 from airrace.systems.aruco_detector import Sight, look
+from airrace.systems.camera_view import CameraView
 from airrace.systems.marker_measurement import measure
 from airrace.systems.marker_search import MarkerSearch
 from airrace.track import load_track
@@ -97,8 +98,9 @@ def measure_accuracy(camera, most_oblique_deg, distance, count, seed) -> dict:
         view = random_view(rng, ONE_GATE.boards(), distance, np.deg2rad(most_oblique_deg))
         grey = shoot(view.X_WC)
         ids, quads = _SEARCH.everywhere(grey)
+        seen = CameraView.of(grey)
         near = [i for i, id in enumerate(ids) if id == view.board.id]
-        alone, _ = measure(grey, [ids[i] for i in near], quads[near], INFO, np.inf)
+        alone, _ = measure(seen, [ids[i] for i in near], quads[near], INFO, np.inf)
         if not alone:
             continue
         error = alone[0].corners - view.corners
@@ -109,7 +111,7 @@ def measure_accuracy(camera, most_oblique_deg, distance, count, seed) -> dict:
         single.append(pose_error(alone[0].X_CM, view.X_CM))
         twist = pose_twist(alone[0].X_CM, view.X_CM)
         misfit.append(twist @ np.linalg.solve(alone[0].covariance, twist) / 6)
-        together, _ = measure(grey, ids, quads, INFO, np.inf)
+        together, _ = measure(seen, ids, quads, INFO, np.inf)
         joint += [pose_error(m.X_CM, view.X_CM) for m in together
                   if m.id == view.board.id and m.joint]
     ranges, turns = np.reshape(single, (-1, 2)).T
@@ -170,7 +172,7 @@ def compare_renderers(count, seed) -> dict:
 def find(picture, id):
     """Returns the refitted corners of a marker, (4, 2) px, or None."""
     ids, quads = _SEARCH.everywhere(picture)
-    markers, _ = measure(picture, ids, quads, INFO, np.inf)
+    markers, _ = measure(CameraView.of(picture), ids, quads, INFO, np.inf)
     return next((m.corners for m in markers if m.id == id), None)
 
 
@@ -187,7 +189,7 @@ def count_strays(count, seed) -> dict:
         gate = race.gates[rng.integers(len(race.gates))]
         p_WC = gate.p_WG + rng.uniform([-40, -40, -5], [40, 40, 5])
         X_WC = look_at(p_WC, gate.p_WG + rng.uniform(-8, 8, 3))
-        sight = look(_SEARCH, cameras[i % 2](X_WC), 0.0, INFO, Sight())
+        sight = look(_SEARCH, CameraView.of(cameras[i % 2](X_WC)), 0.0, INFO, Sight())
         for marker in sight.detections.markers:
             result["markers"] += 1
             X_WM = boards.get(marker.id)
@@ -203,13 +205,14 @@ def measure_time() -> dict:
     picture = planar_camera(TWO_GATES)(look_at(np.array([5.0, -2.0, 6.0]), [20.0, 0.0, 6.25]))
     plain = cv2.aruco.ArucoDetector(
         cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL))
-    first = look(_SEARCH, picture, 0.0, INFO, Sight())
+    view = CameraView.of(picture)
+    first = look(_SEARCH, view, 0.0, INFO, Sight())
     assert len(first.measured) == 4
     calls = {
         "plain": lambda: plain.detectMarkers(picture),
         "ours_without_refit": lambda: _SEARCH.everywhere(picture),
-        "full": lambda: look(_SEARCH, picture, 1.0, INFO, Sight()),
-        "tracked": lambda: look(_SEARCH, picture, 1 / 30, INFO, first),
+        "full": lambda: look(_SEARCH, view, 1.0, INFO, Sight()),
+        "tracked": lambda: look(_SEARCH, view, 1 / 30, INFO, first),
     }
     # By turns, so that whatever else the machine does slows down all of them.
     spent = {name: [] for name in calls}

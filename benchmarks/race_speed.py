@@ -30,8 +30,7 @@ SET_UP, EXPLORATION, LAPS = "set-up", "exploration", "laps"
 REST = "runner: looks, files, set-up"
 # Parts of boxes, and what is no box.
 PARTS = {
-    "airrace.rendering.planar:PlanarRenderer.expose": "Camera: drawing",
-    "airrace.rendering.planar:PlanarRenderer.render": "Camera: drawing",
+    "airrace.rendering.exposure:Exposure.draw": "Camera: drawing",
     "airrace.rendering.vtk:VtkRenderer.render": "Camera: drawing",
     "airrace.rendering.lens:Lens.distort": "Camera: lens",
     "airrace.rendering.sensor:Sensor.expose": "Camera: sensor",

@@ -77,8 +77,8 @@ BOXES = {
     "geometric_controller": _make_geometric_controller,
 }
 INPUTS = (
-    "camera_image", "camera_grey", "camera_image_time", "camera_info", "state_estimate",
-    "rotor_speeds",
+    "camera_image", "camera_grey", "camera_view", "camera_image_time", "camera_info",
+    "state_estimate", "rotor_speeds",
 )
 OUTPUTS = {
     "rotor_speed_command": "geometric_controller",
@@ -130,7 +130,7 @@ def _wired(boxes: dict, rectify: bool) -> Diagram:
     exported = set()
     if rectify:
         rectifier = builder.AddNamedSystem("rectifier", Rectifier())
-        for name in ("camera_image", "camera_grey", "camera_info"):
+        for name in ("camera_image", "camera_grey", "camera_view", "camera_info"):
             builder.ExportInput(rectifier.GetInputPort(name), name)
             sources[name] = rectifier.GetOutputPort(name)
     for box in boxes.values():

@@ -91,4 +91,4 @@ def start_in_flight(flight: Diagram, scenario: Scenario, context, *, X_WB, w_WB=
     wrench = [vehicle.mass * GRAVITY, 0.0, 0.0, 0.0]
     speeds = np.sqrt(np.linalg.pinv(vehicle.allocation) @ wrench / vehicle.thrust_coefficients)
     rotors = simulation.GetSubsystemByName("rotor_bank")
-    rotors.GetMyMutableContextFromRoot(context).SetDiscreteState(speeds)
+    rotors.SetSpeeds(rotors.GetMyMutableContextFromRoot(context), speeds)

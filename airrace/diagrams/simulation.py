@@ -33,7 +33,8 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     Input ports: ``rotor_speed_command`` (vector, rad/s) and
     ``explorer_status`` (ExplorerStatus), the team's word that it races.
     Output ports for the autonomy: ``camera_image`` (ImageRgba8U),
-    ``camera_grey`` (the same picture, ImageGrey8U),
+    ``camera_grey`` (the same picture, ImageGrey8U), ``camera_view`` (it once more,
+    drawn where somebody looks, CameraView),
     ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
     (see systems/state_estimate.py), ``rotor_speeds`` (rad/s, what the motor
     controllers report). Truth, for judges and spectators only: ``truth.state``
@@ -127,8 +128,9 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
 
     builder.ExportInput(command, "rotor_speed_command")
     builder.ExportInput(referee.GetInputPort("explorer_status"), "explorer_status")
-    for name in ("camera_image", "camera_grey", "camera_image_time", "camera_info"):
-        builder.ExportOutput(camera.GetOutputPort(name), name)
+    for i in range(camera.num_output_ports()):
+        port = camera.get_output_port(i)
+        builder.ExportOutput(port, port.get_name())
     builder.ExportOutput(estimate.GetOutputPort("state_estimate"), "state_estimate")
     builder.ExportOutput(rotors.GetOutputPort("rotor_speeds"), "rotor_speeds")
     builder.ExportOutput(state, "truth.state")

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from airrace.rendering.pixels import is_grey, to_grey
+from airrace.rendering.pixels import is_grey, part, to_grey
 from airrace.rendering.textures import (
     GRASS,
     HORIZON,
@@ -53,9 +53,6 @@ class Background:
         self._colors[:_HALF, :3] = np.round(sky_color(self._sine[::-1]))
         self._contrasts = [np.zeros(2 * _HALF, np.uint8) for _ in _LAYERS]
         self._grass_tiles = np.tile(grass_detail(), (4, 4))
-        self._half_sizes = [
-            np.zeros((2 * self._h, 2 * self._w, *channels), np.uint8) for channels in ((4,), ())
-        ]
 
     def paint(self, X_WC, out) -> None:
         """Fills the picture.
@@ -64,6 +61,15 @@ class Background:
             X_WC: pose of the camera; z forward, x right, y down.
             out: RGBA or grey levels, see pixels.py.
         """
+        Backdrop(self, X_WC).paint(out, (0, 0, self._width, self._height))
+
+    def paint_half(self, X_WC, grey) -> np.ndarray:
+        """Returns the picture at half the size, for its pixels to be doubled.
+
+        Args:
+            X_WC: see paint().
+            grey: whether in grey levels, (h, w), or else RGBA, (h, w, 4).
+        """
         R_WC = X_WC.rotation().matrix()
         p_WC = X_WC.translation()
         height = max(p_WC[2], 0.05)
@@ -71,7 +77,6 @@ class Background:
         index = (self._rays @ np.float32(-R_WC[2]) + _HALF).astype(np.intp)
         index = index.reshape(self._h, self._w)
         self._fill_tables(height)
-        grey = is_grey(out)
         if grey:
             table = cv2.cvtColor(self._colors[None], cv2.COLOR_RGBA2GRAY)[0]
             small = table.take(index, mode="wrap")
@@ -89,14 +94,7 @@ class Background:
             cv2.subtract(small[rows], dark, dst=small[rows])
         # Interpolating to half the size and doubling the pixels takes half the
         # time of interpolating at once.
-        half = self._half_sizes[grey]
-        cv2.resize(small, half.shape[1::-1], dst=half)
-        if grey and out.shape == (2 * half.shape[0], 2 * half.shape[1]):
-            # OpenCV has no quick way to double bytes, but merges them quickly.
-            wide = cv2.merge((half, half)).reshape(len(half), 1, -1)
-            out.reshape(len(half), 2, -1)[:] = wide
-            return
-        cv2.resize(half, (self._width, self._height), dst=out, interpolation=cv2.INTER_NEAREST)
+        return cv2.resize(small, (2 * self._w, 2 * self._h))
 
     def _ground_rows(self, down) -> slice:
         """The rows in which down @ (u, v, 1) > 0 for at least one u."""
@@ -142,3 +140,36 @@ class Background:
             # The texture only darkens: its mean is added to the colour.
             ground += contrast[:, None] * [0.5, 0.5, 0.25]
         self._colors[_HALF:, :3] = np.minimum(ground, 255)
+
+
+class Backdrop:
+    """The background of one picture, to be painted piece by piece."""
+
+    def __init__(self, background: Background, X_WC):
+        """Args: background: of all pictures. X_WC: pose of the camera."""
+        self._background, self._X_WC = background, X_WC
+        self._halves = {}  # by whether they are grey
+
+    def paint(self, out, box) -> None:
+        """Fills a box of the picture; see pixels.py."""
+        grey = is_grey(out)
+        if grey not in self._halves:
+            self._halves[grey] = self._background.paint_half(self._X_WC, grey)
+        half = self._halves[grey]
+        x0, y0, x1, y1 = box
+        h, w = half.shape[:2]
+        if out.shape[:2] == (2 * h, 2 * w) and not any(edge % 2 for edge in box):
+            half = half[y0 // 2:y1 // 2, x0 // 2:x1 // 2]
+            if grey:
+                # OpenCV has no quick way to double bytes, but merges them quickly.
+                wide = cv2.merge((half, half)).reshape(len(half), -1)
+                out[y0:y1:2, x0:x1] = out[y0 + 1:y1:2, x0:x1] = wide
+            else:
+                cv2.resize(half, (x1 - x0, y1 - y0), dst=part(out, box),
+                           interpolation=cv2.INTER_NEAREST)
+            return
+        if half.shape != out.shape:
+            size = out.shape[1::-1]
+            half = cv2.resize(half, size, interpolation=cv2.INTER_NEAREST)
+            self._halves[grey] = half
+        part(out, box)[:] = part(half, box)

@@ -5,7 +5,8 @@ import bisect
 import cv2
 import numpy as np
 
-from airrace.rendering.pixels import blend, fill_polygons
+from airrace.rendering.exposure import Thing
+from airrace.rendering.pixels import blend, fill_polygons, part
 from airrace.rendering.projection import NEAR, SHIFT, clip_near, to_fixed, to_pixels
 from airrace.rendering.textures import BOARD_BACK, BOARD_TEXELS, WHITE, board_image
 from airrace.track import BOARD_SIZE
@@ -29,38 +30,48 @@ _CORNERS_M = BOARD_SIZE / 2 * np.array([[-1, 1, 1, -1], [1, 1, -1, -1], [2 / BOA
 _SAMPLES = 28_000
 
 
-class BoardPainter:
-    """Draws any board of a track.
-
-    Call look_from() once a picture, then paint() for one board after the other.
-    """
+class Boards:
+    """The boards of a track, for a camera."""
 
     def __init__(self, boards, camera_info):
-        """Constructs the painter.
+        """Constructs them.
 
         Args:
             boards: list of Board.
             camera_info: calibration.
         """
-        self._ids = [board.id for board in boards]
+        self.ids = [board.id for board in boards]
+        self.size = (camera_info.width, camera_info.height)
         self._K = camera_info.K
-        self._size = (camera_info.width, camera_info.height)
         R_WM = np.array([board.X_WM.rotation().matrix() for board in boards])
-        self._p_WM = self._places = np.array([board.X_WM.translation() for board in boards])
+        self._p_WM = np.array([board.X_WM.translation() for board in boards])
         self._z_W = R_WM[:, :, 2]
         self._xy_W = R_WM[:, :, :2]
 
-    def move(self, shifts) -> None:
-        """Moves the boards by shifts, (n, 3) m, from where they were at first."""
-        self._p_WM = self._places + shifts
+    def look_from(self, X_WC, shifts) -> "BoardPainter":
+        """Returns what draws the boards as seen from a pose of the camera.
 
-    def look_from(self, X_WC) -> None:
-        """Takes the pose of the camera for the next picture."""
-        p_CM_W = self._p_WM - X_WC.translation()
-        self.faces_camera = np.sum(p_CM_W * self._z_W, axis=1) < 0
+        Args:
+            shifts: of the boards from their places in the track, (n, 3) m.
+        """
+        p_CM_W = self._p_WM + shifts - X_WC.translation()
+        faces_camera = np.sum(p_CM_W * self._z_W, axis=1) < 0
         # Maps (x, y, 1) of a board's plane to homogeneous pixels.
         plane_W = np.concatenate([self._xy_W, p_CM_W[:, :, None]], axis=2)
-        self._H = H = self._K @ X_WC.rotation().matrix().T @ plane_W
+        return BoardPainter(self, faces_camera, self._K @ X_WC.rotation().matrix().T @ plane_W)
+
+
+class BoardPainter:
+    """Draws any board of a track, seen from one pose of the camera.
+
+    Attributes:
+        faces_camera: whether each board does, (n,).
+    """
+
+    def __init__(self, boards: Boards, faces_camera, H):
+        """Args: H: maps (x, y, 1) of the boards' planes to homogeneous pixels, (n, 3, 3)."""
+        self.faces_camera = faces_camera.tolist()
+        self._ids, self._size, self._H = boards.ids, boards.size, H
         self._corners_h = (H @ _CORNERS_M).transpose(0, 2, 1)
         depth = self._corners_h[:, :, 2]
         in_front = depth >= NEAR
@@ -87,32 +98,37 @@ class BoardPainter:
         high = np.ceil(np.clip(np.max(corners, axis=axis) + 3, 0, self._size))
         return low.astype(int), high.astype(int)
 
-    def paint(self, i, out) -> None:
-        """Draws the board with index i over what is there."""
+    def thing(self, i) -> Thing | None:
+        """Returns the board with index i, None if it is not in sight."""
         if not self._visible[i]:
-            return
+            return None
         corners, low, high = self._corners[i], self._low[i], self._high[i]
         if self._straddles[i]:
             corners = to_pixels(clip_near(self._corners_h[i]))
             low, high = self._rectangle(corners, axis=0)
             if not np.all(low < high):
-                return
-        if not self.faces_camera[i]:
-            fill_polygons(out, [to_fixed(corners)], [BOARD_BACK], SHIFT)
-            return
-        (x0, y0), (x1, y1) = low.tolist(), high.tolist()
+                return None
+        box = (*low.tolist(), *high.tolist())
+        if self.faces_camera[i]:
+            return Thing(box, lambda out, _: self._paint_face(i, corners, box, out))
+        back = to_fixed(corners)
+        return Thing(box, lambda out, _: fill_polygons(out, [back], [BOARD_BACK], SHIFT))
+
+    def _paint_face(self, i, corners, box, out):
+        """Draws the front of the board with index i and these corners over what is in its box."""
+        x0, y0, x1, y1 = box
         w, h = x1 - x0, y1 - y0
         # The outline needs no supersampling, what is on the board does.
         alpha = self._warp(None, i, 1, x0, y0, w, h)
         if self._straddles[i]:
             # The homography shows what is behind the camera, too.
             visible = np.zeros((h, w), np.uint8)
-            cv2.fillConvexPoly(visible, to_fixed(corners - low), 255, cv2.LINE_8, SHIFT)
+            cv2.fillConvexPoly(visible, to_fixed(corners - [x0, y0]), 255, cv2.LINE_8, SHIFT)
             alpha &= visible
         s = min(4, max(1, round((_SAMPLES / (w * h)) ** 0.5)))
         grey = self._warp(self._ids[i], i, s, x0, y0, w, h)
         grey = cv2.multiply(grey, alpha, scale=1 / 255)
-        blend(out[y0:y1, x0:x1], grey, alpha)
+        blend(part(out, box), grey, alpha)
 
     def _warp(self, marker_id, i, s, x0, y0, w, h):
         """Draws a board's face, or its outline, into a rectangle.

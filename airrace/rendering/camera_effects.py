@@ -1,11 +1,13 @@
 """From ideal pictures to a camera's: shutter, lens and sensor in a row."""
 
 import dataclasses as dc
+import functools
 
 import numpy as np
 
 from airrace.rendering.lens import Lens
-from airrace.rendering.motion_blur import Shutter, mean_picture
+from airrace.rendering.motion_blur import MeanPicture, Shutter
+from airrace.rendering.pixels import whole
 from airrace.rendering.sensor import Sensor
 
 
@@ -62,29 +64,55 @@ class ImagingChain:
             seed=seed,
         )
 
-    def take(self, render, X_WB, w_WB, v_WB, frame: int, out, expose=None) -> None:
+    def take(self, render, X_WB, w_WB, v_WB, frame: int, out) -> None:
         """Takes a picture.
 
         Args:
             render: draws the world for the camera ``pinhole``; called with its
                 pose X_WC and the array to draw into.
+            X_WB, w_WB, v_WB, frame: see picture().
+            out: RGBA or grey levels, see pixels.py; overwritten.
+        """
+        expose = functools.partial(MeanPicture, render)
+        self.picture(expose, X_WB, w_WB, v_WB, frame).draw(out)
+
+    def picture(self, expose, X_WB, w_WB, v_WB, frame: int):
+        """Returns a picture to be drawn, perhaps piece by piece.
+
+        Args:
+            expose: returns the mean of ideal pictures; called as
+                PlanarRenderer.expose() for the camera ``pinhole``.
             X_WB: pose of the body that carries the camera, in the middle of the
                 exposure.
             w_WB, v_WB: its angular velocity (rad/s) and velocity (m/s) in world.
             frame: number of the picture >= 0.
-            out: RGBA or grey levels, see pixels.py; overwritten.
-            expose: draws the mean of pictures at once, see PlanarRenderer; None:
-                they are rendered one by one.
+
+        Returns:
+            an object with draw(out, boxes=None), see Exposure.
         """
-        ideal = out
-        if self._lens is not None:
-            shape = (self.pinhole.height, self.pinhole.width, *out.shape[2:])
-            ideal = np.empty(shape, np.uint8)
         poses = self._shutter.poses(X_WB, w_WB, v_WB)
-        if expose is None:
-            mean_picture(render, poses, ideal)
+        ideal = expose(poses, X_WB @ self.pinhole.X_BC)
+        return _TakenPicture(ideal, self._lens, self._sensor, frame)
+
+
+@dc.dataclass(frozen=True)
+class _TakenPicture:
+    """What picture() returns: an ideal picture, through lens and sensor."""
+
+    ideal: object
+    lens: Lens | None
+    sensor: Sensor
+    frame: int
+
+    def draw(self, out, boxes=None) -> None:
+        boxes = [whole(out)] if boxes is None else boxes
+        if self.lens is None:
+            self.ideal.draw(out, boxes)
         else:
-            expose(poses, X_WB @ self.pinhole.X_BC, ideal)
-        if self._lens is not None:
-            self._lens.distort(ideal, out)
-        self._sensor.expose(out, frame)
+            pinhole = self.lens.pinhole
+            wide = np.empty((pinhole.height, pinhole.width, *out.shape[2:]), np.uint8)
+            for box in boxes:
+                self.ideal.draw(wide, [self.lens.source(box)])
+                self.lens.distort(wide, out, box)
+        for box in boxes:
+            self.sensor.expose(out, self.frame, box)

@@ -7,6 +7,7 @@ import numpy as np
 
 from airrace.errors import UserError
 from airrace.immutable import read_only
+from airrace.rendering.pixels import part, whole
 
 
 class Lens:
@@ -47,14 +48,23 @@ class Lens:
         )
         self._map_u, self._map_v = np.float32(ideal - low).T.reshape(2, h, w)
 
-    def distort(self, image, out) -> None:
+    def source(self, box) -> tuple:
+        """Returns the box of the pinhole picture that a box of the distorted one shows."""
+        u, v = part(self._map_u, box), part(self._map_v, box)
+        # Two pixels at least for interpolation; all of the map is inside.
+        return int(u.min()), int(v.min()), int(u.max()) + 2, int(v.max()) + 2
+
+    def distort(self, image, out, box=None) -> None:
         """Draws the distorted picture.
 
         Args:
             image: of the pinhole camera, RGBA or grey levels, see pixels.py.
             out: of the same kind, (h, w) pixels; overwritten.
+            box: the part of it to draw; None: all of it.
         """
-        cv2.remap(image, self._map_u, self._map_v, cv2.INTER_LINEAR, dst=out)
+        box = whole(out) if box is None else box
+        cv2.remap(image, part(self._map_u, box), part(self._map_v, box), cv2.INTER_LINEAR,
+                  dst=part(out, box))
 
 
 def _check(rays, pixels, K, D):

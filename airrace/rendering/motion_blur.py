@@ -29,22 +29,47 @@ def moved(X_WB, w_WB, v_WB, dt) -> RigidTransform:
     return RigidTransform(R_WB, X_WB.translation() + dt * v_WB)
 
 
-def mean_picture(render, poses, out) -> None:
-    """Draws the mean of several pictures.
+class MeanPicture:
+    """The mean of several pictures by a renderer that draws whole ones."""
+
+    def __init__(self, render, poses, X_WC=None):
+        """Constructs the picture.
+
+        Args:
+            render: draws one; called with X_WC and the array to draw into.
+            poses: pairs of a weight and X_WC; the weights add up to 1.
+            X_WC: ignored: the pose in the middle.
+        """
+        self._render, self._poses = render, poses
+
+    def draw(self, out, boxes=None) -> None:
+        """Draws it.
+
+        Args:
+            out: RGBA or grey levels, see pixels.py; overwritten.
+            boxes: ignored: the parts that must be drawn.
+        """
+        (total, X_WC), *others = self._poses
+        self._render(X_WC, out)
+        picture = np.empty_like(out) if others else None
+        for weight, X_WC in others:
+            self._render(X_WC, picture)
+            total = add_picture(out, total, picture, weight)
+
+
+def add_picture(mean, total, picture, weight) -> float:
+    """Adds a picture to a weighted mean in place.
 
     Args:
-        render: draws one; called with X_WC and the array to draw into.
-        poses: pairs of a weight and X_WC; the weights add up to 1.
-        out: RGBA or grey levels, see pixels.py; overwritten.
+        mean: of pictures whose weights add up to ``total``.
+        picture, weight: the one to add.
+
+    Returns:
+        what all weights now add up to.
     """
-    (total, X_WC), *others = poses
-    render(X_WC, out)
-    picture = np.empty_like(out) if others else None
-    for weight, X_WC in others:
-        render(X_WC, picture)
-        share = weight / (total + weight)
-        cv2.addWeighted(out, 1 - share, picture, share, 0.0, dst=out)
-        total += weight
+    share = weight / (total + weight)
+    cv2.addWeighted(mean, 1 - share, picture, share, 0.0, dst=mean)
+    return total + weight
 
 
 class Shutter:

@@ -1,4 +1,8 @@
-"""Pictures in colour, RGBA, (h, w, 4), or in grey levels, (h, w); both uint8."""
+"""Pictures in colour, RGBA, (h, w, 4), or in grey levels, (h, w); both uint8.
+
+A box is a part of one: columns from x0 to x1 - 1 and rows from y0 to y1 - 1, as
+(x0, y0, x1, y1).
+"""
 
 import cv2
 import numpy as np
@@ -14,6 +18,17 @@ def is_grey(image) -> bool:
 def to_grey(color):
     """Returns the grey levels of colours, (..., 3)."""
     return np.asarray(color) @ _LUMA
+
+
+def whole(image) -> tuple:
+    """Returns the box that is all of a picture."""
+    return 0, 0, image.shape[1], image.shape[0]
+
+
+def part(image, box) -> np.ndarray:
+    """Returns the pixels in a box, not copied."""
+    x0, y0, x1, y1 = box
+    return image[y0:y1, x0:x1]
 
 
 def fill(image, color) -> None:

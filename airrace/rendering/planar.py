@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from airrace.rendering.background import Background
-from airrace.rendering.board_painter import BoardPainter
-from airrace.rendering.motion_blur import mean_picture
-from airrace.rendering.pixels import fill
-from airrace.rendering.pylon_painter import PylonPainter
+from airrace.rendering.background import Backdrop, Background
+from airrace.rendering.board_painter import Boards
+from airrace.rendering.exposure import Exposure, Thing, everything
+from airrace.rendering.pylon_painter import Pylons
 from airrace.rendering.textures import EARTH, PYLON_COLOR
 
 _SHARING = 4  # exposures, whose blur the background is too soft to show
@@ -30,8 +29,11 @@ class PlanarRenderer:
             camera_info: a CameraInfo; distortion is not drawn.
         """
         self._background = Background(camera_info)
-        self._pylons = PylonPainter(track.pylons(), camera_info)
-        self._boards = BoardPainter(track.boards(), camera_info)
+        self._pylons = Pylons(track.pylons(), camera_info)
+        self._boards = Boards(track.boards(), camera_info)
+        self._gates = len(track.gates)
+        self._size = camera_info.width, camera_info.height
+        self._canvases = {}  # where exposures are drawn before they are added
 
     def render(self, X_WC, out, gate_shifts=None) -> None:
         """Draws a picture.
@@ -40,14 +42,12 @@ class PlanarRenderer:
             X_WC: pose of the camera frame C: z forward, x right, y down.
             out: RGBA or grey levels, see pixels.py; contiguous; overwritten.
             gate_shifts: of every gate from its place in the track, (n, 2) m, if
-                gates move; then they must be given for every picture.
+                gates move.
         """
-        self._move(gate_shifts)
-        self._background.paint(X_WC, out)
-        self._paint_things(X_WC, out)
+        self.expose([(1.0, X_WC)], X_WC, gate_shifts).draw(out)
 
-    def expose(self, poses, X_WC, out, gate_shifts=None) -> None:
-        """Draws the mean of several pictures from nearly the same place.
+    def expose(self, poses, X_WC, gate_shifts=None) -> Exposure:
+        """Returns the mean of several pictures from nearly the same place.
 
         The background has no detail that a little motion would blur: unless it
         is more than that, the pictures share one.
@@ -56,52 +56,39 @@ class PlanarRenderer:
             poses: pairs of a weight and the pose of the camera; the weights add
                 up to 1.
             X_WC: the pose in the middle.
-            out, gate_shifts: as for render().
+            gate_shifts: as for render().
         """
-        self._move(gate_shifts)
-        if len(poses) > _SHARING:
-            mean_picture(self.render, poses, out)
-            return
-        background = np.empty_like(out)
-        self._background.paint(X_WC, background)
+        behind = [X_WC] if len(poses) <= _SHARING else [pose for _, pose in poses]
+        return Exposure(
+            [weight for weight, _ in poses],
+            [Backdrop(self._background, pose) for pose in behind],
+            lambda: [self._things(pose, gate_shifts) for _, pose in poses],
+            self._size,
+            self._canvases,
+        )
 
-        def render(X_WC, out):
-            np.copyto(out, background)
-            self._paint_things(X_WC, out)
-
-        mean_picture(render, poses, out)
-
-    def _paint_things(self, X_WC, out):
-        """Draws pylons and boards over the background."""
+    def _things(self, X_WC, gate_shifts) -> list[Thing]:
+        """Returns what is seen before the background, in the order to draw it."""
         if X_WC.translation()[2] <= 0:
-            fill(out, EARTH)
-            return
-        self._pylons.look_from(X_WC)
-        if self._pylons.camera_is_inside():
-            fill(out, np.array(PYLON_COLOR) / 2)
-            return
-        self._boards.look_from(X_WC)
+            return [everything(self._size, EARTH)]
+        shifts = np.zeros((self._gates, 3))
+        if gate_shifts is not None:
+            shifts[:, :2] = gate_shifts
+        pylons = self._pylons.look_from(X_WC, np.repeat(shifts, 2, axis=0))
+        if pylons.camera_is_inside():
+            return [everything(self._size, np.array(PYLON_COLOR) / 2)]
+        boards = self._boards.look_from(X_WC, np.repeat(shifts, 4, axis=0))
         # Painter's order. A pylon and its two boards stand in an upright
         # cylinder of the pylon's radius. The cylinders are disjoint and equally
         # thick, so none hides another one whose axis is nearer. Within one, the
         # plane of a board lies between the board's viewer and the pylon. (It cuts
         # the pylon's foot, but only one who looks along it would notice.)
-        for i in np.argsort(-self._pylons.distance, kind="stable"):
-            if not self._pylons.in_view[i]:
+        things = []
+        for i in np.argsort(-pylons.distance, kind="stable").tolist():
+            if not pylons.in_view[i]:
                 continue
-            boards = (2 * i, 2 * i + 1)
-            for b in boards:
-                if not self._boards.faces_camera[b]:
-                    self._boards.paint(b, out)
-            self._pylons.paint(i, out)
-            for b in boards:
-                if self._boards.faces_camera[b]:
-                    self._boards.paint(b, out)
-
-    def _move(self, gate_shifts):
-        """Puts the gates where the next pictures show them; None: where they are."""
-        if gate_shifts is None:
-            return
-        shifts = np.column_stack([gate_shifts, np.zeros(len(gate_shifts))])
-        self._pylons.move(np.repeat(shifts, 2, axis=0))
-        self._boards.move(np.repeat(shifts, 4, axis=0))
+            near = [boards.faces_camera[b] for b in (2 * i, 2 * i + 1)]
+            things += [boards.thing(2 * i + k) for k in (0, 1) if not near[k]]
+            things.append(pylons.thing(i))
+            things += [boards.thing(2 * i + k) for k in (0, 1) if near[k]]
+        return [thing for thing in things if thing is not None]

@@ -1,10 +1,12 @@
 """The image sensor: exposure, vignetting and noise."""
 
+import functools
+
 import cv2
 import numpy as np
 
 from airrace.random import make_generator
-from airrace.rendering.pixels import is_grey
+from airrace.rendering.pixels import is_grey, part, whole
 
 _MARGIN = 256  # of the sheet of noise beyond a picture (px)
 _STRIP = 120  # rows that are worked on at a time
@@ -46,7 +48,13 @@ class Sensor:
         self._noisy = read_noise > 0 or shot_noise > 0
         if not self._noisy:
             return
-        self._seed = seed
+
+        @functools.lru_cache(maxsize=2)
+        def place(frame):
+            rng = make_generator(seed, "camera_noise_place", frame)
+            return rng.integers([_MARGIN + 1, _MARGIN + 1, 2]).tolist()
+
+        self._place = place  # in the sheets, and which of the latter two
         shape = (camera_info.height + _MARGIN, camera_info.width + _MARGIN)
         z = make_generator(seed, "camera_noise_sheet").standard_normal(shape, np.float32)
         # OpenCV is fastest on bytes, so there is one sheet of amounts and one that
@@ -58,30 +66,28 @@ class Sensor:
         self._sigma = np.uint8(np.round(sigma / sigma[-1] * 255))
         self._noise_scale = sigma[-1] / 255 * _MOST / 255
 
-    def expose(self, image, frame: int) -> None:
+    def expose(self, image, frame: int, box=None) -> None:
         """Changes a picture in place; opaque pixels stay opaque.
 
         Args:
             image: RGBA or grey levels, see pixels.py.
-            frame: number of the picture >= 0; the noise is a function of it.
+            frame: number of the picture >= 0; the noise is a function of it and
+                of the place.
+            box: the part of it that is changed; None: all of it.
         """
-        h, w = image.shape[:2]
+        x0, y0, x1, y1 = whole(image) if box is None else box
         mask = None if self._mask is None else self._mask[is_grey(image)]
-        sheets = ()
         if self._noisy:
-            rng = make_generator(self._seed, "camera_noise_place", frame)
-            y, x, turned = rng.integers([_MARGIN + 1, _MARGIN + 1, 2]).tolist()
-            sheets = [
-                sheet[y : y + h, x : x + w] for sheet in (self._amount, self._darker[turned])
-            ]
+            y, x, turned = self._place(frame)
+            sheets = [sheet[y:, x:] for sheet in (self._amount, self._darker[turned])]
         # Strips stay in the processor's cache from one step to the next.
-        for start in range(0, h, _STRIP):
-            rows = slice(start, start + _STRIP)
-            strip = image[rows]
+        for start in range(y0, y1, _STRIP):
+            strip = x0, start, x1, min(start + _STRIP, y1)
+            pixels = part(image, strip)
             if mask is not None:
-                cv2.multiply(strip, mask[rows], dst=strip, scale=self._scale)
-            if sheets:
-                self._add_noise(strip, *(sheet[rows] for sheet in sheets))
+                cv2.multiply(pixels, part(mask, strip), dst=pixels, scale=self._scale)
+            if self._noisy:
+                self._add_noise(pixels, *(part(sheet, strip) for sheet in sheets))
 
     def _add_noise(self, image, amount, darker):
         """Adds noise to a picture, given the sheets of the same size."""

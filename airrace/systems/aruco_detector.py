@@ -5,10 +5,10 @@ import dataclasses as dc
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem, ValueProducer
-from pydrake.systems.sensors import ImageGrey8U
 
 from airrace.immutable import Immutable
 from airrace.systems import detection_checks as checks
+from airrace.systems.camera_view import CameraView
 from airrace.systems.marker_measurement import measure
 from airrace.systems.marker_search import MarkerSearch
 from airrace.systems.types import CameraInfo, Detections
@@ -39,13 +39,13 @@ class ArucoDetector(LeafSystem):
 
         name: ArucoDetector
         input_ports:
-        - camera_grey
+        - camera_view
         - camera_image_time
         - camera_info
         output_ports:
         - detections
 
-    ``camera_grey`` is an ImageGrey8U, ``camera_image_time`` when it was
+    ``camera_view`` is a CameraView, ``camera_image_time`` when it was
     taken (s), ``camera_info`` a CameraInfo; ``detections`` a Detections.
 
     The output is a function of the inputs and of what was in the last image,
@@ -68,14 +68,14 @@ class ArucoDetector(LeafSystem):
         self._search = MarkerSearch()
         self._max_id = np.inf if max_gates is None else 4 * max_gates - 1
         self._period = full_search_period
-        self._image = self.DeclareAbstractInputPort("camera_grey", Value(ImageGrey8U()))
+        self._view = self.DeclareAbstractInputPort("camera_view", Value[object]())
         self._time = self.DeclareVectorInputPort("camera_image_time", 1)
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
         self._memory = self.DeclareAbstractState(Value[object](Sight()))
         self._sight = self.DeclareCacheEntry(
             "sight",
             ValueProducer(allocate=lambda: Value[object](Sight()), calc=self._CalcSight),
-            {port.ticket() for port in (self._image, self._time, self._info)}
+            {port.ticket() for port in (self._view, self._time, self._info)}
             | {self.abstract_state_ticket(self._memory)},
         )
         # An unrestricted update comes before the camera takes the next image at
@@ -94,9 +94,8 @@ class ArucoDetector(LeafSystem):
         if time == last.detections.time:
             sight.set_value(last)
             return
-        image, info = self._image.Eval(context).data[..., 0], self._info.Eval(context)
         sight.set_value(look(
-            self._search, image, time, info, last,
+            self._search, self._view.Eval(context), time, self._info.Eval(context), last,
             max_id=self._max_id, full_search_period=self._period,
         ))
 
@@ -105,26 +104,27 @@ class ArucoDetector(LeafSystem):
             self._sight.Eval(context))
 
 
-def look(search: MarkerSearch, image, time, info: CameraInfo, last: Sight, *,
+def look(search: MarkerSearch, view: CameraView, time, info: CameraInfo, last: Sight, *,
          max_id=np.inf, full_search_period=5) -> Sight:
     """Returns what is in an image, given what was in the last one.
 
     Args:
         search: finds the markers.
-        image: grey levels, (h, w), uint8.
+        view: of the image.
         time: when it was taken (s).
         info: the camera.
         last: of the last image; Sight() if there was none.
         max_id, full_search_period: see ArucoDetector.
     """
-    if reason := checks.check_image(image, time, info):
+    if reason := checks.check_view(view, time, info):
         return Sight(Detections(time, (), ((reason, None),)))
     dt = time - last.detections.time
     found = None
     if last.measured and last.tracked + 1 < full_search_period:
-        found = _track(search, image, dt, info, last)
+        found = _track(search, view, dt, info, last)
     tracked = 0 if found is None else last.tracked + 1
-    measured, refused = measure(image, *(found or search.everywhere(image)), info, max_id)
+    found = found or search.everywhere(view.whole())
+    measured, refused = measure(view, *found, info, max_id)
     before = {marker.id: marker for marker in last.measured}
     jumping = {m.id for m in measured if m.id in before and checks.jumps(m, before[m.id], dt)}
     detections = Detections(
@@ -139,7 +139,7 @@ def look(search: MarkerSearch, image, time, info: CameraInfo, last: Sight, *,
     return Sight(detections, measured, velocities, tracked)
 
 
-def _track(search: MarkerSearch, image, dt, info: CameraInfo, last: Sight):
+def _track(search: MarkerSearch, view: CameraView, dt, info: CameraInfo, last: Sight):
     """Searches around the markers of the last image.
 
     Returns:
@@ -149,7 +149,7 @@ def _track(search: MarkerSearch, image, dt, info: CameraInfo, last: Sight):
     predictions = {
         m.id: m.corners + dt * last.velocities.get(m.id, np.zeros(2)) for m in last.measured
     }
-    found = search.around(image, list(predictions.values()))
+    found = search.around(view, list(predictions.values()))
     for id in predictions.keys() - set(found[0]):
         if np.all((predictions[id] > 0) & (predictions[id] < [info.width - 1, info.height - 1])):
             return None

@@ -11,6 +11,8 @@ from pydrake.systems.framework import LeafSystem
 from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.rendering.camera_effects import ImagingChain
+from airrace.rendering.motion_blur import MeanPicture
+from airrace.systems.camera_view import CameraView
 from airrace.systems.types import CameraInfo
 
 
@@ -26,6 +28,9 @@ class Renderer(typing.Protocol):
         That is RGBA, (h, w, 4), or grey levels, (h, w). ``scene`` is the
         QueryObject, or the shifts of the gates, (n, 2), if the Camera is told
         that gates move, or nothing.
+
+        A renderer that can draw parts of pictures has a method expose(poses,
+        X_WC, *scene), too: see PlanarRenderer.
         """
 
 
@@ -42,6 +47,7 @@ class Camera(LeafSystem):
         output_ports:
         - camera_image
         - camera_grey
+        - camera_view
         - camera_image_time
         - camera_info
 
@@ -54,7 +60,9 @@ class Camera(LeafSystem):
     multiples of 1/fps. ``camera_image`` (abstract, ImageRgba8U) shows the world
     from the sampled pose; ``camera_grey`` (abstract, ImageGrey8U) is the same picture
     in grey levels, drawn as such, which is several times as fast: up to rounding,
-    what OpenCV makes of the colours. ``camera_image_time`` (vector, shape (1,)) is
+    what OpenCV makes of the colours. ``camera_view`` (abstract, CameraView) is
+    that picture, too, but drawn piece by piece where somebody looks; so whoever
+    looks only at parts should look there. ``camera_image_time`` (vector, shape (1,)) is
     when that was (s): the middle of the exposure. All are there ``latency`` later,
     but for the first ones, which are there from the beginning. ``camera_info``
     (abstract, CameraInfo) never changes.
@@ -127,15 +135,17 @@ class Camera(LeafSystem):
         self.DeclareAbstractOutputPort(
             "camera_image",
             lambda: Value(ImageRgba8U(camera_info.width, camera_info.height)),
-            lambda context, output: self._Draw(context, output.get_mutable_value().mutable_data),
+            self._CalcImage,
             prerequisites_of_calc=ticket,
         )
         self.DeclareAbstractOutputPort(
             "camera_grey",
             lambda: Value(ImageGrey8U(camera_info.width, camera_info.height)),
-            lambda context, output: self._Draw(
-                context, output.get_mutable_value().mutable_data[..., 0]),
+            self._CalcGrey,
             prerequisites_of_calc=ticket,
+        )
+        self._view = self.DeclareAbstractOutputPort(
+            "camera_view", lambda: Value[object](), self._CalcView, prerequisites_of_calc=ticket
         )
         self.DeclareVectorOutputPort(
             "camera_image_time", 1, self._CalcTime, prerequisites_of_calc=ticket
@@ -167,30 +177,38 @@ class Camera(LeafSystem):
     def _Shown(self, context):
         return np.array(context.get_abstract_state(int(self._shown)).get_value())
 
-    def _Draw(self, context, image):
+    def _CalcImage(self, context, output):
+        self._Picture(context).draw(output.get_mutable_value().mutable_data)
+
+    def _CalcGrey(self, context, output):
+        picture = output.get_mutable_value().mutable_data
+        picture[..., 0] = self._view.Eval(context).whole()
+
+    def _CalcView(self, context, output):
+        view = CameraView((self._info.height, self._info.width), self._Picture(context).draw)
+        if not hasattr(self._renderer, "expose"):
+            view.whole()  # while the scene is there
+        output.set_value(view)
+
+    def _Picture(self, context):
+        """Returns what draws the picture: draw(out, boxes=None), see Exposure."""
         sample = self._Shown(context)
         # The plant's integrator lets the quaternion's norm drift a little.
         X_WB = RigidTransform(Quaternion(sample[:4] / np.linalg.norm(sample[:4])), sample[4:7])
         args = () if self._query is None else (self._query.Eval(context),)
         if self._shifts is not None:
             args = (sample[14:].reshape(-1, 2),)
+
+        def expose(poses, X_WC):
+            if hasattr(self._renderer, "expose"):
+                return self._renderer.expose(poses, X_WC, *args)
+            return MeanPicture(lambda X_WC, out: self._renderer.render(X_WC, out, *args), poses)
+
         if self._imaging is None:
-            self._renderer.render(X_WB @ self._info.X_BC, image, *args)
-            return
-        options = {}
-        if hasattr(self._renderer, "expose"):
-            options["expose"] = lambda poses, X_WC, out: self._renderer.expose(
-                poses, X_WC, out, *args
-            )
-        self._imaging.take(
-            lambda X_WC, out: self._renderer.render(X_WC, out, *args),
-            X_WB,
-            sample[7:10],
-            sample[10:13],
-            round(sample[13] * self._fps),
-            image,
-            **options,
-        )
+            X_WC = X_WB @ self._info.X_BC
+            return expose([(1.0, X_WC)], X_WC)
+        frame = round(sample[13] * self._fps)
+        return self._imaging.picture(expose, X_WB, sample[7:10], sample[10:13], frame)
 
     def _CalcTime(self, context, output):
         output.SetAtIndex(0, self._Shown(context)[13])

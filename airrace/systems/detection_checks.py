@@ -30,17 +30,17 @@ _JUMP_SIGMAS = 6.0
 _LONGEST_GAP = 0.2  # s, between images that can be compared
 
 
-def check_image(image, time, info: CameraInfo) -> str | None:
+def check_view(view, time, info: CameraInfo) -> str | None:
     """Returns why an image cannot be searched, None if it can.
 
     Args:
-        image: should be grey levels, (info.height, info.width), uint8.
+        view: should be a CameraView of (info.height, info.width) pixels, uint8.
         time: when it was taken (s).
         info: the camera.
     """
-    if getattr(image, "dtype", None) != np.uint8:
+    if getattr(view, "dtype", None) != np.uint8:
         return WRONG_IMAGE
-    if image.shape != (info.height, info.width):
+    if view.shape != (info.height, info.width):
         return WRONG_IMAGE
     return None if np.isfinite(time) else NO_TIME
 

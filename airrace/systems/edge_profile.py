@@ -73,4 +73,4 @@ def model_lines(image, edges: Edges):
 
 def _step(z):
     """The normal distribution function to 1e-3, which is quicker than exact."""
-    return 0.5 + 0.5 * np.tanh(np.sqrt(2 / np.pi) * (z + 0.044715 * z**3))
+    return 0.5 + 0.5 * np.tanh(np.sqrt(2 / np.pi) * (z + 0.044715 * (z * z * z)))

@@ -28,11 +28,10 @@ class GateOpening:
             gate's midpoint (m).
         """
         x, y, z = self._p_WG
-        p_WG = (x + shift[0], y + shift[1], z)
-        forward = self._forward
-        before, after = (
-            forward[0] * (a[0] - p_WG[0]) + forward[1] * (a[1] - p_WG[1]) for a in (q, p)
-        )
+        p_WG = x, y, _ = x + shift[0], y + shift[1], z
+        fx, fy, _ = self._forward
+        before = fx * (q[0] - x) + fy * (q[1] - y)
+        after = fx * (p[0] - x) + fy * (p[1] - y)
         if not before < 0.0 <= after:
             return None
         share = before / (before - after)

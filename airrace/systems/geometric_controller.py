@@ -70,8 +70,8 @@ class GeometricController(LeafSystem):
         self._J = list(map(float, vehicle.inertia))
         self._k_x, self._k_v = vehicle.gains.position, vehicle.gains.velocity
         self._k_R, self._k_w = (gain.tolist() for gain in _attitude_gains(vehicle))
-        self._c_f = vehicle.thrust_coefficients
-        self._max_speeds = vehicle.max_speeds
+        self._c_f = vehicle.thrust_coefficients.tolist()
+        self._max_speeds = vehicle.max_speeds.tolist()
         self._feed_forward = feed_forward
         self._rejection = float(disturbance_rejection)
         self._overdrive = _reached(rate, min(_SHORT_LAG, vehicle.rotor_lag)) / _reached(
@@ -91,42 +91,43 @@ class GeometricController(LeafSystem):
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     def _UpdateCommand(self, context, discrete_state):
+        # Plain numbers: arrays this small cost more than they spare.
         working = tuple(map(math.isinf, self._losses.Eval(context).tolist()))
         remaining = self._remaining(working)
-        estimate = self._estimate.Eval(context)
-        disturbance = self._rejection * self._disturbance.Eval(context)
-        needed = [estimate, disturbance]
-        if remaining.can_fly:
-            reference = self._reference.Eval(context).copy()
-            needed.append(reference)
-        if not np.isfinite(np.concatenate(needed)).all():
+        estimate = self._estimate.Eval(context).tolist()
+        disturbance = [self._rejection * d for d in self._disturbance.Eval(context).tolist()]
+        reference = self._reference.Eval(context).tolist() if remaining.can_fly else ()
+        if not all(map(math.isfinite, (*estimate, *disturbance, *reference))):
             return  # the last command is the best there is
         if remaining.can_fly:
-            reference[ref.ACCELERATION] -= disturbance
+            reference[ref.ACCELERATION] = [
+                a - d for a, d in zip(reference[ref.ACCELERATION], disturbance)]
             if not self._feed_forward:
-                reference[ref.JERK] = reference[ref.SNAP] = 0.0
+                reference[ref.JERK] = reference[ref.SNAP] = [0.0, 0.0, 0.0]
                 reference[ref.YAW_RATE] = reference[ref.YAW_ACCELERATION] = 0.0
             wrench = self.CalcWrench(reference, estimate)
         else:
-            wrench = self._reduced.wrench(estimate, disturbance, remaining)
-        if not np.isfinite(wrench).all():
+            wrench = self._reduced.wrench(np.array(estimate), np.array(disturbance), remaining)
+        if not all(map(math.isfinite, wrench.tolist())):
             return
-        desired = np.sqrt(remaining.allocator.allocate(wrench) / self._c_f)
-        speeds = self._speeds.Eval(context)
-        command = speeds + self._overdrive * (desired - speeds)
-        # fmax and fmin, unlike clip, replace NaN.
-        command = np.fmin(np.fmax(command, 0.0), self._max_speeds)
-        discrete_state.set_value(command if all(working) else command * working)
+        command = []
+        for thrust, c_f, speed, limit, works in zip(
+            remaining.allocator.allocate(wrench).tolist(), self._c_f,
+            self._speeds.Eval(context).tolist(), self._max_speeds, working,
+        ):
+            faster = speed + self._overdrive * (math.sqrt(thrust / c_f) - speed)
+            # NaN is not greater than zero.
+            command.append(min(faster, limit) if works and faster > 0.0 else 0.0)
+        discrete_state.set_value(np.array(command))
 
     def CalcWrench(self, reference, estimate) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), shape (4,).
 
         Args:
-            reference: of trajopt/flat_trajectory.py, (18,).
-            estimate: of systems/state_estimate.py, (14,).
+            reference: of trajopt/flat_trajectory.py, 18 numbers; a list is fastest.
+            estimate: of systems/state_estimate.py, 14 numbers.
         """
-        # Plain numbers: arrays this small cost more than they spare.
-        r, e = reference.tolist(), estimate.tolist()
+        r, e = reference, estimate
         k_x, k_v = self._k_x, self._k_v
         # Equation (23): the desired specific force, and its axis.
         force = [
@@ -137,7 +138,7 @@ class GeometricController(LeafSystem):
             )
         ]
         force[2] += GRAVITY
-        force = limited(force, self._max_thrust / self._mass).tolist()
+        force = limited(force, self._max_thrust / self._mass)
         yaw, yaw_rate, yaw_acceleration = r[ref.YAW:]
         axes, w_d, alpha_d = attitude_from_force(
             force, r[ref.JERK], r[ref.SNAP],
@@ -164,7 +165,7 @@ class GeometricController(LeafSystem):
         return np.array([self._mass * max(dot(force, R[2]), 0.0), *moment])
 
 
-def limited(force, greatest: float) -> np.ndarray:
+def limited(force, greatest: float) -> tuple:
     """Returns the part of a desired specific force that rotors can give, (3,).
 
     Height goes first; to the side goes what is left.
@@ -177,7 +178,7 @@ def limited(force, greatest: float) -> np.ndarray:
     z = min(max(z, _LEAST_LIFT), greatest)
     side = math.hypot(x, y)
     share = min(1.0, math.sqrt(greatest**2 - z**2) / side) if side > 0.0 else 1.0
-    return np.array([share * x, share * y, z])
+    return share * x, share * y, z
 
 
 def _attitude_gains(vehicle: Vehicle):

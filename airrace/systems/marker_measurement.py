@@ -3,16 +3,17 @@
 from collections import Counter
 
 from airrace.systems import detection_checks as checks
-from airrace.systems.corner_refit import refit
+from airrace.systems.camera_view import CameraView
+from airrace.systems.corner_refit import FARTHEST_SAMPLE, refit
 from airrace.systems.marker_pose import locate, locate_gate
 from airrace.systems.types import CameraInfo
 
 
-def measure(grey, ids, quads, info: CameraInfo, max_id):
+def measure(view: CameraView, ids, quads, info: CameraInfo, max_id):
     """Refits, checks and locates markers.
 
     Args:
-        grey: the image, (h, w), uint8.
+        view: of the image.
         ids: of n markers.
         quads: their rough corners, (n, 4, 2) px.
         info: the camera.
@@ -28,7 +29,7 @@ def measure(grey, ids, quads, info: CameraInfo, max_id):
             likely.append((id, quad))
         else:
             refused.append((reason, id))
-    passed = []
+    grey, passed = _drawn_around([quad for _, quad in likely], view), []
     for (id, quad), corners, covariance in zip(likely, *refit(grey, [q for _, q in likely])):
         reason = checks.check_corners(corners, quad) or checks.check_id(grey, corners, id)
         if reason is None:
@@ -47,6 +48,18 @@ def measure(grey, ids, quads, info: CameraInfo, max_id):
     located = _locate_all(usable, info)
     refused += [(checks.NO_POSE, id) for id in sorted(usable.keys() - located.keys())]
     return tuple(located[id] for id in sorted(located)), tuple(refused)
+
+
+def _drawn_around(quads, view: CameraView):
+    """Returns an image that is valid where refit() and check_id() look for these quads."""
+    h, w = view.shape
+    reach = FARTHEST_SAMPLE
+    boxes = [
+        (max(int(min(x) - reach), 0), max(int(min(y) - reach), 0),
+         min(int(max(x) + reach), w), min(int(max(y) + reach), h))
+        for x, y in (quad.T.tolist() for quad in quads)
+    ]
+    return view.drawn(*boxes)
 
 
 def _pairs(ids) -> list:

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from airrace.systems.camera_view import CameraView
 from airrace.systems.marker_modules import DICTIONARY
 
 _SMALLEST_SIDE = 15.0  # px, of a square whose modules can be told apart
@@ -30,26 +31,28 @@ class MarkerSearch:
         """
         return self._Detect(image)
 
-    def around(self, image, predictions):
+    def around(self, view: CameraView, predictions):
         """Searches a picture near where markers are expected.
 
         Args:
-            image: grey levels, (h, w), uint8.
+            view: of the picture.
             predictions: corners expected, list of (4, 2) px.
 
         Returns:
             as everywhere().
         """
-        h, w = image.shape
-        found = {}
+        h, w = view.shape
+        regions, found = [], {}
         for box in predictions:
             low, high = box.min(axis=0), box.max(axis=0)
             margin = _MARGIN + _RELATIVE_MARGIN * (high - low)
             x0, y0 = np.clip(np.floor(low - margin), 0, (w, h)).astype(int).tolist()
             x1, y1 = np.clip(np.ceil(high + margin), 0, (w, h)).astype(int).tolist()
-            if x1 - x0 < _SMALLEST_SIDE or y1 - y0 < _SMALLEST_SIDE:
-                continue
-            ids, quads = self._Detect(image[y0:y1, x0:x1])
+            if x1 - x0 >= _SMALLEST_SIDE and y1 - y0 >= _SMALLEST_SIDE:
+                regions.append((x0, y0, x1, y1))
+        picture = view.drawn(*regions)
+        for x0, y0, x1, y1 in regions:
+            ids, quads = self._Detect(picture[y0:y1, x0:x1])
             # Regions overlap, so a marker may be found in several of them.
             found.update(zip(ids, quads + [x0, y0]))
         return list(found), np.reshape(list(found.values()), (-1, 4, 2))

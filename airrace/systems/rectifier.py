@@ -11,6 +11,8 @@ from pydrake.systems.framework import LeafSystem
 from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.immutable import read_only
+from airrace.rendering.pixels import part
+from airrace.systems.camera_view import CameraView
 from airrace.systems.types import CameraInfo
 
 
@@ -23,14 +25,16 @@ class Rectifier(LeafSystem):
         input_ports:
         - camera_image
         - camera_grey
+        - camera_view
         - camera_info
         output_ports:
         - camera_image
         - camera_grey
+        - camera_view
         - camera_info
 
-    ``camera_image`` is an ImageRgba8U, ``camera_grey`` an ImageGrey8U and
-    ``camera_info`` a CameraInfo. The
+    ``camera_image`` is an ImageRgba8U, ``camera_grey`` an ImageGrey8U,
+    ``camera_view`` a CameraView and ``camera_info`` a CameraInfo. The
     outputs have the inputs' names, so the Rectifier fits in front of any system
     that asks for them: the image is that of K' = P[:, :3] and no distortion,
     seen from the frame that R rotates to, and the info says so. What the lens
@@ -57,6 +61,11 @@ class Rectifier(LeafSystem):
                 functools.partial(self._CalcImage, port),
                 {port.ticket(), self._info.ticket()},
             )
+        self._view = self.DeclareAbstractInputPort("camera_view", Value[object]())
+        self.DeclareAbstractOutputPort(
+            "camera_view", lambda: Value[object](), self._CalcView,
+            {self._view.ticket(), self._info.ticket()},
+        )
         self.DeclareAbstractOutputPort(
             "camera_info", lambda: Value[object](), self._CalcInfo, {self._info.ticket()}
         )
@@ -68,6 +77,26 @@ class Rectifier(LeafSystem):
         raw = port.Eval(context).data
         cv2.remap(raw, *self._maps(info), cv2.INTER_LINEAR, dst=image.mutable_data,
                   borderValue=(0, 0, 0, 255))
+
+    def _CalcView(self, context, output):
+        raw, maps = self._view.Eval(context), self._maps(self._info.Eval(context))
+        h, w = raw.shape
+
+        def source(box):
+            u, v = (part(each, box) for each in maps)
+            # Two pixels at least for interpolation.
+            x0, y0 = (int(np.clip(a.min(), 0, size)) for a, size in ((u, w), (v, h)))
+            x1, y1 = (int(np.clip(a.max() + 2, 0, size)) for a, size in ((u, w), (v, h)))
+            return x0, y0, x1, y1
+
+        def draw(out, boxes):
+            picture = raw.drawn(*map(source, boxes))
+            for box in boxes:
+                u, v = (part(each, box) for each in maps)
+                cv2.remap(picture, u, v, cv2.INTER_LINEAR, dst=part(out, box),
+                          borderValue=(0, 0, 0, 255))
+
+        output.set_value(CameraView(maps[0].shape, draw))
 
     def _CalcInfo(self, context, output):
         output.set_value(self._rectified(self._info.Eval(context)))

@@ -152,9 +152,7 @@ class Referee(LeafSystem):
         if m.verdict:
             return
         time = context.get_time()
-        state = self._state.Eval(context)
-        x, y, z = state[4:7].tolist()
-        vx, vy, vz = state[10:13].tolist()
+        *_, x, y, z, _, _, _, vx, vy, vz = self._state.Eval(context).tolist()
         if not m.airborne and z > self._takeoff_height:
             m.airborne = 1.0
         m.max_speed = max(m.max_speed, math.sqrt(vx * vx + vy * vy + vz * vz))
@@ -231,7 +229,7 @@ class Referee(LeafSystem):
         ))
 
 
-@dc.dataclass
+@dc.dataclass(slots=True)
 class _Memory:
     """What the referee remembers between two looks, as one vector."""
 
@@ -247,4 +245,7 @@ class _Memory:
     end_time: float = 0.0
 
     def vector(self) -> np.ndarray:
-        return np.array(list(self.__dict__.values()))
+        return np.array([
+            self.time, self.x, self.y, self.z, self.airborne, self.crossings, self.max_speed,
+            self.verdict, self.touched, self.end_time,
+        ])

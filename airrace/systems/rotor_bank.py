@@ -36,17 +36,25 @@ class RotorBank(LeafSystem):
         """
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
-        self._c_f = vehicle.thrust_coefficients
+        self._c_f = vehicle.thrust_coefficients.tolist()
         self._max_speeds = vehicle.max_speeds.tolist()
         self._failures = tuple(failures)
         self._blend = float(1.0 - np.exp(-period / vehicle.rotor_lag))
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
-        state = self.DeclareDiscreteState(n)
+        # The thrusts are a state, too, so that no call of Python stands in the plant's way.
+        self._speeds = self.DeclareDiscreteState(n)
+        self._thrusts = self.DeclareDiscreteState(n)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._UpdateSpeeds)
-        self.DeclareStateOutputPort("rotor_speeds", state)
-        self.DeclareVectorOutputPort(
-            "thrusts", n, self._CalcThrusts, {self.discrete_state_ticket(state)}
-        )
+        self.DeclareStateOutputPort("rotor_speeds", self._speeds)
+        self.DeclareStateOutputPort("thrusts", self._thrusts)
+
+    def SetSpeeds(self, context, speeds) -> None:
+        """Makes the rotors turn with some speeds (rad/s), (n,)."""
+        context.SetDiscreteState(self._speeds, speeds)
+        context.SetDiscreteState(self._thrusts, self._Thrusts(speeds))
+
+    def _Thrusts(self, speeds) -> np.ndarray:
+        return np.array([c * w * w for c, w in zip(self._c_f, speeds)])
 
     def _UpdateSpeeds(self, context, discrete_state):
         # Plain numbers: arrays this small cost more than they spare. NaN is not
@@ -58,11 +66,11 @@ class RotorBank(LeafSystem):
         for rotor, time in self._failures:
             if context.get_time() >= time:
                 command[rotor] = 0.0
-        speeds = context.get_discrete_state_vector().value().tolist()
-        discrete_state.set_value(np.array([
-            speed + self._blend * (wanted - speed) for speed, wanted in zip(speeds, command)
-        ]))
-
-    def _CalcThrusts(self, context, output):
-        speeds = context.get_discrete_state_vector().value()
-        output.set_value(self._c_f * speeds * speeds)
+        blend = self._blend
+        speeds = [
+            speed + blend * (wanted - speed)
+            for speed, wanted in zip(
+                context.get_discrete_state(self._speeds).value().tolist(), command)
+        ]
+        discrete_state.set_value(self._speeds, np.array(speeds))
+        discrete_state.set_value(self._thrusts, self._Thrusts(speeds))

@@ -58,24 +58,30 @@ class RotorMonitor(LeafSystem):
         self.DeclareStateOutputPort("rotor_losses", losses)
 
     def _Compare(self, context, discrete_state):
-        # Plain numbers: arrays this small cost more than they spare.
         n = self._speeds.size()
-        memory = context.get_discrete_state(self._model).value().tolist()
-        models, waited = memory[:-n], memory[-n:]
-        due = [min(models[i::n]) for i in range(n)]
-        # Written such that a speed that is not a number is too low.
-        waited = [
-            since + self._period if model > least and not speed >= _SHARE * model else 0.0
-            for since, model, least, speed in zip(
-                waited, due, self._least, self._speeds.Eval(context).tolist()
-            )
-        ]
+        memory = context.get_discrete_state(self._model).value()
+        speeds = self._speeds.Eval(context).tolist()
+        newest = memory[:n].tolist()
+        # Written such that a speed that is not a number is too low. Who follows the newest
+        # of the model's speeds follows the least.
+        if all(speed >= _SHARE * model for speed, model in zip(speeds, newest)):
+            waited = n * [0.0]
+        else:
+            due = memory[:-n].reshape(-1, n).min(axis=0).tolist()
+            waited = [
+                since + self._period if model > least and not speed >= _SHARE * model else 0.0
+                for since, model, least, speed in zip(
+                    memory[-n:].tolist(), due, self._least, speeds)
+            ]
         if max(waited) > _PATIENCE:
             losses = context.get_discrete_state(self._losses).value()
             lost = np.where(np.array(waited) > _PATIENCE, context.get_time(), np.inf)
             discrete_state.set_value(self._losses, np.minimum(losses, lost))
-        newest = [
+        after = np.empty_like(memory)
+        after[:n] = [
             model + self._blend * (command - model)
-            for model, command in zip(models, self._command.Eval(context).tolist())
+            for model, command in zip(newest, self._command.Eval(context).tolist())
         ]
-        discrete_state.set_value(self._model, np.array([*newest, *models[:-n], *waited]))
+        after[n:-n] = memory[:-2 * n]
+        after[-n:] = waited
+        discrete_state.set_value(self._model, after)

@@ -18,8 +18,8 @@ _DISTURBANCE_NOISE = 0.7  # m/s^2 / sqrt(s), how fast the disturbance wanders
 _MAX_DISTURBANCE = 8.0  # m/s^2
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 
-# The memory: time, time of the newest estimate, position, velocity, disturbance.
-_NOW, _NEWEST, _MOTION = 0, 1, slice(2, 11)
+# The memory: time, time of the newest estimate, position, velocity.
+_NOW, _NEWEST, _MOTION = 0, 1, slice(2, 8)
 
 
 class StateFilter(LeafSystem):
@@ -61,32 +61,37 @@ class StateFilter(LeafSystem):
         self._thrust_per_mass = (vehicle.thrust_coefficients / vehicle.mass).tolist()
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
-        self.DeclareDiscreteState([-1.0, -1.0, *np.zeros(9)])
+        self._memory = self.DeclareDiscreteState([-1.0, -1.0, *np.zeros(6)])
+        self._disturbance = self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Update)
-        self.DeclareVectorOutputPort("filtered_estimate", se.SIZE, self._CalcEstimate)
-        self.DeclareVectorOutputPort(
-            "disturbance", 3, self._CalcDisturbance, {self.xd_ticket()}
-        )
+        self._filtered = self.DeclareVectorOutputPort(
+            "filtered_estimate", se.SIZE, self._CalcEstimate)
+        self.DeclareStateOutputPort("disturbance", self._disturbance)
 
     def _Update(self, context, discrete_state):
         # Plain numbers: arrays this small cost more than they spare.
-        memory = context.get_discrete_state_vector().value().tolist()
+        memory = context.get_discrete_state(self._memory).value().tolist()
         estimate = self._estimate.Eval(context).tolist()
         if not all(map(math.isfinite, estimate)):
             return  # the prediction goes on from the last that was
         time, newest = estimate[se.TIME], memory[_NEWEST]
         if newest < 0.0:
-            motion = [*estimate[se.POSITION], *estimate[se.VELOCITY], 0.0, 0.0, 0.0]
+            motion = [*estimate[se.POSITION], *estimate[se.VELOCITY]]
         elif time > newest:
-            motion = self._Corrected(context, memory, estimate)
+            motion, disturbance = self._Corrected(context, memory, estimate)
+            discrete_state.set_value(self._disturbance, np.array(disturbance))
         else:
-            time = context.get_time()
-            motion, _, _ = self._Predict(context, memory, estimate, time)
-        discrete_state.set_value(np.array([time, max(newest, estimate[se.TIME]), *motion]))
+            # As the output has it, which others have asked for already.
+            filtered = self._filtered.Eval(context).tolist()
+            time, motion = filtered[se.TIME], [*filtered[se.POSITION], *filtered[se.VELOCITY]]
+        newest = max(newest, estimate[se.TIME])
+        discrete_state.set_value(self._memory, np.array([time, newest, *motion]))
 
-    def _Corrected(self, context, memory, estimate) -> list:
-        """Returns position, velocity and disturbance at the time of a new estimate, (9,)."""
+    def _Corrected(self, context, memory, estimate) -> tuple:
+        """Returns position and velocity at the time of a new estimate, (6,); disturbance, (3,)."""
         motion, thrust, _ = self._Predict(context, memory, estimate, estimate[se.TIME])
+        held = context.get_discrete_state(self._disturbance).value().tolist()
+        motion += held
         measured = [*estimate[se.POSITION], *estimate[se.VELOCITY]]
         errors = [z - x for z, x in zip(measured, motion)]
         p, v, d = (
@@ -95,9 +100,9 @@ class StateFilter(LeafSystem):
             for i, (by_position, by_velocity) in zip((0, 3, 6), self._gain)
         )
         if thrust < _FLYING * GRAVITY:
-            d = memory[_MOTION][6:]
+            d = held
         limit = min(1.0, _MAX_DISTURBANCE / max(math.hypot(*d), 1e-9))
-        return [*p, *v, *(limit * x for x in d)]
+        return [*p, *v], [limit * x for x in d]
 
     def _Predict(self, context, memory, estimate, time):
         """Carries the memory and the attitude forward.
@@ -107,26 +112,27 @@ class StateFilter(LeafSystem):
             time: (s).
 
         Returns:
-            position, velocity and disturbance, (9,); the thrust per mass (m/s^2);
-            and the quaternion of R_WB, (4,).
+            position and velocity, (6,); the thrust per mass (m/s^2); and the
+            quaternion of R_WB, (4,).
         """
-        motion = memory[_MOTION]
         thrust = 0.0
         for c, speed in zip(self._thrust_per_mass, self._speeds.Eval(context).tolist()):
             if math.isfinite(speed):
                 thrust += c * speed * speed
         quaternion = predict_quaternion(estimate, time)
-        *_, up = columns(*quaternion)
-        d = motion[6:]
-        a = [thrust * axis + push for axis, push in zip(up, d)]
-        a[2] -= GRAVITY
+        *_, (ux, uy, uz) = columns(*quaternion)
+        dx, dy, dz = context.get_discrete_state(self._disturbance).value().tolist()
+        ax, ay, az = thrust * ux + dx, thrust * uy + dy, thrust * uz + dz - GRAVITY
+        x, y, z, vx, vy, vz = memory[_MOTION]
         dt = time - memory[_NOW]
-        v = [v + dt * a for v, a in zip(motion[3:], a)]
-        p = [p + dt * (v + 0.5 * dt * a) for p, v, a in zip(motion, motion[3:], a)]
-        return [*p, *v, *d], thrust, quaternion
+        motion = [
+            x + dt * (vx + 0.5 * dt * ax), y + dt * (vy + 0.5 * dt * ay),
+            z + dt * (vz + 0.5 * dt * az), vx + dt * ax, vy + dt * ay, vz + dt * az,
+        ]
+        return motion, thrust, quaternion
 
     def _CalcEstimate(self, context, output):
-        memory = context.get_discrete_state_vector().value().tolist()
+        memory = context.get_discrete_state(self._memory).value().tolist()
         estimate = self._estimate.Eval(context).tolist()
         if memory[_NEWEST] >= 0.0 and all(map(math.isfinite, estimate)):
             time = context.get_time()
@@ -134,9 +140,6 @@ class StateFilter(LeafSystem):
             estimate[se.TIME], estimate[se.QUATERNION] = time, quaternion
             estimate[se.POSITION], estimate[se.VELOCITY] = motion[:3], motion[3:6]
         output.set_value(np.array(estimate))
-
-    def _CalcDisturbance(self, context, output):
-        output.set_value(context.get_discrete_state_vector().value()[_MOTION][6:])
 
 
 def predict_quaternion(estimate, time: float) -> tuple:

@@ -107,13 +107,13 @@ def test_a_rectifier_stands_before_every_box_if_the_lens_distorts():
     fed = set()
     for (box, i), (source, o) in autonomy.connection_map().items():
         name = box.get_input_port(i).get_name()
-        if name in ("camera_image", "camera_grey", "camera_info"):
+        if name in ("camera_image", "camera_grey", "camera_view", "camera_info"):
             assert source is rectifier and source.get_output_port(o).get_name() == name
             fed.add((box.get_name(), name))
-    assert {("aruco_detector", "camera_grey"), ("aruco_detector", "camera_info")} <= fed
+    assert {("aruco_detector", "camera_view"), ("aruco_detector", "camera_info")} <= fed
     inputs = {autonomy.get_input_port(i).get_name() for i in range(autonomy.num_input_ports())}
-    assert inputs == {"camera_image", "camera_grey", "camera_image_time", "camera_info",
-                      "state_estimate", "rotor_speeds"}
+    assert inputs == {"camera_image", "camera_grey", "camera_view", "camera_image_time",
+                      "camera_info", "state_estimate", "rotor_speeds"}
     assert not any(
         system.get_name() == "rectifier" for system in MakeAutonomy(Scenario()).GetSystems()
     )

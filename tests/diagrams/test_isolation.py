@@ -13,7 +13,7 @@ from airrace.diagrams.runner import MakeRace
 from airrace.diagrams.scenario import Scenario
 from airrace.errors import UserError
 
-INPUTS = {"camera_grey", "camera_image_time", "camera_info", "state_estimate", "rotor_speeds"}
+INPUTS = {"camera_view", "camera_image_time", "camera_info", "state_estimate", "rotor_speeds"}
 # The only systems of Simulation whose outputs Autonomy may see.
 SENSORS = {"camera", "state_estimate", "rotor_bank"}
 
@@ -76,7 +76,7 @@ def test_the_race_is_isolated(tmp_path):
     ports = (simulation.get_output_port(i) for i in range(simulation.num_output_ports()))
     outputs = {port.get_name() for port in ports}
     assert {name for name in outputs if not name.startswith("truth.")} == (
-        INPUTS | {"camera_image"})  # in colour, for boxes of one's own
+        INPUTS | {"camera_image", "camera_grey"})  # for boxes of one's own
     assert {"truth.state", "truth.referee_report"} <= outputs
     assert len(list(leaves(race.GetSubsystemByName("autonomy")))) == len(autonomy_module.BOXES)
     # What comes back is rotor speeds, and the team's word that it races.

@@ -143,7 +143,7 @@ def test_hovers_and_reports_its_estimate():
     flight = Flight(speeds=np.full(4, HOVER_SPEED), start=start)
     rotors = flight.simulation.GetSubsystemByName("rotor_bank")
     context = rotors.GetMyMutableContextFromRoot(flight.simulator.get_mutable_context())
-    context.SetDiscreteState(np.full(4, HOVER_SPEED))
+    rotors.SetSpeeds(context, np.full(4, HOVER_SPEED))
     flight.advance(5.0)
     np.testing.assert_allclose(flight.state, start, atol=1e-6)
     np.testing.assert_allclose(flight.state_estimate[se.POSITION], [0, 0, 5], atol=0.03)

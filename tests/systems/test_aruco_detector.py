@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.sensors import ImageGrey8U
 
 from airrace.systems import detection_checks as checks
 from airrace.systems.aruco_detector import ArucoDetector, Sight, look
+from airrace.systems.camera_view import CameraView
 from airrace.systems.marker_search import MarkerSearch
 from tests.systems.marker_pictures import INFO, gate, picture, pose, project
 
@@ -15,9 +15,8 @@ EMPTY = np.full((720, 1280), 120, np.uint8)
 
 
 def show(detector, context, grey, time):
-    image = ImageGrey8U(grey.shape[1], grey.shape[0])
-    image.mutable_data[..., 0] = grey
-    detector.GetInputPort("camera_grey").FixValue(context, Value(image))
+    view = Value[object](CameraView.of(grey))
+    detector.GetInputPort("camera_view").FixValue(context, view)
     detector.GetInputPort("camera_image_time").FixValue(context, [time])
     detector.GetInputPort("camera_info").FixValue(context, Value[object](INFO))
 
@@ -106,16 +105,16 @@ class CountingSearch(MarkerSearch):
         self.calls.append("everywhere")
         return super().everywhere(image)
 
-    def around(self, image, predictions):
+    def around(self, view, predictions):
         self.calls.append("around")
-        return super().around(image, predictions)
+        return super().around(view, predictions)
 
 
 def watch(pictures, **kwargs):
     """Looks at pictures at 30 Hz; returns the sights, and where was searched."""
     search, sights = CountingSearch(), [Sight()]
     for k, grey in enumerate(pictures):
-        sights.append(look(search, grey, k / 30, INFO, sights[-1], **kwargs))
+        sights.append(look(search, CameraView.of(grey), k / 30, INFO, sights[-1], **kwargs))
     return sights[1:], search.calls
 
 

@@ -54,7 +54,7 @@ def test_ports():
     assert inputs == ["state"]
     outputs = [camera.get_output_port(i).get_name() for i in range(camera.num_output_ports())]
     assert outputs == [
-        "camera_image", "camera_grey", "camera_image_time", "camera_info"]
+        "camera_image", "camera_grey", "camera_view", "camera_image_time", "camera_info"]
     # Nothing feeds through, so that the camera closes no algebraic loop.
     assert not camera.HasAnyDirectFeedthrough()
 
@@ -186,9 +186,9 @@ def test_latency_is_exact():
 
 def test_imaging_is_given_the_sample_and_its_number():
     class Imaging:
-        def take(self, render, X_WB, w_WB, v_WB, frame, out):
-            render(X_WB, out)
+        def picture(self, expose, X_WB, w_WB, v_WB, frame):
             self.args = X_WB.translation().tolist(), w_WB.tolist(), v_WB.tolist(), frame
+            return expose([(1.0, X_WB)], X_WB)
 
     imaging = Imaging()
     camera, _ = make_camera(imaging=imaging)

@@ -26,11 +26,11 @@ def test_refits_that_run_away():
 
 def test_images():
     good = np.zeros((720, 1280), np.uint8)
-    assert checks.check_image(good, 0.0, INFO) is None
-    assert checks.check_image(good, np.nan, INFO) == checks.NO_TIME
+    assert checks.check_view(good, 0.0, INFO) is None
+    assert checks.check_view(good, np.nan, INFO) == checks.NO_TIME
     color = np.dstack(3 * [good])
     for bad in (None, good[:0], good[:300], good[..., :3], color, good.astype(float)):
-        assert checks.check_image(bad, 0.0, INFO) == checks.WRONG_IMAGE
+        assert checks.check_view(bad, 0.0, INFO) == checks.WRONG_IMAGE
 
 
 @pytest.mark.parametrize("distance", [10.0, 30.0])

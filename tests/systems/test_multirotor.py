@@ -62,7 +62,7 @@ def test_the_plant_feels_what_the_allocation_says(name, data):
     simulator = Simulator(drone.diagram)
     context = simulator.get_mutable_context()
     drone.diagram.get_input_port().FixValue(context, speeds)
-    drone.rotors.GetMyMutableContextFromRoot(context).SetDiscreteState(np.array(speeds))
+    drone.rotors.SetSpeeds(drone.rotors.GetMyMutableContextFromRoot(context), speeds)
     simulator.AdvanceTo(1.5 * DT)
     velocities = drone.plant.GetVelocities(drone.plant.GetMyContextFromRoot(context))
     f, *moment = vehicle.allocation @ (1e-3 * np.square(speeds))
@@ -300,7 +300,7 @@ class TestTruth:
         truth = true_vehicle(VEHICLE, self.CONFIG, seed=1)
         bank = Drone(truth=truth).rotors
         context = bank.CreateDefaultContext()
-        context.SetDiscreteState([50.0, 60.0, 70.0, 80.0])
+        bank.SetSpeeds(context, [50.0, 60.0, 70.0, 80.0])
         np.testing.assert_allclose(
             bank.GetOutputPort("thrusts").Eval(context),
             truth.thrust_coefficients * np.square([50.0, 60.0, 70.0, 80.0]),

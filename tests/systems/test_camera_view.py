@@ -1,0 +1,103 @@
+"""A view shows the same pixels whatever is asked for first."""
+
+import numpy as np
+import pytest
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from airrace.diagrams.camera_config import PRESETS
+from airrace.rendering.camera_effects import ImagingChain
+from airrace.rendering.planar import PlanarRenderer
+from airrace.systems.camera import Camera
+from airrace.systems.camera_view import CameraView
+from airrace.systems.rectifier import Rectifier
+from airrace.systems.types import make_camera_info
+from airrace.track import load_track
+from tests.rendering.picture_tools import CAMERA_INFO
+
+TRACK = load_track("student-airrace")
+FPS = 30.0
+BOXES = [(600, 300, 700, 380), (0, 0, 1, 1), (1279, 719, 1280, 720), (100, 0, 1000, 400)]
+
+
+def look(preset, w_WB=(0.3, -0.5, 1.0), size=(1280, 720)):
+    """Returns grey picture and view of one sample, in two contexts, and the info."""
+    effects = PRESETS[preset]
+    info = make_camera_info(width=size[0], height=size[1], fov_y=np.deg2rad(55.95),
+                            X_BC=CAMERA_INFO.X_BC, D=effects.distortion)
+    imaging = ImagingChain(effects=effects, camera_info=info, seed=0)
+    camera = Camera(camera_info=info, fps=FPS, imaging=imaging,
+                    renderer=PlanarRenderer(TRACK, imaging.pinhole))
+    values = []
+    for name in ("camera_grey", "camera_view"):
+        context = camera.CreateDefaultContext()
+        X_WB = RigidTransform(RollPitchYaw(0.1, 0.1, 0.2), [7.0, 1.0, 5.0])
+        q: Quaternion = X_WB.rotation().ToQuaternion()
+        state = [*q.wxyz(), *X_WB.translation(), *w_WB, 6.0, 1.0, -1.0]
+        camera.GetInputPort("state").FixValue(context, state)
+        camera.CalcForcedUnrestrictedUpdate(context, context.get_mutable_state())
+        values.append(camera.GetOutputPort(name).Eval(context))
+    return values[0].data[..., 0].copy(), values[1], info
+
+
+@pytest.mark.parametrize("preset, w_WB, size", [
+    ("clean", (0, 0, 0), (1280, 720)), ("realistic", (0.3, -0.5, 1.0), (1280, 720)),
+    ("realistic", (0.3, -0.5, 8.0), (1280, 720)), ("harsh", (0.3, -0.5, 1.0), (1280, 720)),
+    ("realistic", (0.3, -0.5, 1.0), (333, 501)),
+])
+def test_regions_are_those_of_the_whole_picture(preset, w_WB, size):
+    picture, view, _ = look(preset, w_WB, size)
+    assert view.shape == picture.shape
+    w, h = size
+    for x0, y0, x1, y1 in BOXES:
+        x0, y0, x1, y1 = min(x0, w - 1), min(y0, h - 1), min(x1, w), min(y1, h)
+        assert np.array_equal(view.region(x0, y0, x1, y1), picture[y0:y1, x0:x1])
+        drawn = view.drawn((x0, y0, x1, y1), (0, 0, x0, y1), (x0, y0, w, y1))
+        assert np.array_equal(drawn[y0:y1], picture[y0:y1])
+    assert np.array_equal(view.whole(), picture)
+
+
+def test_rectified_regions_are_those_of_the_whole_picture():
+    picture, view, info = look("harsh")
+    rectifier = Rectifier()
+    context = rectifier.CreateDefaultContext()
+    rectifier.GetInputPort("camera_info").FixValue(context, Value[object](info))
+    port = rectifier.GetInputPort("camera_view")
+    port.FixValue(context, Value[object](CameraView.of(picture)))
+    whole = rectifier.GetOutputPort("camera_view").Eval(context).whole().copy()
+    port.FixValue(context, Value[object](view))
+    rectified = rectifier.GetOutputPort("camera_view").Eval(context)
+    for x0, y0, x1, y1 in BOXES:
+        assert np.array_equal(rectified.region(x0, y0, x1, y1), whole[y0:y1, x0:x1])
+    assert np.array_equal(rectified.whole(), whole)
+
+
+def test_nothing_is_drawn_twice_or_in_vain():
+    boxes = []
+
+    def draw(out, parts):
+        for x0, y0, x1, y1 in parts:
+            out[y0:y1, x0:x1] += 7
+        boxes.append(parts)
+
+    view = CameraView((100, 200), draw)
+    assert np.all(view.region(70, 10, 80, 20) == 7)
+    assert boxes == [[(64, 0, 128, 48)]]
+    view.region(64, 0, 128, 48)
+    assert len(boxes) == 1
+    view.region(70, 10, 130, 20)
+    assert boxes[1:] == [[(128, 0, 192, 48)]]
+    assert np.all(view.whole() == 7)
+    view.whole()
+    assert len(boxes) == 3
+    other = CameraView((100, 200), draw)
+    other.drawn((0, 0, 100, 50), (60, 40, 130, 60), (199, 99, 200, 100))
+    assert len(boxes) == 4 and np.all(other.whole() == 7)
+
+
+def test_a_view_of_a_picture():
+    picture = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    view = CameraView.of(picture)
+    assert view.shape == (3, 4) and view.whole() is picture
+    assert np.array_equal(view.region(1, 0, 3, 2), picture[:2, 1:3])

@@ -53,7 +53,7 @@ def make_table(results) -> Table:
         if not laps:
             continue
         table.add_row(
-            f"{trajectory}-D",
+            f"{trajectory}-D" if trajectory.isdigit() else trajectory,
             f"{sum(r['finished'] for r in races)}/{len(races)}",
             f"{np.mean([lap['time_s'] for lap in laps]):.2f}",
             f"{min(lap['time_s'] for lap in laps):.2f}",

@@ -6,9 +6,11 @@ from rich.console import Console
 
 from airrace.track import load_track
 from airrace.vehicle import DRONES, load_vehicle
-from benchmarks import control, exploration, tracks
+from benchmarks import control, exploration, tracks, trajectories
 from benchmarks.control_tables import despin_time, recovery_tables, tracking_tables
 from benchmarks.experiments import loss, recovery, tracking
+from benchmarks.numerical_check import rotor_shares
+from benchmarks.trajectory_tables import optimal_table
 
 
 def printed(tables):
@@ -84,3 +86,21 @@ def test_room_to_pylons():
         assert np.isclose(exploration.clear_of_pylons(path, track, 0.4), room - 0.4)
     inside = np.array([[20.0, 5.5, 6.25]])
     assert np.isclose(exploration.clear_of_pylons(inside, track, 0.4), 0.5 - 1.25 - 0.4)
+
+
+def test_trajectories_are_measured(tmp_path):
+    path = tmp_path / "laps.json"
+    assert trajectories.main(["--quick", "--only", "bounds", "--json", str(path)]) == 0
+    assert all(row["ok"] for row in json.loads(path.read_text())["bounds"])
+    row = trajectories.optimal("StarOne", "original", "windows")
+    assert row["ok"] and row["most_share"] < 1.0
+    assert "StarOne" in printed([optimal_table([row])])
+    json.dumps(row, allow_nan=False)
+
+
+def test_a_lap_beyond_the_rotors_is_noticed():
+    vehicle, _ = load_vehicle("Default")
+    midpoints, headings, pylons = trajectories.race_track()
+    lap = trajectories.plan_circuit(
+        midpoints, headings, pylons, 3, clearance=2.0, max_speed=60.0, max_acceleration=40.0)
+    assert rotor_shares(lap, vehicle)[1] > 1.1

@@ -13,7 +13,8 @@ from airrace.diagrams.results import RaceRecord
 from airrace.rotor_loss import Remaining
 
 # Mean laps of the original system on its own track (s).
-ORIGINAL_MEAN_LAP = {"3": 40.60, "4": 41.52, "6": 41.21}
+# Three dimensions were the nearest to an optimal lap that it had.
+ORIGINAL_MEAN_LAP = {"3": 40.60, "4": 41.52, "6": 41.21, "optimal": 40.60}
 _REFRESH = 0.1  # s
 
 
@@ -75,7 +76,8 @@ class RaceDisplay:
 
     def _open(self, drone: str):
         scenario = self._scenario
-        self._print(f"airrace: {drone} on {self._track_name}, {scenario.trajectory}-D, "
+        kind = scenario.trajectory + ("-D" if scenario.trajectory.isdigit() else "")
+        self._print(f"airrace: {drone} on {self._track_name}, {kind}, "
                     f"seed {scenario.seed}, {scenario.laps} laps")
         if self._meshcat is not None:
             self._print(f"Watch it at {self._meshcat.web_url()}")

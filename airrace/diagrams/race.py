@@ -78,9 +78,10 @@ def add_drone_options(group) -> None:
     group.add_argument("-d", "--drone", metavar="NAME|DIR",
                        help="a shipped drone, Default or StarOne, or the folder of your own "
                        "(default: Default)")
-    group.add_argument("-t", "--trajectory", choices=("3", "4", "6"),
+    group.add_argument("-t", "--trajectory", choices=("3", "4", "6", "optimal"),
                        help="dimensions of the lap planner: 3 = x, y, z; 4 = and yaw along the "
-                       "gates' headings; 6 = and roll = pitch = 0 at the gates (default: 6)")
+                       "gates' headings; 6 = and roll = pitch = 0 at the gates; optimal = the "
+                       "quickest laps within the limits, anywhere through the gates (default: 6)")
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -128,11 +129,12 @@ def resolve_scenario(args):
 
 
 def default_output_dir(track_name: str, drone_name: str, trajectory: str) -> Path:
-    """Returns runs/<UTC time>-<track>-<drone>-<t>d."""
+    """Returns runs/<UTC time>-<track>-<drone>-<t>d, or ...-optimal."""
     stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
     # Tracks and drones may be called anything; a folder is typed and quoted in shells.
     track, drone = (re.sub(r"[^\w.-]+", "-", name)[:60] for name in (track_name, drone_name))
-    return Path("runs") / f"{stamp}-{track}-{drone}-{trajectory}d"
+    kind = f"{trajectory}d" if trajectory.isdigit() else trajectory
+    return Path("runs") / f"{stamp}-{track}-{drone}-{kind}"
 
 
 def write_graphviz(path: Path, scenario) -> None:

@@ -20,7 +20,7 @@ from airrace.errors import UserError
 from airrace.resources import find_yaml, load_yaml, models_path
 from airrace.vehicle import DRONES, find_vehicle
 
-TRAJECTORIES = ("3", "4", "6")
+TRAJECTORIES = ("3", "4", "6", "optimal")
 ESTIMATORS = ("robust", "report")
 
 
@@ -103,7 +103,7 @@ class Scenario:
     track: str = "student-airrace"  # name of a shipped track, or a file
     drone: str = "Default"  # a shipped drone, or the folder of one
     laps: int = 10
-    trajectory: str = "6"  # dimensions of the lap planner: 3, 4 or 6
+    trajectory: str = "6"  # dimensions of minimum-snap laps, 3, 4 or 6; or "optimal" in time
     seed: int = 0
 
     # The simulated world.

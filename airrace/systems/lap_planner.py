@@ -9,15 +9,21 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.immutable import Immutable
 from airrace.systems.lap_plan import NO_PLAN, LapPlan, PlanReport
-from airrace.trajopt.circuit import plan_circuit
+from airrace.trajopt.circuit import Circuit, plan_circuit
 from airrace.trajopt.entry import plan_change, plan_start
 from airrace.trajopt.flat_trajectory import SIZE, FlatTrajectory, unpack_flat_outputs
 from airrace.trajopt.flatness import rotor_thrusts
+from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import clearance_of, peaks, sample_times
+from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.time_optimal import plan_optimal_circuit
 from airrace.vehicle import GRAVITY, Vehicle
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
+_MARGIN = 0.99  # of the limits, so that a slightly different way onto the lap keeps them
+_THRUST_SHARE = 0.85  # of the rotors' limits: the rest is for the controller
+_HALF_HEIGHT = 2.5  # m, above and below a gate's midpoint
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -63,12 +69,13 @@ class LapPlanner(LeafSystem):
     again.
     """
 
-    def __init__(self, *, vehicle: Vehicle, dimensions: int, config):
+    def __init__(self, *, vehicle: Vehicle, dimensions: int | None, config):
         """Constructs the planner.
 
         Args:
             vehicle: for its size and the check of the rotor thrusts.
-            dimensions: 3, 4 or 6, see plan_circuit.
+            dimensions: 3, 4 or 6, see plan_circuit; None for the quickest laps, see
+                plan_optimal_circuit.
             config: a PlannerConfig.
         """
         LeafSystem.__init__(self)
@@ -147,15 +154,12 @@ class LapPlanner(LeafSystem):
         gates = [known[number] for number in found]
         pylons = np.array([gate.pylons for gate in known.values()]).reshape(-1, 2)
         try:
-            circuit = plan_circuit(
-                [g.p_WG for g in gates], [g.heading for g in gates], pylons,
-                self._dimensions, previous=old.circuit, **self._limits,
-            )
+            circuit = self._PlanCircuit(gates, pylons, old.circuit)
             if old is NO_PLAN:
                 start = unpack_flat_outputs(self._reference.Eval(context))
                 lap = 1
                 entry, phase = plan_start(
-                    start, circuit, self._dimensions, pylons, **self._limits
+                    start, circuit, self._dimensions or 4, pylons, **self._limits
                 )
             else:
                 lap = old.lap_at(start_time) + 1
@@ -169,6 +173,25 @@ class LapPlanner(LeafSystem):
         return LapPlan(
             lap=lap, start_time=start_time, entry=entry, circuit=circuit, phase=phase,
             report=report,
+        )
+
+    def _PlanCircuit(self, gates, pylons, previous: Circuit | None) -> Circuit:
+        midpoints, headings = [g.p_WG for g in gates], [g.heading for g in gates]
+        if self._dimensions is not None:
+            return plan_circuit(
+                midpoints, headings, pylons, self._dimensions, previous=previous, **self._limits
+            )
+        clearance = self._limits["clearance"]
+        limits = FlightLimits(
+            self._vehicle, thrust_share=_THRUST_SHARE,
+            max_speed=_MARGIN * self._limits["max_speed"],
+            max_acceleration=_MARGIN * self._limits["max_acceleration"],
+        )
+        return plan_optimal_circuit(
+            GateRegions.windows(
+                midpoints, headings, [g.spacing / 2 - clearance for g in gates], _HALF_HEIGHT
+            ),
+            pylons, limits, clearance=clearance, previous=previous,
         )
 
     def _Check(self, entry: FlatTrajectory, circuit: FlatTrajectory, solve_time) -> PlanReport:

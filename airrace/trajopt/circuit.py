@@ -40,6 +40,11 @@ class Circuit(FlatTrajectory):
         self.headings = tuple(headings)
         self.approach = approach
 
+    @property
+    def waypoint_times(self) -> tuple:
+        """When gates and waypoints in front of them are passed, then the duration (s)."""
+        return self.breaks
+
 
 def plan_circuit(midpoints, headings, pylons, dimensions, *, clearance, max_speed,
                  max_acceleration, previous: Circuit | None = None) -> Circuit:

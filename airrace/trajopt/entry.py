@@ -68,7 +68,7 @@ def _solve_start(start, circuit: Circuit, gates, approach, dimensions, limits):
         knots.append(circuit.derivatives(0.0)[0] - approach * forward)
     # The circuit's own waypoints in front of gates are passed as well.
     indices = []
-    for t in circuit.breaks[:circuit.breaks.index(phase)]:
+    for t in circuit.waypoint_times[:circuit.waypoint_times.index(phase)]:
         if t in circuit.gate_times:
             indices.append(len(knots))
         knots.append(circuit.derivatives(t)[0])
@@ -112,7 +112,7 @@ def plan_change(start, circuit: Circuit, duration, pylons, *, clearance, max_spe
         raise TrajectoryOptimizationError("It is too late for a change to the new lap.")
     goal = circuit.derivatives(0.0)
     between = [
-        t for t in circuit.breaks
+        t for t in circuit.waypoint_times
         if circuit.gate_times[-2] < t < circuit.duration
         and circuit.duration - t < duration - _LEAST_CHANGE  # else it lies behind
     ]

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SNAP, YAW
+from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SNAP, VELOCITY, YAW
 from airrace.triples import cross, dot, sum2, sum3
 
 
-def _unit(n, dn, ddn):
+def unit_vector(n, dn, ddn):
     """Returns n / |n| and its first two derivatives, given those of n."""
     length = dot(n, n) ** 0.5
     scale = 1 / length
@@ -38,9 +38,9 @@ def attitude_from_force(force, force_rate, force_acceleration, heading):
         (axes, w, alpha): body axes x, y, z in the world (the columns of
         R_WB); angular velocity (rad/s) and acceleration (rad/s^2), in B.
     """
-    b3, db3, ddb3 = _unit(force, force_rate, force_acceleration)
+    b3, db3, ddb3 = unit_vector(force, force_rate, force_acceleration)
     h, dh, ddh = heading
-    b2, db2, ddb2 = _unit(
+    b2, db2, ddb2 = unit_vector(
         cross(b3, h),
         sum2(1.0, cross(db3, h), 1.0, cross(b3, dh)),
         sum3(1.0, cross(ddb3, h), 2.0, cross(db3, dh), 1.0, cross(b3, ddh)),
@@ -79,13 +79,85 @@ def rotor_thrusts(flat_outputs, vehicle, gravity) -> np.ndarray:
         thrust of every rotor (N), shape (n, N), by the pseudo-inverse of the
         allocation; not clipped to the limits.
     """
-    a, j, s = flat_outputs[ACCELERATION], flat_outputs[JERK], flat_outputs[SNAP]
+    return inverse_dynamics(flat_outputs, vehicle, gravity)[0]
+
+
+def inverse_dynamics(flat_outputs, vehicle, gravity, drag=0.0):
+    """Inverse dynamics of a trajectory through the air at rest.
+
+    Args:
+        flat_outputs: samples as in flat_trajectory.py, shape (18, N).
+        vehicle: the airrace.vehicle.Vehicle.
+        gravity: (m/s^2).
+        drag: share of the vehicle's drag.
+
+    Returns:
+        (thrusts, w): thrust of every rotor (N), shape (n, N), by the
+        pseudo-inverse of the allocation, not clipped to the limits; angular
+        velocity in B (rad/s), shape (3, N).
+    """
     yaw, yaw_rate, yaw_acceleration = flat_outputs[YAW:]
-    force = (a[0], a[1], a[2] + gravity)
-    _, w, alpha = attitude_from_force(
-        force, j, s, heading_vectors(np.cos(yaw), np.sin(yaw), yaw_rate, yaw_acceleration)
+    v = flat_outputs[VELOCITY]
+    *force, surplus = thrust_vectors(flat_outputs, vehicle, gravity, drag)
+    axes, w, alpha = attitude_from_force(
+        *force, heading_vectors(np.cos(yaw), np.sin(yaw), yaw_rate, yaw_acceleration)
     )
-    w, alpha, J = np.array(w), np.array(alpha), np.array(vehicle.inertia)[:, None]
-    moment = J * alpha + np.cross(w, J * w, axis=0)
-    thrust = vehicle.mass * np.sqrt(dot(force, force))
-    return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust[None], moment])
+    thrust = vehicle.mass * (dot(force[0], force[0]) ** 0.5 + surplus * dot(v, axes[2]))
+    moment = moments(vehicle, np.array(w), np.array(alpha), drag)
+    return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust[None], moment]), np.array(w)
+
+
+def moments(vehicle, w, alpha, drag=0.0, unit=1.0) -> np.ndarray:
+    """Returns the moments about the body's axes that turn it so (N m), (3, N).
+
+    Args:
+        vehicle: the airrace.vehicle.Vehicle.
+        w, alpha: angular velocity and acceleration in B, (3, N).
+        drag, unit: see thrust_vectors().
+    """
+    J = np.array(vehicle.inertia)[:, None]
+    moment = J * alpha + np.array(cross(w, J * w))
+    if drag > 0.0:
+        moment = moment + drag * np.array(vehicle.drag.angular)[:, None] * unit * w
+    return moment
+
+
+def thrust_vectors(flat_outputs, vehicle, gravity, drag=0.0, unit=1.0):
+    """Returns the vector along which the rotors must thrust, and its derivatives.
+
+    A drag that is equal along the body's x and y leaves the drone flat: the
+    thrust's axis is along m (a + g) + d v, with d the drag per speed along these
+    axes (Faessler, Franchi and Scaramuzza, "Differential flatness of quadrotor
+    dynamics subject to rotor drag", 2018). Here d grows with the speed. Of
+    vehicles whose drag differs along x and y, the mean is taken.
+
+    Args:
+        flat_outputs: samples as in flat_trajectory.py, shape (18, N), real or
+            complex, with time in multiples of the unit.
+        vehicle: the airrace.vehicle.Vehicle.
+        gravity: (m per squared unit), a number or (N,).
+        drag: share of the vehicle's drag.
+        unit: of time (s), a number or (N,).
+
+    Returns:
+        (force, its rate, its acceleration, surplus): three vectors per mass, each
+        a tuple of three arrays (N,); the thrust over mass is the amount of the
+        force, and the surplus times the velocity along it.
+    """
+    v, a, j, s = (flat_outputs[k] for k in (VELOCITY, ACCELERATION, JERK, SNAP))
+    force = (a[0], a[1], a[2] + gravity)
+    if drag == 0.0:
+        return force, j, s, 0.0
+    speed = (dot(v, v) + 1e-12) ** 0.5
+    linear, quadratic = (
+        [drag * c / vehicle.mass for c in ((k[0] + k[1]) / 2, k[2])]
+        for k in (vehicle.drag.linear, vehicle.drag.quadratic))
+    c, c_z = (k * unit + q * speed for k, q in zip(linear, quadratic))
+    dc = quadratic[0] * dot(v, a) / speed
+    ddc = quadratic[0] * ((dot(a, a) + dot(v, j)) / speed - dot(v, a) ** 2 / speed**3)
+    return (
+        sum2(1.0, force, c, v),
+        sum3(1.0, j, dc, v, c, a),
+        sum2(1.0, sum3(1.0, s, ddc, v, 2.0 * dc, a), c, j),
+        c_z - c,
+    )

@@ -81,7 +81,7 @@ def check_schema(data, gates, laps):
     failure = matches({"rotor": is_a(int), "time_s": is_number, "noticed_s": optional(is_number)})
     matches({
         "track": is_a(str), "drone": is_a(str), "simulation": is_a(str),
-        "trajectory": lambda value: value in ("3", "4", "6"), "seed": is_a(int),
+        "trajectory": lambda value: value in ("3", "4", "6", "optimal"), "seed": is_a(int),
         "rotor_failures": lambda value: type(value) is list and all(map(failure, value)),
         "finished": is_a(bool), "dnf_reason": optional(is_a(str)),
         "exploration": matches({

@@ -205,7 +205,7 @@ BAD = {
     "laps: 2.5": "laps must be a whole number, not 2.5",
     "laps: true": "laps must be a whole number",
     "trajectory: 4": "trajectory must be text in quotes, not 4",
-    "trajectory: '5'": "trajectory must be one of 3, 4, 6, not '5'",
+    "trajectory: '5'": "trajectory must be one of 3, 4, 6, optimal, not '5'",
     "explorer: 3": "explorer must be a mapping",
     "explorer: {max_speed: fast}": "explorer.max_speed must be a number, not 'fast'",
     "boxes: {explorer: 3}": "boxes.explorer must be text",

@@ -70,6 +70,25 @@ class Bench:
         return plans, times
 
 
+def test_optimal_laps_are_faster_and_within_the_limits_and_followed_by_the_next():
+    bench = Bench(dimensions=None)
+    plans, _ = bench.follow(until=40.0, every=0.5)
+    assert len(plans) >= 2
+    snap = plan_circuit(
+        [g.p_WG for g in GATES], [g.heading for g in GATES],
+        np.array([g.pylons for g in GATES]).reshape(-1, 2), 4, **LIMITS)
+    for plan in plans:
+        assert plan.report.duration < 0.9 * snap.duration
+        assert plan.report.max_speed <= 20.0 and plan.report.max_acceleration <= 10.0
+        # It goes on from where the one before ends, and onto its own lap.
+        t = plan.start_time + plan.entry.duration
+        np.testing.assert_allclose(
+            plan.derivatives(t - 1e-7)[:4, :3], plan.derivatives(t + 1e-7)[:4, :3], atol=1e-3)
+    t = plans[1].start_time
+    np.testing.assert_allclose(
+        plans[0].derivatives(t)[:4, :3], plans[1].derivatives(t)[:4, :3], atol=1e-3)
+
+
 def test_ports():
     planner = Bench().planner
     assert [planner.get_input_port(i).get_name() for i in range(planner.num_input_ports())] == [

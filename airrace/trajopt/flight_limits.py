@@ -1,0 +1,66 @@
+"""What a lap must keep: the limits of the vehicle, and those that a team adds."""
+
+import dataclasses as dc
+
+import numpy as np
+
+from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SIZE, SNAP, VELOCITY, YAW
+from airrace.trajopt.min_snap import TrajectoryOptimizationError
+from airrace.vehicle import GRAVITY, Vehicle
+
+
+@dc.dataclass(frozen=True, eq=False)
+class FlightLimits:
+    """Limits of a flight.
+
+    Attributes:
+        vehicle: each rotor's thrust must lie between zero and its limit.
+        thrust_share: of the rotors' limits; the rest is left to the controller.
+        max_speed: (m/s). max_acceleration: without gravity (m/s^2).
+        max_rate: of the body's angular velocity (rad/s).
+        min_lift: vertical component of the thrust over mass (m/s^2); the drone
+            never points down, and a heading always has a meaning.
+        drag: share of the vehicle's drag that acts.
+    """
+
+    vehicle: Vehicle
+    thrust_share: float = 1.0
+    max_speed: float = np.inf
+    max_acceleration: float = np.inf
+    max_rate: float = 20.0
+    min_lift: float = 0.5 * GRAVITY
+    drag: float = 0.0
+
+    def check(self) -> None:
+        """Raises TrajectoryOptimizationError if nothing can fly within them."""
+        numbers = {name: getattr(self, name) for name in (
+            "thrust_share", "max_speed", "max_acceleration", "max_rate")}
+        for name, value in numbers.items():
+            if not value > 0.0:
+                raise TrajectoryOptimizationError(f"{name} must be positive, not {value}.")
+        if not 0.0 <= self.drag < np.inf:
+            raise TrajectoryOptimizationError(f"drag must not be negative, as {self.drag} is.")
+        hover = np.linalg.pinv(self.vehicle.allocation)[:, 0] * self.vehicle.mass * GRAVITY
+        if np.any(hover >= self.max_thrusts) or np.any(hover <= 0.0):
+            raise TrajectoryOptimizationError(
+                f"At {self.thrust_share:.0%} of their limits, the rotors of {self.vehicle.name} "
+                "cannot hold a hover.")
+
+    @property
+    def max_thrusts(self) -> np.ndarray:
+        """Of the rotors, (rotors,) N."""
+        return self.thrust_share * self.vehicle.max_thrusts
+
+    @property
+    def max_specific_force(self) -> float:
+        """The greatest thrust over mass of all rotors together (m/s^2)."""
+        return float(self.max_thrusts.sum() / self.vehicle.mass)
+
+
+def pack(derivatives) -> np.ndarray:
+    """Returns samples (5, N, 4) as flat_trajectory.py lays them out, (18, N)."""
+    result = np.empty((SIZE, derivatives.shape[1]), derivatives.dtype)
+    for k, rows in enumerate((slice(0, 3), VELOCITY, ACCELERATION, JERK, SNAP)):
+        result[rows] = derivatives[k, :, :3].T
+    result[YAW:] = derivatives[:3, :, 3]
+    return result

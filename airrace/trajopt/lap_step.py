@@ -1,0 +1,236 @@
+"""A convex program in a step from one lap to a better one."""
+
+import numpy as np
+from pydrake.solvers import (
+    ClarabelSolver,
+    LinearConstraint,
+    LinearEqualityConstraint,
+    MathematicalProgram,
+    SolverOptions,
+)
+
+from airrace.trajopt.dynamics_rows import DynamicsRows
+from airrace.trajopt.lap_samples import Grid, LapSamples
+from airrace.trajopt.lap_spline import ORDERS, LapSpline
+from airrace.trajopt.twist import turn_gradients
+
+_SOLVER_OPTIONS = {"tol_gap_abs": 1e-5, "tol_gap_rel": 1e-5, "tol_feas": 1e-6}
+_MOST_STRETCH = 0.4  # of a leg's duration, in one step
+
+
+class LapStep:
+    """Collects constraints on samples of the lap after a step, and solves for it.
+
+    With time normalised to a leg, z the leg's coefficients and T its duration,
+    samples are linear in z. For the derivatives d at a gate z = T^k d, which is
+    linearised; so is s = T^2. The rest of T's influence is exact: the limits
+    |w| <= T v_max on the normalised velocity w and |u + s g| <= s f_max on the
+    normalised acceleration u are second-order cones.
+
+    The axes to which the twist refers turn when the path changes, at a sample by
+    what all that lies before it adds; that is linearised, too.
+
+    Attributes:
+        lap, samples, grid: to start from, and where it is sampled.
+        dynamics: of the samples.
+        program: the MathematicalProgram, to be added to.
+    """
+
+    def __init__(self, samples: LapSamples, grid: Grid):
+        """Args: samples: of the lap to start from. grid: of the samples."""
+        self.lap, self.samples, self.grid = samples.lap, samples, grid
+        self.dynamics = DynamicsRows.linearize(samples)
+        self.program = MathematicalProgram()
+        T = self.lap.durations
+        n, m = self.lap.interior.shape[:2]
+        new = self.program.NewContinuousVariables
+        # Of order one: derivatives in units of a duration, durations relative.
+        self._gates = new(n * ORDERS * 4).reshape(n, ORDERS, 4)
+        self._interior = new(n * m * 4).reshape(n, m, 4) if m else np.zeros((n, 0, 4), object)
+        self._stretch = new(n)
+        self._turns = new(n + 1)  # of the transported axes, up to each gate
+        last_twist = new(1)
+        after = np.roll(np.arange(n), -1)
+        self._variables = [np.concatenate([
+            self._gates[i].ravel(), self._interior[i].ravel(), self._gates[after[i]].ravel(),
+            self._turns[i:i + 1], self._stretch[i:i + 1]]) for i in range(n)]
+        # Value of the twist where the lap ends.
+        self._variables[-1][4 * (ORDERS + m) + 3] = last_twist[0]
+        self.program.AddLinearEqualityConstraint(
+            np.array([[1.0, -1.0, -1.0]]), [0.0],
+            [last_twist[0], self._gates[0, 0, 3], self._turns[-1]])
+        self.program.AddBoundingBoxConstraint(0.0, 0.0, self._turns[:1])
+
+        self._units = np.sqrt(T * np.roll(T, 1))
+        orders = np.arange(ORDERS)
+        self._scale = np.concatenate([
+            (T / self._units)[:, None] ** orders, np.ones((n, m)),
+            (T / self._units[after])[:, None] ** orders], axis=1)
+        exponents = np.array([*orders, *np.zeros(m), *orders])
+        self._by_stretch = exponents[:, None] * self.lap.coefficients()
+        self.program.AddLinearCost(T, self._stretch)
+        self.program.AddBoundingBoxConstraint(-_MOST_STRETCH, _MOST_STRETCH, self._stretch)
+        self._follow_axes()
+
+    def _follow_axes(self):
+        """Sets how the axes turn about the thrust, sample by sample."""
+        grid, lap, dynamics = self.grid, self.lap, self.dynamics
+        between = lap.evaluate(grid.matrices_between)
+        gradients, by_T, sums = turn_gradients(
+            between, lap.durations, grid.fractions, self.samples.limits)
+        nodes, every = np.arange(between.shape[2]), np.arange(grid.samples)
+        amount = np.linalg.norm(dynamics.force, axis=0)
+        b = dynamics.force / amount
+        k = 1.0 / (amount * (1.0 + b[2]))
+        # The least rotation that takes the vertical to b turns about b as b moves.
+        d_own = (b[1] * k)[:, None, None] * dynamics.d_force[0]
+        d_own -= (b[0] * k)[:, None, None] * dynamics.d_force[1]
+        own_by_T = k * (b[1] * dynamics.force_by_T[0] - b[0] * dynamics.force_by_T[1])
+        self._axis_turns = []
+        for leg in range(len(lap.durations)):
+            here = self.of(leg)
+            way = sums @ self.rows(leg, nodes, gradients[leg], by_T[leg], grid.matrices_between)
+            way[:, -2] = 1.0  # and what was before
+            own = self.rows(leg, every, d_own[here], own_by_T[here], grid.matrices)
+            self._axis_turns.append(own - way[:-1])
+            row = np.append(way[-1], -1.0)[None]
+            self.program.AddLinearEqualityConstraint(
+                row, [0.0], [*self._variables[leg], self._turns[leg + 1]])
+
+    def of(self, leg: int) -> slice:
+        """Returns where the samples of a leg are among all."""
+        return slice(leg * self.grid.samples, (leg + 1) * self.grid.samples)
+
+    def size(self, leg: int) -> int:
+        """Returns the number of a leg's variables; the last is its relative stretch."""
+        return len(self._variables[leg])
+
+    def only_twist(self) -> None:
+        """Leaves path and durations as they are."""
+        for fixed in (self._gates[:, :, :3], self._interior[:, :, :3], self._stretch):
+            if fixed.size:
+                zero = np.zeros(fixed.size)
+                self.program.AddBoundingBoxConstraint(zero, zero, fixed.ravel())
+
+    def derivatives(self, leg: int, order: int):
+        """Returns how samples' derivatives in normalised time depend on the step.
+
+        Returns:
+            (by coefficients, by the relative stretch of the leg): (samples,
+            coefficients), the same for each dimension, and (samples, 4).
+        """
+        matrix = self.grid.matrices[order]
+        return matrix * self._scale[leg], matrix @ self._by_stretch[leg]
+
+    def rows(self, leg, which, gradients, by_T, matrices=None) -> np.ndarray:
+        """Returns rows over the variables of a leg, (rows, variables).
+
+        Args:
+            leg: from 0.
+            which: sample of each row, (rows,).
+            gradients: of the rows, by derivatives in normalised time, (rows, orders, 4).
+            by_T: of the rows, by the leg's duration, (rows,) or a number.
+            matrices: of lap_spline.basis(), if not those of the grid; then the
+                twist's value must not matter.
+        """
+        orders = gradients.shape[1]
+        basis = (self.grid.matrices if matrices is None else matrices)[:orders, which]
+        result = np.zeros((len(which), self.size(leg)))
+        by_z = np.einsum("rod,orc->rcd", gradients, basis, optimize=True)
+        result[:, :-2] = (by_z * self._scale[leg][:, None]).reshape(
+            len(which), 4 * basis.shape[2])
+        result[:, -1] = np.einsum("rcd,cd->r", by_z, self._by_stretch[leg])
+        result[:, -1] += by_T * self.lap.durations[leg]
+        if matrices is None:
+            result += gradients[:, 0, 3:] * self._axis_turns[leg][which]
+        return result
+
+    def at_most(self, leg, rows, bounds, slack_cost=None, extra=()) -> None:
+        """Constrains rows over a leg's variables to lie below bounds.
+
+        Args:
+            leg: from 0.
+            rows: (rows, variables). bounds: (rows,).
+            slack_cost: of exceeding the worst bound by one (s); None never allows it.
+            extra: variables of further columns.
+        """
+        if not len(rows):
+            return
+        variables = np.concatenate([self._variables[leg], extra])
+        if slack_cost is not None:
+            slack = self.program.NewContinuousVariables(1)
+            self.program.AddBoundingBoxConstraint(0.0, np.inf, slack)
+            self.program.AddLinearCost([slack_cost], slack)
+            variables = np.concatenate([variables, slack])
+            rows = np.hstack([rows, np.full((len(rows), 1), -1.0)])
+        # Not AddLinearConstraint(): it looks for scipy every time.
+        self.program.AddConstraint(
+            LinearConstraint(rows, np.full(len(rows), -np.inf), bounds), variables)
+
+    def equal(self, leg, variables, rows, values) -> None:
+        """Constrains further variables to equal rows over a leg's variables.
+
+        Args:
+            leg: from 0.
+            variables: (rows,).
+            rows: (rows, variables). values: where there is no step, (rows,).
+        """
+        self.program.AddConstraint(
+            LinearEqualityConstraint(np.hstack([rows, -np.eye(len(rows))]), -values),
+            np.concatenate([self._variables[leg], variables]))
+
+    def in_cones(self, leg, rows, values, extra=None) -> None:
+        """Constrains vectors of rows to Lorentz cones.
+
+        Args:
+            leg: from 0.
+            rows: (cones, k, variables). values: where there is no step, (cones, k).
+            extra: one variable a cone, to be added to its first row.
+        """
+        variables = self._variables[leg]
+        for j, (A, b) in enumerate(zip(rows, values)):
+            if extra is not None:
+                A = np.hstack([A, np.zeros((len(A), 1))])
+                A[0, -1] = 1.0
+                self.program.AddLorentzConeConstraint(A, b, [*variables, extra[j]])
+            else:
+                self.program.AddLorentzConeConstraint(A, b, variables)
+
+    def least_squares(self, leg, rows, values) -> None:
+        """Adds |rows x + values|^2 to the cost, over a leg's variables."""
+        self.program.AddQuadraticCost(
+            2.0 * rows.T @ rows, 2.0 * rows.T @ values, self._variables[leg], is_convex=True)
+
+    def at_gate(self, i: int, order: int):
+        """Returns the variables of a derivative of the path at a gate, (3,), and their unit."""
+        return self._gates[i, order, :3], self._units[i] ** -order
+
+    def solve(self) -> LapSpline | None:
+        """Returns the lap after the best step, or None if the solver finds none."""
+        options = SolverOptions()
+        for name, value in _SOLVER_OPTIONS.items():
+            options.SetOption(ClarabelSolver.id(), name, value)
+        self.result = result = ClarabelSolver().Solve(self.program, None, options)
+        x = result.get_x_val()
+        if not np.isfinite(x).all():
+            return None
+        get = result.GetSolution
+        lap, gates = self.lap, get(self._gates.reshape(len(self._units), -1))
+        n, m = lap.interior.shape[:2]
+        stretch, turns = get(self._stretch), get(self._turns)
+        after = np.roll(gates, -1, axis=0).reshape(n, ORDERS, 4)
+        after[-1, 0, 3] += turns[-1]
+        interior = np.zeros((n, m, 4))
+        if m:
+            interior = get(self._interior.reshape(n, -1)).reshape(n, m, 4)
+        change = np.concatenate([gates.reshape(n, ORDERS, 4), interior, after], axis=1)
+        z = lap.coefficients() + self._scale[..., None] * change
+        z += self._by_stretch * stretch[:, None, None]
+        # Both legs at a gate have their own idea of the derivatives there: z / T^k.
+        # Their mean is exact where all durations change alike.
+        durations = lap.durations * (1.0 + stretch)
+        powers = durations[:, None, None] ** np.arange(ORDERS)[:, None]
+        start, end = z[:, :ORDERS] / powers, np.roll(z[:, -ORDERS:] / powers, 1, axis=0)
+        end[0, 0, 3] -= lap.turn + turns[-1]
+        return LapSpline((start + end) / 2.0, z[:, ORDERS:-ORDERS], durations,
+                         lap.turn + float(turns[-1]))

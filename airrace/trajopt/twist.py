@@ -1,0 +1,120 @@
+"""Yaw as the twist of the body about its thrust, instead of a heading.
+
+Yaw torque is what multirotors have least of. A body that tilts without turning
+about its thrust carries its x and y axes along by parallel transport; relative to
+those, the angle of the body is its twist, whose second derivative is the angular
+acceleration about z, whatever the tilt does. In terms of a heading, that would be a
+small difference of large terms.
+"""
+
+import numpy as np
+
+from airrace.trajopt.flatness import thrust_vectors, unit_vector
+from airrace.trajopt.flight_limits import FlightLimits, pack
+from airrace.vehicle import GRAVITY
+
+_STEP = 1e-30  # of complex-step derivatives
+_NODES, _WEIGHTS = (0.5 * (x + o) for x, o in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0)))
+
+
+def quadrature(fractions) -> np.ndarray:
+    """Returns nodes between fractions of a leg, the first 0, and on to 1, (4 samples,)."""
+    ends = np.append(fractions, 1.0)
+    return (ends[:-1, None] + np.diff(ends)[:, None] * _NODES).ravel()
+
+
+def transported_axes(derivatives, between, durations, fractions, limits: FlightLimits):
+    """Returns the axes of a body that flies a lap without turning about its thrust.
+
+    The least rotation that takes the vertical to the thrust's axis b turns about
+    b at (b_y db_x - b_x db_y) / (1 + b_z); the body must turn back by as much.
+
+    Args:
+        derivatives: of samples in normalised time, (5, n, samples, 4).
+        between: likewise at the quadrature()'s nodes.
+        durations: of legs, (n,) s. fractions: of the samples, (samples,).
+        limits: for the drag.
+
+    Returns:
+        (x axes, y axes, turn): in the world, (3, n samples) each; and the twist
+        that a lap must have for its end to meet its start (rad), without full turns.
+    """
+    n, samples = derivatives.shape[1:3]
+    b, db, _ = _thrust_axes(between, durations, limits)
+    rate = (b[1] * db[0] - b[0] * db[1]) / (1.0 + b[2])
+    widths = np.diff(np.append(fractions, 1.0))
+    angle = np.sum(rate.reshape(n, samples, -1) * _WEIGHTS, axis=2) * widths
+    angle = np.cumsum(angle.ravel())
+    turn = float(angle[-1])
+    angle = np.concatenate([[0.0], angle[:-1]])
+    b, _, _ = _thrust_axes(derivatives, durations, limits)
+    # The least rotation's x and y axes, then turned back by the angle.
+    k = 1.0 / (1.0 + b[2])
+    e1 = np.array([1.0 - k * b[0] ** 2, -k * b[0] * b[1], -b[0]])
+    e2 = np.array([-k * b[0] * b[1], 1.0 - k * b[1] ** 2, -b[1]])
+    c, s = np.cos(angle), np.sin(angle)
+    return c * e1 - s * e2, s * e1 + c * e2, turn
+
+
+def turn_gradients(between, durations, fractions, limits: FlightLimits):
+    """Returns how the turn of the transported axes depends on the lap.
+
+    Args: see transported_axes().
+
+    Returns:
+        (gradients, by_T, sums): of the rate at the nodes, by derivatives in
+        normalised time, (n, nodes, 5, 4), and by the leg's duration, (n, nodes);
+        and from those rates to the turn from a leg's start to its samples and to
+        its end, (samples + 1, nodes).
+    """
+    n, count = between.shape[1:3]
+    inputs = [(k, d) for k in (1, 2, 3) for d in range(3)]
+    flat = pack(between.reshape(5, -1, 4))
+    units = np.repeat(durations, count)
+    copies = np.repeat(flat[:, None], len(inputs) + 1, axis=1).astype(complex)
+    T = np.repeat(units[None], len(inputs) + 1, axis=0).astype(complex)
+    for i, (k, d) in enumerate(inputs):
+        copies[3 * k + d, i] += 1j * _STEP
+    T[-1] += 1j * _STEP
+    T = T.ravel()
+    *force, _ = thrust_vectors(
+        copies.reshape(18, -1), limits.vehicle, GRAVITY * T**2, limits.drag, T)
+    b, db, _ = unit_vector(*force)
+    rate = ((b[1] * db[0] - b[0] * db[1]) / (1.0 + b[2])).imag.reshape(-1, n, count) / _STEP
+    gradients = np.zeros((n, count, 5, 4))
+    for i, (k, d) in enumerate(inputs):
+        gradients[:, :, k, d] = rate[i]
+    widths = np.diff(np.append(fractions, 1.0))
+    each = np.kron(np.diag(widths), _WEIGHTS)
+    sums = np.vstack([np.zeros(count), np.cumsum(each, axis=0)])
+    return gradients, rate[-1], sums
+
+
+def _thrust_axes(derivatives, durations, limits):
+    units = np.repeat(durations, derivatives.shape[2])
+    flat = pack(derivatives.reshape(5, -1, 4))
+    *force, _ = thrust_vectors(flat, limits.vehicle, GRAVITY * units**2, limits.drag, units)
+    return unit_vector(*force)
+
+
+def heading_of_twist(axes, w, alpha):
+    """Returns the yaw of an attitude, as attitude_from_force() defines it.
+
+    The heading is horizontal and at right angles to the body's y axis.
+
+    Args:
+        axes: x, y, z of the body in the world, (3, N) each.
+        w, alpha: angular velocity and acceleration in B, (3, N).
+
+    Returns: yaw, its rate and acceleration (3, N), unwrapped.
+    """
+    x, y, z = axes
+    # The y axis turns: its derivatives are R (w x e_y) and so on.
+    dy = w[0] * z - w[2] * x
+    ddy = alpha[0] * z - alpha[2] * x + w[1] * (w[0] * x + w[2] * z) - (w[0]**2 + w[2]**2) * y
+    square = y[0] ** 2 + y[1] ** 2
+    cross = y[0] * dy[1] - y[1] * dy[0]
+    rate = cross / square
+    acceleration = (y[0] * ddy[1] - y[1] * ddy[0]) / square - rate * 2.0 * (
+        y[0] * dy[0] + y[1] * dy[1]) / square
+    return np.array([np.unwrap(np.arctan2(-y[0], y[1])), rate, acceleration])

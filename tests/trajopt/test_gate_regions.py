@@ -1,0 +1,56 @@
+"""Regions of gates: membership, the nearest points, and refusals."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+
+from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.min_snap import TrajectoryOptimizationError
+
+MIDPOINTS, HEADINGS = np.array([[0.0, 0, 6], [20, 10, 6], [0, 30, 7]]), [0.3, 1.5, 4.0]
+REGIONS = {
+    "windows": GateRegions.windows(MIDPOINTS, HEADINGS, [1.0, 2.0, 3.0], 2.5),
+    "balls": GateRegions.balls(MIDPOINTS, HEADINGS, 1.5),
+    "points": GateRegions.balls(MIDPOINTS, HEADINGS, 0.0),
+}
+
+
+@settings(max_examples=20)
+@given(st.sampled_from(sorted(REGIONS)), st.lists(st.floats(-9, 9), min_size=3, max_size=3))
+def test_the_constraint_and_the_nearest_point_agree(kind, offset):
+    gates = REGIONS[kind]
+    points = MIDPOINTS + np.array(offset)
+    nearest = gates.nearest(points)
+    np.testing.assert_allclose(gates.nearest(nearest), nearest, atol=1e-9)
+    for i, point in enumerate(points):
+        program = MathematicalProgram()
+        step = program.NewContinuousVariables(3)
+        gates.constrain(program, i, step, point)
+        program.AddQuadraticCost(np.eye(3), np.zeros(3), step, is_convex=True)
+        found = ClarabelSolver().Solve(program).GetSolution(step)
+        np.testing.assert_allclose(point + found, nearest[i], atol=1e-3)
+
+
+def test_windows_are_across_the_heading():
+    gates = REGIONS["windows"]
+    ahead = gates.nearest(MIDPOINTS + 5.0 * gates.forward)
+    np.testing.assert_allclose(ahead, MIDPOINTS, atol=1e-9)
+    beside = gates.nearest(MIDPOINTS + 50.0 * gates.rightward + [0, 0, 50.0])
+    np.testing.assert_allclose(
+        beside, MIDPOINTS + np.array([[1.0], [2.0], [3.0]]) * gates.rightward + [0, 0, 2.5])
+
+
+@pytest.mark.parametrize("midpoints, headings, width", [
+    (MIDPOINTS[:1], [0.0], 1.0), (MIDPOINTS, [0.0, np.nan, 0.0], 1.0),
+    (MIDPOINTS[[0, 1, 1]], HEADINGS, 1.0), (MIDPOINTS[[0, 1, 0]], HEADINGS, 1.0),
+    (MIDPOINTS, HEADINGS, [1.0, -0.1, 1.0]), (MIDPOINTS * np.inf, HEADINGS, 1.0)])
+def test_impossible_gates_are_refused(midpoints, headings, width):
+    with pytest.raises(TrajectoryOptimizationError):
+        GateRegions.windows(midpoints, headings, width, 2.5)
+
+
+def test_a_negative_radius_is_refused():
+    with pytest.raises(TrajectoryOptimizationError):
+        GateRegions.balls(MIDPOINTS, HEADINGS, -0.1)

@@ -45,7 +45,7 @@ def make_table(results) -> Table:
     """Returns the table of a list of race.json, one row a trajectory."""
     table = Table(title="Laps of the reference track")
     for name in ("trajectory", "finished", "mean lap (s)", "best lap (s)", "original (s)",
-                 "exploration (s)", "worst gate offset (m)", "map RMS (m)", "x real time"):
+                 "exploration (s)", "worst gate offset (m)", "map RMS (cm)", "x real time"):
         table.add_column(name, justify="right")
     for trajectory in TRAJECTORIES:
         races = [r for r in results if r["trajectory"] == trajectory]
@@ -60,7 +60,7 @@ def make_table(results) -> Table:
             f"{ORIGINAL_MEAN_LAP[trajectory]:.2f}",
             f"{np.mean([r['exploration']['time_s'] for r in races]):.1f}",
             f"{max(max(lap['gate_offsets_m']) for lap in laps):.2f}",
-            f"{np.mean([lap['map_rms_m'] for lap in laps]):.2f}",
+            f"{100 * np.mean([r['laps'][-1]['map_rms_m'] for r in races if r['laps']]):.1f}",
             f"{np.mean([r['wall']['real_time_factor'] for r in races]):.1f}",
         )
     return table

@@ -1,4 +1,7 @@
-"""The one exception that means "the user can fix this"."""
+"""The one exception that means "the user can fix this", and what programs make of it."""
+
+import sys
+from collections.abc import Callable
 
 
 class UserError(Exception):
@@ -7,3 +10,18 @@ class UserError(Exception):
     Its message is one sentence that names the culprit and the remedy. The
     command-line programs print it without a traceback and exit with code 2.
     """
+
+
+def exit_code(program: Callable[[], int]) -> int:
+    """Calls a command-line program; returns its exit code.
+
+    Bad input is one sentence and 2, Ctrl-C is 1.
+    """
+    try:
+        return program()
+    except UserError as e:
+        print(f"airrace: {e}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("airrace: interrupted", file=sys.stderr)
+        return 1

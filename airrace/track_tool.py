@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from airrace.errors import UserError
+from airrace.errors import exit_code
 from airrace.track import Track
 from airrace.track_generator import DIRECTIONS, generate_track
 from airrace.track_layout import Layout
@@ -84,15 +84,16 @@ def _plain(numbers) -> str:
 def main(argv=None) -> int:
     """The command-line program; returns its exit code."""
     args = make_parser().parse_args(argv)
-    try:
-        track = generate_track(args.seed, args.gates, args.direction)
-        if args.plot is not None:
-            from airrace.track_plot import save_plot  # matplotlib takes a second
+    return exit_code(lambda: run(args))
 
-            save_plot(track, args.plot)
-    except UserError as e:
-        print(f"airrace: {e}", file=sys.stderr)
-        return 2
+
+def run(args) -> int:
+    """Prints a track by parsed arguments; returns the exit code."""
+    track = generate_track(args.seed, args.gates, args.direction)
+    if args.plot is not None:
+        from airrace.track_plot import save_plot  # matplotlib takes a second
+
+        save_plot(track, args.plot)
     direction = "left" if Layout.of(track).turns.sum() > 0 else "right"
     command = f"python -m airrace.track --seed {args.seed} --gates {len(track.gates)}"
     sys.stdout.write(to_yaml(track, f"{command} --direction {direction}"))

@@ -13,7 +13,7 @@ from airrace.diagrams.race import (
     add_scenario_options,
     resolve_scenario,
 )
-from airrace.errors import UserError
+from airrace.errors import UserError, exit_code
 from airrace.evaluation.interrupts import interrupts_held, sigterm_as_ctrl_c
 
 EPILOG = """\
@@ -147,6 +147,7 @@ def default_output_dir(drone: str) -> Path:
     return Path("runs") / f"{stamp}-evaluation-{re.sub(r'[^\w.-]+', '-', Path(drone).name)[:60]}"
 
 
+@sigterm_as_ctrl_c()
 def run(args) -> int:
     """Evaluates by parsed arguments; returns the exit code."""
     from airrace.evaluation.store import RaceStore
@@ -209,15 +210,7 @@ def report(folder, settings, rows, display) -> None:
 def main(argv=None) -> int:
     """The command-line program; returns its exit code."""
     args = make_parser().parse_args(argv)
-    try:
-        with sigterm_as_ctrl_c():
-            return run(args)
-    except UserError as e:
-        print(f"airrace: {e}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("airrace: interrupted", file=sys.stderr)
-        return 1
+    return exit_code(lambda: run(args))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import re
 import sys
 from pathlib import Path
 
-from airrace.errors import UserError
+from airrace.errors import UserError, exit_code
 
 LEVELS = range(5)  # of models/scenarios/levels.yaml
 
@@ -188,14 +188,7 @@ def run(args) -> int:
 def main(argv=None) -> int:
     """The command-line program; returns its exit code."""
     args = make_parser().parse_args(argv)
-    try:
-        return run(args)
-    except UserError as e:
-        print(f"airrace: {e}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("airrace: interrupted", file=sys.stderr)
-        return 1
+    return exit_code(lambda: run(args))
 
 
 if __name__ == "__main__":

@@ -17,8 +17,6 @@ NON_CONVEX = "non-convex quad"
 FROM_BEHIND = "seen from behind"
 NO_POSE = "no pose"
 JUMP = "pose jumps"
-REASONS = (WRONG_IMAGE, NO_TIME, FOREIGN_ID, TINY, NON_CONVEX, NO_EDGES, MISREAD,
-           SEEN_TWICE, FROM_BEHIND, NO_POSE, JUMP)
 
 _LEAST_AREA = 100.0  # px^2
 _FARTHEST_REFIT, _FARTHEST_SHARE = 3.0, 0.1  # px, and of the square's width

@@ -4,6 +4,8 @@ import itertools
 
 import numpy as np
 
+from airrace.compiled import compiled
+
 # Of a deviation in [f, Mx, My, Mz], each as a share of what the rotors can do,
 # and of a rotor's thrust as a share of its limit.
 _WEIGHTS = np.array([1e2, 1e5, 1e5, 1.0])
@@ -34,8 +36,7 @@ class Allocator:
         self._rows = slice(0, 4 if yaw else 3)
         self._B = allocation[self._rows, self._working]
         self._max = max_thrusts[self._working]
-        self._limits = self._max.tolist()
-        self._inverse = np.linalg.pinv(self._B)
+        self._inverse = np.ascontiguousarray(np.linalg.pinv(self._B))
         # A lost rotor can leave fewer axes than the pseudo-inverse needs.
         self._complete = np.linalg.matrix_rank(self._B) == len(self._B)
         # In shares of the limits: of a rotor, and of all rotors together.
@@ -49,10 +50,8 @@ class Allocator:
         if not len(self._max):
             return np.zeros(self._size)
         wrench = wrench[self._rows]
-        thrusts = self._inverse @ wrench
-        # Plain numbers: arrays this small cost more than they spare.
-        if not self._complete or not all(
-                0.0 <= thrust <= limit for thrust, limit in zip(thrusts.tolist(), self._limits)):
+        thrusts, possible = _by_inverse(self._inverse, wrench, self._max)
+        if not possible or not self._complete:
             b = np.concatenate([self._scale * wrench, np.zeros(len(self._max))])
             start = np.clip(thrusts / self._max, 0.0, 1.0)
             thrusts = self._max * _least_squares_in_unit_box(self._A, b, start)
@@ -61,6 +60,19 @@ class Allocator:
         result = np.zeros(self._size)
         result[self._working] = thrusts
         return result
+
+
+@compiled
+def _by_inverse(inverse, wrench, limits):
+    """Returns inverse @ wrench, and whether all of it is between zero and the limits."""
+    n, m = inverse.shape
+    thrusts, possible = np.zeros(n), True
+    for i in range(n):
+        for j in range(m):
+            thrusts[i] += inverse[i, j] * wrench[j]
+        if not 0.0 <= thrusts[i] <= limits[i]:
+            possible = False
+    return thrusts, possible
 
 
 def _least_squares_in_unit_box(A, b, x) -> np.ndarray:

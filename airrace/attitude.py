@@ -5,9 +5,11 @@ import math
 import numpy as np
 
 from airrace import triples
+from airrace.compiled import compilable
 
 
-def attitude_error(E, w) -> np.ndarray:
+@compilable
+def attitude_error(E, w) -> tuple:
     """Returns the error vector e_R of a relative attitude, in B, (3,).
 
     The tilt of the thrust axis and the yaw are told apart, as by Brescianini
@@ -20,13 +22,14 @@ def attitude_error(E, w) -> np.ndarray:
         E: R_d^T R, (3, 3), an array or its rows.
         w: angular velocity in B, see tilt_error().
     """
-    e = tilt_error(E[2], _Z, w)  # the last row of E is the desired z axis in B
+    # The last row of E is the desired z axis in B.
+    x, y, _ = tilt_error(E[2], (0.0, 0.0, 1.0), w)
     yaw = math.atan2(E[1][0] - E[0][1], E[0][0] + E[1][1])
-    e[2] = 2.0 * math.sin(yaw / 2)
-    return e
+    return x, y, 2.0 * math.sin(yaw / 2)
 
 
-def tilt_error(n_d, n, w) -> np.ndarray:
+@compilable
+def tilt_error(n_d, n, w) -> tuple:
     """Returns 2 sin(angle / 2) about the axis that turned n_d into n, (3,).
 
     It grows all the way to half a turn, as in Lee, "Geometric tracking control
@@ -41,24 +44,30 @@ def tilt_error(n_d, n, w) -> np.ndarray:
     """
     cosine = math.sqrt(max(0.5 + 0.5 * triples.dot(n_d, n), 0.0))  # of half the angle
     if cosine > 1e-3:
-        return np.array(triples.cross(n_d, n)) / cosine
+        x, y, z = triples.cross(n_d, n)
+        return x / cosine, y / cosine, z / cosine
     # The way on, and if at rest, across n.
-    n, w = np.array(n), np.array(w)
-    axis = -(w - w.dot(n) * n)
-    if axis.dot(axis) < 1e-6:
-        axis = cross(n, np.eye(3)[np.abs(n).argmin()])
-    return 2.0 / math.sqrt(axis.dot(axis)) * axis
+    axis = triples.sum2(triples.dot(w, n), n, -1.0, w)
+    if triples.dot(axis, axis) < 1e-6:
+        if abs(n[0]) <= abs(n[1]) and abs(n[0]) <= abs(n[2]):
+            axis = triples.cross(n, (1.0, 0.0, 0.0))
+        elif abs(n[1]) <= abs(n[2]):
+            axis = triples.cross(n, (0.0, 1.0, 0.0))
+        else:
+            axis = triples.cross(n, (0.0, 0.0, 1.0))
+    scale = 2.0 / math.sqrt(triples.dot(axis, axis))
+    return scale * axis[0], scale * axis[1], scale * axis[2]
 
 
-def turned_back(moment, angle: float) -> np.ndarray:
+@compilable
+def turned_back(moment, angle: float) -> tuple:
     """Returns a moment turned by -angle about z, (3,).
 
     What the rotors of a spinning body do late, they do in a direction that has
     turned with the body; this makes up for it.
     """
     c, s = math.cos(angle), math.sin(angle)
-    x, y, z = moment
-    return np.array([c * x + s * y, c * y - s * x, z])
+    return c * moment[0] + s * moment[1], c * moment[1] - s * moment[0], moment[2]
 
 
 def cross(a, b) -> np.ndarray:
@@ -69,6 +78,3 @@ def cross(a, b) -> np.ndarray:
 def rotation_matrix(w, x, y, z) -> np.ndarray:
     """Returns the rotation matrix (3, 3) of a quaternion of any length."""
     return np.array(triples.columns(w, x, y, z)).T
-
-
-_Z = (0.0, 0.0, 1.0)

@@ -59,13 +59,13 @@ class ReducedAttitude:
         spin = w.dot(axis)
         w_side = w - spin * axis
         acceleration = (
-            -self._k_R * tilt_error(n_d, axis, w)
+            -self._k_R * np.array(tilt_error(n_d, axis, w))
             - self._k_w * w_side
             - spin * cross(axis, w_side)
         )
         trim = cross(spin * axis, spin * self._J * axis)
         moment = self._J * acceleration + cross(w, self._J * w) - trim
-        moment = turned_back(moment, ROTOR_DELAY * w[2]) + trim
+        moment = np.array(turned_back(moment, ROTOR_DELAY * w[2])) + trim
         # Keeps up the vertical part of the thrust when tilted.
         cosine = n_d.dot(axis)
         lift = min(1.0 / cosine, _MOST_LIFT) if cosine > 0.0 else 0.0

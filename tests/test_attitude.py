@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RotationMatrix
 
-from airrace.attitude import attitude_error, cross, rotation_matrix, tilt_error, turned_back
+from airrace import attitude
+from airrace.attitude import cross, rotation_matrix, turned_back
 
 Z = np.array([0.0, 0.0, 1.0])
 REST = np.zeros(3)
@@ -16,6 +17,14 @@ vectors = st.tuples(numbers, numbers, numbers).map(np.array)
 units = vectors.filter(lambda v: np.linalg.norm(v) > 0.1).map(lambda v: v / np.linalg.norm(v))
 headings = st.floats(-np.pi, np.pi)
 half_turns = st.floats(0.0, np.pi)
+
+
+def attitude_error(E, w):
+    return np.array(attitude.attitude_error(E, w))
+
+
+def tilt_error(n_d, n, w):
+    return np.array(attitude.tilt_error(n_d, n, w))
 
 
 def across(heading):

@@ -126,7 +126,7 @@ def test_the_spin_does_not_turn_the_damping(w, spin, left):
     trim = np.cross(along, J * along)
     moment = reduced.wrench(estimate(R, R.matrix() @ w), CALM, left)[1:]
     # What the rotors will have done, late.
-    moment = trim + turned_back(moment - trim, -ROTOR_DELAY * spin)
+    moment = trim + np.array(turned_back(moment - trim, -ROTOR_DELAY * spin))
     acceleration = (moment - np.cross(w, J * w)) / J
     gain = DEFAULT.gains.angular_velocity
     np.testing.assert_allclose(acceleration + np.cross(along, beside), -gain * beside, atol=1e-5)

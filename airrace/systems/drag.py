@@ -9,6 +9,8 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import LeafSystem
 
+from airrace.compiled import compiled
+from airrace.triples import columns, dot, sum2, triple
 from airrace.vehicle import Vehicle
 
 
@@ -46,9 +48,7 @@ class Drag(LeafSystem):
         """
         LeafSystem.__init__(self)
         drag = vehicle.drag
-        self._coefficients = [
-            [share * c for c in each] for each in (drag.linear, drag.quadratic, drag.angular)
-        ]
+        self._coefficients = share * np.array([drag.linear, drag.quadratic, drag.angular])
         self._body_index = body_index
         self._state = self.DeclareVectorInputPort("state", 13)
         self._wind = self.DeclareVectorInputPort("wind", 3)
@@ -57,27 +57,30 @@ class Drag(LeafSystem):
         )
 
     def _CalcForces(self, context, output):
-        # Plain numbers: every step of the plant asks, and arrays this small
-        # cost more than they spare.
-        qw, qx, qy, qz, _, _, _, wx, wy, wz, vx, vy, vz = self._state.Eval(context).tolist()
-        ax, ay, az = self._wind.Eval(context).tolist()
-        vx, vy, vz = vx - ax, vy - ay, vz - az
-        s = 2.0 / (qw * qw + qx * qx + qy * qy + qz * qz)
-        # The body axes in the world, the columns of R_WB.
-        axes = (
-            (1.0 - s * (qy * qy + qz * qz), s * (qx * qy + qw * qz), s * (qx * qz - qw * qy)),
-            (s * (qx * qy - qw * qz), 1.0 - s * (qx * qx + qz * qz), s * (qy * qz + qw * qx)),
-            (s * (qx * qz + qw * qy), s * (qy * qz - qw * qx), 1.0 - s * (qx * qx + qy * qy)),
-        )
-        speed = math.sqrt(vx * vx + vy * vy + vz * vz)
-        fx = fy = fz = tx = ty = tz = 0.0
-        for (x, y, z), linear, quadratic, angular in zip(axes, *self._coefficients):
-            f = (linear + quadratic * speed) * (x * vx + y * vy + z * vz)
-            t = angular * (x * wx + y * wy + z * wz)
-            fx, fy, fz = fx - f * x, fy - f * y, fz - f * z
-            tx, ty, tz = tx - t * x, ty - t * y, tz - t * z
         force = ExternallyAppliedSpatialForce()
         force.body_index = self._body_index
         force.p_BoBq_B = np.zeros(3)
-        force.F_Bq_W = SpatialForce(np.array([tx, ty, tz, fx, fy, fz]))
+        force.F_Bq_W = SpatialForce(
+            _drag(self._state.Eval(context), self._wind.Eval(context), self._coefficients))
         output.set_value([force])
+
+
+@compiled
+def _drag(state, wind, coefficients):
+    """Returns moment (N m) and force (N) in the world, (6,); see Drag.
+
+    Args:
+        coefficients: linear, quadratic and angular, (3, 3).
+    """
+    axes = columns(state[0], state[1], state[2], state[3])  # of R_WB
+    w, v = triple(state, 7), sum2(1.0, triple(state, 10), -1.0, wind)
+    speed = math.sqrt(dot(v, v))
+    result = np.zeros(6)
+    for i in range(3):
+        axis = axes[i]
+        t = coefficients[2, i] * dot(axis, w)
+        f = (coefficients[0, i] + coefficients[1, i] * speed) * dot(axis, v)
+        for k in range(3):
+            result[k] -= t * axis[k]
+            result[3 + k] -= f * axis[k]
+    return result

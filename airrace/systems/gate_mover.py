@@ -63,7 +63,7 @@ class GateMover(LeafSystem):
         n = len(self._openings)
         p = self._state.Eval(context)[4:7]
         gate = int(memory[3]) % n
-        if self._openings[gate].find(memory[:3].tolist(), p.tolist(), shifts[gate]):
+        if self._openings[gate].find(memory[:3], p, shifts[gate]):
             memory[3] += 1
         memory[:3] = p
         # How often each gate has been passed and left half a lap behind.

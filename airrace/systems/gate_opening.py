@@ -2,6 +2,9 @@
 
 import math
 
+import numpy as np
+
+from airrace.compiled import compiled
 from airrace.track import PYLON_HEIGHT, Gate
 
 
@@ -10,33 +13,38 @@ class GateOpening:
 
     def __init__(self, gate: Gate):
         """Args: gate: where the track's file has it."""
-        # Plain numbers: the referee asks at every step of the plant.
-        self._p_WG = gate.p_WG.tolist()
-        self._forward = gate.forward.tolist()
-        self._rightward = gate.rightward.tolist()
+        self._gate = np.array([gate.p_WG, gate.forward, gate.rightward])
         self._half = gate.pylon_spacing / 2
 
     def find(self, q, p, shift=(0.0, 0.0)) -> tuple[float, float] | None:
         """Returns where a straight line passes the gate from the front, None if it does not.
 
         Args:
-            q, p: its ends, [x, y, z] (m); NaN passes nothing.
+            q, p: its ends, [x, y, z] (m), (3,); NaN passes nothing.
             shift: of the gate, [x, y] (m).
 
         Returns:
             (share, offset): of the line before the gate, 0 to 1, and the distance from the
             gate's midpoint (m).
         """
-        x, y, z = self._p_WG
-        p_WG = x, y, _ = x + shift[0], y + shift[1], z
-        fx, fy, _ = self._forward
-        before = fx * (q[0] - x) + fy * (q[1] - y)
-        after = fx * (p[0] - x) + fy * (p[1] - y)
-        if not before < 0.0 <= after:
-            return None
-        share = before / (before - after)
-        at = [a + share * (b - a) for a, b in zip(q, p)]
-        side = sum(r * (a - g) for r, a, g in zip(self._rightward, at, p_WG))
-        if abs(side) >= self._half or not 0.0 < at[2] < PYLON_HEIGHT:
-            return None
-        return share, math.hypot(side, at[2] - z)
+        share, offset = _find(self._gate, self._half, q, p, float(shift[0]), float(shift[1]))
+        return None if math.isnan(share) else (share, offset)
+
+
+@compiled
+def _find(gate, half, q, p, shift_x, shift_y):
+    """See GateOpening.find(); NaN if the line does not pass."""
+    (x, y, z), (fx, fy, _), (rx, ry, rz) = gate
+    x, y = x + shift_x, y + shift_y
+    before = fx * (q[0] - x) + fy * (q[1] - y)
+    after = fx * (p[0] - x) + fy * (p[1] - y)
+    if not before < 0.0 <= after:
+        return math.nan, math.nan
+    share = before / (before - after)
+    dx = q[0] + share * (p[0] - q[0]) - x
+    dy = q[1] + share * (p[1] - q[1]) - y
+    height = q[2] + share * (p[2] - q[2])
+    side = rx * dx + ry * dy + rz * (height - z)
+    if abs(side) >= half or not 0.0 < height < PYLON_HEIGHT:
+        return math.nan, math.nan
+    return share, math.hypot(side, height - z)

@@ -7,12 +7,13 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from airrace.attitude import attitude_error, turned_back
+from airrace.compiled import all_finite, compilable, compiled
 from airrace.reduced_attitude import ROTOR_DELAY, ReducedAttitude
 from airrace.rotor_loss import Remaining
 from airrace.systems import state_estimate as se
 from airrace.trajopt import flat_trajectory as ref
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
-from airrace.triples import columns, cross, dot
+from airrace.triples import columns, cross, dot, in_axes, sum2, transposed, triple
 from airrace.vehicle import GRAVITY, Vehicle
 
 _THRUST_SHARE = 0.9  # of what the rotors have: the rest is for the attitude
@@ -66,20 +67,20 @@ class GeometricController(LeafSystem):
             disturbance_rejection: whether to lean against the disturbance.
         """
         LeafSystem.__init__(self)
-        self._mass = vehicle.mass
-        self._J = list(map(float, vehicle.inertia))
-        self._k_x, self._k_v = vehicle.gains.position, vehicle.gains.velocity
-        self._k_R, self._k_w = (gain.tolist() for gain in _attitude_gains(vehicle))
-        self._c_f = vehicle.thrust_coefficients.tolist()
-        self._max_speeds = vehicle.max_speeds.tolist()
+        self._mass, self._J = float(vehicle.mass), np.array(vehicle.inertia, float)
+        self._k_x, self._k_v = float(vehicle.gains.position), float(vehicle.gains.velocity)
+        self._k_R, self._k_w = _attitude_gains(vehicle)
+        self._c_f = vehicle.thrust_coefficients
+        self._max_speeds = vehicle.max_speeds
         self._feed_forward = feed_forward
         self._rejection = float(disturbance_rejection)
         self._overdrive = _reached(rate, min(_SHORT_LAG, vehicle.rotor_lag)) / _reached(
             rate, vehicle.rotor_lag
         )
         n = len(vehicle.rotors)
-        self._remaining = functools.cache(lambda working: Remaining(vehicle, working))
-        self._max_thrust = _THRUST_SHARE * self._remaining((True,) * n).max_lift
+        self._remaining = functools.cache(
+            lambda working: Remaining(vehicle, np.frombuffer(working, bool)))
+        self._max_thrust = _THRUST_SHARE * self._remaining(np.ones(n, bool).tobytes()).max_lift
         self._reduced = ReducedAttitude(vehicle)
         self._reference = self.DeclareVectorInputPort("reference", ref.SIZE)
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", se.SIZE)
@@ -91,80 +92,93 @@ class GeometricController(LeafSystem):
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     def _UpdateCommand(self, context, discrete_state):
-        # Plain numbers: arrays this small cost more than they spare.
-        working = tuple(map(math.isinf, self._losses.Eval(context).tolist()))
-        remaining = self._remaining(working)
-        estimate = self._estimate.Eval(context).tolist()
-        disturbance = [self._rejection * d for d in self._disturbance.Eval(context).tolist()]
-        reference = self._reference.Eval(context).tolist() if remaining.can_fly else ()
-        if not all(map(math.isfinite, (*estimate, *disturbance, *reference))):
-            return  # the last command is the best there is
-        if remaining.can_fly:
-            reference[ref.ACCELERATION] = [
-                a - d for a, d in zip(reference[ref.ACCELERATION], disturbance)]
-            if not self._feed_forward:
-                reference[ref.JERK] = reference[ref.SNAP] = [0.0, 0.0, 0.0]
-                reference[ref.YAW_RATE] = reference[ref.YAW_ACCELERATION] = 0.0
-            wrench = self.CalcWrench(reference, estimate)
+        working = np.isinf(self._losses.Eval(context))
+        remaining = self._remaining(working.tobytes())
+        estimate = self._estimate.Eval(context)
+        disturbance = self._rejection * self._disturbance.Eval(context)
+        if not remaining.can_fly:
+            if not (all_finite(estimate) and all_finite(disturbance)):
+                return  # the last command is the best there is
+            wrench = self._reduced.wrench(estimate, disturbance, remaining)
         else:
-            wrench = self._reduced.wrench(np.array(estimate), np.array(disturbance), remaining)
-        if not all(map(math.isfinite, wrench.tolist())):
+            reference = self._reference.Eval(context)
+            if not (all_finite(estimate) and all_finite(disturbance) and all_finite(reference)):
+                return
+            reference[ref.ACCELERATION] -= disturbance
+            if not self._feed_forward:
+                reference[ref.JERK.start:ref.SNAP.stop] = 0.0
+                reference[ref.YAW_RATE:] = 0.0
+            wrench = self.CalcWrench(reference, estimate)
+        if not all_finite(wrench):
             return
-        command = []
-        for thrust, c_f, speed, limit, works in zip(
-            remaining.allocator.allocate(wrench).tolist(), self._c_f,
-            self._speeds.Eval(context).tolist(), self._max_speeds, working,
-        ):
-            faster = speed + self._overdrive * (math.sqrt(thrust / c_f) - speed)
-            # NaN is not greater than zero.
-            command.append(min(faster, limit) if works and faster > 0.0 else 0.0)
-        discrete_state.set_value(np.array(command))
+        discrete_state.set_value(_commands(
+            remaining.allocator.allocate(wrench), working, self._speeds.Eval(context),
+            self._c_f, self._max_speeds, self._overdrive,
+        ))
 
     def CalcWrench(self, reference, estimate) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), shape (4,).
 
         Args:
-            reference: of trajopt/flat_trajectory.py, 18 numbers; a list is fastest.
-            estimate: of systems/state_estimate.py, 14 numbers.
+            reference: of trajopt/flat_trajectory.py, (18,).
+            estimate: of systems/state_estimate.py, (14,).
         """
-        r, e = reference, estimate
-        k_x, k_v = self._k_x, self._k_v
-        # Equation (23): the desired specific force, and its axis.
-        force = [
-            a - k_x * (p - p_d) - k_v * (v - v_d)
-            for a, p, p_d, v, v_d in zip(
-                r[ref.ACCELERATION], e[se.POSITION], r[ref.POSITION],
-                e[se.VELOCITY], r[ref.VELOCITY],
-            )
-        ]
-        force[2] += GRAVITY
-        force = limited(force, self._max_thrust / self._mass)
-        yaw, yaw_rate, yaw_acceleration = r[ref.YAW:]
-        axes, w_d, alpha_d = attitude_from_force(
-            force, r[ref.JERK], r[ref.SNAP],
-            heading_vectors(math.cos(yaw), math.sin(yaw), yaw_rate, yaw_acceleration),
+        return _wrench(
+            reference, estimate, self._mass, self._J, self._k_x, self._k_v, self._k_R, self._k_w,
+            self._max_thrust,
         )
-        R = columns(*e[se.QUATERNION])
-        E = [[dot(axis, column) for column in R] for axis in axes]  # R_d^T R
-        ET = tuple(zip(*E))
-        w = [dot(e[se.ANGULAR_VELOCITY], column) for column in R]
-        w_d = [dot(w_d, column) for column in ET]
-        e_w = [a - b for a, b in zip(w, w_d)]
-        # Equations (15) and (16); gains are per unit of mass and inertia. The
-        # third term keeps a spin that is yet to be stopped from turning the others.
-        turning = (-e_w[2] * e_w[1], e_w[2] * e_w[0], 0.0)
-        J = self._J
-        moment = [
-            J_i * (-k_R * e_R - k_w * de - turn - coupling + dot(alpha_d, column)) + gyroscopic
-            for J_i, k_R, e_R, k_w, de, turn, coupling, column, gyroscopic in zip(
-                J, self._k_R, attitude_error(E, w).tolist(), self._k_w, e_w, turning,
-                cross(w, w_d), ET, cross(w, [J_i * w_i for J_i, w_i in zip(J, w)]),
-            )
-        ]
-        moment = turned_back(moment, ROTOR_DELAY * w[2])
-        return np.array([self._mass * max(dot(force, R[2]), 0.0), *moment])
 
 
+@compiled
+def _wrench(r, e, mass, J, k_x, k_v, k_R, k_w, max_thrust):
+    """See GeometricController.CalcWrench(); gains are per unit of mass and inertia."""
+    p, q = ref.POSITION.start, se.POSITION.start
+    v, u = ref.VELOCITY.start, se.VELOCITY.start
+    a = ref.ACCELERATION.start
+    # Equation (23): the desired specific force, and its axis.
+    force = limited((
+        r[a] - k_x * (e[q] - r[p]) - k_v * (e[u] - r[v]),
+        r[a + 1] - k_x * (e[q + 1] - r[p + 1]) - k_v * (e[u + 1] - r[v + 1]),
+        r[a + 2] - k_x * (e[q + 2] - r[p + 2]) - k_v * (e[u + 2] - r[v + 2]) + GRAVITY,
+    ), max_thrust / mass)
+    axes, w_W, alpha_d = attitude_from_force(
+        force, triple(r, ref.JERK.start), triple(r, ref.SNAP.start),
+        heading_vectors(
+            math.cos(r[ref.YAW]), math.sin(r[ref.YAW]), r[ref.YAW_RATE], r[ref.YAW_ACCELERATION]),
+    )
+    q = se.QUATERNION.start
+    R = columns(e[q], e[q + 1], e[q + 2], e[q + 3])
+    # R_d^T R; its columns take from the desired body to the one there is.
+    E = (in_axes(axes[0], R), in_axes(axes[1], R), in_axes(axes[2], R))
+    ET = transposed(E)
+    w = in_axes(triple(e, se.ANGULAR_VELOCITY.start), R)
+    w_d, alpha_d = in_axes(w_W, ET), in_axes(alpha_d, ET)
+    e_R, e_w = attitude_error(E, w), sum2(1.0, w, -1.0, w_d)
+    # Keeps a spin that is yet to be stopped from turning the others.
+    turning = (-e_w[2] * e_w[1], e_w[2] * e_w[0], 0.0)
+    coupling = cross(w, w_d)
+    gyroscopic = cross(w, (J[0] * w[0], J[1] * w[1], J[2] * w[2]))
+    # Equations (15) and (16).
+    moment = np.empty(3)
+    for i in range(3):
+        turn = -k_R[i] * e_R[i] - k_w[i] * e_w[i] - turning[i] - coupling[i] + alpha_d[i]
+        moment[i] = J[i] * turn + gyroscopic[i]
+    x, y, z = turned_back(moment, ROTOR_DELAY * w[2])
+    return np.array([mass * max(dot(force, R[2]), 0.0), x, y, z])
+
+
+@compiled
+def _commands(thrusts, working, speeds, c_f, max_speeds, overdrive):
+    """Returns the speeds to command for thrusts (N), all (n,); those of lost rotors are zero."""
+    commands = np.zeros(len(thrusts))
+    for i in range(len(thrusts)):
+        faster = speeds[i] + overdrive * (math.sqrt(thrusts[i] / c_f[i]) - speeds[i])
+        if working[i] and faster > 0.0:  # NaN is not
+            commands[i] = min(faster, max_speeds[i])
+    return commands
+
+
+@compilable
 def limited(force, greatest: float) -> tuple:
     """Returns the part of a desired specific force that rotors can give, (3,).
 

@@ -8,6 +8,7 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import LeafSystem
 
+from airrace.compiled import compiled
 from airrace.disturbances import failures_clause
 from airrace.systems.gate_opening import GateOpening
 from airrace.systems.types import ExplorerStatus, Immutable
@@ -15,6 +16,13 @@ from airrace.track import Track
 
 # Columns of the table of crossings.
 _TIME, _OFFSET, _MAX_SPEED = range(3)
+# The memory: when and where the last look was, whether the drone has taken off, how many
+# gates it has crossed, its greatest speed since the last of them, the verdict, the index of
+# what it touched, and when the race ended.
+_LOOK, _PLACE, _AIRBORNE, _CROSSINGS, _FASTEST = 0, slice(1, 4), 4, 5, 6
+_VERDICT, _THING, _END = 7, 8, 9
+_BEFORE = np.array([0.0, *3 * [np.nan], *6 * [0.0]])  # no crossing before the second look
+_POSITION = slice(4, 7)  # in the plant's state
 OUT_OF_TIME = "ran out of time"
 # Why a race ended; the index into this tuple is the state's `verdict`.
 VERDICTS = (
@@ -121,7 +129,8 @@ class Referee(LeafSystem):
         LeafSystem.__init__(self)
         self._gates = [GateOpening(gate) for gate in track.gates]
         feet = track.pylons()[:, :2]
-        self._arena = (*(feet.min(0) - arena_margin), *(feet.max(0) + arena_margin), arena_margin)
+        self._arena = np.array(
+            [*(feet.min(0) - arena_margin), *(feet.max(0) + arena_margin), arena_margin])
         self._takeoff_height = standing_height + 0.4
         self._time_limit = time_limit
         self._names = body_names
@@ -136,8 +145,8 @@ class Referee(LeafSystem):
         self._shifts = None
         if moving_gates:
             self._shifts = self.DeclareVectorInputPort("gate_shifts", 2 * len(track.gates))
-        # One vector: see _Memory. Numbers only, so that a step copies no objects.
-        self._memory = self.DeclareDiscreteState(_Memory().vector())
+        # Numbers only, so that a step copies no objects.
+        self._memory = self.DeclareDiscreteState(_BEFORE)
         self._table = self.DeclareDiscreteState(3 * self._total)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._Judge)
         self.DeclareAbstractOutputPort(
@@ -148,104 +157,97 @@ class Referee(LeafSystem):
         )
 
     def _Judge(self, context, discrete_state):
-        m = _Memory(*context.get_discrete_state(self._memory).value().tolist())
-        if m.verdict:
+        m = context.get_discrete_state(self._memory).value().copy()
+        if m[_VERDICT]:
             return
-        time = context.get_time()
-        *_, x, y, z, _, _, _, vx, vy, vz = self._state.Eval(context).tolist()
-        if not m.airborne and z > self._takeoff_height:
-            m.airborne = 1.0
-        m.max_speed = max(m.max_speed, math.sqrt(vx * vx + vy * vy + vz * vz))
-        crossing = self._FindCrossing(context, m, time, (x, y, z))
+        time, state = context.get_time(), self._state.Eval(context)
+        _observe(m, state, self._takeoff_height)
+        crossing = self._FindCrossing(context, m, time, state[_POSITION])
         if crossing and self._explorer.Eval(context).done:
             table = context.get_discrete_state(self._table).value().copy()
-            row = 3 * int(m.crossings)
-            table[row:row + 3] = (*crossing, m.max_speed)
+            row = 3 * int(m[_CROSSINGS])
+            table[row:row + 3] = (*crossing, m[_FASTEST])
             discrete_state.set_value(self._table, table)
-            m.crossings += 1
-            m.max_speed = 0.0
-            if m.crossings == self._total:
-                m.verdict, m.end_time = _FINISHED, crossing[_TIME]
-        if not m.verdict:
-            m.verdict, m.touched = self._FindFault(context, m, time, x, y, z)
-            m.end_time = time
-        m.time, m.x, m.y, m.z = time, x, y, z
-        discrete_state.set_value(self._memory, m.vector())
+            m[_CROSSINGS] += 1
+            m[_FASTEST] = 0.0
+            if m[_CROSSINGS] == self._total:
+                m[_VERDICT], m[_END] = _FINISHED, crossing[_TIME]
+        if not m[_VERDICT]:
+            m[_VERDICT], m[_THING] = self._FindFault(context, m, time, state)
+            m[_END] = time
+        m[_LOOK], m[_PLACE] = time, state[_POSITION]
+        discrete_state.set_value(self._memory, m)
 
     def _FindCrossing(self, context, m, time, p):
         """Returns (time, offset) if the step crossed the next gate, or None."""
-        if not m.airborne:
+        if not m[_AIRBORNE]:
             return None
-        gate = int(m.crossings) % len(self._gates)
+        gate = int(m[_CROSSINGS]) % len(self._gates)
         shift = (0.0, 0.0)
         if self._shifts is not None:
-            shift = self._shifts.Eval(context)[2 * gate:2 * gate + 2].tolist()
-        found = self._gates[gate].find((m.x, m.y, m.z), p, shift)
+            shift = self._shifts.Eval(context)[2 * gate:2 * gate + 2]
+        found = self._gates[gate].find(m[_PLACE], p, shift)
         if found is None:
             return None
         share, offset = found
-        return m.time + share * (time - m.time), offset
+        return m[_LOOK] + share * (time - m[_LOOK]), offset
 
-    def _FindFault(self, context, m, time, x, y, z):
+    def _FindFault(self, context, m, time, state):
         """Returns the verdict (0 if none) and the index of what was touched."""
-        if not math.isfinite(x + y + z):
+        where = _whereabouts(state, self._arena)
+        if where == _DIVERGED:
             return _DIVERGED, 0
         contacts = self._contacts.Eval(context)
         for i in range(contacts.num_point_pair_contacts()):
             pair = contacts.point_pair_contact_info(i).point_pair()
             name = self._names.get(pair.id_A) or self._names.get(pair.id_B)
             if name in ("ground", "pad"):
-                if m.airborne:
+                if m[_AIRBORNE]:
                     return _GROUND, 0
             elif name:
                 return _TOUCHED, self._touchable.index(name)
-        x0, y0, x1, y1, z1 = self._arena
-        if not (x0 < x < x1 and y0 < y < y1 and z < z1):
-            return _ARENA, 0
-        return (_TIMEOUT if time >= self._time_limit else 0), 0
+        return where or (_TIMEOUT if time >= self._time_limit else 0), 0
 
     def _CalcReport(self, context, output):
-        m = _Memory(*context.get_discrete_state(self._memory).value().tolist())
+        m = context.get_discrete_state(self._memory).value()
         table = context.get_discrete_state(self._table).value().reshape(-1, 3)
         n = len(self._gates)
         crossings = tuple(
             GateCrossing(time=row[_TIME], gate=i % n + 1, lap=i // n + 1,
                          offset=row[_OFFSET], max_speed=row[_MAX_SPEED])
-            for i, row in enumerate(table[:int(m.crossings)].tolist())
+            for i, row in enumerate(table[:int(m[_CROSSINGS])].tolist())
         )
-        verdict = int(m.verdict)
+        verdict = int(m[_VERDICT])
         reason = None
+        end_time = float(m[_END])
         if verdict > _FINISHED:
-            what = self._touchable[int(m.touched)] if verdict == _TOUCHED else ""
+            what = self._touchable[int(m[_THING])] if verdict == _TOUCHED else ""
             reason = VERDICTS[verdict].format(what=what)
             if verdict in (_GROUND, _TOUCHED, _ARENA):
-                reason += failures_clause(self._failures, m.end_time)
+                reason += failures_clause(self._failures, end_time)
         output.set_value(RefereeReport(
             crossings=crossings,
             finished=verdict == _FINISHED,
             dnf_reason=reason,
-            end_time=m.end_time if verdict else None,
+            end_time=end_time if verdict else None,
             collisions=int(verdict in (_GROUND, _TOUCHED)),
         ))
 
 
-@dc.dataclass(slots=True)
-class _Memory:
-    """What the referee remembers between two looks, as one vector."""
+@compiled
+def _observe(memory, state, takeoff_height):
+    """Notes in the memory that the drone has taken off, and its greatest speed."""
+    if state[_POSITION][2] > takeoff_height:
+        memory[_AIRBORNE] = 1.0
+    x, y, z = state[-3:]
+    memory[_FASTEST] = max(memory[_FASTEST], math.sqrt(x * x + y * y + z * z))
 
-    time: float = 0.0
-    x: float = math.nan  # no crossing before the second look
-    y: float = math.nan
-    z: float = math.nan
-    airborne: float = 0.0
-    crossings: float = 0.0
-    max_speed: float = 0.0
-    verdict: float = 0.0
-    touched: float = 0.0
-    end_time: float = 0.0
 
-    def vector(self) -> np.ndarray:
-        return np.array([
-            self.time, self.x, self.y, self.z, self.airborne, self.crossings, self.max_speed,
-            self.verdict, self.touched, self.end_time,
-        ])
+@compiled
+def _whereabouts(state, arena):
+    """Returns a verdict on where the drone is, 0 if it is fine."""
+    x, y, z = state[_POSITION]
+    if not math.isfinite(x + y + z):
+        return _DIVERGED
+    x0, y0, x1, y1, z1 = arena
+    return 0 if x0 < x < x1 and y0 < y < y1 and z < z1 else _ARENA

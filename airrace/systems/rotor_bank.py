@@ -3,6 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
+from airrace.compiled import compiled
 from airrace.vehicle import Vehicle
 
 
@@ -36,8 +37,7 @@ class RotorBank(LeafSystem):
         """
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
-        self._c_f = vehicle.thrust_coefficients.tolist()
-        self._max_speeds = vehicle.max_speeds.tolist()
+        self._c_f, self._max_speeds = vehicle.thrust_coefficients, vehicle.max_speeds
         self._failures = tuple(failures)
         self._blend = float(1.0 - np.exp(-period / vehicle.rotor_lag))
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
@@ -51,26 +51,26 @@ class RotorBank(LeafSystem):
     def SetSpeeds(self, context, speeds) -> None:
         """Makes the rotors turn with some speeds (rad/s), (n,)."""
         context.SetDiscreteState(self._speeds, speeds)
-        context.SetDiscreteState(self._thrusts, self._Thrusts(speeds))
-
-    def _Thrusts(self, speeds) -> np.ndarray:
-        return np.array([c * w * w for c, w in zip(self._c_f, speeds)])
+        context.SetDiscreteState(self._thrusts, self._c_f * np.square(speeds))
 
     def _UpdateSpeeds(self, context, discrete_state):
-        # Plain numbers: arrays this small cost more than they spare. NaN is not
-        # greater than zero.
-        command = [
-            min(speed, limit) if speed > 0.0 else 0.0
-            for speed, limit in zip(self._command.Eval(context).tolist(), self._max_speeds)
-        ]
+        command = self._command.Eval(context)
         for rotor, time in self._failures:
             if context.get_time() >= time:
                 command[rotor] = 0.0
-        blend = self._blend
-        speeds = [
-            speed + blend * (wanted - speed)
-            for speed, wanted in zip(
-                context.get_discrete_state(self._speeds).value().tolist(), command)
-        ]
-        discrete_state.set_value(self._speeds, np.array(speeds))
-        discrete_state.set_value(self._thrusts, self._Thrusts(speeds))
+        speeds = context.get_discrete_state(self._speeds).value().copy()
+        discrete_state.set_value(
+            self._thrusts, _turn(speeds, command, self._max_speeds, self._blend, self._c_f))
+        discrete_state.set_value(self._speeds, speeds)
+
+
+@compiled
+def _turn(speeds, command, max_speeds, blend, c_f):
+    """Changes the speeds by one period of the lag; returns the thrusts then (N), (n,)."""
+    thrusts = np.empty(len(speeds))
+    for i in range(len(speeds)):
+        # NaN is not greater than zero.
+        wanted = min(command[i], max_speeds[i]) if command[i] > 0.0 else 0.0
+        speeds[i] += blend * (wanted - speeds[i])
+        thrusts[i] = c_f[i] * speeds[i] * speeds[i]
+    return thrusts

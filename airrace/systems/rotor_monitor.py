@@ -5,6 +5,7 @@ import math
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
+from airrace.compiled import compiled
 from airrace.vehicle import Vehicle
 
 _SHARE = 0.8  # of the speed that it should have: a rotor below that does not follow
@@ -46,7 +47,7 @@ class RotorMonitor(LeafSystem):
         n = len(vehicle.rotors)
         self._period = 1.0 / rate
         self._blend = 1.0 - math.exp(-self._period / vehicle.rotor_lag)
-        self._least = (_LEAST * vehicle.max_speeds).tolist()
+        self._least = _LEAST * vehicle.max_speeds
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         # The model's speeds, newest first, and for how long a rotor has not followed (s).
@@ -58,30 +59,38 @@ class RotorMonitor(LeafSystem):
         self.DeclareStateOutputPort("rotor_losses", losses)
 
     def _Compare(self, context, discrete_state):
-        n = self._speeds.size()
         memory = context.get_discrete_state(self._model).value()
-        speeds = self._speeds.Eval(context).tolist()
-        newest = memory[:n].tolist()
-        # Written such that a speed that is not a number is too low. Who follows the newest
-        # of the model's speeds follows the least.
-        if all(speed >= _SHARE * model for speed, model in zip(speeds, newest)):
-            waited = n * [0.0]
-        else:
-            due = memory[:-n].reshape(-1, n).min(axis=0).tolist()
-            waited = [
-                since + self._period if model > least and not speed >= _SHARE * model else 0.0
-                for since, model, least, speed in zip(
-                    memory[-n:].tolist(), due, self._least, speeds)
-            ]
-        if max(waited) > _PATIENCE:
-            losses = context.get_discrete_state(self._losses).value()
-            lost = np.where(np.array(waited) > _PATIENCE, context.get_time(), np.inf)
-            discrete_state.set_value(self._losses, np.minimum(losses, lost))
-        after = np.empty_like(memory)
-        after[:n] = [
-            model + self._blend * (command - model)
-            for model, command in zip(newest, self._command.Eval(context).tolist())
-        ]
-        after[n:-n] = memory[:-2 * n]
-        after[-n:] = waited
+        after, lost = _compared(
+            memory, self._speeds.Eval(context), self._command.Eval(context), self._least,
+            self._blend, self._period,
+        )
         discrete_state.set_value(self._model, after)
+        if lost.any():
+            losses = context.get_discrete_state(self._losses).value()
+            discrete_state.set_value(
+                self._losses, np.minimum(losses, np.where(lost, context.get_time(), np.inf)))
+
+
+@compiled
+def _compared(memory, speeds, command, least, blend, period):
+    """Returns the memory after a comparison, and which rotors are lost, (n,).
+
+    Args:
+        memory: the model's speeds, newest first, and how long each rotor has not followed.
+        speeds, command: of the rotors (rad/s), (n,).
+        least: model speeds up to which there is nothing to tell by (rad/s), (n,).
+        blend: share of a step that a rotor makes in a period.
+        period: (s).
+    """
+    n = len(speeds)
+    after = np.empty_like(memory)
+    after[n:-n] = memory[:-2 * n]
+    lost = np.zeros(n, np.bool_)
+    for i in range(n):
+        after[i] = memory[i] + blend * (command[i] - memory[i])
+        due = memory[i:-n:n].min()
+        # Written such that a speed that is not a number is too low.
+        follows = speeds[i] >= _SHARE * due
+        waited = memory[i - n] + period if due > least[i] and not follows else 0.0
+        after[i - n], lost[i] = waited, waited > _PATIENCE
+    return after, lost

@@ -6,8 +6,9 @@ import numpy as np
 from pydrake.math import DiscreteAlgebraicRiccatiEquation
 from pydrake.systems.framework import LeafSystem
 
+from airrace.compiled import all_finite, compilable, compiled
 from airrace.systems import state_estimate as se
-from airrace.triples import columns
+from airrace.triples import columns, dot, triple
 from airrace.vehicle import GRAVITY, Vehicle
 
 # What the filter is tuned for; the first two are the reference system's noise.
@@ -57,8 +58,8 @@ class StateFilter(LeafSystem):
             rate: how often it looks for a new one (Hz).
         """
         LeafSystem.__init__(self)
-        self._gain = kalman_gain(1.0 / state_rate).tolist()
-        self._thrust_per_mass = (vehicle.thrust_coefficients / vehicle.mass).tolist()
+        self._gain = kalman_gain(1.0 / state_rate)
+        self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
         self._memory = self.DeclareDiscreteState([-1.0, -1.0, *np.zeros(6)])
@@ -69,89 +70,105 @@ class StateFilter(LeafSystem):
         self.DeclareStateOutputPort("disturbance", self._disturbance)
 
     def _Update(self, context, discrete_state):
-        # Plain numbers: arrays this small cost more than they spare.
-        memory = context.get_discrete_state(self._memory).value().tolist()
-        estimate = self._estimate.Eval(context).tolist()
-        if not all(map(math.isfinite, estimate)):
+        memory = context.get_discrete_state(self._memory).value()
+        estimate = self._estimate.Eval(context)
+        if not all_finite(estimate):
             return  # the prediction goes on from the last that was
-        time, newest = estimate[se.TIME], memory[_NEWEST]
-        if newest < 0.0:
-            motion = [*estimate[se.POSITION], *estimate[se.VELOCITY]]
-        elif time > newest:
-            motion, disturbance = self._Corrected(context, memory, estimate)
-            discrete_state.set_value(self._disturbance, np.array(disturbance))
+        after = np.empty_like(memory)
+        after[_NOW], after[_NEWEST] = estimate[se.TIME], max(estimate[se.TIME], memory[_NEWEST])
+        if memory[_NEWEST] < 0.0:
+            after[_MOTION] = [*estimate[se.POSITION], *estimate[se.VELOCITY]]
+        elif estimate[se.TIME] > memory[_NEWEST]:
+            after[_MOTION], disturbance = _corrected(
+                memory, estimate, *self._Push(context), self._gain)
+            discrete_state.set_value(self._disturbance, disturbance)
         else:
             # As the output has it, which others have asked for already.
-            filtered = self._filtered.Eval(context).tolist()
-            time, motion = filtered[se.TIME], [*filtered[se.POSITION], *filtered[se.VELOCITY]]
-        newest = max(newest, estimate[se.TIME])
-        discrete_state.set_value(self._memory, np.array([time, newest, *motion]))
-
-    def _Corrected(self, context, memory, estimate) -> tuple:
-        """Returns position and velocity at the time of a new estimate, (6,); disturbance, (3,)."""
-        motion, thrust, _ = self._Predict(context, memory, estimate, estimate[se.TIME])
-        held = context.get_discrete_state(self._disturbance).value().tolist()
-        motion += held
-        measured = [*estimate[se.POSITION], *estimate[se.VELOCITY]]
-        errors = [z - x for z, x in zip(measured, motion)]
-        p, v, d = (
-            [x + by_position * e_p + by_velocity * e_v
-             for x, e_p, e_v in zip(motion[i:i + 3], errors[:3], errors[3:])]
-            for i, (by_position, by_velocity) in zip((0, 3, 6), self._gain)
-        )
-        if thrust < _FLYING * GRAVITY:
-            d = held
-        limit = min(1.0, _MAX_DISTURBANCE / max(math.hypot(*d), 1e-9))
-        return [*p, *v], [limit * x for x in d]
-
-    def _Predict(self, context, memory, estimate, time):
-        """Carries the memory and the attitude forward.
-
-        Args:
-            memory, estimate: lists of numbers.
-            time: (s).
-
-        Returns:
-            position and velocity, (6,); the thrust per mass (m/s^2); and the
-            quaternion of R_WB, (4,).
-        """
-        thrust = 0.0
-        for c, speed in zip(self._thrust_per_mass, self._speeds.Eval(context).tolist()):
-            if math.isfinite(speed):
-                thrust += c * speed * speed
-        quaternion = predict_quaternion(estimate, time)
-        *_, (ux, uy, uz) = columns(*quaternion)
-        dx, dy, dz = context.get_discrete_state(self._disturbance).value().tolist()
-        ax, ay, az = thrust * ux + dx, thrust * uy + dy, thrust * uz + dz - GRAVITY
-        x, y, z, vx, vy, vz = memory[_MOTION]
-        dt = time - memory[_NOW]
-        motion = [
-            x + dt * (vx + 0.5 * dt * ax), y + dt * (vy + 0.5 * dt * ay),
-            z + dt * (vz + 0.5 * dt * az), vx + dt * ax, vy + dt * ay, vz + dt * az,
-        ]
-        return motion, thrust, quaternion
+            filtered = self._filtered.Eval(context)
+            after[_NOW] = filtered[se.TIME]
+            after[_MOTION] = [*filtered[se.POSITION], *filtered[se.VELOCITY]]
+        discrete_state.set_value(self._memory, after)
 
     def _CalcEstimate(self, context, output):
-        memory = context.get_discrete_state(self._memory).value().tolist()
-        estimate = self._estimate.Eval(context).tolist()
-        if memory[_NEWEST] >= 0.0 and all(map(math.isfinite, estimate)):
-            time = context.get_time()
-            motion, _, quaternion = self._Predict(context, memory, estimate, time)
-            estimate[se.TIME], estimate[se.QUATERNION] = time, quaternion
-            estimate[se.POSITION], estimate[se.VELOCITY] = motion[:3], motion[3:6]
-        output.set_value(np.array(estimate))
+        memory = context.get_discrete_state(self._memory).value()
+        estimate = self._estimate.Eval(context)
+        if memory[_NEWEST] >= 0.0 and all_finite(estimate):
+            estimate = _carried_forward(
+                memory, estimate, *self._Push(context), context.get_time())
+        output.set_value(estimate)
+
+    def _Push(self, context) -> tuple:
+        """Returns what accelerates the drone but gravity: thrust per mass, and disturbance."""
+        thrust = _thrust_per_mass(self._speeds.Eval(context), self._thrust_per_mass)
+        return thrust, context.get_discrete_state(self._disturbance).value()
 
 
+@compiled
+def _thrust_per_mass(speeds, coefficients) -> float:
+    """Returns the thrust per mass of the rotors that report a speed (m/s^2)."""
+    thrust = 0.0
+    for i in range(len(speeds)):
+        if math.isfinite(speeds[i]):
+            thrust += coefficients[i] * speeds[i] * speeds[i]
+    return thrust
+
+
+@compilable
+def _motion(memory, quaternion, thrust, disturbance, time):
+    """Returns position and velocity at a time, (6,), carried forward from the memory's."""
+    _, _, up = columns(*quaternion)
+    motion, dt = np.empty(6), time - memory[_NOW]
+    for i in range(3):
+        a = thrust * up[i] + disturbance[i] - (GRAVITY if i == 2 else 0.0)
+        p, v = memory[_MOTION.start + i], memory[_MOTION.start + 3 + i]
+        motion[i], motion[3 + i] = p + dt * (v + 0.5 * dt * a), v + dt * a
+    return motion
+
+
+@compiled
+def _carried_forward(memory, estimate, thrust, disturbance, time):
+    """Returns the estimate for a time, (14,)."""
+    quaternion = predict_quaternion(estimate, time)
+    motion = _motion(memory, quaternion, thrust, disturbance, time)
+    result = estimate.copy()
+    result[se.TIME] = time
+    for i in range(4):
+        result[se.QUATERNION.start + i] = quaternion[i]
+    for i in range(3):
+        result[se.POSITION.start + i] = motion[i]
+        result[se.VELOCITY.start + i] = motion[3 + i]
+    return result
+
+
+@compiled
+def _corrected(memory, estimate, thrust, disturbance, gain):
+    """Returns position and velocity at the time of a new estimate, (6,); disturbance, (3,)."""
+    time = estimate[se.TIME]
+    motion = _motion(memory, predict_quaternion(estimate, time), thrust, disturbance, time)
+    after, found = np.empty(6), disturbance.copy()
+    for i in range(3):
+        e_p = estimate[se.POSITION.start + i] - motion[i]
+        e_v = estimate[se.VELOCITY.start + i] - motion[3 + i]
+        after[i] = motion[i] + gain[0, 0] * e_p + gain[0, 1] * e_v
+        after[3 + i] = motion[3 + i] + gain[1, 0] * e_p + gain[1, 1] * e_v
+        if thrust >= _FLYING * GRAVITY:
+            found[i] += gain[2, 0] * e_p + gain[2, 1] * e_v
+    length = math.sqrt(dot(found, found))
+    return after, min(1.0, _MAX_DISTURBANCE / max(length, 1e-9)) * found
+
+
+@compilable
 def predict_quaternion(estimate, time: float) -> tuple:
     """Returns the unit quaternion of R_WB a short time after a state estimate, (4,).
 
     Args:
-        estimate: numbers of state_estimate.py, (14,).
+        estimate: of state_estimate.py, (14,).
         time: (s).
     """
-    w, x, y, z = estimate[se.QUATERNION]
+    w, x, y, z = estimate[1], estimate[2], estimate[3], estimate[4]
     half = (time - estimate[se.TIME]) / 2
-    a, b, c = (half * rate for rate in estimate[se.ANGULAR_VELOCITY])
+    a, b, c = triple(estimate, se.ANGULAR_VELOCITY.start)
+    a, b, c = half * a, half * b, half * c
     # The product of 1 + [a, b, c] / 1, which is normalised, and the quaternion.
     q = (
         w - a * x - b * y - c * z,

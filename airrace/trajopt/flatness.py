@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from airrace.compiled import compilable
 from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SNAP, VELOCITY, YAW
 from airrace.triples import cross, dot, sum2, sum3
 
 
+@compilable
 def unit_vector(n, dn, ddn):
     """Returns n / |n| and its first two derivatives, given those of n."""
     length = dot(n, n) ** 0.5
@@ -17,6 +19,7 @@ def unit_vector(n, dn, ddn):
     return u, du, ddu
 
 
+@compilable
 def attitude_from_force(force, force_rate, force_acceleration, heading):
     """Returns the attitude that thrusts along a force and faces a heading.
 
@@ -57,6 +60,7 @@ def attitude_from_force(force, force_rate, force_acceleration, heading):
     return (b1, b2, b3), w, alpha
 
 
+@compilable
 def heading_vectors(cos_yaw, sin_yaw, yaw_rate, yaw_acceleration):
     """Returns the heading and its two derivatives for attitude_from_force."""
     zero = 0.0 * cos_yaw

@@ -1,0 +1,67 @@
+"""Machine code for functions that work on numbers and small arrays, by Numba.
+
+Where Python's own time counts (control loops, pixels), a function is written as
+plainly as in C and marked ``@compiled``. The first call compiles it, which takes
+seconds; the result is kept on disk beside the byte code of this package. Functions
+marked ``@compilable`` may be called by compiled ones, and stay Python otherwise:
+with numbers or arrays alike.
+"""
+
+import hashlib
+import math
+import shutil
+import sys
+from pathlib import Path
+
+import numba
+import numba.extending
+
+_PACKAGE = Path(__file__).parent
+
+
+def _cache_folder() -> Path:
+    """Returns where the machine code of these very sources is kept.
+
+    Numba sees that the file of a function has changed, but not those of the functions
+    it calls. So the folder is named after the contents of all files with some.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        text = path.read_bytes()
+        if b"airrace.compiled" in text:
+            digest.update(text)
+    return _PACKAGE / "__pycache__" / f"machine_code-{digest.hexdigest()[:16]}"
+
+
+def _use(folder: Path) -> None:
+    """Makes Numba keep its results in a folder; those of other sources are of no use."""
+    if not folder.exists():
+        print("airrace: compiling its inner loops, once; it takes about a minute",
+              file=sys.stderr)
+        for old in folder.parent.glob("machine_code-*"):
+            shutil.rmtree(old, ignore_errors=True)
+    numba.config.CACHE_DIR = str(folder)
+
+
+if not numba.config.CACHE_DIR:  # $NUMBA_CACHE_DIR
+    _use(_cache_folder())
+
+
+compilable = numba.extending.register_jitable
+
+
+def compiled(function):
+    """Returns a function as machine code; a decorator.
+
+    A division by zero gives infinity or NaN there, as with arrays.
+    """
+    return numba.njit(cache=True, error_model="numpy")(function)
+
+
+@compiled
+def all_finite(vector) -> bool:
+    """Whether all numbers of an array (n,) are finite."""
+    for number in vector:
+        if not math.isfinite(number):
+            return False
+    return True

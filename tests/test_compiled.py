@@ -1,0 +1,86 @@
+"""Functions as machine code, and where it is kept."""
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import airrace.compiled
+from airrace.compiled import all_finite, compilable, compiled
+
+
+@compilable
+def square(x):
+    return x * x
+
+
+@compiled
+def sum_of_squares(vector):
+    total = 0.0
+    for x in vector:
+        total += square(x)
+    return total
+
+
+@compiled
+def quotient(a, b):
+    return a / b
+
+
+def test_compilable_functions_stay_python():
+    assert sum_of_squares(np.array([1.0, 2.0, 3.0])) == 14.0
+    np.testing.assert_array_equal(square(np.array([1.0, 2.0])), [1.0, 4.0])
+
+
+def test_a_division_by_zero_is_as_with_arrays():
+    assert quotient(1.0, 0.0) == math.inf and math.isnan(quotient(0.0, 0.0))
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_all_finite(bad):
+    assert all_finite(np.zeros(0)) and all_finite(np.array([1e300, -1.0]))
+    for i in range(3):
+        vector = np.ones(3)
+        vector[i] = bad
+        assert not all_finite(vector)
+
+
+def test_machine_code_is_kept_and_goes_with_its_sources(tmp_path):
+    """A change in any file with such functions makes all code anew: one may call another."""
+    package = tmp_path / "package"
+    package.mkdir()
+    lines = "from airrace.compiled import compiled\n"
+    (package / "inner.py").write_text(lines + "@compiled\ndef f(x):\n    return x + 1\n")
+    (package / "outer.py").write_text(
+        lines + "from package.inner import f\n@compiled\ndef g(x):\n    return f(x)\n")
+    (package / "other.py").write_text("pass\n")
+    program = f"""
+import os, sys
+from pathlib import Path
+from unittest import mock
+sys.path.insert(0, {str(tmp_path)!r})
+import airrace.compiled as compiled
+compiled._PACKAGE = Path({str(package)!r})
+compiled._use(compiled._cache_folder())
+from package.outer import g
+print(g(1), sum(g.stats.cache_hits.values()))
+"""
+
+    def run():
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return *done.stdout.split(), "compiling" in done.stderr
+
+    assert run() == ("2", "0", True)
+    assert run() == ("2", "1", False)
+    (package / "other.py").write_text("changed = True\n")
+    assert run() == ("2", "1", False)
+    (package / "inner.py").write_text(lines + "@compiled\ndef f(x):\n    return x + 2\n")
+    assert run() == ("3", "0", True)
+    assert len(list((package / "__pycache__").glob("machine_code-*"))) == 1
+
+
+def test_this_packages_folder_is_used():
+    assert str(airrace.compiled._cache_folder()) == airrace.compiled.numba.config.CACHE_DIR

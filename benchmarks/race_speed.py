@@ -32,7 +32,7 @@ REST = "runner: looks, files, set-up"
 PARTS = {
     "airrace.rendering.exposure:Exposure.draw": "Camera: drawing",
     "airrace.rendering.vtk:VtkRenderer.render": "Camera: drawing",
-    "airrace.rendering.lens:Lens.distort": "Camera: lens",
+    "airrace.rendering.pixel_maps:PixelMap.bend": "lens and Rectifier: bending",
     "airrace.rendering.sensor:Sensor.expose": "Camera: sensor",
     "airrace.systems.marker_search:MarkerSearch.everywhere": "ArucoDetector: whole images",
     "airrace.systems.marker_search:MarkerSearch.around": "ArucoDetector: regions",

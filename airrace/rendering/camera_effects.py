@@ -112,7 +112,7 @@ class _TakenPicture:
             pinhole = self.lens.pinhole
             wide = np.empty((pinhole.height, pinhole.width, *out.shape[2:]), np.uint8)
             for box in boxes:
-                self.ideal.draw(wide, [self.lens.source(box)])
-                self.lens.distort(wide, out, box)
-        for box in boxes:
-            self.sensor.expose(out, self.frame, box)
+                size = pinhole.width, pinhole.height
+                self.ideal.draw(wide, [self.lens.distortion.source(box, size)])
+                self.lens.distortion.bend(wide, out, box)
+        self.sensor.expose(out, self.frame, boxes)

@@ -7,7 +7,7 @@ import numpy as np
 
 from airrace.errors import UserError
 from airrace.immutable import read_only
-from airrace.rendering.pixels import part, whole
+from airrace.rendering.pixel_maps import PixelMap
 
 
 class Lens:
@@ -16,6 +16,7 @@ class Lens:
     Attributes:
         pinhole: CameraInfo of the pictures it takes: undistorted, with the same
             focal length, and large enough to hold all that the lens sees.
+        distortion: PixelMap from those to the lens's.
     """
 
     def __init__(self, camera_info):
@@ -46,25 +47,7 @@ class Lens:
             D=read_only(np.zeros(5)),
             P=read_only(np.column_stack([K_pinhole, np.zeros(3)])),
         )
-        self._map_u, self._map_v = np.float32(ideal - low).T.reshape(2, h, w)
-
-    def source(self, box) -> tuple:
-        """Returns the box of the pinhole picture that a box of the distorted one shows."""
-        u, v = part(self._map_u, box), part(self._map_v, box)
-        # Two pixels at least for interpolation; all of the map is inside.
-        return int(u.min()), int(v.min()), int(u.max()) + 2, int(v.max()) + 2
-
-    def distort(self, image, out, box=None) -> None:
-        """Draws the distorted picture.
-
-        Args:
-            image: of the pinhole camera, RGBA or grey levels, see pixels.py.
-            out: of the same kind, (h, w) pixels; overwritten.
-            box: the part of it to draw; None: all of it.
-        """
-        box = whole(out) if box is None else box
-        cv2.remap(image, part(self._map_u, box), part(self._map_v, box), cv2.INTER_LINEAR,
-                  dst=part(out, box))
+        self.distortion = PixelMap(*(ideal - low).T.reshape(2, h, w))
 
 
 def _check(rays, pixels, K, D):

@@ -1,10 +1,13 @@
 """Draws pylons as shaded, banded cones."""
 
+import functools
+import math
+
 import numpy as np
 
-from airrace.rendering.exposure import Thing
-from airrace.rendering.pixels import fill_polygons
-from airrace.rendering.projection import NEAR, SHIFT, clip_near, to_fixed, to_pixels
+from airrace.compiled import compiled
+from airrace.rendering.pixels import colors_for
+from airrace.rendering.polygons import NEAR, OVERLAPPING, clip_near, fill_convex
 from airrace.rendering.pylon_shape import make_pylon_shape
 from airrace.rendering.textures import HORIZON, haze
 from airrace.track import PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS
@@ -35,15 +38,9 @@ class Pylons:
             feet: where the pylons stand, (n, 3), world.
             camera_info: calibration.
         """
-        self._feet = feet
+        self.feet = feet
         self.K = camera_info.K
         self.size = np.array([camera_info.width, camera_info.height])
-        # Inward normals of the view's four sides, in C.
-        w, h = camera_info.width, camera_info.height
-        corners = np.array([[0, 0, 1], [w, 0, 1], [w, h, 1], [0, h, 1]], float) - [0.5, 0.5, 0]
-        rays = corners @ np.linalg.inv(self.K).T
-        sides = np.cross(rays, np.roll(rays, -1, axis=0))
-        self.sides = sides / np.linalg.norm(sides, axis=1)[:, None]
 
     def look_from(self, X_WC, shifts) -> "PylonPainter":
         """Returns what draws the pylons as seen from a pose of the camera.
@@ -51,7 +48,7 @@ class Pylons:
         Args:
             shifts: of the pylons from their places in the track, (n, 3) m.
         """
-        return PylonPainter(self, self._feet + shifts, X_WC)
+        return PylonPainter(self, self.feet + shifts, X_WC)
 
 
 class PylonPainter:
@@ -59,71 +56,114 @@ class PylonPainter:
 
     Attributes:
         distance: of the pylons' axes, (n,) m.
-        in_view: whether each may be in the picture, (n,).
+        boxes: the pixels that each can touch, see pixels.py, (n, 4); empty if it
+            is out of sight.
     """
 
     def __init__(self, pylons: Pylons, feet, X_WC):
         """Args: feet: where the pylons stand now, (n, 3), world."""
-        self._feet, self._size = feet, pylons.size
-        R_CW = X_WC.rotation().matrix().T
-        self._p_WC = X_WC.translation()
-        self._P = pylons.K @ R_CW
-        self._low, self._high = self._boxes(self._P)
-        self.distance = np.hypot(*(self._feet - self._p_WC)[:, :2].T)
-        # Spheres about the pylons decide which ones may be in view.
-        middle = [0, 0, PYLON_HEIGHT / 2]
-        p_C = (self._feet + middle - self._p_WC) @ R_CW.T
-        radius = 1.05 * PYLON_HEIGHT / 2
-        self.in_view = np.all(p_C @ pylons.sides.T > -radius, axis=1) & (p_C[:, 2] > -radius)
+        self._p_CF_W = feet - X_WC.translation()
+        self._P = pylons.K @ X_WC.rotation().matrix().T
+        self.distance = np.hypot(self._p_CF_W[:, 0], self._p_CF_W[:, 1])
+        self.boxes = _boxes(self._p_CF_W, self._P, pylons.size)
 
     def camera_is_inside(self) -> bool:
         """Whether the camera is inside a pylon."""
         i = np.argmin(self.distance)
+        if self.distance[i] > 2 * PYLON_BASE_RADIUS:
+            return False
         shape = _DETAIL[0][1]
-        p = self._p_WC - self._feet[i]
+        p = -self._p_CF_W[i]
         return bool(p[2] > 0 and np.all(shape.facet_normals @ p < shape.facet_offsets))
 
-    def thing(self, i) -> Thing | None:
-        """Returns the pylon with index i, None if it is not in the picture."""
-        (x0, y0), (x1, y1) = self._low[i], self._high[i]
-        if x0 >= x1 or y0 >= y1:
-            return None
-        return Thing((x0, y0, x1, y1), lambda out, box: self._paint(i, out, box))
+    def paint(self, i, out, boxes) -> None:
+        """Draws the pylon with index i over what is there, in boxes, (n, 4), of (h, w, channels)."""
+        level = next(k for k, (limit, _) in enumerate(_DETAIL) if self.distance[i] <= limit)
+        _paint(out, boxes, self._p_CF_W[i], self._P, *_solid(level), *_coat(level, out.shape[2]),
+               haze(self.distance[i]))
 
-    def _boxes(self, P):
-        """Returns the pixels that the pylons can touch: first ones, and those beyond, (n, 2)."""
-        hull_h = (self._feet[:, None] + _HULL - self._p_WC) @ P.T
-        # Where its edges meet the near plane, a hull ends: if they do, between their ends.
-        a, b = hull_h[:, _HULL_EDGES[:, 0]], hull_h[:, _HULL_EDGES[:, 1]]
-        share = np.clip((NEAR - a[:, :, 2:]) / (b[:, :, 2:] - a[:, :, 2:] + 1e-12), 0.0, 1.0)
-        points_h = np.concatenate([hull_h, a + share * (b - a)], axis=1)
-        hidden = points_h[:, :, 2:] < NEAR - 1e-6
-        pixels = to_pixels(np.maximum(points_h, [-np.inf, -np.inf, NEAR]))
-        low = np.where(hidden, np.inf, pixels).min(axis=1) - _EDGE
-        high = np.where(hidden, -np.inf, pixels).max(axis=1) + _EDGE + 1
-        return (np.clip(f(a), 0, self._size).astype(int).tolist()
-                for f, a in ((np.floor, low), (np.ceil, high)))
 
-    def _paint(self, i, out, box):
-        """Draws the pylon with index i over what is there, at least in a box."""
-        distance = self.distance[i]
-        shape = next(shape for limit, shape in _DETAIL if distance <= limit)
-        p_WC = self._p_WC - self._feet[i]  # from here on, world is at its foot
-        visible = shape.facet_normals @ p_WC > shape.facet_offsets
-        facets = shape.facets[visible]
-        veil = haze(distance)
-        colors = (1 - veil) * shape.facet_colors[visible] + veil * np.array(HORIZON)
-        vertices_h = (shape.vertices - p_WC) @ self._P.T
-        depth = vertices_h[:, 2]
-        if depth.max() < NEAR:
-            return
-        if depth.min() >= NEAR:
-            pixels = to_pixels(vertices_h)
-            corners = pixels[facets]
-            seen = ((corners.max(axis=1) > np.subtract(box[:2], _EDGE))
-                    & (corners.min(axis=1) < np.add(box[2:], _EDGE))).all(axis=1)
-            polygons, colors = to_fixed(corners[seen]), colors[seen]
-        else:
-            clipped = (clip_near(vertices_h[facet]) for facet in facets)
-            polygons = [to_fixed(to_pixels(polygon)) for polygon in clipped]
-        fill_polygons(out, polygons, colors, SHIFT)
+@functools.cache
+def _solid(level) -> tuple:
+    """Returns what _paint() needs to know of a polyhedron, without its colours."""
+    shape = _DETAIL[level][1]
+    return (np.ascontiguousarray(shape.vertices), np.ascontiguousarray(shape.facets),
+            np.ascontiguousarray(shape.facet_normals), np.ascontiguousarray(shape.facet_offsets))
+
+
+@functools.cache
+def _coat(level, channels) -> tuple:
+    """Returns the colours of a polyhedron's facets, and of the haze before them."""
+    return (colors_for(channels, _DETAIL[level][1].facet_colors),
+            colors_for(channels, [HORIZON])[0])
+
+
+@compiled
+def _boxes(p_CF_W, P, size):
+    """Returns the boxes of pylons at these feet; see PylonPainter."""
+    boxes = np.zeros((len(p_CF_W), 4), np.int64)
+    hull = np.empty((len(_HULL), 3))
+    for i in range(len(p_CF_W)):
+        nearest = np.inf
+        for k in range(len(_HULL)):
+            for row in range(3):
+                hull[k, row] = 0.0
+                for j in range(3):
+                    hull[k, row] += P[row, j] * (p_CF_W[i, j] + _HULL[k, j])
+            nearest = min(nearest, hull[k, 2])
+        u0, v0, u1, v1 = np.inf, np.inf, -np.inf, -np.inf
+        for h in hull:
+            if h[2] >= NEAR:
+                u, v = h[0] / h[2], h[1] / h[2]
+                u0, v0, u1, v1 = min(u0, u), min(v0, v), max(u1, u), max(v1, v)
+        if nearest < NEAR:
+            # Where its edges meet the near plane, the hull ends.
+            for k in range(len(_HULL_EDGES)):
+                a, b = hull[_HULL_EDGES[k, 0]], hull[_HULL_EDGES[k, 1]]
+                if (a[2] >= NEAR) != (b[2] >= NEAR):
+                    share = (NEAR - a[2]) / (b[2] - a[2])
+                    u = (a[0] + share * (b[0] - a[0])) / NEAR
+                    v = (a[1] + share * (b[1] - a[1])) / NEAR
+                    u0, v0, u1, v1 = min(u0, u), min(v0, v), max(u1, u), max(v1, v)
+        w, h = size
+        if u0 < w + _EDGE and v0 < h + _EDGE and u1 > -_EDGE and v1 > -_EDGE:
+            boxes[i, 0] = int(max(math.floor(u0 - _EDGE), 0.0))
+            boxes[i, 1] = int(max(math.floor(v0 - _EDGE), 0.0))
+            boxes[i, 2] = int(min(math.ceil(u1 + _EDGE + 1.0), w))
+            boxes[i, 3] = int(min(math.ceil(v1 + _EDGE + 1.0), h))
+    return boxes
+
+
+@compiled
+def _paint(out, boxes, p_CF_W, P, vertices, facets, normals, offsets, colors, horizon, veil):
+    """Draws a pylon.
+
+    Args:
+        p_CF_W: from the camera to its foot, (3,).
+        P: K R_CW.
+        vertices, facets, normals, offsets: see PylonShape.
+        colors: of the facets, (f, channels).
+        horizon: colour of the haze, (channels,).
+        veil: share of it.
+    """
+    projected = np.empty((len(vertices), 3))
+    for k in range(len(vertices)):
+        for row in range(3):
+            projected[k, row] = 0.0
+            for j in range(3):
+                projected[k, row] += P[row, j] * (p_CF_W[j] + vertices[k, j])
+    corners_h, corners = np.empty((4, 3)), np.empty((5, 2))
+    color = np.empty(out.shape[2])
+    for f in range(len(facets)):
+        facing = 0.0
+        for j in range(3):
+            facing -= normals[f, j] * p_CF_W[j]
+        if facing <= offsets[f]:
+            continue
+        for k in range(4):
+            corners_h[k] = projected[facets[f, k]]
+        count = clip_near(corners_h, corners)
+        if count > 0:
+            for c in range(len(color)):
+                color[c] = (1.0 - veil) * colors[f, c] + veil * horizon[c]
+            fill_convex(out, corners[:count], color, OVERLAPPING, boxes)

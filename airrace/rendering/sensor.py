@@ -2,14 +2,14 @@
 
 import functools
 
-import cv2
 import numpy as np
 
+from airrace.compiled import compiled
 from airrace.random import make_generator
-from airrace.rendering.pixels import is_grey, part, whole
+from airrace.rendering.pixels import LUMA, deep, whole
 
+_LUMA = np.float32(LUMA)
 _MARGIN = 256  # of the sheet of noise beyond a picture (px)
-_STRIP = 120  # rows that are worked on at a time
 _MOST = 5.0  # standard normal numbers beyond that are cut off
 
 
@@ -37,70 +37,74 @@ class Sensor:
             shot_noise: variance for each grey level of brightness.
             seed: of the noise, >= 0.
         """
-        self._mask = None
-        if gain != 1 or vignetting != 0:
-            self._scale = max(gain, 1.0) / 255
-            mask = gain / self._scale * (1 - vignetting * _loss(camera_info))
-            rgb = np.uint8(np.round(mask))
-            # Rounded up, so that an opaque pixel stays at 255.
-            alpha = np.full_like(rgb, int(np.ceil(1 / self._scale)))
-            self._mask = {True: rgb, False: cv2.merge([rgb, rgb, rgb, alpha])}  # is it grey?
+        self._brightness = np.float32(gain * (1 - vignetting * _loss(camera_info)))
+        self._changes = gain != 1 or vignetting != 0
         self._noisy = read_noise > 0 or shot_noise > 0
+        shape = camera_info.height + _MARGIN, camera_info.width + _MARGIN
+        # Of a standard deviation for each sample of noise, by brightness.
+        self._sigma = np.float32(np.sqrt(read_noise**2 + shot_noise * np.arange(256)))
+        self._sheet = np.zeros((0, 0), np.float32)
         if not self._noisy:
             return
 
         @functools.lru_cache(maxsize=2)
         def place(frame):
             rng = make_generator(seed, "camera_noise_place", frame)
-            return rng.integers([_MARGIN + 1, _MARGIN + 1, 2]).tolist()
+            y, x, turned = rng.integers([_MARGIN + 1, _MARGIN + 1, 2]).tolist()
+            return y, x, 1.0 - 2.0 * turned
 
-        self._place = place  # in the sheets, and which of the latter two
-        shape = (camera_info.height + _MARGIN, camera_info.width + _MARGIN)
-        z = make_generator(seed, "camera_noise_sheet").standard_normal(shape, np.float32)
-        # OpenCV is fastest on bytes, so there is one sheet of amounts and one that
-        # says where they make the picture darker; or, turned over, brighter.
-        self._amount = np.uint8(np.round(np.clip(np.abs(z) * (255 / _MOST), 0, 255)))
-        darker = np.uint8(255 * (z < 0))
-        self._darker = [darker, 255 - darker]
-        sigma = np.sqrt(read_noise**2 + shot_noise * np.arange(256))
-        self._sigma = np.uint8(np.round(sigma / sigma[-1] * 255))
-        self._noise_scale = sigma[-1] / 255 * _MOST / 255
+        self._place = place  # in the sheet, and whether it is turned over
+        rng = make_generator(seed, "camera_noise_sheet")
+        self._sheet = np.clip(rng.standard_normal(shape, np.float32), -_MOST, _MOST)
 
-    def expose(self, image, frame: int, box=None) -> None:
+    def expose(self, image, frame: int, boxes=None) -> None:
         """Changes a picture in place; opaque pixels stay opaque.
 
         Args:
             image: RGBA or grey levels, see pixels.py.
             frame: number of the picture >= 0; the noise is a function of it and
                 of the place.
-            box: the part of it that is changed; None: all of it.
+            boxes: the parts of it that are changed, (n, 4); None: all of it.
         """
-        x0, y0, x1, y1 = whole(image) if box is None else box
-        mask = None if self._mask is None else self._mask[is_grey(image)]
-        if self._noisy:
-            y, x, turned = self._place(frame)
-            sheets = [sheet[y:, x:] for sheet in (self._amount, self._darker[turned])]
-        # Strips stay in the processor's cache from one step to the next.
-        for start in range(y0, y1, _STRIP):
-            strip = x0, start, x1, min(start + _STRIP, y1)
-            pixels = part(image, strip)
-            if mask is not None:
-                cv2.multiply(pixels, part(mask, strip), dst=pixels, scale=self._scale)
-            if self._noisy:
-                self._add_noise(pixels, *(part(sheet, strip) for sheet in sheets))
+        if self._changes or self._noisy:
+            boxes = np.array([whole(image)] if boxes is None else boxes, np.int64).reshape(-1, 4)
+            place = self._place(frame) if self._noisy else (0, 0, 0.0)
+            _expose(deep(image), boxes, self._brightness, self._sigma, self._sheet, *place)
 
-    def _add_noise(self, image, amount, darker):
-        """Adds noise to a picture, given the sheets of the same size."""
-        grey = image if is_grey(image) else cv2.cvtColor(image, cv2.COLOR_RGBA2GRAY)
-        sigma = cv2.LUT(grey, self._sigma)
-        noise = cv2.multiply(sigma, amount, scale=self._noise_scale)
-        if not is_grey(image):
-            nothing = np.zeros_like(noise)
-            noise, darker = (cv2.merge([a, a, a, nothing]) for a in (noise, darker))
-        # What is added to the negative is subtracted from the picture.
-        cv2.bitwise_xor(image, darker, dst=image)
-        cv2.add(image, noise, dst=image)
-        cv2.bitwise_xor(image, darker, dst=image)
+
+@compiled
+def _expose(image, boxes, brightness, sigma, sheet, y, x, sign):
+    """Does to boxes of a picture, (h, w, channels), what Sensor says.
+
+    Args:
+        brightness: factor on each pixel, (h, w).
+        sigma: of the noise, by brightness, (256,).
+        sheet: of standard normal numbers; empty for no noise.
+        y, x: the place in the sheet that is the picture's first pixel.
+        sign: on the noise.
+    """
+    shown, half = min(image.shape[2], 3), np.float32(0.5)
+    noisy, sign = len(sheet) > 0, np.float32(sign)
+    zero, most = np.float32(0.0), np.float32(255.0)
+    for x0, y0, x1, y1 in boxes:
+        width = x1 - x0
+        grey, noise = np.empty(width, np.float32), np.zeros(width, np.float32)
+        for row in range(y0, y1):
+            pixels, factors = image[row, x0:x1], brightness[row, x0:x1]
+            if noisy:
+                for k in range(width):
+                    level = np.float32(pixels[k, 0])
+                    if shown == 3:
+                        level = (_LUMA[0] * level + _LUMA[1] * np.float32(pixels[k, 1])
+                                 + _LUMA[2] * np.float32(pixels[k, 2]))
+                    grey[k] = min(factors[k] * level, most)
+                samples = sheet[y + row, x + x0:x + x1]
+                for k in range(width):
+                    noise[k] = sign * sigma[np.int64(grey[k] + half)] * samples[k]
+            for c in range(shown):
+                for k in range(width):
+                    level = factors[k] * np.float32(pixels[k, c]) + noise[k] + half
+                    pixels[k, c] = np.uint8(np.int32(min(max(level, zero), most)))
 
 
 def _loss(camera_info):

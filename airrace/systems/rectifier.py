@@ -11,7 +11,7 @@ from pydrake.systems.framework import LeafSystem
 from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.immutable import read_only
-from airrace.rendering.pixels import part
+from airrace.rendering.pixel_maps import PixelMap
 from airrace.systems.camera_view import CameraView
 from airrace.systems.types import CameraInfo
 
@@ -47,7 +47,7 @@ class Rectifier(LeafSystem):
     def __init__(self):
         LeafSystem.__init__(self)
         # All that it does depends on a calibration, which never changes.
-        self._maps = functools.lru_cache(maxsize=1)(_maps)
+        self._map = functools.lru_cache(maxsize=1)(_map)
         self._rectified = functools.lru_cache(maxsize=1)(rectified_info)
         images = [
             self.DeclareAbstractInputPort(name, Value(kind()))
@@ -74,39 +74,28 @@ class Rectifier(LeafSystem):
         info = self._info.Eval(context)
         image = output.get_mutable_value()
         image.resize(info.width, info.height)
-        raw = port.Eval(context).data
-        cv2.remap(raw, *self._maps(info), cv2.INTER_LINEAR, dst=image.mutable_data,
-                  borderValue=(0, 0, 0, 255))
+        self._map(info).bend(port.Eval(context).data, image.mutable_data)
 
     def _CalcView(self, context, output):
-        raw, maps = self._view.Eval(context), self._maps(self._info.Eval(context))
+        raw, pixel_map = self._view.Eval(context), self._map(self._info.Eval(context))
         h, w = raw.shape
 
-        def source(box):
-            u, v = (part(each, box) for each in maps)
-            # Two pixels at least for interpolation.
-            x0, y0 = (int(np.clip(a.min(), 0, size)) for a, size in ((u, w), (v, h)))
-            x1, y1 = (int(np.clip(a.max() + 2, 0, size)) for a, size in ((u, w), (v, h)))
-            return x0, y0, x1, y1
-
         def draw(out, boxes):
-            picture = raw.drawn(*map(source, boxes))
+            picture = raw.drawn(*(pixel_map.source(box, (w, h)) for box in boxes))
             for box in boxes:
-                u, v = (part(each, box) for each in maps)
-                cv2.remap(picture, u, v, cv2.INTER_LINEAR, dst=part(out, box),
-                          borderValue=(0, 0, 0, 255))
+                pixel_map.bend(picture, out, box)
 
-        output.set_value(CameraView(maps[0].shape, draw))
+        output.set_value(CameraView(pixel_map.shape, draw))
 
     def _CalcInfo(self, context, output):
         output.set_value(self._rectified(self._info.Eval(context)))
 
 
-def _maps(info: CameraInfo):
-    """Returns where in the raw image to look for every pixel, twice (h, w)."""
-    return cv2.initUndistortRectifyMap(
+def _map(info: CameraInfo) -> PixelMap:
+    """Returns where in the raw image to look for every pixel."""
+    return PixelMap(*cv2.initUndistortRectifyMap(
         info.K, info.D, info.R, info.P[:, :3], (info.width, info.height), cv2.CV_32FC1
-    )
+    ))
 
 
 def rectified_info(info: CameraInfo) -> CameraInfo:

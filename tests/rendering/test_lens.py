@@ -34,7 +34,7 @@ def test_points_are_where_opencv_projects_them(D):
         spot = np.exp(-((u - x) ** 2 + (v - y) ** 2) / 2 / 2.0**2)
         wide += np.uint8(np.round(250 * spot))[..., None]
     picture = new_picture()
-    lens.distort(wide, picture)
+    lens.distortion.bend(wide, picture)
     for u, v in pixels.astype(int):
         spot = picture[v - 10 : v + 11, u - 10 : u + 11, 0].astype(float)
         d = np.arange(-10, 11)
@@ -46,7 +46,7 @@ def test_nothing_is_left_out():
     for D in (BARREL, PINCUSHION):
         lens = Lens(make_info(D))
         picture = new_picture()
-        lens.distort(np.full((lens.pinhole.height, lens.pinhole.width, 4), 255, np.uint8), picture)
+        lens.distortion.bend(np.full((lens.pinhole.height, lens.pinhole.width, 4), 255, np.uint8), picture)
         assert np.all(picture == 255)
 
 

@@ -133,7 +133,7 @@ def test_tiny_boards_keep_their_place_and_brightness(distance, monkeypatch):
     RENDERER.render(X_WC, picture)
     # The same scene without boards is the background to compare with.
     without = new_picture()
-    monkeypatch.setattr(BoardPainter, "thing", lambda self, i: None)
+    monkeypatch.setattr(BoardPainter, "paint", lambda *args: None)
     PlanarRenderer(TRACK, CAMERA_INFO).render(X_WC, without)
     half = int(3 + 0.8 * CAMERA_INFO.K[0, 0] / distance)
     region = np.s_[360 - half : 361 + half, 640 - half : 641 + half]

@@ -62,7 +62,7 @@ def test_round_trip_of_corners():
     for X_WC, corners in views(12):
         PlanarRenderer(one_gate(), CAMERA_INFO).render(X_WC, ideal)
         PlanarRenderer(one_gate(), lens.pinhole).render(X_WC, wide)
-        lens.distort(wide, raw)
+        lens.distortion.bend(wide, raw)
         picture, info = rectify(raw, HARSH)
         assert np.all(picture[..., 3] == 255)
         assert np.array_equal(info.K, CAMERA_INFO.K) and not info.D.any()

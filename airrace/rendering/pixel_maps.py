@@ -1,0 +1,56 @@
+"""Pictures bent by a map: for every pixel, where in another picture to look."""
+
+import cv2
+import numpy as np
+
+from airrace.compiled import compiled
+from airrace.rendering.pixels import part, whole
+
+
+class PixelMap:
+    """Where in a source each pixel of a picture comes from, interpolated bilinearly.
+
+    Attributes:
+        shape: of the picture, (h, w).
+    """
+
+    def __init__(self, u, v):
+        """Args: u, v: the pixels of the source, (h, w); neighbours stay neighbours."""
+        self.shape = u.shape
+        self._u, self._v = np.float32(u), np.float32(v)
+        self._fixed = cv2.convertMaps(self._u, self._v, cv2.CV_16SC2)  # quicker than floats
+
+    def source(self, box, size) -> tuple:
+        """Returns the box of the source that a box of the picture shows.
+
+        Args:
+            box: see pixels.py.
+            size: of the source, (w, h).
+        """
+        w, h = size
+        u0, v0, u1, v1 = _extent(self._u, self._v, *box)
+        # Two pixels at least for interpolation.
+        corners = np.clip([[u0, v0], [u1 + 2, v1 + 2]], 0, (w, h))
+        return tuple(corners.astype(int).ravel().tolist())
+
+    def bend(self, source, out, box=None) -> None:
+        """Draws the picture, or a box of it; black and opaque where the source ends.
+
+        Args:
+            source, out: RGBA or grey levels, see pixels.py.
+            box: the part to draw; None: all of it.
+        """
+        box = whole(out) if box is None else box
+        cv2.remap(source, *(part(each, box) for each in self._fixed), cv2.INTER_LINEAR,
+                  dst=part(out, box), borderValue=(0, 0, 0, 255))
+
+
+@compiled
+def _extent(u, v, x0, y0, x1, y1):
+    """Returns the least u and v and the greatest in a box: they are on its rim."""
+    least_u, least_v, most_u, most_v = u[y0, x0], v[y0, x0], u[y0, x0], v[y0, x0]
+    for y in range(y0, y1):
+        for x in range(x0, x1, 1 if y == y0 or y == y1 - 1 else max(x1 - x0 - 1, 1)):
+            least_u, most_u = min(least_u, u[y, x]), max(most_u, u[y, x])
+            least_v, most_v = min(least_v, v[y, x]), max(most_v, v[y, x])
+    return least_u, least_v, most_u, most_v

@@ -1,0 +1,197 @@
+"""Convex polygons with smooth edges, into pictures of any number of channels."""
+
+import math
+
+import numpy as np
+
+from airrace.compiled import compilable, compiled
+
+NEAR = 0.05  # nothing nearer to the camera than this is drawn (m)
+# Between which distances from an edge, outwards (px), a colour fades out. Facets of one
+# body overlap by as much as they fade, or what is behind would shine through the seams.
+OVERLAPPING, EXACT = (0.0, 1.0), (-0.5, 0.5)
+
+
+@compilable
+def clip_near(points_h, clipped) -> int:
+    """Finds the part of a convex polygon in front of the near plane.
+
+    Args:
+        points_h: corners (u z, v z, z), (n, 3): pixel times depth, and depth.
+        clipped: where to put the corners of the rest, (u, v) in pixels, (n + 1, 2).
+
+    Returns:
+        how many corners it has; 0 if nothing is left.
+    """
+    n, count = len(points_h), 0
+    for i in range(n):
+        a, b = points_h[i], points_h[(i + 1) % n]
+        if a[2] >= NEAR:
+            clipped[count, 0], clipped[count, 1] = a[0] / a[2], a[1] / a[2]
+            count += 1
+        if (a[2] >= NEAR) != (b[2] >= NEAR):
+            share = (NEAR - a[2]) / (b[2] - a[2])
+            clipped[count, 0] = (a[0] + share * (b[0] - a[0])) / NEAR
+            clipped[count, 1] = (a[1] + share * (b[1] - a[1])) / NEAR
+            count += 1
+    return count
+
+
+@compilable
+def edge_lines(corners, lines) -> int:
+    """Finds the lines along the edges of a convex polygon.
+
+    Args:
+        corners: (n, 2) px.
+        lines: where to put a, b, c of each, such that a x + b y + c is the
+            distance of (x, y) from it, outwards, (n, 3).
+
+    Returns:
+        how many there are: corners that coincide have no edge.
+    """
+    n, area, count = len(corners), 0.0, 0
+    for i in range(n):
+        p, q = corners[i], corners[(i + 1) % n]
+        area += p[0] * q[1] - p[1] * q[0]
+    sign = 1.0 if area > 0.0 else -1.0
+    for i in range(n):
+        p, q = corners[i], corners[(i + 1) % n]
+        dx, dy = q[0] - p[0], q[1] - p[1]
+        length = math.hypot(dx, dy)
+        if length > 1e-6:
+            a, b = sign * dy / length, -sign * dx / length
+            lines[count, 0], lines[count, 1] = a, b
+            lines[count, 2] = -a * p[0] - b * p[1]
+            count += 1
+    return count
+
+
+@compilable
+def spans(lines, y, low, high, x0, x1):
+    """Returns which pixels of a row a polygon touches, and which of them it fills.
+
+    Args:
+        lines: of its edges, see edge_lines().
+        y: the row.
+        low, high: up to where it fills, and from where on it does not touch, px outwards.
+        x0, x1: of the columns looked at, the first and the one after the last.
+
+    Returns:
+        first and last column that it touches, and that it fills, and none if the
+        last is less than the first.
+    """
+    a0, a1, b0, b1 = float(x0), x1 - 1.0, float(x0), x1 - 1.0
+    for a, b, c in lines:
+        d = b * y + c
+        if abs(a) < 1e-9:
+            if d > high:
+                return x0, x0 - 1, x0, x0 - 1
+            if d > low:
+                b1 = b0 - 1.0
+        elif a > 0.0:
+            a1, b1 = min(a1, (high - d) / a), min(b1, (low - d) / a)
+        else:
+            a0, b0 = max(a0, (high - d) / a), max(b0, (low - d) / a)
+    if not a0 <= a1:
+        return x0, x0 - 1, x0, x0 - 1
+    first, last = int(math.ceil(a0)), int(math.floor(a1))
+    filled, until = int(math.ceil(max(b0, a0))), int(math.floor(min(b1, a1)))
+    if filled > until:
+        return first, last, last + 1, last
+    return first, last, filled, until
+
+
+@compilable
+def cover(lines, x, y, low, high) -> float:
+    """Returns how much of a pixel a polygon covers, 0 to 1; see spans()."""
+    if low < 0.0 and len(lines) == 4:
+        # What opposite edges leave of the pixel in either direction: so a polygon that is
+        # smaller than a pixel is as faint as it should be.
+        part = 1.0
+        for i in range(2):
+            left = -1.0
+            for k in (i, i + 2):
+                d = lines[k, 0] * x + lines[k, 1] * y + lines[k, 2]
+                left += min(max((high - d) / (high - low), 0.0), 1.0)
+            part *= max(left, 0.0)
+        return part
+    farthest = low
+    for a, b, c in lines:
+        farthest = max(farthest, a * x + b * y + c)
+    return max(high - farthest, 0.0) / (high - low)
+
+
+@compilable
+def bounds(corners, box):
+    """Returns the pixels that a polygon can touch, inside of a box.
+
+    Args:
+        corners: (n, 2) px.
+        box: see pixels.py.
+    """
+    x0, y0, x1, y1 = box[2], box[3], box[0], box[1]
+    for x, y in corners:
+        if not abs(x) + abs(y) < 1e8:
+            return box[0], box[1], box[2], box[3]
+        x0, y0 = min(x0, int(x) - 2), min(y0, int(y) - 2)
+        x1, y1 = max(x1, int(x) + 3), max(y1, int(y) + 3)
+    return max(x0, box[0]), max(y0, box[1]), min(x1, box[2]), min(y1, box[3])
+
+
+@compiled
+def fill_convex(out, corners, color, fade, boxes):
+    """Draws a convex polygon.
+
+    Args:
+        out: (h, w, channels), uint8.
+        corners: (n, 2) px.
+        color: (channels,), 0 to 255.
+        fade: OVERLAPPING or EXACT.
+        boxes: the parts of the picture to draw into, see pixels.py, (m, 4).
+    """
+    low, high = fade
+    lines = np.empty((len(corners), 3))
+    lines = lines[:edge_lines(corners, lines)]
+    channels = out.shape[2]
+    for box in boxes:
+        x0, y0, x1, y1 = bounds(corners, box)
+        for y in range(y0, y1 if x0 < x1 else y0):
+            first, last, filled, until = spans(lines, y, low, high, x0, x1)
+            for c in range(channels):
+                out[y, filled:until + 1, c] = np.uint8(color[c] + 0.5)
+            for start, stop in ((first, filled), (until + 1, last + 1)):
+                for x in range(start, stop):
+                    share = cover(lines, x, y, low, high)
+                    for c in range(channels):
+                        level = out[y, x, c]
+                        out[y, x, c] = np.uint8(level + share * (color[c] - level) + 0.5)
+
+
+@compiled
+def lay_over(out, levels, corner, corners, boxes):
+    """Lays a grey picture over another, where a convex polygon is.
+
+    Args:
+        out: (h, w, channels), uint8.
+        levels: grey levels, (h', w'), uint8.
+        corner: [x, y], the pixel of ``out`` where they start.
+        corners: of the polygon, (n, 2) px.
+        boxes: the parts of the picture to draw into, inside of where levels are, (m, 4).
+    """
+    low, high = EXACT
+    lines = np.empty((len(corners), 3))
+    lines = lines[:edge_lines(corners, lines)]
+    shown = min(out.shape[2], 3)  # opacity stays
+    for box in boxes:
+        x0, y0, x1, y1 = bounds(corners, box)
+        for y in range(y0, y1 if x0 < x1 else y0):
+            first, last, filled, until = spans(lines, y, low, high, x0, x1)
+            row = levels[y - corner[1]]
+            for c in range(shown):
+                out[y, filled:until + 1, c] = row[filled - corner[0]:until + 1 - corner[0]]
+            for start, stop in ((first, filled), (until + 1, last + 1)):
+                for x in range(start, stop):
+                    share, new = cover(lines, x, y, low, high), row[x - corner[0]]
+                    for c in range(shown):
+                        level = float(out[y, x, c])
+                        out[y, x, c] = np.uint8(level + share * (new - level) + 0.5)

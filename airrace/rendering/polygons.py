@@ -38,18 +38,19 @@ def clip_near(points_h, clipped) -> int:
 
 
 @compilable
-def edge_lines(corners, lines) -> int:
-    """Finds the lines along the edges of a convex polygon.
+def edge_lines(corners, low, high):
+    """Returns the lines along the edges of a convex polygon, (m, 6).
+
+    A line is a, b, c such that a x + b y + c is the distance of (x, y) from it, outwards;
+    and k, x_low, x_high such that on row y these distances are at columns x_low + k y and
+    x_high + k y. Corners that coincide have no line.
 
     Args:
         corners: (n, 2) px.
-        lines: where to put a, b, c of each, such that a x + b y + c is the
-            distance of (x, y) from it, outwards, (n, 3).
-
-    Returns:
-        how many there are: corners that coincide have no edge.
+        low, high: distances, see spans().
     """
     n, area, count = len(corners), 0.0, 0
+    lines = np.empty((n, 6))
     for i in range(n):
         p, q = corners[i], corners[(i + 1) % n]
         area += p[0] * q[1] - p[1] * q[0]
@@ -61,9 +62,13 @@ def edge_lines(corners, lines) -> int:
         if length > 1e-6:
             a, b = sign * dy / length, -sign * dx / length
             lines[count, 0], lines[count, 1] = a, b
-            lines[count, 2] = -a * p[0] - b * p[1]
+            c = -a * p[0] - b * p[1]
+            lines[count, 2] = c
+            if abs(a) > 1e-9:
+                lines[count, 3] = -b / a
+                lines[count, 4], lines[count, 5] = (low - c) / a, (high - c) / a
             count += 1
-    return count
+    return lines[:count]
 
 
 @compilable
@@ -81,17 +86,17 @@ def spans(lines, y, low, high, x0, x1):
         last is less than the first.
     """
     a0, a1, b0, b1 = float(x0), x1 - 1.0, float(x0), x1 - 1.0
-    for a, b, c in lines:
-        d = b * y + c
-        if abs(a) < 1e-9:
+    for a, b, c, k, x_low, x_high in lines:
+        if a > 1e-9:
+            a1, b1 = min(a1, x_high + k * y), min(b1, x_low + k * y)
+        elif a < -1e-9:
+            a0, b0 = max(a0, x_high + k * y), max(b0, x_low + k * y)
+        else:
+            d = b * y + c
             if d > high:
                 return x0, x0 - 1, x0, x0 - 1
             if d > low:
                 b1 = b0 - 1.0
-        elif a > 0.0:
-            a1, b1 = min(a1, (high - d) / a), min(b1, (low - d) / a)
-        else:
-            a0, b0 = max(a0, (high - d) / a), max(b0, (low - d) / a)
     if not a0 <= a1:
         return x0, x0 - 1, x0, x0 - 1
     first, last = int(math.ceil(a0)), int(math.floor(a1))
@@ -116,8 +121,8 @@ def cover(lines, x, y, low, high) -> float:
             part *= max(left, 0.0)
         return part
     farthest = low
-    for a, b, c in lines:
-        farthest = max(farthest, a * x + b * y + c)
+    for k in range(len(lines)):
+        farthest = max(farthest, lines[k, 0] * x + lines[k, 1] * y + lines[k, 2])
     return max(high - farthest, 0.0) / (high - low)
 
 
@@ -150,8 +155,7 @@ def fill_convex(out, corners, color, fade, boxes):
         boxes: the parts of the picture to draw into, see pixels.py, (m, 4).
     """
     low, high = fade
-    lines = np.empty((len(corners), 3))
-    lines = lines[:edge_lines(corners, lines)]
+    lines = edge_lines(corners, low, high)
     channels = out.shape[2]
     for box in boxes:
         x0, y0, x1, y1 = bounds(corners, box)
@@ -179,8 +183,7 @@ def lay_over(out, levels, corner, corners, boxes):
         boxes: the parts of the picture to draw into, inside of where levels are, (m, 4).
     """
     low, high = EXACT
-    lines = np.empty((len(corners), 3))
-    lines = lines[:edge_lines(corners, lines)]
+    lines = edge_lines(corners, low, high)
     shown = min(out.shape[2], 3)  # opacity stays
     for box in boxes:
         x0, y0, x1, y1 = bounds(corners, box)

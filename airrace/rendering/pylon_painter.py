@@ -77,7 +77,11 @@ class PylonPainter:
         return bool(p[2] > 0 and np.all(shape.facet_normals @ p < shape.facet_offsets))
 
     def paint(self, i, out, boxes) -> None:
-        """Draws the pylon with index i over what is there, in boxes, (n, 4), of (h, w, channels)."""
+        """Draws the pylon with index i over what is there, in boxes of a picture.
+
+        Args:
+            out: (h, w, channels). boxes: see pixels.py, (n, 4).
+        """
         level = next(k for k, (limit, _) in enumerate(_DETAIL) if self.distance[i] <= limit)
         _paint(out, boxes, self._p_CF_W[i], self._P, *_solid(level), *_coat(level, out.shape[2]),
                haze(self.distance[i]))

@@ -83,28 +83,39 @@ def _expose(image, boxes, brightness, sigma, sheet, y, x, sign):
         y, x: the place in the sheet that is the picture's first pixel.
         sign: on the noise.
     """
-    shown, half = min(image.shape[2], 3), np.float32(0.5)
+    channels, half = image.shape[2], np.float32(0.5)
     noisy, sign = len(sheet) > 0, np.float32(sign)
     zero, most = np.float32(0.0), np.float32(255.0)
+    flat = image.reshape(len(image), -1)
     for x0, y0, x1, y1 in boxes:
         width = x1 - x0
         grey, noise = np.empty(width, np.float32), np.zeros(width, np.float32)
         for row in range(y0, y1):
             pixels, factors = image[row, x0:x1], brightness[row, x0:x1]
             if noisy:
-                for k in range(width):
-                    level = np.float32(pixels[k, 0])
-                    if shown == 3:
-                        level = (_LUMA[0] * level + _LUMA[1] * np.float32(pixels[k, 1])
-                                 + _LUMA[2] * np.float32(pixels[k, 2]))
-                    grey[k] = min(factors[k] * level, most)
+                if channels == 1:
+                    only = flat[row, x0:x1]
+                    for k in range(width):
+                        grey[k] = min(factors[k] * np.float32(only[k]), most)
+                else:
+                    for k in range(width):
+                        level = np.float32(0.0)
+                        for c in range(3):
+                            level += _LUMA[c] * np.float32(pixels[k, c])
+                        grey[k] = min(factors[k] * level, most)
                 samples = sheet[y + row, x + x0:x + x1]
                 for k in range(width):
                     noise[k] = sign * sigma[np.int64(grey[k] + half)] * samples[k]
-            for c in range(shown):
+            if channels == 1:
+                only = flat[row, x0:x1]
                 for k in range(width):
-                    level = factors[k] * np.float32(pixels[k, c]) + noise[k] + half
-                    pixels[k, c] = np.uint8(np.int32(min(max(level, zero), most)))
+                    level = factors[k] * np.float32(only[k]) + noise[k] + half
+                    only[k] = np.uint8(np.int32(min(max(level, zero), most)))
+            else:
+                for k in range(width):
+                    for c in range(3):
+                        level = factors[k] * np.float32(pixels[k, c]) + noise[k] + half
+                        pixels[k, c] = np.uint8(np.int32(min(max(level, zero), most)))
 
 
 def _loss(camera_info):

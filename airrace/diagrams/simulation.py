@@ -211,6 +211,7 @@ def _AddCamera(builder, scene_graph: SceneGraph, scenario, track, vehicle: Vehic
             imaging=imaging,
             latency=effects.latency,
             moving_gates=len(track.gates) if scenario.disturbances.gate_shift else 0,
+            state_period=scenario.plant_config.time_step,
         ),
     )
     if renderer.needs_query_object:

@@ -11,7 +11,7 @@ from pydrake.systems.framework import LeafSystem
 from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.rendering.camera_effects import ImagingChain
-from airrace.rendering.motion_blur import MeanPicture
+from airrace.rendering.motion_blur import MeanPicture, moved
 from airrace.systems.camera_view import CameraView
 from airrace.systems.types import CameraInfo
 
@@ -69,7 +69,9 @@ class Camera(LeafSystem):
 
     A MultibodyPlant with sampled output ports steps before the discrete updates
     of the same time, so its state is that of one plant step later then. Switch
-    them off (``SetUseSampledOutputPorts(False)``) if that matters.
+    them off (``SetUseSampledOutputPorts(False)``) if that matters. Between its
+    steps a discrete plant shows the state at the end of the step; the camera goes
+    back from there to when the picture is taken.
 
     The picture is a function of the sample only, so Drake's cache keeps it
     until the next one: a frame is drawn at most once in either way however many
@@ -87,6 +89,7 @@ class Camera(LeafSystem):
         imaging: ImagingChain | None = None,
         latency: float = 0.0,
         moving_gates: int = 0,
+        state_period: float = 0.0,
     ):
         """Constructs the camera.
 
@@ -98,8 +101,10 @@ class Camera(LeafSystem):
             imaging: turns what is drawn into what a real camera shows.
             latency: from a sample to its picture, less than 1/fps (s).
             moving_gates: how many gates there are, if they move, else 0.
+            state_period: of the plant's steps (s); 0 if its state is continuous.
         """
         LeafSystem.__init__(self)
+        self._state_period = state_period
         self._info = camera_info
         self._fps = fps
         self._renderer = renderer
@@ -195,6 +200,10 @@ class Camera(LeafSystem):
         sample = self._Shown(context)
         # The plant's integrator lets the quaternion's norm drift a little.
         X_WB = RigidTransform(Quaternion(sample[:4] / np.linalg.norm(sample[:4])), sample[4:7])
+        if self._state_period > 0.0:
+            steps = np.ceil(sample[13] / self._state_period - 1e-6)
+            early = sample[13] - steps * self._state_period
+            X_WB = moved(X_WB, sample[7:10], sample[10:13], early)
         args = () if self._query is None else (self._query.Eval(context),)
         if self._shifts is not None:
             args = (sample[14:].reshape(-1, 2),)

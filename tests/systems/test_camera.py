@@ -201,6 +201,22 @@ def test_imaging_is_given_the_sample_and_its_number():
     assert imaging.args == ([1, 2, 3], [4, 5, 6], [7, 8, 9], 5)
 
 
+def test_between_steps_of_the_plant_the_picture_is_of_its_own_time():
+    """A drone that flies and turns, in steps that the pictures' times are no multiples of."""
+    camera, renderer = make_camera(state_period=1e-3)
+    context = camera.CreateDefaultContext()
+    v, w = np.array([20.0, -3.0, 1.0]), np.array([0.0, 0.0, 4.0])
+    for time, step in ((0.1, 0.1), (0.0333, 0.034), (0.0337, 0.034)):
+        X_WB = RigidTransform(RollPitchYaw(0.0, 0.0, 4.0 * step), step * v)
+        state = np.concatenate([make_state(X_WB)[:7], w, v])
+        camera.GetInputPort("state").FixValue(context, state)
+        context.SetTime(time)
+        sample(camera, context)
+        camera.GetOutputPort("camera_image").Eval(context)
+        expected = RigidTransform(RollPitchYaw(0.0, 0.0, 4.0 * time), time * v) @ X_BC
+        assert renderer.poses[-1].IsNearlyEqualTo(expected, 1e-9)
+
+
 def test_nobody_looks_nothing_is_drawn():
     simulator, _, renderer, _ = make_flight()
     simulator.AdvanceTo(0.5)

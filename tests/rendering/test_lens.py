@@ -46,7 +46,8 @@ def test_nothing_is_left_out():
     for D in (BARREL, PINCUSHION):
         lens = Lens(make_info(D))
         picture = new_picture()
-        lens.distortion.bend(np.full((lens.pinhole.height, lens.pinhole.width, 4), 255, np.uint8), picture)
+        full = np.full((lens.pinhole.height, lens.pinhole.width, 4), 255, np.uint8)
+        lens.distortion.bend(full, picture)
         assert np.all(picture == 255)
 
 

@@ -6,7 +6,7 @@ from rich.console import Console
 
 from airrace.track import load_track
 from airrace.vehicle import DRONES, load_vehicle
-from benchmarks import control, exploration, tracks, trajectories
+from benchmarks import control, endurance, exploration, start_up, tracks, trajectories
 from benchmarks.control_tables import despin_time, recovery_tables, tracking_tables
 from benchmarks.experiments import loss, recovery, tracking
 from benchmarks.numerical_check import rotor_shares
@@ -104,3 +104,23 @@ def test_a_lap_beyond_the_rotors_is_noticed():
     lap = trajectories.plan_circuit(
         midpoints, headings, pylons, 3, clearance=2.0, max_speed=60.0, max_acceleration=40.0)
     assert rotor_shares(lap, vehicle)[1] > 1.1
+
+
+def test_memory_that_grows_is_told_from_memory_that_is_taken_once():
+    laps = np.arange(100.0)
+    taken = endurance.summary(np.minimum(300.0 + 20.0 * laps, 400.0))
+    assert taken["most_mb"] == 400.0 and abs(taken["growth_mb_a_lap"]) < 1e-9
+    growing = endurance.summary(300.0 + 1.5 * laps)
+    assert growing["growth_mb_a_lap"] == pytest.approx(1.5)
+
+
+def test_start_up_is_timed_by_what_people_type(monkeypatch, tmp_path):
+    (tmp_path / "run.bash").write_text('[ "$1" = --help ] || { mkdir "${@: -1}"; exit 1; }\n')
+    monkeypatch.setattr(start_up, "_ROOT", tmp_path)
+    rows = [{"command": name, "seconds": [start_up.duration(options)]}
+            for name, options in start_up.COMMANDS.items()]
+    assert all(0.0 < row["seconds"][0] < 5.0 for row in rows)
+    assert "./run.bash --help" in printed([start_up.make_table(rows)])
+    (tmp_path / "run.bash").write_text("echo broken >&2; exit 2\n")
+    with pytest.raises(RuntimeError, match="broken"):
+        start_up.duration(["--help"])

@@ -1,0 +1,73 @@
+"""Where the autonomy runs in HITL: a process on this computer, or on another one.
+
+Whoever starts it needs no more than this of a companion:
+
+    with contextlib.closing(companion):
+        autonomy = companion.start(["--role", "autonomy", ...], files, print)
+        while autonomy.poll() is None: ...
+        autonomy.stop()
+        autonomy.collect(folder)
+"""
+
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+# The folder, in the one that start() makes, that the autonomy writes to.
+OUTPUT = "output"
+# What the autonomy prints on a line of its own once it listens.
+READY = "airrace: autonomy ready"
+
+
+class Autonomy(typing.Protocol):
+    """An autonomy that was started."""
+
+    def poll(self) -> int | None:
+        """Hands new lines of its output to the log; returns its exit code, None while it runs.
+
+        Never blocks, and never raises: a companion that cannot be reached any
+        more has ended with -1. The exit codes are 0 after the simulation's
+        farewell, 3 if the simulation fell silent, 1 when told to stop, 2 on bad
+        input (its last line says what).
+        """
+
+    def stop(self, timeout: float = 5.0) -> None:
+        """Ends it: SIGTERM, and after the timeout (s) SIGKILL, to its process group.
+
+        Does nothing if it has ended.
+        """
+
+    def collect(self, folder: Path) -> None:
+        """Copies what is in its OUTPUT folder into a folder here, which is made.
+
+        Raises:
+            UserError: if that cannot be done.
+        """
+
+
+class Companion(typing.Protocol):
+    """A computer that runs the autonomy."""
+
+    def start(self, arguments: Sequence[str], files: Mapping[str, bytes],
+              log: Callable[[str], None]) -> Autonomy:
+        """Starts ``python -m airrace.diagrams.hitl`` with some arguments.
+
+        It gets a new folder as its working directory, with the files in it and
+        an empty folder OUTPUT, which its arguments name as ``--output``. It is the
+        leader of a process group of its own, and does not live on without us
+        (it ends by itself when the simulation's heartbeats are missing).
+
+        Args:
+            arguments: of the command line; may hold anything, so no shell may read them.
+            files: path, relative to the working directory, with forward slashes, to
+                contents: the scenario, and the track, drone and Python modules
+                that it names unless they are shipped with airrace.
+            log: called by poll() with each line that it prints, without the line's
+                end, on standard output or standard error.
+
+        Raises:
+            UserError: if it cannot be started, with the remedy.
+        """
+
+    def close(self) -> None:
+        """Stops what runs, removes the working directories, and disconnects."""

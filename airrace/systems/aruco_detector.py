@@ -1,6 +1,7 @@
 """Finds marker boards in the camera's image."""
 
 import dataclasses as dc
+import math
 
 import numpy as np
 from pydrake.common.value import Value
@@ -12,6 +13,10 @@ from airrace.systems.camera_view import CameraView
 from airrace.systems.marker_measurement import measure
 from airrace.systems.marker_search import MarkerSearch
 from airrace.systems.types import CameraInfo, Detections
+
+_LONGEST_GAP = 0.1  # s, between images, over which motion can be predicted
+_AT_REST = np.zeros(2)  # px/s
+_EMPTY_PERIOD = 3  # images, of which all of one is searched while no marker is in sight
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -29,7 +34,7 @@ class Sight(Immutable):
     detections: Detections = Detections()
     measured: tuple = ()
     velocities: dict = dc.field(default_factory=dict)
-    tracked: int = 0
+    tracked: float = math.inf
 
 
 class ArucoDetector(LeafSystem):
@@ -49,13 +54,15 @@ class ArucoDetector(LeafSystem):
     taken (s), ``camera_info`` a CameraInfo; ``detections`` a Detections.
 
     The output is a function of the inputs and of what was in the last image,
-    which is the state: while markers are in sight, only the regions around them
-    are searched, and all of the image every few frames, or when one is lost.
+    which is the state: all of an image is searched every few frames, sooner
+    while no marker is in sight, and in between only the regions around the markers that were in the last one. One
+    that is lost there has left, or is too blurred or small: a search of all of
+    the image does not find it either.
     Drake's cache makes sure that an image is searched once, however many look
     at the detections.
     """
 
-    def __init__(self, *, fps=30.0, max_gates=None, full_search_period=5):
+    def __init__(self, *, fps=30.0, max_gates=None, full_search_period=8):
         """Constructs the detector.
 
         Args:
@@ -105,7 +112,7 @@ class ArucoDetector(LeafSystem):
 
 
 def look(search: MarkerSearch, view: CameraView, time, info: CameraInfo, last: Sight, *,
-         max_id=np.inf, full_search_period=5) -> Sight:
+         max_id=np.inf, full_search_period=8) -> Sight:
     """Returns what is in an image, given what was in the last one.
 
     Args:
@@ -119,11 +126,14 @@ def look(search: MarkerSearch, view: CameraView, time, info: CameraInfo, last: S
     if reason := checks.check_view(view, time, info):
         return Sight(Detections(time, (), ((reason, None),)))
     dt = time - last.detections.time
-    found = None
-    if last.measured and last.tracked + 1 < full_search_period:
-        found = _track(search, view, dt, info, last)
-    tracked = 0 if found is None else last.tracked + 1
-    found = found or search.everywhere(view.whole())
+    period = full_search_period if last.measured else min(full_search_period, _EMPTY_PERIOD)
+    if last.tracked + 1 < period and 0 < dt < _LONGEST_GAP:
+        predictions = {
+            m.id: m.corners + dt * last.velocities.get(m.id, _AT_REST) for m in last.measured
+        }
+        found, tracked = search.around(view, predictions), last.tracked + 1
+    else:
+        found, tracked = search.everywhere(view.whole()), 0
     measured, refused = measure(view, *found, info, max_id)
     before = {marker.id: marker for marker in last.measured}
     jumping = {m.id for m in measured if m.id in before and checks.jumps(m, before[m.id], dt)}
@@ -133,24 +143,8 @@ def look(search: MarkerSearch, view: CameraView, time, info: CameraInfo, last: S
         (*refused, *((checks.JUMP, id) for id in sorted(jumping))),
     )
     velocities = {
-        m.id: (m.corners - before[m.id].corners).mean(axis=0) / dt
+        m.id: (m.corners - before[m.id].corners).sum(axis=0) / (4 * dt)
         for m in measured if m.id in before
     }
     return Sight(detections, measured, velocities, tracked)
 
-
-def _track(search: MarkerSearch, view: CameraView, dt, info: CameraInfo, last: Sight):
-    """Searches around the markers of the last image.
-
-    Returns:
-        see MarkerSearch, or None if one is lost: it should be in the image, and
-        is not.
-    """
-    predictions = {
-        m.id: m.corners + dt * last.velocities.get(m.id, np.zeros(2)) for m in last.measured
-    }
-    found = search.around(view, list(predictions.values()))
-    for id in predictions.keys() - set(found[0]):
-        if np.all((predictions[id] > 0) & (predictions[id] < [info.width - 1, info.height - 1])):
-            return None
-    return found

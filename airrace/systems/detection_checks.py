@@ -1,8 +1,11 @@
 """Reasons to doubt what looks like a marker."""
 
+import math
+
 import cv2
 import numpy as np
 
+from airrace.compiled import compiled
 from airrace.systems.marker_modules import misread_modules
 from airrace.systems.types import CameraInfo, Detection
 
@@ -65,8 +68,8 @@ def check_corners(corners, quad) -> str | None:
         quad: what they were refitted from, (4, 2) px.
     """
     # A refit that runs away has followed the edges of something else.
-    limit = _FARTHEST_REFIT + _FARTHEST_SHARE * np.sqrt(_signed_area(quad))
-    return None if np.all(np.abs(corners - quad) < limit) else NO_EDGES
+    limit = _FARTHEST_REFIT + _FARTHEST_SHARE * math.sqrt(_signed_area(quad))
+    return None if _farthest(corners, quad) < limit else NO_EDGES
 
 
 def check_id(grey, corners, id) -> str | None:
@@ -87,9 +90,7 @@ def swapped_pair(id, left, right) -> bool:
         id: of the marker on the left pylon, as the gate is flown through.
         left, right: corners of the markers on the two pylons, (4, 2) px.
     """
-    rightward = left[1] - left[0] + left[2] - left[3]
-    towards = (right.mean(axis=0) - left.mean(axis=0)) @ rightward
-    return bool(towards > 0) == bool(id % 2)
+    return _is_to_the_right(left, right) == bool(id % 2)
 
 
 def jumps(detection: Detection, before: Detection, dt: float) -> bool:
@@ -104,18 +105,48 @@ def jumps(detection: Detection, before: Detection, dt: float) -> bool:
     """
     if not 0 < dt <= _LONGEST_GAP:
         return False
-    p, q = detection.X_CM.translation(), before.X_CM.translation()
-    moved = abs(np.linalg.norm(p) - np.linalg.norm(q))
+    moved = abs(_distance(detection) - _distance(before))
     turn = detection.X_CM.rotation() @ before.X_CM.rotation().inverse()
     turned = abs(turn.ToAngleAxis().angle())
-    variances = np.diag(detection.covariance) + np.diag(before.covariance)
-    return bool(
-        moved > _MAX_SPEED * dt + _JUMP_SIGMAS * np.sqrt(variances[3:].sum())
-        or turned > _MAX_TURN_RATE * dt + _JUMP_SIGMAS * np.sqrt(variances[:3].sum())
+    variances = (detection.covariance.diagonal() + before.covariance.diagonal()).tolist()
+    return (
+        moved > _MAX_SPEED * dt + _JUMP_SIGMAS * math.sqrt(sum(variances[3:]))
+        or turned > _MAX_TURN_RATE * dt + _JUMP_SIGMAS * math.sqrt(sum(variances[:3]))
     )
 
 
-def _signed_area(quad) -> float:
+def _distance(detection: Detection) -> float:
+    """Returns that of a marker from the camera (m)."""
+    return math.hypot(*detection.X_CM.translation().tolist())
+
+
+@compiled
+def _signed_area(quad):
     """Area (px^2) within corners, negative if they run anticlockwise as seen."""
-    (x, y), (u, v) = (quad[2] - quad[0]), (quad[3] - quad[1])
-    return float(x * v - y * u) / 2
+    x, y = quad[2, 0] - quad[0, 0], quad[2, 1] - quad[0, 1]
+    u, v = quad[3, 0] - quad[1, 0], quad[3, 1] - quad[1, 1]
+    return (x * v - y * u) / 2
+
+
+@compiled
+def _farthest(corners, quad):
+    """Returns how far from each other coordinates are at most (px); NaN if one is."""
+    farthest = 0.0
+    for i in range(4):
+        for j in range(2):
+            distance = abs(corners[i, j] - quad[i, j])
+            if math.isnan(distance):
+                return distance
+            farthest = max(farthest, distance)
+    return farthest
+
+
+@compiled
+def _is_to_the_right(left, right):
+    """Whether one marker is, as the other is read, to the right of it; corners, (4, 2) px."""
+    along, towards = np.zeros(2), np.zeros(2)
+    for j in range(2):
+        along[j] = left[1, j] - left[0, j] + left[2, j] - left[3, j]
+        for i in range(4):
+            towards[j] += right[i, j] - left[i, j]
+    return along[0] * towards[0] + along[1] * towards[1] > 0

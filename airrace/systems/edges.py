@@ -1,9 +1,12 @@
-"""The edges of marker squares in pictures."""
+"""The edges of a marker's square in a picture, in machine code, see compiled.py."""
 
-import dataclasses as dc
+import math
+import typing
 
-import cv2
 import numpy as np
+
+from airrace.compiled import compiled
+from airrace.systems.pixels import grey_level
 
 # Where edges are sampled: at profiles along them, clear of the corners, in edge
 # lengths from the middle; and across, in half profiles, outwards.
@@ -12,15 +15,14 @@ ALONG = np.linspace(-EXTENT / 2, EXTENT / 2, 24)
 ACROSS = np.linspace(-1.0, 1.0, 17)
 
 
-@dc.dataclass(frozen=True)
-class Edges:
-    """The edges of n squares; edge i leads from corner i to corner i + 1.
+class Edges(typing.NamedTuple):
+    """The edges of a square; edge i leads from corner i to corner i + 1.
 
     Attributes:
-        middle: points halfway, (n, 4, 2) px.
-        along, outward: unit vectors, (n, 4, 2).
-        length: (n, 4) px.
-        width: distance of the opposite edge, (n, 4) px.
+        middle: points halfway, (4, 2) px.
+        along, outward: unit vectors, (4, 2).
+        length: (4,) px.
+        width: distance of the opposite edge, (4,) px.
     """
 
     middle: np.ndarray
@@ -29,54 +31,70 @@ class Edges:
     length: np.ndarray
     width: np.ndarray
 
-    def profiles(self, image, reach):
-        """Returns grey levels at ALONG and ACROSS the edges, (4 n, p, s), float32.
 
-        Args:
-            image: (h, w), uint8; pixel centres are integers.
-            reach: half a profile, (n, 4) px.
-        """
-        n, p, s = len(self.middle), len(ALONG), len(ACROSS)
-        starts = self.middle[:, :, None] + ALONG[:, None] * (
-            self.length[:, :, None, None] * self.along[:, :, None])
-        steps = ACROSS[:, None] * (reach[:, :, None, None] * self.outward[:, :, None])
-        points = (starts[:, :, :, None] + steps[:, :, None]).astype(np.float32)
-        sampled = cv2.remap(
-            image, points.reshape(4 * n * p, s, 2), None, cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE)
-        return sampled.reshape(4 * n, p, s).astype(np.float32)
-
-
-def make_edges(corners) -> Edges:
-    """Returns the edges of squares from their corners, (n, 4, 2) px."""
-    ahead = np.concatenate([corners[:, 1:], corners[:, :1]], axis=1)
-    side = ahead - corners
-    length = np.hypot(side[..., 0], side[..., 1])
-    along = side / length[..., None]
-    outward = np.stack([along[..., 1], -along[..., 0]], axis=2)
-    middle = (corners + ahead) / 2
-    opposite = np.concatenate([middle[:, 2:], middle[:, :2]], axis=1)
-    width = np.sum((middle - opposite) * outward, axis=2)
+@compiled
+def make_edges(corners):
+    """Returns the Edges of a square from its corners, (4, 2) px."""
+    middle, along, outward = np.empty((4, 2)), np.empty((4, 2)), np.empty((4, 2))
+    length, width = np.empty(4), np.empty(4)
+    for i in range(4):
+        j = (i + 1) % 4
+        x, y = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
+        length[i] = math.hypot(x, y)
+        along[i, 0], along[i, 1] = x / length[i], y / length[i]
+        outward[i, 0], outward[i, 1] = along[i, 1], -along[i, 0]
+        middle[i, 0], middle[i, 1] = corners[i, 0] + x / 2, corners[i, 1] + y / 2
+    for i in range(4):
+        j = (i + 2) % 4
+        width[i] = ((middle[i, 0] - middle[j, 0]) * outward[i, 0]
+                    + (middle[i, 1] - middle[j, 1]) * outward[i, 1])
     return Edges(middle, along, outward, length, width)
 
 
-def intersect(edges: Edges, offset, slope):
-    """Returns the corners of squares whose edges are shifted and turned a little.
+@compiled
+def profiles(image, edges, i, reach):
+    """Returns grey levels at ALONG and ACROSS an edge, (p, s).
 
     Args:
-        edges: of n squares.
-        offset: outwards, at the edges' middles, (n, 4) px.
-        slope: against the edges, (n, 4).
-
-    Returns:
-        (n, 4, 2) px.
+        image: see grey_level().
+        edges: of a square.
+        i: number of the edge.
+        reach: half a profile (px).
     """
-    p = edges.middle + offset[..., None] * edges.outward
-    d = edges.along + slope[..., None] * edges.outward
-    q, e = (np.concatenate([a[:, -1:], a[:, :-1]], axis=1) for a in (p, d))
-    return p + (cross(q - p, e) / cross(d, e))[..., None] * d
+    result = np.empty((len(ALONG), len(ACROSS)))
+    for k in range(len(ALONG)):
+        x = edges.middle[i, 0] + ALONG[k] * edges.length[i] * edges.along[i, 0]
+        y = edges.middle[i, 1] + ALONG[k] * edges.length[i] * edges.along[i, 1]
+        for j in range(len(ACROSS)):
+            out = ACROSS[j] * reach
+            result[k, j] = grey_level(
+                image, x + out * edges.outward[i, 0], y + out * edges.outward[i, 1])
+    return result
 
 
-def cross(a, b):
-    """Returns the z component of the cross products of vectors, (..., 2)."""
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+@compiled
+def intersect(edges, lines):
+    """Returns the corners of a square whose edges are shifted and turned a little, (4, 2) px.
+
+    Args:
+        edges: of the square.
+        lines: offset outwards at each edge's middle (px), and slope against the
+            edge, (4, 2).
+    """
+    p, d, corners = np.empty((4, 2)), np.empty((4, 2)), np.empty((4, 2))
+    for i in range(4):
+        for j in range(2):
+            p[i, j] = edges.middle[i, j] + lines[i, 0] * edges.outward[i, j]
+            d[i, j] = edges.along[i, j] + lines[i, 1] * edges.outward[i, j]
+    for i in range(4):
+        j = (i + 3) % 4
+        to_previous = cross(p[j, 0] - p[i, 0], p[j, 1] - p[i, 1], d[j, 0], d[j, 1])
+        s = to_previous / cross(d[i, 0], d[i, 1], d[j, 0], d[j, 1])
+        corners[i, 0], corners[i, 1] = p[i, 0] + s * d[i, 0], p[i, 1] + s * d[i, 1]
+    return corners
+
+
+@compiled
+def cross(ax, ay, bx, by):
+    """Returns the z component of the cross product of two vectors."""
+    return ax * by - ay * bx

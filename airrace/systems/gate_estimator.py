@@ -8,6 +8,7 @@ import numpy as np
 
 from airrace.immutable import Immutable, read_only
 from airrace.systems import gate_belief as gb
+from airrace.systems import gate_filter as gf
 from airrace.systems.detection_checks import FROM_BEHIND, JUMP
 from airrace.systems.sighting import OFF_MAP, UNCONFIRMED, Sighting
 from airrace.systems.types import GateEstimate, GateMap, MarkerEstimate
@@ -66,15 +67,13 @@ class GateRecord(Immutable):
 
     def _is_behind(self, sighting) -> bool:
         """Whether the camera is on the wrong side of the face that it claims to have seen."""
-        p_WM, _ = self.belief.board(sighting.id)
-        out = gb.facing(sighting.id) * self.belief.forward
-        return (
-            self.belief.covariance[gb.HEADING, gb.HEADING] < _HEADING_SIGMA**2
-            and np.linalg.norm(sighting.p_WM - p_WM) < _NEAR
-            and (sighting.p_WC - p_WM) @ out < 0.0
-        )
+        belief = self.belief
+        return belief.covariance[gf.HEADING, gf.HEADING] < _HEADING_SIGMA**2 and gf.is_behind(
+            belief.pose, sighting.id, sighting.p_WM, sighting.p_WC, _NEAR)
 
     def _refusing(self, *doubted) -> "GateRecord":
+        if not doubted:
+            return self
         refused = Counter(self.refused) + Counter((s.id, reason) for s, reason in doubted)
         return dc.replace(self, refused=dict(refused))
 
@@ -87,12 +86,13 @@ class GateRecord(Immutable):
         ago = sighting.time - self.times.get(sighting.id, -np.inf)
         weight = min(max(ago, 0.0) / _ERROR_TIME, 1.0) / (2 if sighting.joint else 1)
         refuted = [pair for pair in self.doubted if pair[0].id == sighting.id]
-        return dc.replace(
-            self,
-            belief=self.belief.updated(sighting, weight).knowing_the_rules(),
-            doubted=tuple(pair for pair in self.doubted if pair[0].id != sighting.id),
-            counts=self.counts | {sighting.id: self.counts.get(sighting.id, 0) + 1},
-            times=self.times | {sighting.id: sighting.time},
+        return GateRecord(
+            self.belief.updated(sighting, weight).knowing_the_rules(),
+            tuple(pair for pair in self.doubted if pair[0].id != sighting.id),
+            self.counts | {sighting.id: self.counts.get(sighting.id, 0) + 1},
+            self.times | {sighting.id: sighting.time},
+            self.refused,
+            self.certain_once,
         )._refusing(*refuted)
 
     def _restarted(self, belief, doubted, agreed) -> "GateRecord":
@@ -149,7 +149,8 @@ class RobustEstimator:
         for number, record in sorted(records.items()):
             of_gate = _described(number, record, self._min_sightings)
             markers, gates = markers + of_gate.markers, gates + of_gate.gates
-            refused.update(of_gate.refused)
+            if of_gate.refused:
+                refused.update(of_gate.refused)
         return GateMap(
             markers=markers, gates=gates, refused=dict(sorted(refused.items())), **counters
         )
@@ -168,9 +169,10 @@ def _described(number, record: GateRecord, min_sightings) -> GateMap:
     if record.belief is None:
         return GateMap(refused=refused)
     known = _is_known(number, record, min_sightings)
+    boards = read_only(gf.boards(record.belief.pose, record.belief.covariance, 4 * number))
     return GateMap(
         markers=tuple(
-            _marker_estimate(id, record, outliers[id])
+            MarkerEstimate(id, record.counts.get(id, 0), outliers[id], *boards[:, id % 4])
             for id in range(4 * number, 4 * number + 4) if known or id in record.counts
         ),
         gates=(_gate_estimate(number, record.belief),) if known else (),
@@ -182,7 +184,7 @@ def _is_known(number, record: GateRecord, min_sightings) -> bool:
     counts = [record.counts.get(4 * number + i, 0) for i in range(4)]
     return bool(
         min(counts[0] + counts[1], counts[2] + counts[3]) >= min_sightings
-        and record.belief.pose[gb.SPACING] > 2 * PYLON_BASE_RADIUS
+        and record.belief.pose[gf.SPACING] > 2 * PYLON_BASE_RADIUS
         # A gate that moved stays in the map, even if it was hardly seen since.
         and (record.certain_once or _is_certain(record.belief))
     )
@@ -190,27 +192,13 @@ def _is_known(number, record: GateRecord, min_sightings) -> bool:
 
 def _is_certain(belief: gb.GateBelief | None) -> bool:
     """Whether it is known well where a gate stands."""
-    if belief is None:
-        return False
-    return bool(np.linalg.eigvalsh(belief.covariance[:3, :3])[-1] < _GATE_SIGMA**2)
+    return belief is not None and gf.is_below(belief.covariance, _GATE_SIGMA**2)
 
 
 def _gate_estimate(number, belief) -> GateEstimate:
     return GateEstimate(
         number=number,
         p_WG=read_only(belief.pose[:3]),
-        heading=float(np.remainder(belief.pose[gb.HEADING] + np.pi, 2 * np.pi) - np.pi),
-        spacing=float(belief.pose[gb.SPACING]),
-    )
-
-
-def _marker_estimate(id, record, outliers) -> MarkerEstimate:
-    p_WM, covariance = record.belief.board(id)
-    return MarkerEstimate(
-        id=id,
-        count=record.counts.get(id, 0),
-        outliers=outliers,
-        p_WM=read_only(p_WM),
-        variance=read_only(np.diag(covariance)),
-        normal=read_only(gb.facing(id) * record.belief.forward),
+        heading=gf.turn_between(belief.pose[gf.HEADING], 0.0),
+        spacing=float(belief.pose[gf.SPACING]),
     )

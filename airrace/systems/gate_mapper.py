@@ -1,21 +1,18 @@
 """Builds the map of the track from detections."""
 
-import math
-
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 
 from airrace.systems import state_estimate as se
 from airrace.systems.detection_checks import JUMP
 from airrace.systems.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.pose_history import jumps, last_two, moved, remember
 from airrace.systems.sighting import UNKNOWN_TIME
 from airrace.systems.types import GateMap
 
-# No flight leads so far from where the estimate before leads.
-_LEAST_JUMP, _MOST_ACCELERATION = 0.2, 50.0  # m and rad; m/s^2 and rad/s^2
 _REACH = 2.0  # periods of the estimate, beyond one it says nothing about the pose
 
 
@@ -72,12 +69,7 @@ class GateMapper(LeafSystem):
         )
 
     def _Remember(self, context, discrete_state):
-        estimate = self._estimate.Eval(context)
-        history = context.get_discrete_state(self._history).value()
-        if _is_sound(estimate) and estimate[se.TIME] > history[0]:
-            discrete_state.set_value(
-                self._history, np.concatenate([estimate, history[:-se.SIZE]])
-            )
+        remember(discrete_state.get_mutable_value(self._history), self._estimate.Eval(context))
 
     def _UpdateMap(self, context, state):
         detections = self._detections.Eval(context)
@@ -94,17 +86,13 @@ class GateMapper(LeafSystem):
         The estimate before that time is carried forward with its velocities,
         which spares interpolating noise.
         """
-        newest = self._estimate.Eval(context)
         history = context.get_discrete_state(self._history).value()
-        history = history.reshape(self._depth, se.SIZE)
-        if _is_sound(newest) and newest[se.TIME] > history[0, se.TIME]:
-            history = np.vstack([newest, history])
-        known = history[(history[:, se.TIME] >= 0.0) & (history[:, se.TIME] <= time + 1e-9)]
-        if len(known) == 0 or not time - known[0, se.TIME] <= self._reach:
+        last, before = last_two(history, self._estimate.Eval(context), time)
+        if last[se.TIME] < 0.0 or not time - last[se.TIME] <= self._reach:
             return None, UNKNOWN_TIME
-        if len(known) > 1 and _jumps(known[1], known[0]):
+        if before[se.TIME] >= 0.0 and jumps(before, last):
             return None, JUMP
-        return extrapolate(known[0], time - known[0, se.TIME]), None
+        return extrapolate(last, time - last[se.TIME]), None
 
     def _CalcMap(self, context, output):
         output.set_value(context.get_abstract_state(int(self._memory)).get_value().gate_map)
@@ -117,29 +105,5 @@ def extrapolate(estimate, dt) -> RigidTransform:
         estimate: vector of state_estimate.py, (14,).
         dt: (s).
     """
-    q = estimate[se.QUATERNION]
-    turn = dt * estimate[se.ANGULAR_VELOCITY]
-    half = np.concatenate([[1.0], turn / 2])
-    R_WB = RotationMatrix(Quaternion(half / np.linalg.norm(half))) @ RotationMatrix(
-        Quaternion(q / np.linalg.norm(q))
-    )
-    return RigidTransform(R_WB, estimate[se.POSITION] + dt * estimate[se.VELOCITY])
-
-
-def _is_sound(estimate) -> bool:
-    """Whether a state estimate is finite and its quaternion one."""
-    numbers = estimate.tolist()
-    return (
-        all(map(math.isfinite, numbers)) and abs(math.hypot(*numbers[se.QUATERNION]) - 1.0) < 0.1
-    )
-
-
-def _jumps(before, after) -> bool:
-    """Whether no flight leads from one state estimate to the next."""
-    dt = after[se.TIME] - before[se.TIME]
-    expected, actual = extrapolate(before, dt), extrapolate(after, 0.0)
-    limit = _LEAST_JUMP + _MOST_ACCELERATION * dt**2
-    turn = (expected.rotation().inverse() @ actual.rotation()).ToAngleAxis().angle()
-    return bool(
-        np.linalg.norm(expected.translation() - actual.translation()) > limit or turn > limit
-    )
+    pose = moved(estimate, dt)
+    return RigidTransform(Quaternion(pose[:4]), pose[4:])

@@ -5,15 +5,12 @@ import functools
 import cv2
 import numpy as np
 
+from airrace.compiled import compiled
+from airrace.systems.pixels import as_pixels, grey_level
+
 DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
 _MODULES = 7  # a side, with the black frame
-_SAMPLES = 3  # of a module in either direction, over its inner half
-_CENTRES = np.arange(_MODULES) + 0.5
-_WITHIN = np.linspace(-0.25, 0.25, _SAMPLES)
-_GRID = np.stack(
-    np.meshgrid(*2 * [(_CENTRES[:, None] + _WITHIN).ravel()]), axis=2
-).reshape(1, -1, 2).astype(np.float32)
-_CORNERS = np.float32([[0, 0], [1, 0], [1, 1], [0, 1]]) * _MODULES
+_WITHIN = np.array([-0.25, 0.0, 0.25])  # samples of a module, in either direction
 
 
 def misread_modules(grey, corners, id) -> int:
@@ -28,18 +25,63 @@ def misread_modules(grey, corners, id) -> int:
             (4, 2) px.
         id: what the marker was read as.
     """
-    to_pixels = cv2.getPerspectiveTransform(_CORNERS, corners.astype(np.float32))
-    points = cv2.perspectiveTransform(_GRID, to_pixels)
-    side = _MODULES, _SAMPLES
-    levels = cv2.remap(
-        grey, points.reshape(_MODULES * _SAMPLES, -1, 2), None, cv2.INTER_LINEAR
-    ).reshape(*side, *side).mean(axis=(1, 3))
-    white = _modules(id)
-    middle = (levels[white].mean() + levels[~white].mean()) / 2
-    return int(np.sum((levels > middle)[1:-1, 1:-1] != white[1:-1, 1:-1]))
+    return _misread(as_pixels(grey), np.ascontiguousarray(corners, float), _modules(id))
 
 
 @functools.cache
 def _modules(id) -> np.ndarray:
     """Returns where a marker is white, (7, 7); the frame is black."""
     return cv2.aruco.generateImageMarker(DICTIONARY, id, _MODULES) > 0
+
+
+@compiled
+def _misread(grey, corners, white):
+    levels = _module_levels(grey, corners)
+    # Half-way between the mean white module and the mean black one.
+    bright, dark, bright_count = 0.0, 0.0, 0
+    for i in range(_MODULES):
+        for j in range(_MODULES):
+            if white[i, j]:
+                bright, bright_count = bright + levels[i, j], bright_count + 1
+            else:
+                dark += levels[i, j]
+    middle = (bright / bright_count + dark / (_MODULES**2 - bright_count)) / 2
+    wrong = 0
+    for i in range(1, _MODULES - 1):
+        for j in range(1, _MODULES - 1):
+            wrong += (levels[i, j] > middle) != white[i, j]
+    return wrong
+
+
+@compiled
+def _module_levels(grey, corners):
+    """Returns the mean grey level of each module's inner half, (7, 7)."""
+    a, b, c, d, e, f, g, h = _square_to_quad(corners)
+    levels = np.zeros((_MODULES, _MODULES))
+    for i in range(_MODULES):
+        for j in range(_MODULES):
+            for dv in _WITHIN:
+                for du in _WITHIN:
+                    u, v = (j + 0.5 + du) / _MODULES, (i + 0.5 + dv) / _MODULES
+                    w = g * u + h * v + 1.0
+                    levels[i, j] += grey_level(
+                        grey, (a * u + b * v + c) / w, (d * u + e * v + f) / w)
+    return levels / len(_WITHIN)**2
+
+
+@compiled
+def _square_to_quad(p):
+    """Returns the projective map of the unit square to four corners, (4, 2).
+
+    x = (a u + b v + c) / (g u + h v + 1) and y = (d u + e v + f) / (g u + h v + 1);
+    Heckbert, "Fundamentals of texture mapping and image warping", 1989, 2.2.3.
+    """
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = p[0], p[1], p[2], p[3]
+    sx, sy = x0 - x1 + x2 - x3, y0 - y1 + y2 - y3
+    determinant = (x1 - x2) * (y3 - y2) - (x3 - x2) * (y1 - y2)
+    g = (sx * (y3 - y2) - sy * (x3 - x2)) / determinant
+    h = ((x1 - x2) * sy - (y1 - y2) * sx) / determinant
+    return (
+        x1 - x0 + g * x1, x3 - x0 + h * x3, x0,
+        y1 - y0 + g * y1, y3 - y0 + h * y3, y0, g, h,
+    )

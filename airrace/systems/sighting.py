@@ -1,11 +1,14 @@
 """A marker as one image puts it into the world, and what is refused before it gets there."""
 
 import dataclasses as dc
+import math
 
 import numpy as np
 from pydrake.math import RigidTransform
 
+from airrace.compiled import compiled
 from airrace.immutable import Immutable, read_only
+from airrace.small_matrices import cholesky, transformed
 from airrace.systems.detection_checks import FOREIGN_ID, FROM_BEHIND
 from airrace.systems.marker_pose import GATE_SPACING
 from airrace.systems.types import CameraInfo, Detection
@@ -65,12 +68,15 @@ def refusal(marker: Detection, max_id: int, max_range: float) -> str | None:
     if not 0 <= marker.id <= max_id:
         return FOREIGN_ID
     X_CM = marker.X_CM.GetAsMatrix34()
-    if not np.isfinite(X_CM).all() or not _is_covariance(marker.covariance):
+    covariance = marker.covariance
+    if not np.isfinite(X_CM).all() or (covariance is not None and not _is_covariance(covariance)):
         return BROKEN
-    if np.abs(X_CM[:, 3]).max() > max_range or np.linalg.norm(X_CM[:, 3]) > max_range:
+    x, y, z = p_CM = X_CM[:, 3].tolist()
+    if math.hypot(*p_CM) > max_range:
         return TOO_FAR
     # Nobody can read a board whose face points away, or that is behind the camera.
-    if X_CM[2, 3] <= 0.0 or X_CM[:, 2] @ X_CM[:, 3] >= 0.0:
+    out = X_CM[:, 2].tolist()
+    if z <= 0.0 or out[0] * x + out[1] * y + out[2] * z >= 0.0:
         return FROM_BEHIND
     return None
 
@@ -91,40 +97,65 @@ def make_sighting(marker: Detection, X_WC: RigidTransform, info: CameraInfo,
         time: of the image (s).
     """
     p_CM = marker.X_CM.translation()
-    R_WC = X_WC.rotation().matrix()
-    distance = np.linalg.norm(p_CM)
     covariance = marker.covariance
     if covariance is None:
-        covariance = _assumed_covariance(p_CM[2], info.K[0, 0])
+        covariance = read_only(_assumed_covariance(p_CM[2], info.K[0, 0]))
     size = GATE_SPACING if marker.joint else MARKER_SIZE
-    ray = R_WC @ p_CM / distance
     X_WM = X_WC @ marker.X_CM
+    in_world = _in_world(X_WC.rotation().matrix(), p_CM, covariance, size)
     return Sighting(
         id=marker.id,
         time=time,
         p_WC=read_only(X_WC.translation()),
         p_WM=read_only(X_WM.translation()),
-        covariance=read_only(
-            R_WC @ covariance[3:, 3:] @ R_WC.T
-            + (_POSITION**2 + (_ATTITUDE * distance) ** 2) * np.eye(3)
-            + (_PULL * distance**2 / size) ** 2 * np.outer(ray, ray)
-        ),
+        covariance=read_only(in_world[:3, :3]),
         normal=read_only(X_WM.rotation().col(2)),
-        heading_variance=float(
-            R_WC[2] @ covariance[:3, :3] @ R_WC[2]
-            + _HEADING**2
-            + (_FLIP * marker.ambiguity) ** 2
-        ),
+        heading_variance=float(in_world[3, 3]) + _HEADING**2 + (_FLIP * marker.ambiguity) ** 2,
         joint=marker.joint,
     )
 
 
-def _is_covariance(matrix) -> bool:
-    """Whether it is None or finite and small, and no variance in it is negative."""
-    return matrix is None or bool(
-        np.abs(matrix).max() < _WORTHLESS
-        and np.linalg.eigvalsh(matrix)[0] >= -1e-9 * np.abs(matrix).max()
-    )
+@compiled
+def _in_world(R_WC, p_CM, covariance, size):
+    """Returns the covariance of a marker's x, y, z (m) and turn about the vertical (rad), (4, 4).
+
+    Args:
+        R_WC: rotation of the camera, (3, 3).
+        p_CM: position of the marker (m), (3,).
+        covariance: of the marker's pose in C, see Detection, (6, 6).
+        size: of what the distance was told by (m).
+    """
+    J = np.zeros((4, 6))
+    for i in range(3):
+        J[3, i] = R_WC[2, i]
+        for j in range(3):
+            J[i, 3 + j] = R_WC[i, j]
+    result = transformed(J, covariance)
+    ray, squared = np.zeros(3), 0.0
+    for i in range(3):
+        squared += p_CM[i]**2
+        for j in range(3):
+            ray[i] += R_WC[i, j] * p_CM[j]
+    pull = (_PULL * squared / size)**2 / squared
+    for i in range(3):
+        result[i, i] += _POSITION**2 + _ATTITUDE**2 * squared
+        for j in range(3):
+            result[i, j] += pull * ray[i] * ray[j]
+    return result
+
+
+@compiled
+def _is_covariance(matrix):
+    """Whether a matrix is finite and small, and no variance in it is negative."""
+    largest = 0.0
+    for element in matrix.ravel():
+        if not abs(element) < _WORTHLESS:
+            return False
+        largest = max(largest, abs(element))
+    lifted = matrix.copy()
+    for i in range(len(matrix)):
+        lifted[i, i] += 1e-9 * largest + 1e-300  # rounding is no reason
+    return not math.isnan(cholesky(lifted)[-1, -1])
 
 
 def _assumed_covariance(depth, focal_length) -> np.ndarray:

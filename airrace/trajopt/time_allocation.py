@@ -76,20 +76,31 @@ def durations_within_limits(
     durations = np.array(durations, float)
 
     def excess(factor):
-        return _excess(limits, waypoints, factor * durations, constraints=constraints, **options)
+        return _excess(
+            limits, waypoints, factor * durations, constraints=constraints, **options) - 1.0
 
     if _keeps_shape(constraints):
-        return durations * max(min_factor, excess(1.0) * (1.0 + 1e-8))
-    low, high, step, most = min_factor, min_factor, 0.01, 1.0 + 1e-12
-    while excess(high) > most:
-        low, high, step = high, high * (1.0 + step), min(1.5 * step, 0.1)
+        return durations * max(min_factor, (1.0 + excess(1.0)) * (1.0 + 1e-8))
+    low, high, step, at_low, at_high = min_factor, min_factor, 0.01, 0.0, excess(min_factor)
+    while at_high > 1e-12:
+        low, high, step, at_low = high, high * (1.0 + step), min(1.5 * step, 0.1), at_high
         if high > max_factor:
             raise TrajectoryOptimizationError(
                 f"No {min_factor:g} to {max_factor:g} fold of these durations meets the limits of "
                 f"{limits[0]:g} m/s and {limits[1]:g} m/s^2; relax them or the fixed derivatives.")
-    while high - low > 1e-7 * high:
-        middle = (low + high) / 2
-        low, high = (middle, high) if excess(middle) > most else (low, middle)
+        at_high = excess(high)
+    bisect = False
+    while at_high < -1e-7 and high - low > 1e-7 * high:
+        # A secant, and a bit beyond, so that the limits are met there as a rule.
+        middle = low + (high - low) * at_low / (at_low - at_high) + 2e-8 * high
+        if bisect or not low < middle < high:
+            middle = (low + high) / 2
+        width, at_middle = high - low, excess(middle)
+        if at_middle > 1e-12:
+            low, at_low = middle, at_middle
+        else:
+            high, at_high = middle, at_middle
+        bisect = high - low > width / 2
     return durations * high
 
 

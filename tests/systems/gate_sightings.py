@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from airrace.immutable import read_only
 from airrace.systems.sighting import Sighting
 from airrace.track import Gate
 
@@ -24,8 +25,10 @@ def see(gate: Gate, id: int, time: float, rng, sigma=SIGMA, error=(0.0, 0.0, 0.0
     turn = 0.02 * rng.standard_normal()
     c, s = np.cos(turn), np.sin(turn)
     return Sighting(
-        id=id, time=time, p_WC=p_WM + 10.0 * normal if p_WC is None else np.array(p_WC, float),
-        p_WM=p_WM + sigma * rng.standard_normal(3) + error,
-        covariance=sigma**2 * np.eye(3),
-        normal=np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ normal, heading_variance=0.05**2,
+        id=id, time=time,
+        p_WC=read_only(p_WM + 10.0 * normal if p_WC is None else p_WC),
+        p_WM=read_only(p_WM + sigma * rng.standard_normal(3) + error),
+        covariance=read_only(sigma**2 * np.eye(3)),
+        normal=read_only(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ normal),
+        heading_variance=0.05**2,
     )

@@ -122,7 +122,7 @@ def test_tracking_finds_the_same_in_less_of_the_image():
     pictures = [picture({id: pose(0.1 * k, 0, 15 - 0.3 * k, yaw=0.2)}) for id in (7,)
                 for k in range(7)]
     tracked, calls = watch(pictures)
-    assert calls == ["everywhere", *4 * ["around"], "everywhere", "around"]
+    assert calls == ["everywhere", *6 * ["around"]]
     searched, calls = watch(pictures, full_search_period=1)
     assert calls == 7 * ["everywhere"]
     for a, b in zip(tracked, searched):
@@ -130,15 +130,40 @@ def test_tracking_finds_the_same_in_less_of_the_image():
         np.testing.assert_allclose(a.corners, b.corners, atol=1e-3)
 
 
-def test_all_of_an_image_is_searched_when_a_marker_is_lost():
-    sights, calls = watch([picture(LONE), picture({39: pose(-4, -2, 15)}), EMPTY, EMPTY])
-    assert calls == ["everywhere", "around", "everywhere", "around", "everywhere", "everywhere"]
-    assert [ids(s.detections) for s in sights] == [[39], [39], [], []]
+def test_all_of_an_image_is_searched_every_few_images():
+    sights, calls = watch(4 * [EMPTY] + 6 * [picture(LONE)], full_search_period=3)
+    assert calls == 3 * ["everywhere", "around", "around"] + ["everywhere"]
+    assert [ids(s.detections) for s in sights] == 6 * [[]] + 4 * [[39]]
+
+
+def test_a_lost_marker_is_found_by_the_next_full_search():
+    moved = picture({39: pose(-4, -2, 15)})
+    sights, _ = watch([picture(LONE), *4 * [moved]], full_search_period=3)
+    assert [ids(s.detections) for s in sights] == [[39], [], [], [39], [39]]
 
 
 def test_new_markers_are_found_by_the_next_full_search():
-    sights, _ = watch([picture(LONE), *5 * [picture(LONE | GATE)]])
+    sights, _ = watch([picture(LONE), *8 * [picture(LONE | GATE)]])
+    assert ids(sights[-2].detections) == [39]
     assert ids(sights[-1].detections) == [0, 2, 39]
+
+
+def test_after_a_gap_all_of_an_image_is_searched():
+    search = CountingSearch()
+    view = CameraView.of(picture(LONE))
+    first = look(search, view, 0.0, INFO, Sight())
+    look(search, view, 0.5, INFO, first)
+    assert search.calls == 2 * ["everywhere"]
+
+
+def test_only_expected_markers_are_found_where_they_are_expected():
+    search, view = MarkerSearch(), CameraView.of(picture(LONE))
+    corners = project(LONE[39])
+    for id in (39, 38, 1000):
+        found, quads = search.around(view, {7: corners - 300, id: corners})
+        assert found == ([39] if id == 39 else [])
+        assert quads.shape == (len(found), 4, 2)
+    assert search.around(view, {})[0] == []
 
 
 def test_a_pose_that_jumps_is_refused_until_it_stays():
@@ -156,9 +181,9 @@ def test_the_image_is_searched_once():
     show(detector, context, picture(LONE), 0.0)
     first = detector.get_output_port().Eval(context)
     # The detector remembers the image, which must not change what is in it.
-    simulator.AdvanceTo(0.2)
+    simulator.AdvanceTo(0.09)
     assert detector.get_output_port().Eval(context) is first
     assert search.calls == ["everywhere"]
-    show(detector, context, picture(LONE), 0.2)
+    show(detector, context, picture(LONE), 0.09)
     assert ids(detector.get_output_port().Eval(context)) == [39]
     assert search.calls == ["everywhere", "around"]

@@ -53,19 +53,18 @@ def flat_state(f, time: float) -> np.ndarray:
     return result
 
 
-def fly_laps(track: Track, dimensions: int, config, laps: int) -> Flight:
+def fly_laps(track: Track, dimensions: int, limits, laps: int) -> Flight:
     """Returns laps through all gates.
 
     Args:
         track: where.
         dimensions: see plan_circuit.
-        config: an ExplorerConfig or a PlannerConfig: whose limits are kept.
+        limits: of speed (m/s) and acceleration (m/s^2).
         laps: how many.
     """
     return Flight(plan_circuit(
         [gate.p_WG for gate in track.gates], [gate.heading for gate in track.gates],
-        track.pylons()[:, :2], dimensions, max_speed=config.max_speed,
-        max_acceleration=config.max_acceleration,
+        track.pylons()[:, :2], dimensions, max_speed=limits[0], max_acceleration=limits[1],
         clearance=clearance_of(load_vehicle("Default")[0].radius),
     ), laps)
 

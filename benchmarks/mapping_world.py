@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform
 from rich.progress import track as progress
 
 from airrace.diagrams.scenario import Scenario
+from airrace.limits import parse_limits
 from airrace.random import make_generator
 from airrace.rendering.camera_effects import ImagingChain
 from airrace.rendering.planar import PlanarRenderer
@@ -65,8 +66,10 @@ class World:
 
     def frames(self, laps: int, console) -> list[Frame]:
         """Flies, takes pictures and measures the markers in them."""
-        flights = (fly_laps(self.track, 4, self.scenario.explorer, 1),
-                   fly_laps(self.track, 6, self.scenario.planner, laps))
+        explorer = self.scenario.explorer
+        flights = (
+            fly_laps(self.track, 4, (explorer.max_speed, explorer.max_acceleration), 1),
+            fly_laps(self.track, 6, parse_limits(self.scenario.planner.limits), laps))
         times = [(phase, k / self.scenario.camera.fps) for phase, flight in enumerate(flights)
                  for k in range(int(flight.duration * self.scenario.camera.fps))]
         imaging = ImagingChain(effects=self.scenario.camera.resolved(), camera_info=self.info,

@@ -25,8 +25,9 @@ from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import clearance_of
 from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.lap_search import Effort
 from airrace.trajopt.min_snap import TrajectoryOptimizationError
-from airrace.trajopt.time_optimal import Effort, plan_optimal_circuit
+from airrace.trajopt.time_optimal import plan_optimal_circuit
 from airrace.vehicle import DRONES, load_vehicle
 from benchmarks.numerical_check import rotor_shares
 from benchmarks.trajectory_tables import (

@@ -42,7 +42,7 @@ def _make_explorer(scenario: Scenario):
 def _make_lap_planner(scenario: Scenario):
     return LapPlanner(
         vehicle=load_vehicle(scenario.drone)[0],
-        dimensions=None if scenario.trajectory == "optimal" else int(scenario.trajectory),
+        trajectory=scenario.trajectory,
         config=scenario.planner,
     )
 

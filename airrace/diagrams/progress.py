@@ -77,6 +77,8 @@ class RaceDisplay:
     def _open(self, drone: str):
         scenario = self._scenario
         kind = scenario.trajectory + ("-D" if scenario.trajectory.isdigit() else "")
+        if scenario.planner.limits != "original":
+            kind += f" within limits {scenario.planner.limits}"
         self._print(f"airrace: {drone} on {self._track_name}, {kind}, "
                     f"seed {scenario.seed}, {scenario.laps} laps")
         if self._meshcat is not None:
@@ -142,7 +144,7 @@ class RaceDisplay:
 def lap_table(result: dict) -> Table:
     """Returns the table of laps of a race.json."""
     table = Table()
-    for heading in ("lap", "time (s)", "planned (s)", "max speed (m/s)",
+    for heading in ("lap", "time (s)", "planned (s)", "over bound", "max speed (m/s)",
                     "worst gate offset (m)", "map RMS (m)"):
         table.add_column(heading, justify="right")
     for lap in result["laps"]:
@@ -152,6 +154,7 @@ def lap_table(result: dict) -> Table:
             f"{lap['lap']}{mark}",
             f"{lap['time_s']:.2f}",
             f"{plan['duration_s']:.2f}" if plan else "-",
+            f"{plan['over_bound']:.1%}" if plan and plan.get("over_bound") is not None else "-",
             f"{lap['max_speed']:.1f}",
             f"{max(lap['gate_offsets_m']):.2f}",
             f"{lap['map_rms_m']:.3f}" if lap["map_rms_m"] is not None else "-",

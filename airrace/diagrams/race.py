@@ -82,6 +82,10 @@ def add_drone_options(group) -> None:
                        help="dimensions of the lap planner: 3 = x, y, z; 4 = and yaw along the "
                        "gates' headings; 6 = and roll = pitch = 0 at the gates; optimal = the "
                        "quickest laps within the limits, anywhere through the gates (default: 6)")
+    group.add_argument("--limits", metavar="original|rotor|v=..,a=..",
+                       help="what laps keep to: original = 20 m/s and 10 m/s^2; rotor = nothing "
+                       "but what the rotors can do; or limits of your own in m/s and m/s^2, such "
+                       "as v=15,a=8 (default: original)")
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -118,6 +122,8 @@ def resolve_scenario(args):
     for option in ("drone", "trajectory", "track", "laps", "seed"):
         if getattr(args, option) is not None:
             setattr(scenario, option, getattr(args, option))
+    if args.limits is not None:
+        scenario.planner.limits = args.limits
     if args.renderer is not None:
         scenario.camera.renderer = args.renderer
     if args.realtime_rate is not None:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from airrace.diagrams.scenario import Scenario
-from airrace.systems.lap_plan import NO_PLAN, LapPlan
+from airrace.systems.lap_plan import NO_PLAN, LapPlan, PlanReport
 from airrace.systems.referee import OUT_OF_TIME, RefereeReport
 from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateMap
 from airrace.track import Track
@@ -77,6 +77,7 @@ class RaceRecord:
             "drone": self.vehicle.name,
             "simulation": self._simulation,
             "trajectory": self._scenario.trajectory,
+            "limits": self._scenario.planner.limits,
             "seed": self._scenario.seed,
             "rotor_failures": [
                 {"rotor": f.rotor, "time_s": f.time, "noticed_s": self.rotor_losses.get(f.rotor)}
@@ -114,7 +115,7 @@ class RaceRecord:
         crossings = self.report.crossings[n * (lap - 1): n * lap + 1]
         start = crossings[0].time
         plans = [plan for first, plan in sorted(self._plans.items()) if first <= lap]
-        plan = plans[-1].report if plans else None
+        report = plans[-1].report if plans else None
         return {
             "lap": lap,
             "start_s": start,
@@ -123,14 +124,30 @@ class RaceRecord:
             "gate_offsets_m": [c.offset for c in crossings[:-1]],
             "max_speed": max(c.max_speed for c in crossings[1:]),
             "map_rms_m": self._map_rms[lap],
-            "plan": plan and {
-                "solve_time_s": plan.solve_time,
-                "duration_s": plan.duration,
-                "max_speed": plan.max_speed,
-                "max_acceleration": plan.max_acceleration,
-                "max_rotor_thrust": plan.max_rotor_thrust,
-            },
+            "plan": report and plan_data(report),
         }
+
+
+def plan_data(report: PlanReport) -> dict:
+    """Returns what race.json says of a plan: see PlanReport for what it is."""
+    return {
+        "solve_time_s": report.solve_time,
+        "duration_s": report.duration,
+        "bound_s": report.bound,
+        "over_bound": report.gap,
+        "max_speed": report.max_speed,
+        "max_acceleration": report.max_acceleration,
+        "max_rate": report.max_rate,
+        "max_rotor_thrust": report.max_rotor_thrust,
+        "max_rotor_thrusts": list(report.max_thrusts),
+        "min_rotor_thrusts": list(report.min_thrusts),
+        "limits_reached": list(report.reached),
+        "pylon_clearance_m": report.clearance,
+        "margin_m": report.margin,
+        "solver": report.solver,
+        "iterations": report.iterations,
+        "warm": report.warm,
+    }
 
 
 def _events(events: tuple, status: ExplorerStatus) -> tuple:

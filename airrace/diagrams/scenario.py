@@ -17,6 +17,7 @@ from airrace.diagrams.scenario_checks import (
 )
 from airrace.disturbances import DisturbancesConfig, RotorFailure
 from airrace.errors import UserError
+from airrace.limits import parse_limits
 from airrace.resources import find_yaml, load_yaml, models_path
 from airrace.vehicle import DRONES, find_vehicle
 
@@ -79,8 +80,8 @@ class PlannerConfig:
 
     rate: float = 20.0  # Hz
     latency: float = 0.5  # s, declared: from the map to the plan in force
-    max_speed: float = 20.0  # m/s
-    max_acceleration: float = 10.0  # m/s^2
+    limits: str = "original"  # or "rotor", or such as "v=15,a=8"; see airrace/limits.py
+    thrust_share: float = 0.9  # of the rotors' limits: the rest is for the controller
 
 
 @dc.dataclass
@@ -138,6 +139,7 @@ class Scenario:
         """Raises UserError with one sentence on the first bad value."""
         check_numbers(self)
         check_choice("trajectory", self.trajectory, TRAJECTORIES)
+        parse_limits(self.planner.limits)
         check_choice("state_noise", self.state_noise, ("reference", "none"))
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")

@@ -36,6 +36,7 @@ _RANGES = {
     "perception.max_gates": (1, 256),
     "explorer.rate": (1, 10000),
     "planner.rate": (1, 10000),
+    "planner.thrust_share": (0.1, 1),
     "controller.rate": (1, 10000),
 }
 

@@ -16,7 +16,7 @@ from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.triples import columns, cross, dot, in_axes, sum2, transposed, triple
 from airrace.vehicle import GRAVITY, Vehicle
 
-_THRUST_SHARE = 0.9  # of what the rotors have: the rest is for the attitude
+_THRUST_SHARE = 0.95  # of what the rotors have: the rest is for the attitude
 _LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
 _YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have for it
 _SHORT_LAG = 0.01  # s, that the rotors' lag is made to look like

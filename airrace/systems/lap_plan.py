@@ -11,13 +11,22 @@ from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 @dc.dataclass(frozen=True, eq=False)
 class PlanReport(Immutable):
-    """What a lap plan promises, from a dense check.
+    """What a lap plan promises, from inverse dynamics at 1 kHz of entry and lap.
 
     Attributes:
         solve_time: wall time of the solve (s).
         duration: of the lap, gate 1 to gate 1 (s).
-        max_speed: (m/s). max_acceleration: (m/s^2).
-        max_rotor_thrust: of any rotor, by inverse dynamics (N).
+        max_speed: (m/s). max_acceleration: without gravity (m/s^2).
+        max_rotor_thrust: of any rotor (N).
+        max_thrusts, min_thrusts: of every rotor (N), tuples.
+        max_rate: of the body's angular velocity (rad/s).
+        clearance: from the nearest pylon's axis (m).
+        margin: between drone and boards that was asked for, at the gate that the map
+            knows least (m).
+        reached: names of the limits that are used to the full.
+        bound: the lap of a point mass with the same limits through the same gates (s).
+        solver: its name. iterations: of convex programs, or None.
+        warm: whether the search started from the lap before.
     """
 
     solve_time: float
@@ -25,6 +34,21 @@ class PlanReport(Immutable):
     max_speed: float
     max_acceleration: float
     max_rotor_thrust: float
+    max_thrusts: tuple = ()
+    min_thrusts: tuple = ()
+    max_rate: float | None = None
+    clearance: float | None = None
+    margin: float | None = None
+    reached: tuple = ()
+    bound: float | None = None
+    solver: str = ""
+    iterations: int | None = None
+    warm: bool = False
+
+    @property
+    def gap(self) -> float | None:
+        """How much longer than the bound, as a share of it."""
+        return None if self.bound is None else self.duration / self.bound - 1.0
 
 
 @dc.dataclass(frozen=True, eq=False)

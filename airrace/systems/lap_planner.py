@@ -1,29 +1,20 @@
 """Plans every lap from the map as it then stands."""
 
 import dataclasses as dc
-import time as wall_clock
 
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
 from airrace.immutable import Immutable
-from airrace.systems.lap_plan import NO_PLAN, LapPlan, PlanReport
-from airrace.trajopt.circuit import Circuit, plan_circuit
-from airrace.trajopt.entry import plan_change, plan_start
-from airrace.trajopt.flat_trajectory import SIZE, FlatTrajectory, unpack_flat_outputs
-from airrace.trajopt.flatness import rotor_thrusts
-from airrace.trajopt.flight_limits import FlightLimits
-from airrace.trajopt.flyable import clearance_of, peaks, sample_times
-from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap import TrajectoryOptimizationError
-from airrace.trajopt.time_optimal import plan_optimal_circuit
-from airrace.vehicle import GRAVITY, Vehicle
+from airrace.limits import parse_limits
+from airrace.systems.lap_plan import NO_PLAN, LapPlan
+from airrace.systems.lap_planning import LapProblem, plan_lap
+from airrace.systems.map_margins import has_changed, largest_move, pylon_margins
+from airrace.trajopt.flat_trajectory import SIZE, unpack_flat_outputs
+from airrace.vehicle import Vehicle
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
-_MARGIN = 0.99  # of the limits, so that a slightly different way onto the lap keeps them
-_THRUST_SHARE = 0.85  # of the rotors' limits: the rest is for the controller
-_HALF_HEIGHT = 2.5  # m, above and below a gate's midpoint
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -35,12 +26,14 @@ class _Memory(Immutable):
         pending: the one that will replace it, or None.
         tried_at: when the planner last looked for one (s).
         tried_lap: the lap at whose end that plan was to come into force.
+        tried_gates: tuple of GateEstimate that it knew of.
     """
 
     plan: LapPlan = NO_PLAN
     pending: LapPlan | None = None
     tried_at: float = -np.inf
     tried_lap: int = 0
+    tried_gates: tuple = ()
 
 
 class LapPlanner(LeafSystem):
@@ -64,29 +57,27 @@ class LapPlanner(LeafSystem):
     lap through the gates that the explorer found, in its order. It does so
     again in every lap, such that the plan, which comes into force one declared
     latency later, does so once the last gate has been passed, and goes on from
-    the state that the old one has then. If there is no such plan, the old one
-    goes on, since a lap can be repeated; before the first, the planner tries
-    again.
+    the state that the old one has then. If there is no such plan, or it would be
+    slower without need, the old one goes on, since a lap can be repeated; before
+    the first, the planner tries again when the map has changed.
     """
 
-    def __init__(self, *, vehicle: Vehicle, dimensions: int | None, config):
+    def __init__(self, *, vehicle: Vehicle, trajectory: str, config, solve=plan_lap):
         """Constructs the planner.
 
         Args:
-            vehicle: for its size and the check of the rotor thrusts.
-            dimensions: 3, 4 or 6, see plan_circuit; None for the quickest laps, see
-                plan_optimal_circuit.
+            vehicle: for its size and its rotors.
+            trajectory: "3", "4", "6" or "optimal", see LapProblem.
             config: a PlannerConfig.
+            solve: from a LapProblem to a LapPlan or None.
         """
         LeafSystem.__init__(self)
-        self._vehicle = vehicle
-        self._dimensions = dimensions
+        max_speed, max_acceleration = parse_limits(config.limits)
+        self._fixed = dict(
+            trajectory=trajectory, vehicle=vehicle, max_speed=max_speed,
+            max_acceleration=max_acceleration, thrust_share=config.thrust_share)
         self._latency = config.latency
-        self._limits = dict(
-            clearance=clearance_of(vehicle.radius),
-            max_speed=config.max_speed,
-            max_acceleration=config.max_acceleration,
-        )
+        self._solve = solve
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self._reference = self.DeclareVectorInputPort("exploration_reference", SIZE)
@@ -119,9 +110,10 @@ class LapPlanner(LeafSystem):
             start_time = now + self._latency
             after = dc.replace(
                 memory,
-                pending=self._Plan(context, memory.plan, start_time),
+                pending=self._Plan(context, memory, start_time),
                 tried_at=now,
                 tried_lap=0 if memory.plan is NO_PLAN else memory.plan.lap_at(start_time),
+                tried_gates=self._map.Eval(context).gates,
             )
         else:
             return
@@ -135,8 +127,13 @@ class LapPlanner(LeafSystem):
         which has been tried.
         """
         if memory.plan is NO_PLAN:
-            done = self._explorer.Eval(context).done
-            return done and now >= memory.tried_at + _RETRY_PERIOD - 1e-9
+            if not self._explorer.Eval(context).done:
+                return False
+            # What failed once would again, unless the map has changed.
+            waited = now >= memory.tried_at + _RETRY_PERIOD - 1e-9
+            gates = self._map.Eval(context).gates
+            first = not np.isfinite(memory.tried_at)
+            return waited and (first or has_changed(gates, memory.tried_gates))
         plan, start_time = memory.plan, now + self._latency
         last_leg = plan.circuit.duration - plan.circuit.gate_times[-2]
         return (
@@ -144,68 +141,27 @@ class LapPlanner(LeafSystem):
             and plan.lap_at(start_time) > memory.tried_lap
         )
 
-    def _Plan(self, context, old: LapPlan, start_time) -> LapPlan | None:
+    def _Plan(self, context, memory: _Memory, start_time) -> LapPlan | None:
         """Returns the plan from a time on, or None if there is none."""
-        clock = wall_clock.perf_counter()
-        known = {gate.number: gate for gate in self._map.Eval(context).gates}
+        old, gate_map = memory.plan, self._map.Eval(context)
+        known = {gate.number: gate for gate in gate_map.gates}
         found = self._explorer.Eval(context).gates
         if not set(found) <= set(known):
             return None
-        gates = [known[number] for number in found]
-        pylons = np.array([gate.pylons for gate in known.values()]).reshape(-1, 2)
-        try:
-            circuit = self._PlanCircuit(gates, pylons, old.circuit)
-            if old is NO_PLAN:
-                start = unpack_flat_outputs(self._reference.Eval(context))
-                lap = 1
-                entry, phase = plan_start(
-                    start, circuit, self._dimensions or 4, pylons, **self._limits
-                )
-            else:
-                lap = old.lap_at(start_time) + 1
-                remaining = old.next_start(start_time) - start_time
-                entry, phase = plan_change(
-                    old.derivatives(start_time), circuit, remaining, pylons, **self._limits
-                ), 0.0
-        except TrajectoryOptimizationError:
-            return None
-        report = self._Check(entry, circuit, wall_clock.perf_counter() - clock)
-        return LapPlan(
-            lap=lap, start_time=start_time, entry=entry, circuit=circuit, phase=phase,
-            report=report,
-        )
-
-    def _PlanCircuit(self, gates, pylons, previous: Circuit | None) -> Circuit:
-        midpoints, headings = [g.p_WG for g in gates], [g.heading for g in gates]
-        if self._dimensions is not None:
-            return plan_circuit(
-                midpoints, headings, pylons, self._dimensions, previous=previous, **self._limits
-            )
-        clearance = self._limits["clearance"]
-        limits = FlightLimits(
-            self._vehicle, thrust_share=_THRUST_SHARE,
-            max_speed=_MARGIN * self._limits["max_speed"],
-            max_acceleration=_MARGIN * self._limits["max_acceleration"],
-        )
-        return plan_optimal_circuit(
-            GateRegions.windows(
-                midpoints, headings, [g.spacing / 2 - clearance for g in gates], _HALF_HEIGHT
-            ),
-            pylons, limits, clearance=clearance, previous=previous,
-        )
-
-    def _Check(self, entry: FlatTrajectory, circuit: FlatTrajectory, solve_time) -> PlanReport:
-        samples = np.hstack([
-            trajectory.sample(sample_times(trajectory)) for trajectory in (entry, circuit)
-        ])
-        speed, acceleration = peaks(samples)
-        return PlanReport(
-            solve_time=solve_time,
-            duration=circuit.duration,
-            max_speed=speed,
-            max_acceleration=acceleration,
-            max_rotor_thrust=float(rotor_thrusts(samples, self._vehicle, GRAVITY).max()),
-        )
+        if old is NO_PLAN:
+            start = unpack_flat_outputs(self._reference.Eval(context))
+        else:
+            start = old.derivatives(start_time)
+        # The gates to fly through first, then all others to keep clear of.
+        gates = tuple(known.pop(number) for number in found)
+        every = (*gates, *known.values())
+        moved = 0.0 if old is NO_PLAN else largest_move(every, memory.tried_gates)
+        return self._solve(LapProblem(
+            **self._fixed,
+            gates=gates,
+            pylons=np.array([gate.pylons for gate in every]).reshape(-1, 2),
+            margins=pylon_margins(every, gate_map.markers, moved),
+            start_time=start_time, start=start, old=None if old is NO_PLAN else old))
 
 
 def _is_due(plan: LapPlan, context) -> bool:

@@ -11,7 +11,10 @@ from airrace.vehicle import GRAVITY
 
 _TRUST = 0.5  # of a duration, and of a speed, at first
 _MISMATCH_COST = 2.0  # s per m/s of difference in velocity at a gate, in the merit
+_NEARNESS_COST, _NEARNESS_MERIT = 4.0, 2.0  # s per metre nearer to a pylon than allowed
 _ITERATIONS = 40
+_LOOKS = 4  # at the distance from pylons, in each interval
+_REACH, _DEPTH = 3.0, 0.05  # m, of rows beyond the clearance, and the nearest point
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -35,7 +38,7 @@ class PointMassBound:
 
 
 def point_mass_bound(gates: GateRegions, *, max_speed=None, max_acceleration=None,
-                     max_specific_force=None, intervals: int = 32,
+                     max_specific_force=None, pylons=(), clearance=0.0, intervals: int = 32,
                      tolerance: float = 1e-4) -> PointMassBound:
     """Returns the quickest periodic lap of a point mass without drag.
 
@@ -45,13 +48,16 @@ def point_mass_bound(gates: GateRegions, *, max_speed=None, max_acceleration=Non
     Only s <= T^2 and w = T v at the gates are not convex; both are linearised
     about the last iterate until nothing changes. Speeds between the samples lie
     below those at the samples, so the result is a lap that can be flown; it
-    approaches the least from above, by 0.02 % or so with 32 intervals.
+    approaches the least from above, by 0.02 % or so with 32 intervals. Pylons make
+    it a local minimum: half planes about the last iterate keep it clear of them.
 
     Args:
         gates: to pass.
         max_speed: (m/s). max_acceleration: without gravity (m/s^2).
         max_specific_force: greatest thrust over mass (m/s^2); give one of these
             two at least.
+        pylons: axes to keep clear of, [x, y], (m, 2) m. clearance: from those, a number
+            or (m,) m.
         intervals: of constant acceleration, a leg.
         tolerance: where to stop: relative change of the lap time.
 
@@ -76,9 +82,10 @@ def point_mass_bound(gates: GateRegions, *, max_speed=None, max_acceleration=Non
     V *= speed / np.maximum(np.linalg.norm(V, axis=1, keepdims=True), 0.1)
 
     problem = _Problem(gates, intervals, max_speed, max_acceleration, max_specific_force)
-    trust, merit = _TRUST, np.inf
+    near = _Pylons(np.reshape(pylons, (-1, 2)), clearance, intervals)
+    trust, merit, best = _TRUST, np.inf, None
     for iteration in range(1, _ITERATIONS + 1):
-        found = problem.solve(T, V, trust, speed)
+        found = problem.solve(T, V, trust, speed, near, best)
         if found is None:
             if trust > 4.0:
                 break
@@ -89,6 +96,11 @@ def point_mass_bound(gates: GateRegions, *, max_speed=None, max_acceleration=Non
         mismatch = np.linalg.norm(w[:, [0, -1]] - new_T[:, None, None] * np.stack(
             [new_V, np.roll(new_V, -1, axis=0)], axis=1), axis=2)
         new_merit = new_T.sum() + _MISMATCH_COST * np.sum(mismatch / new_T[:, None]) / speed
+        if best is None:  # it did not know of the pylons yet
+            T, V, best = new_T, new_V, (w, P)
+            merit = new_merit + _NEARNESS_MERIT * near.lack(w, P)
+            continue
+        new_merit += _NEARNESS_MERIT * near.lack(w, P)
         if new_merit > merit * (1.0 + 1e-9):
             trust /= 3.0
             if trust < 1e-4:
@@ -104,6 +116,46 @@ def point_mass_bound(gates: GateRegions, *, max_speed=None, max_acceleration=Non
     return PointMassBound(float(T.sum()), T, w / T[:, None, None], P, iteration)
 
 
+class _Pylons:
+    """What a lap has to keep clear of."""
+
+    def __init__(self, axes, clearance, intervals):
+        self._axes, self._clearance = axes, clearance
+        # From w, linear over each interval, to the way flown: integrals of hat functions.
+        x = np.arange(1, _LOOKS * intervals) / _LOOKS
+        u = np.clip(x[:, None] - np.arange(intervals + 1) + 1.0, 0.0, 2.0)
+        hats = np.where(u < 1.0, u**2 / 2.0, 1.0 - (2.0 - u) ** 2 / 2.0)
+        hats[:, 0] -= 0.5  # half of the first lies before the leg
+        self._integrals = hats / intervals
+
+    def _away(self, w, P):
+        """Returns vectors from the axes, (n, looks, m, 2), and their lengths."""
+        places = P[:, None, :2] + self._integrals @ w[..., :2]
+        away = places[:, :, None] - self._axes
+        return away, np.maximum(np.linalg.norm(away, axis=3), 1e-6)
+
+    def lack(self, w, P) -> float:
+        """Returns by how much each leg comes too near, in all (m)."""
+        _, distance = self._away(w, P)
+        return float(np.max(self._clearance - distance, axis=(1, 2), initial=0.0).sum())
+
+    def rows(self, w, P):
+        """Yields legs, rows over x, y of P, w and a slack, and their least values."""
+        away, distance = self._away(w, P)
+        room = distance - self._clearance
+        nearest = distance.min(axis=1, keepdims=True, initial=np.inf)
+        for leg, near in enumerate((room < _REACH) & (distance < nearest + _DEPTH)):
+            which, pylon = np.nonzero(near)
+            if not len(which):
+                continue
+            normal = away[leg, which, pylon] / distance[leg, which, pylon][:, None]
+            along = self._integrals[which]
+            least = np.broadcast_to(self._clearance, len(self._axes))[pylon] + np.sum(
+                normal * self._axes[pylon], axis=1)
+            yield leg, np.hstack([normal, normal[:, :1] * along, normal[:, 1:] * along,
+                                  np.ones((len(which), 1))]), least
+
+
 class _Problem:
     """The convex problem about an iterate; its cones are always the same."""
 
@@ -115,7 +167,10 @@ class _Problem:
         self._V = program.NewContinuousVariables(n, 3)
         self._T = program.NewContinuousVariables(n)
         self._s = program.NewContinuousVariables(n)
+        self._slack = program.NewContinuousVariables(n)
         program.AddLinearCost(np.ones(n), self._T)
+        program.AddLinearCost(np.full(n, _NEARNESS_COST), self._slack)
+        program.AddBoundingBoxConstraint(0.0, np.inf, self._slack)
         program.AddBoundingBoxConstraint(1e-3, np.inf, self._T)
         weights = np.full(N + 1, 1.0 / N)
         weights[[0, -1]] /= 2.0
@@ -139,8 +194,11 @@ class _Problem:
                         program.AddLorentzConeConstraint(A, np.zeros(4), [s, *w[k], *w[k + 1]])
         self._linearized = []
 
-    def solve(self, T, V, trust, speed):
-        """Returns T (n,), V, P (n, 3) and w (n, intervals + 1, 3), or None."""
+    def solve(self, T, V, trust, speed, near, last):
+        """Returns T (n,), V, P (n, 3) and w (n, intervals + 1, 3), or None.
+
+        Args: about: T, V. trust: of their change. near: _Pylons. last: w and P, or None.
+        """
         program, n = self._program, len(T)
         for binding in self._linearized:
             program.RemoveConstraint(binding)
@@ -157,6 +215,11 @@ class _Problem:
             T * (1 - min(trust, 0.9)), T * (1 + trust), self._T))
         add.append(program.AddBoundingBoxConstraint(
             V - trust * speed, V + trust * speed, self._V))
+        for leg, rows, least in near.rows(*last) if last is not None else ():
+            variables = [*self._P[leg, :2], *self._w[leg, :, 0], *self._w[leg, :, 1],
+                         self._slack[leg]]
+            add.append(program.AddLinearConstraint(
+                rows, least, np.full(len(least), np.inf), variables))
         self._linearized = add
         result = ClarabelSolver().Solve(program)
         if not result.is_success():

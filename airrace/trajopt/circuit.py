@@ -1,12 +1,20 @@
 """The circuit: a closed lap through the gates of a map."""
 
 import contextlib
+import dataclasses as dc
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.trajopt.flyable import is_flyable, passes_forward, pylon_distances, sample_times
+from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.flyable import (
+    is_flyable,
+    passes_forward,
+    pylon_distances,
+    rotor_excess,
+    sample_times,
+)
 from airrace.trajopt.min_snap import (
     DerivativeConstraint,
     TrajectoryOptimizationError,
@@ -19,8 +27,9 @@ from airrace.trajopt.time_allocation import allocate_times
 LEVEL = np.array([0.0, 0.0, np.nan, np.nan])  # no horizontal acceleration
 # Of the limits, so that a slightly different way onto the circuit keeps them.
 _MARGIN = 0.99
-_APPROACHES = (None, 5.0, 3.0, 2.0)  # m before a gate, tried in turn
+_APPROACHES = (None, 5.0, 3.0, 2.0, 10.0)  # m before a gate, tried in turn
 _MOST_ROUNDS = 4  # of each, with the gates that were faulty in the last
+_MOST_SLOWING = 20.0  # times the durations within limits of speed and acceleration
 _LEAST_DISTANCE = 0.1  # m, from gate to gate
 
 
@@ -47,7 +56,8 @@ class Circuit(FlatTrajectory):
 
 
 def plan_circuit(midpoints, headings, pylons, dimensions, *, clearance, max_speed,
-                 max_acceleration, previous: Circuit | None = None) -> Circuit:
+                 max_acceleration, rotors: FlightLimits | None = None,
+                 previous: Circuit | None = None) -> Circuit:
     """Returns the lap through the gates that is shortest within the limits.
 
     Section V of the Student AirRace report, as a closed loop: nobody stops at
@@ -64,14 +74,16 @@ def plan_circuit(midpoints, headings, pylons, dimensions, *, clearance, max_spee
         headings: of the gates, (n,) rad.
         pylons: axes to keep clear of, [x, y], (m, 2) m.
         dimensions: 3, 4 or 6.
-        clearance: from the pylons' axes (m).
+        clearance: from the pylons' axes, a number or (m,) m.
         max_speed, max_acceleration: (m/s), (m/s^2).
+        rotors: whose rotors must be able to fly the lap; it is slowed until they can.
+            None does not ask.
         previous: the lap through a similar map, to start from.
 
     Raises:
         TrajectoryOptimizationError: if there is no such lap.
     """
-    limits = dict(max_speed=max_speed, max_acceleration=max_acceleration)
+    limits = dict(max_speed=max_speed, max_acceleration=max_acceleration, rotors=rotors)
     all_limits = dict(clearance=clearance, **limits)
     gates = _checked(midpoints, headings)
     if previous is not None and len(previous.headings) == len(gates):
@@ -139,15 +151,39 @@ def _solve(gates, approach, dimensions, durations, limits) -> Circuit:
         constraints = [DerivativeConstraint(i, 2, LEVEL) for i in indices]
     problem = dict(constraints=constraints, periodic=True, period_offset=offset)
     durations = allocate_times(
-        waypoints, initial_durations=durations,
-        **{name: _MARGIN * limit for name, limit in limits.items()}, **problem,
-    )
-    lap = solve_min_snap(waypoints, durations, **problem)
-    breaks = np.array(lap.get_segment_times())
-    if dimensions == 3:
-        yaw = PiecewisePolynomial.ZeroOrderHold(breaks, np.full((1, len(breaks)), gates[0, 3]))
-        lap = _stack(lap, yaw)
-    return Circuit(lap, [*breaks[indices], breaks[-1]], gates[:, 3], approach)
+        waypoints, initial_durations=durations, max_speed=_MARGIN * limits["max_speed"],
+        max_acceleration=_MARGIN * limits["max_acceleration"], **problem)
+
+    def lap(factor):
+        path = solve_min_snap(waypoints, factor * durations, **problem)
+        breaks = np.array(path.get_segment_times())
+        if dimensions == 3:
+            yaw = PiecewisePolynomial.ZeroOrderHold(breaks, np.full((1, len(breaks)), gates[0, 3]))
+            path = _stack(path, yaw)
+        return Circuit(path, [*breaks[indices], breaks[-1]], gates[:, 3], approach)
+
+    return lap(1.0) if limits["rotors"] is None else _slowed(lap, limits["rotors"])
+
+
+def _slowed(lap, rotors: FlightLimits) -> Circuit:
+    """Returns lap(factor) with the least factor, 1 or more, that the rotors can fly."""
+    rotors = dc.replace(rotors, thrust_share=_MARGIN * rotors.thrust_share)
+
+    def excess(factor):
+        circuit = lap(factor)
+        return rotor_excess(circuit.sample(sample_times(circuit)), rotors)
+
+    if excess(1.0) <= 0.0:
+        return lap(1.0)
+    low, high = 1.0, 1.1
+    while excess(high) > 0.0:
+        low, high = high, 1.1 * high
+        if high > _MOST_SLOWING:
+            raise TrajectoryOptimizationError("The rotors cannot fly the lap, however slow.")
+    while high - low > 1e-4 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
+    return lap(high)
 
 
 def _faults(circuit: Circuit, pylons, clearance) -> set:
@@ -155,7 +191,7 @@ def _faults(circuit: Circuit, pylons, clearance) -> set:
     gate_times = np.array(circuit.gate_times)
     forward = passes_forward(circuit, gate_times[:-1], circuit.headings)
     times = sample_times(circuit)
-    near = pylon_distances(circuit.sample(times), pylons).min(axis=1, initial=np.inf) < clearance
+    near = (pylon_distances(circuit.sample(times), pylons) < clearance).any(axis=1)
     nearest = np.abs(times[near, None] - gate_times).argmin(axis=1) % len(forward)
     return {*np.flatnonzero(~forward).tolist(), *nearest.tolist()}
 

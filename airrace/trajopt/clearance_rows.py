@@ -13,7 +13,7 @@ _REACH, _DEPTH = 2.5, 0.05  # m, of constraints beyond the clearance, and the ne
 _MARGIN = 0.02  # m, for what lies between samples
 
 
-def keep_clear(step: LapStep, pylons, clearance: float, cost: float) -> None:
+def keep_clear(step: LapStep, pylons, clearance, cost: float) -> None:
     """Adds half planes that keep the path off the pylons' axes, and a least height.
 
     Pylons are taken for endless: no lap is meant to lead over one.
@@ -21,30 +21,31 @@ def keep_clear(step: LapStep, pylons, clearance: float, cost: float) -> None:
     Args:
         step: to add to.
         pylons: axes, [x, y], (m, 2) m.
-        clearance: from those (m).
+        clearance: from those, a number or (m,) m.
         cost: of coming nearer by a metre (s).
     """
     for leg, (matrices, place) in enumerate(_places(step.lap)):
         away, distance = _from_pylons(place, pylons)
+        room = distance - clearance
         nearest = distance.min(axis=0, initial=np.inf)
-        which, pylon = np.nonzero((distance < clearance + _REACH) & (distance < nearest + _DEPTH))
+        which, pylon = np.nonzero((room < _REACH) & (distance < nearest + _DEPTH))
         normal = away[which, pylon] / distance[which, pylon][:, None]
         low = np.flatnonzero(place[:, 2] < LOWEST + _REACH)[::_SPARSE]
         gradients = np.zeros((len(which) + len(low), 1, 4))
         gradients[:len(which), 0, :2] = -normal
         gradients[len(which):, 0, 2] = -1.0
-        rooms = np.concatenate([distance[which, pylon] - clearance - _MARGIN,
+        rooms = np.concatenate([room[which, pylon] - _MARGIN,
                                 place[low, 2] - LOWEST - _MARGIN])
         rows = step.rows(leg, np.concatenate([which, low]), gradients, 0.0, matrices)
         step.at_most(leg, rows, rooms, slack_cost=cost)
 
 
-def shortfall(lap: LapSpline, pylons, clearance: float) -> float:
+def shortfall(lap: LapSpline, pylons, clearance) -> float:
     """Returns how much nearer than allowed a lap comes to a pylon or the ground (m)."""
     lack = 0.0
     for _, place in _places(lap):
         _, distance = _from_pylons(place, pylons)
-        lack = max(lack, clearance - distance.min(initial=np.inf), LOWEST - place[:, 2].min())
+        lack = max(lack, np.max(clearance - distance, initial=-np.inf), LOWEST - place[:, 2].min())
     return float(lack)
 
 
@@ -74,7 +75,8 @@ def cross_forward(step: LapStep, gates: GateRegions, cost: float) -> None:
         cost: of a wrong speed (s per m/s).
     """
     most = 1.0 / np.cos(MAX_CROSSING_ANGLE)
-    for i, forward in enumerate(gates.forward):
+    for i in step.passed:
+        forward = gates.forward[i]
         variables, unit = step.at_gate(i, 1)
         slack = step.program.NewContinuousVariables(1)
         step.program.AddBoundingBoxConstraint(0.0, np.inf, slack)

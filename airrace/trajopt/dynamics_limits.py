@@ -3,6 +3,7 @@
 import numpy as np
 
 from airrace.trajopt.lap_step import LapStep
+from airrace.vehicle import GRAVITY
 
 
 def limit_dynamics(step: LapStep, reach: float) -> None:
@@ -23,12 +24,12 @@ def limit_dynamics(step: LapStep, reach: float) -> None:
         which = np.flatnonzero(lift < (1.0 + 2.0 * reach) * limits.min_lift * T**2)
         rows = step.rows(leg, which, dynamics.d_force[2, here][which],
                          dynamics.force_by_T[2, here][which] - 2.0 * T * limits.min_lift)
-        step.at_most(leg, -rows, lift[which] - limits.min_lift * T**2)
+        step.at_most(leg, -rows, lift[which] - limits.min_lift * T**2, limit=GRAVITY * T**2)
         rate = dynamics.rate[0, here]
         which = np.flatnonzero(rate > (1.0 - reach) * limits.max_rate * T)
         rows = step.rows(leg, which, dynamics.d_rate[0, here][which],
                          dynamics.rate_by_T[0, here][which] - limits.max_rate)
-        step.at_most(leg, rows, limits.max_rate * T - rate[which])
+        step.at_most(leg, rows, limits.max_rate * T - rate[which], limit=limits.max_rate * T)
 
 
 def _cones(step, leg, order, limit, near):
@@ -48,11 +49,11 @@ def _cones(step, leg, order, limit, near):
     first = np.zeros_like(rows[0])
     first[:, -1] = order * limit * T**order  # T^2 is linearised from below
     values = np.column_stack([np.full(len(which), limit * T**order), y[order, which, :3]])
-    step.in_cones(leg, np.stack([first, *rows], axis=1), values)
+    step.in_cones(leg, np.stack([first, *rows], axis=1), values, limit=limit * T**order)
 
 
 def _rotors(step, leg, reach):
-    """Adds 0 <= thrust <= limit of each rotor.
+    """Adds least <= thrust <= most of each rotor.
 
     A rotor's thrust is a share of the norm of the force, which is convex and is
     kept as such in the upper limit, and a rest, which is linearised.
@@ -66,7 +67,8 @@ def _rotors(step, leg, reach):
     amount = np.linalg.norm(force, axis=0)
     thrust = share[:, None] * amount + rest
     high = thrust > (1.0 - reach) * most[:, None] * T**2
-    low = thrust < reach / 2.0 * most[:, None] * T**2
+    least = step.samples.limits.min_thrusts
+    low = thrust < (least + reach / 2.0 * most)[:, None] * T**2
 
     which = np.flatnonzero(high.any(axis=0))
     if len(which):
@@ -89,12 +91,13 @@ def _rotors(step, leg, reach):
         of_wrench = np.zeros((len(k), 1 + len(torques), len(which)))
         of_wrench[np.arange(len(k)), :, k] = np.column_stack([share[rotor], shares[rotor]])
         step.at_most(leg, np.hstack([rows, of_wrench.reshape(len(k), -1)]), T**2 * most[rotor],
-                     extra=[*norms, *torques.ravel()])
+                     extra=[*norms, *torques.ravel()], limit=T**2 * most[rotor])
 
     rotor, sample = np.nonzero(low)
     along = (force / amount)[:, sample]
     gradients = d_rest[rotor, sample] + share[rotor][:, None, None] * np.einsum(
         "dr,drox->rox", along, d_force[:, sample])
     by_T = rest_by_T[rotor, sample] + share[rotor] * np.sum(
-        along * force_by_T[:, sample], axis=0)
-    step.at_most(leg, -step.rows(leg, sample, gradients, by_T), thrust[rotor, sample])
+        along * force_by_T[:, sample], axis=0) - 2.0 * T * least[rotor]
+    step.at_most(leg, -step.rows(leg, sample, gradients, by_T),
+                 thrust[rotor, sample] - T**2 * least[rotor], limit=T**2 * most[rotor])

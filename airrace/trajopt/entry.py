@@ -6,6 +6,7 @@ import numpy as np
 
 from airrace.trajopt.circuit import LEVEL, Circuit
 from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import is_flyable, passes_forward
 from airrace.trajopt.leg import end_constraints, trapezoid_durations
 from airrace.trajopt.min_snap import (
@@ -23,7 +24,8 @@ _LEAST_CHANGE = 0.1  # s, no polynomial changes laps in less
 
 
 def plan_start(start, circuit: Circuit, dimensions, pylons, *, clearance, max_speed,
-               max_acceleration) -> tuple[FlatTrajectory, float]:
+               max_acceleration, rotors: FlightLimits | None = None
+               ) -> tuple[FlatTrajectory, float]:
     """Returns the quickest flight from hover through gate 1 and onto a circuit.
 
     It joins the circuit at gate 2, 3 or 4, whichever saves most time. From
@@ -34,8 +36,8 @@ def plan_start(start, circuit: Circuit, dimensions, pylons, *, clearance, max_sp
         circuit: the lap.
         dimensions: of the lap, 3, 4 or 6, see plan_circuit().
         pylons: axes to keep clear of, [x, y], (n, 2) m.
-        clearance: from those (m).
-        max_speed, max_acceleration: (m/s), (m/s^2).
+        clearance: from those, a number or (n,) m.
+        max_speed, max_acceleration, rotors: see plan_circuit().
 
     Returns:
         (entry, phase): and the time on the circuit at which it is joined (s).
@@ -50,7 +52,8 @@ def plan_start(start, circuit: Circuit, dimensions, pylons, *, clearance, max_sp
             with contextlib.suppress(TrajectoryOptimizationError):
                 entry, times = _solve_start(start, circuit, gates, approach, dimensions, limits)
                 forward = passes_forward(entry, times, circuit.headings[:gates])
-                if forward.all() and is_flyable(entry, pylons, clearance=clearance, **limits):
+                if forward.all() and is_flyable(entry, pylons, clearance=clearance, rotors=rotors,
+                                                **limits):
                     starts.append((entry, circuit.gate_times[gates]))
         if starts:
             return min(starts, key=lambda s: s[0].duration - s[1])
@@ -90,7 +93,7 @@ def _solve_start(start, circuit: Circuit, gates, approach, dimensions, limits):
 
 
 def plan_change(start, circuit: Circuit, duration, pylons, *, clearance, max_speed,
-                max_acceleration) -> FlatTrajectory:
+                max_acceleration, rotors: FlightLimits | None = None) -> FlatTrajectory:
     """Returns a flight from one lap's last leg onto another lap at its gate 1.
 
     It is the smoothest between the two states, continuous through the snap,
@@ -102,8 +105,8 @@ def plan_change(start, circuit: Circuit, duration, pylons, *, clearance, max_spe
         circuit: the new lap.
         duration: that the old lap takes from there to gate 1 (s).
         pylons: axes to keep clear of, [x, y], (n, 2) m.
-        clearance: from those (m).
-        max_speed, max_acceleration: (m/s), (m/s^2).
+        clearance: from those, a number or (n,) m.
+        max_speed, max_acceleration, rotors: see plan_circuit().
 
     Raises:
         TrajectoryOptimizationError: if none is within the limits.
@@ -126,7 +129,7 @@ def plan_change(start, circuit: Circuit, duration, pylons, *, clearance, max_spe
         )
         if is_flyable(
             change, pylons, clearance=clearance, max_speed=max_speed,
-            max_acceleration=max_acceleration,
+            max_acceleration=max_acceleration, rotors=rotors,
         ):
             return change
     raise TrajectoryOptimizationError("No change to the new lap is within the limits.")

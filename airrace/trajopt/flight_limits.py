@@ -15,7 +15,8 @@ class FlightLimits:
 
     Attributes:
         vehicle: each rotor's thrust must lie between zero and its limit.
-        thrust_share: of the rotors' limits; the rest is left to the controller.
+        thrust_share: of the rotors' limits, that may be used at most; the rest is left
+            to the controller. idle_share: likewise, at least.
         max_speed: (m/s). max_acceleration: without gravity (m/s^2).
         max_rate: of the body's angular velocity (rad/s).
         min_lift: vertical component of the thrust over mass (m/s^2); the drone
@@ -25,11 +26,18 @@ class FlightLimits:
 
     vehicle: Vehicle
     thrust_share: float = 1.0
+    idle_share: float = 0.0
     max_speed: float = np.inf
     max_acceleration: float = np.inf
     max_rate: float = 20.0
     min_lift: float = 0.5 * GRAVITY
     drag: float = 0.0
+
+    def scaled(self, share: float) -> "FlightLimits":
+        """Returns limits of which a share is left, from below as well for rotors."""
+        names = ("thrust_share", "max_speed", "max_acceleration", "max_rate")
+        return dc.replace(self, idle_share=self.idle_share + (1.0 - share),
+                          **{name: share * getattr(self, name) for name in names})
 
     def check(self) -> None:
         """Raises TrajectoryOptimizationError if nothing can fly within them."""
@@ -41,7 +49,7 @@ class FlightLimits:
         if not 0.0 <= self.drag < np.inf:
             raise TrajectoryOptimizationError(f"drag must not be negative, as {self.drag} is.")
         hover = np.linalg.pinv(self.vehicle.allocation)[:, 0] * self.vehicle.mass * GRAVITY
-        if np.any(hover >= self.max_thrusts) or np.any(hover <= 0.0):
+        if np.any(hover >= self.max_thrusts) or np.any(hover <= self.min_thrusts):
             raise TrajectoryOptimizationError(
                 f"At {self.thrust_share:.0%} of their limits, the rotors of {self.vehicle.name} "
                 "cannot hold a hover.")
@@ -50,6 +58,11 @@ class FlightLimits:
     def max_thrusts(self) -> np.ndarray:
         """Of the rotors, (rotors,) N."""
         return self.thrust_share * self.vehicle.max_thrusts
+
+    @property
+    def min_thrusts(self) -> np.ndarray:
+        """Of the rotors, (rotors,) N."""
+        return self.idle_share * self.vehicle.max_thrusts
 
     @property
     def max_specific_force(self) -> float:

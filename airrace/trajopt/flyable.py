@@ -4,28 +4,35 @@ import numpy as np
 
 from airrace.track import BOARD_OFFSET, BOARD_SIZE, PYLON_HEIGHT
 from airrace.trajopt.flat_trajectory import ACCELERATION, VELOCITY, FlatTrajectory
+from airrace.trajopt.flatness import inverse_dynamics
+from airrace.trajopt.flight_limits import FlightLimits
+from airrace.vehicle import GRAVITY
 
 LOWEST = 1.0  # m, the least height
 MAX_CROSSING_ANGLE = np.deg2rad(60.0)  # of a gate, off its heading
 _BOARD_REACH = np.hypot(BOARD_OFFSET, BOARD_SIZE / 2)  # m, from the axis of their pylon
-_MARGIN = 0.44  # m, for what the map and the controller leave
+MARGIN = 0.44  # m, for what the map and the controller leave
 _RATE = 100.0  # Hz
 
 
-def clearance_of(radius: float) -> float:
-    """Returns how far from a pylon's axis a drone of a radius should keep (m)."""
-    return _BOARD_REACH + radius + _MARGIN
+def clearance_of(radius: float, margin=MARGIN):
+    """Returns how far from a pylon's axis a drone of a radius should keep (m).
+
+    Args: radius: (m). margin: between drone and boards, a number or an array (m).
+    """
+    return _BOARD_REACH + radius + margin
 
 
 def is_flyable(trajectory: FlatTrajectory, pylons, *, clearance, max_speed,
-               max_acceleration) -> bool:
+               max_acceleration, rotors: FlightLimits | None = None) -> bool:
     """Whether a trajectory keeps its limits, its height, and clear of pylons.
 
     Args:
         trajectory: to check, at 100 Hz.
         pylons: axes to keep clear of, [x, y], (n, 2) m.
-        clearance: from those (m).
+        clearance: from those, a number or (n,) m.
         max_speed, max_acceleration: (m/s), (m/s^2).
+        rotors: whose rotors must be able to fly it; None does not ask.
     """
     samples = trajectory.sample(sample_times(trajectory))
     speed, acceleration = peaks(samples)
@@ -33,8 +40,21 @@ def is_flyable(trajectory: FlatTrajectory, pylons, *, clearance, max_speed,
         speed <= max_speed
         and acceleration <= max_acceleration
         and samples[2].min() >= LOWEST
-        and pylon_distances(samples, pylons).min(initial=np.inf) >= clearance
+        and np.all(pylon_distances(samples, pylons) >= clearance)
+        and (rotors is None or rotor_excess(samples, rotors) <= 0.0)
     )
+
+
+def rotor_excess(samples, limits: FlightLimits) -> float:
+    """Returns by which share of its limit the worst rotor is beyond it, or below zero.
+
+    Args:
+        samples: as in flat_trajectory.py, (18, N).
+        limits: of the rotors.
+    """
+    thrusts, _ = inverse_dynamics(samples, limits.vehicle, GRAVITY, limits.drag)
+    shares = thrusts / limits.max_thrusts[:, None]
+    return float(max(shares.max() - 1.0, limits.idle_share / limits.thrust_share - shares.min()))
 
 
 def sample_times(trajectory: FlatTrajectory) -> np.ndarray:

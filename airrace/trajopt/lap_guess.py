@@ -9,12 +9,13 @@ from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.lap_costs import smooth_twist
 from airrace.trajopt.lap_samples import Grid, LapSamples, slowed
-from airrace.trajopt.lap_spline import LapSpline
+from airrace.trajopt.lap_spline import ORDERS, LapSpline, basis
 from airrace.trajopt.lap_step import LapStep
 from airrace.trajopt.visibility import keep_in_view
 
 # Of the error in velocity, in durations of a leg; and of a change of gates.
 _SMOOTHNESS, _MOVE_SMOOTHNESS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3), 1e-3
+_FIT_SAMPLES, _FIT_WEIGHTS = 48, (1.0, 0.1, 0.01)  # of a leg; of value, velocity, acceleration
 _VIEW_COST = 1e3  # against radians per second squared
 
 
@@ -66,6 +67,22 @@ def moved_lap(lap: LapSpline, gates: GateRegions, grid: Grid, limits: FlightLimi
     lap = dc.replace(
         lap, gates=lap.gates + change.gates, interior=lap.interior + change.interior)
     return slowed(lap, grid, limits, gates.turn)
+
+
+def refined_lap(lap: LapSpline, pieces: int) -> LapSpline:
+    """Returns nearly the same lap with splines of more pieces.
+
+    Args: lap: to refine. pieces: of each leg's spline.
+    """
+    fractions = tuple(np.linspace(0.0, 1.0, _FIT_SAMPLES))
+    wanted = lap.evaluate(basis(lap.pieces, fractions))
+    n = len(lap.durations)
+    new = dc.replace(lap, interior=np.zeros((n, pieces - ORDERS, 4)))
+    matrices = basis(pieces, fractions)
+    missing = wanted - new.evaluate(matrices)
+    rows = np.vstack([w * m[:, ORDERS:-ORDERS] for w, m in zip(_FIT_WEIGHTS, matrices)])
+    missing = np.concatenate([w * m for w, m in zip(_FIT_WEIGHTS, missing)], axis=1)
+    return dc.replace(new, interior=np.linalg.pinv(rows) @ missing)
 
 
 def _smoothness(share, durations) -> float:

@@ -65,7 +65,15 @@ class LapSamples:
 
     @classmethod
     def of(cls, lap: LapSpline, grid: Grid, limits: FlightLimits, turn: float) -> "LapSamples":
-        """Args: lap: to sample; where: grid. limits: to keep. turn: of yaw in a lap (rad)."""
+        """Samples a lap.
+
+        Args:
+            lap: to sample; where: grid.
+            limits: to keep.
+            turn: of yaw in a lap (rad); of an open one, by how much more the body is
+                turned against the least rotation to its attitude at the end than at
+                the start.
+        """
         between = lap.evaluate(grid.matrices_between)
         y = lap.evaluate(grid.matrices)
         *axes, total = transported_axes(y, between, lap.durations, grid.fractions, limits)
@@ -85,11 +93,12 @@ class LapSamples:
         speed = np.linalg.norm(flat[VELOCITY], axis=0) / units
         acceleration = np.linalg.norm(flat[6:9], axis=0) / units**2
         shares = thrusts / units**2 / limits.max_thrusts[:, None]
+        least = limits.idle_share / limits.thrust_share
         rate = np.linalg.norm(w, axis=0) / units
         lift = force[2] / units**2
         return float(max(
             speed.max() / limits.max_speed, acceleration.max() / limits.max_acceleration,
-            rate.max() / limits.max_rate, shares.max(), 1.0 - shares.min(),
+            rate.max() / limits.max_rate, shares.max(), 1.0 + least - shares.min(),
             1.0 + (_LIFT_SHARE * limits.min_lift - lift.min()) / GRAVITY)) - 1.0
 
 

@@ -1,4 +1,4 @@
-"""A periodic lap as quintic splines between gates."""
+"""A lap, or a way from state to state, as quintic splines between gates."""
 
 import dataclasses as dc
 import functools
@@ -15,14 +15,15 @@ class LapSpline:
     """From gate to gate a B-spline of degree 5 with knots at equal times.
 
     It is continuous through the snap everywhere, and so is the lap, because both
-    splines at a gate have the same five derivatives there.
+    splines at a gate have the same five derivatives there. An open one starts and
+    ends at two more places, which count as gates.
 
     Attributes:
         gates: value and four derivatives of x, y, z (m) and twist (rad; see
-            twist.py) at every gate, (n, 5, 4).
+            twist.py) at every gate, (n, 5, 4); of an open one (n + 1, 5, 4).
         interior: control points that are left between those, (n, m, 4).
         durations: from each gate to the next, (n,) s.
-        turn: what a lap adds to the twist (rad).
+        turn: what all legs together add to the twist (rad).
     """
 
     gates: np.ndarray
@@ -81,15 +82,26 @@ class LapSpline:
         """Of the lap (s)."""
         return float(self.durations.sum())
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether the last leg leads to the first gate."""
+        return len(self.gates) == len(self.durations)
+
+    @property
+    def after(self) -> np.ndarray:
+        """Index of the gate at the end of every leg, (n,)."""
+        return np.arange(1, len(self.durations) + 1) % len(self.gates)
+
     def coefficients(self) -> np.ndarray:
         """Returns derivatives at both ends in normalised time, and what is between.
 
         Returns: (n, 10 + m, 4); derivative k at a gate times duration^k.
         """
-        after = np.roll(self.gates, -1, axis=0)
-        after[-1, 0, 3] += self.turn
+        before, after = self.gates[:len(self.durations)], self.gates[self.after]
+        if self.is_closed:
+            after[-1, 0, 3] += self.turn
         powers = self.durations[:, None, None] ** np.arange(ORDERS)[:, None]
-        return np.concatenate([self.gates * powers, self.interior, after * powers], axis=1)
+        return np.concatenate([before * powers, self.interior, after * powers], axis=1)
 
     def evaluate(self, matrices) -> np.ndarray:
         """Returns derivatives with respect to normalised time, (orders, n, samples, 4).
@@ -99,7 +111,15 @@ class LapSpline:
         return matrices[:, None] @ self.coefficients()
 
     def with_turn(self, turn: float) -> "LapSpline":
-        """Returns the lap with another twist in all, the difference spread evenly."""
+        """Returns the lap with another twist in all.
+
+        The difference is spread evenly; an open one takes it in its last leg, since
+        what it has at its ends is given.
+        """
+        if not self.is_closed:
+            gates = self.gates.copy()
+            gates[-1, 0, 3] = gates[0, 0, 3] + turn
+            return dc.replace(self, gates=gates, turn=turn)
         change = (turn - self.turn) / self.duration
         starts = np.concatenate([[0.0], np.cumsum(self.durations)[:-1]])
         gates, interior = self.gates.copy(), self.interior.copy()
@@ -108,8 +128,29 @@ class LapSpline:
         interior[..., 3] += change * self.sample_times(_averages(self.pieces)[ORDERS:-ORDERS])
         return dc.replace(self, gates=gates, interior=interior, turn=turn)
 
+    def stepped(self, coefficients, durations, turn: float) -> "LapSpline":
+        """Returns the lap with other coefficients.
+
+        Both legs at a gate have their own idea of the derivatives there. Their mean
+        is exact where all durations change alike. The ends of an open one keep theirs.
+
+        Args: see coefficients() and the attributes.
+        """
+        powers = durations[:, None, None] ** np.arange(ORDERS)[:, None]
+        start, end = coefficients[:, :ORDERS] / powers, coefficients[:, -ORDERS:] / powers
+        before = np.roll(end, 1, axis=0)
+        if self.is_closed:
+            before[0, 0, 3] -= turn
+            gates = (start + before) / 2.0
+        else:
+            gates = np.concatenate([start[:1], (start + before)[1:] / 2.0, end[-1:]])
+            for i in (0, -1):
+                gates[i, :, :3], gates[i, 1:3, 3] = self.gates[i, :, :3], self.gates[i, 1:3, 3]
+            gates[0, 0, 3] = self.gates[0, 0, 3]
+        return LapSpline(gates, coefficients[:, ORDERS:-ORDERS], durations, turn)
+
     def dilated(self, factor: float) -> "LapSpline":
-        """Returns the same path, flown in `factor` times the time."""
+        """Returns the same path, flown in `factor` times the time, its ends included."""
         return dc.replace(
             self, durations=self.durations * factor,
             gates=self.gates / factor ** np.arange(ORDERS)[:, None])

@@ -34,6 +34,9 @@ class LapStep:
         lap, samples, grid: to start from, and where it is sampled.
         dynamics: of the samples.
         program: the MathematicalProgram, to be added to.
+        passed: indices of the gates that the step may move; not the ends of an open one.
+        excess: a variable, by which share all limits of the dynamics may be exceeded,
+            see may_exceed(); or None.
     """
 
     def __init__(self, samples: LapSamples, grid: Grid):
@@ -41,30 +44,37 @@ class LapStep:
         self.lap, self.samples, self.grid = samples.lap, samples, grid
         self.dynamics = DynamicsRows.linearize(samples)
         self.program = MathematicalProgram()
-        T = self.lap.durations
+        self.excess = None
+        T, after = self.lap.durations, self.lap.after
         n, m = self.lap.interior.shape[:2]
+        gates = len(self.lap.gates)
         new = self.program.NewContinuousVariables
         # Of order one: derivatives in units of a duration, durations relative.
-        self._gates = new(n * ORDERS * 4).reshape(n, ORDERS, 4)
+        self._gates = new(gates * ORDERS * 4).reshape(gates, ORDERS, 4)
         self._interior = new(n * m * 4).reshape(n, m, 4) if m else np.zeros((n, 0, 4), object)
         self._stretch = new(n)
         self._turns = new(n + 1)  # of the transported axes, up to each gate
-        last_twist = new(1)
-        after = np.roll(np.arange(n), -1)
         self._variables = [np.concatenate([
             self._gates[i].ravel(), self._interior[i].ravel(), self._gates[after[i]].ravel(),
             self._turns[i:i + 1], self._stretch[i:i + 1]]) for i in range(n)]
-        # Value of the twist where the lap ends.
-        self._variables[-1][4 * (ORDERS + m) + 3] = last_twist[0]
+        if self.lap.is_closed:
+            # The twist has another value where the lap ends.
+            last_twist, passed = new(1)[0], range(n)
+            self._variables[-1][4 * (ORDERS + m) + 3] = last_twist
+            self._units = np.sqrt(T * np.roll(T, 1))
+        else:
+            last_twist, passed = self._gates[-1, 0, 3], range(1, n)
+            self._fix(self._gates[0, :, :3], self._gates[0, :3, 3],
+                      self._gates[-1, :, :3], self._gates[-1, 1:3, 3])
+            self._units = np.array([T[0], *np.sqrt(T[1:] * T[:-1]), T[-1]])
+        self.passed = passed
         self.program.AddLinearEqualityConstraint(
             np.array([[1.0, -1.0, -1.0]]), [0.0],
-            [last_twist[0], self._gates[0, 0, 3], self._turns[-1]])
-        self.program.AddBoundingBoxConstraint(0.0, 0.0, self._turns[:1])
-
-        self._units = np.sqrt(T * np.roll(T, 1))
+            [last_twist, self._gates[0, 0, 3], self._turns[-1]])
+        self._fix(self._turns[:1])
         orders = np.arange(ORDERS)
         self._scale = np.concatenate([
-            (T / self._units)[:, None] ** orders, np.ones((n, m)),
+            (T / self._units[:n])[:, None] ** orders, np.ones((n, m)),
             (T / self._units[after])[:, None] ** orders], axis=1)
         exponents = np.array([*orders, *np.zeros(m), *orders])
         self._by_stretch = exponents[:, None] * self.lap.coefficients()
@@ -107,7 +117,20 @@ class LapStep:
 
     def only_twist(self) -> None:
         """Leaves path and durations as they are."""
-        for fixed in (self._gates[:, :, :3], self._interior[:, :, :3], self._stretch):
+        self._fix(self._gates[:, :, :3], self._interior[:, :, :3], self._stretch)
+
+    def may_exceed(self, cost: float) -> None:
+        """Lets limits of the dynamics be exceeded, at a cost of so many s for all of a limit."""
+        self.excess = self.program.NewContinuousVariables(1)[0]
+        self.program.AddBoundingBoxConstraint(0.0, np.inf, [self.excess])
+        self.program.AddLinearCost([cost], [self.excess])
+
+    def excess_found(self) -> float:
+        """Returns by which share the solution exceeds limits."""
+        return 0.0 if self.excess is None else max(self.result.GetSolution(self.excess), 0.0)
+
+    def _fix(self, *variables):
+        for fixed in variables:
             if fixed.size:
                 zero = np.zeros(fixed.size)
                 self.program.AddBoundingBoxConstraint(zero, zero, fixed.ravel())
@@ -145,7 +168,7 @@ class LapStep:
             result += gradients[:, 0, 3:] * self._axis_turns[leg][which]
         return result
 
-    def at_most(self, leg, rows, bounds, slack_cost=None, extra=()) -> None:
+    def at_most(self, leg, rows, bounds, slack_cost=None, extra=(), limit=None) -> None:
         """Constrains rows over a leg's variables to lie below bounds.
 
         Args:
@@ -153,10 +176,14 @@ class LapStep:
             rows: (rows, variables). bounds: (rows,).
             slack_cost: of exceeding the worst bound by one (s); None never allows it.
             extra: variables of further columns.
+            limit: what all of a limit is, that may_exceed() is about, a number or (rows,).
         """
         if not len(rows):
             return
         variables = np.concatenate([self._variables[leg], extra])
+        if limit is not None and self.excess is not None:
+            variables = np.append(variables, self.excess)
+            rows = np.hstack([rows, np.full((len(rows), 1), -1.0) * np.reshape(limit, (-1, 1))])
         if slack_cost is not None:
             slack = self.program.NewContinuousVariables(1)
             self.program.AddBoundingBoxConstraint(0.0, np.inf, slack)
@@ -179,19 +206,22 @@ class LapStep:
             LinearEqualityConstraint(np.hstack([rows, -np.eye(len(rows))]), -values),
             np.concatenate([self._variables[leg], variables]))
 
-    def in_cones(self, leg, rows, values, extra=None) -> None:
+    def in_cones(self, leg, rows, values, extra=None, limit=None) -> None:
         """Constrains vectors of rows to Lorentz cones.
 
         Args:
             leg: from 0.
             rows: (cones, k, variables). values: where there is no step, (cones, k).
             extra: one variable a cone, to be added to its first row.
+            limit: see at_most(), a number; if so, there is no extra.
         """
-        variables = self._variables[leg]
+        variables, factor = self._variables[leg], 1.0
+        if limit is not None and self.excess is not None:
+            extra, factor = [self.excess] * len(rows), limit
         for j, (A, b) in enumerate(zip(rows, values)):
             if extra is not None:
                 A = np.hstack([A, np.zeros((len(A), 1))])
-                A[0, -1] = 1.0
+                A[0, -1] = factor
                 self.program.AddLorentzConeConstraint(A, b, [*variables, extra[j]])
             else:
                 self.program.AddLorentzConeConstraint(A, b, variables)
@@ -215,22 +245,17 @@ class LapStep:
         if not np.isfinite(x).all():
             return None
         get = result.GetSolution
-        lap, gates = self.lap, get(self._gates.reshape(len(self._units), -1))
-        n, m = lap.interior.shape[:2]
+        lap, n = self.lap, len(self.lap.durations)
+        gates = get(self._gates.reshape(len(self._units), -1)).reshape(-1, ORDERS, 4)
+        m = lap.interior.shape[1]
         stretch, turns = get(self._stretch), get(self._turns)
-        after = np.roll(gates, -1, axis=0).reshape(n, ORDERS, 4)
-        after[-1, 0, 3] += turns[-1]
+        after = gates[lap.after]
+        if lap.is_closed:
+            after[-1, 0, 3] += turns[-1]
         interior = np.zeros((n, m, 4))
         if m:
             interior = get(self._interior.reshape(n, -1)).reshape(n, m, 4)
-        change = np.concatenate([gates.reshape(n, ORDERS, 4), interior, after], axis=1)
+        change = np.concatenate([gates[:n], interior, after], axis=1)
         z = lap.coefficients() + self._scale[..., None] * change
         z += self._by_stretch * stretch[:, None, None]
-        # Both legs at a gate have their own idea of the derivatives there: z / T^k.
-        # Their mean is exact where all durations change alike.
-        durations = lap.durations * (1.0 + stretch)
-        powers = durations[:, None, None] ** np.arange(ORDERS)[:, None]
-        start, end = z[:, :ORDERS] / powers, np.roll(z[:, -ORDERS:] / powers, 1, axis=0)
-        end[0, 0, 3] -= lap.turn + turns[-1]
-        return LapSpline((start + end) / 2.0, z[:, ORDERS:-ORDERS], durations,
-                         lap.turn + float(turns[-1]))
+        return lap.stepped(z, lap.durations * (1.0 + stretch), lap.turn + float(turns[-1]))

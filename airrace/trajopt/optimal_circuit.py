@@ -37,8 +37,8 @@ class OptimalCircuit(Circuit):
         return self.gate_times
 
 
-def flat_polynomial(lap: LapSpline, limits: FlightLimits, turn: float,
-                    refinement: int) -> PiecewisePolynomial:
+def flat_polynomial(lap: LapSpline, limits: FlightLimits, turn: float, refinement: int,
+                    end=None) -> PiecewisePolynomial:
     """Returns a lap as a trajectory of x, y, z (m) and yaw (rad), from time 0.
 
     The path is the lap's. Yaw, its rate and its acceleration are exact at the
@@ -47,18 +47,20 @@ def flat_polynomial(lap: LapSpline, limits: FlightLimits, turn: float,
     Args:
         lap: with twist.
         limits: for the vehicle's drag.
-        turn: of yaw in a lap (rad).
+        turn: of yaw in a lap (rad); of an open one, see LapSamples.of().
         refinement: pieces of yaw to one of the path.
+        end: of an open one, yaw, its rate and its acceleration (3,).
     """
     count = lap.pieces * refinement
     grid = Grid(lap.pieces, count)
     samples = LapSamples.of(lap, grid, limits, turn)
     yaw = _yaw(samples)
-    end = yaw[:, :1] + np.array([[turn], [0.0], [0.0]])
+    if end is None:
+        end = yaw[:, 0] + [turn, 0.0, 0.0]
     start = yaw.T.reshape(-1, 3)
     h = samples.units[:, None] / count
     order = np.arange(3)
-    after = np.vstack([start[1:], end.T])
+    after = np.vstack([start[1:], end])
     # Full turns between neighbours are none.
     after[:, 0] += 2 * np.pi * np.round((start[:, 0] - after[:, 0]) / (2 * np.pi))
     yaw = np.concatenate([start * h**order, after * h**order], axis=1) @ _hermite().T

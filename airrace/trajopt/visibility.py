@@ -17,7 +17,7 @@ def twist_bounds(samples: LapSamples, gates: GateRegions, half_view: float):
 
     Args:
         samples: of the lap.
-        gates: that it leads through.
+        gates: that it leads through; of an open one with both ends.
         half_view: greatest angle between bearing and heading (rad).
 
     Returns:
@@ -28,7 +28,7 @@ def twist_bounds(samples: LapSamples, gates: GateRegions, half_view: float):
     to_gate, seen = _to_next_gate(samples, gates)
     follow = _to_next_gate(samples, gates, margin=1.0)[1]
     # Beside a gate its bearing swings: what matters there is only to go on with it.
-    ahead = np.repeat(np.roll(gates.forward, -1, axis=0)[:, :2], count, axis=0).T
+    ahead = np.repeat(np.roll(gates.forward, -1, axis=0)[:n, :2], count, axis=0).T
     to_gate = np.where(follow.ravel(), to_gate, ahead)
     x, y = samples.axes
     b = np.cross(x, y, axis=0)
@@ -50,8 +50,9 @@ def _to_next_gate(samples, gates, margin=0.0):
 
     With a margin of one, so is the first sample that is nearer than LEAST_RANGE.
     """
-    target = np.roll(gates.midpoints, -1, axis=0)[:, None]
-    to_gate = (target - samples.derivatives[0, ..., :3])[..., :2]
+    places = samples.derivatives[0, ..., :3]
+    target = np.roll(gates.midpoints, -1, axis=0)[:len(places), None]
+    to_gate = (target - places)[..., :2]
     step = np.linalg.norm(samples.derivatives[1, ..., :2], axis=2) / to_gate.shape[1]
     seen = np.linalg.norm(to_gate, axis=2) > LEAST_RANGE - margin * step
     return to_gate.reshape(-1, 2).T, seen

@@ -95,7 +95,7 @@ FILES = {
     "words.yaml": "just words",
     "broken.yaml": "gates: [1, 2",
     "scenario.yaml": "Mine: {laps: 2}",
-    "nan_scenario.yaml": "Defaults: {planner: {max_speed: .nan}}",
+    "nan_scenario.yaml": "Defaults: {explorer: {max_speed: .nan}}",
     "bad_scenario.yaml": "Defaults: {camera: {lens: fisheye}}",
     "picture.yaml": b"\x89PNG\xff\x00",
     "file": "mine",
@@ -130,7 +130,7 @@ BAD = [
     (["--scenario_file", "none"], "no scenario named 'none' .* are: levels, races"),
     (["--scenario_file", "scenario.yaml"], "no 'Defaults' at its top level, only: Mine"),
     (["--scenario_file", "races", "--scenario_name", "None"], "only: Defaults, NoNoise, "),
-    (["--scenario_file", "nan_scenario.yaml"], "planner.max_speed must be a finite number"),
+    (["--scenario_file", "nan_scenario.yaml"], "explorer.max_speed must be a finite number"),
     (["--scenario_file", "bad_scenario.yaml"], "bad_scenario.yaml .*camera.lens is unknown"),
     (["--scenario_name", "Vtk"], "--scenario_name needs --scenario_file"),
     (["--level", "2", "--scenario_file", "races"], "--level is a scenario of its own: leave out"),
@@ -297,7 +297,8 @@ class TestOptions:
         listed = {word for option in options for word in re.findall(r"--?[a-z_-]+", option)}
         assert listed == {
             "-h", "--help", "-d", "--drone", "-s", "--simulation", "-t", "--trajectory", "--track",
-            "--laps", "--seed", "--level", "--renderer", "--output", "--meshcat", "--no-meshcat",
+            "--limits", "--laps", "--seed", "--level", "--renderer", "--output", "--meshcat",
+            "--no-meshcat",
             "--realtime_rate", "--graphviz", "--scenario_file", "--scenario_name",
             "--scenario_text",
         }

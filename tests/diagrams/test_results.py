@@ -34,7 +34,10 @@ def report(count, finished=False, dnf_reason=None, end_time=None, collisions=0):
 
 def plan(lap, duration):
     return LapPlan(lap=lap, start_time=0.0, entry=None, circuit=None, phase=0.0,
-                   report=PlanReport(0.25, duration, 19.0, 9.5, 4.5))
+                   report=PlanReport(
+                       0.25, duration, 19.0, 9.5, 4.5, max_thrusts=(4.0, 4.5),
+                       min_thrusts=(1.0, 1.5), max_rate=6.0, clearance=2.0, margin=0.4,
+                       reached=("speed",), bound=16.0, solver="Clarabel", iterations=3, warm=True))
 
 
 def gate_map(error=0.0, ids=range(4 * N)):
@@ -55,6 +58,7 @@ def test_before_the_first_look():
         "drone": "Default",
         "simulation": "SITL",
         "trajectory": "4",
+        "limits": "original",
         "seed": 7,
         "rotor_failures": [],
         "finished": False,
@@ -164,10 +168,14 @@ def test_a_whole_race():
     assert first["map_rms_m"] == pytest.approx(0.3)
     assert second["map_rms_m"] == pytest.approx(0.2)
     assert first["plan"]["duration_s"] == 19.0
-    assert second["plan"] == {
-        "solve_time_s": 0.25, "duration_s": 18.0, "max_speed": 19.0,
-        "max_acceleration": 9.5, "max_rotor_thrust": 4.5,
+    said = {
+        "solve_time_s": 0.25, "duration_s": 18.0, "max_speed": 19.0, "max_acceleration": 9.5,
+        "max_rotor_thrust": 4.5, "max_rate": 6.0, "max_rotor_thrusts": [4.0, 4.5],
+        "min_rotor_thrusts": [1.0, 1.5], "limits_reached": ["speed"], "pylon_clearance_m": 2.0,
+        "margin_m": 0.4, "bound_s": 16.0, "over_bound": 0.125, "solver": "Clarabel",
+        "iterations": 3, "warm": True,
     }
+    assert second["plan"] == said
     assert data["mean_lap_s"] == data["best_lap_s"] == 20.0
     assert data["wall"]["real_time_factor"] == pytest.approx(2.0)
 

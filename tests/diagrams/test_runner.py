@@ -69,8 +69,12 @@ def check_schema(data, gates, laps):
         return type(value) is list and len(value) == gates and all(map(is_number, value))
 
     plan = matches({
-        "solve_time_s": is_number, "duration_s": is_number, "max_speed": is_number,
-        "max_acceleration": is_number, "max_rotor_thrust": is_number,
+        "solve_time_s": is_number, "duration_s": is_number, "bound_s": is_number,
+        "over_bound": is_number, "max_speed": is_number, "max_acceleration": is_number,
+        "max_rate": is_number, "max_rotor_thrust": is_number,
+        "max_rotor_thrusts": is_a(list), "min_rotor_thrusts": is_a(list),
+        "limits_reached": is_a(list), "pylon_clearance_m": is_number, "margin_m": is_number,
+        "solver": is_a(str), "iterations": optional(is_a(int)), "warm": is_a(bool),
     })
     lap = matches({
         "lap": is_a(int), "start_s": is_number, "time_s": is_number,
@@ -81,7 +85,8 @@ def check_schema(data, gates, laps):
     failure = matches({"rotor": is_a(int), "time_s": is_number, "noticed_s": optional(is_number)})
     matches({
         "track": is_a(str), "drone": is_a(str), "simulation": is_a(str),
-        "trajectory": lambda value: value in ("3", "4", "6", "optimal"), "seed": is_a(int),
+        "trajectory": lambda value: value in ("3", "4", "6", "optimal"),
+        "limits": is_a(str), "seed": is_a(int),
         "rotor_failures": lambda value: type(value) is list and all(map(failure, value)),
         "finished": is_a(bool), "dnf_reason": optional(is_a(str)),
         "exploration": matches({

@@ -393,6 +393,8 @@ def scenarios(draw):
                 setattr(config, name, draw(st.floats(1, 1e4) if name == "rate" else _positive))
             elif type(value) is int:
                 setattr(config, name, draw(st.integers(16, 256)))
+    scenario.planner.thrust_share = draw(st.floats(0.1, 1.0))
+    scenario.planner.limits = draw(st.sampled_from(["original", "rotor", "v=3,a=1.5"]))
     scenario.camera.preset = draw(st.sampled_from(list(PRESETS)))
     scenario.camera.effects.shutter = draw(st.none() | st.floats(0, 0.03))
     scenario.camera.effects.distortion = draw(

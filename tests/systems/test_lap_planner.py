@@ -13,6 +13,7 @@ from pydrake.systems.analysis import Simulator
 from airrace.diagrams.scenario import PlannerConfig
 from airrace.systems.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.lap_planner import LapPlanner
+from airrace.systems.lap_planning import plan_lap
 from airrace.systems.types import ExplorerStatus, GateEstimate, GateMap
 from airrace.track import load_track
 from airrace.trajopt.circuit import plan_circuit
@@ -41,9 +42,10 @@ def moved(step):
 class Bench:
     """A LapPlanner whose inputs are constants that a test may change."""
 
-    def __init__(self, dimensions=3, gates=GATES, status=DONE, **config):
+    def __init__(self, trajectory="3", gates=GATES, status=DONE, solve=plan_lap, **config):
         self.planner = LapPlanner(
-            vehicle=VEHICLE, dimensions=dimensions, config=PlannerConfig(**config))
+            vehicle=VEHICLE, trajectory=str(trajectory), config=PlannerConfig(**config),
+            solve=solve)
         self.simulator = Simulator(self.planner)
         self.context = self.simulator.get_mutable_context()
         self.fix(gate_map=GateMap(gates=gates), explorer_status=status)
@@ -71,9 +73,11 @@ class Bench:
 
 
 def test_optimal_laps_are_faster_and_within_the_limits_and_followed_by_the_next():
-    bench = Bench(dimensions=None)
-    plans, _ = bench.follow(until=40.0, every=0.5)
-    assert len(plans) >= 2
+    bench = Bench("optimal")
+    plans = [bench.plan_at(1.0)]
+    bench.fix(gate_map=GateMap(gates=moved([0.0, 0.1, 0.0])))
+    plans += bench.follow(until=30.0, every=0.5)[0][1:]
+    assert [plan.lap for plan in plans] == [1, 2]
     snap = plan_circuit(
         [g.p_WG for g in GATES], [g.heading for g in GATES],
         np.array([g.pylons for g in GATES]).reshape(-1, 2), 4, **LIMITS)
@@ -323,7 +327,7 @@ def test_a_plan_has_no_seams(plan):
 @few
 @given(plans, times, st.integers(1, 3))
 def test_a_plan_repeats_its_lap(plan, t, laps):
-    t += plan.entry.duration
+    t += plan.entry.duration + 1e-6  # beyond the seam
     shift = plan.derivatives(t + laps * plan.circuit.duration) - plan.derivatives(t)
     shift[0, 3] = np.sin(shift[0, 3] / 2)
     # Rounding may put one of the two beyond a gate, where yaw starts again.

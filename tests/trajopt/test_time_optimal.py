@@ -12,8 +12,9 @@ from airrace.trajopt.flat_trajectory import VELOCITY, YAW
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import LOWEST, pylon_distances
 from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.lap_search import Effort
 from airrace.trajopt.min_snap import TrajectoryOptimizationError
-from airrace.trajopt.time_optimal import Effort, plan_optimal_circuit
+from airrace.trajopt.time_optimal import plan_optimal_circuit
 from airrace.trajopt.visibility import LEAST_RANGE
 from airrace.vehicle import load_vehicle
 from benchmarks.numerical_check import rotor_shares

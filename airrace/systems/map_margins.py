@@ -1,0 +1,57 @@
+"""How far from the pylons a plan keeps, by how well the map knows where they stand."""
+
+import numpy as np
+
+_CONTROLLER = 0.3  # m, for what the controller leaves, and the estimate of the state
+_SIGMAS = 3.0
+_MOST = 1.0  # m, for the map; more, and there would be no way through a gate
+_NOISE = 0.1  # m, that better sightings move a gate, without its having moved
+_CHANGED = 0.02  # m, by which a map differs from one that gave no plan
+_TURN = 5.0  # m, from a gate's midpoint to what turns with its heading
+
+
+def pylon_margins(gates, markers, moved: float = 0.0) -> np.ndarray:
+    """Returns the room between drone and boards that each pylon should have, (2n,) m.
+
+    It falls as the map gets better, to what the controller needs.
+
+    Args:
+        gates: GateEstimates, n of them; left and right pylons take turns in the result.
+        markers: MarkerEstimates of the map. Those of a pylon that are missing say nothing.
+        moved: how far gates of this map move from one lap to the next (m); as far, any
+            may have moved when the drone is back.
+    """
+    sigmas = {}
+    for marker in markers:
+        pylon = marker.id // 2  # its two faces
+        sigma = float(np.sqrt(np.max(marker.variance[:2])))
+        sigmas[pylon] = max(sigmas.get(pylon, 0.0), sigma if np.isfinite(sigma) else _MOST)
+    room = np.array([
+        _SIGMAS * sigmas.get(2 * gate.number + side, 0.0) for gate in gates for side in (0, 1)])
+    return _CONTROLLER + np.minimum(room + (moved if moved > _NOISE else 0.0), _MOST)
+
+
+def has_changed(gates, before) -> bool:
+    """Whether a map of gates may give a plan where the one before gave none.
+
+    Args: gates, before: GateEstimates.
+    """
+    numbers = [{gate.number for gate in each} for each in (gates, before)]
+    return numbers[0] != numbers[1] or not largest_move(gates, before) <= _CHANGED
+
+
+def largest_move(gates, before) -> float:
+    """Returns how far a gate or its pylons are from where they were (m).
+
+    Args: gates, before: GateEstimates; those that are in both matter.
+    """
+    known = {gate.number: gate for gate in before}
+    moves = []
+    for gate in gates:
+        if gate.number not in known:
+            continue
+        old = known[gate.number]
+        turn = (gate.heading - old.heading + np.pi) % (2 * np.pi) - np.pi
+        moves += [np.linalg.norm(gate.p_WG - old.p_WG), _TURN * abs(turn),
+                  abs(gate.spacing - old.spacing)]
+    return float(np.max(moves, initial=0.0))

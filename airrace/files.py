@@ -33,14 +33,15 @@ def write_text(path: Path, text: str) -> None:
 
 def write_json(path: Path, data) -> None:
     """Writes JSON for people and programs; NaN and infinity, which JSON lacks, as null."""
-    write_text(path, json.dumps(_finite(data), indent=1, allow_nan=False) + "\n")
+    write_text(path, json.dumps(finite(data), indent=1, allow_nan=False) + "\n")
 
 
-def _finite(data):
+def finite(data):
+    """Returns plain data with None in place of NaN and infinity."""
     if isinstance(data, dict):
-        return {key: _finite(value) for key, value in data.items()}
+        return {key: finite(value) for key, value in data.items()}
     if isinstance(data, (list, tuple)):
-        return [_finite(value) for value in data]
+        return [finite(value) for value in data]
     return None if isinstance(data, float) and not math.isfinite(data) else data
 
 

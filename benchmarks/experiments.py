@@ -182,6 +182,7 @@ def race(drone: str, case: str, scenario_name: str, scenario_text: str, laps: in
         filename="races", scenario_name=scenario_name, scenario_text=scenario_text
     )
     scenario.drone, scenario.laps = drone, laps
+    scenario.recording.content = "none"
     with tempfile.TemporaryDirectory() as directory:
         result = run_race(scenario, Path(directory))
     failed_at = min((f.time for f in scenario.rotor_failures), default=np.inf)

@@ -34,6 +34,7 @@ def main(argv=None) -> int:
     for trajectory, seed in track(races, "Racing", console=Console(stderr=True)):
         with tempfile.TemporaryDirectory() as directory:
             scenario = Scenario(trajectory=trajectory, seed=seed, laps=args.laps)
+            scenario.recording.content = "none"
             results.append(run_race(scenario, Path(directory)))
     Console(width=120).print(make_table(results))
     if args.json is not None:

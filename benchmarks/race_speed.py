@@ -1,6 +1,6 @@
 """How fast a race is, and what takes its time.
 
-    python -m benchmarks.race_speed [--profile] [--laps 2] [--drone NAME] [--json FILE]
+    python -m benchmarks.race_speed [--profile] [--laps 2] [--drone NAME] [--record none|light|full]
 
 A race is flown from pixels on one core. Wall time and CPU time differ when the
 machine has other work, too; ratios to the simulated time are given for both.
@@ -24,6 +24,7 @@ from rich.table import Table
 from airrace.diagrams.camera_config import RENDERERS
 from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import load_scenario
+from airrace.recording.config import CONTENTS
 from benchmarks.stopwatch import Stopwatch, watching
 
 SET_UP, EXPLORATION, LAPS = "set-up", "exploration", "laps"
@@ -50,6 +51,8 @@ def main(argv=None) -> int:
     parser.add_argument("--drone", default="Default", help="a shipped drone, or a folder")
     parser.add_argument("--renderer", choices=RENDERERS, default=RENDERERS[0],
                         help=f"(default: {RENDERERS[0]})")
+    parser.add_argument("--record", choices=CONTENTS, default="none",
+                        help="what race.mcap holds (default: none)")
     parser.add_argument("--scenario_text", metavar="YAML",
                         help="scenario fields on top, e.g. '{camera: {preset: harsh}}'")
     parser.add_argument("--json", type=Path, help="also write the numbers here")
@@ -57,6 +60,7 @@ def main(argv=None) -> int:
     scenario = load_scenario(scenario_text=args.scenario_text)
     scenario.laps, scenario.drone = args.laps, args.drone
     scenario.camera.renderer = args.renderer
+    scenario.recording.content = args.record
     scenario.check()
     cv2.setNumThreads(1)
     result = measure(scenario, profile=args.profile)

@@ -78,7 +78,8 @@ def make_parser() -> argparse.ArgumentParser:
     where.add_argument("--scheduler", metavar="tcp://HOST:PORT",
                        help="a running Dask cluster instead")
     add_scenario_options(parser)
-    parser.set_defaults(seed=None, renderer=None, realtime_rate=None, simulation="SITL")
+    parser.set_defaults(seed=None, renderer=None, realtime_rate=None, simulation="SITL",
+                        record="none")
     return parser
 
 

@@ -24,7 +24,8 @@ examples:
   ./run.bash --scenario_file runs/NAME/scenario.yaml   a race of yours again
 
 The results are in the output folder: race.json, map.json, map_statistics.json,
-scenario.yaml, and race.html (a replay, with --meshcat).
+scenario.yaml, race.mcap (for Foxglove and airrace.analysis), report.html,
+and race.html (a replay, with --meshcat).
 Exit codes: 0 finished, 1 did not finish, 2 bad input.
 """
 
@@ -56,6 +57,11 @@ def make_parser() -> argparse.ArgumentParser:
                      "(default: runs/<UTC time>-<track>-<drone>-<t>d)")
     run.add_argument("--meshcat", action=argparse.BooleanOptionalAction, default=True,
                      help="show the race in a browser and leave a replay (default: yes)")
+    run.add_argument("--report", action=argparse.BooleanOptionalAction, default=True,
+                     help="leave report.html, a page of pictures and tables (default: yes)")
+    run.add_argument("--record", choices=("none", "light", "full"),
+                     help="what race.mcap holds: light = all signals, full = and pictures of the "
+                     "camera; it costs about a tenth of the race's time (default: full)")
     run.add_argument("--realtime_rate", type=float, metavar="R",
                      help="1 = real time, 0 = as fast as it can (default: 0)")
     run.add_argument("--graphviz", type=Path, metavar="FILE",
@@ -126,6 +132,8 @@ def resolve_scenario(args):
         scenario.planner.limits = args.limits
     if args.renderer is not None:
         scenario.camera.renderer = args.renderer
+    if args.record is not None:
+        scenario.recording.content = args.record
     if args.realtime_rate is not None:
         scenario.simulator_config.target_realtime_rate = args.realtime_rate
     if args.simulation == "HITL":
@@ -169,6 +177,32 @@ def make_meshcat(track):
         ) from None
 
 
+@contextlib.contextmanager
+def report_after(wanted: bool, folder: Path, work):
+    """Writes report.html after the block, also if that raises; then, nothing else is raised.
+
+    Args:
+        wanted: whether to do it at all.
+        folder: of the race.
+        work: context manager, called with what is being done.
+    """
+    def write():
+        from airrace.analysis.report import write_report
+
+        with work("Writing report.html"):
+            write_report(folder)
+
+    try:
+        yield
+    except BaseException:
+        if wanted and (folder / "race.json").exists():
+            with contextlib.suppress(Exception):
+                write()
+        raise
+    if wanted:
+        write()
+
+
 def run(args) -> int:
     """Runs the race of parsed arguments; returns the exit code."""
     from airrace.diagrams.progress import RaceDisplay
@@ -186,7 +220,8 @@ def run(args) -> int:
     with results_folder(folder, numbered=args.output is None, refuse=RESULTS) as output_dir:
         meshcat = make_meshcat(track) if args.meshcat else None
         with contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display:
-            result = run_race(scenario, output_dir, meshcat=meshcat, show=display.show)
+            with report_after(args.report, output_dir, display.work):
+                result = run_race(scenario, output_dir, meshcat=meshcat, show=display.show)
     display.print_summary(result, output_dir)
     return 0 if result["finished"] else 1
 

@@ -10,6 +10,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from airrace.diagrams.autonomy import MakeAutonomy
+from airrace.diagrams.recorder import AddRecorder, close_recording
 from airrace.diagrams.results import RaceRecord
 from airrace.diagrams.scenario import Scenario, scenario_yaml
 from airrace.diagrams.simulation import FollowGates, MakeSimulation
@@ -22,7 +23,8 @@ from airrace.systems.types import GateMap
 from airrace.track import load_track
 
 # What a race may leave in its folder.
-RESULTS = ("scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.html")
+RESULTS = ("scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap",
+           "race.html", "report.html")
 _LOOK_PERIOD = 0.1  # s of simulated time between looks at the race
 _MAP_PERIOD = 1.0  # s between two writes of the map
 # Of the replay (Hz). Each gate that can move takes 120 bytes a frame.
@@ -37,11 +39,12 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -
 
     Args:
         scenario: the race.
-        output_dir: where the map is kept on disk; None: nowhere.
+        output_dir: where the map and the recording are kept on disk; None: nowhere.
         meshcat: a Meshcat to show the race in, or None.
 
     Raises:
-        UserError: if something the scenario names cannot be had.
+        UserError: if something the scenario names cannot be had, or the recording
+            cannot be written.
     """
     builder = DiagramBuilder()
     simulation = builder.AddSystem(MakeSimulation(scenario, meshcat))
@@ -55,6 +58,7 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -
             "gate_map_writer", GateMapWriter(directory=output_dir, period=_MAP_PERIOD)
         )
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
+        AddRecorder(builder, scenario, simulation, autonomy, output_dir)
     if meshcat is not None:
         AddVisualization(builder, simulation, autonomy, meshcat)
     outputs = [
@@ -116,6 +120,9 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
     def save_map():
         race.ForcedPublish(simulator.get_context())
 
+    def save_recording():
+        close_recording(race)
+
     def save_replay():
         if meshcat is not None:
             meshcat.StopRecording()
@@ -154,12 +161,13 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
             # What ended the race is what the caller must learn, even if what
             # is wrong keeps a file from being brought up to date as well.
             reason = "interrupted" if interrupted.is_set else "stopped by an error"
-            for step in (lambda: save(reason), save_map, save_replay):
+            for step in (lambda: save(reason), save_map, save_recording, save_replay):
                 with contextlib.suppress(Exception):
                     step()
             raise
         data = save("interrupted")
         save_map()
+        save_recording()
         save_replay()
         return data
 

@@ -18,6 +18,7 @@ from airrace.diagrams.scenario_checks import (
 from airrace.disturbances import DisturbancesConfig, RotorFailure
 from airrace.errors import UserError
 from airrace.limits import parse_limits
+from airrace.recording.config import RecordingConfig
 from airrace.resources import find_yaml, load_yaml, models_path
 from airrace.vehicle import DRONES, find_vehicle
 
@@ -135,6 +136,8 @@ class Scenario:
     # which is called with this scenario and returns a System.
     boxes: typing.Dict[str, str] = dc.field(default_factory=dict)
 
+    recording: RecordingConfig = dc.field(default_factory=RecordingConfig)
+
     def check(self) -> None:
         """Raises UserError with one sentence on the first bad value."""
         check_numbers(self)
@@ -144,6 +147,7 @@ class Scenario:
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
         self.camera.check()
+        self.recording.check(self.camera.fps)
         check_choice("perception.estimator", self.perception.estimator, ESTIMATORS)
         check_disturbances(self.disturbances)
         check_rotor_failures(self.rotor_failures)

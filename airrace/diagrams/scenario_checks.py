@@ -11,6 +11,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from airrace.diagrams.camera_config import RANGES as CAMERA_RANGES
 from airrace.disturbances import DisturbancesConfig, RotorFailure
 from airrace.errors import UserError
+from airrace.recording.config import RANGES as RECORDING_RANGES
 
 # Least and greatest value of numbers for which "positive" does not say it all;
 # [] is any element of a list. The upper limits keep a slip of the pen from
@@ -19,6 +20,7 @@ _RANGES = {
     "laps": (1, 1000),
     "seed": (0, math.inf),
     **CAMERA_RANGES,
+    **RECORDING_RANGES,
     "state_estimate.rate": (1, 10000),
     "state_estimate.position_sigma": (0, math.inf),
     "state_estimate.velocity_sigma": (0, math.inf),

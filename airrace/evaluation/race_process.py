@@ -22,7 +22,7 @@ def main(folder: Path) -> int:
     drone = ["-d", str(folder / DRONE)] if (folder / DRONE).exists() else []
     return race([
         "--scenario_file", str(folder / SCENARIO), "--track", str(folder / TRACK), *drone,
-        "--output", str(folder / RESULTS), "--no-meshcat",
+        "--output", str(folder / RESULTS), "--no-meshcat", "--no-report",
     ])
 
 

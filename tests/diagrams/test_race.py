@@ -298,7 +298,7 @@ class TestOptions:
         assert listed == {
             "-h", "--help", "-d", "--drone", "-s", "--simulation", "-t", "--trajectory", "--track",
             "--limits", "--laps", "--seed", "--level", "--renderer", "--output", "--meshcat",
-            "--no-meshcat",
+            "--no-meshcat", "--record", "--report", "--no-report",
             "--realtime_rate", "--graphviz", "--scenario_file", "--scenario_name",
             "--scenario_text",
         }
@@ -381,7 +381,8 @@ class TestOutput:
         (folder / "mine" / "notes").mkdir(parents=True)
         assert main(["--output", "mine", *SHORT]) == 1
         assert {p.name for p in (folder / "mine").iterdir()} == {
-            "notes", "scenario.yaml", "map.json", "map_statistics.json", "race.json"
+            "notes", "scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap",
+            "report.html",
         }
         assert not (folder / "runs").exists()
         before = tree(folder)

@@ -16,7 +16,7 @@ from airrace.diagrams.scenario import Scenario, load_scenario
 from airrace.errors import UserError
 from airrace.track import load_track
 
-FILES = {"scenario.yaml", "map.json", "map_statistics.json", "race.json"}
+FILES = {"scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap"}
 
 
 def refuse(word):
@@ -25,7 +25,7 @@ def refuse(word):
 
 def read_race(folder):
     """Checks that all files of a race are there and valid; returns race.json."""
-    assert {path.name for path in folder.iterdir()} - {"race.html"} == FILES
+    assert {path.name for path in folder.iterdir()} - {"race.html", "report.html"} == FILES
     scenario = load_scenario(filename=str(folder / "scenario.yaml"))
     scenario.check()
     data = {
@@ -391,6 +391,7 @@ def test_a_signal_in_mid_flight(tmp_path, signum, replay):
         process.wait()
     data = read_race(tmp_path / "out")
     assert (tmp_path / "out" / "race.html").exists() == replay
+    assert "Did not finish: interrupted" in (tmp_path / "out" / "report.html").read_text()
     assert data["dnf_reason"] == "interrupted"
     assert data["exploration"]["time_s"] > 0.5
     text = log.read_text()
@@ -409,4 +410,4 @@ def test_a_race_has_the_outputs_of_a_recorder():
     ]
     assert race.num_input_ports() == 0
 
-    assert set(RESULTS) == FILES | {"race.html"}
+    assert set(RESULTS) == FILES | {"race.html", "report.html"}

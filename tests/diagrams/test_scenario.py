@@ -16,6 +16,7 @@ from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import Scenario, load_scenario, scenario_yaml
 from airrace.disturbances import DisturbancesConfig, RotorFailure, WindConfig
 from airrace.errors import UserError
+from airrace.recording.config import CONTENTS, RecordingConfig
 from airrace.rendering.vtk import check_vtk_available
 from airrace.resources import find_yaml, models_path
 
@@ -364,6 +365,12 @@ _disturbances = st.builds(
     thrust_coefficient_error=_errors, actuator_delay=st.floats(0, 0.1),
     gate_shift=st.floats(0, 2),
 )
+_recordings = st.builds(
+    RecordingConfig, content=st.sampled_from(CONTENTS), state_rate=st.floats(1, 1000),
+    pose_rate=st.floats(1, 1000), image_rate=st.floats(0.1, 30),
+    image_width=st.integers(16, 8192), jpeg_quality=st.integers(1, 100),
+    flush_period=st.floats(0.01, 60),
+)
 _failures = st.lists(
     st.builds(RotorFailure, rotor=st.integers(1, 8), time=st.floats(0, 1e6)),
     max_size=3, unique_by=lambda failure: failure.rotor,
@@ -380,10 +387,11 @@ def scenarios(draw):
         state_noise=draw(st.sampled_from(["none", "reference"])),
         disturbances=draw(_disturbances),
         rotor_failures=draw(_failures),
+        recording=draw(_recordings),
         boxes=draw(st.dictionaries(st.text(max_size=9), st.text(max_size=9), max_size=2)),
     )
     for section in SECTIONS:
-        if section == "disturbances":
+        if section in ("disturbances", "recording"):
             continue
         config = getattr(scenario, section)
         for name, value in vars(config).items():

@@ -1,0 +1,91 @@
+"""Pictures of where a race was flown."""
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.ticker import MaxNLocator
+
+from airrace.analysis.svg import FAINT, INK, SPEED_COLORS, add_colorbar, lap_style, make_figure
+from airrace.track import PYLON_BASE_RADIUS
+from airrace.track_layout import Layout
+
+_STEP = 2.5  # m of a piece of a lap, which has one colour
+
+
+def track_figure(run):
+    """Returns the track from above with the flown laps, coloured by speed."""
+    figure = make_figure(9, 7.2)
+    axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    state = run.columns["state"]
+    p = np.column_stack([state["x"], state["y"]])
+    exploring = state["lap"] == 0
+    axes.plot(*p[exploring][_thinned(p[exploring])].T, color=FAINT, lw=0.9, ls=(0, (4, 3)),
+              label="exploring", zorder=1)
+    racing = (state["lap"] > 0) & (state["lap"] <= max(run.scenario.laps, 1))
+    if racing.any():
+        pieces, speeds = _pieces(p[racing], state["speed"][racing], state["lap"][racing])
+        lines = LineCollection(pieces, cmap=SPEED_COLORS, lw=1.6, zorder=3)
+        lines.set_array(speeds)
+        axes.add_collection(lines)
+        add_colorbar(figure, lines, axes, "speed (m/s)", shrink=0.75, pad=0.02)
+    _draw_gates(axes, run.track)
+    start = run.track.start.position
+    axes.plot(*start[:2], "s", color=INK, ms=5, zorder=4, label="start")
+    if not run.result["finished"] and len(p):
+        axes.plot(*p[-1], "X", color=INK, ms=10, zorder=6, label="the end")
+    axes.legend(loc="best")
+    axes.margins(0.05)
+    return figure
+
+
+def _thinned(p) -> np.ndarray:
+    """Returns the numbers of points that are about _STEP of way apart."""
+    if len(p) == 0:
+        return np.array([], int)
+    way = np.concatenate([[0.0], np.linalg.norm(np.diff(p, axis=0), axis=1).cumsum()])
+    return np.unique(np.searchsorted(way, np.arange(0.0, way[-1] + _STEP, _STEP)).clip(
+        max=len(p) - 1))
+
+
+def _pieces(p, speeds, laps) -> tuple:
+    pieces, colors = [], []
+    for lap in np.unique(laps):
+        mine = np.flatnonzero(laps == lap)
+        mine = mine[_thinned(p[mine])]
+        pieces += [p[[a, b]] for a, b in zip(mine, mine[1:])]
+        colors += [speeds[mine[:-1]]]
+    return pieces, np.concatenate(colors)
+
+
+def _draw_gates(axes, track):
+    layout = Layout.of(track)
+    for n, (left, right) in enumerate(layout.pylons):
+        axes.plot(*np.transpose([left, right]), color=INK, lw=0.8, zorder=2)
+        for foot in (left, right):
+            axes.add_artist(_disc(foot))
+        axes.annotate(str(n + 1), right, 13 * layout.rightward[n], ha="center", va="center",
+                      textcoords="offset points", fontweight="bold", zorder=5)
+        axes.annotate("", layout.middle[n] + 6 * layout.forward[n], layout.middle[n],
+                      arrowprops=dict(arrowstyle="-|>", color=INK, lw=0.8), zorder=2)
+
+
+def _disc(foot):
+    from matplotlib.patches import Circle
+
+    return Circle(foot, PYLON_BASE_RADIUS, facecolor="#d9d9d9", edgecolor=INK, lw=0.7, zorder=4)
+
+
+def offsets_figure(run):
+    """Returns how far from its midpoint each gate was crossed, lap by lap."""
+    figure = make_figure(9, 3)
+    axes = figure.add_subplot(xlabel="gate", ylabel="offset (cm)")
+    laps = run.result["laps"]
+    width = 0.6 / max(len(laps), 1)
+    for i, lap in enumerate(laps):
+        offsets = 100 * np.array(lap["gate_offsets_m"])
+        style = lap_style(lap["lap"]) | {"linestyle": "none"}
+        axes.plot(np.arange(1, len(offsets) + 1) + width * (i - (len(laps) - 1) / 2), offsets,
+                  label=f"lap {lap['lap']}", **style)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=20))
+    axes.set_ylim(bottom=0.0)
+    figure.legend(loc="outside right center")
+    return figure

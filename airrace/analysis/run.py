@@ -1,0 +1,195 @@
+"""A run: the folder that a race left, as tables."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from airrace.analysis.columns import empty_columns, read_columns
+from airrace.analysis.derived import derive, lap_starts
+from airrace.analysis.log import is_complete, read_attachments, read_log
+from airrace.errors import UserError
+from airrace.recording.writer import FILE
+from airrace.resources import load_yaml
+from airrace.track import Track, load_track
+from airrace.vehicle import Vehicle, load_vehicle
+
+FORMATS = ("csv", "parquet")
+
+
+class Run:
+    """A race that was flown.
+
+    ``run.state`` is the table of that name as a pandas DataFrame; ``run.tables``
+    has them all:
+
+    ============== ==================================================================
+    state          the truth: position, quaternion w x y z, velocity, angular velocity,
+                   roll, pitch, yaw, speed
+    estimate       the same, as the autopilot hands it to the autonomy
+    filtered       the same, as the controller uses it
+    reference      what the controller follows: position, yaw, velocity, acceleration
+    tracking       state minus reference, and its distance
+    disturbance    acceleration that rotors and gravity do not explain
+    rotors         a row a rotor and time: speed, command (rad/s), nominal thrust (N)
+    detections     a row a marker and image: pose in the camera frame, range
+    refused        what looked like a marker and was not taken for one, and why
+    map            a row a marker and second: position, variance, sightings, error
+    gates          a row a gate and second, as the map has them
+    plans          a row a plan: when it was made, for which lap, what it promises
+    plan_gates     when a plan passes each gate, from gate 1 on
+    plan_samples   its entry and its circuit, every 0.02 s
+    events         what the explorer and the referee said
+    crossings      a row a gate that counted
+    laps           as in race.json
+    ============== ==================================================================
+
+    All is SI, in the world frame unless it says otherwise, angles in rad. ``lap`` is
+    0 before gate 1 is crossed for the first time.
+
+    Attributes:
+        folder: of the run.
+        result: race.json.
+        scenario: the Scenario.
+        track: the Track as it was when the race began.
+        vehicle: the drone, as its file says.
+        columns: the tables as numpy arrays, {table: {column: array}}; no pandas needed.
+        recorded: whether there is a race.mcap; else most tables are empty.
+        complete: whether it was closed; else its race was killed, or still goes on.
+    """
+
+    def __init__(self, folder, without=()):
+        """Reads a run.
+
+        Args:
+            folder: of the race, or a file in it.
+            without: topics of race.mcap to leave out, to save time.
+
+        Raises:
+            UserError: if it holds no race, or something of it cannot be read.
+        """
+        from airrace.diagrams.scenario import load_scenario
+
+        folder = Path(folder)
+        self.folder = folder.parent if folder.is_file() else folder
+        path = self.folder / "race.json"
+        try:
+            self.result = json.loads(path.read_text(encoding="utf-8"))
+            laps = self.result["laps"]
+        except OSError as e:
+            raise UserError(f"{path} cannot be read ({e.strerror}); name the folder that a race "
+                            "left, such as runs/<time>-...") from None
+        except (ValueError, KeyError, TypeError):
+            laps = None
+        if not isinstance(laps, list):
+            raise UserError(f"{path} is no race.json; name the folder that a race left.") from None
+        self.scenario = load_scenario(filename=str(self.folder / "scenario.yaml"))
+        log = self.folder / FILE
+        self.recorded = log.exists()
+        # The log has what was raced, even if the files have changed or are elsewhere.
+        files = read_attachments(log) if self.recorded else {}
+        self.track = load_yaml(Track, data=files["track.yaml"], what="the track") if (
+            "track.yaml" in files) else load_track(self.scenario.track)
+        self.vehicle = load_yaml(Vehicle, data=files["vehicle.yaml"], what="the drone") if (
+            "vehicle.yaml" in files) else load_vehicle(self.scenario.drone)[0]
+        self.complete = self.recorded and is_complete(log)
+        signals = read_columns(log, without) if self.recorded else empty_columns()
+        self.columns = derive(signals, self.result, self.track)
+        self._tables = None
+
+    @property
+    def tables(self) -> dict:
+        """All tables as DataFrames, by name."""
+        if self._tables is None:
+            pandas = _pandas()
+            self._tables = {name: pandas.DataFrame(columns)
+                            for name, columns in self.columns.items()}
+        return self._tables
+
+    def __getattr__(self, name):
+        if not name.startswith("_") and name in self.__dict__.get("columns", ()):
+            return self.tables[name]
+        raise AttributeError(f"A run has no '{name}'; its tables are: "
+                             f"{', '.join(self.__dict__.get('columns', ()))}.")
+
+    def __dir__(self):
+        return [*super().__dir__(), *self.columns]
+
+    def __repr__(self):
+        return f"Run({str(self.folder)!r}, {len(self.result['laps'])} laps)"
+
+    @property
+    def lap_starts(self) -> np.ndarray:
+        """When gate 1 was crossed, each of which starts a lap or ends the last (s)."""
+        return lap_starts(self.columns["crossings"])
+
+    def images(self):
+        """Yields the time (s) and the grey levels, (h, w) uint8, of every recorded picture.
+
+        Raises:
+            UserError: if the race was not recorded.
+        """
+        import cv2
+
+        for _, _, message in read_log(self.folder / FILE, ["/camera/image"]):
+            stamp = message.timestamp
+            picture = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+            yield stamp.seconds + stamp.nanos / 1e9, picture
+
+    def export(self, folder, format: str = "csv") -> list:
+        """Writes every table to a file of its name; returns their paths.
+
+        Args:
+            folder: created if there is none.
+            format: "csv" or "parquet".
+
+        Raises:
+            UserError: if they cannot be written.
+        """
+        if format not in FORMATS:
+            raise UserError(f"The format must be one of {', '.join(FORMATS)}, not '{format}'.")
+        tables, folder = self.tables, Path(folder)
+        if format == "parquet":
+            _pyarrow()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            paths = []
+            for name, table in tables.items():
+                paths.append(folder / f"{name}.{format}")
+                if format == "csv":
+                    table.to_csv(paths[-1], index=False)
+                else:
+                    table.to_parquet(paths[-1], index=False)
+        except OSError as e:
+            raise UserError(f"{folder} cannot be written to ({e.strerror}); name another folder."
+                            ) from None
+        return paths
+
+
+def _pandas():
+    try:
+        import pandas
+    except ImportError:
+        raise UserError("Tables need pandas: pip install 'airrace[analysis]'; run.columns has "
+                        "the same as numpy arrays.") from None
+    return pandas
+
+
+def _pyarrow():
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        raise UserError("Parquet needs pyarrow: pip install 'airrace[analysis]', or export "
+                        "as csv.") from None
+
+
+def load_run(folder) -> Run:
+    """Loads what a race left; see Run.
+
+    Args:
+        folder: of the race, such as runs/<time>-...
+
+    Raises:
+        UserError: if it holds no race, or something of it cannot be read.
+    """
+    return Run(folder)

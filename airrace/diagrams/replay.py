@@ -1,0 +1,94 @@
+"""Shows flown runs again: python -m airrace.diagrams.replay RUN [RUN2 ...]."""
+
+import argparse
+import logging
+import sys
+import time
+from pathlib import Path
+
+from airrace.errors import exit_code
+
+EPILOG = """\
+examples:
+  python -m airrace.diagrams.replay runs/NAME               in a browser, with controls
+  python -m airrace.diagrams.replay runs/A runs/B           both together, from the start
+  python -m airrace.diagrams.replay runs/A runs/B --align lap --lap 2
+                                                            both cross gate 1 at once
+  python -m airrace.diagrams.replay runs/A --html a.html    a page that opens offline
+
+The page's controls, top right, play, pause, and go to any time: Animations > default.
+"""
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Returns the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="airrace.diagrams.replay", epilog=EPILOG,
+        description="Show one or several runs of a track again, together, from their race.mcap.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("runs", metavar="RUN", nargs="+", type=Path,
+                        help="the folder that a race left")
+    parser.add_argument("--align", choices=("start", "lap"), default="start",
+                        help="what happens at the same time in all: power on, or gate 1 at the "
+                        "beginning of --lap (default: start)")
+    parser.add_argument("--lap", type=int, metavar="K",
+                        help="the lap that --align lap begins with (default: 1)")
+    parser.add_argument("--html", metavar="FILE", type=Path,
+                        help="write a page that opens offline, and exit")
+    return parser
+
+
+def run(args) -> int:
+    """Shows the runs of parsed arguments; returns the exit code."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from airrace.analysis.run import load_run
+    from airrace.diagrams.ghosts import legend_html, make_ghosts, show_ghosts
+    from airrace.diagrams.visualization import MakeMeshcat
+    from airrace.errors import UserError
+    from airrace.files import write_text
+
+    if args.lap is not None and args.align != "lap":
+        raise UserError("--lap needs --align lap.")
+    logging.getLogger("drake").setLevel(logging.WARNING)  # this says where to look
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("Reading", total=len(args.runs))
+        runs = []
+        for folder in args.runs:
+            runs.append(load_run(folder))
+            progress.advance(task)
+        ghosts = make_ghosts(runs, args.align, 1 if args.lap is None else args.lap)
+        try:
+            meshcat = MakeMeshcat(runs[0].track)
+        except RuntimeError as e:
+            raise UserError(f"Nothing can be shown in a browser ({str(e).rstrip('.')}); close "
+                            "another program that uses Meshcat.") from None
+        progress.update(task, description="Drawing", total=1.0, completed=0.0)
+        show_ghosts(meshcat, ghosts, lambda share: progress.update(task, completed=share))
+    for ghost in ghosts:
+        name = ghost.color if len(ghosts) > 1 else "the drone"
+        print(f"{name}: {ghost.run.folder}")
+    if args.html is not None:
+        page = meshcat.StaticHtml().replace("</body>", legend_html(ghosts) + "</body>", 1)
+        write_text(args.html, page)
+        print(f"Replay: {args.html}")
+        return 0
+    print(f"Watch it at {meshcat.web_url()}; Ctrl-C ends it.")
+    try:
+        while True:
+            time.sleep(1.0)
+    except KeyboardInterrupt:
+        return 0
+
+
+def main(argv=None) -> int:
+    """The command-line program; returns its exit code."""
+    args = make_parser().parse_args(argv)
+    return exit_code(lambda: run(args))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,81 @@
+"""The file race.mcap while it is being written."""
+
+from pathlib import Path
+
+import foxglove
+from foxglove.mcap import MCAPWriteOptions
+
+from airrace.errors import UserError
+from airrace.recording.messages import nanoseconds
+from airrace.recording.topics import TOPICS
+
+FILE = "race.mcap"
+
+
+class RaceLog:
+    """Writes messages to the topics of a race.
+
+    What was flushed can be read, whatever happens to this process afterwards. A
+    file that was not closed lacks its index, which readers of streams do without.
+    """
+
+    def __init__(self, path: Path):
+        """Opens the file; one of this name is replaced.
+
+        Raises:
+            UserError: if it cannot be written.
+        """
+        self._path = Path(path)
+        # Not the SDK's global context: two races in one process have a file each.
+        self._context = foxglove.Context()
+        self._writer = None
+        self._writer = self._try(lambda: foxglove.open_mcap(
+            self._path, allow_overwrite=True, context=self._context,
+            # Threads would take the time from another race's process.
+            writer_options=MCAPWriteOptions(profile="airrace", compression_threads=0),
+        ))
+        self._channels = {
+            topic: foxglove.Channel(topic, schema=kind, context=self._context)
+            if isinstance(kind, dict) else kind(topic, context=self._context)
+            for topic, kind in TOPICS.items()
+        }
+
+    def write(self, topic: str, time: float, message) -> None:
+        """Writes a message, or a dict to a topic of JSON, that is known at a time (s)."""
+        self._channels[topic].log(message, log_time=nanoseconds(time))
+
+    def attach(self, name: str, text: str) -> None:
+        """Adds a file, so that the log can be understood without others.
+
+        Raises:
+            UserError: if it cannot be written.
+        """
+        self._try(lambda: self._writer.attach(
+            log_time=0, create_time=0, name=name, media_type="text/yaml", data=text.encode()))
+
+    def flush(self) -> None:
+        """Hands everything so far to the operating system.
+
+        Raises:
+            UserError: if it cannot be written.
+        """
+        self._try(lambda: self._writer.flush())
+
+    def close(self) -> None:
+        """Ends the file; may be called again.
+
+        Raises:
+            UserError: if it cannot be written.
+        """
+        if self._writer is not None:
+            self._try(lambda: self._writer.close())
+            self._writer = None
+
+    def _try(self, step):
+        """Does something with the file; after it failed, there is no file any more."""
+        try:
+            return step()
+        except (OSError, RuntimeError, ValueError) as e:
+            self._writer = None  # at the interpreter's end, the SDK would say it once more
+            raise UserError(f"{self._path} cannot be written ({str(e).rstrip('.')}); make room "
+                            "there, write elsewhere, or race with --record none.") from None

@@ -1,0 +1,115 @@
+"""A run that nobody flew, whose numbers are known."""
+
+import json
+
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+
+from airrace.diagrams.scenario import Scenario, scenario_yaml
+from airrace.recording import data, messages
+from airrace.recording.writer import FILE, RaceLog
+from airrace.systems.referee import GateCrossing
+from airrace.systems.types import Detection, Detections, GateMap, MarkerEstimate
+from airrace.track import load_track
+
+GATES, LAP, FIRST = 10, 5.0, 2.0  # gates; s a lap; s, when gate 1 is crossed first
+OFF = 0.03  # m, off the reference, to the left
+TURN_RATE, RADIUS = 2 * np.pi / LAP, 30.0
+MAP_ERROR = 0.02  # m, in x, of every marker
+
+
+def flight(time):
+    """Position, velocity and quaternion on a level circle about the z axis, nose ahead."""
+    a = TURN_RATE * (time - FIRST)
+    c, s = np.cos(a), np.sin(a)
+    p = np.array([RADIUS * c, RADIUS * s, 6.0])
+    v = RADIUS * TURN_RATE * np.array([-s, c, 0.0])
+    q = RotationMatrix.MakeZRotation(a + np.pi / 2).ToQuaternion().wxyz()
+    return p, v, q
+
+
+def crossings(laps):
+    """GateCrossings at even times."""
+    step = LAP / GATES
+    return [GateCrossing(time=FIRST + k * step, gate=k % GATES + 1, lap=k // GATES + 1,
+                         offset=0.1, max_speed=20.0) for k in range(laps * GATES + 1)]
+
+
+def race_json(laps, finished=True):
+    """What race.json holds of the run."""
+    flown = crossings(laps)
+    return {
+        "track": "student-airrace", "drone": "Default", "simulation": "SITL", "trajectory": "6",
+        "seed": 0, "rotor_failures": [], "finished": finished,
+        "dnf_reason": None if finished else "touched <pylon_3_left>",
+        "exploration": {"success": True, "time_s": 1.5, "gates_found": GATES, "events": [
+            {"time_s": 0.0, "state": "CALIBRATE", "reason": "power on"},
+            {"time_s": 0.5, "state": "TAKE_OFF", "reason": "level"}]},
+        "laps": [{
+            "lap": k + 1, "start_s": flown[GATES * k].time, "time_s": LAP,
+            "gate_times_s": [LAP / GATES * i for i in range(GATES)],
+            "gate_offsets_m": [0.1] * GATES, "max_speed": 20.0, "map_rms_m": MAP_ERROR,
+            "plan": {"solve_time_s": 0.1, "duration_s": LAP - 0.2, "max_speed": 20.0,
+                     "max_acceleration": 10.0, "max_rotor_thrust": 5.0},
+        } for k in range(laps)],
+        "mean_lap_s": LAP if laps else None, "best_lap_s": LAP if laps else None,
+        "collisions": 0, "wall": {"seconds": 1.0, "real_time_factor": 1.0},
+    }
+
+
+def made_up_map(time):
+    """A GateMap of all boards, each off by MAP_ERROR."""
+    return GateMap(time, tuple(
+        MarkerEstimate(id=board.id, count=7, outliers=1, normal=np.array([1.0, 0, 0]),
+                       p_WM=board.X_WM.translation() + [MAP_ERROR, 0, 0],
+                       variance=np.full(3, 1e-4))
+        for board in load_track("student-airrace").boards()))
+
+
+def write_log(log, laps):
+    """Writes the signals of the run to a RaceLog."""
+    end = FIRST + laps * LAP
+    for time in np.arange(0.0, end + 0.5, 0.02).tolist():
+        p, v, q = flight(time)
+        state = [*q.tolist(), *p.tolist(), 0.0, 0.0, TURN_RATE, *v.tolist()]
+        for name in ("truth", "estimate", "filtered"):
+            log.write(f"/state/{name}", time, messages.odometry(time, state))
+        left = OFF * np.array([-v[1], v[0], 0.0]) / np.linalg.norm(v)
+        yaw = TURN_RATE * (time - FIRST) + np.pi / 2
+        reference = [*(p - left), *v, *np.zeros(9), yaw, TURN_RATE, 0.0]
+        log.write("/reference", time, messages.reference_odometry(time, reference))
+        log.write("/reference/acceleration", time, messages.vector3([1.0, 2.0, 3.0]))
+        log.write("/rotors/measured", time, messages.rotors(time, [40.0] * 4, [1e-3] * 4))
+        log.write("/rotors/command", time, messages.rotors(time, [50.0] * 4, [1e-3] * 4))
+    marker = Detection(id=5, corners=np.zeros((4, 2)), X_CM=RigidTransform([0.0, 3.0, 4.0]),
+                       reprojection_error=0.1)
+    log.write("/detections", 1.04, data.detections_data(
+        Detections(1.0, (marker,), (("image too dark", None),))))
+    for crossing in crossings(laps):
+        log.write("/referee/crossings", crossing.time, data.crossing_data(crossing))
+        if crossing.gate == 1:
+            log.write("/map", crossing.time + 0.01, data.full_map_data(made_up_map(crossing.time)))
+    samples = {name: [0.0, 1.0] for name in data.PLAN_COLUMNS}
+    log.write("/plan", 1.0, {
+        "lap": 1, "start_time": 1.0, "entry_duration": 1.0, "phase": 0.0, "duration": LAP - 0.2,
+        "gate_times": np.linspace(0.0, LAP - 0.2, GATES + 1).tolist(), "step": 0.02,
+        "entry": samples, "circuit": samples})
+    log.write("/explorer", 0.0, messages.log(0.0, "CALIBRATE", "power on"))
+    log.write("/explorer", 0.5, messages.log(0.5, "TAKE_OFF", "level: taking off"))
+
+
+def make_run(folder, laps=2, finished=True, recorded=True, closed=True, **fields):
+    """Writes the run into a folder that it creates; returns the folder."""
+    folder.mkdir(parents=True)
+    scenario = Scenario(laps=laps, **fields)
+    (folder / "scenario.yaml").write_text(scenario_yaml(scenario))
+    (folder / "race.json").write_text(json.dumps(race_json(laps, finished)))
+    if recorded:
+        log = RaceLog(folder / FILE)
+        write_log(log, laps)
+        log.flush()
+        so_far = (folder / FILE).read_bytes()
+        log.close()
+        if not closed:  # as if the process had been killed before
+            (folder / FILE).write_bytes(so_far)
+    return folder

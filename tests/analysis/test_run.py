@@ -1,0 +1,176 @@
+import builtins
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from airrace.analysis import load_run
+from airrace.analysis.__main__ import main
+from airrace.errors import UserError
+from airrace.recording.writer import RaceLog
+from airrace.resources import find_yaml
+from tests.analysis.made_up_run import (
+    FIRST,
+    GATES,
+    LAP,
+    MAP_ERROR,
+    OFF,
+    RADIUS,
+    TURN_RATE,
+    flight,
+    make_run,
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return make_run(tmp_path_factory.mktemp("runs") / "made_up")
+
+
+@pytest.fixture(scope="module")
+def run(folder):
+    return load_run(folder)
+
+
+def test_states_are_in_the_world_frame(run):
+    for state in (run.state, run.estimate, run.filtered):
+        row = state.iloc[150]
+        p, v, q = flight(row.time)
+        assert row.time == pytest.approx(3.0)
+        np.testing.assert_allclose(row[["x", "y", "z"]].astype(float), p, atol=1e-5)
+        np.testing.assert_allclose(row[["vx", "vy", "vz"]].astype(float), v, atol=1e-4)
+        np.testing.assert_allclose(row[["wx", "wy", "wz"]].astype(float), [0, 0, TURN_RATE],
+                                   atol=1e-6)
+        assert row.speed == pytest.approx(RADIUS * TURN_RATE)
+        assert (row.roll, row.pitch) == pytest.approx((0, 0), abs=1e-6)
+        turn = TURN_RATE * (3.0 - FIRST) + np.pi / 2 - row.yaw
+        assert np.cos(turn) == pytest.approx(1.0)
+
+
+def test_laps_are_counted_from_gate_1(run):
+    laps = run.state.groupby("lap").time.agg(["min", "max"])
+    assert list(laps.index) == [0, 1, 2, 3]
+    assert laps["min"][1] == pytest.approx(FIRST)
+    assert laps["min"][3] == pytest.approx(FIRST + 2 * LAP, abs=0.021)
+    np.testing.assert_allclose(run.lap_starts, FIRST + LAP * np.arange(3))
+    assert run.laps.duration.tolist() == [LAP, LAP]
+    assert len(run.crossings) == 2 * GATES + 1
+
+
+def test_tracking_is_the_distance_from_the_reference(run):
+    np.testing.assert_allclose(run.tracking.distance, OFF, atol=2e-5)
+    np.testing.assert_allclose(run.tracking.yaw, 0.0, atol=1e-5)
+    assert run.reference[["ax", "ay", "az"]].iloc[0].tolist() == [1.0, 2.0, 3.0]
+    at = np.abs(run.reference.time - 3.0).idxmin()
+    np.testing.assert_allclose(
+        run.reference.loc[at, ["vx", "vy", "vz"]].astype(float), flight(3.0)[1], atol=1e-4)
+
+
+def test_rotors_are_tidy(run):
+    assert sorted(run.rotors.rotor.unique()) == [1, 2, 3, 4]
+    assert set(run.rotors.speed) == {40.0} and set(run.rotors.command) == {50.0}
+    assert run.rotors.thrust.iloc[0] == pytest.approx(1.6)
+
+
+def test_the_map_has_its_errors(run):
+    assert len(run.map) == 3 * 40
+    np.testing.assert_allclose(run.map.error, MAP_ERROR, atol=1e-4)
+    assert set(run.map.gate) == set(range(1, 11))
+
+
+def test_the_rest(run):
+    (detection,) = run.detections.itertuples()
+    assert (detection.marker, detection.range, detection.received) == (5, 5.0, 1.04)
+    assert run.refused.reason.tolist() == ["image too dark"]
+    assert run.plans.lap.tolist() == [1] and np.isnan(run.plans.solve_time[0])
+    assert run.plan_gates.gate.tolist() == [*range(1, 11), 1]
+    assert run.plan_samples.part.tolist() == ["entry"] * 2 + ["circuit"] * 2
+    assert run.events[["name", "message"]].iloc[1].tolist() == ["TAKE_OFF", "level: taking off"]
+    assert run.complete and run.recorded and "2 laps" in repr(run)
+    assert set(run.tables) == set(run.columns) <= set(dir(run))
+    with pytest.raises(AttributeError, match="no 'nothing'; its tables are: state"):
+        run.nothing
+
+
+@pytest.mark.parametrize("format, read", [("csv", pd.read_csv), ("parquet", pd.read_parquet)])
+def test_export_and_back(run, folder, tmp_path, capsys, format, read):
+    assert main([str(folder), "--export", str(tmp_path / "out"), "--format", format]) == 0
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+        f"{name}.{format}" for name in run.columns}
+    for name in ("state", "map", "events", "laps"):
+        pd.testing.assert_frame_equal(read(tmp_path / "out" / f"{name}.{format}"),
+                                      run.tables[name], check_dtype=False)
+    assert "tables" in capsys.readouterr().out
+
+
+def test_without_export_it_lists_the_tables(folder, capsys):
+    assert main([str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert "tracking" in out and "plan_samples" in out
+
+
+def test_a_run_without_a_recording(tmp_path):
+    run = load_run(make_run(tmp_path / "run", recorded=False) / "race.json")
+    assert not run.recorded and not run.complete
+    assert len(run.state) == len(run.rotors) == 0 and len(run.laps) == 2
+    with pytest.raises(UserError, match="race.mcap cannot be read .No such file"):
+        next(run.images())
+
+
+def test_a_run_that_was_killed(tmp_path):
+    run = load_run(make_run(tmp_path / "run", closed=False))
+    assert run.recorded and not run.complete
+    assert run.state.time.max() > FIRST + 2 * LAP
+
+
+def test_what_was_raced_is_in_the_log(tmp_path):
+    """Whatever happened to the track's file since."""
+    folder = make_run(tmp_path / "run", recorded=False)
+    text = find_yaml("tracks", "student-airrace").read_text().replace("student-airrace", "gone")
+    (tmp_path / "gone.yaml").write_text(text)
+    scenario = (folder / "scenario.yaml").read_text()
+    (folder / "scenario.yaml").write_text(
+        scenario.replace("student-airrace", str(tmp_path / "gone.yaml")))
+    log = RaceLog(folder / "race.mcap")
+    log.attach("track.yaml", text)
+    log.close()
+    (tmp_path / "gone.yaml").unlink()
+    assert load_run(folder).track.name == "gone"
+    (folder / "race.mcap").unlink()
+    with pytest.raises(UserError, match="gone.yaml"):
+        load_run(folder)
+
+
+@pytest.mark.parametrize("name, text, words", [
+    ("race.json", None, "race.json cannot be read .No such file.*; name the folder"),
+    ("race.json", "{}", "is no race.json; name the folder"),
+    ("race.json", "[", "is no race.json; name the folder"),
+    ("scenario.yaml", None, "scenario.yaml"),
+    ("race.mcap", "nothing", "race.mcap is no MCAP file"),
+])
+def test_bad_folders(tmp_path, capsys, name, text, words):
+    folder = make_run(tmp_path / "run", laps=1)
+    (folder / name).unlink()
+    if text is not None:
+        (folder / name).write_text(text)
+    with pytest.raises(UserError, match=words):
+        load_run(folder)
+    assert main([str(folder)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_without_pandas_one_sentence_says_what_to_do(folder, monkeypatch):
+    real = builtins.__import__
+
+    def no_pandas(name, *args, **kwargs):
+        if name == "pandas":
+            raise ImportError
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", no_pandas)
+    monkeypatch.delitem(sys.modules, "pandas", raising=False)
+    run = load_run(folder)
+    assert len(run.columns["state"]["time"]) > 100  # which needs none
+    with pytest.raises(UserError, match="pip install 'airrace.analysis.'"):
+        run.state

@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat
+
+from airrace.analysis import load_run
+from airrace.diagrams.ghosts import make_ghosts, show_ghosts
+from airrace.diagrams.replay import main
+from airrace.errors import UserError
+from tests.analysis.made_up_run import FIRST, LAP, flight, make_run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    make_run(folder / "one", laps=1)
+    make_run(folder / "two", laps=2, drone="StarOne")
+    make_run(folder / "silent", laps=1, recorded=False)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runs(folder):
+    return [load_run(folder / name) for name in ("one", "two")]
+
+
+@pytest.mark.parametrize("align, lap, start", [
+    ("start", 1, 0.0), ("lap", 1, FIRST), ("lap", 2, FIRST + LAP)])
+def test_a_ghost_is_where_the_run_was(runs, align, lap, start):
+    for ghost in make_ghosts(runs, align, lap):
+        assert ghost.start == pytest.approx(start)
+        times = np.array([0.011, 0.1, 0.405])
+        for time, p, q in zip(times, *ghost.poses(times)):
+            expected = flight(time + start)
+            np.testing.assert_allclose(p, expected[0], atol=0.01)
+            # q and -q are one rotation.
+            assert abs(q @ expected[2]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_after_its_end_a_ghost_stays(runs):
+    ghost = make_ghosts(runs)[0]
+    p, _ = ghost.poses([ghost.duration, ghost.duration + 9.0])
+    np.testing.assert_array_equal(p[0], p[1])
+
+
+def test_all_of_them_are_in_the_scene(runs):
+    meshcat, shares = Meshcat(), []
+    show_ghosts(meshcat, make_ghosts(runs), shares.append)
+    for i in (0, 1):
+        assert meshcat.HasPath(f"visualizer/run_{i}/body")
+        assert meshcat.HasPath(f"trails/run_{i}") and meshcat.HasPath(f"here/run_{i}")
+    assert 0.0 <= min(shares) <= max(shares) < 1.0
+    assert len(meshcat.StaticHtml()) < 30e6
+
+
+def test_a_page_that_opens_offline(folder, tmp_path, capsys):
+    page = tmp_path / "replay.html"
+    args = [str(folder / "one"), str(folder / "two"), "--align", "lap", "--html", str(page)]
+    assert main(args) == 0
+    text = page.read_text()
+    assert text.count("best lap 5.00 s") == 2 and ">one" not in text.split("best lap")[-1]
+    assert "one, best lap" in text and "two, best lap" in text
+    out = capsys.readouterr().out.splitlines()
+    assert out == [f"blue: {folder / 'one'}", f"orange: {folder / 'two'}", f"Replay: {page}"]
+
+
+@pytest.mark.parametrize("args, words", [
+    (["one", "none"], "none/race.json cannot be read"),
+    (["silent"], "has no flight in its race.mcap; name a race that was recorded"),
+    (["one", "--lap", "2"], "--lap needs --align lap"),
+    (["two", "one", "--align", "lap", "--lap", "3"], "one has no lap 3, it began 2"),
+    (["one"] * 7, "at most 6 runs, not 7"),
+])
+def test_bad_input(folder, capsys, args, words):
+    args = [str(folder / arg) if (folder / arg).exists() or arg == "none" else arg
+            for arg in args]
+    assert main([*args, "--html", "/none/a.html"]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and words in err
+
+
+def test_a_page_that_cannot_be_written(folder, capsys):
+    assert main([str(folder / "one"), "--html", "/none/a.html"]) == 2
+    assert "/none/a.html cannot be written" in capsys.readouterr().err
+
+
+def test_runs_of_other_tracks(runs, tmp_path, hexagon):
+    other = load_run(make_run(tmp_path / "other", track=hexagon))
+    with pytest.raises(UserError, match="was flown on another track"):
+        make_ghosts([runs[0], other])

@@ -17,9 +17,14 @@ def write_text(path: Path, text: str) -> None:
     Raises:
         UserError: if it cannot be written; the old text stays.
     """
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Like write_text(), of bytes."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_bytes(data)
         temporary.replace(path)
     except BaseException as e:
         with contextlib.suppress(OSError):

@@ -29,7 +29,7 @@ def test_a_reader_sees_the_old_text_or_the_new_one(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["text"]
 
 
-@pytest.mark.parametrize("step", ["write_text", "replace"])
+@pytest.mark.parametrize("step", ["write_bytes", "replace"])
 @pytest.mark.parametrize(
     "error", [OSError(28, "No space left on device"), KeyboardInterrupt()], ids=["full", "Ctrl-C"]
 )
@@ -38,7 +38,7 @@ def test_a_write_that_fails_leaves_the_old_text_alone(tmp_path, monkeypatch, ste
     write_text(path, "old")
 
     def fail(self, *args, **kwargs):
-        if step == "write_text":
+        if step == "write_bytes":
             open(self, "w").close()  # as far as it got
         raise error
 

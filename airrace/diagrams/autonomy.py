@@ -26,7 +26,8 @@ def _make_gate_mapper(scenario: Scenario):
     # The mapper counts from the exposure.
     perception["latency"] += scenario.camera.resolved().latency
     return GateMapper(
-        fps=scenario.camera.fps, state_rate=scenario.state_estimate.rate, **perception
+        fps=scenario.camera.fps, state_rate=scenario.state_estimate.rate,
+        link_delay=scenario.link_delay, **perception
     )
 
 
@@ -48,7 +49,10 @@ def _make_lap_planner(scenario: Scenario):
 
 
 def _make_rotor_monitor(scenario: Scenario):
-    return RotorMonitor(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate)
+    return RotorMonitor(
+        vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate,
+        link_delay=scenario.link_delay,
+    )
 
 
 def _make_state_filter(scenario: Scenario):

@@ -82,6 +82,11 @@ class RaceDisplay:
             self._live = None
             _go_quiet(self._console)
 
+    def note(self, line: str):
+        """Prints a line that is not about the race itself."""
+        with self._patience():
+            self._print(line)
+
     def _open(self, drone: str):
         scenario = self._scenario
         kind = scenario.trajectory + ("-D" if scenario.trajectory.isdigit() else "")

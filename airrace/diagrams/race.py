@@ -8,6 +8,7 @@ import re
 import sys
 from pathlib import Path
 
+from airrace.companion.options import add_ssh_options, ssh_companions
 from airrace.errors import UserError, exit_code
 
 LEVELS = range(5)  # of models/scenarios/levels.yaml
@@ -43,6 +44,16 @@ def make_parser() -> argparse.ArgumentParser:
     race.add_argument("-s", "--simulation", choices=("SITL", "HITL"), default="SITL",
                       help="where the autonomy runs: software or hardware in the loop "
                       "(default: SITL, in this process)")
+    race.add_argument("--companion", metavar="local|USER@HOST[:PORT]", default="local",
+                      help="HITL: where the autonomy runs; local = another process here; "
+                      "none = you start it yourself, see python -m airrace.diagrams.hitl --help "
+                      "(default: local)")
+    add_ssh_options(race)
+    race.add_argument("--lcm_url", metavar="URL",
+                      help="HITL: of LCM (default: udpm://239.255.76.67:7667?ttl=0, and ttl=1 "
+                      "with --companion USER@HOST)")
+    race.add_argument("--lockstep", action="store_true",
+                      help="HITL: tick by tick in the place of real time; the same race as SITL")
     race.add_argument("--track", metavar="NAME|FILE",
                       help="a shipped track, or a YAML file (default: student-airrace)")
     race.add_argument("--laps", type=int, metavar="N", help="laps after exploring (default: 10)")
@@ -137,7 +148,11 @@ def resolve_scenario(args):
     if args.realtime_rate is not None:
         scenario.simulator_config.target_realtime_rate = args.realtime_rate
     if args.simulation == "HITL":
-        raise UserError("-s HITL is not supported yet; race with -s SITL.")
+        from airrace.diagrams.hitl_race import prepared
+
+        scenario = prepared(scenario, args.lockstep)
+    elif args.lockstep or args.lcm_url is not None:
+        raise UserError("--lockstep and --lcm_url are for HITL: add -s HITL.")
     scenario.check()
     return scenario
 
@@ -203,6 +218,18 @@ def report_after(wanted: bool, folder: Path, work):
         write()
 
 
+def make_partner(args, scenario, output_dir: Path, note):
+    """Returns a context manager of where the autonomy is: None, or see remote_partner()."""
+    make_companion = ssh_companions(args)
+    if args.simulation == "SITL":
+        return contextlib.nullcontext()
+    from airrace.diagrams.hitl_race import default_url, remote_partner
+
+    return remote_partner(
+        scenario, output_dir, companion=args.companion, lockstep=args.lockstep, note=note,
+        url=args.lcm_url or default_url(args.companion), make_companion=make_companion)
+
+
 def run(args) -> int:
     """Runs the race of parsed arguments; returns the exit code."""
     from airrace.diagrams.progress import RaceDisplay
@@ -219,9 +246,11 @@ def run(args) -> int:
     folder = args.output or default_output_dir(track.name, vehicle.name, scenario.trajectory)
     with results_folder(folder, numbered=args.output is None, refuse=RESULTS) as output_dir:
         meshcat = make_meshcat(track) if args.meshcat else None
-        with contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display:
-            with report_after(args.report, output_dir, display.work):
-                result = run_race(scenario, output_dir, meshcat=meshcat, show=display.show)
+        with (contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display,
+              report_after(args.report, output_dir, display.work),
+              make_partner(args, scenario, output_dir, display.note) as partner):
+            result = run_race(
+                scenario, output_dir, meshcat=meshcat, show=display.show, partner=partner)
     display.print_summary(result, output_dir)
     return 0 if result["finished"] else 1
 

@@ -60,12 +60,13 @@ class RaceRecord:
             self._map_rms[lap] = front_marker_rms(gate_map, track)
         return self.laps_flown - before
 
-    def data(self, wall_seconds: float, dnf_reason: str | None = None) -> dict:
-        """Returns race.json.
+    def data(self, wall_seconds: float, dnf_reason: str | None = None, wall=()) -> dict:
+        """Returns race.json. All but ``wall`` follows from scenario and seed.
 
         Args:
             wall_seconds: what the race took.
             dnf_reason: why it ended if the referee did not end it.
+            wall: what else belongs below ``wall``, a dict.
         """
         laps = [self._lap(k) for k in range(1, self.laps_flown + 1)]
         times = [lap["time_s"] for lap in laps]
@@ -75,7 +76,6 @@ class RaceRecord:
         return {
             "track": self._track.name,
             "drone": self.vehicle.name,
-            "simulation": self._simulation,
             "trajectory": self._scenario.trajectory,
             "limits": self._scenario.planner.limits,
             "seed": self._scenario.seed,
@@ -98,8 +98,11 @@ class RaceRecord:
             "best_lap_s": min(times, default=None),
             "collisions": self.report.collisions,
             "wall": {
+                "simulation": self._simulation,
                 "seconds": wall_seconds,
                 "real_time_factor": self._time / max(wall_seconds, 1e-9),
+                "plan_solve_times_s": [self._solve_time(lap["lap"]) for lap in laps],
+                **dict(wall),
             },
         }
 
@@ -114,8 +117,7 @@ class RaceRecord:
         n = len(self._track.gates)
         crossings = self.report.crossings[n * (lap - 1): n * lap + 1]
         start = crossings[0].time
-        plans = [plan for first, plan in sorted(self._plans.items()) if first <= lap]
-        report = plans[-1].report if plans else None
+        report = self._plan_report(lap)
         return {
             "lap": lap,
             "start_s": start,
@@ -127,11 +129,20 @@ class RaceRecord:
             "plan": report and plan_data(report),
         }
 
+    def _plan_report(self, lap: int):
+        """Returns the PlanReport of a lap's plan, or None."""
+        plans = [plan for first, plan in sorted(self._plans.items()) if first <= lap]
+        return plans[-1].report if plans else None
+
+    def _solve_time(self, lap: int) -> float | None:
+        """Returns what finding a lap's plan took (s)."""
+        report = self._plan_report(lap)
+        return report and report.solve_time
+
 
 def plan_data(report: PlanReport) -> dict:
     """Returns what race.json says of a plan: see PlanReport for what it is."""
     return {
-        "solve_time_s": report.solve_time,
         "duration_s": report.duration,
         "bound_s": report.bound,
         "over_bound": report.gap,

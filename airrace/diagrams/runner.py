@@ -9,7 +9,7 @@ from pathlib import Path
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from airrace.diagrams.autonomy import MakeAutonomy
+from airrace.diagrams.partner import LOOK_PERIOD, InProcess
 from airrace.diagrams.recorder import AddRecorder, close_recording
 from airrace.diagrams.results import RaceRecord
 from airrace.diagrams.scenario import Scenario, scenario_yaml
@@ -25,13 +25,13 @@ from airrace.track import load_track
 # What a race may leave in its folder.
 RESULTS = ("scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap",
            "race.html", "report.html")
-_LOOK_PERIOD = 0.1  # s of simulated time between looks at the race
 _MAP_PERIOD = 1.0  # s between two writes of the map
 # Of the replay (Hz). Each gate that can move takes 120 bytes a frame.
 _REPLAY_RATE, _REPLAY_RATE_OF_MOVING_GATES = 30.0, 10.0
 
 
-def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -> Diagram:
+def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None,
+             partner=None) -> Diagram:
     """Builds a whole race: two subsystems, ``simulation`` and ``autonomy``.
 
     What the two exchange is joined by the names of their ports; the race has
@@ -41,6 +41,7 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -
         scenario: the race.
         output_dir: where the map and the recording are kept on disk; None: nowhere.
         meshcat: a Meshcat to show the race in, or None.
+        partner: where the autonomy is, see partner.py; by default, in the diagram.
 
     Raises:
         UserError: if something the scenario names cannot be had, or the recording
@@ -48,11 +49,10 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -
     """
     builder = DiagramBuilder()
     simulation = builder.AddSystem(MakeSimulation(scenario, meshcat))
-    autonomy = builder.AddSystem(MakeAutonomy(scenario))
-    for source, sink in ((simulation, autonomy), (autonomy, simulation)):
-        for i in range(sink.num_input_ports()):
-            port = sink.get_input_port(i)
-            _connect(builder, source.GetOutputPort(port.get_name()), port)
+    try:
+        autonomy = (partner or InProcess()).AddTo(builder, scenario, simulation)
+    except RuntimeError as e:  # only boxes of the scenario can have such ports
+        raise UserError(f"The ports of the boxes do not fit: {' '.join(str(e).split())}") from None
     if output_dir is not None:
         writer = builder.AddNamedSystem(
             "gate_map_writer", GateMapWriter(directory=output_dir, period=_MAP_PERIOD)
@@ -78,15 +78,8 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None) -
     return diagram
 
 
-def _connect(builder, source, sink):
-    try:
-        builder.Connect(source, sink)
-    except RuntimeError as e:  # only a box of the scenario can have such a port
-        raise UserError(f"The port {source.get_name()} of the boxes does not fit: {e}") from None
-
-
 def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
-             show=lambda record, look: None) -> dict:
+             show=lambda record, look: None, partner=None) -> dict:
     """Flies a race and leaves its files.
 
     Ctrl-C and SIGTERM end the race at the next look; they and an exception in
@@ -98,6 +91,7 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
         meshcat: a Meshcat to show the race in, or None.
         show: called at every look with the RaceRecord and a namespace of
             ``time`` (s), ``laps_ended`` and the values of the race's outputs.
+        partner: where the autonomy is; see MakeRace().
 
     Returns:
         what race.json holds.
@@ -106,14 +100,16 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
         UserError: if something the scenario names cannot be had, or a file
             cannot be written.
     """
-    race = MakeRace(scenario, output_dir, meshcat)
+    partner = partner or InProcess()
+    race = MakeRace(scenario, output_dir, meshcat, partner)
     simulator = Simulator(race)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
-    record = RaceRecord(scenario, load_track(scenario.track))
+    record = RaceRecord(scenario, load_track(scenario.track), partner.simulation)
     clock = time.perf_counter()
 
     def save(reason):
-        data = record.data(time.perf_counter() - clock, reason)
+        wall = partner.wall(simulator)
+        data = record.data(time.perf_counter() - clock, reason, wall)
         write_json(output_dir / "race.json", data)
         return data
 
@@ -142,14 +138,16 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
                     set_visualizations_while_recording=True,
                 )
             simulator.Initialize()
-            looks = 0
-            while not record.report.over and not interrupted.is_set:
+            partner.begin(simulator)
+            looks, stuck = 0, None
+            while not record.report.over and not interrupted.is_set and not stuck:
                 looks += 1
-                simulator.AdvanceTo(looks * _LOOK_PERIOD)
+                stuck = partner.advance(simulator, looks * LOOK_PERIOD)
                 FollowGates(
                     race.GetSubsystemByName("simulation"), simulator.get_mutable_context()
                 )
                 look = _look(race, simulator.get_context())
+                look.referee_report = partner.judged(look.referee_report, simulator)
                 look.laps_ended = record.observe(
                     look.time, look.referee_report, look.explorer_status, look.gate_map,
                     look.lap_plan, look.rotor_losses, getattr(look, "gate_shifts", None),
@@ -161,11 +159,15 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
             # What ended the race is what the caller must learn, even if what
             # is wrong keeps a file from being brought up to date as well.
             reason = "interrupted" if interrupted.is_set else "stopped by an error"
-            for step in (lambda: save(reason), save_map, save_recording, save_replay):
+            for step in (
+                lambda: save(reason), save_map, save_recording, save_replay,
+                lambda: partner.end(simulator),
+            ):
                 with contextlib.suppress(Exception):
                     step()
             raise
-        data = save("interrupted")
+        partner.end(simulator)
+        data = save(stuck or "interrupted")
         save_map()
         save_recording()
         save_replay()

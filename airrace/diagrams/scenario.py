@@ -132,6 +132,8 @@ class Scenario:
     explorer: ExplorerConfig = dc.field(default_factory=ExplorerConfig)
     planner: PlannerConfig = dc.field(default_factory=PlannerConfig)
     controller: ControllerConfig = dc.field(default_factory=ControllerConfig)
+    # s, from a command or picture to its effect or use, that the boxes allow for; HITL sets it.
+    link_delay: float = 0.0
     # Your own boxes: a name from diagrams/autonomy.py to "module:callable",
     # which is called with this scenario and returns a System.
     boxes: typing.Dict[str, str] = dc.field(default_factory=dict)
@@ -184,8 +186,15 @@ def load_scenario(*, filename=None, scenario_name=None, scenario_text=None) -> S
     return result
 
 
-def scenario_yaml(scenario: Scenario) -> str:
-    """Returns a scenario file that gives the same race again, from any folder."""
+def scenario_yaml(scenario: Scenario, absolute: bool = True) -> str:
+    """Returns a scenario file that gives the same race again.
+
+    Args:
+        scenario: of the race.
+        absolute: so that it does from any folder.
+    """
+    if not absolute:
+        return yaml_dump_typed(scenario, schema=Scenario, child_name="Defaults")
     track = find_yaml("tracks", scenario.track)
     if track.parent != models_path() / "tracks":
         scenario = dc.replace(scenario, track=str(track.resolve()))

@@ -37,6 +37,7 @@ _RANGES = {
     "rotor_failures[].time": (0, math.inf),
     "perception.max_gates": (1, 256),
     "explorer.rate": (1, 10000),
+    "link_delay": (0, 0.5),
     "planner.rate": (1, 10000),
     "planner.thrust_share": (0.1, 1),
     "controller.rate": (1, 10000),

@@ -55,9 +55,9 @@ class ArucoDetector(LeafSystem):
 
     The output is a function of the inputs and of what was in the last image,
     which is the state: all of an image is searched every few frames, sooner
-    while no marker is in sight, and in between only the regions around the markers that were in the last one. One
-    that is lost there has left, or is too blurred or small: a search of all of
-    the image does not find it either.
+    while no marker is in sight, and in between only the regions around the
+    markers that were in the last one. One that is lost there has left, or is too
+    blurred or small: a search of all of the image does not find it either.
     Drake's cache makes sure that an image is searched once, however many look
     at the detections.
     """

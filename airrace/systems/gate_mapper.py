@@ -38,13 +38,14 @@ class GateMapper(LeafSystem):
     estimate would be most of the map's error.
     """
 
-    def __init__(self, *, fps, latency, state_rate, **mapping):
+    def __init__(self, *, fps, latency, state_rate, link_delay=0.0, **mapping):
         """Constructs the mapper with an empty map.
 
         Args:
             fps: how often it looks for new detections (Hz).
             latency: from an image to its detections (s).
             state_rate: of the state estimate (Hz).
+            link_delay: by which detections may be late besides (s).
             mapping: the arguments of ImageMapper.
         """
         LeafSystem.__init__(self)
@@ -54,7 +55,7 @@ class GateMapper(LeafSystem):
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", se.SIZE)
         # The last estimates, newest first, enough to reach back one latency.
-        self._depth = int(np.ceil((latency + 1.0 / fps) * state_rate)) + 2
+        self._depth = int(np.ceil((latency + link_delay + 1.0 / fps) * state_rate)) + 2
         history = np.zeros((self._depth, se.SIZE))
         history[:, 0] = -1.0
         self._history = self.DeclareDiscreteState(history.ravel())

@@ -98,5 +98,10 @@ class LapPlan(Immutable):
         return self.start_time + self.entry.duration - self.phase
 
 
+    def __reduce_ex__(self, protocol):
+        # So that a pickled NO_PLAN is the same object again.
+        return "NO_PLAN" if self.lap == 0 else super().__reduce_ex__(protocol)
+
+
 # What the lap_plan port holds until the race begins; compare with `is`.
 NO_PLAN = LapPlan(lap=0, start_time=0.0, entry=None, circuit=None, phase=0.0, report=None)

@@ -24,6 +24,7 @@ class _Memory(Immutable):
     Attributes:
         plan: in force.
         pending: the one that will replace it, or None.
+        job: the search for that one, if it goes on elsewhere, or None.
         tried_at: when the planner last looked for one (s).
         tried_lap: the lap at whose end that plan was to come into force.
         tried_gates: tuple of GateEstimate that it knew of.
@@ -31,6 +32,7 @@ class _Memory(Immutable):
 
     plan: LapPlan = NO_PLAN
     pending: LapPlan | None = None
+    job: object = None
     tried_at: float = -np.inf
     tried_lap: int = 0
     tried_gates: tuple = ()
@@ -78,6 +80,7 @@ class LapPlanner(LeafSystem):
             max_acceleration=max_acceleration, thrust_share=config.thrust_share)
         self._latency = config.latency
         self._solve = solve
+        self._submit = None
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self._reference = self.DeclareVectorInputPort("exploration_reference", SIZE)
@@ -89,6 +92,14 @@ class LapPlanner(LeafSystem):
             self._CalcPlan,
             {self.abstract_state_ticket(self._memory), self.time_ticket()},
         )
+
+    def SolveElsewhere(self, submit) -> None:
+        """From now on, plans are searched for while everything else goes on.
+
+        Args:
+            submit: from a LapProblem to a job: see PlanningWorker.
+        """
+        self._submit = submit
 
     def _Recall(self, context) -> _Memory:
         return context.get_abstract_state(int(self._memory)).get_value()
@@ -106,11 +117,19 @@ class LapPlanner(LeafSystem):
             if not _is_due(memory.pending, context):
                 return
             after = dc.replace(memory, plan=memory.pending, pending=None)
+        elif memory.job is not None:
+            if not memory.job.done():
+                return
+            plan = _in_time(memory.job.result(), now)
+            after = dc.replace(memory, job=None, pending=plan)
         elif self._IsTime(context, memory, now):
             start_time = now + self._latency
+            problem = self._Problem(context, memory, start_time)
+            elsewhere = problem is not None and self._submit is not None
             after = dc.replace(
                 memory,
-                pending=self._Plan(context, memory, start_time),
+                pending=None if problem is None or elsewhere else self._solve(problem),
+                job=self._submit(problem) if elsewhere else None,
                 tried_at=now,
                 tried_lap=0 if memory.plan is NO_PLAN else memory.plan.lap_at(start_time),
                 tried_gates=self._map.Eval(context).gates,
@@ -141,8 +160,8 @@ class LapPlanner(LeafSystem):
             and plan.lap_at(start_time) > memory.tried_lap
         )
 
-    def _Plan(self, context, memory: _Memory, start_time) -> LapPlan | None:
-        """Returns the plan from a time on, or None if there is none."""
+    def _Problem(self, context, memory: _Memory, start_time) -> LapProblem | None:
+        """Returns what to solve for the plan from a time on, None if a gate is not known."""
         old, gate_map = memory.plan, self._map.Eval(context)
         known = {gate.number: gate for gate in gate_map.gates}
         found = self._explorer.Eval(context).gates
@@ -156,13 +175,24 @@ class LapPlanner(LeafSystem):
         gates = tuple(known.pop(number) for number in found)
         every = (*gates, *known.values())
         moved = 0.0 if old is NO_PLAN else largest_move(every, memory.tried_gates)
-        return self._solve(LapProblem(
+        return LapProblem(
             **self._fixed,
             gates=gates,
             pylons=np.array([gate.pylons for gate in every]).reshape(-1, 2),
             margins=pylon_margins(every, gate_map.markers, moved),
-            start_time=start_time, start=start, old=None if old is NO_PLAN else old))
+            start_time=start_time, start=start, old=None if old is NO_PLAN else old)
 
 
 def _is_due(plan: LapPlan, context) -> bool:
     return context.get_time() >= plan.start_time - 1e-9
+
+
+def _in_time(plan: LapPlan | None, now: float) -> LapPlan | None:
+    """Returns a plan that was found elsewhere, if it can still be flown, or None.
+
+    The first starts at rest, so whenever it is there; a later one goes on from the
+    state that the drone has at its start.
+    """
+    if plan is None or plan.start_time >= now:
+        return plan
+    return dc.replace(plan, start_time=now) if plan.lap == 1 else None

@@ -12,6 +12,7 @@ _SHARE = 0.8  # of the speed that it should have: a rotor below that does not fo
 _LEAST = 0.2  # of the greatest speed: below, there is nothing to tell by
 _WINDOW = 0.03  # s by which a command may be late
 _PATIENCE = 0.006  # s of not following
+_GAP = 0.05  # s without a look, after which the model begins anew
 
 
 class RotorMonitor(LeafSystem):
@@ -36,12 +37,13 @@ class RotorMonitor(LeafSystem):
     should arrive.
     """
 
-    def __init__(self, *, vehicle: Vehicle, rate: float):
+    def __init__(self, *, vehicle: Vehicle, rate: float, link_delay: float = 0.0):
         """Constructs the monitor.
 
         Args:
             vehicle: the rotor table.
             rate: of the commands (Hz).
+            link_delay: by which a command and its report may be late besides (s).
         """
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
@@ -51,8 +53,9 @@ class RotorMonitor(LeafSystem):
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         # The model's speeds, newest first, and for how long a rotor has not followed (s).
-        self._depth = math.ceil(_WINDOW * rate) + 1
+        self._depth = math.ceil((_WINDOW + link_delay) * rate) + 1
         self._model = self.DeclareDiscreteState((self._depth + 1) * n)
+        self._looked = self.DeclareDiscreteState(1)  # when it last did (s)
         losses = self.DeclareDiscreteState(np.full(n, np.inf))
         self._losses = losses
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._Compare)
@@ -60,10 +63,13 @@ class RotorMonitor(LeafSystem):
 
     def _Compare(self, context, discrete_state):
         memory = context.get_discrete_state(self._model).value()
+        speeds, now = self._speeds.Eval(context), context.get_time()
+        if now - context.get_discrete_state(self._looked).value()[0] > _GAP:
+            # Whoever was not there does not know what was commanded.
+            memory = np.concatenate([np.tile(speeds, self._depth), np.zeros(len(speeds))])
+        discrete_state.set_value(self._looked, [now])
         after, lost = _compared(
-            memory, self._speeds.Eval(context), self._command.Eval(context), self._least,
-            self._blend, self._period,
-        )
+            memory, speeds, self._command.Eval(context), self._least, self._blend, self._period)
         discrete_state.set_value(self._model, after)
         if lost.any():
             losses = context.get_discrete_state(self._losses).value()

@@ -17,6 +17,7 @@ _VELOCITY_SIGMA = 0.3  # m/s, 3 % of 10 m/s
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the rotors' thrust
 _DISTURBANCE_NOISE = 0.7  # m/s^2 / sqrt(s), how fast the disturbance wanders
 _MAX_DISTURBANCE = 8.0  # m/s^2
+_GAP = 0.1  # s without an estimate, after which the filter begins anew
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 
 # The memory: time, time of the newest estimate, position, velocity.
@@ -76,7 +77,7 @@ class StateFilter(LeafSystem):
             return  # the prediction goes on from the last that was
         after = np.empty_like(memory)
         after[_NOW], after[_NEWEST] = estimate[se.TIME], max(estimate[se.TIME], memory[_NEWEST])
-        if memory[_NEWEST] < 0.0:
+        if memory[_NEWEST] < 0.0 or estimate[se.TIME] > memory[_NEWEST] + _GAP:
             after[_MOTION] = [*estimate[se.POSITION], *estimate[se.VELOCITY]]
         elif estimate[se.TIME] > memory[_NEWEST]:
             after[_MOTION], disturbance = _corrected(

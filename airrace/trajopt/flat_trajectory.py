@@ -43,6 +43,11 @@ class FlatTrajectory(Immutable):
         """
         return self._stack.value(time).reshape(5, 4)[:count]
 
+    @property
+    def polynomial(self) -> PiecewisePolynomial:
+        """Of the value: four rows."""
+        return self._polynomials[0]
+
     @functools.cached_property
     def _stack(self) -> PiecewisePolynomial:
         """Value and derivatives below each other: one look-up for all."""

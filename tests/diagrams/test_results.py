@@ -56,7 +56,6 @@ def test_before_the_first_look():
     assert data == {
         "track": "student-airrace",
         "drone": "Default",
-        "simulation": "SITL",
         "trajectory": "4",
         "limits": "original",
         "seed": 7,
@@ -68,10 +67,14 @@ def test_before_the_first_look():
         "mean_lap_s": None,
         "best_lap_s": None,
         "collisions": 0,
-        "wall": {"seconds": 0.5, "real_time_factor": 0.0},
+        "wall": {
+            "simulation": "SITL", "seconds": 0.5, "real_time_factor": 0.0,
+            "plan_solve_times_s": [],
+        },
     }
     assert record.laps_flown == 0 and not record.report.over
-    assert RaceRecord(Scenario(), TRACK, simulation="HITL").data(1.0)["simulation"] == "HITL"
+    wall = RaceRecord(Scenario(), TRACK, simulation="HITL").data(1.0, wall={"link": {}})["wall"]
+    assert wall["simulation"] == "HITL" and wall["link"] == {}
 
 
 def test_rotor_failures_are_the_scenarios():
@@ -169,7 +172,7 @@ def test_a_whole_race():
     assert second["map_rms_m"] == pytest.approx(0.2)
     assert first["plan"]["duration_s"] == 19.0
     said = {
-        "solve_time_s": 0.25, "duration_s": 18.0, "max_speed": 19.0, "max_acceleration": 9.5,
+        "duration_s": 18.0, "max_speed": 19.0, "max_acceleration": 9.5,
         "max_rotor_thrust": 4.5, "max_rate": 6.0, "max_rotor_thrusts": [4.0, 4.5],
         "min_rotor_thrusts": [1.0, 1.5], "limits_reached": ["speed"], "pylon_clearance_m": 2.0,
         "margin_m": 0.4, "bound_s": 16.0, "over_bound": 0.125, "solver": "Clarabel",
@@ -177,6 +180,7 @@ def test_a_whole_race():
     }
     assert second["plan"] == said
     assert data["mean_lap_s"] == data["best_lap_s"] == 20.0
+    assert data["wall"]["plan_solve_times_s"][1] == 0.25
     assert data["wall"]["real_time_factor"] == pytest.approx(2.0)
 
 

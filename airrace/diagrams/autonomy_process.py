@@ -1,0 +1,199 @@
+"""The autonomy's end of a race: its own Simulator, driven by what comes over the link."""
+
+import contextlib
+import time
+
+from pydrake.systems.analysis import InitializeParams, Simulator
+
+from airrace.diagrams.autonomy import MakeAutonomy
+from airrace.diagrams.channels import AUTONOMY, make_channels
+from airrace.diagrams.lcm_bridge import MakeAutonomySide, pictures_wanted
+from airrace.diagrams.partner import LOOK_PERIOD
+from airrace.diagrams.remote import LOCKSTEP
+from airrace.link.checkpoint import CHECKPOINT_PERIOD, restore, save
+from airrace.link.endpoint import HEARTBEAT_PERIOD, Endpoint
+from airrace.link.link_test import CHANNELS, Responder
+from airrace.link.lockstep import Exchange, PeerLost, hear_peer, lockstep_times
+from airrace.link.planning_worker import PlanningWorker
+from airrace.systems.lap_planner import LapPlanner
+
+LEFT, STOPPED, LOST = 0, 1, 3  # exit codes
+_PATIENCE = 5.0  # s without a heartbeat in a race
+_TICK = 0.001  # s, that it waits for a message at most
+_GAP = 0.1  # s, beyond which the past is not caught up with
+
+
+class AutonomyProcess:
+    """Runs the autonomy of a scenario until the simulation says farewell."""
+
+    def __init__(self, scenario, bus, output_dir, log=print, stop=lambda: False,
+                 clock=time.monotonic, in_process=False):
+        """Constructs it; it listens from now on.
+
+        Args:
+            scenario: the race.
+            bus: from open_lcm().
+            output_dir: where the checkpoint and the map go.
+            log: takes lines.
+            stop: asked now and then; whether to end.
+            clock: of the Endpoint (s).
+            in_process: whether laps are planned here, while everything else waits.
+        """
+        self._scenario, self._output_dir = scenario, output_dir
+        self._log, self._stop = log, stop
+        self._autonomy = MakeAutonomy(scenario)
+        self.rows = make_channels(scenario, pictures_wanted(self._autonomy))
+        self._endpoint = Endpoint(
+            AUTONOMY, [*(row.as_channel() for row in self.rows), *CHANNELS], bus, clock)
+        self._responder = Responder(self._endpoint)
+        # Started now, so that it is there when the first lap is to be planned.
+        self._worker = None if in_process else PlanningWorker()
+        self._beaten = -1.0
+        self._delay = 0.0  # s, there and back, that is compensated for
+
+    def run(self, resume=None, patience: float = 60.0) -> int:
+        """Waits for a simulation and races; returns the exit code.
+
+        Args:
+            resume: folder with the checkpoint of an autonomy that has ended, to
+                go on where it was; None: a new race.
+            patience: how long to wait for the simulation (s).
+
+        Raises:
+            UserError: if there is none, or nothing to resume.
+        """
+        planner = self._autonomy.GetSubsystemByName("lap_planner")
+        phase = "racing" if resume else "ready"
+        try:
+            hear_peer(self._endpoint, "waiting", "", lambda heard: heard.phase == phase,
+                      timeout=patience, poll=self._poll)
+        except BaseException:
+            self._worker.close()
+            raise
+        mode, _, rate = self._endpoint.peer_heartbeat.value.text.partition(" ")
+        self.build(lossless=mode == LOCKSTEP)
+        with contextlib.closing(self._worker):
+            if mode == LOCKSTEP:
+                code = self._race_in_lockstep()
+            else:
+                self._endpoint.clock.rate = float(rate or 1.0)
+                if isinstance(planner, LapPlanner):
+                    planner.SolveElsewhere(self._worker.submit)
+                code = self._race(resume)
+        writer = self._simulator.get_system().GetSubsystemByName("gate_map_writer")
+        writer.ForcedPublish(writer.GetMyContextFromRoot(self._context))
+        return code
+
+    def build(self, lossless: bool) -> None:
+        """Makes the Simulator."""
+        diagram, self._receivers, self._senders, self._compensator = MakeAutonomySide(
+            self._scenario, self._autonomy, self.rows, AUTONOMY, self._endpoint, lossless,
+            self._output_dir)
+        self._simulator = Simulator(diagram)
+        self._context = self._simulator.get_mutable_context()
+
+    def _poll(self):
+        self._responder.respond()
+        if self._stop():
+            raise KeyboardInterrupt
+
+    def _race_in_lockstep(self) -> int:
+        exchange = Exchange(self._endpoint, self._receivers, self._senders)
+        try:
+            exchange.receive(self._context, self._stop, poll=lambda: self._beat("ready"))
+            for now in lockstep_times(self._scenario, LOOK_PERIOD):
+                if now == 0.0:
+                    self._simulator.Initialize()
+                    exchange.send(self._context)
+                    continue
+                self._simulator.AdvanceTo(now)
+                exchange.send(self._context)
+                if exchange.receive(self._context, self._stop):
+                    return STOPPED if self._stop() else LEFT
+        except PeerLost as e:
+            self._log(f"airrace: the simulation fell silent for {e.args[0]:.0f} s")
+            return LOST
+
+    def _race(self, resume) -> int:
+        while not self.is_ready():
+            self._breathe("waiting")
+            if self._endpoint.silence > _PATIENCE:
+                return self._lost()
+        self.start(resume)
+        while self._phase() == "ready" and not self._ended():
+            self._receivers.Receive(self._context, self._endpoint)
+            self._breathe("ready")
+        self._endpoint.clock.restart()
+        saved = self._endpoint.now()
+        while not self._ended():
+            self._breathe("racing")
+            self.step()
+            if self._endpoint.now() - saved > CHECKPOINT_PERIOD:
+                saved = self._endpoint.now()
+                save(self._output_dir, self._autonomy, self._context)
+        if self._stop():
+            return STOPPED
+        return LEFT if self._phase() == "over" else self._lost()
+
+    def is_ready(self) -> bool:
+        """Whether something has come on every channel."""
+        return not self._receivers.missing(self._endpoint)
+
+    def start(self, resume=None) -> None:
+        """Initializes the Simulator; see run()."""
+        self._receivers.Receive(self._context, self._endpoint)
+        if resume:
+            self._context.SetTime(self._sim_time())
+            restore(resume, self._autonomy, self._context)
+        self._initialize(fresh=not resume)
+
+    def step(self) -> None:
+        """Advances to what the simulation's clock shows, with what has come last, and sends."""
+        self._receivers.Receive(self._context, self._endpoint)
+        clock = self._endpoint.clock
+        delay = self._compensator.Rounded(clock.rate * clock.usual_round_trip, self._delay)
+        if delay != self._delay:
+            self._delay = delay
+            self._compensator.SetDelay(
+                self._compensator.GetMyMutableContextFromRoot(self._context), delay)
+        now = self._sim_time()
+        if now > self._context.get_time() + _GAP:
+            self._context.SetTime(now)  # nobody waits for the commands of the past
+            self._initialize(fresh=False)
+        elif now > self._context.get_time():
+            self._simulator.AdvanceTo(now)
+        self._senders.Send(self._context)
+
+    def _initialize(self, fresh: bool):
+        """Initializes at the context's time; what is known stays unless it is a fresh start."""
+        self._simulator.Initialize(
+            InitializeParams(suppress_initialization_events=not fresh))
+
+    def _sim_time(self):
+        """Returns the simulated time at which a command of now will arrive (s)."""
+        return self._endpoint.clock.sim_time(self._endpoint.now()) + self._delay
+
+    def _phase(self) -> str:
+        return self._endpoint.peer_heartbeat.value.phase
+
+    def _ended(self) -> bool:
+        return self._phase() == "over" or self._stop() or self._endpoint.silence > _PATIENCE
+
+    def _lost(self) -> int:
+        self._log(f"airrace: the simulation fell silent for {_PATIENCE:.0f} s")
+        return LOST
+
+    def _beat(self, phase):
+        now = self._endpoint.now()
+        if now - self._beaten >= HEARTBEAT_PERIOD:
+            self._beaten = now
+            self._endpoint.beat(phase, self._context.get_time())
+
+    def hear(self, phase) -> None:
+        """Takes in what has come, and shows that it is alive."""
+        self._endpoint.drain()
+        self._beat(phase)
+
+    def _breathe(self, phase):
+        self._endpoint.wait(_TICK)
+        self.hear(phase)

@@ -1,0 +1,157 @@
+"""Sets up the other end of a HITL race, and takes it down again."""
+
+import contextlib
+import dataclasses as dc
+import importlib.util
+import time
+from pathlib import Path
+
+from airrace.companion import OUTPUT
+from airrace.companion.address import parse_address
+from airrace.companion.local import LocalCompanion
+from airrace.diagrams.autonomy import MakeAutonomy
+from airrace.diagrams.channels import SIMULATION, make_channels
+from airrace.diagrams.lcm_bridge import pictures_wanted
+from airrace.diagrams.remote import LockstepRemote, RealTimeRemote
+from airrace.diagrams.scenario import Scenario, scenario_yaml
+from airrace.errors import UserError
+from airrace.link.doctor import diagnose, refusal
+from airrace.link.endpoint import DEFAULT_URL, Endpoint, open_lcm
+from airrace.link.link_test import measure
+from airrace.link.lockstep import hear_peer
+from airrace.resources import find_yaml, models_path
+from airrace.vehicle import DRONES, find_vehicle
+
+BY_HAND = "none"  # --companion, if somebody starts the autonomy by hand
+_LINK_DELAY = 0.2  # s, that the autonomy's boxes allow for
+_TEST = 1.0  # s, of the link before a race
+_FAREWELL = 3.0  # s, that the autonomy has to end by itself
+
+
+def default_url(companion: str) -> str:
+    """Returns the LCM URL for --companion: only another computer gets beyond this one."""
+    there = companion not in ("local", BY_HAND)
+    return DEFAULT_URL.replace("ttl=0", "ttl=1") if there else DEFAULT_URL
+
+
+def prepared(scenario: Scenario, lockstep: bool) -> Scenario:
+    """Returns the scenario as both sides of a HITL race get it.
+
+    In real time, its rate is 1 unless another is given.
+    """
+    config = scenario.simulator_config
+    config.target_realtime_rate = 0.0 if lockstep else config.target_realtime_rate or 1.0
+    if not lockstep and scenario.link_delay == 0.0:
+        scenario.link_delay = _LINK_DELAY
+    return scenario
+
+
+@contextlib.contextmanager
+def remote_partner(scenario: Scenario, output_dir: Path, *, companion: str, url: str,
+                   lockstep: bool, note=print, make_companion=None):
+    """Starts the autonomy, checks the link, and yields the Remote to race with.
+
+    Args:
+        scenario: from prepared().
+        output_dir: what the autonomy has written is left in ``autonomy`` there.
+        companion: --companion.
+        url: --lcm_url.
+        lockstep: --lockstep.
+        note: shows a line.
+        make_companion: from the Address of another computer to a Companion.
+
+    Raises:
+        UserError: if the autonomy cannot be started, or the link cannot carry a race.
+    """
+    # What waits for the time is the link, not Drake's Simulator.
+    rate, scenario.simulator_config.target_realtime_rate = (
+        scenario.simulator_config.target_realtime_rate, 0.0)
+    bus = open_lcm(url)
+    wanted = pictures_wanted(MakeAutonomy(scenario))
+    rows = make_channels(scenario, wanted)
+    with contextlib.ExitStack() as stack:
+        autonomy, last = None, [""]
+
+        def log(line):
+            last[0] = line
+            note(f"autonomy: {line}")
+
+        if companion != BY_HAND:
+            address = parse_address(companion)
+            there = LocalCompanion() if address is None else make_companion(address)
+            stack.enter_context(contextlib.closing(there))
+            files = files_of(scenario)
+            arguments = ["--role", "autonomy", "--lcm_url", url,
+                         "--scenario_file", "scenario.yaml", "--output", OUTPUT]
+            autonomy = there.start(arguments, files, log)
+            stack.callback(_collect, autonomy, output_dir / "autonomy", note)
+
+        def poll_start():
+            if autonomy is not None and (code := autonomy.poll()) is not None:
+                raise UserError(f"The autonomy ended with exit code {code} before the race: "
+                                f"{last[0].removeprefix('airrace: ')}")
+
+        if not lockstep:
+            findings = measure(bus, scenario, _TEST, poll=poll_start)
+            if reason := refusal(diagnose(findings)):
+                raise UserError(reason)
+        endpoint = Endpoint(SIMULATION, [row.as_channel() for row in rows], bus)
+        stack.callback(endpoint.close)
+        hear_peer(endpoint, "waiting", "", lambda heard: heard.phase == "waiting",
+                  timeout=60.0, poll=poll_start)
+        poll = autonomy.poll if autonomy else lambda: None
+        yield (LockstepRemote(rows, endpoint, poll) if lockstep
+               else RealTimeRemote(rows, endpoint, poll, rate))
+
+
+def _collect(autonomy, folder: Path, note):
+    """Waits for the autonomy's end, or ends it, and brings what it has written."""
+    end = time.monotonic() + _FAREWELL
+    while autonomy.poll() is None and time.monotonic() < end:
+        time.sleep(0.02)
+    autonomy.stop()
+    try:
+        autonomy.collect(folder)
+    except UserError as e:  # the race's own files are there
+        note(f"airrace: {e}")
+
+
+def files_of(scenario: Scenario) -> dict[str, bytes]:
+    """Returns all files that the autonomy needs, by their paths in its working directory.
+
+    That is the scenario, and the track, the drone and the modules that it names
+    unless airrace brings them.
+
+    Raises:
+        UserError: if one cannot be had.
+    """
+    files = {}
+    track = find_yaml("tracks", scenario.track)
+    if track.parent != models_path() / "tracks":
+        files["track.yaml"] = track.read_bytes()
+        scenario = dc.replace(scenario, track="track.yaml")
+    if scenario.drone not in DRONES:
+        folder = find_vehicle(scenario.drone).parent
+        for path in sorted(folder.rglob("*")):
+            if path.is_file():
+                files[f"drone/{path.relative_to(folder).as_posix()}"] = path.read_bytes()
+        scenario = dc.replace(scenario, drone="./drone")
+    for box in scenario.boxes.values():
+        files |= _module_files(box.partition(":")[0].partition(".")[0])
+    files["scenario.yaml"] = scenario_yaml(scenario, absolute=False).encode()
+    return files
+
+
+def _module_files(name: str) -> dict[str, bytes]:
+    """Returns the files of a top-level module or package outside of any site-packages."""
+    found = importlib.util.find_spec(name)
+    if name == "airrace" or found is None or found.origin is None or (
+            "site-packages" in found.origin):
+        return {}
+    origin = Path(found.origin)
+    if origin.name != "__init__.py":
+        return {origin.name: origin.read_bytes()}
+    return {
+        path.relative_to(origin.parents[1]).as_posix(): path.read_bytes()
+        for path in sorted(origin.parent.rglob("*")) if path.is_file() and path.suffix != ".pyc"
+    }

@@ -1,0 +1,1 @@
+"""HITL's link between simulation and autonomy: messages, checks, clocks, the doctor."""

@@ -1,0 +1,88 @@
+"""Ports whose values go over LCM."""
+
+import time
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+_TOLERANCE = 0.1  # of a period, by which a value may come early
+
+
+class LcmSender(LeafSystem):
+    """Sends the values of its input ports when they change.
+
+    .. pydrake_system::
+
+        name: LcmSender
+        input_ports:
+        - the ports of the row
+
+    A forced publish sends them if the first port's value is another than last
+    time; in real time not more often than the row's rate says, and once in a while
+    even if it is the same, since messages get lost.
+    """
+
+    def __init__(self, row, endpoint, lossless: bool):
+        """Constructs the sender.
+
+        Args:
+            row: of diagrams/channels.py.
+            endpoint: sends the messages.
+            lossless: whether every change must arrive as it is: in lockstep.
+        """
+        LeafSystem.__init__(self)
+        self._row = row
+        self._endpoint = endpoint
+        self._lossless = lossless
+        for port in row.ports:
+            model = row.model(port)
+            if isinstance(model, int):
+                self.DeclareVectorInputPort(port, model)
+            else:
+                self.DeclareAbstractInputPort(port, model)
+        # What was sent is output, not state: nothing in the diagram depends on it.
+        self._sent, self._sent_at, self._encode_time, self._count = None, -np.inf, 0.0, 0
+        self.last_message = None  # its bytes
+        self.DeclareForcedPublishEvent(self._Send)
+
+    @property
+    def row(self):
+        """That it sends."""
+        return self._row
+
+    @property
+    def encode_time(self) -> float:
+        """What encoding a message takes, on average (s)."""
+        return self._encode_time / max(self._count, 1)
+
+    def Forget(self) -> None:
+        """Forgets what was sent, so that everything is sent again."""
+        self._sent, self._sent_at = None, -np.inf
+
+    def _Send(self, context):
+        first = self._row.ports[0]
+        value = self._Value(context, first)
+        now = context.get_time()
+        if not self._IsDue(value, now):
+            return
+        clock = time.perf_counter()
+        others = {port: self._Value(context, port) for port in self._row.ports[1:]}
+        message = self._row.encode(lossless=self._lossless, **{first: value}, **others)
+        self.last_message = self._endpoint.publish(self._row.channel, message, now)
+        self._sent, self._sent_at = value, now
+        self._encode_time += time.perf_counter() - clock
+        self._count += 1
+
+    def _Value(self, context, port):
+        value = self.GetInputPort(port).Eval(context)
+        return value.copy() if isinstance(value, np.ndarray) else value
+
+    def _IsDue(self, value, now) -> bool:
+        same = value is self._sent or (
+            isinstance(value, np.ndarray) and self._sent is not None
+            and np.array_equal(value, self._sent, equal_nan=True))
+        if self._lossless:
+            return not same
+        if same:
+            return 0.0 < self._row.repeat <= now - self._sent_at + 1e-9
+        return now - self._sent_at >= (1.0 - _TOLERANCE) / self._row.rate

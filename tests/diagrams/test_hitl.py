@@ -1,0 +1,164 @@
+"""HITL as people run it: two processes, in a network of their own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from airrace.companion import OUTPUT, READY
+from airrace.resources import models_path
+
+pytestmark = pytest.mark.skipif(
+    os.geteuid() != 0 or subprocess.run(
+        ["unshare", "-n", "ip", "link"], capture_output=True, check=False).returncode != 0,
+    reason="a network of one's own (unshare -n) takes root")
+# LCM goes over the loopback of a namespace that nobody else is in.
+NETWORK = ["unshare", "-n", "bash", "-c",
+           "ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo && \"$@\"", "--"]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(models_path().parent), "OMP_NUM_THREADS": "1"}
+SMALL = "{camera: {width: 640, height: 360}, referee: {time_limit: 2.5}}"
+
+
+def start(*command, **options):
+    return subprocess.Popen(
+        [*NETWORK, *command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env=ENVIRONMENT, start_new_session=True, **options)
+
+
+def race(output, hexagon, *options, text=SMALL):
+    return [sys.executable, "-m", "airrace.diagrams.race", "--no-meshcat", "--laps", "1",
+            "--track", hexagon, "--output", str(output), "--scenario_text", text, *options]
+
+
+def hitl(*options):
+    return [sys.executable, "-m", "airrace.diagrams.hitl", *map(str, options)]
+
+
+def load(folder):
+    return json.loads((folder / "race.json").read_text())
+
+
+def test_lockstep_equals_sitl_to_the_last_bit(hexagon, tmp_path):
+    results = []
+    for name, options in (("sitl", ()), ("hitl", ("-s", "HITL", "--lockstep"))):
+        process = start(*race(tmp_path / name, hexagon, *options))
+        text = process.communicate(timeout=120)[0]
+        assert process.returncode == 1 and "ran out of time" in text, text
+        results.append(load(tmp_path / name))
+    walls = [result.pop("wall") for result in results]
+    assert results[0] == results[1]
+    assert results[0]["exploration"]["events"][-1]["state"] == "TAKE_OFF"
+    assert [wall["simulation"] for wall in walls] == ["SITL", "HITL"]
+    assert walls[1]["link"]["mode"] == "lockstep"
+    maps = [(tmp_path / path / "map_statistics.json").read_text()
+            for path in ("sitl", "hitl", "hitl/autonomy")]
+    assert maps[0] == maps[1] == maps[2]
+
+
+def test_in_real_time_slowed_down(hexagon, tmp_path):
+    """At a quarter of the speed, so that a busy machine keeps up."""
+    process = start(*race(tmp_path / "out", hexagon, "-s", "HITL", "--realtime_rate", "0.25"))
+    text = process.communicate(timeout=120)[0]
+    result = load(tmp_path / "out")
+    assert process.returncode == 1, text
+    assert f"autonomy: {READY}" in text and "ran out of time in state TAKE_OFF" in text
+    link = result["wall"]["link"]
+    assert link["mode"] == "realtime" and link["watchdog"]["landings"] == 0
+    assert result["wall"]["seconds"] > 10.0
+    commands = link["channels"]["AIRRACE_ROTOR_SPEED_COMMAND"]
+    assert commands["received"] > 600 and commands["dropped"] == {}
+    assert (tmp_path / "out/autonomy/checkpoint.pickle").exists()
+
+
+def test_an_autonomy_that_is_killed_ends_the_race_and_says_so(hexagon, tmp_path):
+    text = "{camera: {width: 640, height: 360}, referee: {time_limit: 60.0}}"
+    process = start(*race(tmp_path / "out", hexagon, "-s", "HITL", "--realtime_rate", "0.5",
+                          text=text))
+    try:
+        for line in process.stdout:
+            if "TAKE_OFF" in line:
+                break
+        time.sleep(2.0)  # a second of simulated time: on the way up
+        subprocess.run(["pkill", "-KILL", "-g", str(_autonomy_group(process.pid))], check=True)
+        rest = process.communicate(timeout=90)[0]
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    result = load(tmp_path / "out")
+    assert process.returncode == 1, rest
+    assert not result["finished"] and result["collisions"] == 0
+    assert "the autonomy fell silent at" in result["dnf_reason"]
+    assert "landed by itself" in result["dnf_reason"]
+    assert result["wall"]["link"]["watchdog"]["landings"] == 1
+    assert json.loads((tmp_path / "out/map.json").read_text())["time_s"] > 0.0
+    assert (tmp_path / "out/autonomy/map.json").exists()
+
+
+def _autonomy_group(parent):
+    """Returns the process group of the autonomy that a race has started."""
+    import psutil
+
+    children = psutil.Process(parent).children(recursive=True)
+    return next(c.pid for c in children if "autonomy" in c.cmdline() and c.pid == os.getpgid(c.pid))
+
+
+def test_doctor_and_the_simulations_death(tmp_path):
+    """The doctor measures a link; then nobody comes, and the autonomy gives up."""
+    script = tmp_path / "both.sh"
+    autonomy = hitl("--role", "autonomy", "--patience", "8", "--output", tmp_path / OUTPUT)
+    doctor = hitl("--doctor", "--duration", "2")
+    script.write_text(f"{' '.join(autonomy)} & {' '.join(doctor)}; echo doctor $?; wait $!; "
+                      "echo autonomy $?\n")
+    process = start("bash", str(script))
+    text = process.communicate(timeout=90)[0]
+    assert "round trip" in text and "pictures lost" in text
+    assert "doctor 0" in text or "The link cannot carry a race" in text, text
+    assert "autonomy 2" in text and "No simulation answered within 8 s" in text
+
+
+@pytest.mark.parametrize("options, sentence", [
+    (("--lockstep",), "--lockstep and --lcm_url are for HITL"),
+    (("-s", "HITL", "--companion", "nobody"), "--companion 'nobody' names no user"),
+    (("-s", "HITL", "--lcm_url", "nonsense"), "--lcm_url nonsense cannot be opened"),
+    (("-s", "HITL", "--scenario_text", "{boxes: {explorer: 'nothing:here'}}"),
+     "boxes.explorer: 'nothing:here' cannot be imported"),
+])
+def test_bad_input_is_one_sentence(options, sentence, tmp_path):
+    process = start(sys.executable, "-m", "airrace.diagrams.race", "--no-meshcat", "--output",
+                    str(tmp_path / "out"), *options)
+    text = process.communicate(timeout=60)[0]
+    assert process.returncode == 2 and f"airrace: {sentence}" in text, text
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
+    """It is killed on its way to gate 1, and another process resumes with its checkpoint."""
+    text = "{camera: {width: 640, height: 360}, referee: {time_limit: 9.0}, link_delay: 0.2}"
+    scenario = ["--scenario_text", text.replace("{camera", f"{{track: {hexagon}, laps: 1, camera")]
+    first, second = (
+        " ".join(f"'{word}'" for word in hitl(
+            "--role", "autonomy", "--output", tmp_path / name, *scenario, *options))
+        for name, options in (("first", ()), ("second", ("--resume", tmp_path / "first"))))
+    simulation = " ".join(f"'{word}'" for word in race(
+        tmp_path / "out", hexagon, "-s", "HITL", "--companion", "none", "--realtime_rate", "0.25",
+        text=text))
+    script = tmp_path / "all.sh"
+    script.write_text(f"""
+        {first} & first=$!
+        {simulation} | tee {tmp_path}/log & race=$!
+        until grep -q FLY_TO_GATE {tmp_path}/log 2>/dev/null; do sleep 0.1; done
+        sleep 4; kill -KILL $first
+        {second}; echo second $?
+        wait $race
+    """)
+    text = start("bash", str(script)).communicate(timeout=180)[0]
+    result = load(tmp_path / "out")
+    assert "second 0" in text, text
+    assert "ran out of time in state FLY_TO_GATE" in result["dnf_reason"]
+    watchdog = result["wall"]["link"]["watchdog"]
+    assert watchdog["hovers"] == 1 and result["collisions"] == 0
+    assert [e["state"] for e in result["exploration"]["events"]].count("TAKE_OFF") == 1

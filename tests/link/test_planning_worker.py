@@ -1,0 +1,90 @@
+"""Laps planned in another process: the same ones, while everything else goes on."""
+
+import contextlib
+import dataclasses as dc
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from airrace.link.planning_worker import PlanningWorker
+from airrace.systems.lap_plan import NO_PLAN
+from airrace.systems.lap_planning import plan_lap
+from tests.systems.test_lap_planner import Bench
+
+
+def problem():
+    """Returns what a planner wants solved first."""
+    asked = []
+    Bench("3", solve=lambda it: asked.append(it)).plan_at(0.01)
+    return asked[0]
+
+
+def solved(job, timeout=60.0):
+    end = time.monotonic() + timeout
+    while not job.done():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    return job.result()
+
+
+def test_the_same_plan_as_here_and_another_one_after_it():
+    asked = problem()
+    here = plan_lap(asked)
+    with contextlib.closing(PlanningWorker()) as worker:
+        for _ in range(2):
+            there = solved(worker.submit(asked))
+            report = dc.replace(there.report, solve_time=here.report.solve_time)
+            assert report == here.report or dc.astuple(report) == dc.astuple(here.report)
+            for part in ("entry", "circuit"):
+                times = np.linspace(0.0, getattr(here, part).duration, 100)
+                np.testing.assert_array_equal(
+                    getattr(there, part).sample(times), getattr(here, part).sample(times))
+
+
+def test_a_worker_that_dies_finds_no_plan():
+    worker = PlanningWorker()
+    with contextlib.closing(worker):
+        job = worker.submit(problem())
+        os.kill(worker._process.pid, signal.SIGKILL)
+        assert solved(job) is None
+        assert solved(worker.submit(problem())) is None
+
+
+class Job:
+    """A search that ends when the test says so."""
+
+    def __init__(self, plan):
+        self.plan, self.is_done = plan, False
+
+    def done(self):
+        return self.is_done
+
+    def result(self):
+        return self.plan
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_a_planner_waits_without_blocking(late):
+    bench = Bench("3")
+    jobs = []
+
+    def submit(asked):
+        jobs.append(Job(plan_lap(asked)))
+        return jobs[-1]
+
+    bench.planner.SolveElsewhere(submit)
+    assert bench.plan_at(0.3) is NO_PLAN and len(jobs) == 1
+    if late:  # the first plan starts at rest: any time will do
+        assert bench.plan_at(1.0) is NO_PLAN
+    jobs[0].is_done = True
+    plan = bench.plan_at(1.2)
+    assert plan.lap == 1 and plan.start_time == pytest.approx(1.05 if late else 0.5, abs=0.06)
+    # The next one comes too late to go on from: the old one is repeated.
+    bench.plan_at(plan.start_time + plan.entry.duration + 2 * plan.circuit.duration)
+    assert len(jobs) >= 2
+    jobs[1].is_done = True
+    after = bench.plan_at(bench.context.get_time() + 1.0)
+    assert after.start_time == plan.start_time

@@ -9,6 +9,7 @@ with numbers or arrays alike.
 
 import hashlib
 import math
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -23,13 +24,20 @@ def _cache_folder() -> Path:
     """Returns where the machine code of these very sources is kept.
 
     Numba sees that the file of a function has changed, but not those of the functions
-    it calls. So the folder is named after the contents of all files with some.
+    and constants that it uses. So the folder is named after the contents of all files
+    with compiled functions, and of those that they import from.
     """
+    files = {path: path.read_bytes() for path in sorted(_PACKAGE.rglob("*.py"))}
+    used = {path for path, text in files.items() if b"airrace.compiled" in text}
+    imports = re.compile(rb"^from %b\.?(\S*) import (.*)$" % _PACKAGE.name.encode(), re.M)
+    for path in list(used):
+        for line in imports.findall(files[path]):
+            module = [_PACKAGE.joinpath(*line[0].decode().split("."))]
+            module += [module[0] / name.strip() for name in line[1].decode().split(",")]
+            used |= {each.with_suffix(".py") for each in module} & files.keys()
     digest = hashlib.sha256()
-    for path in sorted(_PACKAGE.rglob("*.py")):
-        text = path.read_bytes()
-        if b"airrace.compiled" in text:
-            digest.update(text)
+    for path in sorted(used):
+        digest.update(files[path])
     return _PACKAGE / "__pycache__" / f"machine_code-{digest.hexdigest()[:16]}"
 
 

@@ -52,7 +52,9 @@ def test_machine_code_is_kept_and_goes_with_its_sources(tmp_path):
     package = tmp_path / "package"
     package.mkdir()
     lines = "from airrace.compiled import compiled\n"
-    (package / "inner.py").write_text(lines + "@compiled\ndef f(x):\n    return x + 1\n")
+    (package / "constants.py").write_text("ONE = 1\n")
+    inner = lines + "from package.constants import ONE\n@compiled\ndef f(x):\n    return x + ONE\n"
+    (package / "inner.py").write_text(inner)
     (package / "outer.py").write_text(
         lines + "from package.inner import f\n@compiled\ndef g(x):\n    return f(x)\n")
     (package / "other.py").write_text("pass\n")
@@ -77,7 +79,9 @@ print(g(1), sum(g.stats.cache_hits.values()))
     assert run() == ("2", "1", False)
     (package / "other.py").write_text("changed = True\n")
     assert run() == ("2", "1", False)
-    (package / "inner.py").write_text(lines + "@compiled\ndef f(x):\n    return x + 2\n")
+    (package / "inner.py").write_text(inner.replace("ONE\n@", "ONE\n\n\n@"))
+    assert run() == ("2", "0", True)
+    (package / "constants.py").write_text("ONE = 2\n")
     assert run() == ("3", "0", True)
     assert len(list((package / "__pycache__").glob("machine_code-*"))) == 1
 

@@ -14,13 +14,14 @@ from airrace.diagrams.recorder import AddRecorder, close_recording
 from airrace.diagrams.results import RaceRecord
 from airrace.diagrams.scenario import Scenario, scenario_yaml
 from airrace.diagrams.simulation import FollowGates, MakeSimulation
-from airrace.diagrams.visualization import AddVisualization
+from airrace.diagrams.visualization import AddVisualization, end_live_view, view_director
 from airrace.errors import UserError
 from airrace.files import write_json, write_text
 from airrace.map_files import write_map
 from airrace.systems.gate_map_writer import GateMapWriter
 from airrace.systems.types import GateMap
 from airrace.track import load_track
+from airrace.visualization.controls import RaceControls
 
 # What a race may leave in its folder.
 RESULTS = ("scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap",
@@ -60,7 +61,7 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None,
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
         AddRecorder(builder, scenario, simulation, autonomy, output_dir)
     if meshcat is not None:
-        AddVisualization(builder, simulation, autonomy, meshcat)
+        AddVisualization(builder, scenario, simulation, autonomy, meshcat)
     outputs = [
         (simulation, "truth.referee_report"),
         (simulation, "truth.state"),
@@ -105,6 +106,9 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
     simulator = Simulator(race)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
     record = RaceRecord(scenario, load_track(scenario.track), partner.simulation)
+    controls = None
+    if meshcat is not None and isinstance(partner, InProcess):  # others keep their own time
+        controls = RaceControls(meshcat, simulator, view_director(race))
     clock = time.perf_counter()
 
     def save(reason):
@@ -123,6 +127,7 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
         if meshcat is not None:
             meshcat.StopRecording()
             meshcat.PublishRecording()
+            end_live_view(race, meshcat)
             write_text(output_dir / "race.html", meshcat.StaticHtml())
 
     with _interrupt_flag() as interrupted:
@@ -155,6 +160,8 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
                 if look.laps_ended:
                     save("not over yet")
                 show(record, look)
+                if controls is not None:
+                    controls.steer(lambda: interrupted.is_set)
         except BaseException:
             # What ended the race is what the caller must learn, even if what
             # is wrong keeps a file from being brought up to date as well.

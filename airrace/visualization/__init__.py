@@ -1,0 +1,1 @@
+"""The live view: what a race looks like in Drake's Meshcat."""

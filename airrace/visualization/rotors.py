@@ -1,0 +1,91 @@
+"""Turning rotors."""
+
+import numpy as np
+from pydrake.geometry import Box, Convex, Ellipsoid, Mesh, Meshcat, Role
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import LeafSystem
+
+from airrace.vehicle import Vehicle
+
+# Of the true speed, which would be a blur or, sampled, seem to stand still.
+SLOW_MOTION = 0.1
+_ON_AXIS = 0.01  # m
+_NOT_ROUND = (Box, Convex, Ellipsoid, Mesh)
+
+
+def find_blades(plant, scene_graph, vehicle: Vehicle) -> list:
+    """Returns what of a drone turns with its rotors, as it shows.
+
+    That is every visual that is not round about the vertical and whose origin lies
+    on the axis of a rotor: no names are asked of a drone of your own.
+
+    Args:
+        plant: with a link ``body``, finalized.
+        scene_graph: with its geometry.
+        vehicle: the rotor table.
+
+    Returns:
+        (index of the rotor, path below that of the body's frame, X_BG) of each.
+    """
+    hubs = np.array([r.position for r in vehicle.rotors])
+    inspector = scene_graph.model_inspector()
+    frame = plant.GetBodyFrameIdOrThrow(plant.GetBodyByName("body").index())
+    blades = []
+    for geometry in inspector.GetGeometries(frame, Role.kIllustration):
+        X_BG = inspector.GetPoseInFrame(geometry)
+        offsets = X_BG.translation() - hubs
+        rotor = int(np.argmin(np.linalg.norm(offsets, axis=1)))
+        on_axis = np.hypot(*offsets[rotor, :2]) < _ON_AXIS
+        if on_axis and isinstance(inspector.GetShape(geometry), _NOT_ROUND):
+            blades.append((rotor, inspector.GetName(geometry).replace("::", "/"), X_BG))
+    return blades
+
+
+def body_path(plant) -> str:
+    """Returns where Drake's MeshcatVisualizer draws the drone of a plant."""
+    body = plant.GetBodyByName("body")
+    model = plant.GetModelInstanceName(body.model_instance()).replace("::", "/")
+    return f"visualizer/{model}/body"
+
+
+class RotorVisualizer(LeafSystem):
+    """Turns the blades of the drone, in slow motion.
+
+    .. pydrake_system::
+
+        name: RotorVisualizer
+        input_ports:
+        - rotor_speeds
+
+    ``rotor_speeds`` (n) are in rad/s. The replay's drone does not turn its rotors:
+    that would be most of the file.
+    """
+
+    def __init__(self, *, meshcat: Meshcat, vehicle: Vehicle, path: str, blades,
+                 period: float = 1 / 15):
+        """Constructs the visualizer.
+
+        Args:
+            meshcat: in which a MeshcatVisualizer draws the drone.
+            vehicle: the rotor table.
+            path: from body_path().
+            blades: from find_blades().
+            period: between two poses (s).
+        """
+        LeafSystem.__init__(self)
+        self._meshcat = meshcat
+        self._path = path
+        self._blades = blades
+        self._step = SLOW_MOTION * period * np.array(
+            [1.0 if r.direction == "ccw" else -1.0 for r in vehicle.rotors]
+        )
+        self._angles = np.zeros(len(vehicle.rotors))  # see PathVisualizer
+        self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._Draw)
+
+    def _Draw(self, context):
+        self._angles += self._step * self._speeds.Eval(context)
+        for rotor, name, X_BG in self._blades:
+            R_BG = RotationMatrix.MakeZRotation(self._angles[rotor]) @ X_BG.rotation()
+            X_BG = RigidTransform(R_BG, X_BG.translation())
+            self._meshcat.SetTransform(f"{self._path}/{name}", X_BG)

@@ -1,0 +1,128 @@
+"""The state of the race as text: laps, splits at the gates, and what the drone is doing."""
+
+import cv2
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import LeafSystem
+
+from airrace.systems.referee import RefereeReport
+from airrace.systems.types import ExplorerStatus
+from airrace.visualization.page import LEFT, Audience
+from airrace.visualization.picture import FixedPicture
+
+_WIDTH, _LINE, _SIZE, _MARGIN = 420, 27, 18, 14  # px
+_BACKGROUND = (38, 50, 62)  # RGB
+_TEXT = (255, 255, 255)
+_LAPS = 6  # the last so many are shown
+_NONE = RefereeReport((), False, None, None, 0)
+
+
+def scoreboard_lines(time: float, speed: float, gates: int, laps: int, report: RefereeReport,
+                     status: ExplorerStatus) -> list[str]:
+    """Returns what to say about a race, line by line.
+
+    Args:
+        time: in the race (s).
+        speed: of the drone (m/s).
+        gates: of the track. laps: to fly.
+        report, status: see there.
+    """
+    now = f"{time:.1f} s    {speed:.1f} m/s"
+    crossings = report.crossings
+    lines = [f"{_what(gates, laps, report, status)}", now]
+    starts = [crossings[k].time for k in range(0, len(crossings), gates)]
+    times = np.diff(starts).tolist()
+    for lap, lap_time in list(enumerate(times, start=1))[-_LAPS:]:
+        best = min(times[: lap - 1], default=lap_time)
+        lines.append(f"lap {lap}    {lap_time:.2f} s    {lap_time - best:+.2f}")
+    if crossings and not report.over:
+        lines.append(f"lap {len(starts)}    {time - starts[-1]:.1f} s")
+    split = _last_split(crossings, gates, times)
+    return lines + ([split] if split else [])
+
+
+def _what(gates, laps, report, status) -> str:
+    if report.finished:
+        return "finished"
+    if report.over:
+        return f"did not finish: {report.dnf_reason}"
+    if not status.done:
+        return f"exploring: {len(status.gates)} gates found, {status.state}"
+    crossings = len(report.crossings)
+    lap = min(max(crossings - 1, 0) // gates + 1, laps)
+    return f"racing: lap {lap} of {laps}, next gate {crossings % gates + 1}"
+
+
+def _last_split(crossings, gates, times) -> str:
+    """Returns the time at the last gate, beside that of the best lap before; '' if none."""
+    if not crossings:
+        return ""
+    lap, gate = divmod(len(crossings) - 1, gates)
+    if gate == 0:
+        return ""
+    split = crossings[-1].time - crossings[gates * lap].time
+    text = f"gate {gate + 1}    {split:.2f} s"
+    if times:
+        best = gates * int(np.argmin(times))
+        text += f"    {split - (crossings[best + gate].time - crossings[best].time):+.2f}"
+    return text
+
+
+def draw_lines(lines) -> np.ndarray:
+    """Returns a board with some lines of text, RGB, (h, w, 3)."""
+    height = _LINE * len(lines) + 2 * _MARGIN - 8
+    image = np.empty((height, _WIDTH, 3), np.uint8)
+    image[:] = _BACKGROUND
+    font = cv2.FontFace("sans")
+    for k, line in enumerate(lines):
+        place = (_MARGIN, _MARGIN + _LINE * k + _SIZE - 4)
+        cv2.putText(image, line, place, _TEXT, font, _SIZE, 600 if k == 0 else 400)
+    return image
+
+
+class Scoreboard(LeafSystem):
+    """Shows laps and splits as text on the page.
+
+    .. pydrake_system::
+
+        name: Scoreboard
+        input_ports:
+        - truth.state
+        - truth.referee_report
+        - explorer_status
+
+    ``truth.state`` is the plant's floating-body state (13), the others a
+    RefereeReport and an ExplorerStatus. Nothing is drawn if nobody watches.
+    """
+
+    def __init__(self, *, meshcat: Meshcat, gates: int, laps: int,
+                 audience: Audience | None = None, period: float = 0.1):
+        """Constructs the board.
+
+        Args:
+            meshcat: to draw in.
+            gates: of the track. laps: to fly.
+            audience: of the page.
+            period: between two looks at the race (s).
+        """
+        LeafSystem.__init__(self)
+        self._picture = FixedPicture(meshcat, "scoreboard", left=LEFT, top=0.72, width=0.6)
+        self._gates, self._laps = gates, laps
+        self._audience = audience or Audience(meshcat, 0.4)
+        self._state = self.DeclareVectorInputPort("truth.state", 13)
+        self._report = self.DeclareAbstractInputPort("truth.referee_report", Value[object](_NONE))
+        self._status = self.DeclareAbstractInputPort(
+            "explorer_status", Value[object](ExplorerStatus())
+        )
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._Draw)
+
+    def _Draw(self, context):
+        if not self._audience.waits():
+            return
+        speed = float(np.linalg.norm(self._state.Eval(context)[10:13]))
+        lines = scoreboard_lines(
+            context.get_time(), speed, self._gates, self._laps, self._report.Eval(context),
+            self._status.Eval(context),
+        )
+        self._picture.show(draw_lines(lines))

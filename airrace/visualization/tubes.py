@@ -1,0 +1,53 @@
+"""Paths as thin tubes: WebGL draws every line one pixel wide, and in one colour."""
+
+import cv2
+import numpy as np
+
+_SIDES = 3
+
+
+def tube(points, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Returns a triangular tube around a path.
+
+    Args:
+        points: of the path, (n, 3) m, n > 1.
+        radius: of the tube's edges (m).
+
+    Returns:
+        vertices, (3, 3 n), those of point k from 3 k on; and faces, (3, 6 (n - 1)).
+    """
+    points = np.asarray(points, float)
+    along = _unit(np.gradient(points, axis=0), [1.0, 0.0, 0.0])
+    # Sideways is level; straight up or down, any sideways is as good.
+    side = _unit(np.cross(along, [0.0, 0.0, 1.0]), [0.0, 1.0, 0.0])
+    up = np.cross(side, along)
+    angles = np.pi / 2 + 2 * np.pi / _SIDES * np.arange(_SIDES)
+    corners = [points + radius * (np.cos(a) * side + np.sin(a) * up) for a in angles]
+    vertices = np.stack(corners, axis=1).reshape(-1, 3)
+    first = _SIDES * np.arange(len(points) - 1)
+    faces = []
+    for i in range(_SIDES):
+        a, b = first + i, first + (i + 1) % _SIDES
+        faces += [np.stack([a, b, b + _SIDES]), np.stack([a, b + _SIDES, a + _SIDES])]
+    return np.ascontiguousarray(vertices.T), np.hstack(faces).astype(np.int32)
+
+
+def speed_colors(speeds, max_speed: float) -> np.ndarray:
+    """Returns the colours of some speeds, from blue (slow) over green to red (fast).
+
+    Args:
+        speeds: (n,) m/s.
+        max_speed: that is red (m/s).
+
+    Returns:
+        RGB from 0 to 1, (n, 3): Google's colour map Turbo, without its dark ends.
+    """
+    share = np.clip(np.asarray(speeds) / max_speed, 0.0, 1.0)
+    levels = np.uint8(np.round(255 * (0.08 + 0.84 * share)))
+    return cv2.applyColorMap(levels[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1] / 255.0
+
+
+def _unit(vectors, otherwise):
+    """Returns the vectors at unit length, and another one for those that have none."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(lengths > 1e-9, vectors / np.maximum(lengths, 1e-9), otherwise)

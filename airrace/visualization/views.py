@@ -1,0 +1,96 @@
+"""Where the page's camera is: above the track, behind the drone, or in it."""
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import LeafSystem
+
+from airrace.visualization.paths import HERE
+
+OVERVIEW, CHASE, ONBOARD = "overview", "chase", "onboard"
+# The buttons of the page, and the keys that click them.
+BUTTONS = {OVERVIEW: ("Overview (O)", "KeyO"), CHASE: ("Chase (C)", "KeyC"),
+           ONBOARD: ("On board (B)", "KeyB")}
+_BEHIND, _ABOVE = 5.0, 1.8  # m
+_LAG = 0.5  # s, of the chasing camera's turns
+_AHEAD = 10.0  # m
+
+
+class ViewDirector(LeafSystem):
+    """Moves the page's camera to the view whose button was clicked last.
+
+    .. pydrake_system::
+
+        name: ViewDirector
+        input_ports:
+        - truth.state
+
+    ``truth.state`` is the plant's floating-body state (13). From above, the camera
+    is the mouse's. On board it looks where the drone's looks, but with a level
+    horizon.
+    """
+
+    def __init__(self, *, meshcat: Meshcat, overview, body_path: str, X_BC: RigidTransform,
+                 period: float = 1 / 30):
+        """Constructs the director, and the buttons.
+
+        Args:
+            meshcat: of the page.
+            overview: from where to see all, and where to look, see page.overview().
+            body_path: where the drone is drawn.
+            X_BC: pose of the drone's camera.
+            period: between two poses (s).
+        """
+        LeafSystem.__init__(self)
+        self._meshcat = meshcat
+        self._overview, self._body_path, self._X_BC = overview, body_path, X_BC
+        self._share = 1.0 - np.exp(-period / _LAG)
+        self._clicks = {}
+        for view, (button, key) in BUTTONS.items():
+            meshcat.AddButton(button, key)
+            self._clicks[view] = 0
+        self._view = OVERVIEW  # see PathVisualizer
+        self._forward = None  # level and lagging behind the drone's
+        self._state = self.DeclareVectorInputPort("truth.state", 13)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._Direct)
+        self.DeclareForcedPublishEvent(self._Direct)
+
+    def _Direct(self, context):
+        for view, (button, _) in BUTTONS.items():
+            clicks = self._meshcat.GetButtonClicks(button)
+            if clicks != self._clicks[view]:
+                self._clicks[view] = clicks
+                self.Show(view)
+        state = self._state.Eval(context)
+        q = state[:4] / np.linalg.norm(state[:4])
+        X_WB = RigidTransform(Quaternion(q), state[4:7])
+        if self._view == CHASE:
+            self._meshcat.SetCameraPose(*self._Chase(X_WB))
+        elif self._view == ONBOARD:
+            X_WC = X_WB @ self._X_BC
+            ahead = X_WC @ np.array([0.0, 0.0, _AHEAD])
+            self._meshcat.SetCameraPose(X_WC.translation().copy(), ahead)
+
+    def _Chase(self, X_WB):
+        forward = X_WB.rotation().matrix()[:, 0] * [1.0, 1.0, 0.0]
+        if self._forward is None:
+            self._forward = forward
+        self._forward = self._forward + self._share * (forward - self._forward)
+        p_WB = X_WB.translation()
+        return p_WB - _BEHIND * self._forward + [0.0, 0.0, _ABOVE], p_WB.copy()
+
+    def Show(self, view: str) -> None:
+        """Changes to a view, one of the keys of BUTTONS."""
+        self._view = view
+        self._forward = None
+        if view == OVERVIEW:
+            self._meshcat.SetCameraPose(*self._overview)
+        # From near, the ball around the drone only hides it; from inside, so does the hull.
+        self._meshcat.SetProperty(HERE, "visible", view == OVERVIEW)
+        self._meshcat.SetProperty(self._body_path, "visible", view != ONBOARD)
+
+    def End(self) -> None:
+        """Leaves the drone; whoever looks at all of the track may go on as they were."""
+        if self._view != OVERVIEW:
+            self.Show(OVERVIEW)

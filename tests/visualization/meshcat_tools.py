@@ -1,0 +1,50 @@
+"""What the tests of the live view share: pages without browsers."""
+
+import msgpack
+from pydrake.common.value import Value
+
+
+def click(meshcat, button: str) -> None:
+    """Clicks a button, as a page does."""
+    meshcat._InjectWebsocketMessage(msgpack.packb({"type": "button", "name": button}))
+
+
+def slide(meshcat, slider: str, value: float) -> None:
+    """Moves a slider, as a page does."""
+    message = {"type": "slider", "name": slider, "value": value}
+    meshcat._InjectWebsocketMessage(msgpack.packb(message))
+
+
+def drawn(meshcat, path: str) -> dict:
+    """Returns what a page is told to draw at a path."""
+    return msgpack.unpackb(meshcat._GetPackedObject(path), strict_map_key=False,
+                           ext_hook=lambda code, data: data)
+
+
+def transform(meshcat, path: str) -> list:
+    """Returns the 16 numbers of a path's transform, column by column."""
+    return msgpack.unpackb(meshcat._GetPackedTransform(path))["matrix"]
+
+
+def property_of(meshcat, path: str, name: str):
+    """Returns the value of a property that was set; None if it was not."""
+    packed = meshcat._GetPackedProperty(path, name)
+    return msgpack.unpackb(packed)["value"] if packed else None
+
+
+def fix(system, context, **values) -> None:
+    """Fixes input ports; dots of their names are written as __."""
+    for name, value in values.items():
+        port = system.GetInputPort(name.replace("__", "."))
+        is_object = type(value).__module__.startswith("airrace")
+        port.FixValue(context, Value[object](value) if is_object else value)
+
+
+class Watching:
+    """An Audience that always waits, or never."""
+
+    def __init__(self, watching: bool = True):
+        self._watching = watching
+
+    def waits(self) -> bool:
+        return self._watching

@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from airrace.systems.lap_plan import NO_PLAN, LapPlan
+from airrace.visualization.paths import PathVisualizer, PlanVisualizer
+from tests.visualization.meshcat_tools import drawn, fix
+
+
+def test_draws_the_flown_path_in_pieces(meshcat):
+    paths = PathVisualizer(meshcat=meshcat, period=0.1)
+    simulator = Simulator(paths)
+    fix(paths, simulator.get_mutable_context(), truth__state=np.zeros(13))
+    simulator.AdvanceTo(4.05)
+    assert meshcat.HasPath("flown/0") and meshcat.HasPath("flown/1")
+    assert not meshcat.HasPath("flown/2")
+    assert meshcat.HasPath("here")
+
+
+def test_the_path_is_coloured_by_speed(meshcat):
+    colors = []
+    for speed in (0.0, 20.0):
+        paths = PathVisualizer(meshcat=meshcat, max_speed=20.0, period=0.1)
+        simulator = Simulator(paths)
+        state = np.zeros(13)
+        state[10] = speed
+        fix(paths, simulator.get_mutable_context(), truth__state=state)
+        simulator.AdvanceTo(0.25)
+        geometry = drawn(meshcat, "flown/0")["object"]["geometries"][0]
+        data = geometry["data"]["attributes"]["color"]["array"]
+        colors.append(np.frombuffer(data, np.float32)[:3])
+    assert colors[0][2] > colors[0][0] and colors[1][0] > colors[1][2]
+
+
+class _Line:
+    """A way straight ahead, for plans."""
+
+    duration = 2.0
+
+    def sample(self, times):
+        return np.array([times, 0 * times, 0 * times, 0 * times])
+
+
+def _plan(lap):
+    return LapPlan(lap=lap, start_time=0.0, entry=_Line(), circuit=_Line(), phase=0.0, report=None)
+
+
+@pytest.fixture
+def plans(meshcat):
+    """Draws plans one after the other."""
+    visualizer = PlanVisualizer(meshcat=meshcat)
+    context = visualizer.CreateDefaultContext()
+
+    def draw(plan):
+        fix(visualizer, context, lap_plan=plan)
+        simulator = Simulator(visualizer, context.Clone())
+        simulator.AdvanceTo(0.05)
+
+    return draw
+
+
+def _material(meshcat, number):
+    return drawn(meshcat, f"planned/{number}/circuit")["object"]["materials"][0]
+
+
+def test_nothing_is_drawn_before_there_is_a_plan(meshcat, plans):
+    plans(NO_PLAN)
+    assert not meshcat.HasPath("planned")
+
+
+def test_earlier_plans_are_orange_and_fade(meshcat, plans):
+    for lap in range(1, 8):
+        plans(_plan(lap))
+    assert _material(meshcat, 7)["color"] == 0xFFFFFF
+    opacities = []
+    for number in (6, 5, 4, 3):
+        material = _material(meshcat, number)
+        assert material["color"] >> 16 == 0xFF and material["color"] & 0xFF == 0
+        opacities.append(material["opacity"])
+    assert opacities == sorted(opacities, reverse=True) and opacities[-1] > 0.0
+    assert not meshcat.HasPath("planned/2") and not meshcat.HasPath("planned/1")
+
+
+def test_a_plan_is_drawn_once(meshcat, plans):
+    plan = _plan(1)
+    plans(plan)
+    plans(plan)
+    assert not meshcat.HasPath("planned/2")

@@ -57,6 +57,7 @@ def run_autonomy(args) -> int:
     """Runs the autonomy; returns the exit code."""
     from airrace.diagrams.autonomy_process import AutonomyProcess
     from airrace.diagrams.scenario import load_scenario
+    from airrace.diagrams.warm_up import warm_up
     from airrace.files import results_folder
     from airrace.link.endpoint import DEFAULT_URL, open_lcm
 
@@ -71,6 +72,8 @@ def run_autonomy(args) -> int:
 
     for signum in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signum, end)
+    if args.resume is None:  # one that comes back has no time, and finds it compiled
+        warm_up(scenario)
     with results_folder(args.output) as folder:
         process = AutonomyProcess(scenario, open_lcm(args.lcm_url or DEFAULT_URL), folder,
                                   stop=lambda: flag.is_set)

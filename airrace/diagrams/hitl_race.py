@@ -14,6 +14,7 @@ from airrace.diagrams.channels import SIMULATION, make_channels
 from airrace.diagrams.lcm_bridge import pictures_wanted
 from airrace.diagrams.remote import LockstepRemote, RealTimeRemote
 from airrace.diagrams.scenario import Scenario, scenario_yaml
+from airrace.diagrams.warm_up import warm_up
 from airrace.errors import UserError
 from airrace.link.doctor import diagnose, refusal
 from airrace.link.endpoint import DEFAULT_URL, Endpoint, open_lcm
@@ -25,6 +26,7 @@ from airrace.vehicle import DRONES, find_vehicle
 BY_HAND = "none"  # --companion, if somebody starts the autonomy by hand
 _LINK_DELAY = 0.2  # s, that the autonomy's boxes allow for
 _TEST = 1.0  # s, of the link before a race
+_START = 180.0  # s, that an autonomy may take to start: the first time, it compiles
 _FAREWELL = 3.0  # s, that the autonomy has to end by itself
 
 
@@ -92,13 +94,14 @@ def remote_partner(scenario: Scenario, output_dir: Path, *, companion: str, url:
                                 f"{last[0].removeprefix('airrace: ')}")
 
         if not lockstep:
-            findings = measure(bus, scenario, _TEST, poll=poll_start)
+            warm_up(scenario)
+            findings = measure(bus, scenario, _TEST, poll=poll_start, patience=_START)
             if reason := refusal(diagnose(findings)):
                 raise UserError(reason)
         endpoint = Endpoint(SIMULATION, [row.as_channel() for row in rows], bus)
         stack.callback(endpoint.close)
         hear_peer(endpoint, "waiting", "", lambda heard: heard.phase == "waiting",
-                  timeout=60.0, poll=poll_start)
+                  timeout=_START, poll=poll_start)
         poll = autonomy.poll if autonomy else lambda: None
         yield (LockstepRemote(rows, endpoint, poll) if lockstep
                else RealTimeRemote(rows, endpoint, poll, rate))

@@ -18,7 +18,6 @@ from tests.companion.conftest import ADDRESS
 from tests.companion.fake_checkout import ROOT
 from tests.diagrams.conftest import hexagon  # noqa: F401  # a fixture
 
-pytest.importorskip("airrace.diagrams.hitl")
 long_test = pytest.mark.skipif(
     not os.environ.get("AIRRACE_LONG_TESTS"), reason="takes minutes: set AIRRACE_LONG_TESTS=1")
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(models_path().parent)}

@@ -18,6 +18,7 @@ from airrace.systems.state_filter import StateFilter
 from airrace.systems.trajectory_tracker import TrajectoryTracker
 from airrace.track import load_track
 from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import load_vehicle
 
 
@@ -41,11 +42,14 @@ def _make_explorer(scenario: Scenario):
 
 
 def _make_lap_planner(scenario: Scenario):
-    return LapPlanner(
-        vehicle=load_vehicle(scenario.drone)[0],
-        trajectory=scenario.trajectory,
-        config=scenario.planner,
-    )
+    try:
+        return LapPlanner(
+            vehicle=load_vehicle(scenario.drone)[0],
+            trajectory=scenario.trajectory,
+            config=scenario.planner,
+        )
+    except TrajectoryOptimizationError as e:
+        raise UserError(f"The lap planner cannot be: {e} Raise planner.thrust_share.") from None
 
 
 def _make_rotor_monitor(scenario: Scenario):

@@ -24,7 +24,8 @@ class PlanReport(Immutable):
         margin: between drone and boards that was asked for, at the gate that the map
             knows least (m).
         reached: names of the limits that are used to the full.
-        bound: the lap of a point mass with the same limits through the same gates (s).
+        bound: the lap of a point mass with the same limits through the same gates, and as
+            far from the pylons (s).
         solver: its name. iterations: of convex programs, or None.
         warm: whether the search started from the lap before.
     """

@@ -12,6 +12,7 @@ from airrace.systems.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.lap_planning import LapProblem, plan_lap
 from airrace.systems.map_margins import has_changed, largest_move, pylon_margins
 from airrace.trajopt.flat_trajectory import SIZE, unpack_flat_outputs
+from airrace.trajopt.flight_limits import FlightLimits
 from airrace.vehicle import Vehicle
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
@@ -72,12 +73,16 @@ class LapPlanner(LeafSystem):
             trajectory: "3", "4", "6" or "optimal", see LapProblem.
             config: a PlannerConfig.
             solve: from a LapProblem to a LapPlan or None.
+
+        Raises:
+            TrajectoryOptimizationError: if the vehicle cannot hover within these limits.
         """
         LeafSystem.__init__(self)
         max_speed, max_acceleration = parse_limits(config.limits)
         self._fixed = dict(
             trajectory=trajectory, vehicle=vehicle, max_speed=max_speed,
             max_acceleration=max_acceleration, thrust_share=config.thrust_share)
+        FlightLimits(vehicle, thrust_share=config.thrust_share).check()
         self._latency = config.latency
         self._solve = solve
         self._submit = None

@@ -58,7 +58,8 @@ class LapReport(Immutable):
 
     Attributes:
         duration: of the lap (s).
-        bound: of a point mass with the same limits through the same gates (s).
+        bound: of a point mass with the same limits through the same gates, and as far from
+            the pylons (s).
         check: of the lap as planned.
         solver: name. iterations: of convex programs. solve_time: of wall clock (s).
         warm: whether it started from another lap.

@@ -18,7 +18,7 @@ from airrace.trajopt.plan_report import LapReport, check_lap
 from airrace.trajopt.visibility import LEAST_RANGE
 
 _FINE = 120  # samples of each leg in the last check
-_BOUND_INTERVALS, _QUICK_INTERVALS = 16, 8
+_BOUND, _QUICK_INTERVALS = (16, 1e-4), 8
 _POOR = 1.015  # times the bound: a slower lap is sought again with finer splines
 _FINER_PIECES, _FINER = 8, Effort(iterations=10, tolerance=2e-4, samples=40)
 _MOST_HELPFUL = 1.5  # times the bound: a slower lap is none to start from
@@ -69,8 +69,8 @@ def plan_optimal_circuit(gates: GateRegions, pylons, limits: FlightLimits, *, cl
         problem = search((effort or Effort.quick()).samples, previous.spline.pieces)
         with contextlib.suppress(TrajectoryOptimizationError):
             now = moved_lap(previous.spline, gates, problem.grid, limits)
-    intervals = _BOUND_INTERVALS if now is None else _QUICK_INTERVALS
-    bound = quickest_point_mass(gates, limits, pylons, clearance, intervals)
+    precision = _BOUND if now is None else ()
+    bound = quickest_point_mass(gates, limits, pylons, clearance, *precision)
     warm = now is not None and now.lap.duration < _MOST_HELPFUL * bound.duration
     effort = effort or (Effort.quick() if warm else Effort())
     if not warm:
@@ -90,15 +90,17 @@ def plan_optimal_circuit(gates: GateRegions, pylons, limits: FlightLimits, *, cl
 
 
 def quickest_point_mass(gates: GateRegions, limits: FlightLimits, pylons, clearance,
-                        intervals: int = _QUICK_INTERVALS) -> PointMassBound:
+                        intervals: int = _QUICK_INTERVALS, tolerance: float = 1e-3
+                        ) -> PointMassBound:
     """Returns the quickest lap of a point mass within the limits of a flight.
 
-    Args: gates, limits: see there. pylons, clearance, intervals: see point_mass_bound().
+    Args: gates, limits: see there. the others: see point_mass_bound().
     """
     limited = {name: getattr(limits, name) for name in ("max_speed", "max_acceleration")
                if np.isfinite(getattr(limits, name))}
     return point_mass_bound(gates, max_specific_force=limits.max_specific_force,
-                            pylons=pylons, clearance=clearance, intervals=intervals, **limited)
+                            pylons=pylons, clearance=clearance, intervals=intervals,
+                            tolerance=tolerance, **limited)
 
 
 def _finish(now: LapSamples, problem: LapSearch, make_report) -> OptimalCircuit:

@@ -14,13 +14,14 @@ from airrace.diagrams.scenario import PlannerConfig
 from airrace.systems.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.lap_planner import LapPlanner
 from airrace.systems.lap_planning import plan_lap
-from airrace.systems.types import ExplorerStatus, GateEstimate, GateMap
+from airrace.systems.types import ExplorerStatus, GateEstimate, GateMap, MarkerEstimate
 from airrace.track import load_track
 from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.entry import plan_change, plan_start
 from airrace.trajopt.flat_trajectory import ACCELERATION, SIZE, VELOCITY, hold
 from airrace.trajopt.flatness import rotor_thrusts
 from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import GRAVITY, load_vehicle
 
 VEHICLE, _ = load_vehicle("Default")
@@ -199,6 +200,56 @@ def test_without_a_usable_map_it_tries_again(gates):
     bench.fix(gate_map=GateMap(gates=GATES))
     # It looks once a second.
     assert bench.plan_at(4.1 + 0.5).lap == 1
+
+
+def test_what_gave_no_plan_is_not_tried_again_until_the_map_has_changed():
+    tried = []
+
+    def solve(problem):
+        tried.append(problem)
+
+    bench = Bench(solve=solve)
+    bench.plan_at(5.0)
+    assert len(tried) == 1
+    bench.fix(gate_map=GateMap(gates=moved([0.005, 0.0, 0.0])))
+    bench.plan_at(8.0)
+    assert len(tried) == 1
+    bench.fix(gate_map=GateMap(gates=moved([0.3, 0.0, 0.0])))
+    bench.plan_at(20.0)
+    assert len(tried) == 2
+    np.testing.assert_array_equal(tried[1].gates[0].p_WG, GATES[0].p_WG + [0.3, 0.0, 0.0])
+    assert tried[1].old is None and tried[1].start.shape == (5, 4)
+
+
+def test_the_problem_says_how_well_pylons_are_known_and_starts_on_the_old_lap():
+    problems = []
+
+    def solve(problem):
+        problems.append(problem)
+        return plan_lap(problem)
+
+    def known(sigma):
+        return tuple(
+            MarkerEstimate(id=id, count=9, outliers=0, p_WM=np.zeros(3), normal=np.eye(3)[0],
+                           variance=np.full(3, sigma**2)) for id in range(40))
+
+    bench = Bench(solve=solve)
+    bench.fix(gate_map=GateMap(gates=GATES, markers=known(0.1)))
+    first = bench.plan_at(1.0)
+    bench.fix(gate_map=GateMap(gates=moved([0.0, 0.05, 0.0]), markers=known(0.01)))
+    bench.follow(1.0 + 1.2 * first.circuit.duration)
+    assert len(problems) == 2
+    for problem, sigma in zip(problems, (0.1, 0.01)):
+        np.testing.assert_allclose(problem.margins, problems[1].margins[0] + 3 * (sigma - 0.01))
+        assert problem.pylons.shape == (20, 2) and len(problem.margins) == 20
+    assert problems[1].old is first
+    np.testing.assert_array_equal(
+        problems[1].start, first.derivatives(problems[1].start_time))
+
+
+def test_a_drone_that_cannot_hover_within_the_limits_is_refused():
+    with pytest.raises(TrajectoryOptimizationError, match="cannot hold a hover"):
+        Bench(thrust_share=0.2)
 
 
 @pytest.mark.parametrize("gates", UNUSABLE.values(), ids=UNUSABLE)

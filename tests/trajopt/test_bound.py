@@ -66,3 +66,23 @@ def test_more_room_and_higher_limits_never_cost_time():
 def test_impossible_limits_are_refused(limits):
     with pytest.raises(TrajectoryOptimizationError):
         point_mass_bound(circle(), **limits)
+
+
+def test_pylons_in_the_way_cost_time_and_are_kept_off():
+    """Between two gates 40 m apart, one pylon stands in the straight way."""
+    gates = GateRegions.balls([[0, 0, 5], [40, 0, 5]], [0.0, np.pi], 0.0)
+    limits = dict(max_speed=20.0, max_acceleration=10.0)
+    free = point_mass_bound(gates, **limits)
+    for clearance in (1.0, 3.0):
+        bound = point_mass_bound(gates, pylons=[[20.0, 0.3]], clearance=clearance, **limits)
+        assert bound.duration > free.duration
+        T, v = bound.durations, bound.velocities
+        # Positions from velocities that are linear in between.
+        N = v.shape[1] - 1
+        for leg in range(2):
+            way = np.cumsum((v[leg, 1:] + v[leg, :-1]) / 2 * T[leg] / N, axis=0)
+            places = bound.positions[leg] + way
+            assert np.linalg.norm(places[:, :2] - [20.0, 0.3], axis=1).min() > clearance - 0.05
+    # Those that are not in the way cost nothing.
+    aside = point_mass_bound(gates, pylons=[[20.0, 60.0]], clearance=3.0, **limits)
+    assert aside.duration == pytest.approx(free.duration, rel=1e-4)

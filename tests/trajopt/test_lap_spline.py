@@ -74,3 +74,42 @@ def test_a_path_through_velocities_of_its_own(lap):
     matrices = basis(lap.pieces, fractions)[:2]
     difference = again.evaluate(matrices) - lap.evaluate(matrices)
     np.testing.assert_allclose(difference[..., :3], 0.0, atol=1e-3 * np.abs(v).max())
+
+
+def open_spline():
+    rng = np.random.default_rng(3)
+    gates = rng.normal(size=(4, 5, 4))
+    return LapSpline(gates, rng.normal(size=(3, 1, 4)), np.array([0.8, 1.1, 1.4]),
+                     float(gates[-1, 0, 3] - gates[0, 0, 3]))
+
+
+def test_an_open_one_leads_from_gate_to_gate():
+    way = open_spline()
+    assert not way.is_closed and way.after.tolist() == [1, 2, 3]
+    ends = way.evaluate(basis(way.pieces, (0.0, 1.0)))  # (5, 3, 2, 4)
+    powers = way.durations ** np.arange(5)[:, None]
+    for leg in range(3):
+        for end in (0, 1):
+            np.testing.assert_allclose(
+                ends[:, leg, end] / powers[:, leg, None], way.gates[leg + end], atol=1e-9)
+
+
+def test_another_turn_of_an_open_one_is_at_its_end():
+    way = open_spline()
+    other = way.with_turn(2.0)
+    assert other.gates[-1, 0, 3] == pytest.approx(way.gates[0, 0, 3] + 2.0)
+    np.testing.assert_array_equal(other.gates[:-1], way.gates[:-1])
+    np.testing.assert_array_equal(other.gates[-1, 1:], way.gates[-1, 1:])
+
+
+def test_a_step_of_an_open_one_keeps_what_its_ends_have():
+    way = open_spline()
+    z = way.coefficients() + np.random.default_rng(0).normal(size=way.coefficients().shape)
+    new = way.stepped(z, 1.1 * way.durations, 0.3)
+    for i in (0, -1):
+        np.testing.assert_array_equal(new.gates[i, :, :3], way.gates[i, :, :3])
+        np.testing.assert_array_equal(new.gates[i, 1:3, 3], way.gates[i, 1:3, 3])
+    assert new.gates[0, 0, 3] == way.gates[0, 0, 3] and new.turn == 0.3
+    # With nothing changed, nothing changes.
+    same = way.stepped(way.coefficients(), way.durations, way.turn)
+    np.testing.assert_allclose(same.gates, way.gates, atol=1e-9)

@@ -113,10 +113,10 @@ def main(argv=None) -> int:
         from airrace.diagrams.hitl_race import BY_HAND
         from airrace.diagrams.race import run
 
-        arguments = [a for a in (sys.argv[1:] if argv is None else argv)]
-        at = arguments.index("--role") if "--role" in arguments else None
-        del arguments[at:at + 2]
-        race = make_parser().parse_args([*arguments, "-s", "HITL", "--companion", BY_HAND])
+        own = argparse.ArgumentParser(add_help=False)
+        own.add_argument("--role")
+        _, others = own.parse_known_args(argv)
+        race = make_parser().parse_args([*others, "-s", "HITL", "--companion", BY_HAND])
         return exit_code(lambda: run(race))
     if rest:
         make_hitl_parser().error(f"unrecognized arguments: {' '.join(rest)}")

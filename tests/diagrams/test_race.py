@@ -112,7 +112,7 @@ BAD = [
     (["--scenario_text", "drone: flown"], "no file flown/vehicle.yaml"),
     (["-d", "x" * 300], "no drone named"),
     *((["-d", drone], words) for drone, (_, words) in DRONES.items()),
-    (["-s", "HITL"], "-s HITL is not supported yet; race with -s SITL"),
+    (["--lockstep"], "--lockstep and --lcm_url are for HITL: add -s HITL"),
     (["--track", "none"], "no track named 'none' .* are: .*student-airrace"),
     (["--track", "none.yaml"], "no track named 'none.yaml' and no such file"),
     (["--track", "."], "no track named '.'"),
@@ -300,8 +300,9 @@ class TestOptions:
         listed = {word for option in options for word in re.findall(r"--?[a-z_-]+", option)}
         assert listed == {
             "-h", "--help", "-d", "--drone", "-s", "--simulation", "-t", "--trajectory", "--track",
-            "--limits", "--laps", "--seed", "--level", "--renderer", "--output", "--meshcat",
-            "--no-meshcat", "--record", "--report", "--no-report",
+            "--companion", "--identity", "--wheels", "--lcm_url", "--lockstep", "--limits",
+            "--laps", "--seed", "--level", "--renderer", "--output", "--meshcat", "--no-meshcat",
+            "--record", "--report", "--no-report",
             "--realtime_rate", "--graphviz", "--scenario_file", "--scenario_name",
             "--scenario_text",
         }

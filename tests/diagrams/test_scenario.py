@@ -292,6 +292,7 @@ ZERO = (
     "disturbances.mass_error", "disturbances.inertia_error",
     "disturbances.thrust_coefficient_error",
     "disturbances.actuator_delay", "disturbances.gate_shift", "rotor_failures[0].time",
+    "link_delay",
 )
 
 

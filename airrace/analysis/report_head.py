@@ -19,7 +19,7 @@ def head(run) -> list:
     body = [
         f"<h1>{page.escaped(result['drone'])} on {page.escaped(result['track'])}</h1>",
         f'<p class="faint">{page.escaped(kind)}, seed {result["seed"]}, '
-        f"{len(result['laps'])} of {planned} laps, {page.escaped(result['simulation'])}; "
+        f"{len(result['laps'])} of {planned} laps, {page.escaped(result['wall']['simulation'])}; "
         f"{page.escaped(run.folder.resolve().name)}</p>",
         f"<p><strong>{page.escaped(outcome)}</strong></p>",
         page.facts(_facts(run)),

@@ -5,6 +5,7 @@ from pathlib import Path
 from pydrake.systems.framework import Diagram
 
 from airrace.diagrams.scenario import Scenario, scenario_yaml
+from airrace.limits import parse_limits
 from airrace.recording.writer import FILE, RaceLog
 from airrace.resources import find_yaml
 from airrace.systems.race_recorder import RaceRecorder
@@ -12,6 +13,7 @@ from airrace.track import load_track
 from airrace.vehicle import find_vehicle, load_vehicle
 
 _NAME = "race_recorder"
+_FAST = 40.0  # m/s, shown red at most
 
 
 def AddRecorder(builder, scenario: Scenario, simulation: Diagram, autonomy: Diagram,
@@ -39,7 +41,7 @@ def AddRecorder(builder, scenario: Scenario, simulation: Diagram, autonomy: Diag
         track=load_track(scenario.track),
         vehicle=load_vehicle(scenario.drone)[0],
         fps=scenario.camera.fps,
-        max_speed=scenario.planner.max_speed,
+        max_speed=min(parse_limits(scenario.planner.limits)[0], _FAST),
         moving_gates=simulation.HasOutputPort("truth.gate_shifts"),
     ))
     for i in range(recorder.num_input_ports()):

@@ -39,7 +39,7 @@ def race_json(laps, finished=True):
     """What race.json holds of the run."""
     flown = crossings(laps)
     return {
-        "track": "student-airrace", "drone": "Default", "simulation": "SITL", "trajectory": "6",
+        "track": "student-airrace", "drone": "Default", "trajectory": "6",
         "seed": 0, "rotor_failures": [], "finished": finished,
         "dnf_reason": None if finished else "touched <pylon_3_left>",
         "exploration": {"success": True, "time_s": 1.5, "gates_found": GATES, "events": [
@@ -49,11 +49,12 @@ def race_json(laps, finished=True):
             "lap": k + 1, "start_s": flown[GATES * k].time, "time_s": LAP,
             "gate_times_s": [LAP / GATES * i for i in range(GATES)],
             "gate_offsets_m": [0.1] * GATES, "max_speed": 20.0, "map_rms_m": MAP_ERROR,
-            "plan": {"solve_time_s": 0.1, "duration_s": LAP - 0.2, "max_speed": 20.0,
+            "plan": {"duration_s": LAP - 0.2, "max_speed": 20.0,
                      "max_acceleration": 10.0, "max_rotor_thrust": 5.0},
         } for k in range(laps)],
         "mean_lap_s": LAP if laps else None, "best_lap_s": LAP if laps else None,
-        "collisions": 0, "wall": {"seconds": 1.0, "real_time_factor": 1.0},
+        "collisions": 0,
+        "wall": {"simulation": "SITL", "seconds": 1.0, "real_time_factor": 1.0},
     }
 
 

@@ -12,11 +12,11 @@ import airrace.lcmtypes
 class lcmt_lap_plan(object):
     """ See LapPlan in airrace/systems/lap_plan.py; lap 0 means that there is none. """
 
-    __slots__ = ["header", "lap", "start_time", "phase", "entry", "circuit", "num_gates", "gate_times", "headings", "num_approaches", "approach_gates", "approach_distances", "solve_time", "duration", "max_speed", "max_acceleration", "max_rotor_thrust"]
+    __slots__ = ["header", "lap", "start_time", "phase", "entry", "circuit", "num_gates", "gate_times", "headings", "num_approaches", "approach_gates", "approach_distances", "report"]
 
-    __typenames__ = ["airrace.lcmtypes.lcmt_header", "int32_t", "double", "double", "airrace.lcmtypes.lcmt_polynomials", "airrace.lcmtypes.lcmt_polynomials", "int32_t", "double", "double", "int32_t", "int32_t", "double", "double", "double", "double", "double", "double"]
+    __typenames__ = ["airrace.lcmtypes.lcmt_header", "int32_t", "double", "double", "airrace.lcmtypes.lcmt_polynomials", "airrace.lcmtypes.lcmt_polynomials", "int32_t", "double", "double", "int32_t", "int32_t", "double", "string"]
 
-    __dimensions__ = [None, None, None, None, None, None, None, ["num_gates"], ["num_gates"], None, ["num_approaches"], ["num_approaches"], None, None, None, None, None]
+    __dimensions__ = [None, None, None, None, None, None, None, ["num_gates"], ["num_gates"], None, ["num_approaches"], ["num_approaches"], None]
 
     def __init__(self):
         self.header = airrace.lcmtypes.lcmt_header()
@@ -59,34 +59,10 @@ class lcmt_lap_plan(object):
         """ LCM Type: int32_t[num_approaches] """
         self.approach_distances = []
         """ LCM Type: double[num_approaches] """
-        self.solve_time = 0.0
+        self.report = ""
         """
         (m)
-        LCM Type: double
-        """
-
-        self.duration = 0.0
-        """
-        (s)
-        LCM Type: double
-        """
-
-        self.max_speed = 0.0
-        """
-        (s)
-        LCM Type: double
-        """
-
-        self.max_acceleration = 0.0
-        """
-        (m/s)
-        LCM Type: double
-        """
-
-        self.max_rotor_thrust = 0.0
-        """
-        (m/s^2)
-        LCM Type: double
+        LCM Type: string
         """
 
 
@@ -110,7 +86,10 @@ class lcmt_lap_plan(object):
         buf.write(struct.pack(">i", self.num_approaches))
         buf.write(struct.pack('>%di' % self.num_approaches, *self.approach_gates[:self.num_approaches]))
         buf.write(struct.pack('>%dd' % self.num_approaches, *self.approach_distances[:self.num_approaches]))
-        buf.write(struct.pack(">ddddd", self.solve_time, self.duration, self.max_speed, self.max_acceleration, self.max_rotor_thrust))
+        __report_encoded = self.report.encode('utf-8')
+        buf.write(struct.pack('>I', len(__report_encoded)+1))
+        buf.write(__report_encoded)
+        buf.write(b"\0")
 
     @staticmethod
     def decode(data: bytes):
@@ -135,14 +114,15 @@ class lcmt_lap_plan(object):
         self.num_approaches = struct.unpack(">i", buf.read(4))[0]
         self.approach_gates = struct.unpack('>%di' % self.num_approaches, buf.read(self.num_approaches * 4))
         self.approach_distances = struct.unpack('>%dd' % self.num_approaches, buf.read(self.num_approaches * 8))
-        self.solve_time, self.duration, self.max_speed, self.max_acceleration, self.max_rotor_thrust = struct.unpack(">ddddd", buf.read(40))
+        __report_len = struct.unpack('>I', buf.read(4))[0]
+        self.report = buf.read(__report_len)[:-1].decode('utf-8', 'replace')
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_lap_plan in parents: return 0
         newparents = parents + [lcmt_lap_plan]
-        tmphash = (0x9408f02a63394a54+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_polynomials._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_polynomials._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0x5b84978a6ad674d0+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_polynomials._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_polynomials._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

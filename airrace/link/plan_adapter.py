@@ -1,19 +1,23 @@
 """The lap plan as a message; see adapters.py."""
 
+import dataclasses as dc
+import json
+import math
+
 import numpy as np
 from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace import lcmtypes
 from airrace.link.adapters import check_finite
-from airrace.link.wire import MALFORMED, Dropped
+from airrace.link.wire import MALFORMED, NOT_FINITE, Dropped
 from airrace.systems.lap_plan import NO_PLAN, LapPlan, PlanReport
 from airrace.trajopt.circuit import Circuit
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 _ROWS = 4
+_NUMBERS = [field.name for field in dc.fields(PlanReport) if "float" in str(field.type)]
 _LEAST_STEP, _MOST = 1e-6, 1e12  # s between breaks, and of any coefficient
-_REPORT = ("solve_time", "duration", "max_speed", "max_acceleration", "max_rotor_thrust")
 
 
 def encode_lap_plan(plan: LapPlan) -> lcmtypes.lcmt_lap_plan:
@@ -31,8 +35,8 @@ def encode_lap_plan(plan: LapPlan) -> lcmtypes.lcmt_lap_plan:
     message.num_approaches = len(circuit.approach)
     message.approach_gates = [int(gate) for gate in circuit.approach]
     message.approach_distances = [float(d) for d in circuit.approach.values()]
-    for name in _REPORT:
-        setattr(message, name, getattr(plan.report, name))
+    message.report = json.dumps(
+        dc.asdict(plan.report), allow_nan=False, default=lambda number: number.item())
     return message
 
 
@@ -40,8 +44,8 @@ def decode_lap_plan(message) -> LapPlan:
     """Returns the plan, or NO_PLAN itself."""
     if message.lap == 0:
         return NO_PLAN
-    numbers = [message.start_time, message.phase, *(getattr(message, name) for name in _REPORT)]
-    check_finite(numbers, message.gate_times, message.headings, message.approach_distances)
+    check_finite([message.start_time, message.phase], message.gate_times, message.headings,
+                 message.approach_distances)
     if message.lap < 0 or message.num_gates < 2:
         raise Dropped(MALFORMED)
     lap = _decoded(message.circuit)
@@ -53,8 +57,23 @@ def decode_lap_plan(message) -> LapPlan:
         circuit=Circuit(lap, gate_times, message.headings,
                         dict(zip(message.approach_gates, message.approach_distances))),
         phase=message.phase,
-        report=PlanReport(**{name: getattr(message, name) for name in _REPORT}),
+        report=_decoded_report(message.report),
     )
+
+
+def _decoded_report(text: str) -> PlanReport:
+    try:
+        values = json.loads(text)
+        report = PlanReport(**{
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in values.items()})
+        numbers = [getattr(report, name) for name in _NUMBERS]
+        numbers += [*report.max_thrusts, *report.min_thrusts]
+        if not all(number is None or math.isfinite(number) for number in numbers):
+            raise Dropped(NOT_FINITE)
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        raise Dropped(MALFORMED) from None
+    return report
 
 
 def _encoded(trajectory: FlatTrajectory) -> lcmtypes.lcmt_polynomials:

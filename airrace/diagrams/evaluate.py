@@ -79,7 +79,7 @@ def make_parser() -> argparse.ArgumentParser:
                        help="a running Dask cluster instead")
     add_scenario_options(parser)
     parser.set_defaults(seed=None, renderer=None, realtime_rate=None, simulation="SITL",
-                        record="none")
+                        lockstep=False, lcm_url=None, record="none")
     return parser
 
 

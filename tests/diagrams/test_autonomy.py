@@ -187,7 +187,7 @@ BAD = {
                      "do not fit together: .*sizes.* rotor_speed_command"),
     "wrong speeds, unseen": ({"geometric_controller": "student_boxes:WrongSpeeds",
                               "rotor_monitor": "student_boxes:Deaf"},
-                             "rotor_speed_command.* does not fit: .*size"),
+                             "do not fit: .*rotor_speed_command.*size"),
     "loop": ({"trajectory_tracker": "student_boxes:Loop"}, "do not fit together: .*loop"),
 }
 

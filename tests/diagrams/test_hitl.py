@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -158,7 +159,8 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     text = start("bash", str(script)).communicate(timeout=180)[0]
     result = load(tmp_path / "out")
     assert "second 0" in text, text
-    assert "ran out of time in state FLY_TO_GATE" in result["dnf_reason"]
+    # One that had started anew would be on its way up again.
+    assert re.match("ran out of time in state (?!CALIBRATE|TAKE_OFF)", result["dnf_reason"])
     watchdog = result["wall"]["link"]["watchdog"]
     assert watchdog["hovers"] == 1 and result["collisions"] == 0
     assert [e["state"] for e in result["exploration"]["events"]].count("TAKE_OFF") == 1

@@ -341,7 +341,7 @@ class TestFaults:
         """What was written before stays, and one sentence says what is wrong."""
         def show(record, look):
             if look.time > 1.45:
-                monkeypatch.setattr("pathlib.Path.write_text", full)
+                monkeypatch.setattr("pathlib.Path.write_bytes", full)
 
         def full(self, *args, **kwargs):
             raise OSError(28, "No space left on device")

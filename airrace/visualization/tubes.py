@@ -28,7 +28,7 @@ def tube(points, radius: float) -> tuple[np.ndarray, np.ndarray]:
     faces = []
     for i in range(_SIDES):
         a, b = first + i, first + (i + 1) % _SIDES
-        faces += [np.stack([a, b, b + _SIDES]), np.stack([a, b + _SIDES, a + _SIDES])]
+        faces += [np.stack([a, b + _SIDES, b]), np.stack([a, a + _SIDES, b + _SIDES])]
     return np.ascontiguousarray(vertices.T), np.hstack(faces).astype(np.int32)
 
 

@@ -27,6 +27,10 @@ def test_the_tube_of_a_straight_path_is_closed_around_it():
             edges[frozenset(edge)] = edges.get(frozenset(edge), 0) + 1
     # Only the three edges at each end belong to one face.
     assert sorted(edges.values()).count(1) == 6 and max(edges.values()) == 2
+    corners = vertices.T[faces.T]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outward = corners.mean(axis=1) * [0.0, 1.0, 1.0]
+    assert np.all(np.sum(normals * outward, axis=1) > 0.0)
     np.testing.assert_allclose(vertices[:, 0::3].T[:, 2], 0.1)  # an edge on top
 
 

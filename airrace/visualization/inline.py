@@ -1,0 +1,91 @@
+"""3-D views in notebooks: pages of Drake's Meshcat that need no server once they are there."""
+
+import html
+import logging
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from airrace.rendering.scenery import AddScenery
+from airrace.visualization.page import MakeMeshcat
+from airrace.visualization.tubes import speed_colors, tube
+
+_RADIUS = 0.12  # m
+
+
+class Frame:
+    """A page in a frame, which a notebook shows where it is the last line of a cell.
+
+    The page is part of the notebook's output. So it needs neither a port nor a file, and
+    still works when the notebook is opened elsewhere.
+    """
+
+    def __init__(self, page: str, height: int):
+        """Args: page: HTML. height: of the frame (px)."""
+        self.page, self.height = page, height
+
+    def _repr_html_(self):
+        return (f'<iframe srcdoc="{html.escape(self.page)}" '
+                f'style="width: 100%; height: {self.height}px; border: 0"></iframe>')
+
+
+def show_page(page, height: int = 480) -> Frame:
+    """Returns a page for a notebook.
+
+    Args:
+        page: HTML, or the path of a file of it, such as a run's report.html.
+        height: of the frame (px).
+    """
+    return Frame(page.read_text(encoding="utf-8") if isinstance(page, Path) else page, height)
+
+
+def show_runs(*runs, align: str = "start", height: int = 480) -> Frame:
+    """Returns a replay of runs of one track for a notebook; it plays by its controls.
+
+    Args:
+        runs: from airrace.analysis.load_run().
+        align: "start", or "lap": all cross gate 1 at the same time.
+        height: of the frame (px).
+
+    Raises:
+        UserError: if they cannot be shown together.
+    """
+    from airrace.diagrams.ghosts import legend_html, make_ghosts, show_ghosts
+
+    ghosts = make_ghosts(runs, align)
+    meshcat = _quiet_meshcat(runs[0].track)
+    show_ghosts(meshcat, ghosts)
+    page = meshcat.StaticHtml()
+    return show_page(page.replace("</body>", legend_html(ghosts) + "</body>", 1), height)
+
+
+def show_paths(track, paths, max_speed: float = 20.0, height: int = 480) -> Frame:
+    """Returns a view of a track with paths for a notebook, coloured by speed.
+
+    Args:
+        track: a Track.
+        paths: pairs of positions, (n, 3) m, and speeds, (n,) m/s.
+        max_speed: that is red (m/s).
+        height: of the frame (px).
+    """
+    meshcat = _quiet_meshcat(track)
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    AddScenery(plant, track)
+    plant.Finalize()
+    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, MeshcatVisualizerParams())
+    diagram = builder.Build()
+    diagram.ForcedPublish(diagram.CreateDefaultContext())
+    for k, (positions, speeds) in enumerate(paths):
+        vertices, faces = tube(positions, _RADIUS)
+        colors = np.repeat(speed_colors(speeds, max_speed), 3, axis=0).T
+        meshcat.SetTriangleColorMesh(f"paths/{k}", vertices, faces, colors)
+    return show_page(meshcat.StaticHtml(), height)
+
+
+def _quiet_meshcat(track):
+    logging.getLogger("drake").setLevel(logging.WARNING)  # nobody shall visit its server
+    return MakeMeshcat(track)

@@ -1,0 +1,137 @@
+"""A Sphinx extension: a page a module, docstrings as they are written, systems as boxes."""
+
+import html
+import pkgutil
+import re
+
+from docutils import nodes
+from docutils.parsers.rst import Directive
+
+import airrace
+
+_SKIPPED = re.compile(r"\.(lcmtypes|__main__)\b")
+# What would be markup, but in our docstrings is a letter of a formula or a file's name.
+_MARKUP = re.compile(r"([*|])|(\w)_(?=\W|$)")
+
+
+class PydrakeSystem(Directive):
+    """Draws the block in which a LeafSystem's docstring lists its ports."""
+
+    has_content = True
+
+    def run(self):
+        name, ports = parse_system(self.content)
+        rows = zip_longest_rows(ports["input_ports"], ports["output_ports"])
+        cells = "".join(
+            f"<tr><td>{_port(a, '{} &rarr;')}</td>{middle}<td>{_port(b, '&rarr; {}')}</td></tr>"
+            for a, b, middle in rows_with_name(rows, name)
+        )
+        return [nodes.raw("", f'<table class="pydrake-system">{cells}</table>', format="html")]
+
+
+def parse_system(lines) -> tuple[str, dict]:
+    """Returns the name in a ``pydrake_system`` block, and its ports.
+
+    Args:
+        lines: of the block.
+
+    Returns:
+        The name, and ``input_ports`` and ``output_ports``, each a list of what the
+        block says of one port.
+    """
+    name, ports, current = "", {"input_ports": [], "output_ports": []}, None
+    for line in filter(None, map(str.strip, lines)):
+        key, _, value = line.partition(":")
+        if key == "name":
+            name = value.strip()
+        elif key in ports and not value:
+            current = ports[key]
+        elif line.startswith("- ") and current is not None:
+            current.append(line[2:])
+        elif current:
+            current[-1] += " " + line
+        else:
+            raise ValueError(f"'{line}' does not belong into a pydrake_system block")
+    return name, ports
+
+
+def zip_longest_rows(inputs, outputs) -> list:
+    """Returns pairs of an input and an output, '' where there is none; at least one."""
+    count = max(len(inputs), len(outputs), 1)
+    pad = [side + [""] * (count - len(side)) for side in (inputs, outputs)]
+    return list(zip(*pad))
+
+
+def rows_with_name(rows, name):
+    """Yields each row with the cell of the name, which spans all rows, in the first."""
+    for k, (a, b) in enumerate(rows):
+        span = f'<th rowspan="{len(rows)}">{html.escape(name)}</th>' if k == 0 else ""
+        yield a, b, span
+
+
+def _port(text: str, arrow: str) -> str:
+    """Returns a port with an arrow, and in small letters what the block says about it."""
+    if not text:
+        return ""
+    port, _, note = text.partition(" ")
+    small = f" <small>{html.escape(note)}</small>" if note else ""
+    return arrow.format(f"<code>{html.escape(port)}</code>{small}")
+
+
+def plain_docstring(app, what, name, obj, options, lines) -> None:
+    """Keeps what looks like markup in a docstring, but is none, from being taken for it."""
+    in_block = False
+    for k, line in enumerate(lines):
+        indented = line.startswith("    ")
+        in_block = (in_block and (indented or not line)) or line.rstrip().endswith("::")
+        if not in_block:
+            lines[k] = _outside_literals(line)
+
+
+def _outside_literals(line: str) -> str:
+    """Escapes markup in what is not between double backquotes."""
+    parts = line.split("``")
+    parts[::2] = [_MARKUP.sub(_escaped, part) for part in parts[::2]]
+    return "``".join(parts)
+
+
+def _escaped(match) -> str:
+    return f"\\{match[1]}" if match[1] else f"{match[2]}\\_"
+
+
+def modules() -> list:
+    """Returns the names of all modules of airrace, packages first."""
+    found = pkgutil.walk_packages(airrace.__path__, "airrace.")
+    return ["airrace", *(m.name for m in found if not _SKIPPED.search(m.name))]
+
+
+def write_pages(app) -> None:
+    """Writes a page of every package, with all modules in it, below docs/api."""
+    folder = app.srcdir / "api"
+    folder.mkdir(exist_ok=True)
+    names = modules()
+    packages = [n for n in names if any(m.startswith(n + ".") for m in names)]
+    for package in packages:
+        inside = [n for n in names if n.rpartition(".")[0] == package and n not in packages]
+        parts = [_title(package, "="), f".. automodule:: {package}\n   :no-members:\n"]
+        parts += [_title(n, "-") + f"\n.. automodule:: {n}\n" for n in inside]
+        page = folder / f"{package}.rst"
+        text = "\n".join(parts)
+        if not page.exists() or page.read_text(encoding="utf-8") != text:
+            page.write_text(text, encoding="utf-8")
+    listed = "\n".join(f"   {package}" for package in packages)
+    index = f"{_title('API', '=')}\n.. toctree::\n   :maxdepth: 2\n\n{listed}\n"
+    (folder / "index.rst").write_text(index, encoding="utf-8")
+
+
+def _title(text: str, line: str) -> str:
+    return f"{text}\n{line * len(text)}\n"
+
+
+def setup(app):
+    """Registers what is above; called by Sphinx."""
+    app.add_directive("pydrake_system", PydrakeSystem)
+    # Before napoleon, which makes markup of its own.
+    app.connect("autodoc-process-docstring", plain_docstring, priority=100)
+    app.connect("builder-inited", write_pages, priority=100)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,33 @@
+"""Sphinx: `python -m sphinx -W docs runs/docs` writes the pages; `pip install '.[docs]'`."""
+
+import sys
+from pathlib import Path
+
+_HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(_HERE), str(_HERE.parent)]
+
+project = "airrace"
+author = "airrace developers"
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "airrace_docs",
+]
+exclude_patterns = ["pictures"]
+html_theme = "alabaster"
+html_static_path = ["static"]
+html_css_files = ["airrace.css"]
+html_theme_options = {
+    "description": "Autonomous drone racing on Drake",
+    "page_width": "1100px",
+    "fixed_sidebar": True,
+}
+autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True, "show-inheritance": True}
+autodoc_typehints = "none"  # the docstrings say more: shapes, units, frames
+autodoc_class_signature = "mixed"
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True  # attributes in one list, not each an entry of the index
+# What comes before a colon below "Returns:" is a word, not a type.
+suppress_warnings = ["ref.python"]

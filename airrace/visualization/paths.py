@@ -12,9 +12,9 @@ from airrace.visualization.tubes import speed_colors, tube
 HERE = "here"
 _HERE_COLOR = Rgba(1.0, 0.9, 0.1, 0.35)
 _CHUNK = 30  # points a mesh
-_FLOWN_RADIUS, _PLAN_RADIUS = 0.08, 0.13  # m; a well flown plan is around the way
-_CURRENT = Rgba(1.0, 1.0, 1.0, 0.5)
-_EARLIER = (0.4, 0.3, 0.2, 0.1)  # opacity of the plans before it, newest first
+_FLOWN_RADIUS, _PLAN_RADIUS = 0.09, 0.12  # m; a well flown plan is around the way
+_CURRENT = Rgba(1.0, 1.0, 1.0, 0.35)
+_EARLIER = (0.35, 0.25, 0.18, 0.1)  # opacity of the plans before it, newest first
 _SAMPLE = 0.1  # s
 
 

@@ -1,3 +1,4 @@
+import logging
 import re
 import types
 
@@ -61,3 +62,11 @@ def test_a_page_that_opens_is_left_alone_for_a_while(clock):
     assert not audience.waits()
     clock.now += 3.0
     assert audience.waits()
+
+
+def test_a_page_that_is_late_is_nothing_to_warn_of(meshcat, caplog):
+    drake = logging.getLogger("drake")
+    with caplog.at_level(logging.WARNING, "drake"):
+        drake.warning("Meshcat: Unknown CAS key 123 (there are 5 assets in the cache)")
+        drake.warning("something else")
+    assert [record.getMessage() for record in caplog.records] == ["something else"]

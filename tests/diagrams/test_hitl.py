@@ -162,5 +162,6 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     # One that had started anew would be on its way up again.
     assert re.match("ran out of time in state (?!CALIBRATE|TAKE_OFF)", result["dnf_reason"])
     watchdog = result["wall"]["link"]["watchdog"]
-    assert watchdog["hovers"] == 1 and result["collisions"] == 0
+    # Perhaps a second time, while it reads its machine code from the disk.
+    assert watchdog["hovers"] in (1, 2) and result["collisions"] == 0
     assert [e["state"] for e in result["exploration"]["events"]].count("TAKE_OFF") == 1

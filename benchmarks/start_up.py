@@ -3,8 +3,9 @@
     python -m benchmarks.start_up [--runs 5] [--json FILE]
 
 Both are run as anybody would, by ./run.bash on a set-up that is ready, and without
-the live view. The race ends after a second on the pad, so what it writes at its end
-counts, too. A first run, which is not counted, compiles what is yet to be.
+the live view and the report. The race ends after a second on the pad, so what it
+writes at its end counts, too. A first run, which is not counted, compiles what is
+yet to be.
 """
 
 import argparse
@@ -24,7 +25,8 @@ _ROOT = Path(__file__).parent.parent
 COMMANDS = {
     "./run.bash --help": ["--help"],
     "./run.bash, to the first simulated second": [
-        "--no-meshcat", "--laps", "1", "--scenario_text", "{referee: {time_limit: 1.0}}"],
+        "--no-meshcat", "--no-report", "--laps", "1", "--scenario_text",
+        "{referee: {time_limit: 1.0}}"],
 }
 LIMITS = {"./run.bash --help": 1.5, "./run.bash, to the first simulated second": 3.0}  # s
 

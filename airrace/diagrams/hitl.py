@@ -72,8 +72,7 @@ def run_autonomy(args) -> int:
 
     for signum in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signum, end)
-    if args.resume is None:  # one that comes back has no time, and finds it compiled
-        warm_up(scenario)
+    warm_up(scenario)
     with results_folder(args.output) as folder:
         process = AutonomyProcess(scenario, open_lcm(args.lcm_url or DEFAULT_URL), folder,
                                   stop=lambda: flag.is_set)

@@ -21,7 +21,7 @@ from rich.table import Table
 
 from airrace.diagrams.progress import ORIGINAL_MEAN_LAP
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import TRAJECTORIES, Scenario
+from airrace.diagrams.scenario import TRAJECTORIES, Scenario, trajectory_name
 
 
 def main(argv=None) -> int:
@@ -65,8 +65,7 @@ def make_table(results) -> Table:
         groups.setdefault(key, []).append(race)
     for (drone, trajectory, limits), races in groups.items():
         laps = [lap for r in races for lap in r["laps"]]
-        name = f"{trajectory}-D" if trajectory.isdigit() else trajectory
-        row = [drone, name, limits, f"{sum(r['finished'] for r in races)}/{len(races)}"]
+        row = [drone, trajectory_name(trajectory), limits, f"{sum(r['finished'] for r in races)}/{len(races)}"]
         if laps:
             gaps = [lap["plan"]["over_bound"] for lap in laps if lap["plan"]]
             row += [

@@ -4,6 +4,7 @@ import numpy as np
 
 from airrace.analysis import page
 from airrace.analysis.figures_signals import rotor_usage
+from airrace.diagrams.scenario import trajectory_name
 
 # Mean laps of the original system on student-airrace, from rest to rest (s).
 ORIGINAL = (("3-D", 40.60), ("4-D", 41.52), ("6-D", 41.21))
@@ -13,7 +14,7 @@ _ORIGINAL_TRACK = "student-airrace"
 def head(run) -> list:
     """Returns title, outcome, the most important numbers, and what is missing."""
     result = run.result
-    kind = result["trajectory"] + ("-D" if result["trajectory"].isdigit() else "")
+    kind = trajectory_name(result["trajectory"])
     planned = run.scenario.laps
     outcome = "Finished." if result["finished"] else f"Did not finish: {result['dnf_reason']}."
     body = [

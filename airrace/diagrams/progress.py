@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from airrace.diagrams.results import RaceRecord
+from airrace.diagrams.scenario import trajectory_name
 from airrace.rotor_loss import Remaining
 
 # Mean laps of the original system on its own track (s).
@@ -89,7 +90,7 @@ class RaceDisplay:
 
     def _open(self, drone: str):
         scenario = self._scenario
-        kind = scenario.trajectory + ("-D" if scenario.trajectory.isdigit() else "")
+        kind = trajectory_name(scenario.trajectory)
         if scenario.planner.limits != "original":
             kind += f" within limits {scenario.planner.limits}"
         self._print(f"airrace: {drone} on {self._track_name}, {kind}, "

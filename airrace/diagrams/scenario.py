@@ -26,6 +26,11 @@ TRAJECTORIES = ("3", "4", "6", "optimal")
 ESTIMATORS = ("robust", "report")
 
 
+def trajectory_name(trajectory: str) -> str:
+    """Returns what one of TRAJECTORIES is called in a text: ``6-D``, ``optimal``."""
+    return f"{trajectory}-D" if trajectory.isdigit() else trajectory
+
+
 @dc.dataclass
 class StateEstimateConfig:
     """The noise of `state_noise: reference`, and the rate of the estimate."""

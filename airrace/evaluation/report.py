@@ -5,6 +5,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+from airrace.diagrams.scenario import trajectory_name
 from airrace.evaluation.store import SUMMARY, TABLE
 from airrace.evaluation.summary import race_line, summarize
 from airrace.files import write_json, write_text
@@ -47,7 +48,7 @@ def title(settings: dict) -> str:
     scenario = settings["scenario"]
     drone = Path(scenario["drone"]).name
     return (
-        f"{drone}, {scenario['trajectory']}-D, {settings['scenario_name']}: {settings['tracks']} "
+        f"{drone}, {trajectory_name(scenario['trajectory'])}, {settings['scenario_name']}: {settings['tracks']} "
         f"races of {scenario['laps']} laps, {settings['track']}, seeds from "
         f"{settings['track_seed']}"
     )

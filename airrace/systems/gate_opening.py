@@ -9,12 +9,17 @@ from airrace.track import PYLON_HEIGHT, Gate
 
 
 class GateOpening:
-    """The rectangle between the two pylon axes of a gate, above the ground, below their tips."""
+    """The rectangle between the two pylon axes of a gate, above the ground, below their tips.
+
+    Attributes:
+        numbers: what the function find() takes: midpoint, forward and rightward, (3, 3), and
+            half the distance of the axes (m).
+    """
 
     def __init__(self, gate: Gate):
         """Args: gate: where the track's file has it."""
-        self._gate = np.array([gate.p_WG, gate.forward, gate.rightward])
-        self._half = gate.pylon_spacing / 2
+        self.numbers = (
+            np.array([gate.p_WG, gate.forward, gate.rightward]), gate.pylon_spacing / 2)
 
     def find(self, q, p, shift=(0.0, 0.0)) -> tuple[float, float] | None:
         """Returns where a straight line passes the gate from the front, None if it does not.
@@ -27,12 +32,12 @@ class GateOpening:
             (share, offset): of the line before the gate, 0 to 1, and the distance from the
             gate's midpoint (m).
         """
-        share, offset = _find(self._gate, self._half, q, p, float(shift[0]), float(shift[1]))
+        share, offset = find(*self.numbers, q, p, float(shift[0]), float(shift[1]))
         return None if math.isnan(share) else (share, offset)
 
 
 @compiled
-def _find(gate, half, q, p, shift_x, shift_y):
+def find(gate, half, q, p, shift_x, shift_y):
     """See GateOpening.find(); NaN if the line does not pass."""
     (x, y, z), (fx, fy, _), (rx, ry, rz) = gate
     x, y = x + shift_x, y + shift_y

@@ -79,8 +79,8 @@ class GeometricController(LeafSystem):
         )
         n = len(vehicle.rotors)
         self._remaining = functools.cache(
-            lambda working: Remaining(vehicle, np.frombuffer(working, bool)))
-        self._max_thrust = _THRUST_SHARE * self._remaining(np.ones(n, bool).tobytes()).max_lift
+            lambda losses: Remaining(vehicle, np.isinf(np.frombuffer(losses))))
+        self._max_thrust = _THRUST_SHARE * self._remaining(np.full(n, np.inf).tobytes()).max_lift
         self._reduced = ReducedAttitude(vehicle)
         self._reference = self.DeclareVectorInputPort("reference", ref.SIZE)
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", se.SIZE)
@@ -92,29 +92,25 @@ class GeometricController(LeafSystem):
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     def _UpdateCommand(self, context, discrete_state):
-        working = np.isinf(self._losses.Eval(context))
-        remaining = self._remaining(working.tobytes())
-        estimate = self._estimate.Eval(context)
-        disturbance = self._rejection * self._disturbance.Eval(context)
+        remaining = self._remaining(self._losses.Eval(context).tobytes())
+        estimate, disturbance = self._estimate.Eval(context), self._disturbance.Eval(context)
+        disturbance *= self._rejection
         if not remaining.can_fly:
             if not (all_finite(estimate) and all_finite(disturbance)):
                 return  # the last command is the best there is
             wrench = self._reduced.wrench(estimate, disturbance, remaining)
         else:
             reference = self._reference.Eval(context)
-            if not (all_finite(estimate) and all_finite(disturbance) and all_finite(reference)):
+            if not _prepared(reference, estimate, disturbance, self._feed_forward):
                 return
-            reference[ref.ACCELERATION] -= disturbance
-            if not self._feed_forward:
-                reference[ref.JERK.start:ref.SNAP.stop] = 0.0
-                reference[ref.YAW_RATE:] = 0.0
             wrench = self.CalcWrench(reference, estimate)
         if not all_finite(wrench):
             return
-        discrete_state.set_value(_commands(
-            remaining.allocator.allocate(wrench), working, self._speeds.Eval(context),
-            self._c_f, self._max_speeds, self._overdrive,
-        ))
+        _command(
+            discrete_state.get_mutable_value(), remaining.allocator.allocate(wrench),
+            remaining.max_thrusts, self._speeds.Eval(context), self._c_f, self._max_speeds,
+            self._overdrive,
+        )
 
     def CalcWrench(self, reference, estimate) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), shape (4,).
@@ -127,6 +123,17 @@ class GeometricController(LeafSystem):
             reference, estimate, self._mass, self._J, self._k_x, self._k_v, self._k_R, self._k_w,
             self._max_thrust,
         )
+
+
+@compiled
+def _prepared(reference, estimate, disturbance, feed_forward) -> bool:
+    """Changes the reference into what is to be done; returns whether all of it is finite."""
+    for i in range(3):
+        reference[ref.ACCELERATION.start + i] -= disturbance[i]
+    if not feed_forward:
+        reference[ref.JERK.start:ref.SNAP.stop] = 0.0
+        reference[ref.YAW_RATE:] = 0.0
+    return all_finite(estimate) and all_finite(disturbance) and all_finite(reference)
 
 
 @compiled
@@ -168,14 +175,12 @@ def _wrench(r, e, mass, J, k_x, k_v, k_R, k_w, max_thrust):
 
 
 @compiled
-def _commands(thrusts, working, speeds, c_f, max_speeds, overdrive):
-    """Returns the speeds to command for thrusts (N), all (n,); those of lost rotors are zero."""
-    commands = np.zeros(len(thrusts))
-    for i in range(len(thrusts)):
+def _command(commands, thrusts, max_thrusts, speeds, c_f, max_speeds, overdrive):
+    """Sets the speeds to command for thrusts (N), all (n,); those of lost rotors are zero."""
+    for i in range(len(commands)):
         faster = speeds[i] + overdrive * (math.sqrt(thrusts[i] / c_f[i]) - speeds[i])
-        if working[i] and faster > 0.0:  # NaN is not
-            commands[i] = min(faster, max_speeds[i])
-    return commands
+        works = max_thrusts[i] > 0.0 and faster > 0.0  # NaN is not
+        commands[i] = min(faster, max_speeds[i]) if works else 0.0
 
 
 @compilable

@@ -8,9 +8,9 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import LeafSystem
 
-from airrace.compiled import compiled
+from airrace.compiled import compilable, compiled
 from airrace.disturbances import failures_clause
-from airrace.systems.gate_opening import GateOpening
+from airrace.systems.gate_opening import GateOpening, find
 from airrace.systems.types import ExplorerStatus, Immutable
 from airrace.track import Track
 
@@ -23,6 +23,7 @@ _LOOK, _PLACE, _AIRBORNE, _CROSSINGS, _FASTEST = 0, slice(1, 4), 4, 5, 6
 _VERDICT, _THING, _END = 7, 8, 9
 _BEFORE = np.array([0.0, *3 * [np.nan], *6 * [0.0]])  # no crossing before the second look
 _POSITION = slice(4, 7)  # in the plant's state
+_STILL = np.zeros(2)  # the shift of a gate that does not move (m)
 OUT_OF_TIME = "ran out of time"
 # Why a race ended; the index into this tuple is the state's `verdict`.
 VERDICTS = (
@@ -157,44 +158,30 @@ class Referee(LeafSystem):
         )
 
     def _Judge(self, context, discrete_state):
-        m = context.get_discrete_state(self._memory).value().copy()
+        m = discrete_state.get_mutable_value(self._memory)
         if m[_VERDICT]:
             return
         time, state = context.get_time(), self._state.Eval(context)
-        _observe(m, state, self._takeoff_height)
-        crossing = self._FindCrossing(context, m, time, state[_POSITION])
-        if crossing and self._explorer.Eval(context).done:
-            table = context.get_discrete_state(self._table).value().copy()
+        gate = int(m[_CROSSINGS]) % len(self._gates)
+        shift = _STILL
+        if self._shifts is not None:
+            shift = self._shifts.Eval(context)[2 * gate:2 * gate + 2]
+        crossing, offset, where = _look(
+            m, time, state, self._takeoff_height, *self._gates[gate].numbers, shift, self._arena)
+        if crossing >= 0.0 and self._explorer.Eval(context).done:
             row = 3 * int(m[_CROSSINGS])
-            table[row:row + 3] = (*crossing, m[_FASTEST])
-            discrete_state.set_value(self._table, table)
+            discrete_state.get_mutable_value(self._table)[row:row + 3] = (
+                crossing, offset, m[_FASTEST])
             m[_CROSSINGS] += 1
             m[_FASTEST] = 0.0
             if m[_CROSSINGS] == self._total:
-                m[_VERDICT], m[_END] = _FINISHED, crossing[_TIME]
+                m[_VERDICT], m[_END] = _FINISHED, crossing
         if not m[_VERDICT]:
-            m[_VERDICT], m[_THING] = self._FindFault(context, m, time, state)
+            m[_VERDICT], m[_THING] = self._FindFault(context, m, time, where)
             m[_END] = time
-        m[_LOOK], m[_PLACE] = time, state[_POSITION]
-        discrete_state.set_value(self._memory, m)
 
-    def _FindCrossing(self, context, m, time, p):
-        """Returns (time, offset) if the step crossed the next gate, or None."""
-        if not m[_AIRBORNE]:
-            return None
-        gate = int(m[_CROSSINGS]) % len(self._gates)
-        shift = (0.0, 0.0)
-        if self._shifts is not None:
-            shift = self._shifts.Eval(context)[2 * gate:2 * gate + 2]
-        found = self._gates[gate].find(m[_PLACE], p, shift)
-        if found is None:
-            return None
-        share, offset = found
-        return m[_LOOK] + share * (time - m[_LOOK]), offset
-
-    def _FindFault(self, context, m, time, state):
+    def _FindFault(self, context, m, time, where):
         """Returns the verdict (0 if none) and the index of what was touched."""
-        where = _whereabouts(state, self._arena)
         if where == _DIVERGED:
             return _DIVERGED, 0
         contacts = self._contacts.Eval(context)
@@ -235,18 +222,36 @@ class Referee(LeafSystem):
 
 
 @compiled
-def _observe(memory, state, takeoff_height):
-    """Notes in the memory that the drone has taken off, and its greatest speed."""
-    if state[_POSITION][2] > takeoff_height:
-        memory[_AIRBORNE] = 1.0
+def _look(m, time, state, takeoff_height, gate, half_width, shift, arena):
+    """Notes in the memory what can be seen of the drone.
+
+    Args:
+        gate, half_width: of the next one, see GateOpening.
+        shift: of that gate, [x, y] (m).
+        arena: see _whereabouts().
+
+    Returns:
+        when it crossed the gate since the look before (s), -1 if it did not; how far from
+        the midpoint (m); and the verdict on where it is.
+    """
+    p = state[_POSITION]
+    if p[2] > takeoff_height:
+        m[_AIRBORNE] = 1.0
     x, y, z = state[-3:]
-    memory[_FASTEST] = max(memory[_FASTEST], math.sqrt(x * x + y * y + z * z))
+    m[_FASTEST] = max(m[_FASTEST], math.sqrt(x * x + y * y + z * z))
+    crossing, offset = -1.0, 0.0
+    if m[_AIRBORNE]:
+        share, offset = find(gate, half_width, m[_PLACE], p, shift[0], shift[1])
+        if not math.isnan(share):
+            crossing = m[_LOOK] + share * (time - m[_LOOK])
+    m[_LOOK], m[_PLACE] = time, p
+    return crossing, offset, _whereabouts(p, arena)
 
 
-@compiled
-def _whereabouts(state, arena):
+@compilable
+def _whereabouts(p, arena):
     """Returns a verdict on where the drone is, 0 if it is fine."""
-    x, y, z = state[_POSITION]
+    x, y, z = p
     if not math.isfinite(x + y + z):
         return _DIVERGED
     x0, y0, x1, y1, z1 = arena

@@ -58,19 +58,16 @@ class RotorBank(LeafSystem):
         for rotor, time in self._failures:
             if context.get_time() >= time:
                 command[rotor] = 0.0
-        speeds = context.get_discrete_state(self._speeds).value().copy()
-        discrete_state.set_value(
-            self._thrusts, _turn(speeds, command, self._max_speeds, self._blend, self._c_f))
-        discrete_state.set_value(self._speeds, speeds)
+        _turn(discrete_state.get_mutable_value(self._speeds),
+              discrete_state.get_mutable_value(self._thrusts),
+              command, self._max_speeds, self._blend, self._c_f)
 
 
 @compiled
-def _turn(speeds, command, max_speeds, blend, c_f):
-    """Changes the speeds by one period of the lag; returns the thrusts then (N), (n,)."""
-    thrusts = np.empty(len(speeds))
+def _turn(speeds, thrusts, command, max_speeds, blend, c_f):
+    """Changes speeds by one period of the lag, and thrusts with them (N), all (n,)."""
     for i in range(len(speeds)):
         # NaN is not greater than zero.
         wanted = min(command[i], max_speeds[i]) if command[i] > 0.0 else 0.0
         speeds[i] += blend * (wanted - speeds[i])
         thrusts[i] = c_f[i] * speeds[i] * speeds[i]
-    return thrusts

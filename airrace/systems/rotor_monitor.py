@@ -52,51 +52,45 @@ class RotorMonitor(LeafSystem):
         self._least = _LEAST * vehicle.max_speeds
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
-        # The model's speeds, newest first, and for how long a rotor has not followed (s).
-        self._depth = math.ceil((_WINDOW + link_delay) * rate) + 1
-        self._model = self.DeclareDiscreteState((self._depth + 1) * n)
-        self._looked = self.DeclareDiscreteState(1)  # when it last did (s)
-        losses = self.DeclareDiscreteState(np.full(n, np.inf))
-        self._losses = losses
+        # The model's speeds, newest first, for how long a rotor has not followed (s), and
+        # when the last look was (s).
+        depth = math.ceil((_WINDOW + link_delay) * rate) + 1
+        self._memory = self.DeclareDiscreteState((depth + 1) * n + 1)
+        self._losses = self.DeclareDiscreteState(np.full(n, np.inf))
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._Compare)
-        self.DeclareStateOutputPort("rotor_losses", losses)
+        self.DeclareStateOutputPort("rotor_losses", self._losses)
 
     def _Compare(self, context, discrete_state):
-        memory = context.get_discrete_state(self._model).value()
-        speeds, now = self._speeds.Eval(context), context.get_time()
-        if now - context.get_discrete_state(self._looked).value()[0] > _GAP:
-            # Whoever was not there does not know what was commanded.
-            memory = np.concatenate([np.tile(speeds, self._depth), np.zeros(len(speeds))])
-        discrete_state.set_value(self._looked, [now])
-        after, lost = _compared(
-            memory, speeds, self._command.Eval(context), self._least, self._blend, self._period)
-        discrete_state.set_value(self._model, after)
-        if lost.any():
-            losses = context.get_discrete_state(self._losses).value()
-            discrete_state.set_value(
-                self._losses, np.minimum(losses, np.where(lost, context.get_time(), np.inf)))
+        _compare(discrete_state.get_mutable_value(self._memory),
+                 discrete_state.get_mutable_value(self._losses),
+                 self._speeds.Eval(context), self._command.Eval(context), self._least,
+                 self._blend, self._period, context.get_time())
 
 
 @compiled
-def _compared(memory, speeds, command, least, blend, period):
-    """Returns the memory after a comparison, and which rotors are lost, (n,).
+def _compare(memory, losses, speeds, command, least, blend, period, now):
+    """Compares, changes the memory, and notes which rotors are lost since now.
 
     Args:
-        memory: the model's speeds, newest first, and how long each rotor has not followed.
+        memory: see RotorMonitor. losses: of the rotors (s), (n,).
         speeds, command: of the rotors (rad/s), (n,).
         least: model speeds up to which there is nothing to tell by (rad/s), (n,).
         blend: share of a step that a rotor makes in a period.
-        period: (s).
+        period: (s). now: (s).
     """
     n = len(speeds)
-    after = np.empty_like(memory)
-    after[n:-n] = memory[:-2 * n]
-    lost = np.zeros(n, np.bool_)
+    model, waited = memory[:-n - 1].reshape(-1, n), memory[-n - 1:-1]
+    if now - memory[-1] > _GAP:
+        # Whoever was not there does not know what was commanded.
+        model[:], waited[:] = speeds, 0.0
+    memory[-1] = now
     for i in range(n):
-        after[i] = memory[i] + blend * (command[i] - memory[i])
-        due = memory[i:-n:n].min()
+        due, modelled = model[:, i].min(), model[0, i]
+        for k in range(len(model) - 1, 0, -1):
+            model[k, i] = model[k - 1, i]
+        model[0, i] = modelled + blend * (command[i] - modelled)
         # Written such that a speed that is not a number is too low.
         follows = speeds[i] >= _SHARE * due
-        waited = memory[i - n] + period if due > least[i] and not follows else 0.0
-        after[i - n], lost[i] = waited, waited > _PATIENCE
-    return after, lost
+        waited[i] = waited[i] + period if due > least[i] and not follows else 0.0
+        if waited[i] > _PATIENCE:
+            losses[i] = min(losses[i], now)

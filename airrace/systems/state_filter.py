@@ -66,46 +66,26 @@ class StateFilter(LeafSystem):
         self._memory = self.DeclareDiscreteState([-1.0, -1.0, *np.zeros(6)])
         self._disturbance = self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Update)
-        self._filtered = self.DeclareVectorOutputPort(
-            "filtered_estimate", se.SIZE, self._CalcEstimate)
+        self.DeclareVectorOutputPort("filtered_estimate", se.SIZE, self._CalcEstimate)
         self.DeclareStateOutputPort("disturbance", self._disturbance)
 
     def _Update(self, context, discrete_state):
-        memory = context.get_discrete_state(self._memory).value()
-        estimate = self._estimate.Eval(context)
-        if not all_finite(estimate):
-            return  # the prediction goes on from the last that was
-        after = np.empty_like(memory)
-        after[_NOW], after[_NEWEST] = estimate[se.TIME], max(estimate[se.TIME], memory[_NEWEST])
-        if memory[_NEWEST] < 0.0 or estimate[se.TIME] > memory[_NEWEST] + _GAP:
-            after[_MOTION] = [*estimate[se.POSITION], *estimate[se.VELOCITY]]
-        elif estimate[se.TIME] > memory[_NEWEST]:
-            after[_MOTION], disturbance = _corrected(
-                memory, estimate, *self._Push(context), self._gain)
-            discrete_state.set_value(self._disturbance, disturbance)
-        else:
-            # As the output has it, which others have asked for already.
-            filtered = self._filtered.Eval(context)
-            after[_NOW] = filtered[se.TIME]
-            after[_MOTION] = [*filtered[se.POSITION], *filtered[se.VELOCITY]]
-        discrete_state.set_value(self._memory, after)
+        _update(discrete_state.get_mutable_value(self._memory),
+                discrete_state.get_mutable_value(self._disturbance),
+                self._estimate.Eval(context), self._speeds.Eval(context), self._thrust_per_mass,
+                self._gain, context.get_time())
 
     def _CalcEstimate(self, context, output):
-        memory = context.get_discrete_state(self._memory).value()
         estimate = self._estimate.Eval(context)
-        if memory[_NEWEST] >= 0.0 and all_finite(estimate):
-            estimate = _carried_forward(
-                memory, estimate, *self._Push(context), context.get_time())
+        _carry_forward(
+            estimate, context.get_discrete_state(self._memory).value(),
+            context.get_discrete_state(self._disturbance).value(), self._speeds.Eval(context),
+            self._thrust_per_mass, context.get_time())
         output.set_value(estimate)
 
-    def _Push(self, context) -> tuple:
-        """Returns what accelerates the drone but gravity: thrust per mass, and disturbance."""
-        thrust = _thrust_per_mass(self._speeds.Eval(context), self._thrust_per_mass)
-        return thrust, context.get_discrete_state(self._disturbance).value()
 
-
-@compiled
-def _thrust_per_mass(speeds, coefficients) -> float:
+@compilable
+def _thrust(speeds, coefficients) -> float:
     """Returns the thrust per mass of the rotors that report a speed (m/s^2)."""
     thrust = 0.0
     for i in range(len(speeds)):
@@ -115,47 +95,78 @@ def _thrust_per_mass(speeds, coefficients) -> float:
 
 
 @compilable
-def _motion(memory, quaternion, thrust, disturbance, time):
-    """Returns position and velocity at a time, (6,), carried forward from the memory's."""
+def _move(motion, quaternion, thrust, disturbance, dt):
+    """Carries position and velocity, (6,), forward.
+
+    Args:
+        quaternion: of R_WB, (4,).
+        thrust: per mass (m/s^2). disturbance: see StateFilter.
+        dt: (s).
+    """
     _, _, up = columns(*quaternion)
-    motion, dt = np.empty(6), time - memory[_NOW]
     for i in range(3):
         a = thrust * up[i] + disturbance[i] - (GRAVITY if i == 2 else 0.0)
-        p, v = memory[_MOTION.start + i], memory[_MOTION.start + 3 + i]
+        p, v = motion[i], motion[3 + i]
         motion[i], motion[3 + i] = p + dt * (v + 0.5 * dt * a), v + dt * a
-    return motion
 
 
 @compiled
-def _carried_forward(memory, estimate, thrust, disturbance, time):
-    """Returns the estimate for a time, (14,)."""
-    quaternion = predict_quaternion(estimate, time)
-    motion = _motion(memory, quaternion, thrust, disturbance, time)
-    result = estimate.copy()
-    result[se.TIME] = time
+def _carry_forward(estimate, memory, disturbance, speeds, coefficients, time):
+    """Makes the estimate for a time of the newest one, (14,), which stays if it is not finite."""
+    if memory[_NEWEST] < 0.0 or not all_finite(estimate):
+        return
+    quaternion, motion = predict_quaternion(estimate, time), memory[_MOTION].copy()
+    _move(motion, quaternion, _thrust(speeds, coefficients), disturbance, time - memory[_NOW])
+    estimate[se.TIME] = time
     for i in range(4):
-        result[se.QUATERNION.start + i] = quaternion[i]
+        estimate[se.QUATERNION.start + i] = quaternion[i]
     for i in range(3):
-        result[se.POSITION.start + i] = motion[i]
-        result[se.VELOCITY.start + i] = motion[3 + i]
-    return result
+        estimate[se.POSITION.start + i] = motion[i]
+        estimate[se.VELOCITY.start + i] = motion[3 + i]
 
 
 @compiled
-def _corrected(memory, estimate, thrust, disturbance, gain):
-    """Returns position and velocity at the time of a new estimate, (6,); disturbance, (3,)."""
-    time = estimate[se.TIME]
-    motion = _motion(memory, predict_quaternion(estimate, time), thrust, disturbance, time)
-    after, found = np.empty(6), disturbance.copy()
+def _update(memory, disturbance, estimate, speeds, coefficients, gain, now):
+    """Takes in an estimate, if it is new; else goes on to the present.
+
+    Args:
+        memory, disturbance: changed; see StateFilter.
+        estimate: (14,).
+        speeds: of the rotors, as reported (rad/s), (n,).
+        coefficients: of their thrusts per mass, (n,).
+        gain: see kalman_gain().
+        now: (s).
+    """
+    if not all_finite(estimate):
+        return  # the prediction goes on from the last that was
+    time, motion = estimate[se.TIME], memory[_MOTION]
+    is_new, begins = time > memory[_NEWEST], memory[_NEWEST] < 0.0 or time > memory[_NEWEST] + _GAP
+    if begins:
+        motion[:3], motion[3:] = estimate[se.POSITION], estimate[se.VELOCITY]
+    else:
+        until = time if is_new else now
+        thrust = _thrust(speeds, coefficients)
+        _move(motion, predict_quaternion(estimate, until), thrust, disturbance,
+              until - memory[_NOW])
+        if is_new:
+            _correct(motion, disturbance, estimate, thrust >= _FLYING * GRAVITY, gain)
+    memory[_NOW] = time if is_new or begins else now
+    memory[_NEWEST] = max(time, memory[_NEWEST])
+
+
+@compilable
+def _correct(motion, disturbance, estimate, flying, gain):
+    """Corrects position, velocity and, if it flies, disturbance by an estimate of that time."""
     for i in range(3):
         e_p = estimate[se.POSITION.start + i] - motion[i]
         e_v = estimate[se.VELOCITY.start + i] - motion[3 + i]
-        after[i] = motion[i] + gain[0, 0] * e_p + gain[0, 1] * e_v
-        after[3 + i] = motion[3 + i] + gain[1, 0] * e_p + gain[1, 1] * e_v
-        if thrust >= _FLYING * GRAVITY:
-            found[i] += gain[2, 0] * e_p + gain[2, 1] * e_v
-    length = math.sqrt(dot(found, found))
-    return after, min(1.0, _MAX_DISTURBANCE / max(length, 1e-9)) * found
+        motion[i] = motion[i] + gain[0, 0] * e_p + gain[0, 1] * e_v
+        motion[3 + i] = motion[3 + i] + gain[1, 0] * e_p + gain[1, 1] * e_v
+        if flying:
+            disturbance[i] += gain[2, 0] * e_p + gain[2, 1] * e_v
+    length = math.sqrt(dot(disturbance, disturbance))
+    for i in range(3):
+        disturbance[i] *= min(1.0, _MAX_DISTURBANCE / max(length, 1e-9))
 
 
 @compilable

@@ -78,7 +78,7 @@ def main(argv=None) -> int:
                         help="of packets of 1472 bytes; without delay")
     parser.add_argument("--laps", type=int, default=2)
     parser.add_argument("--track", default="student-airrace")
-    parser.add_argument("-t", "--trajectory", default="6")
+    parser.add_argument("-t", "--trajectory", default="optimal")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, metavar="FILE", help="the rows as JSON, too")
     args = parser.parse_args(argv)

@@ -65,7 +65,7 @@ def make_parser() -> argparse.ArgumentParser:
     run = parser.add_argument_group("the run")
     run.add_argument("--output", type=Path, metavar="DIR",
                      help="where the results go, a folder without a race in it "
-                     "(default: runs/<UTC time>-<track>-<drone>-<t>d)")
+                     "(default: runs/<UTC time>-<track>-<drone>-<t>)")
     run.add_argument("--meshcat", action=argparse.BooleanOptionalAction, default=True,
                      help="show the race in a browser and leave a replay (default: yes)")
     run.add_argument("--report", action=argparse.BooleanOptionalAction, default=True,
@@ -96,9 +96,10 @@ def add_drone_options(group) -> None:
                        help="a shipped drone, Default or StarOne, or the folder of your own "
                        "(default: Default)")
     group.add_argument("-t", "--trajectory", choices=("3", "4", "6", "optimal"),
-                       help="dimensions of the lap planner: 3 = x, y, z; 4 = and yaw along the "
-                       "gates' headings; 6 = and roll = pitch = 0 at the gates; optimal = the "
-                       "quickest laps within the limits, anywhere through the gates (default: 6)")
+                       help="optimal = the quickest laps within the limits, anywhere through the "
+                       "gates; or minimum snap through their midpoints: 3 = of x, y, z; 4 = and "
+                       "yaw along the gates' headings; 6 = and roll = pitch = 0 at the gates "
+                       "(default: optimal)")
     group.add_argument("--limits", metavar="original|rotor|v=..,a=..",
                        help="what laps keep to: original = 20 m/s and 10 m/s^2; rotor = nothing "
                        "but what the rotors can do; or limits of your own in m/s and m/s^2, such "
@@ -158,7 +159,7 @@ def resolve_scenario(args):
 
 
 def default_output_dir(track_name: str, drone_name: str, trajectory: str) -> Path:
-    """Returns runs/<UTC time>-<track>-<drone>-<t>d, or ...-optimal."""
+    """Returns runs/<UTC time>-<track>-<drone>-<t>; t is 3d, 4d, 6d or optimal."""
     stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
     # Tracks and drones may be called anything; a folder is typed and quoted in shells.
     track, drone = (re.sub(r"[^\w.-]+", "-", name)[:60] for name in (track_name, drone_name))

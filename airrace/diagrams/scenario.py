@@ -85,9 +85,10 @@ class PlannerConfig:
     """Section V of the report."""
 
     rate: float = 20.0  # Hz
-    latency: float = 0.5  # s, declared: from the map to the plan in force
+    latency: float = 1.0  # s, declared: from the map to the plan in force
     limits: str = "original"  # or "rotor", or such as "v=15,a=8"; see airrace/limits.py
     thrust_share: float = 0.9  # of the rotors' limits: the rest is for the controller
+    first_lap_move: float = 1.0  # m, by which gates may have moved since they were explored
 
 
 @dc.dataclass
@@ -110,7 +111,7 @@ class Scenario:
     track: str = "student-airrace"  # name of a shipped track, or a file
     drone: str = "Default"  # a shipped drone, or the folder of one
     laps: int = 10
-    trajectory: str = "6"  # dimensions of minimum-snap laps, 3, 4 or 6; or "optimal" in time
+    trajectory: str = "optimal"  # in time; or dimensions of minimum-snap laps, 3, 4 or 6
     seed: int = 0
 
     # The simulated world.

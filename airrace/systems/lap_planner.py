@@ -83,7 +83,7 @@ class LapPlanner(LeafSystem):
             trajectory=trajectory, vehicle=vehicle, max_speed=max_speed,
             max_acceleration=max_acceleration, thrust_share=config.thrust_share)
         FlightLimits(vehicle, thrust_share=config.thrust_share).check()
-        self._latency = config.latency
+        self._latency, self._first_lap_move = config.latency, config.first_lap_move
         self._solve = solve
         self._submit = None
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
@@ -179,7 +179,8 @@ class LapPlanner(LeafSystem):
         # The gates to fly through first, then all others to keep clear of.
         gates = tuple(known.pop(number) for number in found)
         every = (*gates, *known.values())
-        moved = 0.0 if old is NO_PLAN else largest_move(every, memory.tried_gates)
+        # Until a lap has shown whether gates move, and how far, they may have.
+        moved = self._first_lap_move if old is NO_PLAN else largest_move(every, memory.tried_gates)
         return LapProblem(
             **self._fixed,
             gates=gates,

@@ -4,7 +4,7 @@ import numpy as np
 
 _CONTROLLER = 0.3  # m, for what the controller leaves, and the estimate of the state
 _SIGMAS = 3.0
-_MOST = 1.0  # m, for the map; more, and there would be no way through a gate
+_MOST, _SHARE = 1.0, 1 / 8  # m, for the map, and of a gate's width: there must be a way through
 _NOISE = 0.1  # m, that better sightings move a gate, without its having moved
 _CHANGED = 0.02  # m, by which a map differs from one that gave no plan
 _TURN = 5.0  # m, from a gate's midpoint to what turns with its heading
@@ -18,7 +18,7 @@ def pylon_margins(gates, markers, moved: float = 0.0) -> np.ndarray:
     Args:
         gates: GateEstimates, n of them; left and right pylons take turns in the result.
         markers: MarkerEstimates of the map. Those of a pylon that are missing say nothing.
-        moved: how far gates of this map move from one lap to the next (m); as far, any
+        moved: how far gates of this map may move from one lap to the next (m); as far, any
             may have moved when the drone is back.
     """
     sigmas = {}
@@ -28,7 +28,8 @@ def pylon_margins(gates, markers, moved: float = 0.0) -> np.ndarray:
         sigmas[pylon] = max(sigmas.get(pylon, 0.0), sigma if np.isfinite(sigma) else _MOST)
     room = np.array([
         _SIGMAS * sigmas.get(2 * gate.number + side, 0.0) for gate in gates for side in (0, 1)])
-    return _CONTROLLER + np.minimum(room + (moved if moved > _NOISE else 0.0), _MOST)
+    most = np.repeat([min(_MOST, _SHARE * gate.spacing) for gate in gates], 2)
+    return _CONTROLLER + np.minimum(room + (moved if moved > _NOISE else 0.0), most)
 
 
 def has_changed(gates, before) -> bool:

@@ -62,14 +62,14 @@ def test_a_log_where_there_is_no_terminal():
     Race(console).fly()
     lines = console.file.getvalue().splitlines()
     assert lines[:4] == [
-        "airrace: Default on student-airrace, 6-D, seed 0, 2 laps",
+        "airrace: Default on student-airrace, optimal, seed 0, 2 laps",
         "[    0.0 s] CALIBRATE: power on",
         "[    2.9 s] HOVER: reached the hover height",
         "[    5.9 s] FLY_TO_GATE: gate 1",
     ]
     assert lines[5:7] == ["[   20.0 s] lap 1: 10.00 s", "[   30.0 s] lap 2: 10.00 s"]
     assert lines[-2:] == [
-        "Finished: mean lap 10.00 s, best 10.00 s (the original system: mean 41.21 s); "
+        "Finished: mean lap 10.00 s, best 10.00 s (the original system: mean 40.60 s); "
         "12 s of work, 2.5 x real time.",
         "Results: runs/here",
     ]
@@ -125,7 +125,7 @@ def test_names_are_printed_as_they_are():
     race.look(0.1)
     output = f"runs/{name}/{'x' * 80}"
     race.display.print_summary(race.record.data(1.0, name), output)
-    for line in (f"on {name}, 6-D", f"Did not finish: {name};", f"Results: {output}\n"):
+    for line in (f"on {name}, optimal", f"Did not finish: {name};", f"Results: {output}\n"):
         assert line in console.file.getvalue()
 
 

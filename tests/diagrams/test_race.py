@@ -258,7 +258,7 @@ class TestOptions:
     def test_defaults(self):
         scenario = self.resolve()
         assert (scenario.track, scenario.drone) == ("student-airrace", "Default")
-        assert (scenario.laps, scenario.trajectory, scenario.seed) == (10, "6", 0)
+        assert (scenario.laps, scenario.trajectory, scenario.seed) == (10, "optimal", 0)
         assert scenario.camera.renderer == "planar"
         assert scenario.simulator_config.target_realtime_rate == 0.0
 
@@ -309,8 +309,8 @@ class TestOptions:
         # Every default, and it is the one that the scenario has.
         text = " ".join(text.replace("student-\n", "student-").split())
         text = text.replace("student- airrace", "student-airrace")
-        for default in ("Default", "SITL,", "6", "student-airrace", "10", "0", "planar,",
-                        "runs/<UTC time>-<track>-<drone>-<t>d", "yes", "Defaults"):
+        for default in ("Default", "SITL,", "optimal", "student-airrace", "10", "0", "planar,",
+                        "runs/<UTC time>-<track>-<drone>-<t>", "yes", "Defaults"):
             assert f"(default: {default}" in text
         for word in ("examples:", "race.json", "map.json", "scenario.yaml", "race.html",
                      "Exit codes: 0 finished, 1 did not finish, 2 bad input."):
@@ -335,11 +335,11 @@ def test_the_reference_track(folder, capsys, drone):
     assert data["finished"] and data["collisions"] == 0
     assert data["exploration"]["success"] and data["exploration"]["gates_found"] == 10
     assert len(data["laps"]) == 1 and len(data["laps"][0]["gate_times_s"]) == 10
-    assert data["laps"][0]["time_s"] < 41.21  # the original system's mean
+    assert data["laps"][0]["time_s"] < 20.75  # what a point mass takes through the midpoints
     gates = json.loads((folder / "out" / "map.json").read_text())["gates"]
     assert [gate["gate"] for gate in gates] == list(range(1, 11))
     out, err = capsys.readouterr()
-    assert "(the original system: mean 41.21 s)" in out and err == ""
+    assert "(the original system: mean 40.60 s)" in out and err == ""
 
 
 class TestOutput:
@@ -373,7 +373,7 @@ class TestOutput:
             (folder / "my_drone" / name).write_text(text)
         assert main(["-d", "my_drone/", *SHORT]) == 1
         path, = (folder / "runs").iterdir()
-        assert path.name.endswith("-student-airrace-..-my-Drone-6d")
+        assert path.name.endswith("-student-airrace-..-my-Drone-optimal")
         assert json.loads((path / "race.json").read_text())["drone"] == "../my Drone"
         left = path / "scenario.yaml"
         assert load_scenario(filename=str(left)).drone == str(folder / "my_drone")

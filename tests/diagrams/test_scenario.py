@@ -168,7 +168,7 @@ def test_defaults_then_file_then_text(tmp_path):
         "Other: {laps: 5, boxes: {explorer: a:b}}\n"
     )
     scenario = load_scenario(filename=str(path))
-    assert (scenario.laps, scenario.seed, scenario.trajectory) == (2, 3, "6")
+    assert (scenario.laps, scenario.seed, scenario.trajectory) == (2, 3, "optimal")
     assert (scenario.explorer.max_speed, scenario.explorer.rate) == (4.0, 10.0)
     assert scenario.explorer.step_length == Scenario().explorer.step_length
     assert load_scenario(filename=str(path), scenario_name="Other").laps == 5

@@ -4,13 +4,15 @@ import functools
 
 import numpy as np
 
-from airrace.compiled import compiled
+from airrace.compiled import compilable, compiled
 from airrace.random import make_generator
 from airrace.rendering.pixels import LUMA, deep, whole
 
 _LUMA = np.float32(LUMA)
 _MARGIN = 256  # of the sheet of noise beyond a picture (px)
-_MOST = 5.0  # standard normal numbers beyond that are cut off
+_BLOCK = 1024  # pictures whose places in it are drawn together
+_STEPS = 25.0  # of noise, a standard deviation; beyond 127 of them it is cut off
+_ZERO, _HALF, _ONE, _WHITEST = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(255.0)
 
 
 class Sensor:
@@ -37,25 +39,29 @@ class Sensor:
             shot_noise: variance for each grey level of brightness.
             seed: of the noise, >= 0.
         """
-        self._brightness = np.float32(gain * (1 - vignetting * _loss(camera_info)))
         self._changes = gain != 1 or vignetting != 0
         self._noisy = read_noise > 0 or shot_noise > 0
-        shape = camera_info.height + _MARGIN, camera_info.width + _MARGIN
-        # Of a standard deviation for each sample of noise, by brightness.
-        self._sigma = np.float32(np.sqrt(read_noise**2 + shot_noise * np.arange(256)))
-        self._sheet = np.zeros((0, 0), np.float32)
+        K, w, h = camera_info.K, camera_info.width, camera_info.height
+        # Squared tangents of the angle off axis, along a row and down a column.
+        self._off_axis = (np.float32(((np.arange(w) - K[0, 2]) / K[0, 0]) ** 2),
+                          np.float32(((np.arange(h) - K[1, 2]) / K[1, 1]) ** 2))
+        most = 1 - (1 + sum(tan2.max() for tan2 in self._off_axis)) ** -2.0
+        self._light = gain, vignetting / most
+        self._variance = read_noise**2, shot_noise
+        self._sheet = np.zeros((0, 0), np.int8)
         if not self._noisy:
             return
 
         @functools.lru_cache(maxsize=2)
-        def place(frame):
-            rng = make_generator(seed, "camera_noise_place", frame)
-            y, x, turned = rng.integers([_MARGIN + 1, _MARGIN + 1, 2]).tolist()
-            return y, x, 1.0 - 2.0 * turned
+        def places(block):
+            rng = make_generator(seed, "camera_noise_place", block)
+            return rng.integers([_MARGIN + 1, _MARGIN + 1, 2], size=(_BLOCK, 3)).tolist()
 
-        self._place = place  # in the sheet, and whether it is turned over
+        self._places = places  # in the sheet, and whether it is turned over
         rng = make_generator(seed, "camera_noise_sheet")
-        self._sheet = np.clip(rng.standard_normal(shape, np.float32), -_MOST, _MOST)
+        sheet = rng.standard_normal((h + _MARGIN, w + _MARGIN), np.float32)
+        # Bytes, because most of the time is spent on fetching them.
+        self._sheet = np.clip(np.round(_STEPS * sheet), -127, 127).astype(np.int8)
 
     def expose(self, image, frame: int, boxes=None) -> None:
         """Changes a picture in place; opaque pixels stay opaque.
@@ -68,60 +74,63 @@ class Sensor:
         """
         if self._changes or self._noisy:
             boxes = np.array([whole(image)] if boxes is None else boxes, np.int64).reshape(-1, 4)
-            place = self._place(frame) if self._noisy else (0, 0, 0.0)
-            _expose(deep(image), boxes, self._brightness, self._sigma, self._sheet, *place)
+            y, x, turned = 0, 0, 0
+            if self._noisy:
+                y, x, turned = self._places(frame // _BLOCK)[frame % _BLOCK]
+            _expose(deep(image), boxes, *self._light, *self._off_axis, *self._variance,
+                    self._sheet, y, x, (1.0 - 2.0 * turned) / _STEPS)
 
 
 @compiled
-def _expose(image, boxes, brightness, sigma, sheet, y, x, sign):
+def _expose(image, boxes, gain, vignetting, across, down, read, shot, sheet, y, x, step):
     """Does to boxes of a picture, (h, w, channels), what Sensor says.
 
     Args:
-        brightness: factor on each pixel, (h, w).
-        sigma: of the noise, by brightness, (256,).
-        sheet: of standard normal numbers; empty for no noise.
+        gain: on the brightness.
+        vignetting: what is lost of it, per 1 - cos^4 of the angle off axis.
+        across, down: its squared tangents, along a row, (w,), and a column, (h,).
+        read, shot: variance of the noise in the dark, and for each grey level.
+        sheet: of normal numbers; empty for no noise.
         y, x: the place in the sheet that is the picture's first pixel.
-        sign: on the noise.
+        step: what 1 is there, in standard deviations, with a sign.
     """
-    channels, half = image.shape[2], np.float32(0.5)
-    noisy, sign = len(sheet) > 0, np.float32(sign)
-    zero, most = np.float32(0.0), np.float32(255.0)
-    flat = image.reshape(len(image), -1)
+    channels = image.shape[2]
+    gain, vignetting, step = np.float32(gain), np.float32(vignetting), np.float32(step)
+    read, shot = np.float32(read), np.float32(shot)
+    silence = np.zeros(image.shape[1], np.int8)
     for x0, y0, x1, y1 in boxes:
-        width = x1 - x0
-        grey, noise = np.empty(width, np.float32), np.zeros(width, np.float32)
+        aside = across[x0:x1]
+        factors, noise = np.empty(len(aside), np.float32), np.empty(len(aside), np.float32)
         for row in range(y0, y1):
-            pixels, factors = image[row, x0:x1], brightness[row, x0:x1]
-            if noisy:
-                if channels == 1:
-                    only = flat[row, x0:x1]
-                    for k in range(width):
-                        grey[k] = min(factors[k] * np.float32(only[k]), most)
-                else:
-                    for k in range(width):
-                        level = np.float32(0.0)
-                        for c in range(3):
-                            level += _LUMA[c] * np.float32(pixels[k, c])
-                        grey[k] = min(factors[k] * level, most)
-                samples = sheet[y + row, x + x0:x + x1]
-                for k in range(width):
-                    noise[k] = sign * sigma[np.int64(grey[k] + half)] * samples[k]
+            samples = sheet[y + row, x + x0:x + x1] if len(sheet) > 0 else silence[x0:x1]
+            for k in range(len(aside)):
+                cos2 = _ONE / (_ONE + aside[k] + down[row])
+                factors[k] = gain * (_ONE - vignetting * (_ONE - cos2 * cos2))
             if channels == 1:
-                only = flat[row, x0:x1]
-                for k in range(width):
-                    level = factors[k] * np.float32(only[k]) + noise[k] + half
-                    only[k] = np.uint8(np.int32(min(max(level, zero), most)))
-            else:
-                for k in range(width):
-                    for c in range(3):
-                        level = factors[k] * np.float32(pixels[k, c]) + noise[k] + half
-                        pixels[k, c] = np.uint8(np.int32(min(max(level, zero), most)))
+                only = image.reshape(len(image), -1)[row, x0:x1]
+                for k in range(len(aside)):
+                    level = factors[k] * np.float32(only[k])
+                    only[k] = _grey_level(
+                        level + step * np.float32(samples[k]) * _sigma(level, read, shot))
+                continue
+            pixels = image[row, x0:x1]
+            for k in range(len(aside)):
+                level = _LUMA[0] * np.float32(pixels[k, 0])
+                for c in range(1, 3):
+                    level += _LUMA[c] * np.float32(pixels[k, c])
+                noise[k] = step * np.float32(samples[k]) * _sigma(factors[k] * level, read, shot)
+            for k in range(len(aside)):
+                for c in range(3):
+                    pixels[k, c] = _grey_level(factors[k] * np.float32(pixels[k, c]) + noise[k])
 
 
-def _loss(camera_info):
-    """Returns 1 - cos^4 of the angle off axis, as a share of its greatest, (h, w)."""
-    K = camera_info.K
-    x = (np.arange(camera_info.width) - K[0, 2]) / K[0, 0]
-    y = (np.arange(camera_info.height) - K[1, 2]) / K[1, 1]
-    loss = 1 - (1 + x[None, :] ** 2 + y[:, None] ** 2) ** -2.0
-    return loss / loss.max()
+@compilable
+def _sigma(level, read, shot):
+    """Returns the standard deviation of the noise at a brightness."""
+    return np.sqrt(read + shot * min(level, _WHITEST))
+
+
+@compilable
+def _grey_level(level):
+    """Returns it as a pixel has it."""
+    return np.uint8(np.int32(min(max(level + _HALF, _ZERO), _WHITEST)))

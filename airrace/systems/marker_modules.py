@@ -7,6 +7,7 @@ import numpy as np
 
 from airrace.compiled import compiled
 from airrace.systems.pixels import as_pixels, grey_level
+from airrace.track import BOARD_SIZE, MARKER_SIZE
 
 DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
 _MODULES = 7  # a side, with the black frame
@@ -26,6 +27,34 @@ def misread_modules(grey, corners, id) -> int:
         id: what the marker was read as.
     """
     return _misread(as_pixels(grey), np.ascontiguousarray(corners, float), _modules(id))
+
+
+def read_marker(grey, quad) -> tuple | None:
+    """Reads a square that may be any marker of the dictionary, or the board around one.
+
+    Args:
+        grey: the image, (h, w), uint8.
+        quad: corners, clockwise as seen, (4, 2) px.
+
+    Returns:
+        ID, and the marker's corners, top left first as it is read; None if it is none.
+    """
+    grey, quad = as_pixels(grey), np.ascontiguousarray(quad, float)
+    for corners in (quad, _within(quad, MARKER_SIZE / BOARD_SIZE)):
+        if (code := _code(grey, corners)) in _codes():
+            id, first = _codes()[code]
+            return id, np.roll(corners, -first, axis=0)
+    return None
+
+
+@functools.cache
+def _codes() -> dict:
+    """Returns, by what _code() reads, the ID and which corner is the top left one."""
+    bits = np.unpackbits(DICTIONARY.bytesList, axis=2).astype(int)  # (n, quarter turns, 32)
+    codes = np.concatenate([bits[:, :, :24], bits[:, :, 31:]], axis=2) @ 2 ** np.arange(25)
+    # The last one counts: marker 1023 looks the same upside down.
+    return {code: (id, -turns % 4)
+            for turns in (3, 2, 1, 0) for id, code in enumerate(codes[:, turns].tolist())}
 
 
 @functools.cache
@@ -54,6 +83,23 @@ def _misread(grey, corners, white):
 
 
 @compiled
+def _code(grey, quad) -> int:
+    """Returns the inner modules of a square as bits, -1 if its frame is not black."""
+    levels = _module_levels(grey, quad)
+    last, middle = _MODULES - 1, (levels.max() + levels.min()) / 2
+    code, bit = 0, 1
+    for i in range(_MODULES):
+        for j in range(_MODULES):
+            white = levels[i, j] > middle
+            if i in (0, last) or j in (0, last):
+                if white:
+                    return -1
+            else:
+                code, bit = code + white * bit, 2 * bit
+    return code
+
+
+@compiled
 def _module_levels(grey, corners):
     """Returns the mean grey level of each module's inner half, (7, 7)."""
     a, b, c, d, e, f, g, h = _square_to_quad(corners)
@@ -67,6 +113,19 @@ def _module_levels(grey, corners):
                     levels[i, j] += grey_level(
                         grey, (a * u + b * v + c) / w, (d * u + e * v + f) / w)
     return levels / len(_WITHIN)**2
+
+
+@compiled
+def _within(quad, share):
+    """Returns the corners of a smaller square in the middle of one, (4, 2)."""
+    a, b, c, d, e, f, g, h = _square_to_quad(quad)
+    corners = np.empty((4, 2))
+    for k in range(4):
+        u = (1.0 + (share if k in (1, 2) else -share)) / 2
+        v = (1.0 + (share if k in (2, 3) else -share)) / 2
+        w = g * u + h * v + 1.0
+        corners[k] = (a * u + b * v + c) / w, (d * u + e * v + f) / w
+    return corners
 
 
 @compiled

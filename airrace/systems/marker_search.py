@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from airrace.systems.camera_view import CameraView
-from airrace.systems.marker_modules import DICTIONARY
+from airrace.systems.marker_modules import DICTIONARY, read_marker
 
 _SMALLEST_SIDE = 15.0  # px, of a square whose modules can be told apart
 # A region is the marker's predicted bounding box and this much around it: for the
@@ -12,6 +12,8 @@ _SMALLEST_SIDE = 15.0  # px, of a square whose modules can be told apart
 _MARGIN = 25.0  # px
 _RELATIVE_MARGIN = 0.3  # in sizes of the box
 _LEAST_SHARE = 0.5  # of the perimeter expected there: modules look like squares, too
+# OpenCV takes 1.5 us for every ID that something is not, and asks for one after the other.
+_USUAL = cv2.aruco.Dictionary(DICTIONARY.bytesList[:80], DICTIONARY.markerSize, 0)
 
 
 class MarkerSearch:
@@ -30,8 +32,12 @@ class MarkerSearch:
             IDs, list of n; and rough corners, top left first, clockwise as the
             marker is read, (n, 4, 2) px.
         """
-        self._detector.setDictionary(DICTIONARY)
-        return self._Detect(image, 4 * _SMALLEST_SIDE)
+        self._detector.setDictionary(_USUAL)
+        ids, quads, rest = self._Detect(image, 4 * _SMALLEST_SIDE)
+        for id, quad in filter(None, (read_marker(image, quad) for quad in rest)):
+            if id >= len(_USUAL.bytesList):
+                ids, quads = [*ids, id], np.concatenate([quads, [quad]])
+        return ids, quads
 
     def around(self, view: CameraView, predictions):
         """Searches a picture for markers near where they are expected.
@@ -53,13 +59,12 @@ class MarkerSearch:
                 perimeters.append(max(_LEAST_SHARE * perimeter, 4 * _SMALLEST_SIDE))
         if not regions:
             return [], np.zeros((0, 4, 2))
-        # OpenCV takes 1.5 us for every ID that something is not.
         expected = np.array(list(predictions), int)
         codes = DICTIONARY.bytesList[expected]
         self._detector.setDictionary(cv2.aruco.Dictionary(codes, DICTIONARY.markerSize, 0))
         picture = view.drawn(*regions)
         for (x0, y0, x1, y1), perimeter in zip(regions, perimeters):
-            ids, quads = self._Detect(picture[y0:y1, x0:x1], perimeter)
+            ids, quads, _ = self._Detect(picture[y0:y1, x0:x1], perimeter)
             # Regions overlap, so a marker may be found in several of them.
             found.update(zip(expected[ids].tolist(), quads + [x0, y0]))
         return list(found), np.reshape(list(found.values()), (-1, 4, 2))
@@ -69,10 +74,9 @@ class MarkerSearch:
         # OpenCV counts perimeters in lengths of the picture's longer side.
         parameters.minMarkerPerimeterRate = least_perimeter / max(grey.shape)
         self._detector.setDetectorParameters(parameters)
-        quads, ids, _ = self._detector.detectMarkers(grey)
-        if ids is None:
-            return [], np.zeros((0, 4, 2))
-        return np.ravel(ids).tolist(), np.reshape(quads, (-1, 4, 2)).astype(float)
+        quads, ids, rest = self._detector.detectMarkers(grey)
+        quads, rest = (np.reshape(each, (-1, 4, 2)).astype(float) for each in (quads, rest))
+        return [] if ids is None else np.ravel(ids).tolist(), quads, rest
 
 
 def _with_margin(coordinates, size) -> tuple[int, int]:

@@ -83,6 +83,15 @@ def test_foreign_ids():
     assert found.markers == () and found.refused == ((checks.FOREIGN_ID, 500),)
 
 
+@pytest.mark.parametrize("id", [79, 80, 500, 1022])
+@pytest.mark.parametrize("quarters", range(4))
+def test_all_ids_are_read_whatever_is_up(id, quarters):
+    X_CM = pose(0.5, 0.3, 12.0, yaw=0.3, roll=quarters * np.pi / 2 + 0.1)
+    (found,) = detect(picture({id: X_CM})).markers
+    assert found.id == id
+    np.testing.assert_allclose(found.corners, project(X_CM), atol=0.15)
+
+
 def test_the_same_id_twice_is_refused():
     grey = np.minimum(picture({4: pose(-3, 0, 12)}), picture({4: pose(3, 0, 12)}))
     assert detect(grey).refused == 2 * ((checks.SEEN_TWICE, 4),)

@@ -65,7 +65,8 @@ def make_table(results) -> Table:
         groups.setdefault(key, []).append(race)
     for (drone, trajectory, limits), races in groups.items():
         laps = [lap for r in races for lap in r["laps"]]
-        row = [drone, trajectory_name(trajectory), limits, f"{sum(r['finished'] for r in races)}/{len(races)}"]
+        row = [drone, trajectory_name(trajectory), limits,
+               f"{sum(r['finished'] for r in races)}/{len(races)}"]
         if laps:
             gaps = [lap["plan"]["over_bound"] for lap in laps if lap["plan"]]
             row += [

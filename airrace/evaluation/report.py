@@ -46,9 +46,9 @@ def write_report(folder: Path, settings: dict, rows: list[dict]) -> dict:
 def title(settings: dict) -> str:
     """Returns what was evaluated, on one line."""
     scenario = settings["scenario"]
-    drone = Path(scenario["drone"]).name
+    drone, kind = Path(scenario["drone"]).name, trajectory_name(scenario["trajectory"])
     return (
-        f"{drone}, {trajectory_name(scenario['trajectory'])}, {settings['scenario_name']}: {settings['tracks']} "
+        f"{drone}, {kind}, {settings['scenario_name']}: {settings['tracks']} "
         f"races of {scenario['laps']} laps, {settings['track']}, seeds from "
         f"{settings['track_seed']}"
     )

@@ -43,8 +43,8 @@ def lap_plan():
     lap = polynomial(6)
     circuit = Circuit(lap, [0.0, 1.0, lap.end_time()], (0.1, 1 / 3), {1: 2.5})
     return LapPlan(2, 1 / 7, FlatTrajectory(polynomial()), circuit, 0.25,
-                   PlanReport(0.5, lap.end_time(), 19.0, 9.5, 4.5, (4.5, 3.0), (0.5, 1.0), 6.0, None,
-                              0.3, ("speed",), 17.5, "Clarabel", 3, True))
+                   PlanReport(0.5, lap.end_time(), 19.0, 9.5, 4.5, (4.5, 3.0), (0.5, 1.0), 6.0,
+                              None, 0.3, ("speed",), 17.5, "Clarabel", 3, True))
 
 
 def values():

@@ -14,6 +14,7 @@ from airrace.diagrams.scenario import PlannerConfig
 from airrace.systems.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.lap_planner import LapPlanner
 from airrace.systems.lap_planning import plan_lap
+from airrace.systems.map_margins import pylon_margins
 from airrace.systems.types import ExplorerStatus, GateEstimate, GateMap, MarkerEstimate
 from airrace.track import load_track
 from airrace.trajopt.circuit import plan_circuit
@@ -44,9 +45,9 @@ class Bench:
     """A LapPlanner whose inputs are constants that a test may change."""
 
     def __init__(self, trajectory="3", gates=GATES, status=DONE, solve=plan_lap, **config):
+        config = PlannerConfig(**{"latency": 0.5, "first_lap_move": 0.05} | config)
         self.planner = LapPlanner(
-            vehicle=VEHICLE, trajectory=str(trajectory), config=PlannerConfig(**config),
-            solve=solve)
+            vehicle=VEHICLE, trajectory=str(trajectory), config=config, solve=solve)
         self.simulator = Simulator(self.planner)
         self.context = self.simulator.get_mutable_context()
         self.fix(gate_map=GateMap(gates=gates), explorer_status=status)
@@ -245,6 +246,22 @@ def test_the_problem_says_how_well_pylons_are_known_and_starts_on_the_old_lap():
     assert problems[1].old is first
     np.testing.assert_array_equal(
         problems[1].start, first.derivatives(problems[1].start_time))
+
+
+def test_the_first_lap_expects_gates_that_move():
+    problems = []
+
+    def solve(problem):
+        problems.append(problem)
+        return plan_lap(problem)
+
+    bench = Bench(solve=solve, first_lap_move=0.8)
+    first = bench.plan_at(1.0)
+    bench.fix(gate_map=GateMap(gates=moved([0.0, 0.05, 0.0])))  # as a better map would be
+    bench.follow(1.0 + 1.2 * first.circuit.duration)
+    still = pylon_margins(GATES, ())
+    np.testing.assert_allclose(problems[0].margins, still + 0.8)
+    np.testing.assert_array_equal(problems[1].margins, still)
 
 
 def test_a_drone_that_cannot_hover_within_the_limits_is_refused():

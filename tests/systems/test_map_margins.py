@@ -42,6 +42,12 @@ def test_there_is_always_a_way_through(sigma):
     np.testing.assert_allclose(margins, LEAST + 1.0)
 
 
+def test_narrow_gates_leave_a_way_through():
+    narrow = dc.replace(GATES[0], spacing=4.0)
+    np.testing.assert_allclose(
+        pylon_margins((narrow, GATES[1]), (), moved=1.0), LEAST + np.array([0.5, 0.5, 1.0, 1.0]))
+
+
 def test_gates_that_move_may_move_again():
     assert pylon_margins(GATES, (), moved=0.05).max() == LEAST  # sightings got better
     np.testing.assert_allclose(pylon_margins(GATES, (), moved=0.6), LEAST + 0.6)

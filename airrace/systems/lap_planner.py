@@ -16,6 +16,7 @@ from airrace.trajopt.flight_limits import FlightLimits
 from airrace.vehicle import Vehicle
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
+_AMPLE = 1.5  # times as long as the search that took too long
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -26,6 +27,8 @@ class _Memory(Immutable):
         plan: in force.
         pending: the one that will replace it, or None.
         job: the search for that one, if it goes on elsewhere, or None.
+        latency: from the map to the plan in force (s), longer than declared after a
+            search elsewhere took too long.
         tried_at: when the planner last looked for one (s).
         tried_lap: the lap at whose end that plan was to come into force.
         tried_gates: tuple of GateEstimate that it knew of.
@@ -34,6 +37,7 @@ class _Memory(Immutable):
     plan: LapPlan = NO_PLAN
     pending: LapPlan | None = None
     job: object = None
+    latency: float = 0.0
     tried_at: float = -np.inf
     tried_lap: int = 0
     tried_gates: tuple = ()
@@ -60,7 +64,8 @@ class LapPlanner(LeafSystem):
     lap through the gates that the explorer found, in its order. It does so
     again in every lap, such that the plan, which comes into force one declared
     latency later, does so once the last gate has been passed, and goes on from
-    the state that the old one has then. If there is no such plan, or it would be
+    the state that the old one has then. (Where plans are searched for elsewhere, one
+    that comes too late is not flown, and the next is asked for earlier.) If there is no such plan, or it would be
     slower without need, the old one goes on, since a lap can be repeated; before
     the first, the planner tries again when the map has changed.
     """
@@ -83,13 +88,13 @@ class LapPlanner(LeafSystem):
             trajectory=trajectory, vehicle=vehicle, max_speed=max_speed,
             max_acceleration=max_acceleration, thrust_share=config.thrust_share)
         FlightLimits(vehicle, thrust_share=config.thrust_share).check()
-        self._latency, self._first_lap_move = config.latency, config.first_lap_move
+        self._first_lap_move = config.first_lap_move
         self._solve = solve
         self._submit = None
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self._reference = self.DeclareVectorInputPort("exploration_reference", SIZE)
-        self._memory = self.DeclareAbstractState(Value[object](_Memory()))
+        self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._Update)
         self.DeclareAbstractOutputPort(
             "lap_plan",
@@ -125,10 +130,13 @@ class LapPlanner(LeafSystem):
         elif memory.job is not None:
             if not memory.job.done():
                 return
-            plan = _in_time(memory.job.result(), now)
+            found = memory.job.result()
+            plan = _in_time(found, now)
             after = dc.replace(memory, job=None, pending=plan)
+            if found is not None and plan is None:
+                after = dc.replace(after, latency=_AMPLE * (now - memory.tried_at))
         elif self._IsTime(context, memory, now):
-            start_time = now + self._latency
+            start_time = now + memory.latency
             problem = self._Problem(context, memory, start_time)
             elsewhere = problem is not None and self._submit is not None
             after = dc.replace(
@@ -158,7 +166,7 @@ class LapPlanner(LeafSystem):
             gates = self._map.Eval(context).gates
             first = not np.isfinite(memory.tried_at)
             return waited and (first or has_changed(gates, memory.tried_gates))
-        plan, start_time = memory.plan, now + self._latency
+        plan, start_time = memory.plan, now + memory.latency
         last_leg = plan.circuit.duration - plan.circuit.gate_times[-2]
         return (
             plan.next_start(start_time) - start_time <= last_leg + 1e-9

@@ -65,9 +65,10 @@ class LapPlanner(LeafSystem):
     again in every lap, such that the plan, which comes into force one declared
     latency later, does so once the last gate has been passed, and goes on from
     the state that the old one has then. (Where plans are searched for elsewhere, one
-    that comes too late is not flown, and the next is asked for earlier.) If there is no such plan, or it would be
-    slower without need, the old one goes on, since a lap can be repeated; before
-    the first, the planner tries again when the map has changed.
+    that comes too late is not flown, and the next is asked for earlier.) If there is
+    no such plan, or it would be slower without need, the old one goes on, since a lap
+    can be repeated; before the first, the planner tries again when the map has
+    changed.
     """
 
     def __init__(self, *, vehicle: Vehicle, trajectory: str, config, solve=plan_lap):

@@ -18,6 +18,7 @@ from airrace.vehicle import Vehicle
 _MAP_PERIOD = 1.0  # s between two writes of a map that changed
 _PATH_PERIOD, _PATH_POINTS = 1.0, 150  # s; how many of the last looks a path shows
 _LOOKS = 10.0  # Hz, at the way flown
+_PATIENCE = 4 / 3  # periods, that a picture may come after the last
 _OLD_PLANS = 3  # shown beside the one in force
 
 
@@ -47,7 +48,9 @@ class RaceRecorder(LeafSystem):
 
     All are as the systems that they come from describe them. What is not connected
     is not recorded. States are written at their rate, everything else when it is
-    new, within a period of the camera. Nothing in the race depends on it: it only
+    new, within a period of the camera. Pictures that the detector has looked at as a
+    whole are preferred, so that they may be up to a third farther apart than their
+    rate says. Nothing in the race depends on it: it only
     publishes, and what it remembers is what the file holds already.
     """
 
@@ -89,7 +92,7 @@ class RaceRecorder(LeafSystem):
         self._ports |= {name: self.DeclareAbstractInputPort(name, _Model(value))
                         for name, value in values.items()}
         # Of what was written last. It is output, not state: see the class.
-        self._written, self._map_time = {}, -np.inf
+        self._written, self._map_time, self._image_time = {}, -np.inf, -np.inf
         self._path, self._plans = [], []
         self._start, self._events, self._crossings = None, 0, 0
         self.DeclarePeriodicPublishEvent(1 / config.state_rate, 0.0, self._WriteStates)
@@ -97,7 +100,7 @@ class RaceRecorder(LeafSystem):
         self.DeclarePeriodicPublishEvent(1 / config.pose_rate, 0.0, self._WritePoses)
         self.DeclarePeriodicPublishEvent(1 / _LOOKS, 0.0, self._WritePath)
         if pictures:
-            self.DeclarePeriodicPublishEvent(1 / config.image_rate, 0.0, self._WriteImage)
+            self.DeclarePeriodicPublishEvent(1 / fps, 0.0, self._WriteImage)
         self.DeclarePeriodicPublishEvent(
             config.flush_period, 0.0, lambda context: self._log.flush())
 
@@ -231,12 +234,19 @@ class RaceRecorder(LeafSystem):
         return min(1.0, self._config.image_width / info.width)
 
     def _WriteImage(self, context):
-        view, info = self._Value(context, "camera_view"), self._Value(context, "camera_info")
-        if view is None or info is None:
+        # A whole picture is several times the work of the parts that the detector mostly
+        # looks at. It is worth waiting a little for one that it has looked at as a whole.
+        time = context.get_time()
+        periods = (time - self._image_time) * self._config.image_rate + 1e-6
+        if periods < 1.0:
             return
+        view, info = self._Value(context, "camera_view"), self._Value(context, "camera_info")
+        if view is None or info is None or (periods < _PATIENCE and not view.is_complete):
+            return
+        self._image_time = time
         scale = self._Scale(info)
         jpeg = messages.jpeg(view.whole(), scale, self._config.jpeg_quality)
-        time, (image_time,) = context.get_time(), self._Value(context, "camera_image_time")
+        image_time, = self._Value(context, "camera_image_time")
         self._log.write("/camera/image", time, messages.image(image_time, jpeg))
         self._log.write("/camera/calibration", time,
                         messages.calibration(image_time, info, scale))

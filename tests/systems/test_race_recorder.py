@@ -102,14 +102,29 @@ def test_states_are_written_at_their_rate(path):
 
 
 def test_pictures_are_as_many_and_as_small_as_wanted(path):
-    recording = Recording(path, image_rate=4.0, image_width=32)
+    recording = Recording(path, image_rate=5.0, image_width=32)
     recording.fly(1.01)
     messages = recording.messages()
-    assert len(messages["/camera/image"]) == len(messages["/camera/calibration"]) == 5
+    assert len(messages["/camera/image"]) == len(messages["/camera/calibration"]) == 6
     image, calibration = messages["/camera/image"][0][1], messages["/camera/calibration"][0][1]
     assert image.timestamp.nanos == calibration.timestamp.nanos == 250_000_000
     picture = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
     assert picture.shape == (18, 32) == (calibration.height, calibration.width)
+
+
+@pytest.mark.parametrize("somebody_looks, count", [(False, 4), (True, 6)])
+def test_pictures_that_are_drawn_anyway_come_first(path, somebody_looks, count):
+    recording = Recording(path, image_rate=5.0)
+    views, parts = [], []
+    for _ in range(31):
+        views.append(CameraView((36, 64), lambda pixels, boxes: parts.append(boxes)))
+        if somebody_looks:
+            views[-1].whole()
+        recording.fix(camera_view=views[-1])
+        recording.fly(len(views) / 30 - 1e-3)
+    assert sum(view.is_complete for view in views) == (len(views) if somebody_looks else count)
+    assert len(parts) == sum(view.is_complete for view in views)
+    assert len(recording.messages()["/camera/image"]) == count
 
 
 def test_light_asks_for_no_pictures(path):

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from airrace.compiled import compiled
+from airrace.compiled import compilable, compiled
+from airrace.rendering.enlarging import enlarge
 from airrace.rendering.pixels import colors_for, deep, to_grey, whole
 from airrace.rendering.textures import (
     GRASS,
@@ -64,7 +65,7 @@ class Background:
             X_WC: pose of the camera; z forward, x right, y down.
             out: RGBA or grey levels, see pixels.py.
         """
-        Backdrop(self, X_WC).paint(deep(out), np.array([whole(out)]))
+        Backdrop(self, [(1.0, X_WC)]).paint(deep(out), np.array([whole(out)]))
 
     def tables(self, height, channels):
         """Returns colours and contrasts over the sine of the depression angle.
@@ -110,32 +111,48 @@ def _fill_tables(colors, darkening, height, focal, grass, horizon, tint, texels,
 
 
 class Backdrop:
-    """The background of one picture, to be painted piece by piece."""
+    """The background of one picture, or the mean of several, to be painted piece by piece."""
 
-    def __init__(self, background: Background, X_WC):
-        """Args: background: of all pictures. X_WC: pose of the camera."""
-        self._background = background
-        self._p_WC = X_WC.translation()
-        self._ray_W = X_WC.rotation().matrix() @ background.K_inverse
+    def __init__(self, background: Background, poses):
+        """Args: background: of all pictures. poses: pairs of a weight and X_WC."""
+        self._background, self._poses = background, poses
         self._drawn = {}  # by the number of channels
 
     def paint(self, out, boxes) -> None:
         """Fills boxes, (n, 4), of a picture, (h, w, channels)."""
-        background, channels = self._background, out.shape[2]
-        height = max(self._p_WC[2], 0.05)
+        channels = out.shape[2]
         if channels not in self._drawn:
-            w, h = background.w, background.h
-            self._drawn[channels] = (
-                np.empty((h, w, channels), np.uint8),
-                np.zeros((-(-h // _TILE_H), -(-w // _TILE_W)), np.bool_),
-                *background.tables(height, channels),
-            )
-        small, done, colors, darkening = self._drawn[channels]
-        _draw_small(small, done, boxes, out.shape[1], out.shape[0], self._ray_W,
-                    background.shortening, self._p_WC[0], self._p_WC[1], height, colors,
-                    darkening, grass_detail(), _TEXELS)
+            self._drawn[channels] = [
+                (weight, _SmallPicture(self._background, X_WC, channels))
+                for weight, X_WC in self._poses]
+        pictures = [(weight, small.drawn(out, boxes)) for weight, small in self._drawn[channels]]
+        if len(pictures) == 1:
+            mean = pictures[0][1]
+        else:
+            mean = np.uint8(sum(np.float32(weight) * small for weight, small in pictures) + 0.5)
         for box in boxes:
-            _enlarge(small, out, box)
+            enlarge(mean, out, box)
+
+
+class _SmallPicture:
+    """The background at a quarter of the size, of which parts are drawn when needed."""
+
+    def __init__(self, background: Background, X_WC, channels):
+        self._background = background
+        self._p_WC = X_WC.translation()
+        self._height = max(self._p_WC[2], 0.05)
+        self._ray_W = X_WC.rotation().matrix() @ background.K_inverse
+        self._tables = background.tables(self._height, channels)
+        w, h = background.w, background.h
+        self._pixels = np.zeros((h, w, channels), np.uint8)
+        self._done = np.zeros((-(-h // _TILE_H), -(-w // _TILE_W)), np.bool_)
+
+    def drawn(self, out, boxes):
+        """Returns it, (h, w, channels), valid where boxes of the large one need it."""
+        _draw_small(self._pixels, self._done, boxes, out.shape[1], out.shape[0], self._ray_W,
+                    self._background.shortening, self._p_WC[0], self._p_WC[1], self._height,
+                    *self._tables, grass_detail(), _TEXELS)
+        return self._pixels
 
 
 @compiled
@@ -153,7 +170,6 @@ def _draw_small(small, done, boxes, width, height, ray_W, shortening, x, y, abov
         grass: texture, (n, n), n a power of two. texels: their sizes (m), by layer.
     """
     h, w, _ = small.shape
-    levels = np.empty(len(texels))
     for x0, y0, x1, y1 in boxes:
         # One pixel more is needed to either side, to interpolate.
         i0, i1 = max(y0 * h // height - 1, 0), min((y1 - 1) * h // height + 1, h - 1)
@@ -162,89 +178,42 @@ def _draw_small(small, done, boxes, width, height, ray_W, shortening, x, y, abov
             for j in range(j0 // _TILE_W, j1 // _TILE_W + 1):
                 if not done[i, j]:
                     done[i, j] = True
-                    for v in range(i * _TILE_H, min((i + 1) * _TILE_H, h)):
-                        for u in range(j * _TILE_W, min((j + 1) * _TILE_W, w)):
-                            down = -(ray_W[2, 0] * u + ray_W[2, 1] * v + ray_W[2, 2])
-                            entry = int((_HALF - 1) * down * shortening[v, u] + _HALF)
-                            # The ground point is p_WC + ray * height / (down of the ray).
-                            along = above / max(down, 1e-9)
-                            _read_grass(
-                                levels, darkening[entry],
-                                x + along * (ray_W[0, 0] * u + ray_W[0, 1] * v + ray_W[0, 2]),
-                                y + along * (ray_W[1, 0] * u + ray_W[1, 1] * v + ray_W[1, 2]),
-                                grass, texels)
-                            for c in range(small.shape[2]):
-                                level = colors[entry, c] + 0.5
-                                for k in range(len(texels)):
-                                    level -= levels[k] * darkening[entry, k, c]
-                                small[v, u, c] = np.uint8(np.int32(max(level, 0.0)))
+                    _draw_tile(small, i * _TILE_H, j * _TILE_W, ray_W, shortening, x, y, above,
+                               colors, darkening, grass, texels)
 
 
 @compiled
-def _read_grass(levels, darkening, x, y, grass, texels):
-    """Reads the layers of the grass's texture at a point of the ground.
-
-    Args:
-        levels: where to put them, (layers,); zero of those that darken nothing.
-        darkening: of the layers, (layers, channels).
-        x, y: the point (m). grass, texels: see _draw_small().
-    """
-    last = len(grass) - 1
-    for k in range(len(texels)):
-        levels[k] = 0.0
-        if darkening[k, 0] > 0.0:
-            tx, ty = x / texels[k], y / texels[k]
-            a, b = int(math.floor(tx)), int(math.floor(ty))
-            fx, fy = tx - a, ty - b
-            a0, b0, a1, b1 = a & last, b & last, (a + 1) & last, (b + 1) & last
-            top = grass[b0, a0] + fx * (float(grass[b0, a1]) - grass[b0, a0])
-            bottom = grass[b1, a0] + fx * (float(grass[b1, a1]) - grass[b1, a0])
-            levels[k] = top + fy * (bottom - top)
-
-
-@compiled
-def _enlarge(small, out, box):
-    """Draws a box of the large picture: interpolates to half its size, and doubles pixels."""
+def _draw_tile(small, v0, u0, ray_W, shortening, x, y, above, colors, darkening, grass, texels):
+    """Draws the tile whose first pixel is (u0, v0); see _draw_small()."""
     h, w, channels = small.shape
-    height, width = out.shape[:2]
-    x0, y0, x1, y1 = box
-    quick = channels == 1 and width == 4 * w and x0 % 4 == 0 and x1 % 4 == 0
-    j0, j1 = x0 * w // width, (x1 - 1) * w // width + 1
-    flat, source = out.reshape(height, -1), small.reshape(h, -1)
-    # What is interpolated between rows, of columns j0 - 1 to j1.
-    blend = np.empty((j1 - j0 + 2) * channels, np.uint16)
-    wide = np.empty(2 * (j1 - j0), np.uint16)
-    before = -1
-    for y in range(y0, y1):
-        half = y * 2 * h // height
-        row = flat[y, x0 * channels:x1 * channels]
-        if half == before:
-            row[:] = flat[y - 1, x0 * channels:x1 * channels]
-            continue
-        before = half
-        near = half // 2
-        far = min(max(near + (1 if half % 2 else -1), 0), h - 1)
-        a = source[near, j0 * channels:j1 * channels]
-        b = source[far, j0 * channels:j1 * channels]
-        middle = blend[channels:-channels]
-        for k in range(len(a)):
-            middle[k] = np.uint16(3) * np.uint16(a[k]) + np.uint16(b[k])
-        for j, k in ((max(j0 - 1, 0), 0), (min(j1, w - 1), j1 - j0 + 1)):
+    levels = np.empty(len(texels))
+    for v in range(v0, min(v0 + _TILE_H, h)):
+        x_v, y_v = ray_W[0, 1] * v + ray_W[0, 2], ray_W[1, 1] * v + ray_W[1, 2]
+        z_v = ray_W[2, 1] * v + ray_W[2, 2]
+        for u in range(u0, min(u0 + _TILE_W, w)):
+            down = -(ray_W[2, 0] * u + z_v)
+            entry = int((_HALF - 1) * down * shortening[v, u] + _HALF)
+            # The ground point is p_WC + ray * height / (down of the ray).
+            along = above / max(down, 1e-9)
+            x_W, y_W = x + along * (ray_W[0, 0] * u + x_v), y + along * (ray_W[1, 0] * u + y_v)
+            for k in range(len(texels)):
+                levels[k] = 0.0
+                if darkening[entry, k, 0] > 0.0:
+                    levels[k] = _grass_level(x_W / texels[k], y_W / texels[k], grass)
             for c in range(channels):
-                blend[k * channels + c] = np.uint16(
-                    3 * int(small[near, j, c]) + int(small[far, j, c]))
-        if quick:
-            left, right = blend[:-2], blend[2:]
-            for k in range(len(a)):
-                centre = np.uint16(3) * middle[k] + np.uint16(8)
-                wide[2 * k] = ((centre + left[k]) >> 4) * np.uint16(257)
-                wide[2 * k + 1] = ((centre + right[k]) >> 4) * np.uint16(257)
-            row.view(np.uint16)[:] = wide
-            continue
-        for x in range(x0, x1):
-            half_x = x * 2 * w // width
-            k = half_x // 2 - j0 + 1
-            aside = k + (1 if half_x % 2 else -1)
-            for c in range(channels):
-                level = 3 * int(blend[k * channels + c]) + int(blend[aside * channels + c])
-                row[(x - x0) * channels + c] = np.uint8((level + 8) >> 4)
+                level = colors[entry, c] + 0.5
+                for k in range(len(texels)):
+                    level -= levels[k] * darkening[entry, k, c]
+                small[v, u, c] = np.uint8(np.int32(max(level, 0.0)))
+
+
+@compilable
+def _grass_level(x, y, grass):
+    """Returns the texture of grass at a point (texels)."""
+    last = len(grass) - 1
+    a, b = int(math.floor(x)), int(math.floor(y))
+    fx, fy = x - a, y - b
+    a0, b0, a1, b1 = a & last, b & last, (a + 1) & last, (b + 1) & last
+    top = grass[b0, a0] + fx * (float(grass[b0, a1]) - grass[b0, a0])
+    bottom = grass[b1, a0] + fx * (float(grass[b1, a1]) - grass[b1, a0])
+    return top + fy * (bottom - top)

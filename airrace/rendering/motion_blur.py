@@ -1,11 +1,14 @@
 """Motion blur: a picture shows all that the camera sees while its shutter is open."""
 
 import functools
+import math
 
 import cv2
 import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RotationMatrix
+
+from airrace.compiled import compiled
 
 _DISTANCE = 10.0  # how far away a thing is whose blur decides on the effort (m)
 _SHARP = 1.0  # blur up to here is not drawn (px)
@@ -105,19 +108,33 @@ class Shutter:
             return [(1.0, X_WC(0.0))]
         half = self._time / 2
         X_01 = X_WC(-half).InvertAndCompose(X_WC(half))
-        length = self._blur(X_01)
+        length = _longest_way(X_01.rotation().matrix(), X_01.translation(), self._K, self._p_C)
         if length <= _SHARP:
             return [(1.0, X_WC(0.0))]
         nodes, weights = _quadrature(min(max(2, int(np.ceil(length / _STEP))), _MOST))
         return [(weight, X_WC(half * node)) for node, weight in zip(nodes, weights)]
 
-    def _blur(self, X_01):
-        """Returns the longest way of a nominal point in the picture (px)."""
-        before = self._p_C @ self._K.T
-        after = (X_01 @ self._p_C.T).T @ self._K.T
-        after[:, 2] = np.maximum(after[:, 2], 0.1 * _DISTANCE)
-        way = after[:, :2] / after[:, 2:] - before[:, :2] / before[:, 2:]
-        return np.hypot(*way.T).max()
+
+@compiled
+def _longest_way(R_01, p_01, K, p_C):
+    """Returns the longest way of a nominal point, (n, 3), in the picture (px).
+
+    Args: R_01, p_01: from the beginning of the exposure to its end. K: calibration.
+    """
+    farthest, before, after = 0.0, np.empty(3), np.empty(3)
+    for p in p_C:
+        before[:], after[:] = 0.0, 0.0
+        for row in range(3):
+            moved_by = p_01[row]
+            for j in range(3):
+                moved_by += R_01[row, j] * p[j]
+            for i in range(3):
+                before[i] += K[i, row] * p[row]
+                after[i] += K[i, row] * moved_by
+        depth = max(after[2], 0.1 * _DISTANCE)
+        x, y = after[0] / depth - before[0] / before[2], after[1] / depth - before[1] / before[2]
+        farthest = max(farthest, math.hypot(x, y))
+    return farthest
 
 
 @functools.cache

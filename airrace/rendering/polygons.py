@@ -1,10 +1,8 @@
-"""Convex polygons with smooth edges, into pictures of any number of channels."""
+"""Convex polygons with smooth edges: which pixels they cover, and how much of them."""
 
 import math
 
-import numpy as np
-
-from airrace.compiled import compilable, compiled
+from airrace.compiled import compilable
 
 NEAR = 0.05  # nothing nearer to the camera than this is drawn (m)
 # Between which distances from an edge, outwards (px), a colour fades out. Facets of one
@@ -38,8 +36,8 @@ def clip_near(points_h, clipped) -> int:
 
 
 @compilable
-def edge_lines(corners, low, high):
-    """Returns the lines along the edges of a convex polygon, (m, 6).
+def edge_lines(corners, low, high, lines) -> int:
+    """Finds the lines along the edges of a convex polygon.
 
     A line is a, b, c such that a x + b y + c is the distance of (x, y) from it, outwards;
     and k, x_low, x_high such that on row y these distances are at columns x_low + k y and
@@ -48,9 +46,12 @@ def edge_lines(corners, low, high):
     Args:
         corners: (n, 2) px.
         low, high: distances, see spans().
+        lines: where to put them, (n, 6).
+
+    Returns:
+        how many there are.
     """
     n, area, count = len(corners), 0.0, 0
-    lines = np.empty((n, 6))
     for i in range(n):
         p, q = corners[i], corners[(i + 1) % n]
         area += p[0] * q[1] - p[1] * q[0]
@@ -68,7 +69,7 @@ def edge_lines(corners, low, high):
                 lines[count, 3] = -b / a
                 lines[count, 4], lines[count, 5] = (low - c) / a, (high - c) / a
             count += 1
-    return lines[:count]
+    return count
 
 
 @compilable
@@ -86,13 +87,14 @@ def spans(lines, y, low, high, x0, x1):
         last is less than the first.
     """
     a0, a1, b0, b1 = float(x0), x1 - 1.0, float(x0), x1 - 1.0
-    for a, b, c, k, x_low, x_high in lines:
+    for i in range(len(lines)):
+        a, way = lines[i, 0], lines[i, 3] * y
         if a > 1e-9:
-            a1, b1 = min(a1, x_high + k * y), min(b1, x_low + k * y)
+            a1, b1 = min(a1, lines[i, 5] + way), min(b1, lines[i, 4] + way)
         elif a < -1e-9:
-            a0, b0 = max(a0, x_high + k * y), max(b0, x_low + k * y)
+            a0, b0 = max(a0, lines[i, 5] + way), max(b0, lines[i, 4] + way)
         else:
-            d = b * y + c
+            d = lines[i, 1] * y + lines[i, 2]
             if d > high:
                 return x0, x0 - 1, x0, x0 - 1
             if d > low:
@@ -143,58 +145,3 @@ def bounds(corners, box):
     return max(x0, box[0]), max(y0, box[1]), min(x1, box[2]), min(y1, box[3])
 
 
-@compiled
-def fill_convex(out, corners, color, fade, boxes):
-    """Draws a convex polygon.
-
-    Args:
-        out: (h, w, channels), uint8.
-        corners: (n, 2) px.
-        color: (channels,), 0 to 255.
-        fade: OVERLAPPING or EXACT.
-        boxes: the parts of the picture to draw into, see pixels.py, (m, 4).
-    """
-    low, high = fade
-    lines = edge_lines(corners, low, high)
-    channels = out.shape[2]
-    for box in boxes:
-        x0, y0, x1, y1 = bounds(corners, box)
-        for y in range(y0, y1 if x0 < x1 else y0):
-            first, last, filled, until = spans(lines, y, low, high, x0, x1)
-            for c in range(channels):
-                out[y, filled:until + 1, c] = np.uint8(color[c] + 0.5)
-            for start, stop in ((first, filled), (until + 1, last + 1)):
-                for x in range(start, stop):
-                    share = cover(lines, x, y, low, high)
-                    for c in range(channels):
-                        level = out[y, x, c]
-                        out[y, x, c] = np.uint8(level + share * (color[c] - level) + 0.5)
-
-
-@compiled
-def lay_over(out, levels, corner, corners, boxes):
-    """Lays a grey picture over another, where a convex polygon is.
-
-    Args:
-        out: (h, w, channels), uint8.
-        levels: grey levels, (h', w'), uint8.
-        corner: [x, y], the pixel of ``out`` where they start.
-        corners: of the polygon, (n, 2) px.
-        boxes: the parts of the picture to draw into, inside of where levels are, (m, 4).
-    """
-    low, high = EXACT
-    lines = edge_lines(corners, low, high)
-    shown = min(out.shape[2], 3)  # opacity stays
-    for box in boxes:
-        x0, y0, x1, y1 = bounds(corners, box)
-        for y in range(y0, y1 if x0 < x1 else y0):
-            first, last, filled, until = spans(lines, y, low, high, x0, x1)
-            row = levels[y - corner[1]]
-            for c in range(shown):
-                out[y, filled:until + 1, c] = row[filled - corner[0]:until + 1 - corner[0]]
-            for start, stop in ((first, filled), (until + 1, last + 1)):
-                for x in range(start, stop):
-                    share, new = cover(lines, x, y, low, high), row[x - corner[0]]
-                    for c in range(shown):
-                        level = float(out[y, x, c])
-                        out[y, x, c] = np.uint8(level + share * (new - level) + 0.5)

@@ -128,16 +128,21 @@ def _linearized(points, corners, informations, camera, R, t):
         residual[k] = corners[k, 0] - pixel[0], corners[k, 1] - pixel[1]
     H, g, cost = np.zeros((6, 6)), np.zeros(6), 0.0
     r = residual.ravel()
+    weighted = np.empty(6)  # a row of W J
     for m in range(len(informations)):
         for i in range(8):
+            weighted[:], weighted_r = 0.0, 0.0
             for j in range(8):
-                w, a, b = informations[m, i, j], 8 * m + i, 8 * m + j
-                cost += w * r[a] * r[b]
+                w, b = informations[m, i, j], 8 * m + j
+                weighted_r += w * r[b]
                 for u in range(6):
-                    weighted = w * J[a, u]
-                    g[u] += weighted * r[b]
-                    for v in range(6):
-                        H[u, v] += weighted * J[b, v]
+                    weighted[u] += w * J[b, u]
+            a = 8 * m + i
+            cost += r[a] * weighted_r
+            for u in range(6):
+                g[u] += J[a, u] * weighted_r
+                for v in range(6):
+                    H[u, v] += J[a, u] * weighted[v]
     return residual, H, g, cost
 
 

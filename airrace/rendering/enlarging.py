@@ -1,0 +1,59 @@
+"""Enlarges soft pictures."""
+
+import numpy as np
+
+from airrace.compiled import compiled
+
+
+@compiled
+def enlarge(small, out, box):
+    """Draws a box of a large picture: interpolates to half its size, and doubles pixels.
+
+    Args:
+        small: (h, w, channels).
+        out: the large one, (height, width, channels), about four times as large.
+        box: see pixels.py, (4,).
+    """
+    h, w, channels = small.shape
+    height, width = out.shape[:2]
+    x0, y0, x1, y1 = box
+    quick = channels == 1 and width == 4 * w and x0 % 4 == 0 and x1 % 4 == 0
+    j0, j1 = x0 * w // width, (x1 - 1) * w // width + 1
+    flat, source = out.reshape(height, -1), small.reshape(h, -1)
+    # What is interpolated between rows, of columns j0 - 1 to j1.
+    blend = np.empty((j1 - j0 + 2) * channels, np.uint16)
+    wide = np.empty(2 * (j1 - j0), np.uint16)
+    before = -1
+    for y in range(y0, y1):
+        half = y * 2 * h // height
+        row = flat[y, x0 * channels:x1 * channels]
+        if half == before:
+            row[:] = flat[y - 1, x0 * channels:x1 * channels]
+            continue
+        before = half
+        near = half // 2
+        far = min(max(near + (1 if half % 2 else -1), 0), h - 1)
+        a = source[near, j0 * channels:j1 * channels]
+        b = source[far, j0 * channels:j1 * channels]
+        middle = blend[channels:-channels]
+        for k in range(len(a)):
+            middle[k] = np.uint16(3) * np.uint16(a[k]) + np.uint16(b[k])
+        for j, k in ((max(j0 - 1, 0), 0), (min(j1, w - 1), j1 - j0 + 1)):
+            for c in range(channels):
+                blend[k * channels + c] = np.uint16(
+                    3 * int(small[near, j, c]) + int(small[far, j, c]))
+        if quick:
+            left, right = blend[:-2], blend[2:]
+            for k in range(len(a)):
+                centre = np.uint16(3) * middle[k] + np.uint16(8)
+                wide[2 * k] = ((centre + left[k]) >> 4) * np.uint16(257)
+                wide[2 * k + 1] = ((centre + right[k]) >> 4) * np.uint16(257)
+            row.view(np.uint16)[:] = wide
+            continue
+        for x in range(x0, x1):
+            half_x = x * 2 * w // width
+            k = half_x // 2 - j0 + 1
+            aside = k + (1 if half_x % 2 else -1)
+            for c in range(channels):
+                level = 3 * int(blend[k * channels + c]) + int(blend[aside * channels + c])
+                row[(x - x0) * channels + c] = np.uint8((level + 8) >> 4)

@@ -8,7 +8,7 @@ from airrace.rendering.polygon_list import GREY
 from airrace.rendering.polygons import EXACT, OVERLAPPING, cover, spans
 
 WHOLE = 256  # what the shares of pictures in their mean add up to
-_TILE_W, _TILE_H = 256, 32  # what is averaged at once stays in the processor's nearest caches
+_TILE_W, _TILE_H = 512, 64  # what is averaged at once stays in the processor's caches
 _LANES = 32  # pixels that a processor works on together, at most
 _HALF = np.float32(0.5)
 

@@ -13,6 +13,7 @@ _LEAST = 0.2  # of the greatest speed: below, there is nothing to tell by
 _WINDOW = 0.03  # s by which a command may be late
 _PATIENCE = 0.006  # s of not following
 _GAP = 0.05  # s without a look, after which the model begins anew
+_GRACE = 1.0  # s from there on, in which somebody else may still command the rotors
 
 
 class RotorMonitor(LeafSystem):
@@ -34,7 +35,8 @@ class RotorMonitor(LeafSystem):
     A model of each rotor, a first-order lag, follows the commands. A rotor is
     lost for good once its reported speed has for a few milliseconds been clearly
     below all that the model has had in the last 30 ms, within which a command
-    should arrive.
+    should arrive. After a time without looks, as of an autonomy that has started
+    again, it judges a second later: until its commands arrive, somebody else's count.
     """
 
     def __init__(self, *, vehicle: Vehicle, rate: float, link_delay: float = 0.0):
@@ -52,10 +54,10 @@ class RotorMonitor(LeafSystem):
         self._least = _LEAST * vehicle.max_speeds
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
-        # The model's speeds, newest first, for how long a rotor has not followed (s), and
-        # when the last look was (s).
+        # The model's speeds, newest first, for how long a rotor has not followed (s), from
+        # when on it is judged (s), and when the last look was (s).
         depth = math.ceil((_WINDOW + link_delay) * rate) + 1
-        self._memory = self.DeclareDiscreteState((depth + 1) * n + 1)
+        self._memory = self.DeclareDiscreteState((depth + 1) * n + 2)
         self._losses = self.DeclareDiscreteState(np.full(n, np.inf))
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._Compare)
         self.DeclareStateOutputPort("rotor_losses", self._losses)
@@ -79,10 +81,11 @@ def _compare(memory, losses, speeds, command, least, blend, period, now):
         period: (s). now: (s).
     """
     n = len(speeds)
-    model, waited = memory[:-n - 1].reshape(-1, n), memory[-n - 1:-1]
+    model, waited = memory[:-n - 2].reshape(-1, n), memory[-n - 2:-2]
     if now - memory[-1] > _GAP:
         # Whoever was not there does not know what was commanded.
         model[:], waited[:] = speeds, 0.0
+        memory[-2] = now + _GRACE
     memory[-1] = now
     for i in range(n):
         due, modelled = model[:, i].min(), model[0, i]
@@ -92,5 +95,5 @@ def _compare(memory, losses, speeds, command, least, blend, period, now):
         # Written such that a speed that is not a number is too low.
         follows = speeds[i] >= _SHARE * due
         waited[i] = waited[i] + period if due > least[i] and not follows else 0.0
-        if waited[i] > _PATIENCE:
+        if waited[i] > _PATIENCE and now >= memory[-2]:
             losses[i] = min(losses[i], now)

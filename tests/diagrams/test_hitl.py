@@ -138,14 +138,14 @@ def test_bad_input_is_one_sentence(options, sentence, tmp_path):
 
 def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     """It is killed on its way to gate 1, and another process resumes with its checkpoint."""
-    text = "{camera: {width: 640, height: 360}, referee: {time_limit: 9.0}, link_delay: 0.2}"
+    text = "{camera: {width: 640, height: 360}, referee: {time_limit: 8.0}, link_delay: 0.2}"
     scenario = ["--scenario_text", text.replace("{camera", f"{{track: {hexagon}, laps: 1, camera")]
     first, second = (
         " ".join(f"'{word}'" for word in hitl(
             "--role", "autonomy", "--output", tmp_path / name, *scenario, *options))
         for name, options in (("first", ()), ("second", ("--resume", tmp_path / "first"))))
     simulation = " ".join(f"'{word}'" for word in race(
-        tmp_path / "out", hexagon, "-s", "HITL", "--companion", "none", "--realtime_rate", "0.25",
+        tmp_path / "out", hexagon, "-s", "HITL", "--companion", "none", "--realtime_rate", "0.15",
         text=text))
     script = tmp_path / "all.sh"
     script.write_text(f"""

@@ -6,14 +6,15 @@ import sys
 PROGRAM = """
 from airrace.diagrams.scenario import Scenario
 from airrace.diagrams.warm_up import warm_up
-from airrace.rendering import background, sensor
+from airrace.rendering import background, enlarging, painting, scene_polygons, sensor
 from airrace.systems import geometric_controller, rotor_bank, state_filter
 
 warm_up(Scenario())
 for module, names in (
-    (background, ["_draw_small", "_enlarge"]), (sensor, ["_expose"]),
-    (geometric_controller, ["_wrench", "_commands"]), (rotor_bank, ["_turn"]),
-    (state_filter, ["_carried_forward", "_corrected"]),
+    (background, ["_draw_small"]), (enlarging, ["enlarge"]), (scene_polygons, ["look"]),
+    (painting, ["paint"]), (sensor, ["_expose"]),
+    (geometric_controller, ["_prepared", "_wrench", "_command"]), (rotor_bank, ["_turn"]),
+    (state_filter, ["_carry_forward", "_update"]),
 ):
     for name in names:
         assert getattr(module, name).signatures, name

@@ -150,3 +150,20 @@ def test_all_rotors_can_be_lost_one_by_one():
     losses = watch(steady(0.5, 0.8), stops=stops)[-1]
     for rotor, stop in stops:
         assert stop < losses[rotor] <= stop + 0.020
+
+
+def test_who_comes_back_does_not_judge_at_once():
+    """Until its own commands arrive, the rotors do what somebody else commands."""
+    monitor = RotorMonitor(vehicle=DEFAULT, rate=RATE)
+    context = monitor.CreateDefaultContext()
+    lost_after = None
+    for k in range(700):
+        time = 5.0 + k / RATE
+        context.SetTime(time)
+        monitor.GetInputPort("rotor_speed_command").FixValue(context, DEFAULT.max_speeds)
+        monitor.GetInputPort("rotor_speeds").FixValue(context, 0.5 * DEFAULT.max_speeds)
+        context.SetDiscreteState(monitor.EvalUniquePeriodicDiscreteUpdate(context))
+        losses = monitor.GetOutputPort("rotor_losses").Eval(context)
+        if lost_after is None and np.isfinite(losses).any():
+            lost_after = time - 5.0
+    assert lost_after == pytest.approx(1.0, abs=0.01)

@@ -22,17 +22,22 @@ from rich.progress import track as progress
 from airrace.track import load_track
 from airrace.track_generator import generate_track
 from airrace.trajopt.bound import point_mass_bound
-from airrace.trajopt.circuit import plan_circuit
+from airrace.trajopt.circuit import LEVEL, plan_circuit
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import clearance_of
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.lap_search import Effort
-from airrace.trajopt.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.min_snap import (
+    DerivativeConstraint,
+    TrajectoryOptimizationError,
+    solve_min_snap,
+)
 from airrace.trajopt.time_optimal import plan_optimal_circuit
 from airrace.vehicle import DRONES, load_vehicle
 from benchmarks.free_knots import free_knot_lap
 from benchmarks.numerical_check import rotor_shares
 from benchmarks.trajectory_tables import (
+    MOST_LAP,
     MOST_TIME,
     MOST_WARM_GAP,
     MOST_WARM_TIME,
@@ -120,14 +125,32 @@ def bound(name, limits, expected) -> dict:
 def min_snap(dimensions: int) -> dict:
     """Plans the minimum-snap lap of the reference track."""
     midpoints, headings, pylons = race_track()
+    best = point_mass_bound(regions("midpoints", midpoints, headings), **ORIGINAL).duration
     clock = time.process_time()
     lap = plan_circuit(midpoints, headings, pylons, dimensions, clearance=2.0, **ORIGINAL)
     cold = time.process_time() - clock
     clock = time.process_time()
     plan_circuit(midpoints, headings, pylons, dimensions, clearance=2.0, previous=lap, **ORIGINAL)
-    best = point_mass_bound(regions("midpoints", midpoints, headings), **ORIGINAL).duration
+    warm_time = time.process_time() - clock
     return {"dimensions": dimensions, "duration_s": lap.duration, "gap": lap.duration / best - 1,
-            "cpu_s": cold, "warm_cpu_s": time.process_time() - clock, "ok": True}
+            "cpu_s": cold, "warm_cpu_s": warm_time,
+            "solve_cpu_s": solve_time(midpoints, headings, dimensions, np.diff(lap.gate_times)),
+            "ok": lap.duration <= MOST_LAP[dimensions]}
+
+
+def solve_time(midpoints, headings, dimensions, durations) -> float:
+    """Returns how long minimum snap takes for given durations, a median (s)."""
+    waypoints, offset, times = np.array(midpoints), np.zeros(3), []
+    if dimensions > 3:
+        waypoints = np.column_stack([waypoints, np.unwrap(headings)])
+        offset = np.array([0.0, 0.0, 0.0, 2.0 * np.pi])  # one turn to the left
+    level = [DerivativeConstraint(i, 2, LEVEL) for i in range(len(midpoints))]
+    for _ in range(21):
+        clock = time.process_time()
+        solve_min_snap(waypoints, durations, periodic=True, period_offset=offset,
+                       constraints=level if dimensions == 6 else ())
+        times.append(time.process_time() - clock)
+    return float(np.median(times))
 
 
 def free_knots(count: int) -> dict:

@@ -9,10 +9,9 @@ from airrace.rendering.enlarging import enlarge
 from airrace.rendering.pixels import colors_for, deep, to_grey, whole
 from airrace.rendering.textures import (
     GRASS,
-    HAZE_LENGTH,
-    HAZE_MOST,
     HORIZON,
     grass_detail,
+    haze,
     sky_color,
 )
 
@@ -95,7 +94,7 @@ def _fill_tables(colors, darkening, height, focal, grass, horizon, tint, texels,
     """
     for i in range(_HALF):
         sine = (i + 0.5) / _HALF
-        clear = 1.0 - HAZE_MOST * (1.0 - math.exp(-height / sine / HAZE_LENGTH))
+        clear = 1.0 - haze(height / sine)
         # A texture is shown as long as its texels are no smaller than a pixel's
         # footprint, which is longest along the line of sight.
         footprint = height / sine**2 / focal

@@ -32,7 +32,9 @@ class PlanarRenderer:
         self._size = np.array([camera_info.width, camera_info.height])
         self._feet = np.array(track.pylons(), float)
         boards = track.boards()
-        self._p_WM = np.array([board.X_WM.translation() for board in boards])
+        # Of the boards, from the feet of their pylons.
+        self._p_FM_W = np.array([board.X_WM.translation() for board in boards])
+        self._p_FM_W -= np.repeat(self._feet, 2, axis=0)
         self._R_WM = np.array([board.X_WM.rotation().matrix() for board in boards])
         self._crossings = np.array([marker_crossings(board.id) for board in boards])
         self._stay = np.zeros((len(track.gates), 2))
@@ -68,6 +70,6 @@ class PlanarRenderer:
             lambda: look(
                 np.array([X_WC.rotation().matrix() for _, X_WC in poses]),
                 np.array([X_WC.translation() for _, X_WC in poses]),
-                self._K, self._size, self._feet, self._p_WM, self._R_WM, self._crossings,
+                self._K, self._size, self._feet, self._p_FM_W, self._R_WM, self._crossings,
                 np.asarray(shifts, float)),
         )

@@ -8,7 +8,7 @@ from airrace.compiled import compilable, compiled
 from airrace.rendering.polygon_list import add_polygon, with_grey
 from airrace.rendering.polygons import NEAR, clip_near
 from airrace.rendering.pylon_shape import make_pylon_shape
-from airrace.rendering.textures import HAZE_LENGTH, HAZE_MOST, HORIZON
+from airrace.rendering.textures import HORIZON, haze
 from airrace.track import PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS
 
 # Up to which distances (m) a pylon is which polyhedron.
@@ -124,7 +124,7 @@ def add_pylon(polygons, p_CF_W, P, distance, box) -> None:
         box: see pylon_boxes().
     """
     level = detail(distance)
-    veil = HAZE_MOST * (1.0 - math.exp(-distance / HAZE_LENGTH))
+    veil = haze(distance)
     vertices = _VERTICES[_FIRST_VERTEX[level]:_FIRST_VERTEX[level + 1]]
     projected = np.empty((len(vertices), 3))
     for k in range(len(vertices)):

@@ -12,14 +12,15 @@ _EARTH, _DARK = with_grey([EARTH, np.array(PYLON_COLOR) / 2])
 
 
 @compiled
-def look(R_WC, p_WC, K, size, feet, p_WM, R_WM, crossings, shifts):
+def look(R_WC, p_WC, K, size, feet, p_FM_W, R_WM, crossings, shifts):
     """Returns the Polygons of a track in pictures from some poses of the camera.
 
     Args:
         R_WC, p_WC: the poses, (k, 3, 3) and (k, 3).
         K: calibration. size: of the pictures, [w, h].
         feet: of the pylons, two a gate, (2 n, 3), world.
-        p_WM, R_WM: poses of the boards, two a pylon, (4 n, 3) and (4 n, 3, 3).
+        p_FM_W, R_WM: of the boards, two a pylon, from its foot and in the world, (4 n, 3)
+            and (4 n, 3, 3).
         crossings: of the boards, see marker_crossings(), (4 n, 8).
         shifts: of the gates, (n, 2) m.
     """
@@ -51,8 +52,8 @@ def look(R_WC, p_WC, K, size, feet, p_WM, R_WM, crossings, shifts):
             add_polygon(polygons, nothing, False, _DARK, -1, everything)
             end_thing(polygons, everything)
         else:
-            _add_gates(polygons, p_CF_W[k], distance[k], boxes[k], P[k], size,
-                       p_WM - feet[np.arange(len(p_WM)) // 2], R_WM, crossings)
+            _add_gates(polygons, p_CF_W[k], distance[k], boxes[k], P[k], size, p_FM_W, R_WM,
+                       crossings)
         polygons.pictures[k + 1] = polygons.counts[0]
     return polygons
 

@@ -8,7 +8,7 @@ import functools
 import cv2
 import numpy as np
 
-from airrace.track import BOARD_SIZE, MARKER_SIZE
+from airrace.compiled import compilable
 
 WHITE = 245.0  # of a board; a little short of 255 to leave room for noise
 BLACK = 15.0
@@ -28,12 +28,6 @@ AMBIENT = 0.55
 HAZE_MOST = 0.85
 HAZE_LENGTH = 350.0
 
-# A marker has 7 modules a side (5 of data and a black frame) and the board's
-# border is 1/8 of the marker: with 56 texels for the border every edge of the
-# picture falls between two texels.
-BOARD_TEXELS = 560
-_MARKER_TEXELS = round(BOARD_TEXELS * MARKER_SIZE / BOARD_SIZE)
-
 
 def marker_modules(marker_id: int) -> np.ndarray:
     """Returns the modules of a marker, True where white, shape (7, 7).
@@ -43,29 +37,6 @@ def marker_modules(marker_id: int) -> np.ndarray:
     """
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
     return cv2.aruco.generateImageMarker(dictionary, marker_id, 7) > 0
-
-
-@functools.lru_cache(maxsize=1024)
-def board_image(marker_id: int, size: int = BOARD_TEXELS) -> np.ndarray:
-    """Returns the face of a board, upright as its viewer sees it.
-
-    Args:
-        marker_id: ArUco ID in DICT_ARUCO_ORIGINAL.
-        size: texels a side, at most BOARD_TEXELS. Every texel holds the mean
-            over its area, which keeps the edges where they are at any size.
-
-    Returns:
-        Grey levels, shape (size, size), uint8, read-only.
-    """
-    if size == BOARD_TEXELS:
-        module = np.ones((_MARKER_TEXELS // 7, _MARKER_TEXELS // 7), bool)
-        white = np.kron(marker_modules(marker_id), module)
-        white = np.pad(white, (size - len(white)) // 2, constant_values=True)
-        image = np.where(white, np.uint8(WHITE), np.uint8(BLACK))
-    else:
-        image = cv2.resize(board_image(marker_id), (size, size), interpolation=cv2.INTER_AREA)
-    image.setflags(write=False)
-    return image
 
 
 @functools.cache
@@ -100,13 +71,14 @@ def sky_color(sin_elevation) -> np.ndarray:
     return (1 - up) * np.array(HORIZON) + up * np.array(ZENITH)
 
 
-def haze(distance) -> np.ndarray:
+@compilable
+def haze(distance):
     """Returns the share of the horizon's colour that lies over a thing, 0 to 1.
 
     Args:
-        distance: from the camera (m), any shape.
+        distance: from the camera (m), a number or an array.
     """
-    return HAZE_MOST * (1.0 - np.exp(-np.asarray(distance) / HAZE_LENGTH))
+    return HAZE_MOST * (1.0 - np.exp(-distance / HAZE_LENGTH))
 
 
 def shade(color, normals_W) -> np.ndarray:

@@ -47,6 +47,7 @@ def _make_lap_planner(scenario: Scenario):
             vehicle=load_vehicle(scenario.drone)[0],
             trajectory=scenario.trajectory,
             config=scenario.planner,
+            laps=scenario.laps,
         )
     except TrajectoryOptimizationError as e:
         raise UserError(f"The lap planner cannot be: {e} Raise planner.thrust_share.") from None

@@ -59,7 +59,8 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
     moving = scenario.disturbances.gate_shift > 0.0
-    AddScenery(plant, track, movable=moving)
+    seen = meshcat is not None or scenario.camera.renderer != "planar"
+    AddScenery(plant, track, movable=moving, visible=seen)
     AddPad(plant, track.start, vehicle.radius)
     AddMultirotorModel(plant, vehicle, sdf, truth)
     plant.Finalize()

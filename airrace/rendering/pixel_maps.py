@@ -17,8 +17,8 @@ class PixelMap:
     def __init__(self, u, v):
         """Args: u, v: the pixels of the source, (h, w); neighbours stay neighbours."""
         self.shape = u.shape
+        # OpenCV bends grey pictures a tenth quicker by them than by its fixed-point maps.
         self._u, self._v = np.float32(u), np.float32(v)
-        self._fixed = cv2.convertMaps(self._u, self._v, cv2.CV_16SC2)  # quicker than floats
 
     def source(self, box, size) -> tuple:
         """Returns the box of the source that a box of the picture shows.
@@ -41,7 +41,7 @@ class PixelMap:
             box: the part to draw; None: all of it.
         """
         box = whole(out) if box is None else box
-        cv2.remap(source, *(part(each, box) for each in self._fixed), cv2.INTER_LINEAR,
+        cv2.remap(source, part(self._u, box), part(self._v, box), cv2.INTER_LINEAR,
                   dst=part(out, box), borderValue=(0, 0, 0, 255))
 
 

@@ -53,8 +53,9 @@ class PlanarRenderer:
     def expose(self, poses, X_WC, gate_shifts=None) -> Exposure:
         """Returns the mean of several pictures from nearly the same place.
 
-        The background has no detail that a little motion would blur: unless it
-        is more than that, that of the pose in the middle stands for all.
+        The background has no detail that a little motion would blur: that of the pose in
+        the middle stands for all, or if they are many, those of two on either side, which
+        lie about as far apart as the mean of all is wide.
 
         Args:
             poses: pairs of a weight and the pose of the camera; the weights add
@@ -62,7 +63,9 @@ class PlanarRenderer:
             X_WC: the pose in the middle.
             gate_shifts: as for render().
         """
-        behind = [(1.0, X_WC)] if len(poses) <= _SHARING else poses
+        behind = [(1.0, X_WC)]
+        if len(poses) > _SHARING:
+            behind = [(0.5, poses[1][1]), (0.5, poses[-2][1])]
         shifts = self._stay if gate_shifts is None else gate_shifts
         return Exposure(
             [weight for weight, _ in poses],

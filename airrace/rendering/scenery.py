@@ -1,5 +1,7 @@
 """The track as bodies: what can be seen and what can be hit."""
 
+import functools
+
 import numpy as np
 from pydrake.geometry import (
     Box,
@@ -26,7 +28,7 @@ from airrace.track import BOARD_SIZE
 _FRICTION = CoulombFriction(static_friction=0.8, dynamic_friction=0.6)
 
 
-def AddScenery(plant, track, movable=False) -> None:
+def AddScenery(plant, track, movable=False, visible=True) -> None:
     """Adds the ground, the pylons and the boards of a track to a plant.
 
     Everything is fixed to the world, or gates to bodies that MoveGates() moves.
@@ -38,41 +40,46 @@ def AddScenery(plant, track, movable=False) -> None:
         plant: a MultibodyPlant before Finalize(), registered with a SceneGraph.
         track: a Track.
         movable: whether the gates can be moved. It costs every step of the plant.
+        visible: whether somebody will look, through Meshcat or a RenderEngine. The
+            pictures on the boards are most of the work.
     """
     world = plant.world_body()
     n = len(track.gates)
     gates = _AddGateBodies(plant, n) if movable else [world] * n
 
     def add(name, body, X_WG, mesh, shape, X_GS=RigidTransform()):
-        visual = GeometryInstance(X_WG, Mesh(mesh), f"{name}_visual")
-        # Without properties it gets the illustration and the perception role.
-        plant.RegisterVisualGeometry(body, visual)
+        if visible:
+            visual = GeometryInstance(X_WG, Mesh(mesh()), f"{name}_visual")
+            # Without properties it gets the illustration and the perception role.
+            plant.RegisterVisualGeometry(body, visual)
         plant.RegisterCollisionGeometry(body, X_WG @ X_GS, shape, name, _FRICTION)
 
     # Drake warns about every HalfSpace, so the ground is a very large box.
     ground = Box(4000.0, 4000.0, 20.0)
     below = RigidTransform([0.0, 0.0, -10.0])
-    add("ground", world, RigidTransform(), ground_mesh(), ground, below)
+    add("ground", world, RigidTransform(), ground_mesh, ground, below)
 
     # Few vertices suffice for contact: the flank is a few millimetres off.
     outline = make_pylon_shape(16, 1).vertices
-    pylon = pylon_mesh()
+    pylon = functools.cache(pylon_mesh)
     boards = track.boards()
     for i, foot in enumerate(track.pylons()):
         name = f"pylon_{i // 2 + 1}_{('left', 'right')[i % 2]}"
         X_WG = RigidTransform(foot)
         add(name, gates[i // 2], X_WG, pylon, Convex(outline.T, "pylon"))
-        mesh = shadow_mesh(*pylon_shadow(foot, boards[2 * i : 2 * i + 2]))
-        shadow = GeometryInstance(X_WG, Mesh(mesh), f"{name}_shadow")
-        # For render engines only: Meshcat shows no transparent textures.
-        shadow.set_perception_properties(PerceptionProperties())
-        plant.RegisterVisualGeometry(gates[i // 2], shadow)
+        if visible:
+            mesh = shadow_mesh(*pylon_shadow(foot, boards[2 * i : 2 * i + 2]))
+            shadow = GeometryInstance(X_WG, Mesh(mesh), f"{name}_shadow")
+            # For render engines only: Meshcat shows no transparent textures.
+            shadow.set_perception_properties(PerceptionProperties())
+            plant.RegisterVisualGeometry(gates[i // 2], shadow)
 
     box = Box(BOARD_SIZE, BOARD_SIZE, BOARD_THICKNESS)
     behind_face = RigidTransform(np.array([0.0, 0.0, -BOARD_THICKNESS / 2]))
     for board in boards:
         body = gates[board.id // 4]
-        add(f"board_{board.id}", body, board.X_WM, board_mesh(board.id), box, behind_face)
+        face = functools.partial(board_mesh, board.id)
+        add(f"board_{board.id}", body, board.X_WM, face, box, behind_face)
 
 
 def _AddGateBodies(plant, n) -> list:

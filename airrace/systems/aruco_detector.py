@@ -16,7 +16,7 @@ from airrace.systems.types import CameraInfo, Detections
 
 _LONGEST_GAP = 0.1  # s, between images, over which motion can be predicted
 _AT_REST = np.zeros(2)  # px/s
-_EMPTY_PERIOD = 3  # images, of which all of one is searched while no marker is in sight
+_EMPTY_PERIOD = 5  # images, of which all of one is searched while no marker is in sight
 
 
 @dc.dataclass(frozen=True, eq=False)

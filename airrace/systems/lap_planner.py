@@ -71,13 +71,15 @@ class LapPlanner(LeafSystem):
     changed.
     """
 
-    def __init__(self, *, vehicle: Vehicle, trajectory: str, config, solve=plan_lap):
+    def __init__(self, *, vehicle: Vehicle, trajectory: str, config, laps=np.inf,
+                 solve=plan_lap):
         """Constructs the planner.
 
         Args:
             vehicle: for its size and its rotors.
             trajectory: "3", "4", "6" or "optimal", see LapProblem.
             config: a PlannerConfig.
+            laps: of the race; none is planned for after its end.
             solve: from a LapProblem to a LapPlan or None.
 
         Raises:
@@ -89,6 +91,7 @@ class LapPlanner(LeafSystem):
             trajectory=trajectory, vehicle=vehicle, max_speed=max_speed,
             max_acceleration=max_acceleration, thrust_share=config.thrust_share)
         FlightLimits(vehicle, thrust_share=config.thrust_share).check()
+        self._laps = laps
         self._first_lap_move = config.first_lap_move
         self._solve = solve
         self._submit = None
@@ -157,7 +160,7 @@ class LapPlanner(LeafSystem):
 
         With a plan that is once a lap, when the new one would come into force
         between the last gate and gate 1. An entry counts to the lap before,
-        which has been tried.
+        which has been tried, and nothing comes after the race.
         """
         if memory.plan is NO_PLAN:
             if not self._explorer.Eval(context).done:
@@ -171,7 +174,7 @@ class LapPlanner(LeafSystem):
         last_leg = plan.circuit.duration - plan.circuit.gate_times[-2]
         return (
             plan.next_start(start_time) - start_time <= last_leg + 1e-9
-            and plan.lap_at(start_time) > memory.tried_lap
+            and memory.tried_lap < plan.lap_at(start_time) < self._laps
         )
 
     def _Problem(self, context, memory: _Memory, start_time) -> LapProblem | None:

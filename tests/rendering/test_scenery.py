@@ -22,10 +22,10 @@ RADIUS = 0.25
 class World:
     """A ball flying through the scenery of one gate."""
 
-    def __init__(self, track):
+    def __init__(self, track, visible=True):
         builder = DiagramBuilder()
         self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
-        AddScenery(self.plant, track)
+        AddScenery(self.plant, track, visible=visible)
         inertia = SpatialInertia.SolidSphereWithMass(1.0, RADIUS)
         self.ball = self.plant.AddRigidBody("ball", inertia)
         self.plant.RegisterCollisionGeometry(
@@ -127,6 +127,14 @@ def test_geometry_names_and_roles():
         face = inspector.GetPoseInFrame(id) @ [0, 0, box.height() / 2]
         assert face == pytest.approx(board.X_WM.translation(), abs=1e-12)
         assert box.height() == BOARD_THICKNESS
+
+
+def test_what_nobody_looks_at_can_be_hit_all_the_same():
+    world = World(one_gate(), visible=False)
+    inspector = world.scene_graph.model_inspector()
+    for role in (Role.kPerception, Role.kIllustration):
+        assert not inspector.GetAllGeometryIds(role)
+    assert world.fly([17.0, 5.0, 6.3], [8.0, 0.0, 1.0], 0.4)[0] == {"board_0"}
 
 
 @pytest.mark.parametrize("mesh", [board_mesh(5), pylon_mesh(), ground_mesh()])

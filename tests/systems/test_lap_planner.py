@@ -44,10 +44,11 @@ def moved(step):
 class Bench:
     """A LapPlanner whose inputs are constants that a test may change."""
 
-    def __init__(self, trajectory="3", gates=GATES, status=DONE, solve=plan_lap, **config):
+    def __init__(self, trajectory="3", gates=GATES, status=DONE, solve=plan_lap, laps=np.inf,
+                 **config):
         config = PlannerConfig(**{"latency": 0.5, "first_lap_move": 0.05} | config)
         self.planner = LapPlanner(
-            vehicle=VEHICLE, trajectory=str(trajectory), config=config, solve=solve)
+            vehicle=VEHICLE, trajectory=str(trajectory), config=config, laps=laps, solve=solve)
         self.simulator = Simulator(self.planner)
         self.context = self.simulator.get_mutable_context()
         self.fix(gate_map=GateMap(gates=gates), explorer_status=status)
@@ -93,6 +94,18 @@ def test_optimal_laps_are_faster_and_within_the_limits_and_followed_by_the_next(
     t = plans[1].start_time
     np.testing.assert_allclose(
         plans[0].derivatives(t)[:4, :3], plans[1].derivatives(t)[:4, :3], atol=1e-3)
+
+
+def test_no_plan_for_after_the_race():
+    solved = []
+
+    def solve(problem):
+        solved.append(problem)
+        return plan_lap(problem)
+
+    bench = Bench(solve=solve, laps=2)
+    plans, _ = bench.follow(until=100.0, every=0.5)
+    assert [plan.lap for plan in plans] == [1, 2] and len(solved) == 2
 
 
 def test_ports():

@@ -37,7 +37,8 @@ class Lens:
         _check(rays[::13], pixels.reshape(-1, 2)[::13], K, D)  # enough, and quick
         ideal = rays @ K[:2, :2].T + K[:2, 2]
         low = np.floor(ideal.min(axis=0)) - 1
-        width, height = (np.ceil(ideal.max(axis=0)) + 2 - low).astype(int).tolist()
+        # Whole fours, in which pictures are drawn quickest.
+        width, height = (-4 * np.floor(-(ideal.max(axis=0) + 2 - low) / 4)).astype(int).tolist()
         K_pinhole = K - np.array([[0, 0, low[0]], [0, 0, low[1]], [0, 0, 0]])
         self.pinhole = dc.replace(
             camera_info,

@@ -30,8 +30,9 @@ class PixelMap:
         w, h = size
         u0, v0, u1, v1 = _extent(self._u, self._v, *box)
         # Two pixels at least for interpolation.
-        corners = np.clip([[u0, v0], [u1 + 2, v1 + 2]], 0, (w, h))
-        return tuple(corners.astype(int).ravel().tolist())
+        x0, y0, x1, y1 = (max(int(end), 0) for end in (u0, v0, u1 + 2, v1 + 2))
+        # Whole fours, in which pictures are drawn quickest.
+        return x0 // 4 * 4, y0, min(-(-x1 // 4) * 4, w), min(y1, h)
 
     def bend(self, source, out, box=None) -> None:
         """Draws the picture, or a box of it; black and opaque where the source ends.

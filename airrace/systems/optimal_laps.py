@@ -1,10 +1,12 @@
 """Time-optimal laps of a planning problem."""
 
 import contextlib
+import functools
 
 import numpy as np
 
 from airrace.systems.min_snap_laps import MinSnapLaps
+from airrace.trajopt.bound import PointMassBound
 from airrace.trajopt.circuit import Circuit
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightLimits
@@ -49,14 +51,18 @@ class OptimalLaps:
 
     def bound(self) -> float:
         """Returns the lap time of a point mass (s)."""
+        return self._bound.duration
+
+    @functools.cached_property
+    def _bound(self) -> PointMassBound:
         return quickest_point_mass(
-            self._gates, self.limits, self._problem.pylons, self._clearance).duration
+            self._gates, self.limits, self._problem.pylons, self._clearance)
 
     def lap(self, previous: Circuit | None) -> Circuit:
         """Returns a lap, sought from a previous one if there is one; or raises."""
         return plan_optimal_circuit(
             self._gates, self._problem.pylons, self.limits.scaled(_SHARE),
-            clearance=self._clearance, previous=previous)
+            clearance=self._clearance, previous=previous, bound=self._bound)
 
     def fits(self, circuit: Circuit) -> bool:
         """Whether a lap leads through the gates as they are now."""
@@ -84,22 +90,26 @@ class OptimalLaps:
         if first is None:
             gate = circuit.derivatives(0.0)
             first = 2.0 * np.linalg.norm(gate[0, :3] - start[0, :3]) / np.linalg.norm(gate[1, :3])
-            clearance = self._clearance
+            clearance, old = self._clearance, None
         else:
             # It may start where the old plan comes nearer than is asked of a new one.
             clearance = np.minimum(self._clearance, self._distances_on(remaining))
-        for k in joins:
+            old = self._old
+        tries = [(k, old) for k in joins] + ([(joins[0], None)] if old else [])
+        for k, old in tries:
             legs = np.diff(circuit.gate_times)[:k - 1]
             with contextlib.suppress(TrajectoryOptimizationError):
                 return plan_optimal_way(
                     start, [first, *legs], self._gates, circuit, self._problem.pylons,
-                    self.limits, clearance=clearance)
+                    self.limits, clearance=clearance, old=old)
         # From odd places, or at the last moment.
         return MinSnapLaps(self._problem, 4).way(circuit, start, remaining)
 
+    def _old(self, time) -> np.ndarray:
+        """Returns where the old plan leads to after a time, as in LapPlan.derivatives()."""
+        return self._problem.old.derivatives(self._problem.start_time + time)
+
     def _distances_on(self, remaining) -> np.ndarray:
         """Returns how near the old plan comes to each pylon on the way to gate 1, (m,) m."""
-        start = self._problem.start_time
-        places = [self._problem.old.derivatives(t)[0, :3]
-                  for t in np.linspace(start, start + remaining, _LOOKS)]
+        places = [self._old(t)[0, :3] for t in np.linspace(0.0, remaining, _LOOKS)]
         return pylon_distances(np.transpose(places), self._problem.pylons).min(axis=0)

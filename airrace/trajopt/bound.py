@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.linear import add_equal_rows, add_rows
 from airrace.trajopt.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import GRAVITY
 
@@ -178,8 +179,8 @@ class _Problem:
             gates.constrain(program, i, self._P[i], np.zeros(3))
             w, T, s = self._w[i], self._T[i], self._s[i]
             for j in range(3):
-                program.AddLinearEqualityConstraint(
-                    np.array([[*weights, 1.0, -1.0]]), np.zeros(1),
+                add_equal_rows(
+                    program, np.array([[*weights, 1.0, -1.0]]), np.zeros(1),
                     [*w[:, j], self._P[i, j], self._P[(i + 1) % n, j]])
             if max_speed is not None:
                 A = np.diag([max_speed, 1.0, 1.0, 1.0])
@@ -204,13 +205,13 @@ class _Problem:
             program.RemoveConstraint(binding)
         add = []
         for i in range(n):
-            add.append(program.AddLinearConstraint(
-                np.array([[1.0, -2.0 * T[i]]]), [-np.inf], [-T[i] ** 2],
+            add.append(add_rows(
+                program, np.array([[1.0, -2.0 * T[i]]]), [-np.inf], [-T[i] ** 2],
                 [self._s[i], self._T[i]]))
             for k, g in ((0, i), (-1, (i + 1) % n)):
                 A = np.hstack([np.eye(3), -T[i] * np.eye(3), -V[g][:, None]])
-                add.append(program.AddLinearEqualityConstraint(
-                    A, -T[i] * V[g], [*self._w[i, k], *self._V[g], self._T[i]]))
+                add.append(add_equal_rows(
+                    program, A, -T[i] * V[g], [*self._w[i, k], *self._V[g], self._T[i]]))
         add.append(program.AddBoundingBoxConstraint(
             T * (1 - min(trust, 0.9)), T * (1 + trust), self._T))
         add.append(program.AddBoundingBoxConstraint(
@@ -218,8 +219,8 @@ class _Problem:
         for leg, rows, least in near.rows(*last) if last is not None else ():
             variables = [*self._P[leg, :2], *self._w[leg, :, 0], *self._w[leg, :, 1],
                          self._slack[leg]]
-            add.append(program.AddLinearConstraint(
-                rows, least, np.full(len(least), np.inf), variables))
+            add.append(add_rows(
+                program, rows, least, np.full(len(least), np.inf), variables))
         self._linearized = add
         result = ClarabelSolver().Solve(program)
         if not result.is_success():

@@ -4,6 +4,7 @@ import dataclasses as dc
 
 import numpy as np
 
+from airrace.trajopt.linear import add_equal_rows, add_rows
 from airrace.trajopt.min_snap import TrajectoryOptimizationError, turn_per_lap, unwrap_headings
 
 _LEAST_DISTANCE = 0.1  # m, from gate to gate
@@ -82,12 +83,12 @@ class GateRegions:
         if self.half_sizes is not None:
             axes = np.array([self.forward[i], self.rightward[i], [0.0, 0.0, 1.0]])
             room = np.array([0.0, *self.half_sizes[i]])
-            program.AddLinearConstraint(axes, -room - axes @ offset, room - axes @ offset, step)
+            add_rows(program, axes, -room - axes @ offset, room - axes @ offset, step)
         elif self.radius > 0.0:
             program.AddLorentzConeConstraint(
                 np.vstack([np.zeros(3), np.eye(3)]), np.array([self.radius, *offset]), step)
         else:
-            program.AddLinearEqualityConstraint(np.eye(3), -offset, step)
+            add_equal_rows(program, np.eye(3), -offset, step)
 
     def nearest(self, points) -> np.ndarray:
         """Returns the points of the regions that are nearest to some points, (n, 3) m."""

@@ -1,17 +1,12 @@
 """A convex program in a step from one lap to a better one."""
 
 import numpy as np
-from pydrake.solvers import (
-    ClarabelSolver,
-    LinearConstraint,
-    LinearEqualityConstraint,
-    MathematicalProgram,
-    SolverOptions,
-)
+from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 
 from airrace.trajopt.dynamics_rows import DynamicsRows
 from airrace.trajopt.lap_samples import Grid, LapSamples
 from airrace.trajopt.lap_spline import ORDERS, LapSpline
+from airrace.trajopt.linear import add_equal_rows, add_rows
 from airrace.trajopt.twist import turn_gradients
 
 _SOLVER_OPTIONS = {"tol_gap_abs": 1e-5, "tol_gap_rel": 1e-5, "tol_feas": 1e-6}
@@ -68,8 +63,8 @@ class LapStep:
                       self._gates[-1, :, :3], self._gates[-1, 1:3, 3])
             self._units = np.array([T[0], *np.sqrt(T[1:] * T[:-1]), T[-1]])
         self.passed = passed
-        self.program.AddLinearEqualityConstraint(
-            np.array([[1.0, -1.0, -1.0]]), [0.0],
+        add_equal_rows(
+            self.program, np.array([[1.0, -1.0, -1.0]]), [0.0],
             [last_twist, self._gates[0, 0, 3], self._turns[-1]])
         self._fix(self._turns[:1])
         orders = np.arange(ORDERS)
@@ -104,8 +99,8 @@ class LapStep:
             own = self.rows(leg, every, d_own[here], own_by_T[here], grid.matrices)
             self._axis_turns.append(own - way[:-1])
             row = np.append(way[-1], -1.0)[None]
-            self.program.AddLinearEqualityConstraint(
-                row, [0.0], [*self._variables[leg], self._turns[leg + 1]])
+            add_equal_rows(
+                self.program, row, [0.0], [*self._variables[leg], self._turns[leg + 1]])
 
     def of(self, leg: int) -> slice:
         """Returns where the samples of a leg are among all."""
@@ -190,9 +185,7 @@ class LapStep:
             self.program.AddLinearCost([slack_cost], slack)
             variables = np.concatenate([variables, slack])
             rows = np.hstack([rows, np.full((len(rows), 1), -1.0)])
-        # Not AddLinearConstraint(): it looks for scipy every time.
-        self.program.AddConstraint(
-            LinearConstraint(rows, np.full(len(rows), -np.inf), bounds), variables)
+        add_rows(self.program, rows, np.full(len(rows), -np.inf), bounds, variables)
 
     def equal(self, leg, variables, rows, values) -> None:
         """Constrains further variables to equal rows over a leg's variables.
@@ -202,8 +195,8 @@ class LapStep:
             variables: (rows,).
             rows: (rows, variables). values: where there is no step, (rows,).
         """
-        self.program.AddConstraint(
-            LinearEqualityConstraint(np.hstack([rows, -np.eye(len(rows))]), -values),
+        add_equal_rows(
+            self.program, np.hstack([rows, -np.eye(len(rows))]), -values,
             np.concatenate([self._variables[leg], variables]))
 
     def in_cones(self, leg, rows, values, extra=None, limit=None) -> None:

@@ -1,6 +1,7 @@
 """The quickest way onto a time-optimal lap: from hover, and from the lap before."""
 
 import dataclasses as dc
+import functools
 
 import numpy as np
 
@@ -33,7 +34,7 @@ _AIMS = (0.998, 0.994, 0.988)  # of the limits, for what lies between samples; t
 
 def plan_optimal_way(start, durations, gates: GateRegions, circuit: Circuit, pylons,
                      limits: FlightLimits, *, clearance, half_view=np.deg2rad(40.0),
-                     effort: Effort = Effort(samples=_SAMPLES)
+                     old=None, effort: Effort = Effort(samples=_SAMPLES)
                      ) -> tuple[FlatTrajectory, float]:
     """Returns the quickest flight from a state through gates 1, ..., k - 1 onto a lap at gate k.
 
@@ -49,6 +50,8 @@ def plan_optimal_way(start, durations, gates: GateRegions, circuit: Circuit, pyl
         limits: of the way; the lap must be within them.
         clearance: from the pylons' axes, a number or (m,) m.
         half_view, effort: see plan_optimal_circuit().
+        old: a flight that leads from the start nearly to gate 1, to begin the search
+            with: from time to the same as start.
 
     Returns:
         (way, phase): and the time on the circuit at which it is joined (s).
@@ -65,14 +68,19 @@ def plan_optimal_way(start, durations, gates: GateRegions, circuit: Circuit, pyl
     turn = ends[1].angle - ends[0].angle
     turn += 2 * np.pi * np.round((yaws[-1] - yaws[0] - turn) / (2 * np.pi))
     search = LapSearch(passed, turn, pylons, limits, clearance, half_view, effort.samples)
-    points = [circuit.derivatives(t)[0] for t in circuit.gate_times[:k - 1]]
-    guesses = [
-        search.settled(_guess(start, points, goal, factor * np.asarray(durations), ends))
-        for factor in _SLOWER]
-    now = min(guesses, key=search.merit)
+    if old is None:
+        points = [circuit.derivatives(t)[0] for t in circuit.gate_times[:k - 1]]
+        paths = [_smoothest(start, points, goal, factor * np.asarray(durations))
+                 for factor in _SLOWER]
+    else:
+        paths = [(np.asarray(durations), [old, *(functools.partial(_on, circuit, t)
+                                     for t in circuit.gate_times[:k - 1])])]
+    now = min((search.settled(_guess(*path, start, goal, ends)) for path in paths),
+              key=search.merit)
     for aim in _AIMS:
         search.limits = limits.scaled(aim)
-        now, _ = search.improve(search.settled(now.lap), aim < _AIMS[0], effort)
+        near = old is not None or aim < _AIMS[0]
+        now, _ = search.improve(search.settled(now.lap), near, effort)
         way, excess = _finished(now, search, limits, goal)
         if excess <= 0.0:
             break
@@ -117,17 +125,37 @@ def _gates_of(gates: GateRegions, start, k: int) -> GateRegions:
         half_sizes=None if sizes is None else np.vstack([[0.0, 0.0], sizes[:k]]))
 
 
-def _guess(start, points, goal, durations, ends) -> LapSpline:
-    """Returns the smoothest path in some time as a spline."""
+def _on(circuit: Circuit, start, time):
+    """Returns what a circuit's derivatives are a time after a start."""
+    return circuit.derivatives(start + time)
+
+
+def _smoothest(start, points, goal, durations):
+    """Returns durations and legs, see _guess(), of the smoothest path in some time."""
     durations = np.maximum(durations, _LEAST_DURATION)
     knots = np.array([start[0], *points, goal[0]])[:, :3]
     path = solve_min_snap(knots, durations, constraints=end_constraints(
         start[:, :3], goal[:, :3], (1, 2, 3, 4)))
-    breaks = np.array(path.get_segment_times())
-    values = [path.derivative(order) for order in range(ORDERS)]
+    orders = [path.derivative(order) for order in range(ORDERS)]
+
+    def leg(begin, time):
+        return np.hstack([order.value(begin + time) for order in orders]).T
+
+    return durations, [functools.partial(leg, t) for t in path.get_segment_times()[:-1]]
+
+
+def _guess(durations, legs, start, goal, ends) -> LapSpline:
+    """Returns a path as a spline.
+
+    Args:
+        durations: of its legs (s).
+        legs: from the time since each began to position and four derivatives, (5, 3 or 4).
+        start, goal, ends: where it begins and ends.
+    """
+    breaks = np.cumsum([0.0, *durations])
     gates = np.zeros((len(breaks), ORDERS, 4))
-    for order, value in enumerate(values):
-        gates[:, order, :3] = value.vector_values(breaks).T
+    for i, leg in enumerate(legs):
+        gates[i, :, :3] = leg(0.0)[:, :3]
     gates[0, :, :3], gates[-1, :, :3] = start[:, :3], goal[:, :3]
     for i, end in zip((0, -1), ends):
         gates[i, :3, 3] = 0.0, end.rate, end.acceleration
@@ -142,11 +170,10 @@ def _guess(start, points, goal, durations, ends) -> LapSpline:
     left = lap.evaluate(matrices)
     interior = lap.interior.copy()
     columns = np.vstack([matrices[order][:, ORDERS:-ORDERS] for order in (0, 1)])
-    for leg, T in enumerate(durations):
-        times = breaks[leg] + T * fractions
-        wanted = [T**order * values[order].vector_values(times).T - left[order, leg, :, :3]
-                  for order in (0, 1)]
-        interior[leg, :, :3] = np.linalg.lstsq(columns, np.vstack(wanted), rcond=None)[0]
+    for i, (leg, T) in enumerate(zip(legs, durations)):
+        samples = np.array([leg(T * fraction)[:2, :3] for fraction in fractions])
+        wanted = [T**order * samples[:, order] - left[order, i, :, :3] for order in (0, 1)]
+        interior[i, :, :3] = np.linalg.lstsq(columns, np.vstack(wanted), rcond=None)[0]
     return dc.replace(lap, interior=interior)
 
 

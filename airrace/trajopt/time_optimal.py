@@ -30,6 +30,7 @@ _REFINEMENTS, _NEGLIGIBLE = (4, 8, 16), 2e-3
 def plan_optimal_circuit(gates: GateRegions, pylons, limits: FlightLimits, *, clearance: float,
                          half_view: float | None = np.deg2rad(40.0),
                          previous: OptimalCircuit | None = None,
+                         bound: PointMassBound | None = None,
                          effort: Effort | None = None) -> OptimalCircuit:
     """Returns the quickest lap through the gates that the vehicle can fly.
 
@@ -48,6 +49,8 @@ def plan_optimal_circuit(gates: GateRegions, pylons, limits: FlightLimits, *, cl
         half_view: angle (rad) off the heading within which the midpoint of the
             next gate stays, until it is LEAST_RANGE near; None for any.
         previous: a lap through similar gates, to start from.
+        bound: a point mass's lap through these gates, if it is known. A lap that does not
+            start from another one starts from its own.
         effort: when to stop; by default soon if started from another lap.
 
     Raises:
@@ -69,8 +72,9 @@ def plan_optimal_circuit(gates: GateRegions, pylons, limits: FlightLimits, *, cl
         problem = search((effort or Effort.quick()).samples, previous.spline.pieces)
         with contextlib.suppress(TrajectoryOptimizationError):
             now = moved_lap(previous.spline, gates, problem.grid, limits)
-    precision = _BOUND if now is None else ()
-    bound = quickest_point_mass(gates, limits, pylons, clearance, *precision)
+    if bound is None or now is None:
+        precision = _BOUND if now is None else ()
+        bound = quickest_point_mass(gates, limits, pylons, clearance, *precision)
     warm = now is not None and now.lap.duration < _MOST_HELPFUL * bound.duration
     effort = effort or (Effort.quick() if warm else Effort())
     if not warm:

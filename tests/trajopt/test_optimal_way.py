@@ -107,11 +107,13 @@ def test_a_turned_drone_turns_on_the_way():
 
 @each
 @pytest.mark.parametrize("seed", range(2))
-def test_from_the_lap_before(limits, seed):
-    (old, _), (new, gates) = lap(limits), lap(limits, seed)
-    at = old.gate_times[-2] + 0.02
-    start, left = old.derivatives(at), old.duration - at
-    found, phase = way(start, left, 2, limits, new, gates)
+@pytest.mark.parametrize("known", [False, True])
+def test_from_the_lap_before(limits, seed, known):
+    (lap_before, _), (new, gates) = lap(limits), lap(limits, seed)
+    at = lap_before.gate_times[-2] + 0.02
+    start, left = lap_before.derivatives(at), lap_before.duration - at
+    old = (lambda time: lap_before.derivatives(at + time)) if known else None
+    found, phase = way(start, left, 2, limits, new, gates, old=old)
     assert_sound(found, phase, start, new, gates, 2, limits)
     # It costs next to nothing.
     assert abs(found.duration - phase - left) < 0.1

@@ -5,7 +5,7 @@ from pydrake.systems.analysis import Simulator
 from airrace.diagrams.runner import MakeRace
 from airrace.diagrams.scenario import Scenario
 
-_TIME = 0.3  # s: the first pictures are seen, measured and mapped by then
+_TIME = 1.5  # s: it has seen, measured and mapped, and takes off by then
 
 
 def warm_up(scenario: Scenario) -> None:

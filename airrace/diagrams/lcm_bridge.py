@@ -89,8 +89,10 @@ class Senders:
 
     def Send(self, root_context) -> list:
         """Sends what is due; returns the senders that sent something, with its bytes."""
-        sent = []
+        sent, now = [], root_context.get_time()
         for sender in self.senders:
+            if sender.IsEarly(now):
+                continue
             sender.last_message = None
             sender.ForcedPublish(sender.GetMyContextFromRoot(root_context))
             if sender.last_message is not None:

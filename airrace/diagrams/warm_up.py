@@ -1,17 +1,31 @@
 """Compiles what a race calls before it starts: real time waits for nobody."""
 
+import dataclasses as dc
+import tempfile
+from pathlib import Path
+
 from pydrake.systems.analysis import Simulator
 
 from airrace.diagrams.runner import MakeRace
 from airrace.diagrams.scenario import Scenario
+from airrace.diagrams.simulated_link import SimulatedRemote
+from airrace.link.simulated_bus import LinkConfig
 
-_TIME = 1.5  # s: it has seen, measured and mapped, and takes off by then
+_TIME = 1.0  # s: it has seen, measured and mapped, and takes off by then
+_LINK_DELAY = 0.2  # s, see Scenario
+_LINK = LinkConfig(delay=0.01, jitter=0.0, loss=0.0, seed=0)  # long enough to compensate for
 
 
 def warm_up(scenario: Scenario) -> None:
-    """Flies the first moment of a race in this process, and forgets it.
+    """Flies the first moment of a race over a link, all in this process, and forgets it.
 
     The machine code of the inner loops is compiled, or read from the disk, when it is
     first called (see airrace/compiled.py).
     """
-    Simulator(MakeRace(scenario)).AdvanceTo(_TIME)
+    scenario = dc.replace(scenario, link_delay=_LINK_DELAY)
+    with tempfile.TemporaryDirectory() as folder:
+        partner = SimulatedRemote(scenario, _LINK, Path(folder))
+        simulator = Simulator(MakeRace(scenario, partner=partner))
+        simulator.Initialize()
+        partner.begin(simulator)
+        partner.advance(simulator, _TIME)

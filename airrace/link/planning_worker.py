@@ -10,7 +10,7 @@ import sys
 
 from airrace.immutable import Immutable
 
-_NICE = 5  # control comes first
+_NICE = 15  # control comes first
 _LENGTH = struct.Struct(">Q")
 
 

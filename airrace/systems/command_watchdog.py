@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import math
+import operator
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -23,6 +24,7 @@ _DESCENT, _LAST_DESCENT = 2.0, 0.5  # m/s, and over the last metre
 _LOW = 1.0  # m over the ground; from there a landing is finished
 _AIRBORNE = 0.4  # m over where it stood
 _BELOW = 3.0  # m under the pad: the rotors idle
+_NOTHING = np.full(ref.SIZE, np.nan)
 
 
 @dc.dataclass(slots=True)
@@ -30,8 +32,8 @@ class _Memory:
     """What the watchdog remembers, as one vector.
 
     ``last`` is when the newest command was sent, ``x`` to ``yaw`` where the drone
-    was and how fast when it was left alone, at ``since``; ``landing`` when the
-    descent began. The rest is for the record.
+    was and how fast when it was left alone, at ``since``, or now while a command is
+    held; ``landing`` when the descent began. The rest is for the record.
     """
 
     mode: float = FOLLOW
@@ -53,7 +55,10 @@ class _Memory:
     landings: float = 0.0
 
     def vector(self) -> np.ndarray:
-        return np.array(dc.astuple(self))
+        return np.array(_numbers(self))
+
+
+_numbers = operator.attrgetter(*(field.name for field in dc.fields(_Memory)))
 
 
 class CommandWatchdog(LeafSystem):
@@ -76,7 +81,8 @@ class CommandWatchdog(LeafSystem):
     through. If it is older than 0.1 s, the last one is held; after 0.5 s
     ``own_command``, of a controller that follows ``reference``
     (trajopt/flat_trajectory.py), levels the drone, brakes it and lets it hover;
-    after 2 s it lands. As soon as a fresh command comes, it is followed again,
+    after 2 s it lands. While commands are fresh the reference is NaN, at which that
+    controller rests. As soon as a fresh command comes, it is followed again,
     unless the drone is about to touch down. On the pad, the rotors idle.
     """
 
@@ -114,11 +120,11 @@ class CommandWatchdog(LeafSystem):
         mode = int(age > HOLD_AFTER) + int(age > HOVER_AFTER) + int(age > LAND_AFTER)
         if m.mode == LAND and m.airborne and height < _LOW:
             mode = LAND
-        if mode >= HOVER and m.mode < HOVER:
+        if mode >= HOLD and m.mode < HOVER:
             m.since = now
             m.x, m.y, m.z, m.yaw = hover_pose(np.array(estimate))
             m.vx, m.vy, m.vz = estimate[se.VELOCITY]
-            m.hovers += 1
+        m.hovers += mode >= HOVER and m.mode < HOVER
         if mode == LAND and m.mode < LAND:
             m.landing = now
             m.landings += 1
@@ -133,7 +139,8 @@ class CommandWatchdog(LeafSystem):
         output.set_value(source.Eval(context))
 
     def _CalcReference(self, context, output):
-        output.set_value(stopping(self.Recall(context), context.get_time()))
+        m = self.Recall(context)
+        output.set_value(_NOTHING if m.mode == FOLLOW else stopping(m, context.get_time()))
 
 
 def stopping(m: _Memory, time: float) -> np.ndarray:

@@ -5,8 +5,9 @@ import math
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
+from airrace.compiled import all_finite, compilable, compiled
 from airrace.systems import state_estimate as se
-from airrace.triples import columns, cross
+from airrace.triples import columns, cross, dot
 from airrace.vehicle import GRAVITY, Vehicle
 
 _LEAST = 0.004  # s, less is not worth the work
@@ -44,9 +45,9 @@ class DelayCompensator(LeafSystem):
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
         self._period = 1.0 / rate
-        self._mass, self._J = vehicle.mass, list(map(float, vehicle.inertia))
-        self._allocation = (vehicle.allocation * vehicle.thrust_coefficients).tolist()
-        self._max_speeds = vehicle.max_speeds.tolist()
+        self._mass, self._J = float(vehicle.mass), np.array(vehicle.inertia, float)
+        self._allocation = vehicle.allocation * vehicle.thrust_coefficients
+        self._max_speeds = vehicle.max_speeds
         self._blend = 1.0 - math.exp(-self._period / vehicle.rotor_lag)
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
@@ -81,65 +82,91 @@ class DelayCompensator(LeafSystem):
         return 0.0 if delay < _LEAST else self._period * math.ceil(delay / self._period)
 
     def _Remember(self, context, discrete_state):
-        history = context.get_discrete_state(self._history).value()
+        history = discrete_state.get_mutable_value(self._history)
         command = self._command.Eval(context)
-        discrete_state.set_value(
-            self._history, np.concatenate([command, history[:-len(command)]]))
+        history[len(command):] = history[:-len(command)]
+        history[:len(command)] = command
         # What is seen now was made one period ago.
-        discrete_state.set_value(self._since, [context.get_time() - self._period])
+        discrete_state.get_mutable_value(self._since)[0] = context.get_time() - self._period
 
     def _Predicted(self, context):
         """Returns the two outputs."""
         estimate, speeds = self._estimate.Eval(context), self._speeds.Eval(context)
         delay = context.get_discrete_state(self._delay).value()[0]
-        if delay < _LEAST or not np.isfinite(estimate).all():
-            return estimate, speeds
-        n = len(speeds)
-        history = context.get_discrete_state(self._history).value().reshape(self._depth, n)
-        since = context.get_discrete_state(self._since).value()[0]
-        # The command in force at the time of the estimate, and those after it.
-        first = min(max(math.floor((since - estimate[se.TIME]) / self._period) + 1, 0),
-                    self._depth - 1)
-        steps = round(delay / self._period)
-        commands = [history[max(first - k, 0)].tolist() for k in range(steps)]
-        wanted = history[first:first + _WHILE].min(axis=0)
-        predicted, carried = self._carried(estimate.tolist(), speeds.tolist(), commands, delay)
-        return predicted, np.where(speeds < _FOLLOWS * wanted, speeds, carried)
+        if delay >= _LEAST and all_finite(estimate):
+            _predict(
+                estimate, speeds, context.get_discrete_state(self._history).value(),
+                context.get_discrete_state(self._since).value()[0], delay, self._period,
+                self._mass, self._J, self._allocation, self._max_speeds, self._blend)
+        return estimate, speeds
 
-    def _carried(self, estimate, speeds, commands, delay):
-        h, mass, (J_x, J_y, J_z) = self._period, self._mass, self._J
-        x, y, z = estimate[se.POSITION]
-        vx, vy, vz = estimate[se.VELOCITY]
-        q = estimate[se.QUATERNION]
-        R = columns(*q)
-        p, s, r = (sum(a * b for a, b in zip(estimate[se.ANGULAR_VELOCITY], axis)) for axis in R)
-        thrust = sum(a * w * w for a, w in zip(self._allocation[0], speeds))
-        flying = thrust > _FLYING * mass * GRAVITY
-        for command in commands:
-            speeds = [
-                w + self._blend * (min(max(c, 0.0), limit) - w)
-                for w, c, limit in zip(speeds, command, self._max_speeds)]
-            if not flying:
-                continue
-            squares = [w * w for w in speeds]
-            thrust, *moment = (sum(a * b for a, b in zip(row, squares))
-                               for row in self._allocation)
-            gx, gy, gz = cross((p, s, r), (J_x * p, J_y * s, J_z * r))
-            p += h * (moment[0] - gx) / J_x
-            s += h * (moment[1] - gy) / J_y
-            r += h * (moment[2] - gz) / J_z
-            a, b, c = 0.5 * h * p, 0.5 * h * s, 0.5 * h * r
-            q0, q1, q2, q3 = q
-            q = (q0 - q1 * a - q2 * b - q3 * c, q1 + q0 * a + q2 * c - q3 * b,
-                 q2 + q0 * b + q3 * a - q1 * c, q3 + q0 * c + q1 * b - q2 * a)
-            length = math.sqrt(sum(part * part for part in q))
-            q = tuple(part / length for part in q)
-            R = columns(*q)
-            up = R[2]
-            x, y, z = x + h * vx, y + h * vy, z + h * vz
-            vx += h * thrust / mass * up[0]
-            vy += h * thrust / mass * up[1]
-            vz += h * (thrust / mass * up[2] - GRAVITY)
-        w_W = [p * i + s * j + r * k for i, j, k in zip(*R)]
-        predicted = [estimate[se.TIME] + delay, *q, x, y, z, *w_W, vx, vy, vz]
-        return np.array(predicted), np.array(speeds)
+
+@compiled
+def _predict(estimate, speeds, history, since, delay, period, mass, J, allocation, max_speeds,
+             blend):
+    """Carries estimate, (14,), and speeds, (n,), forward by a delay (s).
+
+    Args:
+        history: commands, newest first, one after the other.
+        since: when the newest was made (s).
+        the others: see _carry().
+    """
+    history = history.reshape(-1, len(speeds))
+    # The command in force at the time of the estimate, and those after it.
+    first = int(math.floor((since - estimate[se.TIME]) / period)) + 1
+    first = min(max(first, 0), len(history) - 1)
+    carried = speeds.copy()
+    _carry(estimate, carried, history, first, int(round(delay / period)), period, mass, J,
+           allocation, max_speeds, blend)
+    estimate[se.TIME] += delay
+    for i in range(len(speeds)):
+        wanted = np.min(history[first:first + _WHILE, i])
+        if not speeds[i] < _FOLLOWS * wanted:
+            speeds[i] = carried[i]
+
+
+@compilable
+def _carry(estimate, speeds, history, first, steps, h, mass, J, allocation, max_speeds, blend):
+    """Carries estimate, (14,), and speeds, (n,), forward by some steps.
+
+    Args:
+        history: commands, newest first, (depth, n).
+        first: the one in force; it and those after it follow.
+        h: a step (s).
+        allocation: thrust and moments of the squared speeds, (4, n).
+        blend: share of a step that a rotor makes.
+    """
+    p, q, v, w = (estimate[se.POSITION], estimate[se.QUATERNION], estimate[se.VELOCITY],
+                  estimate[se.ANGULAR_VELOCITY])
+    x_B, y_B, z_B = columns(q[0], q[1], q[2], q[3])
+    rates = np.array([dot(w, x_B), dot(w, y_B), dot(w, z_B)])
+    thrust = 0.0
+    for i in range(len(speeds)):
+        thrust += allocation[0, i] * speeds[i] ** 2
+    flying = thrust > _FLYING * mass * GRAVITY
+    wrench = np.empty(4)
+    for k in range(steps):
+        command = history[max(first - k, 0)]
+        wrench[:] = 0.0
+        for i in range(len(speeds)):
+            speeds[i] += blend * (min(max(command[i], 0.0), max_speeds[i]) - speeds[i])
+            for row in range(4):
+                wrench[row] += allocation[row, i] * speeds[i] ** 2
+        if not flying:
+            continue
+        gyro = cross(rates, J * rates)
+        for i in range(3):
+            rates[i] += h * (wrench[1 + i] - gyro[i]) / J[i]
+        a, b, c = 0.5 * h * rates[0], 0.5 * h * rates[1], 0.5 * h * rates[2]
+        q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
+        q[0], q[1] = q0 - q1 * a - q2 * b - q3 * c, q1 + q0 * a + q2 * c - q3 * b
+        q[2], q[3] = q2 + q0 * b + q3 * a - q1 * c, q3 + q0 * c + q1 * b - q2 * a
+        length = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+        for i in range(4):
+            q[i] /= length
+        x_B, y_B, z_B = columns(q[0], q[1], q[2], q[3])
+        for i in range(3):
+            p[i] += h * v[i]
+            v[i] += h * (wrench[0] / mass * z_B[i] - (GRAVITY if i == 2 else 0.0))
+    for i in range(3):
+        w[i] = rates[0] * x_B[i] + rates[1] * y_B[i] + rates[2] * z_B[i]

@@ -65,16 +65,22 @@ class TwoHosts(contextlib.ExitStack):
             for name in (self.workstation, self.companion):
                 _ip("netns", "add", name)
                 _ip("-n", name, "link", "set", "lo", "up")
-            _ip("link", "add", "veth0", "netns", self.workstation, "type", "veth",
-                "peer", "name", "veth0", "netns", self.companion)
-            for name, address in ((self.workstation, WORKSTATION), (self.companion, COMPANION)):
-                _ip("-n", name, "address", "add", f"{address}/24", "dev", "veth0")
-                _ip("-n", name, "link", "set", "veth0", "up")
-                _ip("-n", name, "route", "add", "224.0.0.0/4", "dev", "veth0")
+            self._lay_cable()
             self.process = self._serve()
             undo.callback(self.stop_server)
             self.push(undo.pop_all())
         return self
+
+    def _lay_cable(self):
+        _ip("link", "add", "veth0", "netns", self.workstation, "type", "veth",
+            "peer", "name", "veth0", "netns", self.companion)
+        self._connect()
+
+    def _connect(self):
+        for name, address in ((self.workstation, WORKSTATION), (self.companion, COMPANION)):
+            _ip("-n", name, "address", "add", f"{address}/24", "dev", "veth0")
+            _ip("-n", name, "link", "set", "veth0", "up")
+            _ip("-n", name, "route", "add", "224.0.0.0/4", "dev", "veth0")
 
     def _delete(self):
         for name in (self.workstation, self.companion):
@@ -152,6 +158,40 @@ SetEnv HOME={self.home} PATH={self.path}:/usr/bin:/bin
                 yield
             finally:
                 os.setns(before.fileno(), os.CLONE_NEWNET)
+
+    @contextlib.contextmanager
+    def bad_cable(self, delay: float, jitter: float, loss: float):
+        """Has a bad cable: by netem, or where the kernel has none, by bad_cable.py.
+
+        Args: delay, jitter: of every packet (ms). loss: of packets (%).
+        """
+        netem = ["netem", "delay", f"{delay}ms", f"{jitter}ms", "loss", f"{loss}%"]
+        names = (self.workstation, self.companion)
+        tc = [subprocess.run(["tc", "-n", name, "qdisc", "add", "dev", "veth0", "root", *netem],
+                             capture_output=True).returncode for name in names]
+        if not any(tc):
+            try:
+                yield
+            finally:
+                for name in names:
+                    subprocess.run(["tc", "-n", name, "qdisc", "del", "dev", "veth0", "root"])
+            return
+        _ip("-n", self.workstation, "link", "del", "veth0")
+        for name in names:
+            _ip("-n", name, "tuntap", "add", "dev", "veth0", "mode", "tap")
+        program = Path(__file__).with_name("bad_cable.py")
+        with subprocess.Popen(
+                [sys.executable, str(program), *names, "veth0", *map(str, (delay, jitter, loss))],
+                stdout=subprocess.PIPE, text=True) as relay:
+            try:
+                assert relay.stdout.readline() == "here\n"
+                self._connect()
+                yield
+            finally:
+                relay.kill()
+                for name in names:
+                    _ip("-n", name, "link", "del", "veth0")
+                self._lay_cable()
 
     def cable(self, plugged: bool) -> None:
         """Plugs the cable in, or pulls it."""

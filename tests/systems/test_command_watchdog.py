@@ -77,6 +77,21 @@ def test_follows_holds_hovers_and_lands():
     assert m.oldest == pytest.approx(4.0, abs=0.01)
 
 
+def test_its_own_controller_rests_while_commands_are_fresh_and_is_ready_when_they_are_not():
+    bench = Bench()
+    bench.at(1.05, sent=1.0)
+    assert np.isnan(bench.reference()).all()
+    for height in (6.0, 7.0):  # where the drone is while a command is held
+        bench.place(height)
+        bench.at(1.1 + height / 20, sent=1.0)
+        np.testing.assert_array_equal(bench.reference()[ref.POSITION], [1.0, 2.0, height])
+    bench.place(8.0)
+    bench.at(1.6, sent=1.0)
+    bench.place(9.0)
+    bench.at(1.7, sent=1.0)
+    assert bench.reference()[2] == 8.0  # where it was left alone
+
+
 @pytest.mark.parametrize("age", [0.3, 1.0, 3.0])
 def test_a_fresh_command_arms_it_again(age):
     bench = Bench()

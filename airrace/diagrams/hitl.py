@@ -72,7 +72,7 @@ def run_autonomy(args) -> int:
 
     for signum in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signum, end)
-    warm_up(scenario)
+    warm_up(scenario, briefly=args.resume is not None)
     with results_folder(args.output) as folder:
         process = AutonomyProcess(scenario, open_lcm(args.lcm_url or DEFAULT_URL), folder,
                                   stop=lambda: flag.is_set)

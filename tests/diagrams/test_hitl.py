@@ -138,14 +138,14 @@ def test_bad_input_is_one_sentence(options, sentence, tmp_path):
 
 def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     """It is killed on its way to gate 1, and another process resumes with its checkpoint."""
-    text = "{camera: {width: 640, height: 360}, referee: {time_limit: 8.0}, link_delay: 0.2}"
+    text = "{camera: {width: 640, height: 360}, referee: {time_limit: 7.0}, link_delay: 0.2}"
     scenario = ["--scenario_text", text.replace("{camera", f"{{track: {hexagon}, laps: 1, camera")]
     first, second = (
         " ".join(f"'{word}'" for word in hitl(
             "--role", "autonomy", "--output", tmp_path / name, *scenario, *options))
         for name, options in (("first", ()), ("second", ("--resume", tmp_path / "first"))))
     simulation = " ".join(f"'{word}'" for word in race(
-        tmp_path / "out", hexagon, "-s", "HITL", "--companion", "none", "--realtime_rate", "0.15",
+        tmp_path / "out", hexagon, "-s", "HITL", "--companion", "none", "--realtime_rate", "0.08",
         text=text))
     script = tmp_path / "all.sh"
     script.write_text(f"""
@@ -162,6 +162,7 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     # One that had started anew would be on its way up again.
     assert re.match("ran out of time in state (?!CALIBRATE|TAKE_OFF)", result["dnf_reason"])
     watchdog = result["wall"]["link"]["watchdog"]
-    # Perhaps a second time, while it reads its machine code from the disk.
-    assert watchdog["hovers"] in (1, 2) and result["collisions"] == 0
+    # How long nobody commands, and how often, is up to the machine: it reads its machine
+    # code from the disk. It is slowed down so that a slow one is in time.
+    assert watchdog["holds"] >= 1 and watchdog["hovers"] <= 2 and result["collisions"] == 0
     assert [e["state"] for e in result["exploration"]["events"]].count("TAKE_OFF") == 1

@@ -15,7 +15,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import Scenario
+from airrace.diagrams.scenario import LINK_DELAY, Scenario
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.errors import exit_code
 from airrace.files import write_json
@@ -32,7 +32,8 @@ def fly(delay: float, loss: float, *, laps: int, track: str, trajectory: str, se
         delay: there and back (ms). loss: of the packets (%).
         laps, track, trajectory, seed: of the race.
     """
-    scenario = Scenario(track=track, laps=laps, trajectory=trajectory, seed=seed, link_delay=0.2)
+    scenario = Scenario(
+        track=track, laps=laps, trajectory=trajectory, seed=seed, link_delay=LINK_DELAY)
     link = LinkConfig(delay=delay / 2e3, jitter=delay / 8e3, loss=loss / 100, seed=seed)
     with tempfile.TemporaryDirectory() as folder:
         autonomy = Path(folder) / "autonomy"

@@ -31,6 +31,8 @@ from airrace.trajopt.min_snap import (
     DerivativeConstraint,
     TrajectoryOptimizationError,
     solve_min_snap,
+    turn_per_lap,
+    unwrap_headings,
 )
 from airrace.trajopt.time_optimal import plan_optimal_circuit
 from airrace.vehicle import DRONES, load_vehicle
@@ -142,8 +144,8 @@ def solve_time(midpoints, headings, dimensions, durations) -> float:
     """Returns how long minimum snap takes for given durations, a median (s)."""
     waypoints, offset, times = np.array(midpoints), np.zeros(3), []
     if dimensions > 3:
-        waypoints = np.column_stack([waypoints, np.unwrap(headings)])
-        offset = np.array([0.0, 0.0, 0.0, 2.0 * np.pi])  # one turn to the left
+        waypoints = np.column_stack([waypoints, unwrap_headings(headings)])
+        offset = np.array([0.0, 0.0, 0.0, turn_per_lap(headings)])
     level = [DerivativeConstraint(i, 2, LEVEL) for i in range(len(midpoints))]
     for _ in range(21):
         clock = time.process_time()

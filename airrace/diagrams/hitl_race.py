@@ -13,7 +13,7 @@ from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.channels import SIMULATION, make_channels
 from airrace.diagrams.lcm_bridge import pictures_wanted
 from airrace.diagrams.remote import LockstepRemote, RealTimeRemote
-from airrace.diagrams.scenario import Scenario, scenario_yaml
+from airrace.diagrams.scenario import LINK_DELAY, Scenario, scenario_yaml
 from airrace.diagrams.warm_up import warm_up
 from airrace.errors import UserError
 from airrace.link.doctor import diagnose, refusal
@@ -24,7 +24,6 @@ from airrace.resources import find_yaml, models_path
 from airrace.vehicle import DRONES, find_vehicle
 
 BY_HAND = "none"  # --companion, if somebody starts the autonomy by hand
-_LINK_DELAY = 0.2  # s, that the autonomy's boxes allow for
 _TEST = 1.0  # s, of the link before a race
 _START = 180.0  # s, that an autonomy may take to start: the first time, it compiles
 _FAREWELL = 3.0  # s, that the autonomy has to end by itself
@@ -44,7 +43,7 @@ def prepared(scenario: Scenario, lockstep: bool) -> Scenario:
     config = scenario.simulator_config
     config.target_realtime_rate = 0.0 if lockstep else config.target_realtime_rate or 1.0
     if not lockstep and scenario.link_delay == 0.0:
-        scenario.link_delay = _LINK_DELAY
+        scenario.link_delay = LINK_DELAY
     return scenario
 
 

@@ -24,6 +24,7 @@ from airrace.vehicle import DRONES, find_vehicle
 
 TRAJECTORIES = ("3", "4", "6", "optimal")
 ESTIMATORS = ("robust", "report")
+LINK_DELAY = 0.2  # s, of Scenario.link_delay in HITL
 
 
 def trajectory_name(trajectory: str) -> str:

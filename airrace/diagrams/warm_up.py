@@ -7,14 +7,13 @@ from pathlib import Path
 from pydrake.systems.analysis import Simulator
 
 from airrace.diagrams.runner import MakeRace
-from airrace.diagrams.scenario import Scenario
+from airrace.diagrams.scenario import LINK_DELAY, Scenario
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.link.simulated_bus import LinkConfig
 
 _TIME = 0.6  # s: it has seen, measured and mapped, and takes off by then
 _BRIEF = 0.3  # s: it has seen by then
-_LINK_DELAY = 0.2  # s, see Scenario
-_LINK = LinkConfig(delay=0.01, jitter=0.0, loss=0.0, seed=0)  # long enough to compensate for
+LINK = LinkConfig(delay=0.01, jitter=0.0, loss=0.0, seed=0)  # long enough to compensate for
 
 
 def warm_up(scenario: Scenario, briefly: bool = False) -> None:
@@ -28,9 +27,9 @@ def warm_up(scenario: Scenario, briefly: bool = False) -> None:
         briefly: for one who goes on with a race: the code is on the disk, and a drone is
             waiting in the air.
     """
-    scenario = dc.replace(scenario, link_delay=_LINK_DELAY)
+    scenario = dc.replace(scenario, link_delay=LINK_DELAY)
     with tempfile.TemporaryDirectory() as folder:
-        partner = SimulatedRemote(scenario, _LINK, Path(folder))
+        partner = SimulatedRemote(scenario, LINK, Path(folder))
         simulator = Simulator(MakeRace(scenario, partner=partner))
         simulator.Initialize()
         partner.begin(simulator)

@@ -7,7 +7,8 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.compiled import all_finite, compilable, compiled
 from airrace.systems import state_estimate as se
-from airrace.triples import columns, cross, dot
+from airrace.systems.rotor_bank import turn
+from airrace.triples import columns, cross, in_axes, sum3
 from airrace.vehicle import GRAVITY, Vehicle
 
 _LEAST = 0.004  # s, less is not worth the work
@@ -46,7 +47,7 @@ class DelayCompensator(LeafSystem):
         n = len(vehicle.rotors)
         self._period = 1.0 / rate
         self._mass, self._J = float(vehicle.mass), np.array(vehicle.inertia, float)
-        self._allocation = vehicle.allocation * vehicle.thrust_coefficients
+        self._allocation, self._c_f = vehicle.allocation, vehicle.thrust_coefficients
         self._max_speeds = vehicle.max_speeds
         self._blend = 1.0 - math.exp(-self._period / vehicle.rotor_lag)
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
@@ -97,13 +98,14 @@ class DelayCompensator(LeafSystem):
             _predict(
                 estimate, speeds, context.get_discrete_state(self._history).value(),
                 context.get_discrete_state(self._since).value()[0], delay, self._period,
-                self._mass, self._J, self._allocation, self._max_speeds, self._blend)
+                self._mass, self._J, self._allocation, self._c_f, self._max_speeds,
+                self._blend)
         return estimate, speeds
 
 
 @compiled
-def _predict(estimate, speeds, history, since, delay, period, mass, J, allocation, max_speeds,
-             blend):
+def _predict(estimate, speeds, history, since, delay, period, mass, J, allocation, c_f,
+             max_speeds, blend):
     """Carries estimate, (14,), and speeds, (n,), forward by a delay (s).
 
     Args:
@@ -117,7 +119,7 @@ def _predict(estimate, speeds, history, since, delay, period, mass, J, allocatio
     first = min(max(first, 0), len(history) - 1)
     carried = speeds.copy()
     _carry(estimate, carried, history, first, int(round(delay / period)), period, mass, J,
-           allocation, max_speeds, blend)
+           allocation, c_f, max_speeds, blend)
     estimate[se.TIME] += delay
     for i in range(len(speeds)):
         wanted = np.min(history[first:first + _WHILE, i])
@@ -126,35 +128,28 @@ def _predict(estimate, speeds, history, since, delay, period, mass, J, allocatio
 
 
 @compilable
-def _carry(estimate, speeds, history, first, steps, h, mass, J, allocation, max_speeds, blend):
+def _carry(estimate, speeds, history, first, steps, h, mass, J, allocation, c_f, max_speeds,
+           blend):
     """Carries estimate, (14,), and speeds, (n,), forward by some steps.
 
     Args:
         history: commands, newest first, (depth, n).
         first: the one in force; it and those after it follow.
         h: a step (s).
-        allocation: thrust and moments of the squared speeds, (4, n).
-        blend: share of a step that a rotor makes.
+        allocation: from the rotors' thrusts to thrust and moments, (4, n).
+        c_f, max_speeds, blend: of the rotors, see rotor_bank.turn().
     """
     p, q, v, w = (estimate[se.POSITION], estimate[se.QUATERNION], estimate[se.VELOCITY],
                   estimate[se.ANGULAR_VELOCITY])
-    x_B, y_B, z_B = columns(q[0], q[1], q[2], q[3])
-    rates = np.array([dot(w, x_B), dot(w, y_B), dot(w, z_B)])
-    thrust = 0.0
-    for i in range(len(speeds)):
-        thrust += allocation[0, i] * speeds[i] ** 2
-    flying = thrust > _FLYING * mass * GRAVITY
-    wrench = np.empty(4)
+    axes = columns(q[0], q[1], q[2], q[3])
+    rates = np.array(in_axes(w, axes))
+    thrusts = c_f * speeds**2
+    flying = np.sum(allocation[0] * thrusts) > _FLYING * mass * GRAVITY
     for k in range(steps):
-        command = history[max(first - k, 0)]
-        wrench[:] = 0.0
-        for i in range(len(speeds)):
-            speeds[i] += blend * (min(max(command[i], 0.0), max_speeds[i]) - speeds[i])
-            for row in range(4):
-                wrench[row] += allocation[row, i] * speeds[i] ** 2
+        turn(speeds, thrusts, history[max(first - k, 0)], max_speeds, blend, c_f)
         if not flying:
             continue
-        gyro = cross(rates, J * rates)
+        wrench, gyro = np.sum(allocation * thrusts, axis=1), cross(rates, J * rates)
         for i in range(3):
             rates[i] += h * (wrench[1 + i] - gyro[i]) / J[i]
         a, b, c = 0.5 * h * rates[0], 0.5 * h * rates[1], 0.5 * h * rates[2]
@@ -164,9 +159,8 @@ def _carry(estimate, speeds, history, first, steps, h, mass, J, allocation, max_
         length = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
         for i in range(4):
             q[i] /= length
-        x_B, y_B, z_B = columns(q[0], q[1], q[2], q[3])
+        axes = columns(q[0], q[1], q[2], q[3])
         for i in range(3):
             p[i] += h * v[i]
-            v[i] += h * (wrench[0] / mass * z_B[i] - (GRAVITY if i == 2 else 0.0))
-    for i in range(3):
-        w[i] = rates[0] * x_B[i] + rates[1] * y_B[i] + rates[2] * z_B[i]
+            v[i] += h * (wrench[0] / mass * axes[2][i] - (GRAVITY if i == 2 else 0.0))
+    w[:] = np.array(sum3(rates[0], axes[0], rates[1], axes[1], rates[2], axes[2]))

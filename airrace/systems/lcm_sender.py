@@ -34,6 +34,9 @@ class LcmSender(LeafSystem):
         self._row = row
         self._endpoint = endpoint
         self._lossless = lossless
+        # How long a value waits after the last (s), by whether it is still the same.
+        self._waits = {False: (1.0 - _TOLERANCE) / row.rate,
+                       True: row.repeat - 1e-9 if row.repeat > 0.0 else np.inf}
         for port in row.ports:
             model = row.model(port)
             if isinstance(model, int):
@@ -57,12 +60,7 @@ class LcmSender(LeafSystem):
 
     def IsEarly(self, now: float) -> bool:
         """Whether nothing can be due at a time (s), whatever the values are."""
-        if self._lossless:
-            return False
-        wait = (1.0 - _TOLERANCE) / self._row.rate
-        if self._row.repeat > 0.0:
-            wait = min(wait, self._row.repeat)
-        return now - self._sent_at < wait - 1e-9
+        return not self._lossless and now - self._sent_at < min(self._waits.values())
 
     def Forget(self) -> None:
         """Forgets what was sent, so that everything is sent again."""
@@ -88,6 +86,4 @@ class LcmSender(LeafSystem):
         same = mark is self._sent or (isinstance(mark, bytes) and mark == self._sent)
         if self._lossless:
             return not same
-        if same:
-            return 0.0 < self._row.repeat <= now - self._sent_at + 1e-9
-        return now - self._sent_at >= (1.0 - _TOLERANCE) / self._row.rate
+        return now - self._sent_at >= self._waits[same]

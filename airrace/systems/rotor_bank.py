@@ -58,13 +58,13 @@ class RotorBank(LeafSystem):
         for rotor, time in self._failures:
             if context.get_time() >= time:
                 command[rotor] = 0.0
-        _turn(discrete_state.get_mutable_value(self._speeds),
-              discrete_state.get_mutable_value(self._thrusts),
-              command, self._max_speeds, self._blend, self._c_f)
+        turn(discrete_state.get_mutable_value(self._speeds),
+             discrete_state.get_mutable_value(self._thrusts),
+             command, self._max_speeds, self._blend, self._c_f)
 
 
 @compiled
-def _turn(speeds, thrusts, command, max_speeds, blend, c_f):
+def turn(speeds, thrusts, command, max_speeds, blend, c_f):
     """Changes speeds by one period of the lag, and thrusts with them (N), all (n,)."""
     for i in range(len(speeds)):
         # NaN is not greater than zero.

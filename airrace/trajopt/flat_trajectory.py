@@ -20,7 +20,7 @@ class FlatTrajectory(Immutable):
     """A PiecewisePolynomial of x, y, z (m, world) and yaw (rad), from time 0.
 
     Controllers and checks ask for all derivatives, at thousands of times: so they are
-    evaluated here, in a tenth of what Drake takes for each by itself.
+    evaluated here, all at once.
 
     Attributes:
         polynomial: the value, four rows.

@@ -1,7 +1,7 @@
 """Linear constraints of a MathematicalProgram.
 
-Its own AddLinearConstraint() also takes sparse matrices and looks for scipy each time,
-which takes longer than all the rest where there is none.
+Its own AddLinearConstraint() also takes sparse matrices and looks for scipy each time:
+where there is none, on the whole of Python's path.
 """
 
 import numpy as np

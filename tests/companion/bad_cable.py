@@ -7,6 +7,7 @@ delay, give or take the jitter, and some not at all. As with netem, frames may o
 Prints a line when it is there.
 """
 
+import contextlib
 import fcntl
 import heapq
 import itertools
@@ -21,16 +22,23 @@ _TUNSETIFF, _IFF_TAP, _IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
 _LARGEST = 1 << 16  # bytes of a frame
 
 
-def open_tap(namespace: str, device: str) -> int:
-    """Returns a file descriptor of a tap device that a namespace has."""
-    with open("/proc/self/ns/net") as here, open(f"/run/netns/{namespace}") as there:
+@contextlib.contextmanager
+def in_namespace(name: str):
+    """Has this thread, and those that it starts, in a network namespace."""
+    with open("/proc/thread-self/ns/net") as before, open(f"/run/netns/{name}") as there:
         os.setns(there.fileno(), os.CLONE_NEWNET)
         try:
-            tap = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
-            fcntl.ioctl(tap, _TUNSETIFF,
-                        struct.pack("16sH", device.encode(), _IFF_TAP | _IFF_NO_PI))
+            yield
         finally:
-            os.setns(here.fileno(), os.CLONE_NEWNET)
+            os.setns(before.fileno(), os.CLONE_NEWNET)
+
+
+def open_tap(namespace: str, device: str) -> int:
+    """Returns a file descriptor of a tap device that a namespace has."""
+    with in_namespace(namespace):
+        tap = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
+        fcntl.ioctl(tap, _TUNSETIFF,
+                    struct.pack("16sH", device.encode(), _IFF_TAP | _IFF_NO_PI))
     return tap
 
 

@@ -1,12 +1,12 @@
 """The hosts of the other tests: what a bad cable does."""
 
-import os
 import select
 import socket
 import time
 
 import numpy as np
 
+from tests.companion.bad_cable import in_namespace
 from tests.companion.two_hosts import COMPANION
 
 _PACKETS = 300
@@ -14,11 +14,8 @@ _PACKETS = 300
 
 def _one_way(hosts):
     """Sends packets to the companion; returns the delays of those that come (ms)."""
-    with open("/proc/thread-self/ns/net") as here, open(
-            f"/run/netns/{hosts.companion}") as there:
-        os.setns(there.fileno(), os.CLONE_NEWNET)
+    with in_namespace(hosts.companion):
         receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # stays there
-        os.setns(here.fileno(), os.CLONE_NEWNET)
     with receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         receiver.bind((COMPANION, 0))
         sender.sendto(b"", receiver.getsockname())  # finds the address

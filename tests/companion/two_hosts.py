@@ -14,6 +14,8 @@ import sys
 import time
 from pathlib import Path
 
+from tests.companion.bad_cable import in_namespace
+
 WORKSTATION, COMPANION = "10.0.0.1", "10.0.0.2"
 _numbers = itertools.count()
 SSHD = shutil.which("sshd", path="/usr/sbin:/usr/local/sbin:" + os.environ.get("PATH", ""))
@@ -148,16 +150,9 @@ SetEnv HOME={self.home} PATH={self.path}:/usr/bin:/bin
         self.stop_server()
         self.process = self._serve()
 
-    @contextlib.contextmanager
     def on_workstation(self):
         """Has this thread, and those that it starts, on the workstation."""
-        with open("/proc/thread-self/ns/net") as before, open(
-                f"/run/netns/{self.workstation}") as there:
-            os.setns(there.fileno(), os.CLONE_NEWNET)
-            try:
-                yield
-            finally:
-                os.setns(before.fileno(), os.CLONE_NEWNET)
+        return in_namespace(self.workstation)
 
     @contextlib.contextmanager
     def bad_cable(self, delay: float, jitter: float, loss: float):

@@ -152,7 +152,7 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
         {first} & first=$!
         {simulation} | tee {tmp_path}/log & race=$!
         until grep -q FLY_TO_GATE {tmp_path}/log 2>/dev/null; do sleep 0.1; done
-        sleep 4; kill -KILL $first
+        sleep 4; kill -KILL $first; sleep 7
         {second}; echo second $?
         wait $race
     """)
@@ -162,7 +162,6 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     # One that had started anew would be on its way up again.
     assert re.match("ran out of time in state (?!CALIBRATE|TAKE_OFF)", result["dnf_reason"])
     watchdog = result["wall"]["link"]["watchdog"]
-    # How long nobody commands, and how often, is up to the machine: it reads its machine
-    # code from the disk. It is slowed down so that a slow one is in time.
-    assert watchdog["holds"] >= 1 and watchdog["hovers"] <= 2 and result["collisions"] == 0
+    # Perhaps a second time, while it reads its machine code from the disk.
+    assert watchdog["hovers"] in (1, 2) and result["collisions"] == 0
     assert [e["state"] for e in result["exploration"]["events"]].count("TAKE_OFF") == 1

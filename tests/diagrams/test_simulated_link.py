@@ -5,13 +5,13 @@ import json
 import pytest
 
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import Scenario
+from airrace.diagrams.scenario import LINK_DELAY, Scenario
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.link.simulated_bus import LinkConfig
 
 
 def race(hexagon, tmp_path, link, time_limit, **fields):
-    scenario = Scenario(track=hexagon, laps=1, trajectory="4", link_delay=0.2, **fields)
+    scenario = Scenario(track=hexagon, laps=1, trajectory="4", link_delay=LINK_DELAY, **fields)
     scenario.referee.time_limit = time_limit
     scenario.camera.width, scenario.camera.height = 640, 360
     folder = tmp_path / "autonomy"

@@ -7,9 +7,9 @@ PROGRAM = """
 import gc, pathlib, sys
 from numba.core.dispatcher import Dispatcher
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import Scenario
+from airrace.diagrams.scenario import LINK_DELAY, Scenario
 from airrace.diagrams.simulated_link import SimulatedRemote
-from airrace.diagrams.warm_up import _LINK, warm_up
+from airrace.diagrams.warm_up import LINK, warm_up
 
 def compiled():
     return {(each.py_func.__module__, each.py_func.__name__, str(signature))
@@ -19,10 +19,10 @@ def compiled():
 warm_up(Scenario())
 before = compiled()
 assert len(before) > 20
-scenario = Scenario(laps=1, link_delay=0.2)
+scenario = Scenario(laps=1, link_delay=LINK_DELAY)
 scenario.referee.time_limit = 9.0
 folder = pathlib.Path(sys.argv[1])
-run = run_race(scenario, folder, partner=SimulatedRemote(scenario, _LINK, folder))
+run = run_race(scenario, folder, partner=SimulatedRemote(scenario, LINK, folder))
 assert "gate 2" in run["dnf_reason"], run["dnf_reason"]
 print(*sorted(compiled() - before), sep="\\n")
 """

@@ -47,8 +47,14 @@ class Bench:
     def __init__(self, trajectory="3", gates=GATES, status=DONE, solve=plan_lap, laps=np.inf,
                  **config):
         config = PlannerConfig(**{"latency": 0.5, "first_lap_move": 0.05} | config)
+        self.problems = []  # that it was given to solve
+
+        def noted(problem):
+            self.problems.append(problem)
+            return solve(problem)
+
         self.planner = LapPlanner(
-            vehicle=VEHICLE, trajectory=str(trajectory), config=config, laps=laps, solve=solve)
+            vehicle=VEHICLE, trajectory=str(trajectory), config=config, laps=laps, solve=noted)
         self.simulator = Simulator(self.planner)
         self.context = self.simulator.get_mutable_context()
         self.fix(gate_map=GateMap(gates=gates), explorer_status=status)
@@ -97,15 +103,9 @@ def test_optimal_laps_are_faster_and_within_the_limits_and_followed_by_the_next(
 
 
 def test_no_plan_for_after_the_race():
-    solved = []
-
-    def solve(problem):
-        solved.append(problem)
-        return plan_lap(problem)
-
-    bench = Bench(solve=solve, laps=2)
+    bench = Bench(laps=2)
     plans, _ = bench.follow(until=100.0, every=0.5)
-    assert [plan.lap for plan in plans] == [1, 2] and len(solved) == 2
+    assert [plan.lap for plan in plans] == [1, 2] and len(bench.problems) == 2
 
 
 def test_ports():
@@ -217,12 +217,8 @@ def test_without_a_usable_map_it_tries_again(gates):
 
 
 def test_what_gave_no_plan_is_not_tried_again_until_the_map_has_changed():
-    tried = []
-
-    def solve(problem):
-        tried.append(problem)
-
-    bench = Bench(solve=solve)
+    bench = Bench(solve=lambda problem: None)
+    tried = bench.problems
     bench.plan_at(5.0)
     assert len(tried) == 1
     bench.fix(gate_map=GateMap(gates=moved([0.005, 0.0, 0.0])))
@@ -236,18 +232,13 @@ def test_what_gave_no_plan_is_not_tried_again_until_the_map_has_changed():
 
 
 def test_the_problem_says_how_well_pylons_are_known_and_starts_on_the_old_lap():
-    problems = []
-
-    def solve(problem):
-        problems.append(problem)
-        return plan_lap(problem)
-
     def known(sigma):
         return tuple(
             MarkerEstimate(id=id, count=9, outliers=0, p_WM=np.zeros(3), normal=np.eye(3)[0],
                            variance=np.full(3, sigma**2)) for id in range(40))
 
-    bench = Bench(solve=solve)
+    bench = Bench()
+    problems = bench.problems
     bench.fix(gate_map=GateMap(gates=GATES, markers=known(0.1)))
     first = bench.plan_at(1.0)
     bench.fix(gate_map=GateMap(gates=moved([0.0, 0.05, 0.0]), markers=known(0.01)))
@@ -262,13 +253,8 @@ def test_the_problem_says_how_well_pylons_are_known_and_starts_on_the_old_lap():
 
 
 def test_the_first_lap_expects_gates_that_move():
-    problems = []
-
-    def solve(problem):
-        problems.append(problem)
-        return plan_lap(problem)
-
-    bench = Bench(solve=solve, first_lap_move=0.8)
+    bench = Bench(first_lap_move=0.8)
+    problems = bench.problems
     first = bench.plan_at(1.0)
     bench.fix(gate_map=GateMap(gates=moved([0.0, 0.05, 0.0])))  # as a better map would be
     bench.follow(1.0 + 1.2 * first.circuit.duration)

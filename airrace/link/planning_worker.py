@@ -77,9 +77,9 @@ def _write(pipe, value):
 
 def main() -> None:
     """Solves what comes on standard input, until it ends."""
+    os.nice(_NICE)  # before the imports: they take seconds of a processor
     from airrace.systems.lap_planning import plan_lap
 
-    os.nice(_NICE)
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what solvers print
     problems = sys.stdin.buffer

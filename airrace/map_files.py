@@ -27,6 +27,7 @@ def map_data(gate_map: GateMap) -> dict:
                 "gate": gate.number + 1,
                 "midpoint": _rounded(gate.p_WG),
                 "heading_deg": round(float(np.rad2deg(gate.heading)), 3),
+                "spacing": round(float(gate.spacing), 4),
             }
             for gate in gate_map.gates
         ],

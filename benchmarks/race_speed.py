@@ -21,10 +21,11 @@ from rich.console import Console
 from rich.progress import Progress, TextColumn
 from rich.table import Table
 
-from airrace.diagrams.camera_config import RENDERERS
+from airrace.diagrams.camera_config import NO_CAMERA, RENDERERS
 from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import load_scenario
 from airrace.recording.config import CONTENTS
+from airrace.systems.known_map import TRACK
 from benchmarks.stopwatch import Stopwatch, watching
 
 SET_UP, EXPLORATION, LAPS = "set-up", "exploration", "laps"
@@ -49,8 +50,9 @@ def main(argv=None) -> int:
     parser.add_argument("--profile", action="store_true", help="also show the time of every box")
     parser.add_argument("--laps", type=int, default=2, help="after exploring (default: 2)")
     parser.add_argument("--drone", default="Default", help="a shipped drone, or a folder")
-    parser.add_argument("--renderer", choices=RENDERERS, default=RENDERERS[0],
-                        help=f"(default: {RENDERERS[0]})")
+    parser.add_argument("--renderer", choices=(*RENDERERS, NO_CAMERA),
+                        help=f"(default: {RENDERERS[0]}); {NO_CAMERA} = laps without a camera, "
+                        "on a map that is given")
     parser.add_argument("--record", choices=CONTENTS, default="none",
                         help="what race.mcap holds (default: none)")
     parser.add_argument("--scenario_text", metavar="YAML",
@@ -59,7 +61,10 @@ def main(argv=None) -> int:
     args = parser.parse_args(argv)
     scenario = load_scenario(scenario_text=args.scenario_text)
     scenario.laps, scenario.drone = args.laps, args.drone
-    scenario.camera.renderer = args.renderer
+    if args.renderer is not None:
+        scenario.camera.renderer = args.renderer
+    if scenario.camera.renderer == NO_CAMERA:
+        scenario.map = scenario.map or TRACK
     scenario.recording.content = args.record
     scenario.check()
     cv2.setNumThreads(1)

@@ -60,7 +60,8 @@ def test_the_files_say_what_the_map_says(tmp_path_factory, gate_map):
     for entry, gate in zip(data["gates"], gate_map.gates):
         np.testing.assert_allclose(entry["midpoint"], gate.p_WG, atol=1e-4)
         assert entry["heading_deg"] == pytest.approx(np.rad2deg(gate.heading), abs=1e-3)
-        assert entry.keys() == {"gate", "midpoint", "heading_deg"}
+        assert entry["spacing"] == pytest.approx(gate.spacing, abs=1e-4)
+        assert entry.keys() == {"gate", "midpoint", "heading_deg", "spacing"}
     for entry, marker in zip(data["markers"], gate_map.markers, strict=True):
         assert entry["id"] == marker.id
         np.testing.assert_allclose(entry["position"], marker.p_WM, atol=1e-4)

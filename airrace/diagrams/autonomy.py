@@ -11,6 +11,7 @@ from airrace.systems.aruco_detector import ArucoDetector
 from airrace.systems.explorer import Explorer
 from airrace.systems.gate_mapper import GateMapper
 from airrace.systems.geometric_controller import GeometricController
+from airrace.systems.known_map import KnownMap, NoDetector, load_map
 from airrace.systems.lap_planner import LapPlanner
 from airrace.systems.rectifier import Rectifier
 from airrace.systems.rotor_monitor import RotorMonitor
@@ -22,7 +23,13 @@ from airrace.trajopt.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import load_vehicle
 
 
+def _make_aruco_detector(scenario: Scenario):
+    return NoDetector() if scenario.map else ArucoDetector(fps=scenario.camera.fps)
+
+
 def _make_gate_mapper(scenario: Scenario):
+    if scenario.map:
+        return KnownMap(load_map(scenario.map, scenario.track))
     perception = dict(vars(scenario.perception))
     # The mapper counts from the exposure.
     perception["latency"] += scenario.camera.resolved().latency
@@ -38,6 +45,7 @@ def _make_explorer(scenario: Scenario):
         # The hover height is a rule of the race; nothing else of the track is read.
         hover_height=load_track(scenario.track).hover_height,
         clearance=clearance_of(load_vehicle(scenario.drone)[0].radius),
+        map_is_known=bool(scenario.map),
     )
 
 
@@ -76,7 +84,7 @@ def _make_geometric_controller(scenario: Scenario):
 
 # Every box, and what makes it unless the scenario's `boxes` names another.
 BOXES = {
-    "aruco_detector": lambda scenario: ArucoDetector(fps=scenario.camera.fps),
+    "aruco_detector": _make_aruco_detector,
     "gate_mapper": _make_gate_mapper,
     "explorer": _make_explorer,
     "lap_planner": _make_lap_planner,

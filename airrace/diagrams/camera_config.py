@@ -7,7 +7,8 @@ import typing
 from airrace.errors import UserError
 from airrace.rendering.camera_effects import CameraEffects
 
-RENDERERS = ("planar", "vtk")
+RENDERERS = ("planar", "vtk")  # or NO_CAMERA, where the map is given
+NO_CAMERA = "none"
 PRESETS = {
     # Ideal pictures, at once.
     "clean": CameraEffects(),
@@ -57,7 +58,7 @@ class CameraConfig:
 
     def check(self) -> None:
         """Raises UserError on a bad combination of values."""
-        for name, choices in (("renderer", RENDERERS), ("preset", tuple(PRESETS))):
+        for name, choices in (("renderer", (*RENDERERS, NO_CAMERA)), ("preset", tuple(PRESETS))):
             value = getattr(self, name)
             if value not in choices:
                 raise UserError(

@@ -39,7 +39,12 @@ def prepared(scenario: Scenario, lockstep: bool) -> Scenario:
     """Returns the scenario as both sides of a HITL race get it.
 
     In real time, its rate is 1 unless another is given.
+
+    Raises:
+        UserError: if it is not to explore: the link is about pictures and maps.
     """
+    if scenario.map:
+        raise UserError("--map is for SITL: leave out -s HITL, or have the autonomy explore.")
     config = scenario.simulator_config
     config.target_realtime_rate = 0.0 if lockstep else config.target_realtime_rate or 1.0
     if not lockstep and scenario.link_delay == 0.0:

@@ -60,8 +60,12 @@ def make_parser() -> argparse.ArgumentParser:
     race.add_argument("--seed", type=int, metavar="N",
                       help="seed of all randomness; the same seed, the same race (default: 0)")
     add_level_option(race)
-    race.add_argument("--renderer", choices=("planar", "vtk"),
-                      help="what draws the camera's image (default: planar, which is fast)")
+    race.add_argument("--renderer", choices=("planar", "vtk", "none"),
+                      help="what draws the camera's image (default: planar, which is fast); "
+                      "none = there is no camera, for races with --map")
+    race.add_argument("--map", metavar="track|FILE",
+                      help="races on a map that is given, without exploring or looking: track = "
+                      "where the gates are, or the map.json of an earlier race")
     run = parser.add_argument_group("the run")
     run.add_argument("--output", type=Path, metavar="DIR",
                      help="where the results go, a folder without a race in it "
@@ -144,6 +148,8 @@ def resolve_scenario(args):
         scenario.planner.limits = args.limits
     if args.renderer is not None:
         scenario.camera.renderer = args.renderer
+    if args.map is not None:
+        scenario.map = args.map
     if args.record is not None:
         scenario.recording.content = args.record
     if args.realtime_rate is not None:

@@ -2,12 +2,13 @@
 
 import dataclasses as dc
 import typing
+from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
-from airrace.diagrams.camera_config import CameraConfig
+from airrace.diagrams.camera_config import NO_CAMERA, CameraConfig
 from airrace.diagrams.scenario_checks import (
     check_choice,
     check_disturbances,
@@ -20,6 +21,7 @@ from airrace.errors import UserError
 from airrace.limits import parse_limits
 from airrace.recording.config import RecordingConfig
 from airrace.resources import find_yaml, load_yaml, models_path
+from airrace.systems.known_map import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 
 TRAJECTORIES = ("3", "4", "6", "optimal")
@@ -127,6 +129,9 @@ class Scenario:
             use_sampled_output_ports=False,
         )
     )
+    # A map to race on without exploring or seeing: "track" for the truth, or the map.json of an
+    # earlier race. Without one, it is made in flight.
+    map: str = ""
     camera: CameraConfig = dc.field(default_factory=CameraConfig)
     state_noise: str = "reference"  # or "none"
     state_estimate: StateEstimateConfig = dc.field(default_factory=StateEstimateConfig)
@@ -156,6 +161,8 @@ class Scenario:
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
         self.camera.check()
+        if self.camera.renderer == NO_CAMERA and not self.map:
+            raise UserError("camera.renderer 'none' needs a map to race on: see --map.")
         self.recording.check(self.camera.fps)
         check_choice("perception.estimator", self.perception.estimator, ESTIMATORS)
         check_disturbances(self.disturbances)
@@ -205,6 +212,8 @@ def scenario_yaml(scenario: Scenario, absolute: bool = True) -> str:
     track = find_yaml("tracks", scenario.track)
     if track.parent != models_path() / "tracks":
         scenario = dc.replace(scenario, track=str(track.resolve()))
+    if scenario.map not in ("", TRACK):
+        scenario = dc.replace(scenario, map=str(Path(scenario.map).resolve()))
     if scenario.drone not in DRONES:
         folder = find_vehicle(scenario.drone).parent
         scenario = dc.replace(scenario, drone=str(folder.resolve()))

@@ -8,6 +8,7 @@ from pydrake.multibody.plant import AddMultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import DiscreteTimeDelay
 
+from airrace.diagrams.camera_config import NO_CAMERA
 from airrace.diagrams.scenario import Scenario
 from airrace.disturbances import check_rotors_exist, true_vehicle
 from airrace.rendering.camera_effects import CameraEffects, ImagingChain
@@ -59,7 +60,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
     moving = scenario.disturbances.gate_shift > 0.0
-    seen = meshcat is not None or scenario.camera.renderer != "planar"
+    seen = meshcat is not None or scenario.camera.renderer == "vtk"
     AddScenery(plant, track, movable=moving, visible=seen)
     AddPad(plant, track.start, vehicle.radius)
     AddMultirotorModel(plant, vehicle, sdf, truth)
@@ -77,8 +78,10 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
         delay=scenario.disturbances.actuator_delay, period=plant.time_step(),
     )
 
-    camera = _AddCamera(builder, scene_graph, scenario, track, vehicle)
-    builder.Connect(state, camera.GetInputPort("state"))
+    camera = None
+    if scenario.camera.renderer != NO_CAMERA:
+        camera = _AddCamera(builder, scene_graph, scenario, track, vehicle)
+        builder.Connect(state, camera.GetInputPort("state"))
     noisy = scenario.state_noise != "none"
     estimate = builder.AddNamedSystem(
         "state_estimate",
@@ -117,7 +120,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
         )
         builder.Connect(state, mover.GetInputPort("state"))
         for system in (camera, referee):
-            if system.HasInputPort("gate_shifts"):
+            if system is not None and system.HasInputPort("gate_shifts"):
                 builder.Connect(
                     mover.GetOutputPort("gate_shifts"), system.GetInputPort("gate_shifts")
                 )
@@ -129,7 +132,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
 
     builder.ExportInput(command, "rotor_speed_command")
     builder.ExportInput(referee.GetInputPort("explorer_status"), "explorer_status")
-    for i in range(camera.num_output_ports()):
+    for i in range(camera.num_output_ports() if camera is not None else 0):
         port = camera.get_output_port(i)
         builder.ExportOutput(port, port.get_name())
     builder.ExportOutput(estimate.GetOutputPort("state_estimate"), "state_estimate")

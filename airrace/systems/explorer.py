@@ -56,17 +56,20 @@ class Explorer(LeafSystem):
     race.
     """
 
-    def __init__(self, *, config, hover_height: float, clearance: float):
+    def __init__(self, *, config, hover_height: float, clearance: float,
+                 map_is_known: bool = False):
         """Constructs the explorer.
 
         Args:
             config: an ExplorerConfig.
             hover_height: of the first hover above the start (m).
             clearance: to keep from pylons' axes (m).
+            map_is_known: whether there is nothing to explore: it takes off, and is done.
         """
         LeafSystem.__init__(self)
         self._machine = StateMachine(
-            config=config, hover_height=hover_height, clearance=clearance)
+            config=config, hover_height=hover_height, clearance=clearance,
+            map_is_known=map_is_known)
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)

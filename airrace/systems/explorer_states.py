@@ -22,10 +22,12 @@ _AT_REST = "level and at rest now"
 class StateMachine:
     """The states of Explorer; it remembers nothing itself."""
 
-    def __init__(self, *, config, hover_height: float, clearance: float):
+    def __init__(self, *, config, hover_height: float, clearance: float,
+                 map_is_known: bool = False):
         """Args: see Explorer."""
         self._config = config
         self._hover_height = hover_height
+        self._map_is_known = map_is_known
         self._legs = LegPlanner(config=config, clearance=clearance)
         self._states = {
             "CALIBRATE": self._calibrate,
@@ -70,6 +72,8 @@ class StateMachine:
     def _hover(self, now):
         arrived = self._arrived(now)
         waited = arrived is not None and now.time - arrived >= self._config.hover_time
+        if self._map_is_known:
+            return self._know(now) if waited else now.memory
         turned = self._turn_to_gate(now, waited)
         if turned is not None:
             return turned
@@ -107,6 +111,13 @@ class StateMachine:
         return now.memory.entered(now.time, "DONE", "hovering over the start", done=True)
 
     # What they share.
+
+    def _know(self, now):
+        """Returns the memory of a race without exploring."""
+        gates = tuple(gate.number for gate in now.gate_map.gates)
+        return now.memory.entered(
+            now.time, "DONE", f"the map is given, with {len(gates)} gates", gates=gates,
+            closed_at=now.time, done=True)
 
     def _turn_to_gate(self, now, waited):
         """Returns the memory of turning to gate 1, None if there is no reason to."""

@@ -1,0 +1,52 @@
+"""Races on a map that is given: no camera, no exploration."""
+
+import dataclasses as dc
+import json
+
+import pytest
+
+from airrace.analysis import load_run
+from airrace.diagrams.camera_config import CameraConfig
+from airrace.diagrams.hitl_race import prepared
+from airrace.diagrams.race import main
+from airrace.diagrams.runner import MakeRace, run_race
+from airrace.diagrams.scenario import Scenario, load_scenario
+from airrace.errors import UserError
+from tests.diagrams.conftest import hexagon  # noqa: F401  # a fixture
+
+BLIND = CameraConfig(renderer="none")
+
+
+def test_a_race_without_a_camera_and_another_on_its_map(hexagon, tmp_path):  # noqa: F811
+    scenario = Scenario(track=hexagon, laps=1, map="track", camera=BLIND)
+    (tmp_path / "one").mkdir()
+    one = run_race(scenario, tmp_path / "one")
+    assert one["finished"] and one["exploration"]["time_s"] < 6.0
+    assert one["exploration"]["gates_found"] == 6
+    run = load_run(tmp_path / "one")
+    assert not len(run.detections)
+    # The same without the truth, by the map that it has left, and the same file again.
+    output = tmp_path / "two"
+    code = main(["--track", hexagon, "--laps", "1", "--no-meshcat", "--renderer", "none",
+                 "--map", str(tmp_path / "one" / "map.json"), "--output", str(output)])
+    assert code == 0
+    two = json.loads((output / "race.json").read_text())
+    assert two["mean_lap_s"] == pytest.approx(one["mean_lap_s"], abs=0.05)
+    again = load_scenario(filename=str(output / "scenario.yaml"))
+    assert again.map == str(tmp_path / "one" / "map.json")
+
+
+def test_with_a_camera_nobody_looks(hexagon):  # noqa: F811
+    race = MakeRace(Scenario(track=hexagon, map="track"))
+    autonomy = race.GetSubsystemByName("autonomy")
+    assert not [i for i in range(autonomy.num_input_ports())
+                if autonomy.get_input_port(i).get_name().startswith("camera")]
+
+
+def test_a_race_needs_eyes_or_a_map():
+    with pytest.raises(UserError, match="needs a map to race on: see --map"):
+        Scenario(camera=BLIND).check()
+    with pytest.raises(UserError, match="map.json of an earlier race"):
+        MakeRace(Scenario(map="nowhere.json"))
+    with pytest.raises(UserError, match="--map is for SITL"):
+        prepared(dc.replace(Scenario(), map="track"), lockstep=False)

@@ -61,8 +61,7 @@ def main(argv=None) -> int:
     args = parser.parse_args(argv)
     scenario = load_scenario(scenario_text=args.scenario_text)
     scenario.laps, scenario.drone = args.laps, args.drone
-    if args.renderer is not None:
-        scenario.camera.renderer = args.renderer
+    scenario.camera.renderer = args.renderer or scenario.camera.renderer
     if scenario.camera.renderer == NO_CAMERA:
         scenario.map = scenario.map or TRACK
     scenario.recording.content = args.record

@@ -78,7 +78,7 @@ def make_parser() -> argparse.ArgumentParser:
     where.add_argument("--scheduler", metavar="tcp://HOST:PORT",
                        help="a running Dask cluster instead")
     add_scenario_options(parser)
-    parser.set_defaults(seed=None, renderer=None, realtime_rate=None, simulation="SITL",
+    parser.set_defaults(seed=None, renderer=None, map=None, realtime_rate=None, simulation="SITL",
                         lockstep=False, lcm_url=None, record="none")
     return parser
 

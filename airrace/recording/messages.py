@@ -15,7 +15,7 @@ from airrace.recording.topics import BODY, CAMERA, WORLD
 from airrace.systems.types import CameraInfo, Detections
 from airrace.triples import columns
 
-_GREEN = fg.Color(r=0.2, g=0.9, b=0.3, a=1.0)
+_GREEN, _SHADE = fg.Color(r=0.2, g=0.9, b=0.3, a=1.0), fg.Color(r=0.0, g=0.0, b=0.0, a=0.5)
 
 
 def nanoseconds(time: float) -> int:
@@ -158,16 +158,17 @@ def annotations(detections: Detections, info: CameraInfo, scale: float = 1.0
     """Returns outlines and IDs of markers, for a camera's pictures made smaller by a factor."""
     time = stamp(detections.time)
     points, texts = [], []
-    for marker in detections.markers:
-        pixels = scale * (raw_pixels(marker.corners, info) + 0.5) - 0.5
-        corners = [fg.Point2(x=u, y=v) for u, v in pixels.round(2).tolist()]
+    corners = np.concatenate([m.corners for m in detections.markers] or [np.zeros((0, 2))])
+    pixels = scale * (raw_pixels(corners, info) + 0.5) - 0.5
+    for marker, quad in zip(detections.markers, pixels.round(2).reshape(-1, 4, 2).tolist()):
+        outline = [fg.Point2(x=u, y=v) for u, v in quad]
         points.append(fg.PointsAnnotation(
-            timestamp=time, type=fg.PointsAnnotationType.LineLoop, points=corners,
+            timestamp=time, type=fg.PointsAnnotationType.LineLoop, points=outline,
             outline_color=_GREEN, thickness=2.0,
         ))
         texts.append(fg.TextAnnotation(
-            timestamp=time, position=corners[0], text=str(marker.id), font_size=14.0,
-            text_color=_GREEN, background_color=fg.Color(r=0.0, g=0.0, b=0.0, a=0.5),
+            timestamp=time, position=outline[0], text=str(marker.id), font_size=14.0,
+            text_color=_GREEN, background_color=_SHADE,
         ))
     return fg.ImageAnnotations(timestamp=time, points=points, texts=texts)
 

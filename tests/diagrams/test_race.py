@@ -301,8 +301,8 @@ class TestOptions:
         assert listed == {
             "-h", "--help", "-d", "--drone", "-s", "--simulation", "-t", "--trajectory", "--track",
             "--companion", "--identity", "--wheels", "--lcm_url", "--lockstep", "--limits",
-            "--laps", "--seed", "--level", "--renderer", "--output", "--meshcat", "--no-meshcat",
-            "--record", "--report", "--no-report",
+            "--laps", "--seed", "--level", "--renderer", "--map", "--output", "--meshcat",
+            "--no-meshcat", "--record", "--report", "--no-report",
             "--realtime_rate", "--graphviz", "--scenario_file", "--scenario_name",
             "--scenario_text",
         }

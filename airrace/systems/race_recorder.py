@@ -18,7 +18,9 @@ from airrace.vehicle import Vehicle
 _MAP_PERIOD = 1.0  # s between two writes of a map that changed
 _PATH_PERIOD, _PATH_POINTS = 1.0, 150  # s; how many of the last looks a path shows
 _LOOKS = 10.0  # Hz, at the way flown
-_PATIENCE = 4 / 3  # periods, that a picture may come after the last
+# Periods that a picture may come after the last. At 5 Hz these are ten pictures of the camera:
+# the detector looks at all of one every five or eight.
+_PATIENCE = 5 / 3
 _OLD_PLANS = 3  # shown beside the one in force
 
 
@@ -49,7 +51,7 @@ class RaceRecorder(LeafSystem):
     All are as the systems that they come from describe them. What is not connected
     is not recorded. States are written at their rate, everything else when it is
     new, within a period of the camera. Pictures that the detector has looked at as a
-    whole are preferred, so that they may be up to a third farther apart than their
+    whole are preferred, so that they may be up to two thirds farther apart than their
     rate says. Nothing in the race depends on it: it only
     publishes, and what it remembers is what the file holds already.
     """

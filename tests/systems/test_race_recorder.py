@@ -127,6 +127,20 @@ def test_pictures_that_are_drawn_anyway_come_first(path, somebody_looks, count):
     assert len(recording.messages()["/camera/image"]) == count
 
 
+@pytest.mark.parametrize("period", [5, 8])  # of ArucoDetector's searches of whole pictures
+def test_no_picture_is_drawn_for_the_recording_alone(path, period):
+    recording, count = Recording(path, image_rate=5.0), 0
+    for n in range(121):
+        view = CameraView((36, 64), lambda pixels, boxes: None)
+        if n % period == 0:
+            view.whole()
+            count += 1
+        recording.fix(camera_view=view)
+        recording.fly((n + 1) / 30 - 1e-3)
+        assert view.is_complete == (n % period == 0)
+    assert len(recording.messages()["/camera/image"]) == {5: 13, 8: count}[period]
+
+
 def test_light_asks_for_no_pictures(path):
     recording = Recording(path, content="light")
     assert not recording.recorder.HasInputPort("camera_view")

@@ -25,7 +25,7 @@ class lcmt_channel_statistics(object):
         """ LCM Type: int64_t """
         self.dropped = 0
         """
-        by the sequence numbers
+        that never came, by the sequence numbers
         LCM Type: int64_t
         """
 
@@ -43,7 +43,7 @@ class lcmt_channel_statistics(object):
 
         self.age_median = 0.0
         """
-        p99 of the deviation from the mean period (s)
+        p99 of the ages' deviation from their median (s)
         LCM Type: double
         """
 

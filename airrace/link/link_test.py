@@ -185,7 +185,7 @@ class Responder:
             statistics = self._endpoint.statistics[channel]
             each = lcmtypes.lcmt_channel_statistics()
             each.channel, each.received = channel, statistics.received
-            each.missing, each.dropped = statistics.missing, statistics.dropped.total()
+            each.missing, each.dropped = statistics.lost, statistics.dropped.total()
             for name, value in statistics.timing().items():
                 setattr(each, name, value)
             message.channels.append(each)

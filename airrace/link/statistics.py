@@ -4,6 +4,8 @@ import collections
 
 import numpy as np
 
+from airrace.link.wire import REPLAYED
+
 _RECENT = 4096  # messages that the timing is of
 
 
@@ -12,7 +14,7 @@ class ChannelStatistics:
 
     Attributes:
         received: messages that were used.
-        missing: messages that should have come, by the sequence numbers.
+        missing: messages that should have come, by the sequence numbers, when a later one did.
         dropped: reason (see wire.REASONS) to count.
     """
 
@@ -41,23 +43,27 @@ class ChannelStatistics:
         self._recent.append((arrival, age, size, decoding))
 
     @property
+    def lost(self) -> int:
+        """Number of messages that never came: who comes after a later one is late, not lost."""
+        return max(self.missing - self.dropped[REPLAYED], 0)
+
+    @property
     def loss(self) -> float:
-        """Share of the messages that did not come."""
-        return self.missing / max(self.missing + self.received, 1)
+        """Share of the messages that never came."""
+        return self.lost / max(self.missing + self.received, 1)
 
     def timing(self) -> dict:
         """Returns rate (Hz), jitter, age_median, age_p99, decode_time (s), bytes.
 
-        ``jitter`` is the 99th percentile of how far the time between two messages
-        is from its median.
+        ``jitter`` is the 99th percentile of how far an age is from their median: the delay
+        variation of RFC 5481, about the median. Messages that are lost do not add to it.
         """
         names = ("rate", "jitter", "age_median", "age_p99", "bytes", "decode_time")
         if len(self._recent) < 2:
             return dict.fromkeys(names, 0.0)
         arrival, age, size, decoding = np.array(self._recent).T
-        periods = np.diff(arrival)
         return dict(zip(names, map(float, (
-            len(periods) / max(arrival[-1] - arrival[0], 1e-9),
-            np.percentile(np.abs(periods - np.median(periods)), 99),
+            (len(arrival) - 1) / max(arrival[-1] - arrival[0], 1e-9),
+            np.percentile(np.abs(age - np.median(age)), 99),
             np.median(age), np.percentile(age, 99), size.mean(), decoding.mean(),
         ))))

@@ -11,6 +11,7 @@ from airrace.trajopt.flyable import LOWEST, pylon_distances
 ABOVE_PYLONS = PYLON_HEIGHT + 3.0  # m
 _RATE = 50.0  # Hz
 _CREEP = 0.05  # m, by which one who is too near may come nearer still
+_PIECE = 10.0  # m, of the way across: about as long as the climb
 _AT_GATE = 0.3  # m, before a gate's plane one may be through it already
 
 
@@ -84,9 +85,19 @@ def passages(times, p, gates) -> list:
 
 
 def over_the_top(start, goal) -> list:
-    """Returns x, y, z, yaw of the way above all pylons, from one pose to another."""
-    climb, descend = (np.array([*pose[:2], ABOVE_PYLONS, goal[3]]) for pose in (start, goal))
-    return [climb, descend, goal]
+    """Returns x, y, z, yaw of the way above all pylons, from one pose to another.
+
+    Across, it leads through waypoints on the straight way, as Richter, Bry and Roy (2016) add
+    them: a polynomial for a long way next to one for a short climb swings out by as much as
+    the long way is long.
+    """
+    climb, descend = (np.array([*pose[:2], max(pose[2], ABOVE_PYLONS), goal[3]])
+                      for pose in (start, goal))
+    pieces = max(int(np.ceil(np.linalg.norm(descend - climb) / _PIECE)), 1)
+    across = np.linspace(climb, descend, pieces + 1)
+    # Who is above them already need not climb, nor who stays there descend.
+    first, last = int(start[2] > PYLON_HEIGHT), pieces + int(goal[2] <= PYLON_HEIGHT)
+    return [*across[first:last], goal]
 
 
 def ways(start, goal) -> list:

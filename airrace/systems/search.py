@@ -173,7 +173,7 @@ def _pose(move: _Move, base, step_length) -> np.ndarray:
 
 def _routes(move: _Move, start, goal) -> list:
     if move.above:
-        return [over_the_top(start, goal)[:2]]
+        return [over_the_top(start, goal)]
     if move.state != "STEP_FORWARD":
         # Who is lost and looks aside may be among pylons that nobody has seen.
         near = np.linalg.norm(goal[:3] - start[:3]) < _ON_THE_SPOT

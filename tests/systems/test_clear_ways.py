@@ -1,5 +1,7 @@
+import hypothesis.strategies as st
 import numpy as np
 import pytest
+from hypothesis import given, settings
 
 from airrace.systems import clear_ways
 from airrace.systems.exploration import gate_pose
@@ -67,6 +69,25 @@ def test_over_the_top_is_free():
                                                             np.array([48.0, 12.0, 6.0, 1.0])))
     assert clear_ways.is_clear(leg, GATE_MAP, 2.0)
     np.testing.assert_allclose(leg.derivatives(leg.duration, 1)[0], [48.0, 12.0, 6.0, 1.0])
+
+
+HEIGHTS = st.one_of(st.floats(2.0, 8.0), st.floats(12.0, 15.0))  # of gates, and above them
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(0.0, 200.0), st.floats(-3.1, 3.1), HEIGHTS, HEIGHTS, st.floats(-3.1, 3.1))
+def test_over_the_top_swings_out_nowhere(far, bearing, start_height, goal_height, yaw):
+    forward, left = np.array([[np.cos(bearing), np.sin(bearing)],
+                              [-np.sin(bearing), np.cos(bearing)]])
+    start, goal = [0.0, 0.0, start_height, 0.0], [*far * forward, goal_height, yaw]
+    leg = fly(start, *clear_ways.over_the_top(start, goal))
+    x, y, z = leg.positions(np.linspace(0.0, leg.duration, 500))
+    along, aside = forward @ [x, y], left @ [x, y]
+    assert z.min() > min(start_height, goal_height) - 0.1
+    assert z.max() < clear_ways.ABOVE_PYLONS + 4.5
+    assert np.abs(aside).max() < 0.01 and -7.5 < along.min() and along.max() < far + 4.0
+    assert np.all(z[(along > 5.0) & (along < far - 5.0)] > clear_ways.PYLON_HEIGHT)
+    assert leg.duration < 10.5 + far / 4.0
 
 
 def test_passages_are_in_order_with_their_times():

@@ -8,6 +8,7 @@ from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from airrace.diagrams.scenario import ExplorerConfig, PerceptionConfig, Scenario
+from airrace.systems.clear_ways import ABOVE_PYLONS
 from airrace.systems.explorer import Explorer
 from airrace.systems.types import Detections, GateMap
 from airrace.track import Gate, Start, Track, load_track
@@ -142,13 +143,34 @@ def test_steps_around_that_do_not_help_are_followed_by_another_search():
     assert flown.status.gates[:2] == (0, 1)
 
 
-def test_a_lost_drone_goes_back_and_looks_from_above():
+def test_a_lost_drone_goes_back_above_the_pylons():
     """Gate 6 cannot be read from the height of the boards."""
     hidden = lambda id, p: id // 4 == 5 and p[2] < 10.0  # noqa: E731
     flown = run(REFERENCE, hidden=hidden)
+    events = flown.status.events
+    (k,) = [k for k, e in enumerate(events) if e.state == "GO_BACK"]
+    assert events[k].reason == "lost, back to gate 5"
+    assert events[k + 1].reason == "gate 6: both front markers in one image"
+    assert flown.status.done and flown.status.gates == tuple(range(10))
+    assert clear_of_pylons(flown.path, REFERENCE, RADIUS) > 0.0
+    assert flown.path[:, 2].max() < ABOVE_PYLONS + 4.5
+
+
+def test_a_lost_drone_that_is_back_looks_from_above():
+    """Gate 6 can be read from above the pylons, but not on the way back."""
+    back = []
+
+    def hidden(id, p):
+        if id // 4 != 5:
+            return False
+        if p[2] > 10.0 and not back:
+            back.append("on the way")
+        elif p[2] < 8.0 and len(back) == 1:
+            back.append("there")
+        return p[2] < 10.0 or len(back) < 2
+
+    flown = run(REFERENCE, hidden=hidden)
     entered = states(flown)
-    back = next(e for e in flown.status.events if e.state == "GO_BACK")
-    assert back.reason == "lost, back to gate 5"
     assert entered.index("GO_BACK") < entered.index("LOOK_FROM_ABOVE")
     assert flown.status.done and flown.status.gates == tuple(range(10))
     assert clear_of_pylons(flown.path, REFERENCE, RADIUS) > 0.0

@@ -12,20 +12,32 @@ import airrace.lcmtypes
 class lcmt_link_report(object):
     """ What one side has received on all channels, for the doctor. """
 
-    __slots__ = ["header", "receive_buffer", "num_channels", "channels"]
+    __slots__ = ["header", "receive_buffer", "fragment_time", "fragment_memory", "num_channels", "channels"]
 
-    __typenames__ = ["airrace.lcmtypes.lcmt_header", "int64_t", "int32_t", "airrace.lcmtypes.lcmt_channel_statistics"]
+    __typenames__ = ["airrace.lcmtypes.lcmt_header", "int64_t", "double", "int64_t", "int32_t", "airrace.lcmtypes.lcmt_channel_statistics"]
 
-    __dimensions__ = [None, None, None, ["num_channels"]]
+    __dimensions__ = [None, None, None, None, None, ["num_channels"]]
 
     def __init__(self):
         self.header = airrace.lcmtypes.lcmt_header()
         """ LCM Type: airrace.lcmtypes.lcmt_header """
         self.receive_buffer = 0
         """ LCM Type: int64_t """
-        self.num_channels = 0
+        self.fragment_time = 0.0
         """
         granted by the kernel to a socket at most (bytes)
+        LCM Type: double
+        """
+
+        self.fragment_memory = 0
+        """
+        for which the kernel keeps what came of a torn datagram (s)
+        LCM Type: int64_t
+        """
+
+        self.num_channels = 0
+        """
+        that it has for them at most (bytes)
         LCM Type: int32_t
         """
 
@@ -41,7 +53,7 @@ class lcmt_link_report(object):
     def _encode_one(self, buf):
         assert self.header._get_packed_fingerprint() == airrace.lcmtypes.lcmt_header._get_packed_fingerprint()
         self.header._encode_one(buf)
-        buf.write(struct.pack(">qi", self.receive_buffer, self.num_channels))
+        buf.write(struct.pack(">qdqi", self.receive_buffer, self.fragment_time, self.fragment_memory, self.num_channels))
         for i0 in range(self.num_channels):
             assert self.channels[i0]._get_packed_fingerprint() == airrace.lcmtypes.lcmt_channel_statistics._get_packed_fingerprint()
             self.channels[i0]._encode_one(buf)
@@ -60,7 +72,7 @@ class lcmt_link_report(object):
     def _decode_one(buf):
         self = lcmt_link_report()
         self.header = airrace.lcmtypes.lcmt_header._decode_one(buf)
-        self.receive_buffer, self.num_channels = struct.unpack(">qi", buf.read(12))
+        self.receive_buffer, self.fragment_time, self.fragment_memory, self.num_channels = struct.unpack(">qdqi", buf.read(28))
         self.channels = []
         for i0 in range(self.num_channels):
             self.channels.append(airrace.lcmtypes.lcmt_channel_statistics._decode_one(buf))
@@ -70,7 +82,7 @@ class lcmt_link_report(object):
     def _get_hash_recursive(parents):
         if lcmt_link_report in parents: return 0
         newparents = parents + [lcmt_link_report]
-        tmphash = (0x4cb5bcf239ba8fba+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_channel_statistics._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0x486bbc56170146e6+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_channel_statistics._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -8,6 +8,7 @@ from rich.table import Table
 _MS = 1e3
 _GOOD, _WEAK, _BAD = "good", "weak", "bad"
 _BUFFER = 1 << 20  # bytes
+_OVERHEAD = 2  # memory that a part of a datagram takes, in its sizes
 _ROUTE = "check the cable (ethtool: 1000 Mb/s, full duplex), no Wi-Fi, no other traffic"
 _LOAD = "end other programs on both computers; on a Jetson, nvpmodel -m 0 and jetson_clocks"
 
@@ -35,7 +36,7 @@ def diagnose(findings) -> list[Row]:
     """Returns the rows of the doctor's table. Args: findings: LinkFindings."""
     f = findings
     sent = f.picture_rate * f.duration
-    picture_loss = 1.0 - f.pictures.received / max(sent, 1.0)
+    picture_loss = max(1.0 - f.pictures.received / max(sent, 1.0), 0.0)
     states = f.states.received + f.states.missing
     ages = f.ages if len(f.ages) else np.array([np.inf])
     p50, p99 = np.percentile(ages, (50, 99)) if len(f.ages) else (np.inf, np.inf)
@@ -62,7 +63,20 @@ def diagnose(findings) -> list[Row]:
              _LOAD),
         _row("receive buffer there, at most", f.receive_buffer / 1024, "{:.0f} KiB",
              _BUFFER / 1024, 0.0, "sysctl -w net.core.rmem_max=4194304 there", more=True),
+        _row("memory for torn pictures there", 100 * _torn(f, picture_loss), "{:.0f} %", 50.0,
+             100.0, "sysctl -w net.ipv4.ipfrag_time=1 there"),
     ]
+
+
+def _torn(findings, loss) -> float:
+    """Returns which share of the kernel's memory for torn datagrams fills up.
+
+    It keeps the parts that came of each, for as long as it is set to. When that memory is full,
+    no picture arrives any more.
+    """
+    f = findings
+    kept = loss * f.picture_rate * f.fragment_time * _OVERHEAD * f.pictures.bytes
+    return kept / f.fragment_memory if f.fragment_memory else 0.0
 
 
 def _row(what, value, form, good, bearable, remedy, more=False) -> Row:

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import time
+from pathlib import Path
 
 import numpy as np
 from drake import lcmt_image_array
@@ -23,6 +24,9 @@ CHANNELS = (
 _REPORT_PERIOD = 0.2  # s
 _PAUSE = 1.0  # s, after which another test begins
 _DETAIL = 24  # px, of the picture's texture
+# Fields of the report, and where the kernel shows them.
+_OF_THE_KERNEL = {"receive_buffer": "core/rmem_max", "fragment_time": "ipv4/ipfrag_time",
+                  "fragment_memory": "ipv4/ipfrag_high_thresh"}
 
 
 @dc.dataclass(frozen=True)
@@ -39,6 +43,8 @@ class LinkFindings:
         encode_time: of a picture here (s).
         picture_rate, state_rate: at which they were sent (Hz).
         receive_buffer: that the other side's kernel grants (bytes).
+        fragment_time: for which it keeps what came of a torn picture (s).
+        fragment_memory: that it has for them (bytes), 0 if unknown.
     """
 
     duration: float
@@ -52,6 +58,8 @@ class LinkFindings:
     picture_rate: float
     state_rate: float
     receive_buffer: int
+    fragment_time: float
+    fragment_memory: int
 
 
 def measure(bus, scenario, duration: float, poll=lambda: None, show=lambda share: None,
@@ -141,7 +149,7 @@ class _Test:
             encode_time=self._encode_time / max(self._pictures, 1),
             picture_rate=self._pictures / duration,
             state_rate=self._endpoint.sequence(STATE) / duration,
-            receive_buffer=report.value.receive_buffer if report else 0,
+            **{name: getattr(report.value, name) if report else 0 for name in _OF_THE_KERNEL},
         )
 
 
@@ -180,7 +188,8 @@ class Responder:
 
     def _report(self):
         message = lcmtypes.lcmt_link_report()
-        message.receive_buffer = receive_buffer()
+        for name, path in _OF_THE_KERNEL.items():
+            setattr(message, name, _kernel_setting(path))
         for channel in (PICTURE, STATE):
             statistics = self._endpoint.statistics[channel]
             each = lcmtypes.lcmt_channel_statistics()
@@ -193,10 +202,9 @@ class Responder:
         return message
 
 
-def receive_buffer() -> int:
-    """Returns how large a socket's receive buffer may be here (bytes), 0 if unknown."""
+def _kernel_setting(path) -> int:
+    """Returns a number that the kernel's networking works by, 0 if unknown."""
     try:
-        with open("/proc/sys/net/core/rmem_max", encoding="ascii") as file:
-            return int(file.read())
+        return int(Path("/proc/sys/net", path).read_text(encoding="ascii"))
     except (OSError, ValueError):
         return 0

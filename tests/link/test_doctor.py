@@ -28,7 +28,7 @@ def findings(**changes):
     good = LinkFindings(
         duration=10.0, commands=commands, ages=np.full(5000, 0.002), round_trip=0.001,
         offset=12.5, encode_time=0.001, picture_rate=30.0, state_rate=500.0,
-        receive_buffer=4 << 20,
+        receive_buffer=4 << 20, fragment_time=30, fragment_memory=4 << 20,
         pictures=statistics(received=300, rate=30.0, jitter=0.002, age_p99=0.01, bytes=5e4,
                             decode_time=0.001),
         states=statistics(received=5000))
@@ -50,6 +50,10 @@ def test_a_good_link():
     (dict(ages=np.array([])), "bad", "age of a command's state, median", "cable"),
     (dict(receive_buffer=212992), "weak", "receive buffer there, at most", "sysctl"),
     (dict(encode_time=0.02), "weak", "encoding a picture here", "programs"),
+    (dict(pictures=statistics(received=200, rate=20.0, bytes=1e5)), "bad",
+     "memory for torn pictures there", "ipfrag_time=1"),
+    (dict(pictures=statistics(received=150, rate=15.0, bytes=1e5), fragment_time=1), "weak",
+     "memory for torn pictures there", "ipfrag_time=1"),
 ])
 def test_what_falls_short_is_named_with_a_remedy(changes, verdict, what, remedy):
     rows = diagnose(findings(**changes))

@@ -1,6 +1,7 @@
 """One side's end of the link: sends messages, and keeps the newest that came and are sound."""
 
 import collections
+import contextlib
 import dataclasses as dc
 import os
 import select
@@ -128,12 +129,14 @@ class Endpoint:
         sequence = self._sequences.get(channel, 0) + 1
         self._sequences[channel] = sequence
         data = wire.pack(message, wire.Stamp(self.session, sequence, sim_time))
-        self._bus.publish(channel, data)
+        self.republish(channel, data)
         return data
 
     def republish(self, channel: str, data: bytes) -> None:
         """Sends the bytes of publish() once more."""
-        self._bus.publish(channel, data)
+        # A cable that is pulled takes its routes along: lost, as anything on a bad link.
+        with contextlib.suppress(OSError):
+            self._bus.publish(channel, data)
 
     def sequence(self, channel: str) -> int:
         """Returns the sequence number of what was last sent on a channel, 0 if nothing was."""

@@ -9,11 +9,17 @@ import json
 import os
 import subprocess
 import sys
+import threading
+import time
+import types
 from pathlib import Path
 
 import pytest
 
 from airrace.companion.wheel import digest, source_digest
+from airrace.diagrams.channels import make_channels
+from airrace.diagrams.scenario import Scenario
+from airrace.link.endpoint import DEFAULT_URL, HEARTBEAT
 from airrace.resources import models_path
 from tests.companion.conftest import ADDRESS
 from tests.companion.fake_checkout import ROOT
@@ -21,6 +27,9 @@ from tests.diagrams.conftest import hexagon  # noqa: F401  # a fixture
 
 long_test = pytest.mark.skipif(
     not os.environ.get("AIRRACE_LONG_TESTS"), reason="takes minutes: set AIRRACE_LONG_TESTS=1")
+PATIENCE = 600.0  # s
+LAPPING = 12.0  # s after the exploration, it is on its second lap
+EACH = 1500
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(models_path().parent)}
 
 
@@ -39,14 +48,29 @@ def board(hosts):
     assert len(list(cache.glob("environments/*"))) == 1  # that very one was used
 
 
-def race(output, *options, timeout=600):
-    """Flies a race of one lap from the command line; returns its end and race.json."""
-    done = subprocess.run(
-        [sys.executable, "-m", "airrace.diagrams.race", "--no-meshcat", "--laps", "1",
-         "--output", str(output), *options],
-        capture_output=True, text=True, timeout=timeout, env={**ENVIRONMENT, "HOME": _home()})
+def race(output, *options, meanwhile=lambda said: None):
+    """Flies a race of one lap from the command line; returns its end and race.json.
+
+    Args:
+        meanwhile: called with its lines, one after the other, as they come.
+    """
+    said = []
+    with subprocess.Popen(
+            [sys.executable, "-m", "airrace.diagrams.race", "--no-meshcat", "--laps", "1",
+             "--output", str(output), *options], stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True, env={**ENVIRONMENT, "HOME": _home()}) as program:
+        patience = threading.Timer(PATIENCE, program.kill)
+        patience.start()
+        try:
+            for line in program.stdout:
+                said.append(line)
+                meanwhile(line)
+        finally:
+            patience.cancel()
+            program.terminate()
     file = output / "race.json"
-    return done, json.loads(file.read_text()) if file.exists() else None
+    return types.SimpleNamespace(returncode=program.returncode, said="".join(said)), (
+        json.loads(file.read_text()) if file.exists() else None)
 
 
 def _home():
@@ -61,11 +85,11 @@ def test_race_in_lockstep(board, hexagon, tmp_path, time_limit):  # noqa: F811
     options = ["-t", "3", "--track", hexagon,
                "--scenario_text", f"{{referee: {{time_limit: {time_limit}}}}}"]
     done, sitl = race(tmp_path / "sitl", *options)
-    assert sitl is not None, done.stderr
+    assert sitl is not None, done.said
     done, result = race(tmp_path / "hitl", *options, "-s", "HITL", "--lockstep",
                         "--companion", str(ADDRESS))
     assert sitl["finished"] == (time_limit > 5.0)
-    assert done.returncode == (0 if sitl["finished"] else 1), done.stdout + done.stderr
+    assert done.returncode == (0 if sitl["finished"] else 1), done.said
     for each in (sitl, result):
         del each["wall"]
     assert result == sitl
@@ -114,7 +138,52 @@ def reference_lap(tmp_path_factory):
 def test_reference_race(board, reference_lap, tmp_path, bad):
     with board.bad_cable(**bad) if bad else contextlib.nullcontext():
         done, result = race(tmp_path / "hitl", "-s", "HITL", "--companion", str(ADDRESS))
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    assert done.returncode == 0, done.said[-3000:]
     assert result["finished"]
     if not bad:
         assert result["mean_lap_s"] == pytest.approx(reference_lap["mean_lap_s"], rel=0.03)
+
+
+@long_test
+@pytest.mark.parametrize("pulled", [0.2, 1.0, 5.0])
+def test_a_cable_that_is_pulled_in_mid_lap(board, hexagon, tmp_path, pulled):  # noqa: F811
+    """For a moment: nothing but a hold. For a second: a hover, and on. For good: down."""
+    def meanwhile(line):
+        if "DONE" in line:
+            time.sleep(LAPPING)
+            board.cable(plugged=False)
+            time.sleep(pulled)
+            board.cable(plugged=True)
+
+    done, result = race(tmp_path / "hitl", "-s", "HITL", "--companion", str(ADDRESS),
+                        "--track", hexagon, "--laps", "3", meanwhile=meanwhile)
+    assert result["finished"] == (pulled < 2.0), done.said[-3000:]
+    assert result["collisions"] == 0 and result["exploration"]["success"]
+    watchdog = result["wall"]["link"]["watchdog"]
+    assert watchdog["holds"] >= 1
+    assert (watchdog["hovers"], watchdog["landings"]) == (int(pulled >= 1.0), int(pulled >= 5.0))
+    if pulled >= 5.0:
+        assert result["dnf_reason"].endswith("and the drone landed by itself")
+
+
+@long_test
+def test_a_flood_changes_nothing(board, hexagon, tmp_path):  # noqa: F811
+    """Of messages that were overtaken long ago, and of torn ones, on all channels."""
+    calm = race(tmp_path / "sitl", "--track", hexagon)[1]
+    names = [row.channel for row in make_channels(Scenario(track=hexagon))]
+    flood = subprocess.Popen(
+        [sys.executable, str(Path(__file__).with_name("flood.py")),
+         DEFAULT_URL.replace("ttl=0", "ttl=1"), ",".join(names), str(EACH), "1000"],
+        stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
+    with flood:
+        done, result = race(tmp_path / "hitl", "-s", "HITL", "--companion", str(ADDRESS),
+                            "--track", hexagon)
+        flood.kill()
+        assert flood.stdout.read() == "heard\nsent\n"
+    assert done.returncode == 0, done.said[-3000:]
+    assert result["mean_lap_s"] == pytest.approx(calm["mean_lap_s"], rel=0.03)
+    for name, channel in result["wall"]["link"]["channels"].items():
+        if name != HEARTBEAT:
+            counted = channel["dropped"]
+            assert counted.pop("replayed or reordered") == pytest.approx(EACH, rel=0.02), name
+            assert sum(counted.values()) == pytest.approx(EACH, rel=0.02), name

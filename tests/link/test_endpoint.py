@@ -1,5 +1,6 @@
 """Two ends of a link in one process: what counts, what is dropped, and who is let in."""
 
+import errno
 import types
 
 import lcm
@@ -95,6 +96,19 @@ def test_old_times_are_stale_and_skipped_numbers_are_missing(link):
     link.autonomy._sequences[MAP.channel] += 10**7
     send(link, MAP, 10.2)
     assert dropped(link, MAP) == {wire.MALFORMED: 1}
+
+
+def test_what_cannot_be_sent_is_lost(link, monkeypatch):
+    send(link, MAP, 0.1)
+    with monkeypatch.context() as pulled:
+        def publish(channel, data):
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+        pulled.setattr(link.bus, "publish", publish, raising=False)
+        send(link, MAP, 0.2)
+    send(link, MAP, 0.3)
+    statistics = link.simulation.statistics[MAP.channel]
+    assert (statistics.received, statistics.lost) == (2, 1)
 
 
 def test_nan_oversized_torn_and_foreign(link):

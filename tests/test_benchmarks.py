@@ -6,7 +6,7 @@ from rich.console import Console
 
 from airrace.track import load_track
 from airrace.vehicle import DRONES, load_vehicle
-from benchmarks import control, endurance, exploration, start_up, tracks, trajectories
+from benchmarks import control, endurance, exploration, start_up, tracks, trajectories, watching
 from benchmarks.control_tables import despin_time, recovery_tables, tracking_tables
 from benchmarks.experiments import loss, recovery, tracking
 from benchmarks.numerical_check import rotor_shares
@@ -124,3 +124,24 @@ def test_start_up_is_timed_by_what_people_type(monkeypatch, tmp_path):
     (tmp_path / "run.bash").write_text("echo broken >&2; exit 2\n")
     with pytest.raises(RuntimeError, match="broken"):
         start_up.duration(["--help"])
+
+
+def test_recording_and_watching_are_weighed_against_neither(monkeypatch):
+    load = watching.load_scenario
+
+    def load_a_short_one():
+        scenario = load()
+        scenario.referee.time_limit = 1.0
+        return scenario
+
+    monkeypatch.setattr(watching, "load_scenario", load_a_short_one)
+    flown = [watching.fly(kind, 1) for kind in watching.KINDS]
+    for race, kind in zip(flown, watching.KINDS, strict=True):
+        assert race["simulated_s"] == pytest.approx(1.0) and race["wall_s"] > 0.0
+        assert (race["mcap_mb"] > 0.0) == (kind.content != "none")
+    slower = [dict(race, wall_s=2 * race["wall_s"]) for race in flown]
+    rows = watching.summary(flown + slower)
+    assert rows[0]["wall_s_added"] == 0.0
+    assert rows[0]["wall_s"] == pytest.approx(1.5 * flown[0]["wall_s"])
+    assert rows[2]["wall_s_added"] == pytest.approx(flown[2]["wall_s"] / flown[0]["wall_s"] - 1)
+    assert "recording full" in printed([watching.make_table(rows)])

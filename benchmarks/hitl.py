@@ -87,7 +87,7 @@ def main(argv=None) -> int:
         (0.0, loss) for loss in args.losses if loss > 0.0 or not args.delays]
 
     def run():
-        rows, console = [], Console()
+        rows, console = [], Console(width=120)
         with Progress(console=console, transient=True) as progress:
             for delay, loss in progress.track(cases, description="races"):
                 rows.append(fly(delay, loss, laps=args.laps, track=args.track,

@@ -52,8 +52,8 @@ class RaceRecorder(LeafSystem):
     is not recorded. States are written at their rate, everything else when it is
     new, within a period of the camera. Pictures that the detector has looked at as a
     whole are preferred, so that they may be up to two thirds farther apart than their
-    rate says. Nothing in the race depends on it: it only
-    publishes, and what it remembers is what the file holds already.
+    rate says; each comes with outlines of the markers found in it. Nothing in the race
+    depends on it: it only publishes, and what it remembers is what the file holds already.
     """
 
     def __init__(self, *, log: RaceLog, config: RecordingConfig, track: Track,
@@ -174,10 +174,6 @@ class RaceRecorder(LeafSystem):
         if detections is not None and detections.time >= 0.0:
             write("/detections", time, data.detections_data(detections))
             write("/detections/rays", time, scene.detection_rays(detections))
-            info = self._Value(context, "camera_info")
-            if info is not None:
-                write("/camera/annotations", time,
-                      messages.annotations(detections, info, self._Scale(info)))
         plan = self._New(context, "lap_plan")
         if plan is not None and plan is not NO_PLAN:
             self._plans = [*self._plans[-_OLD_PLANS:], plan]
@@ -231,10 +227,6 @@ class RaceRecorder(LeafSystem):
             self._log.write("/referee", time, message)
         return any(crossing.gate == 1 for crossing in new)
 
-    def _Scale(self, info) -> float:
-        """Returns by which factor a camera's pictures are made smaller."""
-        return min(1.0, self._config.image_width / info.width)
-
     def _WriteImage(self, context):
         # A whole picture is several times the work of the parts that the detector mostly
         # looks at. It is worth waiting a little for one that it has looked at as a whole.
@@ -246,12 +238,15 @@ class RaceRecorder(LeafSystem):
         if view is None or info is None or (periods < _PATIENCE and not view.is_complete):
             return
         self._image_time = time
-        scale = self._Scale(info)
+        scale = min(1.0, self._config.image_width / info.width)
         jpeg = messages.jpeg(view.whole(), scale, self._config.jpeg_quality)
         image_time, = self._Value(context, "camera_image_time")
-        self._log.write("/camera/image", time, messages.image(image_time, jpeg))
-        self._log.write("/camera/calibration", time,
-                        messages.calibration(image_time, info, scale))
+        write = self._log.write
+        write("/camera/image", time, messages.image(image_time, jpeg))
+        write("/camera/calibration", time, messages.calibration(image_time, info, scale))
+        detections = self._Value(context, "detections")
+        if detections is not None and detections.time == image_time:
+            write("/camera/annotations", time, messages.annotations(detections, info, scale))
 
 
 def _Model(value):

@@ -7,6 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 
 from airrace.systems.lap_plan import NO_PLAN
+from airrace.visualization.page import Audience
 from airrace.visualization.tubes import speed_colors, tube
 
 HERE = "here"
@@ -28,43 +29,54 @@ class PathVisualizer(LeafSystem):
         - truth.state
 
     ``truth.state`` is the plant's floating-body state (13). The path is drawn in
-    pieces, so that a long race costs no more per point than a short one. A
-    translucent ball around the drone shows where to look: from afar, half a metre
+    pieces, so that a long race costs no more per point than a short one: each when
+    it is complete, and while somebody looks, as it grows. A forced publish draws
+    what is there. A translucent ball around the drone shows where to look: from afar, half a metre
     is too small to see.
     """
 
-    def __init__(self, *, meshcat: Meshcat, max_speed: float = 20.0, period: float = 0.1):
+    def __init__(self, *, meshcat: Meshcat, max_speed: float = 20.0,
+                 audience: Audience | None = None, period: float = 0.1):
         """Constructs the visualizer.
 
         Args:
             meshcat: to draw in.
             max_speed: that is drawn red (m/s).
+            audience: of the page.
             period: between two points (s).
         """
         LeafSystem.__init__(self)
         self._meshcat = meshcat
         self._max_speed = max_speed
+        self._audience = audience or Audience(meshcat)
         self._state = self.DeclareVectorInputPort("truth.state", 13)
         # What is on the page is output, not state: it depends on nothing but
         # the publishes so far, and nothing in the simulation depends on it.
         self._points, self._speeds = [], []
         meshcat.SetObject(HERE, Sphere(0.8), _HERE_COLOR)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Draw)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._Follow)
+        self.DeclareForcedPublishEvent(lambda context: self._Draw())
 
-    def _Draw(self, context):
+    def _Follow(self, context):
         state = self._state.Eval(context)
         p_WB = state[4:7].copy()
         self._meshcat.SetTransform(HERE, RigidTransform(p_WB), context.get_time())
         self._points.append(p_WB)
         self._speeds.append(float(np.linalg.norm(state[10:13])))
+        if (len(self._points) - 1) % _CHUNK == 0 or self._audience.waits():
+            self._Draw()
+
+    def _Draw(self):
+        """Draws the newest piece."""
         count = len(self._points) - 1
-        if count > 0:
-            first = (count - 1) // _CHUNK * _CHUNK
-            vertices, faces = tube(self._points[first:], _FLOWN_RADIUS)
-            colors = speed_colors(self._speeds[first:], self._max_speed)
-            self._meshcat.SetTriangleColorMesh(
-                f"flown/{first // _CHUNK}", vertices, faces, np.repeat(colors, 3, axis=0).T
-            )
+        if count < 1:
+            return
+        first = (count - 1) // _CHUNK * _CHUNK
+        vertices, faces = tube(self._points[first:], _FLOWN_RADIUS)
+        colors = speed_colors(self._speeds[first:], self._max_speed)
+        self._meshcat.SetTriangleColorMesh(
+            f"flown/{first // _CHUNK}", vertices, faces, np.repeat(colors, 3, axis=0).T
+        )
 
 
 class PlanVisualizer(LeafSystem):

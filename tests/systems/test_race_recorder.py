@@ -141,6 +141,17 @@ def test_no_picture_is_drawn_for_the_recording_alone(path, period):
     assert len(recording.messages()["/camera/image"]) == {5: 13, 8: count}[period]
 
 
+def test_pictures_come_with_what_was_found_in_them(path):
+    recording = Recording(path, image_rate=5.0)
+    recording.fix(detections=Detections(time=0.2))  # in the picture before this one
+    recording.fly(0.5)
+    recording.fix(detections=Detections(time=0.25))
+    recording.fly(1.01)
+    messages = recording.messages()
+    later = [time for time, _ in messages["/camera/image"] if time > 0.5]
+    assert [time for time, _ in messages["/camera/annotations"]] == later and len(later) == 3
+
+
 def test_light_asks_for_no_pictures(path):
     recording = Recording(path, content="light")
     assert not recording.recorder.HasInputPort("camera_view")
@@ -158,8 +169,7 @@ def test_what_is_new_is_written_once(path):
                   lap_plan=LapPlan(1, 0.0, rest, rest, 0.0, None))
     recording.fly(2.5)
     messages = recording.messages()
-    for topic in ("/scene", "/detections", "/detections/rays", "/camera/annotations", "/plan",
-                  "/plan/scene"):
+    for topic in ("/scene", "/detections", "/detections/rays", "/plan", "/plan/scene"):
         assert len(messages[topic]) == 1, topic
     assert [m["map"]["time_s"] for _, m in messages["/map"]] == [None, 0.04]
     lines = [(line.name, line.message) for _, line in messages["/explorer"]]

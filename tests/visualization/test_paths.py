@@ -1,3 +1,5 @@
+import types
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -6,21 +8,37 @@ from airrace.systems.lap_plan import NO_PLAN, LapPlan
 from airrace.visualization.paths import PathVisualizer, PlanVisualizer
 from tests.visualization.meshcat_tools import drawn, fix
 
+WATCHING = types.SimpleNamespace(waits=lambda: True)
+
 
 def test_draws_the_flown_path_in_pieces(meshcat):
     paths = PathVisualizer(meshcat=meshcat, period=0.1)
     simulator = Simulator(paths)
     fix(paths, simulator.get_mutable_context(), truth__state=np.zeros(13))
+    simulator.AdvanceTo(2.95)
+    assert meshcat.HasPath("here") and not meshcat.HasPath("flown")
     simulator.AdvanceTo(4.05)
-    assert meshcat.HasPath("flown/0") and meshcat.HasPath("flown/1")
-    assert not meshcat.HasPath("flown/2")
-    assert meshcat.HasPath("here")
+    assert meshcat.HasPath("flown/0") and not meshcat.HasPath("flown/1")
+    paths.ForcedPublish(simulator.get_context())
+    assert meshcat.HasPath("flown/1") and not meshcat.HasPath("flown/2")
+
+
+def test_who_looks_sees_the_path_grow(meshcat):
+    paths = PathVisualizer(meshcat=meshcat, period=0.1, audience=WATCHING)
+    simulator = Simulator(paths)
+    fix(paths, simulator.get_mutable_context(), truth__state=np.zeros(13))
+    for end, count in ((0.15, 2), (1.05, 11), (3.05, 31), (3.15, 2)):
+        simulator.AdvanceTo(end)
+        piece = drawn(meshcat, f"flown/{int(end > 3.1)}")["object"]["geometries"][0]
+        positions = np.frombuffer(piece["data"]["attributes"]["position"]["array"], np.float32)
+        assert len(positions) == 3 * 3 * count
 
 
 def test_the_path_is_coloured_by_speed(meshcat):
     colors = []
     for speed in (0.0, 20.0):
-        paths = PathVisualizer(meshcat=meshcat, max_speed=20.0, period=0.1)
+        paths = PathVisualizer(meshcat=meshcat, max_speed=20.0, period=0.1,
+                               audience=WATCHING)
         simulator = Simulator(paths)
         state = np.zeros(13)
         state[10] = speed

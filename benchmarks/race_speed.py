@@ -24,8 +24,8 @@ from rich.table import Table
 from airrace.diagrams.camera_config import NO_CAMERA, RENDERERS
 from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import load_scenario
+from airrace.map_files import TRACK
 from airrace.recording.config import CONTENTS
-from airrace.systems.known_map import TRACK
 from benchmarks.stopwatch import Stopwatch, watching
 
 SET_UP, EXPLORATION, LAPS = "set-up", "exploration", "laps"

@@ -7,11 +7,12 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from airrace.diagrams.scenario import Scenario
 from airrace.errors import UserError
+from airrace.map_files import read_map
 from airrace.systems.aruco_detector import ArucoDetector
 from airrace.systems.explorer import Explorer
 from airrace.systems.gate_mapper import GateMapper
 from airrace.systems.geometric_controller import GeometricController
-from airrace.systems.known_map import KnownMap, NoDetector, load_map
+from airrace.systems.known_map import KnownMap, NoDetector
 from airrace.systems.lap_planner import LapPlanner
 from airrace.systems.rectifier import Rectifier
 from airrace.systems.rotor_monitor import RotorMonitor
@@ -29,7 +30,7 @@ def _make_aruco_detector(scenario: Scenario):
 
 def _make_gate_mapper(scenario: Scenario):
     if scenario.map:
-        return KnownMap(load_map(scenario.map, scenario.track))
+        return KnownMap(read_map(scenario.map, scenario.track))
     perception = dict(vars(scenario.perception))
     # The mapper counts from the exposure.
     perception["latency"] += scenario.camera.resolved().latency

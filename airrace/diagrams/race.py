@@ -141,15 +141,13 @@ def resolve_scenario(args):
     scenario = load_scenario(
         filename=filename, scenario_name=name, scenario_text=args.scenario_text
     )
-    for option in ("drone", "trajectory", "track", "laps", "seed"):
+    for option in ("drone", "trajectory", "track", "laps", "seed", "map"):
         if getattr(args, option) is not None:
             setattr(scenario, option, getattr(args, option))
     if args.limits is not None:
         scenario.planner.limits = args.limits
     if args.renderer is not None:
         scenario.camera.renderer = args.renderer
-    if args.map is not None:
-        scenario.map = args.map
     if args.record is not None:
         scenario.recording.content = args.record
     if args.realtime_rate is not None:

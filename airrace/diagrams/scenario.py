@@ -19,9 +19,9 @@ from airrace.diagrams.scenario_checks import (
 from airrace.disturbances import DisturbancesConfig, RotorFailure
 from airrace.errors import UserError
 from airrace.limits import parse_limits
+from airrace.map_files import TRACK
 from airrace.recording.config import RecordingConfig
 from airrace.resources import find_yaml, load_yaml, models_path
-from airrace.systems.known_map import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 
 TRAJECTORIES = ("3", "4", "6", "optimal")

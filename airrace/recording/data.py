@@ -3,7 +3,7 @@
 import numpy as np
 
 from airrace.files import finite
-from airrace.map_files import map_data, statistics_data
+from airrace.map_files import map_data, rounded, statistics_data
 from airrace.systems.lap_plan import LapPlan
 from airrace.systems.referee import GateCrossing
 from airrace.systems.types import Detections, GateMap
@@ -67,8 +67,8 @@ def detections_data(detections: Detections) -> dict:
         "markers": [
             {
                 "id": m.id,
-                "position": _few_rounded(m.X_CM.translation()),
-                "orientation": _few_rounded(m.X_CM.rotation().ToQuaternion().wxyz(), 5),
+                "position": rounded(m.X_CM.translation()),
+                "orientation": rounded(m.X_CM.rotation().ToQuaternion().wxyz(), 5),
                 "reprojection_error": round(float(m.reprojection_error), 3),
                 "ambiguity": round(float(m.ambiguity), 3),
             }
@@ -113,8 +113,3 @@ def crossing_data(crossing: GateCrossing) -> dict:
 
 def _rounded(values, digits=4) -> list:
     return np.round(values, digits).tolist()
-
-
-def _few_rounded(values, digits=4) -> list:
-    # Of as few as three numbers, rounding an array takes several times as long.
-    return [round(value, digits) for value in values.tolist()]

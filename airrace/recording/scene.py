@@ -27,7 +27,6 @@ _PYLON, _WHITE, _BLACK = color(0.9, 0.35, 0.1), color(1, 1, 1), color(0.05, 0.05
 _BODY, _ROTOR, _NOSE = color(0.25, 0.27, 0.3), color(0.3, 0.6, 0.9, 0.6), color(0.9, 0.3, 0.1)
 _SIGMA, _RAY, _PLAN = color(0.2, 0.7, 1.0, 0.45), color(0.2, 0.9, 0.3, 0.8), color(0.1, 0.4, 1.0)
 _OLD_PLAN = color(1.0, 0.55, 0.0, 0.5)  # orange, as in the report
-_ORIGIN = fg.Point3(x=0.0, y=0.0, z=0.0)
 _SIGMAS, _LEAST = 3.0, 0.05  # of an ellipsoid; m, less could not be seen
 
 
@@ -156,10 +155,8 @@ def path_scene(time: float, positions, speeds, max_speed: float) -> fg.SceneUpda
 
 def detection_rays(detections: Detections) -> fg.SceneUpdate:
     """Returns lines from the camera to the markers that it sees."""
-    points = []
-    for marker in detections.markers:
-        x, y, z = marker.X_CM.translation().tolist()
-        points += [_ORIGIN, fg.Point3(x=x, y=y, z=z)]
+    ends = [p for marker in detections.markers
+            for p in ([0.0, 0.0, 0.0], marker.X_CM.translation())]
     rays = fg.LinePrimitive(type=fg.LinePrimitiveLineType.LineList, thickness=0.03, color=_RAY,
-                            points=points)
+                            points=_points(ends))
     return fg.SceneUpdate(entities=[_entity(detections.time, "rays", CAMERA, lines=[rays])])

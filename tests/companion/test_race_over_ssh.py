@@ -18,8 +18,9 @@ import pytest
 
 from airrace.companion.wheel import digest, source_digest
 from airrace.diagrams.channels import make_channels
+from airrace.diagrams.hitl_race import default_url
 from airrace.diagrams.scenario import Scenario
-from airrace.link.endpoint import DEFAULT_URL, HEARTBEAT
+from airrace.link.endpoint import HEARTBEAT
 from airrace.resources import models_path
 from tests.companion.conftest import ADDRESS
 from tests.companion.fake_checkout import ROOT
@@ -173,7 +174,7 @@ def test_a_flood_changes_nothing(board, hexagon, tmp_path):  # noqa: F811
     names = [row.channel for row in make_channels(Scenario(track=hexagon))]
     flood = subprocess.Popen(
         [sys.executable, str(Path(__file__).with_name("flood.py")),
-         DEFAULT_URL.replace("ttl=0", "ttl=1"), ",".join(names), str(EACH), "1000"],
+         default_url(str(ADDRESS)), ",".join(names), str(EACH), "1000"],
         stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
     with flood:
         done, result = race(tmp_path / "hitl", "-s", "HITL", "--companion", str(ADDRESS),

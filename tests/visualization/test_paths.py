@@ -1,14 +1,10 @@
-import types
-
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
 from airrace.systems.lap_plan import NO_PLAN, LapPlan
 from airrace.visualization.paths import PathVisualizer, PlanVisualizer
-from tests.visualization.meshcat_tools import drawn, fix
-
-WATCHING = types.SimpleNamespace(waits=lambda: True)
+from tests.visualization.meshcat_tools import Watching, drawn, fix
 
 
 def test_draws_the_flown_path_in_pieces(meshcat):
@@ -24,7 +20,7 @@ def test_draws_the_flown_path_in_pieces(meshcat):
 
 
 def test_who_looks_sees_the_path_grow(meshcat):
-    paths = PathVisualizer(meshcat=meshcat, period=0.1, audience=WATCHING)
+    paths = PathVisualizer(meshcat=meshcat, period=0.1, audience=Watching())
     simulator = Simulator(paths)
     fix(paths, simulator.get_mutable_context(), truth__state=np.zeros(13))
     for end, count in ((0.15, 2), (1.05, 11), (3.05, 31), (3.15, 2)):
@@ -38,7 +34,7 @@ def test_the_path_is_coloured_by_speed(meshcat):
     colors = []
     for speed in (0.0, 20.0):
         paths = PathVisualizer(meshcat=meshcat, max_speed=20.0, period=0.1,
-                               audience=WATCHING)
+                               audience=Watching())
         simulator = Simulator(paths)
         state = np.zeros(13)
         state[10] = speed

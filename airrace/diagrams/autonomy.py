@@ -64,9 +64,7 @@ def _make_lap_planner(scenario: Scenario):
 
 def _make_rotor_monitor(scenario: Scenario):
     return RotorMonitor(
-        vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate,
-        link_delay=scenario.link_delay,
-    )
+        vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate)
 
 
 def _make_state_filter(scenario: Scenario):
@@ -97,6 +95,7 @@ BOXES = {
 INPUTS = (
     "camera_image", "camera_grey", "camera_view", "camera_image_time", "camera_info",
     "state_estimate", "rotor_speeds",
+    "rotor_report",
 )
 OUTPUTS = {
     "rotor_speed_command": "geometric_controller",

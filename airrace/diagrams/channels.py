@@ -95,9 +95,7 @@ def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[Row, ...
         _row("state_estimate", "STATE_ESTIMATE", lcmtypes.lcmt_state_estimate, SIMULATION,
              scenario.state_estimate.rate,
              adapters.encode_state_estimate, adapters.decode_state_estimate, zeros(se.SIZE)),
-        _row("rotor_speeds", "ROTOR_SPEEDS", lcmtypes.lcmt_rotors, SIMULATION,
-             scenario.controller.rate,
-             adapters.encode_rotors, _sized(adapters.decode_rotors, n), zeros(n)),
+        _rotors(scenario, n),
         _row("truth.referee_report", "REFEREE_REPORT", lcmtypes.lcmt_referee_report, SIMULATION,
              10.0, adapters.encode_referee_report, adapters.decode_referee_report,
              RefereeReport((), False, None, None, 0)),
@@ -133,6 +131,17 @@ def _sized(decode, n):
             raise Dropped(MALFORMED)
         return decode(message)
     return decode_n
+
+
+def _rotors(scenario: Scenario, n: int) -> Row:
+    """Returns the row of what the motor controllers of n rotors report."""
+    # The report first: its time tells that it is a new one.
+    return Row(
+        ("rotor_report", "rotor_speeds"), "AIRRACE_ROTOR_REPORT", lcmtypes.lcmt_rotor_report,
+        SIMULATION, scenario.controller.rate,
+        lambda lossless, **values: adapters.encode_rotor_report(**values),
+        _sized(adapters.decode_rotor_report, n),
+        {"rotor_report": np.zeros(1 + 2 * n), "rotor_speeds": np.zeros(n)})
 
 
 def _camera(scenario: Scenario, wanted) -> Row:

@@ -4,7 +4,7 @@ from airrace.diagrams.autonomy_process import AutonomyProcess
 from airrace.diagrams.channels import SIMULATION
 from airrace.diagrams.remote import RealTimeRemote
 from airrace.link.endpoint import Endpoint
-from airrace.link.simulated_bus import LinkConfig, SimulatedBus
+from airrace.link.simulated_bus import LinkConfig, SimulatedLink
 
 _TICK = 0.001  # s
 
@@ -24,32 +24,36 @@ class SimulatedRemote(RealTimeRemote):
             link: between them.
             output_dir: of the autonomy.
         """
-        self._bus = SimulatedBus(link)
+        self._link = SimulatedLink(link)
         self._autonomy = AutonomyProcess(
-            scenario, self._bus, output_dir, clock=self._bus.clock, in_process=True)
+            scenario, self._link.bus(), output_dir, clock=self._link.clock, in_process=True)
         self._autonomy.build(lossless=False)
         rows = self._autonomy.rows
         endpoint = Endpoint(
-            SIMULATION, [row.as_channel() for row in rows], self._bus, clock=self._bus.clock)
+            SIMULATION, [row.as_channel() for row in rows], self._link.bus(),
+            clock=self._link.clock)
         super().__init__(rows, endpoint)
 
     def begin(self, simulator):
         context = simulator.get_mutable_context()
         while not self._autonomy.is_ready():
-            self._bus.time += _TICK
-            self._beat(self._bus.time, 0.0)
+            self._link.time += _TICK
+            self._beat(self._link.time, 0.0)
             self._show_start(context)
             self._endpoint.drain()
             self._autonomy.hear("waiting")
         self._autonomy.start()
-        self._start = self._bus.time
+        self._start = self._link.time
 
     def _wait_for(self, tick, sim_time):
-        self._bus.time = self._start + tick
+        self._link.time = self._start + tick
+        self._let_autonomy_step(tick)
+        self._beat(self._link.time, sim_time)
+        self._endpoint.drain()
+
+    def _let_autonomy_step(self, now):
         self._autonomy.hear("racing")
         self._autonomy.step()
-        self._beat(self._bus.time, sim_time)
-        self._endpoint.drain()
 
     def end(self, simulator):
         pass

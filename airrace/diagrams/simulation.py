@@ -37,8 +37,8 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     ``camera_grey`` (the same picture, ImageGrey8U), ``camera_view`` (it once more,
     drawn where somebody looks, CameraView),
     ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
-    (see systems/state_estimate.py), ``rotor_speeds`` (rad/s, what the motor
-    controllers report). Truth, for judges and spectators only: ``truth.state``
+    (see systems/state_estimate.py), ``rotor_speeds`` (rad/s) and
+    ``rotor_report`` (see RotorBank) of the motor controllers. Truth, for judges and spectators only: ``truth.state``
     (13), ``truth.referee_report`` (RefereeReport), and if gates move,
     ``truth.gate_shifts`` (see GateMover), which the plant's bodies follow when
     FollowGates() is called.
@@ -136,7 +136,8 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
         port = camera.get_output_port(i)
         builder.ExportOutput(port, port.get_name())
     builder.ExportOutput(estimate.GetOutputPort("state_estimate"), "state_estimate")
-    builder.ExportOutput(rotors.GetOutputPort("rotor_speeds"), "rotor_speeds")
+    for name in ("rotor_speeds", "rotor_report"):
+        builder.ExportOutput(rotors.GetOutputPort(name), name)
     builder.ExportOutput(state, "truth.state")
     builder.ExportOutput(referee.GetOutputPort("report"), "truth.referee_report")
     diagram = builder.Build()

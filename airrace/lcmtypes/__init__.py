@@ -18,5 +18,6 @@ from .lcmt_link_report import lcmt_link_report as lcmt_link_report
 from .lcmt_marker_estimate import lcmt_marker_estimate as lcmt_marker_estimate
 from .lcmt_polynomials import lcmt_polynomials as lcmt_polynomials
 from .lcmt_referee_report import lcmt_referee_report as lcmt_referee_report
+from .lcmt_rotor_report import lcmt_rotor_report as lcmt_rotor_report
 from .lcmt_rotors import lcmt_rotors as lcmt_rotors
 from .lcmt_state_estimate import lcmt_state_estimate as lcmt_state_estimate

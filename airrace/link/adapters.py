@@ -63,6 +63,22 @@ def decode_rotors(message) -> np.ndarray:
     return read_only(message.value)
 
 
+def encode_rotor_report(rotor_report, rotor_speeds) -> lcmtypes.lcmt_rotor_report:
+    """Args: rotor_report: of RotorBank, (1 + 2n,). rotor_speeds: in it already, (n,)."""
+    message, n = lcmtypes.lcmt_rotor_report(), len(rotor_speeds)
+    time, *speeds = rotor_report.tolist()
+    message.time, message.count, message.speed, message.expected = (
+        time, n, speeds[:n], speeds[n:])
+    return message
+
+
+def decode_rotor_report(message) -> dict:
+    """Returns the values by port: rotor_report, (1 + 2n,), and rotor_speeds, (n,)."""
+    report = [message.time, *message.speed, *message.expected]
+    check_finite(report)
+    return {"rotor_report": read_only(report), "rotor_speeds": read_only(message.speed)}
+
+
 def decode_rotor_losses(message) -> np.ndarray:
     """Returns when each rotor was lost (s), infinite for those that work, (n,)."""
     if any(math.isnan(time) or time < 0.0 for time in message.value):

@@ -14,7 +14,9 @@ class PeerClock:
     Two of them: the simulated time, which may stand still or go slowly, and the
     computer's own. Each heartbeat brings back when we sent one and how long it
     lay there, as in NTP (RFC 5905): this gives the round trip, and if both ways
-    take the same time, the offset between the computers' clocks.
+    take the same time, the offset between the computers' clocks. Of all heartbeats
+    that bring back the same one of ours, the quickest counts: after a pause of our
+    own, those that came meanwhile seem to have taken as long as they lay here.
     """
 
     def __init__(self, rate: float = 1.0):
@@ -23,6 +25,7 @@ class PeerClock:
         self._stamps = collections.deque()  # (arrival, simulated time - rate arrival), s
         self._newest = -math.inf
         self._exchanges = collections.deque(maxlen=_EXCHANGES)  # (round trip, offset), s
+        self._answered = -math.inf  # when we sent what the newest exchange began with, s
 
     def hear(self, heartbeat, arrival: float) -> None:
         """Takes a heartbeat that came at a time of our computer's clock (s)."""
@@ -31,8 +34,13 @@ class PeerClock:
         sent, back = heartbeat.peer_sent * 1e-9, heartbeat.sent * 1e-9
         there = heartbeat.peer_received * 1e-9
         round_trip = (arrival - sent) - (back - there)
-        if 0.0 <= round_trip < 10.0:
-            self._exchanges.append((round_trip, ((there - sent) + (back - arrival)) / 2))
+        if not 0.0 <= round_trip < 10.0:
+            return
+        exchange = round_trip, ((there - sent) + (back - arrival)) / 2
+        if sent == self._answered:
+            exchange = min(exchange, self._exchanges.pop())
+        self._exchanges.append(exchange)
+        self._answered = sent
 
     def stamp(self, sim_time: float, arrival: float) -> None:
         """Takes the simulated time at which a message was sent, and when it came (s)."""

@@ -19,8 +19,8 @@ class LinkConfig:
     seed: int = 0
 
 
-class SimulatedBus:
-    """Stands in for an lcm.LCM; its time is what is set.
+class SimulatedLink:
+    """Joins SimulatedBuses; its time is what is set.
 
     Attributes:
         time: (s).
@@ -31,16 +31,20 @@ class SimulatedBus:
         self.time = 0.0
         self._config = config
         self._noise = make_generator(config.seed, "link")
-        self._subscriptions = []
-        self._under_way = []  # (arrival, order, channel, data)
+        self._buses = []
         self._order = itertools.count()
 
     def clock(self) -> float:
         """Returns the time (s); for an Endpoint."""
         return self.time
 
-    def publish(self, channel: str, data: bytes) -> None:
-        """Sends a message, or loses it."""
+    def bus(self) -> "SimulatedBus":
+        """Returns one more computer's end of the link."""
+        self._buses.append(SimulatedBus(self))
+        return self._buses[-1]
+
+    def send(self, channel: str, data: bytes) -> None:
+        """Brings a message to all, or loses it."""
         config = self._config
         packets = -(-len(data) // config.packet)
         # Drawn whether or not they matter, so that a cut changes nothing else.
@@ -48,8 +52,28 @@ class SimulatedBus:
         delay = config.delay + config.jitter * self._noise.uniform(-1.0, 1.0)
         if lost or any(start <= self.time < end for start, end in config.cuts):
             return
-        heapq.heappush(self._under_way, (
-            self.time + max(delay, 0.0), next(self._order), channel, data))
+        message = self.time + max(delay, 0.0), next(self._order), channel, data
+        for bus in self._buses:
+            bus.expect(message)
+
+
+class SimulatedBus:
+    """Stands in for an lcm.LCM: what has arrived lies here until it is handled."""
+
+    def __init__(self, link: SimulatedLink):
+        """See SimulatedLink.bus()."""
+        self._link = link
+        self._subscriptions = []
+        self._messages = []  # a heap of (arrival, order, channel, data)
+
+    def expect(self, message: tuple) -> None:
+        """Takes a message that is under way: (arrival, order, channel, data)."""
+        if any(s.channel == message[2] for s in self._subscriptions):
+            heapq.heappush(self._messages, message)
+
+    def publish(self, channel: str, data: bytes) -> None:
+        """Sends a message, or loses it."""
+        self._link.send(channel, data)
 
     def subscribe(self, channel: str, handler) -> "_Subscription":
         """Hands all messages of a channel to handler(channel, data)."""
@@ -62,9 +86,9 @@ class SimulatedBus:
 
     def handle_timeout(self, _) -> int:
         """Hands over the next message that has arrived; returns whether there was one."""
-        if not self._under_way or self._under_way[0][0] > self.time:
+        if not self._messages or self._messages[0][0] > self._link.time:
             return 0
-        _, _, channel, data = heapq.heappop(self._under_way)
+        _, _, channel, data = heapq.heappop(self._messages)
         for subscription in self._subscriptions:
             if subscription.channel == channel:
                 subscription.handler(channel, data)

@@ -68,11 +68,13 @@ class DelayCompensator(LeafSystem):
             lambda context, output: output.set_value(self._Predicted(context)[1]), inputs)
 
     def SetDelay(self, context, delay: float) -> None:
-        """Sets the delay, there and back (s): whole periods."""
-        context.SetDiscreteState(self._delay, [min(delay, _MOST)])
+        """Sets the delay, there and back (s), from Rounded()."""
+        context.SetDiscreteState(self._delay, [delay])
 
     def Rounded(self, delay: float, before: float) -> float:
-        """Returns the delay to use (s): whole periods, and another one only if it matters.
+        """Returns the delay to use (s): whole periods, another one only if it matters.
+
+        It is never more than a model is good for, 0.25 s, however long the link takes.
 
         Args:
             delay: measured (s).
@@ -80,7 +82,9 @@ class DelayCompensator(LeafSystem):
         """
         if abs(delay - before) < _LEAST:
             return before
-        return 0.0 if delay < _LEAST else self._period * math.ceil(delay / self._period)
+        if delay < _LEAST:
+            return 0.0
+        return self._period * math.ceil(min(delay, _MOST) / self._period - 1e-9)
 
     def _Remember(self, context, discrete_state):
         history = discrete_state.get_mutable_value(self._history)

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from airrace.compiled import compiled
+from airrace.compiled import compilable, compiled
 from airrace.vehicle import Vehicle
 
 
@@ -17,13 +17,18 @@ class RotorBank(LeafSystem):
         - rotor_speed_command
         output_ports:
         - rotor_speeds
+        - rotor_report
         - thrusts
 
-    All ports are vectors with one element a rotor, in the order of the
-    vehicle's rotor table: speeds in rad/s, thrusts in N. ``rotor_speeds`` is
-    also what the motor controllers report. The lag is integrated exactly over
-    the period. A command that is not finite counts as zero, and so does any
-    to a rotor that has failed: it spins down.
+    Vectors have one element a rotor, in the order of the vehicle's rotor table:
+    speeds in rad/s, thrusts in N. The lag is integrated exactly over the period. A
+    command that is not finite counts as zero, and so does any to a rotor that has
+    failed: it spins down.
+
+    ``rotor_speeds`` is also what the motor controllers report. ``rotor_report``
+    says more: the time (s), the speeds, and those that the motor controllers expect
+    of rotors that work, after all the commands that reached them, (1 + 2n,). Only
+    they know those: over a link, not every command of the autonomy arrives.
     """
 
     def __init__(self, *, vehicle: Vehicle, period: float, failures=()):
@@ -38,32 +43,56 @@ class RotorBank(LeafSystem):
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
         self._c_f, self._max_speeds = vehicle.thrust_coefficients, vehicle.max_speeds
-        self._failures = tuple(failures)
+        self._failed = np.full(n, np.inf)
+        for rotor, time in failures:
+            self._failed[rotor] = min(time, self._failed[rotor])
+        self._period = period
         self._blend = float(1.0 - np.exp(-period / vehicle.rotor_lag))
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         # The thrusts are a state, too, so that no call of Python stands in the plant's way.
         self._speeds = self.DeclareDiscreteState(n)
         self._thrusts = self.DeclareDiscreteState(n)
+        self._report = self.DeclareDiscreteState(1 + 2 * n)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._UpdateSpeeds)
         self.DeclareStateOutputPort("rotor_speeds", self._speeds)
+        self.DeclareStateOutputPort("rotor_report", self._report)
         self.DeclareStateOutputPort("thrusts", self._thrusts)
 
     def SetSpeeds(self, context, speeds) -> None:
         """Makes the rotors turn with some speeds (rad/s), (n,)."""
         context.SetDiscreteState(self._speeds, speeds)
         context.SetDiscreteState(self._thrusts, self._c_f * np.square(speeds))
+        context.SetDiscreteState(self._report, [context.get_time(), *speeds, *speeds])
 
     def _UpdateSpeeds(self, context, discrete_state):
-        command = self._command.Eval(context)
-        for rotor, time in self._failures:
-            if context.get_time() >= time:
-                command[rotor] = 0.0
-        turn(discrete_state.get_mutable_value(self._speeds),
-             discrete_state.get_mutable_value(self._thrusts),
-             command, self._max_speeds, self._blend, self._c_f)
+        _update(discrete_state.get_mutable_value(self._speeds),
+                discrete_state.get_mutable_value(self._thrusts),
+                discrete_state.get_mutable_value(self._report),
+                self._command.Eval(context), self._failed, context.get_time(), self._period,
+                self._max_speeds, self._blend, self._c_f)
 
 
 @compiled
+def _update(speeds, thrusts, report, command, failed, now, period, max_speeds, blend, c_f):
+    """Changes speeds (rad/s), thrusts (N), both (n,), and the report, (1 + 2n,), by a period.
+
+    Args:
+        command: changed, too (rad/s), (n,).
+        failed: since when each rotor has failed (s), (n,).
+        now, period: (s).
+        the others: see turn().
+    """
+    n = len(speeds)
+    turn(report[1 + n:], thrusts, command, max_speeds, blend, c_f)
+    for i in range(n):
+        if now >= failed[i]:
+            command[i] = 0.0
+    turn(speeds, thrusts, command, max_speeds, blend, c_f)
+    report[0] = now + period
+    report[1:1 + n] = speeds
+
+
+@compilable
 def turn(speeds, thrusts, command, max_speeds, blend, c_f):
     """Changes speeds by one period of the lag, and thrusts with them (N), all (n,)."""
     for i in range(len(speeds)):

@@ -1,7 +1,5 @@
 """Notices rotors that have stopped."""
 
-import math
-
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
@@ -10,90 +8,64 @@ from airrace.vehicle import Vehicle
 
 _SHARE = 0.8  # of the speed that it should have: a rotor below that does not follow
 _LEAST = 0.2  # of the greatest speed: below, there is nothing to tell by
-_WINDOW = 0.03  # s by which a command may be late
-_PATIENCE = 0.006  # s of not following
-_GAP = 0.05  # s without a look, after which the model begins anew
-_GRACE = 1.0  # s from there on, in which somebody else may still command the rotors
+_PATIENCE = 0.006 - 1e-9  # s of not following
 
 
 class RotorMonitor(LeafSystem):
-    """Compares the reported rotor speeds with those that were commanded.
+    """Compares the speeds that the motor controllers report with those that they expect.
 
     .. pydrake_system::
 
         name: RotorMonitor
         input_ports:
-        - rotor_speed_command
-        - rotor_speeds
+        - rotor_report
         output_ports:
         - rotor_losses
 
-    ``rotor_speed_command`` and ``rotor_speeds`` (rad/s) have one element a
-    rotor; ``rotor_losses`` is the time at which each rotor was found to be lost
-    (s), infinite for those that work.
+    ``rotor_report``, (1 + 2n,), is RotorBank's: time, speeds, and the speeds of
+    rotors that work. ``rotor_losses`` is the time at which each rotor was found to
+    be lost (s), infinite for those that work, (n,).
 
-    A model of each rotor, a first-order lag, follows the commands. A rotor is
-    lost for good once its reported speed has for a few milliseconds been clearly
-    below all that the model has had in the last 30 ms, within which a command
-    should arrive. After a time without looks, as of an autonomy that has started
-    again, it judges a second later: until its commands arrive, somebody else's count.
+    A rotor is lost for good once the reports of some milliseconds on end say that it
+    is clearly slower than it should be. Whose commands those are, and when they
+    arrived, makes no difference, nor how many reports got lost.
     """
 
-    def __init__(self, *, vehicle: Vehicle, rate: float, link_delay: float = 0.0):
-        """Constructs the monitor.
-
-        Args:
-            vehicle: the rotor table.
-            rate: of the commands (Hz).
-            link_delay: by which a command and its report may be late besides (s).
-        """
+    def __init__(self, *, vehicle: Vehicle, rate: float):
+        """Constructs the monitor. Args: vehicle: the rotor table. rate: of its looks (Hz)."""
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
-        self._period = 1.0 / rate
-        self._blend = 1.0 - math.exp(-self._period / vehicle.rotor_lag)
         self._least = _LEAST * vehicle.max_speeds
-        self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
-        self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
-        # The model's speeds, newest first, for how long a rotor has not followed (s), from
-        # when on it is judged (s), and when the last look was (s).
-        depth = math.ceil((_WINDOW + link_delay) * rate) + 1
-        self._memory = self.DeclareDiscreteState((depth + 1) * n + 2)
+        self._report = self.DeclareVectorInputPort("rotor_report", 1 + 2 * n)
+        # By the times of the reports (s), infinite for rotors that follow.
+        self._slow_since = self.DeclareDiscreteState(np.full(n, np.inf))
         self._losses = self.DeclareDiscreteState(np.full(n, np.inf))
-        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._Compare)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Compare)
         self.DeclareStateOutputPort("rotor_losses", self._losses)
 
     def _Compare(self, context, discrete_state):
-        _compare(discrete_state.get_mutable_value(self._memory),
+        _compare(discrete_state.get_mutable_value(self._slow_since),
                  discrete_state.get_mutable_value(self._losses),
-                 self._speeds.Eval(context), self._command.Eval(context), self._least,
-                 self._blend, self._period, context.get_time())
+                 self._report.Eval(context), self._least, context.get_time())
 
 
 @compiled
-def _compare(memory, losses, speeds, command, least, blend, period, now):
-    """Compares, changes the memory, and notes which rotors are lost since now.
+def _compare(slow_since, losses, report, least, now):
+    """Notes which rotors do not follow, and which are lost since now.
 
     Args:
-        memory: see RotorMonitor. losses: of the rotors (s), (n,).
-        speeds, command: of the rotors (rad/s), (n,).
-        least: model speeds up to which there is nothing to tell by (rad/s), (n,).
-        blend: share of a step that a rotor makes in a period.
-        period: (s). now: (s).
+        slow_since: see RotorMonitor (s), (n,). losses: of the rotors (s), (n,).
+        report: see RotorMonitor, (1 + 2n,).
+        least: expected speeds up to which there is nothing to tell by (rad/s), (n,).
+        now: (s).
     """
-    n = len(speeds)
-    model, waited = memory[:-n - 2].reshape(-1, n), memory[-n - 2:-2]
-    if now - memory[-1] > _GAP:
-        # Whoever was not there does not know what was commanded.
-        model[:], waited[:] = speeds, 0.0
-        memory[-2] = now + _GRACE
-    memory[-1] = now
+    n = len(losses)
     for i in range(n):
-        due, modelled = model[:, i].min(), model[0, i]
-        for k in range(len(model) - 1, 0, -1):
-            model[k, i] = model[k - 1, i]
-        model[0, i] = modelled + blend * (command[i] - modelled)
+        speed, expected = report[1 + i], report[1 + n + i]
         # Written such that a speed that is not a number is too low.
-        follows = speeds[i] >= _SHARE * due
-        waited[i] = waited[i] + period if due > least[i] and not follows else 0.0
-        if waited[i] > _PATIENCE and now >= memory[-2]:
+        if expected > least[i] and not speed >= _SHARE * expected:
+            slow_since[i] = min(slow_since[i], report[0])
+        else:
+            slow_since[i] = np.inf
+        if report[0] - slow_since[i] >= _PATIENCE:
             losses[i] = min(losses[i], now)

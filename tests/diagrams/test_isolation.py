@@ -13,7 +13,8 @@ from airrace.diagrams.runner import MakeRace
 from airrace.diagrams.scenario import Scenario
 from airrace.errors import UserError
 
-INPUTS = {"camera_view", "camera_image_time", "camera_info", "state_estimate", "rotor_speeds"}
+INPUTS = {"camera_view", "camera_image_time", "camera_info", "state_estimate", "rotor_speeds",
+          "rotor_report"}
 # The only systems of Simulation whose outputs Autonomy may see.
 SENSORS = {"camera", "state_estimate", "rotor_bank"}
 

@@ -7,10 +7,11 @@ import pytest
 from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import LINK_DELAY, Scenario
 from airrace.diagrams.simulated_link import SimulatedRemote
-from airrace.link.simulated_bus import LinkConfig
+from airrace.link.simulated_bus import LinkConfig, SimulatedLink
 
 
-def race(hexagon, tmp_path, link, time_limit, **fields):
+def race(hexagon, tmp_path, link, time_limit, stall=(0.0, 0.0), **fields):
+    """Args: stall: from when to when the autonomy does nothing (s)."""
     scenario = Scenario(track=hexagon, laps=1, trajectory="4", link_delay=LINK_DELAY, **fields)
     scenario.referee.time_limit = time_limit
     scenario.camera.width, scenario.camera.height = 640, 360
@@ -19,6 +20,10 @@ def race(hexagon, tmp_path, link, time_limit, **fields):
     modes = []
 
     class Watched(SimulatedRemote):
+        def _let_autonomy_step(self, now):
+            if not stall[0] <= now < stall[1]:
+                super()._let_autonomy_step(now)
+
         def advance(self, simulator, end):
             result = super().advance(simulator, end)
             modes.append((end, int(self._Watchdog(simulator.get_context()).mode)))
@@ -58,17 +63,27 @@ def test_a_cable_that_is_pulled(hexagon, tmp_path):
     assert (watchdog["holds"], watchdog["hovers"], watchdog["landings"]) == (3, 2, 1)
 
 
+def test_an_autonomy_that_does_nothing_for_a_while(hexagon, tmp_path):
+    """As of a computer that is busy: it is back at once, and nothing of the kind was a delay."""
+    link = dict(delay=0.02, jitter=0.005, loss=0.01)
+    result, modes = race(hexagon, tmp_path, link, 12.0, stall=(8.0, 9.0))
+    at = {round(time, 1): mode for time, mode in modes.items()}
+    assert at[8.4] == 1 and at[8.9] == 2
+    assert not any(mode for time, mode in at.items() if time > 9.05)
+    assert result["wall"]["link"]["watchdog"]["oldest_command_s"] < 1.1
+    assert result["collisions"] == 0 and result["dnf_reason"].startswith("ran out of time")
+
+
 @pytest.mark.parametrize("loss, sent", [(0.0, 1.0), (0.5, 0.5)])
 def test_the_simulated_bus_loses_what_it_says(loss, sent):
-    from airrace.link.simulated_bus import SimulatedBus
-
-    bus = SimulatedBus(LinkConfig(delay=0.01, loss=loss))
+    link = SimulatedLink(LinkConfig(delay=0.01, loss=loss))
+    sender, bus = link.bus(), link.bus()
     got = []
     bus.subscribe("A", lambda channel, data: got.append(data))
     for k in range(2000):
-        bus.publish("A", bytes(10))
+        sender.publish("A", bytes(10))
     assert bus.handle_timeout(0) == 0
-    bus.time = 0.02
+    link.time = 0.02
     while bus.handle_timeout(0):
         pass
     assert len(got) == pytest.approx(2000 * sent, abs=100)

@@ -56,13 +56,14 @@ def values():
     gates = (GateEstimate(0, _noise.normal(size=3), 0.1, 10.0),)
     events = (ExplorerEvent(0.0, "CALIBRATE", "power on"), ExplorerEvent(1 / 3, "DONE", "über"))
     crossings = (GateCrossing(1 / 3, 1, 1, 0.1, 12.5), GateCrossing(2 / 3, 2, 1, 0.2, 13.5))
+    rotors = _noise.uniform(0, 90, 8)
     return {
         "camera_image_time": np.array([1 / 3]), "camera_view": CameraView.of(picture),
         "camera_info": make_camera_info(
             width=96, height=64, fov_y=1.0, D=(0.1, 0.2, 0.3, 0.4, 0.5),
             X_BC=RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [1.0, 2.0, 3.0])),
         "state_estimate": estimate,
-        "rotor_speeds": _noise.uniform(0, 90, 4),
+        "rotor_speeds": rotors[:4], "rotor_report": np.array([1 / 3, *rotors]),
         "rotor_speed_command": _noise.uniform(0, 90, 4),
         "rotor_losses": np.array([np.inf, 2.5, np.inf, np.inf]),
         "explorer_status": ExplorerStatus("DONE", "über", 1 / 3, (2, 0, 1), 1 / 7, True, events),

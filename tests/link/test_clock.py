@@ -27,6 +27,19 @@ def test_round_trip_and_offset_come_from_the_quickest_exchange():
     assert clock.usual_round_trip == pytest.approx(0.08, abs=1e-6)
 
 
+def test_a_pause_of_our_own_is_no_delay_of_the_link():
+    """All that came meanwhile answers our last, and seems to have come just now."""
+    clock = PeerClock()
+    for k in range(64):
+        start = OURS + 0.05 * k
+        clock.hear(heartbeat(start, start + 0.02, start + 0.05), start + 0.07)
+    last, now = start + 0.05, start + 1.05
+    for k in range(20):
+        clock.hear(heartbeat(last, last + 0.02, last + 0.03 + 0.05 * k), now)
+    assert clock.usual_round_trip == pytest.approx(0.04, abs=1e-6)
+    assert clock.offset == pytest.approx(OFFSET, abs=1e-6)
+
+
 def test_what_cannot_be_is_not_taken():
     clock = PeerClock()
     clock.hear(types.SimpleNamespace(peer_sent=0, peer_received=0, sent=1), OURS)

@@ -10,7 +10,7 @@ import pytest
 from airrace.errors import UserError
 from airrace.link import wire
 from airrace.link.endpoint import HEARTBEAT, Endpoint, open_lcm
-from airrace.link.simulated_bus import LinkConfig, SimulatedBus
+from airrace.link.simulated_bus import LinkConfig, SimulatedLink
 from tests.link.messages import ROWS, message_of, values
 
 CHANNELS = [row.as_channel() for row in ROWS]
@@ -20,27 +20,28 @@ MAP = next(row for row in ROWS if row.ports == ("gate_map",))
 
 @pytest.fixture
 def link():
-    """Both ends, which have heard each other, on a bus that keeps all that was sent."""
-    bus = SimulatedBus(LinkConfig())
+    """Both ends, which have heard each other, on a link that keeps all that was sent."""
+    air = SimulatedLink(LinkConfig())
     sent = []
-    publish = bus.publish
-    bus.publish = lambda channel, data: (sent.append((channel, data)), publish(channel, data))
-    ends = types.SimpleNamespace(bus=bus, sent=sent, simulation=end("simulation", bus),
-                                 autonomy=end("autonomy", bus))
+    send = air.send
+    air.send = lambda channel, data: (sent.append((channel, data)), send(channel, data))
+    ends = types.SimpleNamespace(air=air, sent=sent, simulation=end("simulation", air),
+                                 autonomy=end("autonomy", air))
     greet(ends)
     return ends
 
 
-def end(role, bus):
-    return Endpoint(role, CHANNELS, bus, clock=bus.clock)
+def end(role, air):
+    return Endpoint(role, CHANNELS, air.bus(), clock=air.clock)
 
 
 def greet(ends, count=4):
     for _ in range(count):
         for one in (ends.simulation, ends.autonomy):
-            ends.bus.time += 0.05
+            ends.air.time += 0.05
             one.beat("waiting", 0.0)
-            ends.simulation.drain()
+            for other in (ends.simulation, ends.autonomy):
+                other.drain()
 
 
 def send(ends, row, time=0.0, given=None):
@@ -80,7 +81,7 @@ def test_a_command_that_comes_early_waits_for_its_time(link):
 def test_repeated_and_overtaken_messages_are_dropped_and_counted(link):
     first, second = send(link, MAP, 0.1), send(link, MAP, 0.2)
     for data in (first, second, first):
-        link.bus.publish(MAP.channel, data)
+        link.air.send(MAP.channel, data)
     link.simulation.drain()
     assert dropped(link, MAP) == {wire.REPLAYED: 3}
     assert link.simulation.newest(MAP.channel).stamp.time == 0.2
@@ -101,10 +102,10 @@ def test_old_times_are_stale_and_skipped_numbers_are_missing(link):
 def test_what_cannot_be_sent_is_lost(link, monkeypatch):
     send(link, MAP, 0.1)
     with monkeypatch.context() as pulled:
-        def publish(channel, data):
+        def refuse(channel, data):
             raise OSError(errno.ENETUNREACH, "Network is unreachable")
 
-        pulled.setattr(link.bus, "publish", publish, raising=False)
+        pulled.setattr(link.air, "send", refuse)
         send(link, MAP, 0.2)
     send(link, MAP, 0.3)
     statistics = link.simulation.statistics[MAP.channel]
@@ -116,8 +117,8 @@ def test_nan_oversized_torn_and_foreign(link):
     send(link, COMMAND, 0.0, nan)
     data = send(link, COMMAND)
     for bad in (data[:-1], b"", bytes(COMMAND.max_size + 1)):
-        link.bus.publish(COMMAND.channel, bad)
-    stranger = Endpoint("autonomy", [], link.bus, clock=link.bus.clock)
+        link.air.send(COMMAND.channel, bad)
+    stranger = Endpoint("autonomy", [], link.air.bus(), clock=link.air.clock)
     stranger.publish(COMMAND.channel, message_of(COMMAND), 0.0)
     link.simulation.drain()
     assert dropped(link) == {
@@ -135,16 +136,16 @@ def test_a_recording_of_an_earlier_run_is_foreign(link):
     recording = list(link.sent)
     link.simulation.close()
     link.autonomy.close()
-    later = types.SimpleNamespace(bus=link.bus, simulation=end("simulation", link.bus))
+    later = types.SimpleNamespace(air=link.air, simulation=end("simulation", link.air))
     for _ in range(5):
-        later.bus.time += 1.0
+        later.air.time += 1.0
         later.simulation.beat("waiting", 0.0)
         for channel, data in recording:
-            link.bus.publish(channel, data)
+            link.air.send(channel, data)
         later.simulation.drain()
     assert later.simulation.peer == 0 and later.simulation.newest(COMMAND.channel) is None
     # Whoever is alive gets in all the same.
-    later.autonomy = end("autonomy", link.bus)
+    later.autonomy = end("autonomy", link.air)
     greet(later)
     assert later.simulation.peer == later.autonomy.session
 
@@ -153,8 +154,8 @@ def test_who_starts_again_is_let_in_and_who_is_gone_is_not(link):
     old = link.autonomy
     send(link, COMMAND, 1.0)
     old.close()
-    link.bus.time += 1.0
-    link.autonomy = end("autonomy", link.bus)
+    link.air.time += 1.0
+    link.autonomy = end("autonomy", link.air)
     greet(link)
     assert link.simulation.peer == link.autonomy.session != old.session
     send(link, COMMAND, 1.5)
@@ -165,19 +166,20 @@ def test_who_starts_again_is_let_in_and_who_is_gone_is_not(link):
 
 
 def test_nobody_else_gets_in_while_the_other_side_is_alive(link):
-    third = end("autonomy", link.bus)
+    third = end("autonomy", link.air)
     for _ in range(20):
-        link.bus.time += 0.05
+        link.air.time += 0.05
         for one in (link.simulation, link.autonomy, third):
             one.beat("waiting", 0.0)
-        link.simulation.drain()
+        for one in (link.simulation, link.autonomy, third):
+            one.drain()
     assert link.simulation.peer == link.autonomy.session
 
 
 def test_a_flood_of_stale_messages_changes_nothing(link):
     sound = send(link, COMMAND, 0.5)
     for _ in range(20_000):
-        link.bus.publish(COMMAND.channel, sound)
+        link.air.send(COMMAND.channel, sound)
     link.simulation.drain()
     statistics = link.simulation.statistics[COMMAND.channel]
     assert (statistics.received, dict(statistics.dropped)) == (1, {wire.REPLAYED: 20_000})

@@ -14,7 +14,7 @@ from airrace.errors import UserError
 from airrace.link import lockstep
 from airrace.link.endpoint import Channel, Endpoint
 from airrace.link.lockstep import Exchange, hear_peer, lockstep_times
-from airrace.link.simulated_bus import LinkConfig, SimulatedBus
+from airrace.link.simulated_bus import LinkConfig, SimulatedLink
 
 
 @pytest.mark.parametrize("preset", ["clean", "realistic"])
@@ -45,12 +45,12 @@ def test_ticks_are_in_order_and_hold_the_looks():
 class Side:
     """One side whose only value is a count; what it showed is kept."""
 
-    def __init__(self, role, bus):
+    def __init__(self, role, link):
         other = "autonomy" if role == "simulation" else "simulation"
         self.out, self.into = f"FROM_{role}", f"FROM_{other}"
         channel = Channel(self.into, lcmtypes.lcmt_rotors, other,
                           lambda message: message.value[0], 1000)
-        self.endpoint = Endpoint(role, [channel], bus, clock=bus.clock)
+        self.endpoint = Endpoint(role, [channel], link.bus(), clock=link.clock)
         self.value, self.shown = 0, []
         self.exchange = None
 
@@ -75,12 +75,12 @@ class Pause(Exception):
     """In the place of waiting."""
 
 
-def turns(side, bus, ticks):
+def turns(side, link, ticks):
     """Makes a side's exchanges; yields where it would wait."""
     for _ in range(ticks):
         side.exchange.send(Clock())
         while True:
-            bus.time += 0.002
+            link.time += 0.002
             try:
                 side.exchange.receive(Clock())
                 break
@@ -96,13 +96,13 @@ def turns(side, bus, ticks):
 
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 def test_an_exchange_gives_every_tick_its_own_messages_whatever_is_lost(loss, monkeypatch):
-    bus = SimulatedBus(LinkConfig(delay=0.001, jitter=0.001))
-    sides = [Side("simulation", bus), Side("autonomy", bus)]
+    link = SimulatedLink(LinkConfig(delay=0.001, jitter=0.001))
+    sides = [Side("simulation", link), Side("autonomy", link)]
     for side in 4 * sides:
-        bus.time += 0.05
+        link.time += 0.05
         side.endpoint.beat("ready", 0.0)
         side.endpoint.drain()
-    bus._config = LinkConfig(delay=0.001, jitter=0.001, loss=loss)
+    link._config = LinkConfig(delay=0.001, jitter=0.001, loss=loss)
     monkeypatch.setattr(lockstep, "_RESEND", 0.0)
 
     def pause(timeout):
@@ -112,7 +112,7 @@ def test_an_exchange_gives_every_tick_its_own_messages_whatever_is_lost(loss, mo
     for side in sides:
         side.exchange = Exchange(side.endpoint, side, side)
         monkeypatch.setattr(side.endpoint, "wait", pause)
-        runs.append(turns(side, bus, ticks))
+        runs.append(turns(side, link, ticks))
     for _ in range(20_000):
         if min(side.value for side in sides) == ticks:
             break
@@ -123,8 +123,7 @@ def test_an_exchange_gives_every_tick_its_own_messages_whatever_is_lost(loss, mo
 
 
 def test_a_peer_that_never_comes():
-    bus = SimulatedBus(LinkConfig())
-    endpoint = Endpoint("simulation", [], bus)
+    endpoint = Endpoint("simulation", [], SimulatedLink(LinkConfig()).bus())
     endpoint.wait = lambda timeout: None
     with pytest.raises(UserError, match="No autonomy answered within 0 s: check"):
         hear_peer(endpoint, "waiting", "", lambda heard: True, timeout=0.05)

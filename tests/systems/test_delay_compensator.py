@@ -33,6 +33,15 @@ def estimate(velocity=(8.0, 0.0, 0.0)):
     return result
 
 
+def test_delays_are_rounded_and_never_longer_than_the_model_is_good_for():
+    box = DelayCompensator(vehicle=VEHICLE, rate=500.0)
+    assert box.Rounded(0.003, 0.0) == box.Rounded(0.003, 0.05) == 0.0
+    assert box.Rounded(0.0411, 0.0) == pytest.approx(0.042)
+    assert box.Rounded(0.0441, 0.042) == 0.042
+    assert box.Rounded(0.7, 0.05) == pytest.approx(0.25)
+    assert box.Rounded(0.9, box.Rounded(0.7, 0.05)) == pytest.approx(0.25)
+
+
 def test_without_a_delay_nothing_is_touched():
     given = estimate()
     state, speeds = fixed(given, HOVER, HOVER, 0.0)

@@ -55,3 +55,27 @@ def test_a_rotor_that_has_not_failed_yet_is_healthy():
     )
     speeds, _ = run([50.0] * 4, 0.5, failures=[(1, 0.0)])
     assert speeds[1] == 0.0 and np.all(speeds[[0, 2, 3]] > 49)
+
+
+def test_the_report_has_what_a_failed_rotor_should_do():
+    command = [60.0, np.nan, np.inf, 30.0]
+    bank = RotorBank(vehicle=VEHICLE, period=0.001, failures=[(0, 0.5), (2, 0.94)])
+    simulator = Simulator(bank)
+    context = simulator.get_mutable_context()
+    bank.get_input_port().FixValue(context, command)
+    np.testing.assert_array_equal(bank.GetOutputPort("rotor_report").Eval(context), np.zeros(9))
+    simulator.AdvanceTo(0.999)
+    simulator.AdvancePendingEvents()
+    report = bank.GetOutputPort("rotor_report").Eval(context)
+    assert report[0] == pytest.approx(1.0)
+    np.testing.assert_array_equal(report[1:5], bank.GetOutputPort("rotor_speeds").Eval(context))
+    np.testing.assert_array_equal(report[5:], run(command, 1.0)[0])
+
+
+def test_speeds_that_are_set_are_those_expected():
+    bank = RotorBank(vehicle=VEHICLE, period=0.001)
+    context = bank.CreateDefaultContext()
+    context.SetTime(0.5)
+    bank.SetSpeeds(context, [10.0, 20.0, 30.0, 40.0])
+    np.testing.assert_array_equal(
+        bank.GetOutputPort("rotor_report").Eval(context), [0.5, *2 * [10.0, 20.0, 30.0, 40.0]])

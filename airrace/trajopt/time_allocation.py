@@ -8,10 +8,10 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
+from airrace.trajopt.limit_excess import LimitExcess
 from airrace.trajopt.min_snap import (
     MinSnapProblem,
     TrajectoryOptimizationError,
-    solve_min_snap,
     unit_segment,
 )
 
@@ -74,10 +74,11 @@ def durations_within_limits(
     """
     limits = _check_limits(max_speed, max_acceleration, constraints)
     durations = np.array(durations, float)
+    times_slower = LimitExcess(
+        MinSnapProblem.build(waypoints, constraints=constraints, **options), limits)
 
     def excess(factor):
-        return _excess(
-            limits, waypoints, factor * durations, constraints=constraints, **options) - 1.0
+        return times_slower(factor * durations) - 1.0
 
     if _keeps_shape(constraints):
         return durations * max(min_factor, (1.0 + excess(1.0)) * (1.0 + 1e-8))
@@ -138,9 +139,9 @@ def allocate_times(
 
     def solve(start, constraints, polish=False):
         """Returns a list of one solution, or of none."""
-        factor = _excess(limits, positions, start, constraints=constraints, **options)
-        start = start * (factor if _keeps_shape(constraints) else 1.0)
         problem = MinSnapProblem.build(positions, constraints=constraints, **options)
+        times_slower = LimitExcess(problem, limits)
+        start = start * (times_slower(start) if _keeps_shape(constraints) else 1.0)
         samples = _LimitSamples(problem, limits, _FINE_SAMPLES if polish else _SAMPLES)
         values, _ = samples(start)
         rows = np.flatnonzero(values >= (0.9 * values.max() if polish else 0.0))
@@ -240,12 +241,6 @@ class _LimitSamples:
         change[:, p.rows, np.arange(len(durations))[:, None]] = np.moveaxis(
             (segments * power / durations[:, None, None]) @ ends, 2, 0)
         return ends, np.moveaxis(-(inverse @ change)[:, p.rows], 0, 2)
-
-
-def _excess(limits, *args, **kwargs):
-    """Returns how many times slower solve_min_snap(...) must be for the limits."""
-    peaks = peak_speed_and_acceleration(solve_min_snap(*args, **kwargs))
-    return max(peaks[0] / limits[0], np.sqrt(peaks[1] / limits[1]))
 
 
 def _keeps_shape(constraints):

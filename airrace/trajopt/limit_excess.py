@@ -1,4 +1,4 @@
-"""By how much a minimum-snap trajectory exceeds limits, quickly: searches ask thousands of times."""
+"""By how much a minimum-snap trajectory exceeds limits; searches ask thousands of times."""
 
 import math
 

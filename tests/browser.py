@@ -1,0 +1,136 @@
+"""A headless Chromium for the tests of pages, spoken to by its DevTools protocol over a pipe.
+
+https://chromedevtools.github.io/devtools-protocol/
+"""
+
+import base64
+import json
+import os
+import select
+import shutil
+import subprocess
+import tempfile
+import time
+
+import cv2
+import numpy as np
+
+CHROMIUM = next(filter(None, map(shutil.which, (
+    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable"))), None)
+_OPTIONS = (
+    "--headless=new", "--no-sandbox", "--no-first-run", "--mute-audio", "--hide-scrollbars",
+    "--disable-extensions", "--disable-background-networking", "--disable-component-update",
+    "--disable-sync", "--disable-dev-shm-usage",
+    # WebGL without a graphics card.
+    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    # There is no network but this computer.
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE localhost, EXCLUDE 127.0.0.1",
+)
+_PATIENCE = 60.0  # s
+
+
+class Browser:
+    """A page in a window, while its ``with`` block lasts.
+
+    Attributes:
+        errors: what went wrong on the page, as its console says.
+        requests: addresses of all that it has asked for.
+    """
+
+    def __init__(self, width: int = 640, height: int = 400):
+        """Args: width, height: of the window (px)."""
+        self._size = width, height
+        self.errors, self.requests = [], []
+        self._number, self._session, self._buffer = 0, None, b""
+
+    def __enter__(self):
+        self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        theirs_in, self._out = os.pipe()
+        self._in, theirs_out = os.pipe()
+        self._process = subprocess.Popen(
+            ["bash", "-c", f'exec "$0" "$@" 3<&{theirs_in} 4>&{theirs_out}', CHROMIUM, *_OPTIONS,
+             "--remote-debugging-pipe", f"--user-data-dir={self._profile.name}",
+             "--window-size={},{}".format(*self._size), "about:blank"],
+            pass_fds=(theirs_in, theirs_out), stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+        os.close(theirs_in)
+        os.close(theirs_out)
+        target = self._call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._call(
+            "Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self._call(f"{domain}.enable")
+        return self
+
+    def __exit__(self, *_):
+        self._process.kill()
+        self._process.wait()
+        os.close(self._in)
+        os.close(self._out)
+        self._profile.cleanup()
+
+    def open(self, url: str) -> None:
+        """Goes to a page, and forgets the errors and requests of the one before."""
+        for address in ("about:blank", url):
+            self.errors.clear()
+            self.requests.clear()
+            answer = self._call("Page.navigate", url=address)
+            assert "errorText" not in answer, answer
+            self.wait_for("document.readyState === 'complete'")
+
+    def evaluate(self, expression: str):
+        """Returns the value of JavaScript, once it is there."""
+        answer = self._call("Runtime.evaluate", expression=expression, returnByValue=True,
+                            awaitPromise=True)
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def wait_for(self, expression: str, patience: float = _PATIENCE):
+        """Returns the value of JavaScript as soon as it is true."""
+        deadline = time.monotonic() + patience
+        while not (value := self.evaluate(expression)):
+            assert time.monotonic() < deadline, (expression, self.errors)
+            time.sleep(0.1)
+        return value
+
+    def screenshot(self) -> np.ndarray:
+        """Returns what is seen, (height, width, 3), blue first."""
+        # The scene is drawn between two frames, and a frame takes its time here.
+        self.evaluate("new Promise(done => requestAnimationFrame("
+                      "() => requestAnimationFrame(() => done(1))))")
+        data = base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"])
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+
+    def _call(self, method, **params):
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": params}
+        if self._session:
+            message["sessionId"] = self._session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._read()
+            if answer.get("id") == self._number:
+                assert "error" not in answer, answer["error"]
+                return answer["result"]
+            self._note(answer.get("method"), answer.get("params"))
+
+    def _read(self) -> dict:
+        while b"\0" not in self._buffer:
+            assert select.select([self._in], [], [], _PATIENCE)[0], "Chromium does not answer"
+            data = os.read(self._in, 1 << 20)
+            assert data, "Chromium has ended"
+            self._buffer += data
+        message, _, self._buffer = self._buffer.partition(b"\0")
+        return json.loads(message)
+
+    def _note(self, event, params):
+        if event == "Runtime.exceptionThrown":
+            details = params["exceptionDetails"]
+            self.errors.append(details.get("exception", {}).get("description", details["text"]))
+        elif event == "Runtime.consoleAPICalled" and params["type"] in ("error", "assert"):
+            self.errors.append(" ".join(str(a.get("value", a.get("description")))
+                                        for a in params["args"]))
+        elif event == "Log.entryAdded" and params["entry"]["level"] == "error":
+            self.errors.append(f"{params['entry']['text']} {params['entry'].get('url', '')}")
+        elif event == "Network.requestWillBeSent":
+            self.requests.append(params["request"]["url"])

@@ -131,17 +131,22 @@ def test_pause_and_speed(browser, race):
     until(lambda: seconds_way(browser) == 0.0)
     browser.evaluate(f"control('{PAUSE}').click()")
     until(lambda: seconds_way(browser) > 0.1)
-    browser.evaluate(f"""{{
-        const input = control('{SPEED}').querySelector("input");
-        input.value = "0.5";
-        input.dispatchEvent(new Event("change"));
-    }}""")
+    set_number(browser, SPEED, 0.5)
     time.sleep(0.5)
     first = len(race.events)
     until(lambda: len(race.events) >= first + 2)
     (start, sim_start), (end, sim_end) = race.events[first], race.events[-1]
     assert 0.3 < (sim_end - sim_start) / (end - start) < 0.7
     assert browser.errors == []
+
+
+def set_number(browser, name, value):
+    """Types a number into the field beside a slider."""
+    browser.evaluate(f"""{{
+        const input = control('{name}').querySelector("input");
+        input.value = "{value}";
+        input.dispatchEvent(new Event("change"));
+    }}""")
 
 
 def seconds_way(browser):
@@ -187,6 +192,28 @@ def test_replay(browser, count, tmp_path):
     browser.evaluate("control('play').click()")
     browser.wait_for(
         f"place({body}).distanceTo(new MeshCat.THREE.Vector3(...{start})) > 1.0")
+    assert browser.errors == []
+
+
+def test_replay_that_is_served(browser, tmp_path):
+    make_run(tmp_path / "run", laps=2)
+    with subprocess.Popen(
+            [sys.executable, "-u", "-m", "airrace.diagrams.replay", str(tmp_path / "run")],
+            stdout=subprocess.PIPE, text=True) as program:
+        try:
+            line = next(line for line in program.stdout if line.startswith("Watch it at "))
+            browser.open(line.split()[3].rstrip(";"))
+            browser.evaluate(TOOLS)
+            browser.wait_for("meshes('drake/visualizer/run_0/body') > 0 && !!control('time')")
+            places = []
+            for time_s in (0.5, 3.0):
+                set_number(browser, "time", time_s)
+                places.append(np.array(browser.evaluate(
+                    "place(node('drake/visualizer/run_0/body').object).toArray()")))
+            assert np.linalg.norm(places[1] - places[0]) > 10.0
+            look(browser, tmp_path / "replay.png")
+        finally:
+            program.terminate()
     assert browser.errors == []
 
 

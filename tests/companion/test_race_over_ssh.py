@@ -31,7 +31,7 @@ long_test = pytest.mark.skipif(
 PATIENCE = 600.0  # s
 # s after the exploration: it is on its first lap, and may go straight on, as it does when it
 # is alone and brakes, without meeting a pylon.
-LAPPING = 12.5
+LAPPING = 13.0
 EACH = 1500
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(models_path().parent)}
 

@@ -94,8 +94,7 @@ BOXES = {
 }
 INPUTS = (
     "camera_image", "camera_grey", "camera_view", "camera_image_time", "camera_info",
-    "state_estimate", "rotor_speeds",
-    "rotor_report",
+    "state_estimate", "rotor_speeds", "rotor_report",
 )
 OUTPUTS = {
     "rotor_speed_command": "geometric_controller",

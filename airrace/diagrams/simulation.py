@@ -38,10 +38,10 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     drawn where somebody looks, CameraView),
     ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
     (see systems/state_estimate.py), ``rotor_speeds`` (rad/s) and
-    ``rotor_report`` (see RotorBank) of the motor controllers. Truth, for judges and spectators only: ``truth.state``
-    (13), ``truth.referee_report`` (RefereeReport), and if gates move,
-    ``truth.gate_shifts`` (see GateMover), which the plant's bodies follow when
-    FollowGates() is called.
+    ``rotor_report`` (see RotorBank) of the motor controllers. Truth, for judges
+    and spectators only: ``truth.state`` (13), ``truth.referee_report``
+    (RefereeReport), and if gates move, ``truth.gate_shifts`` (see GateMover),
+    which the plant's bodies follow when FollowGates() is called.
 
     The drone that flies is the scenario's with the errors of its disturbances.
 

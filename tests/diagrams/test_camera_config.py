@@ -113,7 +113,7 @@ def test_a_rectifier_stands_before_every_box_if_the_lens_distorts():
     assert {("aruco_detector", "camera_view"), ("aruco_detector", "camera_info")} <= fed
     inputs = {autonomy.get_input_port(i).get_name() for i in range(autonomy.num_input_ports())}
     assert inputs == {"camera_image", "camera_grey", "camera_view", "camera_image_time",
-                      "camera_info", "state_estimate", "rotor_speeds"}
+                      "camera_info", "state_estimate", "rotor_speeds", "rotor_report"}
     assert not any(
         system.get_name() == "rectifier" for system in MakeAutonomy(Scenario()).GetSystems()
     )

@@ -103,7 +103,8 @@ def test_what_controls_never_sees_the_truth():
         for port, producer, output in fed:
             assert port == output
             assert producer in ("reference_source", *CONTROL) or (
-                producer == "simulation" and port in ("state_estimate", "rotor_speeds"))
+                producer == "simulation"
+                and port in ("state_estimate", "rotor_speeds", "rotor_report"))
     simulation = flight.GetSubsystemByName("simulation")
     estimate = simulation.GetOutputPort("state_estimate").get_index()
     system, _ = simulation.get_output_port_locator(estimate)

@@ -68,13 +68,13 @@ def test_what_is_sent_is_what_is_received(port):
 
 
 def test_in_lockstep_every_change_and_nothing_else():
-    bench = Bench("rotor_speeds", lossless=True)
+    bench = Bench("rotor_speed_command", lossless=True)
     assert [bench.at(0.0), bench.at(0.001), bench.at(10.0)] == [1, 0, 0]
     assert [bench.at(10.001, np.ones(4)), bench.at(10.002, np.full(4, 2.0))] == [1, 1]
 
 
 def test_in_real_time_at_most_at_the_rate_and_again_after_a_while():
-    bench = Bench("rotor_speeds", lossless=False, rate=100.0, repeat=0.5)
+    bench = Bench("rotor_speed_command", lossless=False, rate=100.0, repeat=0.5)
     counts = [bench.at(0.002 * k, np.full(4, float(k))) for k in range(50)]
     assert sum(counts) == 10
     quiet = [bench.at(0.1 + 0.01 * k) for k in range(1, 151)]

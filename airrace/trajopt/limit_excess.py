@@ -9,6 +9,7 @@ from airrace.small_matrices import cholesky, solve_cholesky
 from airrace.trajopt.min_snap import (
     MinSnapProblem,
     TrajectoryOptimizationError,
+    is_singular,
     unit_segment,
 )
 
@@ -39,11 +40,11 @@ class LimitExcess:
         basis, unit_hessian = unit_segment(problem.degree, problem.minimized_derivative)
         count = min(problem.values.shape[1], 3)
         _check_unique(problem, count)
-        self._problem, self._limits = problem, np.array(limits, float)
+        self._problem = problem
         self._arguments = (
             problem.values[:, :count].T.copy(), problem.fixed[:, :count].T.copy(), problem.rows,
             problem.order, unit_hessian, basis, problem.offset[:count].copy(),
-            1 - 2 * problem.minimized_derivative, self._limits)
+            1 - 2 * problem.minimized_derivative, np.array(limits, float))
 
     def __call__(self, durations) -> float:
         """Returns the greatest of speed / limit and sqrt(acceleration / limit).
@@ -69,7 +70,7 @@ def _check_unique(problem, count):
     for free in np.unique(~problem.fixed[:, :count], axis=1).T:
         part = hessian[np.ix_(free, free)]
         scale = 1.0 / np.sqrt(np.diag(part))
-        if free.any() and not np.linalg.eigvalsh(part * scale[:, None] * scale)[0] > 1e-13:
+        if free.any() and is_singular(part * scale[:, None] * scale):
             raise TrajectoryOptimizationError(
                 "The minimum-snap trajectory is not unique; add waypoints or "
                 "DerivativeConstraints.")

@@ -111,13 +111,17 @@ def _minimize(hessian, linear):
     result = Solve(program)
     solution = result.GetSolution(x)
     residual = np.abs(hessian @ solution + linear / size).max()
-    # Of many minima the solver would return any.
-    singular = not np.linalg.eigvalsh(hessian)[0] > 1e-13
-    if singular or not result.is_success() or not residual <= 1e-9 * (1 + np.abs(solution).max()):
+    exact = result.is_success() and residual <= 1e-9 * (1 + np.abs(solution).max())
+    if is_singular(hessian) or not exact:
         raise TrajectoryOptimizationError(
             "The minimum-snap trajectory is not unique, or its segment durations are too unlike "
             "each other; add waypoints or DerivativeConstraints, or even out the durations.")
     return size * solution
+
+
+def is_singular(hessian) -> bool:
+    """Whether a Hessian of unit diagonal, (n, n), has many minima: a solver returns any."""
+    return not np.linalg.eigvalsh(hessian)[0] > 1e-13
 
 
 @dc.dataclass(frozen=True, eq=False)

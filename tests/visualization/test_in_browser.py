@@ -18,7 +18,7 @@ from tests.browser import CHROMIUM, Browser
 from tests.diagrams.conftest import hexagon  # noqa: F401  # a fixture
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look with")
-DRONE = "drake/visualizer/drone/body"
+DRONE, GHOST = "drake/visualizer/drone/body", "drake/visualizer/run_0/body"
 TOOLS = """
 var node = path => path.split("/").reduce(
   (node, name) => node && node.children[name], viewer.scene_tree);
@@ -49,8 +49,7 @@ class LiveRace:
         self.folder, self.url, self.events, self._said = folder, None, [], []
         self._process = subprocess.Popen(
             [sys.executable, "-m", "airrace.diagrams.race", "--track", track, "--laps", "9",
-             "--output", str(folder), "--scenario_text",
-             "{simulator_config: {target_realtime_rate: 1.0}}"],
+             "--output", str(folder), "--realtime_rate", "1"],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         threading.Thread(target=self._listen, daemon=True).start()
 
@@ -157,6 +156,14 @@ def seconds_way(browser):
     }})""")
 
 
+def moves(browser, path, least, act):
+    """Waits until what is drawn at a path is some way (m) from where it was before act()."""
+    there = f"place(node('{path}').object)"
+    start = browser.evaluate(f"{there}.toArray()")
+    act()
+    browser.wait_for(f"{there}.distanceTo(new MeshCat.THREE.Vector3(...{start})) > {least}")
+
+
 def open_offline(browser, page):
     browser.open(page.as_uri())
     assert page.as_uri() in browser.requests
@@ -168,10 +175,7 @@ def test_race_html(browser, folder, tmp_path):
     browser.evaluate(TOOLS)
     browser.wait_for(f"meshes('{DRONE}') > 5 && meshes('drake/visualizer') > 50")
     look(browser, tmp_path / "race.png")
-    start = browser.evaluate(f"place(node('{DRONE}').object).toArray()")
-    browser.evaluate("control('play').click()")
-    browser.wait_for(f"place(node('{DRONE}').object).distanceTo("
-                     f"new MeshCat.THREE.Vector3(...{start})) > 1.0")
+    moves(browser, DRONE, 1.0, lambda: browser.evaluate("control('play').click()"))
     assert browser.errors == []
 
 
@@ -187,11 +191,7 @@ def test_replay(browser, count, tmp_path):
     browser.wait_for(f"[...Array({count}).keys()].every("
                      "k => meshes(`drake/visualizer/run_${k}/body`) > 0)")
     look(browser, tmp_path / "replay.png")
-    body = "node('drake/visualizer/run_0/body').object"
-    start = browser.evaluate(f"place({body}).toArray()")
-    browser.evaluate("control('play').click()")
-    browser.wait_for(
-        f"place({body}).distanceTo(new MeshCat.THREE.Vector3(...{start})) > 1.0")
+    moves(browser, GHOST, 1.0, lambda: browser.evaluate("control('play').click()"))
     assert browser.errors == []
 
 
@@ -204,14 +204,10 @@ def test_replay_that_is_served(browser, tmp_path):
             line = next(line for line in program.stdout if line.startswith("Watch it at "))
             browser.open(line.split()[3].rstrip(";"))
             browser.evaluate(TOOLS)
-            browser.wait_for("meshes('drake/visualizer/run_0/body') > 0 && !!control('time')")
+            browser.wait_for(f"meshes('{GHOST}') > 0 && !!control('time')")
             set_number(browser, "time", 0.5)
             look(browser, None)
-            there = "place(node('drake/visualizer/run_0/body').object)"
-            start = browser.evaluate(f"{there}.toArray()")
-            set_number(browser, "time", 3.0)
-            browser.wait_for(
-                f"{there}.distanceTo(new MeshCat.THREE.Vector3(...{start})) > 10.0")
+            moves(browser, GHOST, 10.0, lambda: set_number(browser, "time", 3.0))
             look(browser, tmp_path / "replay.png")
         finally:
             program.terminate()

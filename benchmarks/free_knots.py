@@ -9,8 +9,8 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
+from airrace.trajopt.limit_samples import LimitSamples
 from airrace.trajopt.min_snap import MinSnapProblem, solve_min_snap
-from airrace.trajopt.time_allocation import _LimitSamples as LimitSamples
 from airrace.trajopt.time_allocation import (
     allocate_times,
     durations_within_limits,
@@ -87,7 +87,7 @@ def _search(points, durations, free, limits, bound):
 def _by_points(problem, durations, free, limits):
     """Returns the Jacobian of LimitSamples by the places of free waypoints, (rows, 3 count)."""
     samples = LimitSamples(problem, limits, _SAMPLES)
-    ends, _ = samples._end_derivatives(durations)
+    ends = samples.ends(durations)
     _, hessian, _ = problem.assemble(durations)
     n = len(problem.order) // 2
     fixed = np.arange(len(hessian)) % n == 0
@@ -100,7 +100,7 @@ def _by_points(problem, durations, free, limits):
     unit = response[problem.rows]  # (segments, 2n, count)
     T = durations[:, None, None]
     blocks = []
-    for k, rows in zip((1, 2), samples._maps):
+    for k, rows in zip((1, 2), samples.maps):
         rows = rows * T ** (problem.order - k)
         x, dx = rows @ ends, rows @ unit
         block = 2.0 * x[:, :, None, :] * dx[..., None]  # (segments, samples, count, 3)

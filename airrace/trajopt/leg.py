@@ -11,10 +11,13 @@ from airrace.trajopt.min_snap import (
     solve_min_snap,
     unwrap_headings,
 )
-from airrace.trajopt.time_allocation import allocate_times, durations_within_limits
+from airrace.trajopt.time_allocation import durations_within_limits
 
 _EXCESSES = (1.0, 1.2, 1.5, 2.0)  # of the limits, tried in turn
-_LEAST_FACTOR, _MOST_FACTOR = 0.7, 4.0  # of the first guess of a duration
+_LEAST_FACTOR, _MOST_FACTOR = 0.7, 4.0  # of the first guess of the durations
+# What the first segment gets of its guess, tried in turn: where the present motion leads
+# decides how long it must take, and the others need not be stretched alike.
+_FIRST_SHARES = (1.0, 0.7, 1.4, 0.5, 2.0)
 _SLOW = 1.0  # m/s
 _YAW_ACCELERATION = 2.5  # rad/s^2; drag torques do not turn a drone much faster
 _PEAK = 84 / 5**1.5  # acceleration of a flight of unit length and time, rest to rest
@@ -58,19 +61,15 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
             max_speed=excess * max_speed, max_acceleration=excess * max_acceleration,
             constraints=constraints,
         )
-        with contextlib.suppress(TrajectoryOptimizationError):
-            durations = durations_within_limits(knots, guess, min_factor=_LEAST_FACTOR, **limits)
-            break
-        if len(guess) == 1:
-            continue  # there is nothing to allot
-        with contextlib.suppress(TrajectoryOptimizationError):
-            # Not all durations need be stretched alike.
-            durations = allocate_times(knots, initial_durations=guess, **limits)
-            if np.all((turns <= durations) & (durations <= _MOST_FACTOR * guess)):
-                break
-    else:
-        raise TrajectoryOptimizationError("No leg from this start leads through the waypoints.")
-    return FlatTrajectory(solve_min_snap(knots, durations, constraints=constraints))
+        for share in _FIRST_SHARES if len(guess) > 1 else (1.0,):
+            shared = np.concatenate([[share * guess[0]], guess[1:]])
+            with contextlib.suppress(TrajectoryOptimizationError):
+                durations = durations_within_limits(
+                    knots, shared, min_factor=_LEAST_FACTOR, max_factor=_MOST_FACTOR, **limits)
+                if np.all(durations >= (1.0 - 1e-9) * turns):
+                    return FlatTrajectory(
+                        solve_min_snap(knots, durations, constraints=constraints))
+    raise TrajectoryOptimizationError("No leg from this start leads through the waypoints.")
 
 
 def end_constraints(start, goal, orders) -> list:

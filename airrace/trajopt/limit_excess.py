@@ -89,6 +89,31 @@ def _excess(durations, values, fixed, rows, order, unit_hessian, basis, offset, 
         limits: of speed and acceleration, (2,).
     """
     d, size = values.shape
+    segments, hessian, scale = assembled(durations, size, rows, order, unit_hessian, power)
+    solved = values.copy()
+    for k in range(d):
+        free, matrix, linear = equations(
+            values[k], fixed[k], hessian, scale, segments[-1], rows[-1], offset[k])
+        solved[k][free] = scale[free] * solve_cholesky(cholesky(matrix), linear)
+        if not all_finite(solved[k]):
+            return math.nan
+    coefficients = _normalized(durations, solved, rows, order, basis, offset)
+    speed = _peak(coefficients, durations, 1)
+    return max(speed / limits[0], math.sqrt(_peak(coefficients, durations, 2) / limits[1]))
+
+
+@compilable
+def assembled(durations, size, rows, order, unit_hessian, power):
+    """Returns what MinSnapProblem.assemble() does, for compiled functions.
+
+    Args:
+        size: number of derivatives at waypoints, N.
+        others: see LimitExcess.
+
+    Returns:
+        segments, (segments, 2n, 2n), and hessian, (N, N), of the cost, and scale, (N,), of
+        the variables for unit curvature.
+    """
     count, width = rows.shape
     segments = np.empty((count, width, width))
     hessian = np.zeros((size, size))
@@ -101,24 +126,21 @@ def _excess(durations, values, fixed, rows, order, unit_hessian, basis, offset, 
     scale = np.empty(size)
     for i in range(size):
         scale[i] = 1.0 / math.sqrt(hessian[i, i])
-    solved = values.copy()
-    for k in range(d):
-        _solve(solved[k], fixed[k], hessian, scale, segments[-1], rows[-1], offset[k])
-        if not all_finite(solved[k]):
-            return math.nan
-    coefficients = _normalized(durations, solved, rows, order, basis, offset)
-    speed = _peak(coefficients, durations, 1)
-    return max(speed / limits[0], math.sqrt(_peak(coefficients, durations, 2) / limits[1]))
+    return segments, hessian, scale
 
 
 @compilable
-def _solve(values, fixed, hessian, scale, last_segment, last_rows, offset):
-    """Fills in the free derivatives of one dimension, (N,); see MinSnapProblem.assemble()."""
+def equations(values, fixed, hessian, scale, last_segment, last_rows, offset):
+    """Returns free, matrix and linear: derivatives values[free] = scale[free] matrix^-1 linear.
+
+    Args:
+        values, fixed: of one dimension of a MinSnapProblem, (N,).
+        hessian, scale, last_segment: see assembled().
+        last_rows: of the last segment in values.
+        offset: of one dimension of the period.
+    """
     free = np.flatnonzero(~fixed)
-    n = len(free)
-    if n == 0:
-        return
-    half = len(last_rows) // 2
+    n, half = len(free), len(last_rows) // 2
     matrix, linear = np.empty((n, n)), np.zeros(n)
     for a in range(n):
         i = free[a]
@@ -131,9 +153,7 @@ def _solve(values, fixed, hessian, scale, last_segment, last_rows, offset):
         linear[a] *= scale[i]
         for b in range(n):
             matrix[a, b] = scale[i] * hessian[i, free[b]] * scale[free[b]]
-    x = solve_cholesky(cholesky(matrix), linear)
-    for a in range(n):
-        values[free[a]] = scale[free[a]] * x[a]
+    return free, matrix, linear
 
 
 @compilable

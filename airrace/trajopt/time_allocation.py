@@ -2,18 +2,14 @@
 
 import contextlib
 import dataclasses as dc
-from math import perm
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
 from airrace.trajopt.limit_excess import LimitExcess
-from airrace.trajopt.min_snap import (
-    MinSnapProblem,
-    TrajectoryOptimizationError,
-    unit_segment,
-)
+from airrace.trajopt.limit_samples import LimitSamples
+from airrace.trajopt.min_snap import MinSnapProblem, TrajectoryOptimizationError
 
 _SAMPLES, _FINE_SAMPLES = 12, 64  # of a segment: to optimise, and to polish
 
@@ -142,7 +138,7 @@ def allocate_times(
         problem = MinSnapProblem.build(positions, constraints=constraints, **options)
         times_slower = LimitExcess(problem, limits)
         start = start * (times_slower(start) if _keeps_shape(constraints) else 1.0)
-        samples = _LimitSamples(problem, limits, _FINE_SAMPLES if polish else _SAMPLES)
+        samples = LimitSamples(problem, limits, _FINE_SAMPLES if polish else _SAMPLES)
         values, _ = samples(start)
         rows = np.flatnonzero(values >= (0.9 * values.max() if polish else 0.0))
         for bound in (1.0, 0.99, 0.9):  # on samples: it may be exceeded between them
@@ -188,59 +184,6 @@ def _minimize_total(samples, rows, bound, start, shortest):
     program.AddBoundingBoxConstraint(shortest, np.full(len(start), 3 * start.sum()), T)
     program.AddConstraint(constraint, np.full(len(rows), -np.inf), np.full(len(rows), bound), T)
     return SnoptSolver().Solve(program, start).GetSolution(T)
-
-
-class _LimitSamples:
-    """|v|^2 / v_max^2 and |a|^2 / a_max^2 at samples, by the durations."""
-
-    def __init__(self, problem, limits, samples):
-        """Args: problem: MinSnapProblem. limits: of v and a. samples: a segment."""
-        basis, _ = unit_segment(problem.degree, problem.minimized_derivative)
-        fractions, powers = np.linspace(0, 1, samples), range(len(basis))
-        # From end derivatives to samples of derivative k, in normalised time.
-        self._maps = [
-            np.array([[perm(j, k) * t ** max(j - k, 0) for j in powers] for t in fractions])
-            @ basis / limits[k - 1] for k in (1, 2)]
-        patterns, pattern = np.unique(problem.fixed, axis=1, return_inverse=True)
-        self._free = [(np.flatnonzero(pattern == i), np.flatnonzero(~fixed))
-                      for i, fixed in enumerate(patterns.T)]
-        self._problem = problem
-
-    def __call__(self, durations):
-        """Returns the samples, (count,), and their Jacobian, (count, segments)."""
-        ends, d_ends = self._end_derivatives(durations)
-        segment, T = np.arange(len(durations)), durations[:, None, None]
-        values, jacobian = [], []
-        for k, rows in zip((1, 2), self._maps):
-            power = self._problem.order - k
-            rows = rows * T**power
-            x = rows @ ends
-            dx = (rows @ d_ends.reshape(*rows.shape[::2], -1)).reshape(*x.shape, -1)
-            dx[segment, :, :, segment] += (rows * power / T) @ ends
-            values.append(np.sum(x * x, axis=2).ravel())
-            jacobian.append(2 * np.sum(x[..., None] * dx, axis=2).reshape(-1, len(durations)))
-        return np.concatenate(values), np.concatenate(jacobian)
-
-    def _end_derivatives(self, durations):
-        """Returns the ends of segments, (segments, 2n, d), and their gradient.
-
-        For the free derivatives x, H x + g = 0, hence dx = -H^-1 (dH x + dg).
-        """
-        p = self._problem
-        segments, hessian, gradient = p.assemble(durations)
-        scale = 1.0 / np.sqrt(np.diag(hessian))
-        inverse = np.zeros((len(p.origin), *hessian.shape))
-        for dimensions, free in self._free:
-            scales = np.outer(scale[free], scale[free])
-            inverse[np.ix_(dimensions, free, free)] = scales * np.linalg.inv(
-                scales * hessian[np.ix_(free, free)])
-        gradient = gradient + hessian @ p.values
-        ends = p.ends(p.values - (inverse @ gradient.T[..., None])[..., 0].T)
-        power = 1 - 2 * p.minimized_derivative + p.order[:, None] + p.order
-        change = np.zeros((*gradient.T.shape, len(durations)))
-        change[:, p.rows, np.arange(len(durations))[:, None]] = np.moveaxis(
-            (segments * power / durations[:, None, None]) @ ends, 2, 0)
-        return ends, np.moveaxis(-(inverse @ change)[:, p.rows], 0, 2)
 
 
 def _keeps_shape(constraints):

@@ -1,5 +1,8 @@
 """Legs: from any motion, through the waypoints, to rest."""
 
+import contextlib
+from unittest import mock
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +11,7 @@ from hypothesis import strategies as st
 from airrace.track import load_track
 from airrace.trajopt.flyable import peaks, sample_times
 from airrace.trajopt.leg import plan_leg, trapezoid_durations
+from airrace.trajopt.limit_excess import LimitExcess
 from airrace.trajopt.min_snap import TrajectoryOptimizationError
 
 LIMITS = dict(max_speed=8.0, max_acceleration=6.0)
@@ -77,6 +81,21 @@ def test_a_slow_start_keeps_the_limits(seed):
     leg = plan_leg(state(velocity=velocity), random_waypoints(rng), **LIMITS)
     speed, acceleration = peaks(dense(leg))
     assert speed <= 8.0 * (1 + 1e-6) and acceleration <= 6.0 * (1 + 1e-6)
+
+
+@settings(max_examples=100)
+@given(seeds)
+def test_a_leg_is_planned_with_few_trials(seed):
+    """Control waits for it; one that cannot be flown must not take long, either."""
+    rng = np.random.default_rng(seed)
+    start = state(velocity=(rng.uniform(2, 8), 0, 0, 0))
+    start[2:4] = rng.normal(scale=2.0, size=(2, 4))
+    waypoints = random_waypoints(rng)
+    with mock.patch.object(LimitExcess, "__call__", autospec=True,
+                           side_effect=LimitExcess.__call__) as trials, \
+            contextlib.suppress(TrajectoryOptimizationError):
+        plan_leg(start, waypoints, **LIMITS)
+    assert 0 < trials.call_count < 800  # of a tenth of a millisecond
 
 
 def test_a_start_that_is_too_fast_exceeds_them_but_gets_there():

@@ -9,14 +9,12 @@ from pydrake.math import RollPitchYaw
 from airrace.track import load_track
 from airrace.trajopt.min_snap import (
     DerivativeConstraint,
-    MinSnapProblem,
     TrajectoryOptimizationError,
     solve_min_snap,
     turn_per_lap,
     unwrap_headings,
 )
 from airrace.trajopt.time_allocation import (
-    _LimitSamples,
     allocate_times,
     durations_within_limits,
     peak_speed_and_acceleration,
@@ -77,33 +75,6 @@ def test_peaks_of_rest_to_rest():
     speed, acceleration = peak_speed_and_acceleration(p)
     assert speed == pytest.approx(13 * 35 / 16 / 2, rel=1e-9)
     assert acceleration == pytest.approx(13 * 84 / 5**1.5 / 4, rel=1e-9)
-
-
-@pytest.mark.parametrize("constrained", [False, True])
-@pytest.mark.parametrize("periodic", [False, True])
-@pytest.mark.parametrize("degree, order", [(9, 4), (7, 3)])
-def test_limit_samples_and_their_gradient(constrained, periodic, degree, order):
-    waypoints = make_waypoints(1)
-    rng = np.random.default_rng(0)
-    options = dict(degree=degree, minimized_derivative=order, periodic=periodic)
-    if periodic:
-        options["period_offset"] = [100.0, 20.0, 3.0]
-    if constrained:
-        options["constraints"] = [DerivativeConstraint(1, 2, [0.0, 3.0, NAN]),
-                                  DerivativeConstraint(2, 1, [NAN, 5.0, 1.0])]
-    durations = rng.uniform(1, 4, len(waypoints) - (not periodic))
-    samples = _LimitSamples(MinSnapProblem.build(waypoints, **options), (20.0, 10.0), 5)
-    values, jacobian = samples(durations)
-    p = solve_min_snap(waypoints, durations, **options)
-    times = np.array(p.get_segment_times())[:-1, None] + durations[:, None] * np.linspace(0, 1, 5)
-    expected = [np.sum(p.derivative(k).vector_values(times.ravel()) ** 2, axis=0) / limit**2
-                for k, limit in ((1, 20.0), (2, 10.0))]
-    np.testing.assert_allclose(values, np.concatenate(expected), rtol=1e-7, atol=1e-9)
-    h = 1e-4
-    numeric = np.column_stack([
-        (samples(durations + h * e)[0] - samples(durations - h * e)[0]) / (2 * h)
-        for e in np.eye(len(durations))])
-    np.testing.assert_allclose(jacobian, numeric, rtol=1e-5, atol=1e-6 * np.abs(jacobian).max())
 
 
 @few

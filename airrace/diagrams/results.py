@@ -107,11 +107,13 @@ class RaceRecord:
         }
 
     def _dnf_reason(self, other: str | None) -> str | None:
-        """Returns why the race ended; for a search in vain, in which state."""
+        """Returns why the race ended; for a search in vain, in which state, or for what."""
         reason, status = self.report.dnf_reason or other, self._status
-        if reason != OUT_OF_TIME or status.done:
+        if reason != OUT_OF_TIME:
             return reason
-        return f"{reason} in state {status.state}: {status.reason}"
+        if not status.done:
+            return f"{reason} in state {status.state}: {status.reason}"
+        return reason if self._plans else f"{reason}: no lap through the map's gates was found"
 
     def _lap(self, lap: int) -> dict:
         n = len(self._track.gates)

@@ -139,6 +139,9 @@ def test_a_search_in_vain_ends_with_what_it_tried_last():
     assert record.data(1.0)["dnf_reason"] == (
         "ran out of time in state LOOK_AROUND: lost, looking left")
     record.observe(600.0, over, RACING, GateMap(), NO_PLAN)
+    assert record.data(1.0)["dnf_reason"] == (
+        "ran out of time: no lap through the map's gates was found")
+    record.observe(600.0, over, RACING, GateMap(), plan(1, 19.0))
     assert record.data(1.0)["dnf_reason"] == "ran out of time"
 
 

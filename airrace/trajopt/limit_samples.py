@@ -15,6 +15,11 @@ class LimitSamples:
 
     The trajectory is that of solve_min_snap(); see LimitExcess. For the free derivatives
     x, H x + g = 0, hence dx = -H^-1 (dH x + dg).
+
+    Attributes:
+        maps: from derivatives at a segment's ends, times duration^order, to its samples of
+            velocity and acceleration, times duration and its square, as shares of the
+            limits, (2, samples, 2n).
     """
 
     def __init__(self, problem, limits, samples: int):
@@ -22,7 +27,6 @@ class LimitSamples:
         p = problem
         basis, unit_hessian = unit_segment(p.degree, p.minimized_derivative)
         fractions, powers = np.linspace(0, 1, samples), range(len(basis))
-        # From end derivatives to samples of derivative k, in normalised time.
         self.maps = np.array([
             np.array([[perm(j, k) * t ** max(j - k, 0) for j in powers] for t in fractions])
             @ basis / limits[k - 1] for k in (1, 2)])

@@ -90,6 +90,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
             position_sigma=noisy * scenario.state_estimate.position_sigma,
             velocity_sigma=noisy * scenario.state_estimate.velocity_sigma,
             seed=scenario.seed,
+            state_period=scenario.plant_config.time_step,
         ),
     )
     builder.Connect(state, estimate.GetInputPort("state"))

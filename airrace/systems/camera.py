@@ -13,6 +13,7 @@ from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 from airrace.rendering.camera_effects import ImagingChain
 from airrace.rendering.motion_blur import MeanPicture, moved
 from airrace.systems.camera_view import CameraView
+from airrace.systems.plant_steps import lead
 from airrace.systems.types import CameraInfo
 
 
@@ -201,9 +202,8 @@ class Camera(LeafSystem):
         # The plant's integrator lets the quaternion's norm drift a little.
         X_WB = RigidTransform(Quaternion(sample[:4] / np.linalg.norm(sample[:4])), sample[4:7])
         if self._state_period > 0.0:
-            steps = np.ceil(sample[13] / self._state_period - 1e-6)
-            early = sample[13] - steps * self._state_period
-            X_WB = moved(X_WB, sample[7:10], sample[10:13], early)
+            X_WB = moved(
+                X_WB, sample[7:10], sample[10:13], -lead(sample[13], self._state_period))
         args = () if self._query is None else (self._query.Eval(context),)
         if self._shifts is not None:
             args = (sample[14:].reshape(-1, 2),)

@@ -4,6 +4,8 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from airrace.random import NoiseSequence
+from airrace.systems.plant_steps import lead
+from airrace.systems.pose_history import moved
 
 # The vector of `state_estimate`: time, then Drake's floating-body state.
 SIZE = 14
@@ -12,6 +14,7 @@ QUATERNION = slice(1, 5)  # w, x, y, z of R_WB
 POSITION = slice(5, 8)  # p_WB
 ANGULAR_VELOCITY = slice(8, 11)  # w_WB, in the world frame
 VELOCITY = slice(11, 14)  # v_WB
+_MOMENT = 1e-9  # s, that only rounding makes
 
 
 class StateEstimate(LeafSystem):
@@ -29,9 +32,13 @@ class StateEstimate(LeafSystem):
     (w, x, y, z), p_WB, w_WB, v_WB. ``state_estimate`` (14) is the time of the
     sample (s) and the same, with white noise on the position and a random
     factor on each horizontal velocity component.
+
+    Between its steps a discrete plant shows the state at the end of the step; the pose
+    goes back from there to the time of the sample.
     """
 
-    def __init__(self, *, rate, position_sigma=0.0, velocity_sigma=0.0, seed=0):
+    def __init__(self, *, rate, position_sigma=0.0, velocity_sigma=0.0, seed=0,
+                 state_period=0.0):
         """Constructs the estimate.
 
         Args:
@@ -39,12 +46,14 @@ class StateEstimate(LeafSystem):
             position_sigma: of the noise on each position coordinate (m).
             velocity_sigma: of the factor 1 + N(0, sigma) on v_x and v_y.
             seed: of the noise.
+            state_period: of the plant's steps (s); 0 if its state is continuous.
         """
         LeafSystem.__init__(self)
         self._rate = rate
         self._position_sigma = position_sigma
         self._velocity_sigma = velocity_sigma
         self._noise = NoiseSequence(seed, "state_estimate", 5)
+        self._state_period = state_period
         self._state = self.DeclareVectorInputPort("state", SIZE - 1)
         index = self.DeclareDiscreteState(SIZE)
         self.DeclareStateOutputPort("state_estimate", index)
@@ -56,6 +65,10 @@ class StateEstimate(LeafSystem):
         time = context.get_time()
         noise = self._noise[round(time * self._rate)]
         sample = np.concatenate([[time], self._state.Eval(context)])
+        ahead = lead(time, self._state_period)
+        if ahead > _MOMENT:
+            pose = moved(sample, -ahead)
+            sample[QUATERNION], sample[POSITION] = pose[:4], pose[4:]
         sample[POSITION] += self._position_sigma * noise[:3]
         sample[VELOCITY][:2] *= 1.0 + self._velocity_sigma * noise[3:]
         discrete_state.set_value(sample)

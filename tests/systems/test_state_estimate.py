@@ -44,3 +44,19 @@ def test_seed():
     )
     np.testing.assert_array_equal(one, again)
     assert not np.array_equal(one, other)
+
+
+def test_between_steps_of_the_plant_the_estimate_is_of_its_own_time():
+    system = se.StateEstimate(rate=200.0, state_period=0.002)
+    v, w = np.array([20.0, -3.0, 1.0]), np.array([0.0, 0.0, 4.0])
+
+    def state(time):
+        return np.concatenate([[np.cos(2 * time), 0, 0, np.sin(2 * time)], time * v, w, v])
+
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    for time, shown in ((0.0, 0.0), (0.005, 0.006), (0.01, 0.01), (0.015, 0.016)):
+        system.get_input_port().FixValue(context, state(shown))
+        simulator.AdvanceTo(time + 1e-4)
+        estimate = system.get_output_port().Eval(context)
+        np.testing.assert_allclose(estimate, [time, *state(time)], rtol=0, atol=1e-8)

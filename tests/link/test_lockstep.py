@@ -127,3 +127,28 @@ def test_a_peer_that_never_comes():
     endpoint.wait = lambda timeout: None
     with pytest.raises(UserError, match="No autonomy answered within 0 s: check"):
         hear_peer(endpoint, "waiting", "", lambda heard: True, timeout=0.05)
+
+
+@pytest.mark.parametrize("comes", [True, False])
+def test_a_doctor_may_measure_for_longer_than_the_patience(comes):
+    link = SimulatedLink(LinkConfig())
+    simulation, autonomy = (
+        Endpoint(role, [], link.bus(), link.clock) for role in ("simulation", "autonomy"))
+    begun = link.time
+
+    def pass_time(seconds):
+        link.time += seconds
+
+    def be_the_other():
+        simulation.drain()
+        if link.time < begun + 20.0:
+            simulation.beat("testing", 0.0)
+        elif comes:
+            simulation.beat("ready", 0.0)
+
+    autonomy.wait = pass_time
+    gives_up = pytest.raises(UserError, match="within 5 s")
+    with contextlib.nullcontext() if comes else gives_up:
+        hear_peer(autonomy, "waiting", "", lambda heard: heard.phase == "ready", 5.0, be_the_other)
+    # Who was heard a second ago counts as there.
+    assert link.time - begun == pytest.approx(20.0 if comes else 26.0, abs=0.5)

@@ -146,7 +146,7 @@ def raw_pixels(pixels, info: CameraInfo) -> np.ndarray:
     Returns:
         (n, 2) px.
     """
-    if not info.D.any():
+    if not info.D.any() or not len(pixels):  # of no points OpenCV makes None
         return np.asarray(pixels)
     points = np.column_stack([pixels, np.ones(len(pixels))])
     rays = np.linalg.solve(info.P[:, :3] @ info.R, points.T)

@@ -95,6 +95,8 @@ def test_pixels_of_a_lens_that_distorts_are_those_of_its_own_picture():
     again = cv2.undistortPoints(raw[:, None], info.K, info.D, R=info.R, P=info.P)[:, 0]
     np.testing.assert_allclose(again, pixels, atol=0.05)  # of its iterations
     np.testing.assert_array_equal(messages.raw_pixels(pixels, INFO), pixels)
+    nothing_seen = decoded(messages.annotations(Detections(time=3.0), info))
+    assert len(nothing_seen.points) == len(nothing_seen.texts) == 0
 
 
 def test_a_jpeg_is_as_large_as_the_calibration_says():

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from airrace.compiled import compiled
 from airrace.immutable import Immutable
 
-_TILE_W, _TILE_H = 64, 48  # what is drawn at least (px)
+_TILE_W, _TILE_H = 16, 12  # what is drawn at least (px)
 
 
 class CameraView(Immutable):
@@ -26,21 +27,21 @@ class CameraView(Immutable):
         Args:
             shape: (h, w).
             draw: draws parts into an array of that shape, uint8; called with
-                the array and a list of (x0, y0, x1, y1), see region(), none of
-                which overlap.
+                the array and boxes (n, 4), each x0, y0, x1, y1, see region(), none
+                of which overlap.
         """
         self.shape, self.dtype = tuple(shape), np.dtype(np.uint8)
         self._draw = draw
-        self._pixels = np.zeros(self.shape, np.uint8)
+        self._pixels = np.empty(self.shape, np.uint8)
         h, w = self.shape
-        self._missing = np.ones((-(-h // _TILE_H), -(-w // _TILE_W)), bool)
+        self._missing = np.full((-(-h // _TILE_H), -(-w // _TILE_W)), True)
 
     @classmethod
     def of(cls, picture) -> "CameraView":
         """Returns the view of an array, (h, w)."""
         view = cls.__new__(cls)
         view.shape, view.dtype, view._pixels = picture.shape, picture.dtype, picture
-        view._missing = np.zeros((1, 1), bool)
+        view._draw, view._missing = None, np.zeros((0, 0), bool)
         return view
 
     @property
@@ -68,31 +69,41 @@ class CameraView(Immutable):
         Args:
             regions: each (x0, y0, x1, y1), see region().
         """
-        boxes = []
-        for x0, y0, x1, y1 in regions:
-            i, j = y0 // _TILE_H, x0 // _TILE_W
-            boxes += self._taken(i, j, -(-y1 // _TILE_H), -(-x1 // _TILE_W))
-        if boxes:
-            h, w = self.shape
-            self._draw(self._pixels, [
-                (_TILE_W * j0, _TILE_H * i0, min(_TILE_W * j1, w), min(_TILE_H * i1, h))
-                for i0, j0, i1, j1 in boxes
-            ])
+        if self._draw is not None:
+            regions = np.array(regions, np.int64).reshape(-1, 4)
+            boxes = _taken(self._missing, regions, *self.shape)
+            if len(boxes):
+                self._draw(self._pixels, boxes)
         return self._pixels
 
-    def _taken(self, i0, j0, i1, j1) -> list:
-        """Takes what is missing out of some tiles; returns it as blocks of tiles."""
-        tiles = self._missing[i0:i1, j0:j1]
-        if not tiles.any():
-            return []
-        if tiles.all():
-            blocks = [(i0, j0, i1, j1)]
-        else:
-            blocks = []  # column by column, as some of it was drawn before
-            for j, column in enumerate(tiles.T, start=j0):
-                rows = i0 + np.flatnonzero(column)
-                for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-                    if len(run):
-                        blocks.append((int(run[0]), j, int(run[-1]) + 1, j + 1))
-        tiles[:] = False
-        return blocks
+
+@compiled
+def _taken(missing, regions, h, w):
+    """Takes what is missing of some regions out of the tiles of a picture.
+
+    Args:
+        missing: which tiles are; changed.
+        regions: (n, 4), see CameraView.drawn().
+        h, w: size of the picture.
+
+    Returns:
+        boxes of it, none of which overlap, (m, 4).
+    """
+    boxes, count = np.empty((missing.size, 4), np.int64), 0
+    for x0, y0, x1, y1 in regions:
+        bottom, right = -(-y1 // _TILE_H), -(-x1 // _TILE_W)
+        for i in range(y0 // _TILE_H, bottom):
+            for j in range(x0 // _TILE_W, right):
+                if not missing[i, j]:
+                    continue
+                # As far to the right as all is missing, then as far down.
+                i1, j1 = i + 1, j + 1
+                while j1 < right and missing[i, j1]:
+                    j1 += 1
+                while i1 < bottom and missing[i1, j:j1].all():
+                    i1 += 1
+                missing[i:i1, j:j1] = False
+                boxes[count, 0], boxes[count, 1] = _TILE_W * j, _TILE_H * i
+                boxes[count, 2], boxes[count, 3] = min(_TILE_W * j1, w), min(_TILE_H * i1, h)
+                count += 1
+    return boxes[:count]

@@ -1,7 +1,10 @@
 """A view shows the same pixels whatever is asked for first."""
 
+import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -74,26 +77,51 @@ def test_rectified_regions_are_those_of_the_whole_picture():
 
 
 def test_nothing_is_drawn_twice_or_in_vain():
-    boxes = []
+    def draw(out, boxes):
+        for x0, y0, x1, y1 in boxes:
+            times[y0:y1, x0:x1] += 1
+            out[y0:y1, x0:x1] = 7
+        calls.append(boxes.tolist())
 
-    def draw(out, parts):
-        for x0, y0, x1, y1 in parts:
-            out[y0:y1, x0:x1] += 7
-        boxes.append(parts)
+    view, times, calls = CameraView((100, 200), draw), np.zeros((100, 200)), []
+    assert np.all(view.region(70, 10, 80, 20) == 7)
+    assert calls == [[[64, 0, 80, 24]]]
+    view.region(64, 0, 80, 24)
+    assert len(calls) == 1
+    view.region(70, 10, 130, 20)
+    assert calls[1:] == [[[80, 0, 144, 24]]]
+    view.region(60, 20, 90, 40)
+    assert calls[2:] == [[[48, 12, 64, 48], [64, 24, 96, 48]]]
+    assert not view.is_complete
+    assert np.all(view.whole() == 7) and np.all(times == 1) and view.is_complete
+    view.whole()
+    assert len(calls) == 4
+
+
+regions = st.lists(st.tuples(st.integers(0, 199), st.integers(0, 99),
+                             st.integers(1, 200), st.integers(1, 100)), max_size=6)
+
+
+@given(st.lists(regions, max_size=3))
+def test_any_regions_are_drawn_once(lots):
+    times, asked, calls = np.zeros((100, 200)), np.zeros((100, 200), bool), []
+
+    def draw(out, boxes):
+        for x0, y0, x1, y1 in boxes:
+            times[y0:y1, x0:x1] += 1
+        calls.append(boxes)
 
     view = CameraView((100, 200), draw)
-    assert np.all(view.region(70, 10, 80, 20) == 7)
-    assert boxes == [[(64, 0, 128, 48)]]
-    view.region(64, 0, 128, 48)
-    assert len(boxes) == 1
-    view.region(70, 10, 130, 20)
-    assert boxes[1:] == [[(128, 0, 192, 48)]]
-    assert np.all(view.whole() == 7)
-    view.whole()
-    assert len(boxes) == 3
-    other = CameraView((100, 200), draw)
-    other.drawn((0, 0, 100, 50), (60, 40, 130, 60), (199, 99, 200, 100))
-    assert len(boxes) == 4 and np.all(other.whole() == 7)
+    for lot in lots:
+        together = [(x, y, min(x + w, 200), min(y + h, 100)) for x, y, w, h in lot]
+        view.drawn(*together)
+        for x0, y0, x1, y1 in together:
+            asked[y0:y1, x0:x1] = True
+        assert np.all(times[asked] == 1) and times.max() <= 1
+    assert len(calls) <= sum(map(bool, lots))  # all of a lot at once
+    # No more than the tiles that they touch.
+    near = cv2.dilate(asked.astype(np.uint8), np.ones((2 * 12 - 1, 2 * 16 - 1))) > 0
+    assert not times[~near].any()
 
 
 def test_a_view_of_a_picture():

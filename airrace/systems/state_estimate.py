@@ -1,8 +1,8 @@
 """The state estimate that the simulated autopilot hands to the autonomy."""
 
-import numpy as np
 from pydrake.systems.framework import LeafSystem
 
+from airrace.compiled import compiled
 from airrace.random import NoiseSequence
 from airrace.systems.plant_steps import lead
 from airrace.systems.pose_history import moved
@@ -63,12 +63,27 @@ class StateEstimate(LeafSystem):
 
     def _Sample(self, context, discrete_state):
         time = context.get_time()
-        noise = self._noise[round(time * self._rate)]
-        sample = np.concatenate([[time], self._state.Eval(context)])
-        ahead = lead(time, self._state_period)
-        if ahead > _MOMENT:
-            pose = moved(sample, -ahead)
-            sample[QUATERNION], sample[POSITION] = pose[:4], pose[4:]
-        sample[POSITION] += self._position_sigma * noise[:3]
-        sample[VELOCITY][:2] *= 1.0 + self._velocity_sigma * noise[3:]
-        discrete_state.set_value(sample)
+        _sample(discrete_state.get_mutable_value(), time, self._state.Eval(context),
+                lead(time, self._state_period), self._noise[round(time * self._rate)],
+                self._position_sigma, self._velocity_sigma)
+
+
+@compiled
+def _sample(sample, time, state, ahead, noise, position_sigma, velocity_sigma):
+    """Fills a sample, (14,).
+
+    Args:
+        time: of the sample (s).
+        state: of the plant, (13,), and by how much it is ahead of that time (s).
+        noise: standard normal numbers, (5,), of position, v_x and v_y.
+        position_sigma, velocity_sigma: see StateEstimate.
+    """
+    sample[TIME] = time
+    sample[1:] = state
+    if ahead > _MOMENT:
+        pose = moved(sample, -ahead)
+        sample[QUATERNION], sample[POSITION] = pose[:4], pose[4:]
+    for i in range(3):
+        sample[POSITION.start + i] += position_sigma * noise[i]
+    for i in range(2):
+        sample[VELOCITY.start + i] *= 1.0 + velocity_sigma * noise[3 + i]

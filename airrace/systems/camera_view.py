@@ -91,6 +91,9 @@ def _taken(missing, regions, h, w):
     """
     boxes, count = np.empty((missing.size, 4), np.int64), 0
     for x0, y0, x1, y1 in regions:
+        x0, y0, x1, y1 = max(x0, 0), max(y0, 0), min(x1, w), min(y1, h)
+        if x0 >= x1 or y0 >= y1:
+            continue
         bottom, right = -(-y1 // _TILE_H), -(-x1 // _TILE_W)
         for i in range(y0 // _TILE_H, bottom):
             for j in range(x0 // _TILE_W, right):

@@ -10,7 +10,8 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
 from airrace.trajopt.limit_samples import LimitSamples
-from airrace.trajopt.min_snap import MinSnapProblem, solve_min_snap
+from airrace.trajopt.min_snap import solve_min_snap
+from airrace.trajopt.min_snap_problem import MinSnapProblem
 from airrace.trajopt.time_allocation import (
     allocate_times,
     durations_within_limits,

@@ -5,13 +5,15 @@ import contextlib
 import numpy as np
 
 from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.limit_excess import LimitExcess
 from airrace.trajopt.min_snap import (
     DerivativeConstraint,
     TrajectoryOptimizationError,
     solve_min_snap,
     unwrap_headings,
 )
-from airrace.trajopt.time_allocation import durations_within_limits
+from airrace.trajopt.min_snap_problem import MinSnapProblem
+from airrace.trajopt.time_allocation import stretched
 
 _EXCESSES = (1.0, 1.2, 1.5, 2.0)  # of the limits, tried in turn
 _LEAST_FACTOR, _MOST_FACTOR = 0.7, 4.0  # of the first guess of the durations
@@ -56,16 +58,14 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
         turns[0] = 0.0  # it is under way, and must not brake for the rest of a turn
     guess = np.maximum(guess, turns / _LEAST_FACTOR)
     guess *= max(1.0, speed / max_acceleration / guess.sum())
+    times_slower = LimitExcess(MinSnapProblem.build(knots, constraints=constraints))
+    limits = np.array([max_speed, max_acceleration], float)
     for excess in _EXCESSES:
-        limits = dict(
-            max_speed=excess * max_speed, max_acceleration=excess * max_acceleration,
-            constraints=constraints,
-        )
         for share in _FIRST_SHARES if len(guess) > 1 else (1.0,):
             shared = np.concatenate([[share * guess[0]], guess[1:]])
             with contextlib.suppress(TrajectoryOptimizationError):
-                durations = durations_within_limits(
-                    knots, shared, min_factor=_LEAST_FACTOR, max_factor=_MOST_FACTOR, **limits)
+                durations = stretched(shared, times_slower, excess * limits,
+                                      min_factor=_LEAST_FACTOR, max_factor=_MOST_FACTOR)
                 if np.all(durations >= (1.0 - 1e-9) * turns):
                     return FlatTrajectory(
                         solve_min_snap(knots, durations, constraints=constraints))

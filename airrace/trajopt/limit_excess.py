@@ -6,12 +6,8 @@ import numpy as np
 
 from airrace.compiled import all_finite, compilable, compiled
 from airrace.small_matrices import cholesky, solve_cholesky
-from airrace.trajopt.min_snap import (
-    MinSnapProblem,
-    TrajectoryOptimizationError,
-    is_singular,
-    unit_segment,
-)
+from airrace.trajopt.min_snap import TrajectoryOptimizationError, is_singular
+from airrace.trajopt.min_snap_problem import MinSnapProblem, unit_segment
 
 _SAMPLES = 50  # of a segment, which bracket the peaks
 _GRID, _ROUNDS = 17, 4  # that refine them
@@ -25,14 +21,16 @@ class LimitExcess:
     the waypoints satisfy H x + g = 0 (Richter, Bry and Roy, "Polynomial trajectory
     planning for aggressive quadrotor flight in dense indoor environments", eq. 31).
     Here they are solved by Cholesky's factors, in machine code.
+
+    Attributes:
+        problem: see below.
     """
 
-    def __init__(self, problem: MinSnapProblem, limits):
+    def __init__(self, problem: MinSnapProblem):
         """Constructs the function.
 
         Args:
             problem: x, y and z first.
-            limits: of speed (m/s) and acceleration (m/s^2).
 
         Raises:
             TrajectoryOptimizationError: if the minimum is not unique.
@@ -40,24 +38,25 @@ class LimitExcess:
         basis, unit_hessian = unit_segment(problem.degree, problem.minimized_derivative)
         count = min(problem.values.shape[1], 3)
         _check_unique(problem, count)
-        self._problem = problem
+        self.problem = problem
         self._arguments = (
             problem.values[:, :count].T.copy(), problem.fixed[:, :count].T.copy(), problem.rows,
             problem.order, unit_hessian, basis, problem.offset[:count].copy(),
-            1 - 2 * problem.minimized_derivative, np.array(limits, float))
+            1 - 2 * problem.minimized_derivative)
 
-    def __call__(self, durations) -> float:
+    def __call__(self, durations, limits) -> float:
         """Returns the greatest of speed / limit and sqrt(acceleration / limit).
 
         Args:
             durations: of the segments (s).
+            limits: of speed (m/s) and acceleration (m/s^2), (2,).
 
         Raises:
             ValueError: if the durations are malformed.
             TrajectoryOptimizationError: if the minimum is not unique.
         """
-        durations = self._problem.check_durations(durations)
-        excess = _excess(durations, *self._arguments)
+        durations = self.problem.check_durations(durations)
+        excess = _excess(durations, *self._arguments, np.asarray(limits, float))
         if not math.isfinite(excess):
             raise TrajectoryOptimizationError(
                 "The minimum-snap trajectory is not unique; even out the durations.")

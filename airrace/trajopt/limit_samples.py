@@ -7,7 +7,7 @@ import numpy as np
 from airrace.compiled import compiled
 from airrace.small_matrices import cholesky, solve_cholesky
 from airrace.trajopt.limit_excess import assembled, equations
-from airrace.trajopt.min_snap import unit_segment
+from airrace.trajopt.min_snap_problem import unit_segment
 
 
 class LimitSamples:

@@ -1,16 +1,12 @@
 """Minimum-snap trajectories: smooth piecewise polynomials through waypoints."""
 
 import dataclasses as dc
-import functools
-from fractions import Fraction
-from math import comb, factorial, perm
 
 import numpy as np
-from pydrake.polynomial import Polynomial
 from pydrake.solvers import MathematicalProgram, Solve
 from pydrake.trajectories import PiecewisePolynomial
 
-MAX_DEGREE = 19  # beyond, monomials lose too many digits
+from airrace.trajopt.min_snap_problem import MinSnapProblem
 
 
 class TrajectoryOptimizationError(ValueError):
@@ -122,132 +118,3 @@ def _minimize(hessian, linear):
 def is_singular(hessian) -> bool:
     """Whether a Hessian of unit diagonal, (n, n), has many minima: a solver returns any."""
     return not np.linalg.eigvalsh(hessian)[0] > 1e-13
-
-
-@dc.dataclass(frozen=True, eq=False)
-class MinSnapProblem:
-    """A checked problem in free-derivative form, shared with time allocation.
-
-    Derivative k of waypoint i is row i n + k of arrays with N = m n rows.
-    """
-
-    values: np.ndarray  # (N, d), of fixed derivatives, positions from the origin; or zero
-    fixed: np.ndarray  # (N, d), which ones those are
-    origin: np.ndarray  # (d,), the first waypoint
-    offset: np.ndarray  # (d,), see period_offset of solve_min_snap()
-    rows: np.ndarray  # (segments, 2n), the rows of the ends of every segment
-    order: np.ndarray  # (2n,), their derivative orders
-    degree: int
-    minimized_derivative: int
-
-    @classmethod
-    def build(cls, waypoints, *, constraints=(), periodic=False, period_offset=None, degree=9,
-              minimized_derivative=4):
-        """Checks the arguments of solve_min_snap(); raises ValueError."""
-        waypoints = np.array(waypoints, float)
-        _require(waypoints.ndim == 2 and len(waypoints) >= 2 and np.all(np.isfinite(waypoints)),
-                 f"waypoints must be finite and of shape (m >= 2, d), not {waypoints.shape}")
-        _require(degree in range(1, MAX_DEGREE + 1, 2),
-                 f"degree must be odd and at most {MAX_DEGREE}, not {degree}")
-        (m, d), n = waypoints.shape, (degree + 1) // 2
-        _require(minimized_derivative in range(1, n + 1), "minimized_derivative must lie in "
-                 f"1 ... {n} for degree {degree}, not {minimized_derivative}")
-        _require(periodic or period_offset is None, "period_offset needs periodic=True")
-        offset = np.zeros(d) if period_offset is None else np.array(period_offset, float)
-        _require(offset.shape == (d,) and np.all(np.isfinite(offset)),
-                 f"period_offset must be {d} finite numbers, not {offset}")
-        path = np.vstack([waypoints, waypoints[:1] + offset]) if periodic else waypoints
-        for i in np.flatnonzero(np.all(np.abs(np.diff(path, axis=0)) < 1e-9, axis=1)):
-            _require(False, f"waypoints {i} and {(i + 1) % m} coincide; remove one of them")
-        values = np.full((m, n, d), np.nan)
-        values[:, 0] = waypoints - waypoints[0]
-        for constraint in constraints:
-            _apply(constraint, values, periodic)
-        values = values.reshape(m * n, d)
-        fixed = ~np.isnan(values)
-        start = np.arange(len(path) - 1)
-        rows = np.hstack([i[:, None] * n + np.arange(n) for i in (start, (start + 1) % m)])
-        return cls(np.where(fixed, values, 0.0), fixed, waypoints[0], offset, rows,
-                   np.tile(np.arange(n), 2), degree, minimized_derivative)
-
-    def check_durations(self, durations) -> np.ndarray:
-        """Returns them as an array; raises ValueError."""
-        durations = np.array(durations, float)
-        _require(durations.shape == (len(self.rows),),
-                 f"durations must be {len(self.rows)}, one a segment, not {durations.shape}")
-        _require(np.all(np.isfinite(durations) & (durations > 0)),
-                 "durations must be positive and finite")
-        return durations
-
-    def assemble(self, durations):
-        """Returns the cost: its Hessian in each segment's end derivatives,
-        (segments, 2n, 2n), in all derivatives, (N, N), and the gradient that
-        the period offset adds, (N, d)."""
-        power = 1 - 2 * self.minimized_derivative + self.order[:, None] + self.order
-        _, unit_hessian = unit_segment(self.degree, self.minimized_derivative)
-        segments = unit_hessian * durations[:, None, None] ** power
-        hessian = np.zeros((len(self.values),) * 2)
-        np.add.at(hessian, (self.rows[:, :, None], self.rows[:, None, :]), segments)
-        gradient = np.zeros_like(self.values)
-        gradient[self.rows[-1]] = np.outer(segments[-1, :, len(self.order) // 2], self.offset)
-        return segments, hessian, gradient
-
-    def ends(self, derivatives) -> np.ndarray:
-        """Returns the end derivatives of the segments, (segments, 2n, d)."""
-        ends = derivatives[self.rows]
-        ends[-1, len(self.order) // 2] += self.offset
-        return ends
-
-    def trajectory(self, durations, derivatives) -> PiecewisePolynomial:
-        """Returns the trajectory with these derivatives, (N, d)."""
-        basis, _ = unit_segment(self.degree, self.minimized_derivative)
-        T = durations[:, None, None]
-        coefficients = basis @ (T ** self.order[:, None] * self.ends(derivatives))
-        coefficients /= T ** np.arange(self.degree + 1)[:, None]
-        coefficients[:, 0] += self.origin
-        return PiecewisePolynomial(
-            [np.array([[Polynomial(c)] for c in segment.T]) for segment in coefficients],
-            np.concatenate([[0.0], np.cumsum(durations)]))
-
-
-@functools.cache
-def unit_segment(degree: int, minimized_derivative: int):
-    """Returns what end derivatives make of a segment of unit duration.
-
-    The Hermite interpolant of n derivatives x_k at 0 and y_k at 1 is
-    sum_k x_k b_k(t) + y_k (-1)^k b_k(1 - t), where
-    b_k(t) = t^k / k! (1 - t)^n sum_{s < n - k} C(n + s - 1, s) t^s.
-
-    Returns:
-        (basis, hessian), each (2n, 2n), from (x_0 ..., y_0 ...): to monomial
-        coefficients, and of the squared derivative's integral.
-    """
-    n, r = (degree + 1) // 2, minimized_derivative
-    t, u = (np.polynomial.Polynomial(c) for c in ([0.0, 1.0], [1.0, -1.0]))
-    # In rational numbers: rounding would cost the Hessian its null space.
-    basis = np.array([
-        [Fraction(int(c), factorial(k)) for c in (
-            a**k * b**n * sum(comb(n + s - 1, s) * c**s for s in range(n - k))).coef]
-        for a, b, c in ((t, u, t), (-u, t, u)) for k in range(n)]).T
-    cost = np.array([[Fraction(perm(i, r) * perm(j, r), max(i + j - 2 * r, 0) + 1)
-                      for j in range(2 * n)] for i in range(2 * n)])
-    return basis.astype(float), (basis.T @ cost @ basis).astype(float)
-
-
-def _apply(constraint, values, periodic):
-    m, n, d = values.shape
-    i, k, value = constraint.waypoint, constraint.order, constraint.value
-    first = 0 if periodic else -1
-    _require(i in range(first, m), f"waypoint {i} of a constraint is not in {first} ... {m - 1}")
-    _require(k in range(1, n), f"a constraint's order must lie in 1 ... {n - 1}, not {k}; "
-             f"raise the degree, now {2 * n - 1}, for higher ones")
-    if value.shape != (d,) or np.isinf(value).any():  # printing an array takes its time
-        raise ValueError(f"A constraint's value must be {d} numbers or NaNs, not {value}.")
-    _require(not np.any(np.abs(value - values[i, k]) > 1e-6 * (1 + np.abs(value))),
-             f"two constraints fix derivative {k} at waypoint {i} differently")
-    values[i, k] = np.where(np.isnan(value), values[i, k], value)
-
-
-def _require(condition, message):
-    if not condition:
-        raise ValueError(f"{message[0].upper()}{message[1:]}.")

@@ -9,7 +9,8 @@ from pydrake.solvers import MathematicalProgram, SnoptSolver
 
 from airrace.trajopt.limit_excess import LimitExcess
 from airrace.trajopt.limit_samples import LimitSamples
-from airrace.trajopt.min_snap import MinSnapProblem, TrajectoryOptimizationError
+from airrace.trajopt.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.min_snap_problem import MinSnapProblem
 
 _SAMPLES, _FINE_SAMPLES = 12, 64  # of a segment: to optimise, and to polish
 
@@ -52,10 +53,6 @@ def durations_within_limits(
 ) -> np.ndarray:
     """Returns the shortest multiple of the durations that meets the limits.
 
-    If no derivative is fixed but at zero, the trajectory keeps its shape: time
-    stretched by s divides speeds by s and accelerations by s^2, whence the
-    factor. Otherwise it is searched upwards, solving anew for every factor.
-
     Args:
         waypoints, constraints, options: see solve_min_snap().
         durations: (segments,) s, like those returned.
@@ -68,23 +65,36 @@ def durations_within_limits(
         ValueError: if the input is malformed.
         TrajectoryOptimizationError: if no factor meets the limits.
     """
-    limits = _check_limits(max_speed, max_acceleration, constraints)
-    durations = np.array(durations, float)
-    times_slower = LimitExcess(
-        MinSnapProblem.build(waypoints, constraints=constraints, **options), limits)
+    problem = MinSnapProblem.build(waypoints, constraints=constraints, **options)
+    return stretched(durations, LimitExcess(problem), [max_speed, max_acceleration],
+                     min_factor=min_factor, max_factor=max_factor)
+
+
+def stretched(durations, times_slower: LimitExcess, limits, *, min_factor, max_factor=4.0):
+    """Returns what durations_within_limits() does, of a problem that is stated already.
+
+    If the trajectory keeps its shape, the factor follows from its excess. Otherwise it
+    is searched upwards, solving anew for every factor.
+
+    Args:
+        times_slower: of the problem.
+        limits: of speed (m/s) and acceleration (m/s^2).
+        the others: see durations_within_limits().
+    """
+    durations, limits = np.array(durations, float), _checked(limits, times_slower.problem)
 
     def excess(factor):
-        return times_slower(factor * durations) - 1.0
+        return times_slower(factor * durations, limits) - 1.0
 
-    if _keeps_shape(constraints):
+    if times_slower.problem.keeps_shape:
         return durations * max(min_factor, (1.0 + excess(1.0)) * (1.0 + 1e-8))
     low, high, step, at_low, at_high = min_factor, min_factor, 0.01, 0.0, excess(min_factor)
     while at_high > 1e-12:
         low, high, step, at_low = high, high * (1.0 + step), min(1.5 * step, 0.1), at_high
         if high > max_factor:
             raise TrajectoryOptimizationError(
-                f"No {min_factor:g} to {max_factor:g} fold of these durations meets the limits of "
-                f"{limits[0]:g} m/s and {limits[1]:g} m/s^2; relax them or the fixed derivatives.")
+                f"No {min_factor:g} to {max_factor:g} fold of these durations meets "
+                f"{_in_words(limits)}; relax them or the fixed derivatives.")
         at_high = excess(high)
     bisect = False
     while at_high < -1e-7 and high - low > 1e-7 * high:
@@ -124,29 +134,27 @@ def allocate_times(
 
     Raises: like durations_within_limits().
     """
-    limits = _check_limits(max_speed, max_acceleration, constraints)
     positions = np.array(waypoints, float)[..., :3]
     constraints = [dc.replace(c, value=c.value[:3]) for c in constraints]
     offset = None if period_offset is None else np.array(period_offset, float)[..., :3]
     options |= dict(periodic=periodic, period_offset=offset)
     problem = MinSnapProblem.build(positions, constraints=constraints, **options)
+    limits = _checked([max_speed, max_acceleration], problem)
+    times_slower = LimitExcess(problem)
     ends = problem.ends(problem.values)
     chords = np.linalg.norm(ends[:, len(problem.order) // 2] - ends[:, 0], axis=1)
 
-    def solve(start, constraints, polish=False):
+    def solve(start, times_slower, polish=False):
         """Returns a list of one solution, or of none."""
-        problem = MinSnapProblem.build(positions, constraints=constraints, **options)
-        times_slower = LimitExcess(problem, limits)
-        start = start * (times_slower(start) if _keeps_shape(constraints) else 1.0)
+        problem = times_slower.problem
+        start = start * (times_slower(start, limits) if problem.keeps_shape else 1.0)
         samples = LimitSamples(problem, limits, _FINE_SAMPLES if polish else _SAMPLES)
         values, _ = samples(start)
         rows = np.flatnonzero(values >= (0.9 * values.max() if polish else 0.0))
         for bound in (1.0, 0.99, 0.9):  # on samples: it may be exceeded between them
             durations = _minimize_total(samples, rows, bound, start, chords / limits[0])
             with contextlib.suppress(TrajectoryOptimizationError):
-                return [durations_within_limits(
-                    positions, durations, max_speed=max_speed, max_acceleration=max_acceleration,
-                    constraints=constraints, min_factor=0.9, **options)]
+                return [stretched(durations, times_slower, limits, min_factor=0.9)]
         return []
 
     equal_speeds = chords / (0.75 * limits[0])
@@ -154,19 +162,19 @@ def allocate_times(
     warm = [] if initial_durations is None else [problem.check_durations(initial_durations)]
     found = []
     for start in [*warm, equal_speeds, slow]:
-        found = found or solve(start, constraints)
+        found = found or solve(start, times_slower)
     if not found:
         raise TrajectoryOptimizationError(
-            f"No durations found meet the limits of {limits[0]:g} m/s and {limits[1]:g} m/s^2; "
-            "relax them or the fixed derivatives.")
+            f"No durations found meet {_in_words(limits)}; relax them or the fixed derivatives.")
     relaxed = [c for c in constraints if not periodic and c.waypoint in (0, -1, len(chords))]
     if not warm and len(relaxed) < len(constraints):
-        for start in solve(equal_speeds, relaxed):
-            found += solve(start, constraints)
+        loose = LimitExcess(MinSnapProblem.build(positions, constraints=relaxed, **options))
+        for start in solve(equal_speeds, loose):
+            found += solve(start, times_slower)
         phase = np.arange(1, len(chords) + 1) * (np.sqrt(5) - 1) / 2  # spread evenly modulo 1
         for k in range(1, 7):
-            found += solve(min(found, key=np.sum) * np.exp(k * phase % 1 - 0.5), constraints)
-    found += solve(min(found, key=np.sum), constraints, polish=True)
+            found += solve(min(found, key=np.sum) * np.exp(k * phase % 1 - 0.5), times_slower)
+    found += solve(min(found, key=np.sum), times_slower, polish=True)
     return min(found, key=np.sum)
 
 
@@ -186,17 +194,17 @@ def _minimize_total(samples, rows, bound, start, shortest):
     return SnoptSolver().Solve(program, start).GetSolution(T)
 
 
-def _keeps_shape(constraints):
-    return not any(np.nan_to_num(c.value[:3]).any() for c in constraints)
-
-
-def _check_limits(max_speed, max_acceleration, constraints):
-    limits = np.array([max_speed, max_acceleration], float)
+def _checked(limits, problem: MinSnapProblem) -> np.ndarray:
+    limits = np.array(limits, float)
     if not np.all((limits > 0) & (limits < np.inf)):
         raise ValueError(f"max_speed and max_acceleration must be positive, not {limits}.")
-    for c in constraints:
-        size = np.linalg.norm(np.nan_to_num(c.value[:3]))
-        if c.order in (1, 2) and size > (1.0 + 1e-12) * limits[c.order - 1]:
-            raise TrajectoryOptimizationError(
-                f"Derivative {c.order} at waypoint {c.waypoint} is fixed above its limit.")
+    amounts = np.linalg.norm(problem.by_waypoint()[:, 1:3, :3], axis=2)
+    # Polynomials of a low degree may have no acceleration to fix.
+    for waypoint, k in np.argwhere(amounts > (1.0 + 1e-12) * limits[:amounts.shape[1]]):
+        raise TrajectoryOptimizationError(
+            f"Derivative {k + 1} at waypoint {waypoint} is fixed above its limit.")
     return limits
+
+
+def _in_words(limits) -> str:
+    return f"the limits of {limits[0]:g} m/s and {limits[1]:g} m/s^2"

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from airrace.trajopt.limit_excess import LimitExcess
 from airrace.trajopt.min_snap import (
     DerivativeConstraint,
-    MinSnapProblem,
     TrajectoryOptimizationError,
     solve_min_snap,
 )
+from airrace.trajopt.min_snap_problem import MinSnapProblem
 from airrace.trajopt.time_allocation import peak_speed_and_acceleration
 
 LIMITS = 20.0, 10.0
@@ -42,17 +42,17 @@ def test_excess_is_that_of_the_trajectory(problem):
     waypoints, durations, options = problem
     speed, acceleration = peak_speed_and_acceleration(
         solve_min_snap(waypoints, durations, **options))
-    excess = LimitExcess(MinSnapProblem.build(waypoints, **options), LIMITS)
-    assert excess(durations) == pytest.approx(
+    excess = LimitExcess(MinSnapProblem.build(waypoints, **options))
+    assert excess(durations, LIMITS) == pytest.approx(
         max(speed / LIMITS[0], np.sqrt(acceleration / LIMITS[1])), rel=1e-8)
 
 
 def test_where_there_are_many_minima_there_is_no_answer():
     waypoints = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
     at_rest = [DerivativeConstraint(i, order, np.zeros(3)) for i in (0, -1) for order in (1, 2)]
-    LimitExcess(MinSnapProblem.build(waypoints, constraints=at_rest), LIMITS)([1.0])
+    LimitExcess(MinSnapProblem.build(waypoints, constraints=at_rest))([1.0], LIMITS)
     with pytest.raises(TrajectoryOptimizationError, match="not unique; add"):
-        LimitExcess(MinSnapProblem.build(waypoints), LIMITS)
+        LimitExcess(MinSnapProblem.build(waypoints))
 
 
 @pytest.mark.parametrize("durations, error, words", [
@@ -64,4 +64,4 @@ def test_durations_that_cannot_be(durations, error, words):
     problem = MinSnapProblem.build(
         [[0.0], [5.0]], constraints=[DerivativeConstraint(i, 1, [0.0]) for i in (0, -1)])
     with pytest.raises(error, match=f"(?i){words}"):
-        LimitExcess(problem, LIMITS)(durations)
+        LimitExcess(problem)(durations, LIMITS)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from airrace.trajopt.limit_samples import LimitSamples
-from airrace.trajopt.min_snap import DerivativeConstraint, MinSnapProblem, solve_min_snap
+from airrace.trajopt.min_snap import DerivativeConstraint, solve_min_snap
+from airrace.trajopt.min_snap_problem import MinSnapProblem
 
 NAN = np.nan
 

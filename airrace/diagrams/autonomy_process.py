@@ -10,6 +10,7 @@ from airrace.diagrams.channels import AUTONOMY, make_channels
 from airrace.diagrams.lcm_bridge import MakeAutonomySide, pictures_wanted
 from airrace.diagrams.partner import LOOK_PERIOD
 from airrace.diagrams.remote import LOCKSTEP
+from airrace.link import phases
 from airrace.link.checkpoint import CHECKPOINT_PERIOD, restore, save
 from airrace.link.endpoint import HEARTBEAT_PERIOD, Endpoint
 from airrace.link.link_test import CHANNELS, Responder
@@ -63,9 +64,9 @@ class AutonomyProcess:
             UserError: if there is none, or nothing to resume.
         """
         planner = self._autonomy.GetSubsystemByName("lap_planner")
-        phase = "racing" if resume else "ready"
+        phase = phases.RACING if resume else phases.READY
         try:
-            hear_peer(self._endpoint, "waiting", "", lambda heard: heard.phase == phase,
+            hear_peer(self._endpoint, phases.WAITING, "", lambda heard: heard.phase == phase,
                       timeout=patience, poll=self._poll)
         except BaseException:
             self._worker.close()
@@ -100,7 +101,7 @@ class AutonomyProcess:
     def _race_in_lockstep(self) -> int:
         exchange = Exchange(self._endpoint, self._receivers, self._senders)
         try:
-            exchange.receive(self._context, self._stop, poll=lambda: self._beat("ready"))
+            exchange.receive(self._context, self._stop, poll=lambda: self._beat(phases.READY))
             for now in lockstep_times(self._scenario, LOOK_PERIOD):
                 if now == 0.0:
                     self._simulator.Initialize()
@@ -116,24 +117,24 @@ class AutonomyProcess:
 
     def _race(self, resume) -> int:
         while not self.is_ready():
-            self._breathe("waiting")
+            self._breathe(phases.WAITING)
             if self._endpoint.silence > _PATIENCE:
                 return self._lost()
         self.start(resume)
-        while self._phase() == "ready" and not self._ended():
+        while self._phase() == phases.READY and not self._ended():
             self._receivers.Receive(self._context, self._endpoint)
-            self._breathe("ready")
+            self._breathe(phases.READY)
         self._endpoint.clock.restart()
         saved = self._endpoint.now()
         while not self._ended():
-            self._breathe("racing")
+            self._breathe(phases.RACING)
             self.step()
             if self._endpoint.now() - saved > CHECKPOINT_PERIOD:
                 saved = self._endpoint.now()
                 save(self._output_dir, self._autonomy, self._context)
         if self._stop():
             return STOPPED
-        return LEFT if self._phase() == "over" else self._lost()
+        return LEFT if self._phase() == phases.OVER else self._lost()
 
     def is_ready(self) -> bool:
         """Whether something has come on every channel."""
@@ -177,7 +178,7 @@ class AutonomyProcess:
         return self._endpoint.peer_heartbeat.value.phase
 
     def _ended(self) -> bool:
-        return self._phase() == "over" or self._stop() or self._endpoint.silence > _PATIENCE
+        return self._phase() == phases.OVER or self._stop() or self._endpoint.silence > _PATIENCE
 
     def _lost(self) -> int:
         self._log(f"airrace: the simulation fell silent for {_PATIENCE:.0f} s")

@@ -16,6 +16,7 @@ from airrace.diagrams.remote import LockstepRemote, RealTimeRemote
 from airrace.diagrams.scenario import LINK_DELAY, Scenario, scenario_yaml
 from airrace.diagrams.warm_up import warm_up
 from airrace.errors import UserError
+from airrace.link import phases
 from airrace.link.doctor import diagnose, refusal
 from airrace.link.endpoint import DEFAULT_URL, Endpoint, open_lcm
 from airrace.link.link_test import measure
@@ -104,7 +105,7 @@ def remote_partner(scenario: Scenario, output_dir: Path, *, companion: str, url:
                 raise UserError(reason)
         endpoint = Endpoint(SIMULATION, [row.as_channel() for row in rows], bus)
         stack.callback(endpoint.close)
-        hear_peer(endpoint, "waiting", "", lambda heard: heard.phase == "waiting",
+        hear_peer(endpoint, phases.WAITING, "", lambda heard: heard.phase == phases.WAITING,
                   timeout=_START, poll=poll_start)
         poll = autonomy.poll if autonomy else lambda: None
         yield (LockstepRemote(rows, endpoint, poll) if lockstep

@@ -6,6 +6,7 @@ import time
 from airrace.diagrams.channels import SIMULATION
 from airrace.diagrams.lcm_bridge import Receivers, Senders
 from airrace.diagrams.partner import LOOK_PERIOD
+from airrace.link import phases
 from airrace.link.endpoint import HEARTBEAT_PERIOD
 from airrace.link.lockstep import Exchange, PeerLost, hear_peer, lockstep_times
 from airrace.systems.command_watchdog import HOVER, LAND, AddCommandWatchdog
@@ -48,7 +49,7 @@ class Remote:
 
     def end(self, simulator):
         for _ in range(_FAREWELLS):
-            self._endpoint.beat("over", simulator.get_context().get_time())
+            self._endpoint.beat(phases.OVER, simulator.get_context().get_time())
             time.sleep(HEARTBEAT_PERIOD / 5)
 
     def wall(self, simulator):
@@ -78,7 +79,7 @@ class LockstepRemote(Remote):
 
     def begin(self, simulator):
         context = simulator.get_mutable_context()
-        hear_peer(self._endpoint, "ready", LOCKSTEP, lambda heard: heard.phase == "ready",
+        hear_peer(self._endpoint, phases.READY, LOCKSTEP, lambda heard: heard.phase == phases.READY,
                   timeout=_PATIENCE, poll=self._poll)
         self._exchange = Exchange(self._endpoint, self._receivers, self._senders)
         next(self._times)
@@ -118,8 +119,8 @@ class RealTimeRemote(Remote):
 
     def begin(self, simulator):
         context = simulator.get_mutable_context()
-        hear_peer(self._endpoint, "ready", f"{REAL_TIME} {self._rate!r}",
-                  lambda heard: heard.phase == "ready", timeout=_PATIENCE,
+        hear_peer(self._endpoint, phases.READY, f"{REAL_TIME} {self._rate!r}",
+                  lambda heard: heard.phase == phases.READY, timeout=_PATIENCE,
                   poll=lambda: self._show_start(context))
         self._endpoint.clock.rate = self._rate
         self._endpoint.clock.restart()
@@ -161,7 +162,7 @@ class RealTimeRemote(Remote):
     def _beat(self, now, sim_time):
         if now - self._beaten >= HEARTBEAT_PERIOD:
             self._beaten = now
-            self._endpoint.beat("racing", sim_time, f"{REAL_TIME} {self._rate!r}")
+            self._endpoint.beat(phases.RACING, sim_time, f"{REAL_TIME} {self._rate!r}")
 
     def wall(self, simulator):
         m = self._Watchdog(simulator.get_context())

@@ -3,6 +3,7 @@
 from airrace.diagrams.autonomy_process import AutonomyProcess
 from airrace.diagrams.channels import SIMULATION
 from airrace.diagrams.remote import RealTimeRemote
+from airrace.link import phases
 from airrace.link.endpoint import Endpoint
 from airrace.link.simulated_bus import LinkConfig, SimulatedLink
 
@@ -41,7 +42,7 @@ class SimulatedRemote(RealTimeRemote):
             self._beat(self._link.time, 0.0)
             self._show_start(context)
             self._endpoint.drain()
-            self._autonomy.hear("waiting")
+            self._autonomy.hear(phases.WAITING)
         self._autonomy.start()
         self._start = self._link.time
 
@@ -52,7 +53,7 @@ class SimulatedRemote(RealTimeRemote):
         self._endpoint.drain()
 
     def _let_autonomy_step(self, now):
-        self._autonomy.hear("racing")
+        self._autonomy.hear(phases.RACING)
         self._autonomy.step()
 
     def end(self, simulator):

@@ -8,7 +8,7 @@ import numpy as np
 from drake import lcmt_image_array
 
 from airrace import lcmtypes
-from airrace.link import adapters, pictures
+from airrace.link import adapters, phases, pictures
 from airrace.link.endpoint import HEARTBEAT_PERIOD, Channel, Endpoint
 from airrace.link.lockstep import hear_peer
 
@@ -79,7 +79,8 @@ def measure(bus, scenario, duration: float, poll=lambda: None, show=lambda share
     """
     endpoint = Endpoint("simulation", CHANNELS, bus)
     try:
-        hear_peer(endpoint, "testing", "", lambda heard: heard.phase == "waiting", patience, poll)
+        hear_peer(endpoint, phases.TESTING, "", lambda heard: heard.phase == phases.WAITING,
+                  patience, poll)
         return _Test(endpoint, scenario).run(duration, poll, show)
     finally:
         endpoint.close()
@@ -107,7 +108,7 @@ class _Test:
                 beaten = now
                 poll()
                 show((now - start) / duration)
-                self._endpoint.beat("testing", now)
+                self._endpoint.beat(phases.TESTING, now)
             self._endpoint.wait(min(due.values()) - time.monotonic())
             self._take()
         end = now + 2 * _REPORT_PERIOD  # what is still on its way

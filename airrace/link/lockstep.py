@@ -4,6 +4,7 @@ import heapq
 import time
 
 from airrace.errors import UserError
+from airrace.link import phases
 from airrace.link.endpoint import HEARTBEAT, HEARTBEAT_PERIOD
 
 _RESEND = 0.05  # s without an answer, after which the last messages are sent again
@@ -83,7 +84,7 @@ class Exchange:
         sent = self._senders.Send(root_context)
         for channel, _ in sent:
             self._sequences[channel] = self._endpoint.sequence(channel)
-        beat = self._endpoint.beat("racing", root_context.get_time(), step=self._sent,
+        beat = self._endpoint.beat(phases.RACING, root_context.get_time(), step=self._sent,
                                    belongs=self._sequences)
         self._outgoing = (self._outgoing[1], [*sent, (HEARTBEAT, beat)])
 
@@ -108,7 +109,7 @@ class Exchange:
             if self._is_complete(tick):
                 break
             now = time.monotonic()
-            if self._endpoint.peer_heartbeat.value.phase == "over" or stop():
+            if self._endpoint.peer_heartbeat.value.phase == phases.OVER or stop():
                 return True
             if now - start > _PATIENCE:
                 raise PeerLost(now - start)
@@ -165,7 +166,7 @@ def hear_peer(endpoint, phase: str, text: str, until, timeout: float, poll=lambd
         if heard is not None and endpoint.silence < 1.0:
             if until(heard.value):
                 return
-            if heard.value.phase == "testing":
+            if heard.value.phase == phases.TESTING:
                 start = now  # the doctor's measurement may take longer than this side waits
         if now - start > timeout:
             other = "autonomy" if endpoint.role == "simulation" else "simulation"

@@ -9,7 +9,7 @@ from pydrake.systems.framework import LeafSystem
 from airrace.immutable import Immutable
 from airrace.limits import parse_limits
 from airrace.systems.lap_plan import NO_PLAN, LapPlan
-from airrace.systems.lap_planning import LapProblem, plan_lap
+from airrace.systems.lap_planning import LapProblem, is_settled, plan_lap
 from airrace.systems.map_margins import has_changed, largest_move, pylon_margins
 from airrace.trajopt.flat_trajectory import SIZE, unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
@@ -32,6 +32,7 @@ class _Memory(Immutable):
         tried_at: when the planner last looked for one (s).
         tried_lap: the lap at whose end that plan was to come into force.
         tried_gates: tuple of GateEstimate that it knew of.
+        searched: the LapProblem that it last searched for a plan, or None.
     """
 
     plan: LapPlan = NO_PLAN
@@ -41,6 +42,7 @@ class _Memory(Immutable):
     tried_at: float = -np.inf
     tried_lap: int = 0
     tried_gates: tuple = ()
+    searched: LapProblem | None = None
 
 
 class LapPlanner(LeafSystem):
@@ -142,6 +144,8 @@ class LapPlanner(LeafSystem):
         elif self._IsTime(context, memory, now):
             start_time = now + memory.latency
             problem = self._Problem(context, memory, start_time)
+            if problem is not None and is_settled(problem, memory.searched):
+                problem = None
             elsewhere = problem is not None and self._submit is not None
             after = dc.replace(
                 memory,
@@ -150,6 +154,7 @@ class LapPlanner(LeafSystem):
                 tried_at=now,
                 tried_lap=0 if memory.plan is NO_PLAN else memory.plan.lap_at(start_time),
                 tried_gates=self._map.Eval(context).gates,
+                searched=problem or memory.searched,
             )
         else:
             return

@@ -20,6 +20,7 @@ from airrace.trajopt.time_optimal import plan_optimal_circuit, quickest_point_ma
 _SHARE = 0.99  # of the limits: the way onto the lap has a little more than the lap
 _HALF_HEIGHT = 2.5  # m, above and below a gate's midpoint
 _STARTS, _CHANGES = (3, 2, 4), (2, 3, 1)  # gates at which a way joins the lap, tried in turn
+_MOST_LOST = 2.0  # s, on a way that is no detour, beyond the time to gate 1 and on as the lap
 _LOOKS = 50  # at the rest of the old lap
 _SLACK = 0.05  # m, by which an old lap may miss what is asked of a new one
 
@@ -96,12 +97,20 @@ class OptimalLaps:
             clearance = np.minimum(self._clearance, self._distances_on(remaining))
             old = self._old
         tries = [(k, old) for k in joins] + ([(joins[0], None)] if old else [])
+        found = []  # with what is lost on them (s)
         for k, old in tries:
             legs = np.diff(circuit.gate_times)[:k - 1]
             with contextlib.suppress(TrajectoryOptimizationError):
-                return plan_optimal_way(
+                way, phase = plan_optimal_way(
                     start, [first, *legs], self._gates, circuit, self._problem.pylons,
                     self.limits, clearance=clearance, old=old)
+                found.append((way.duration - phase - first, way, phase))
+                # A search may end with a loop before a gate: no way near it is quicker.
+                if found[-1][0] <= _MOST_LOST:
+                    break
+        if found:
+            _, way, phase = min(found, key=lambda each: each[0])
+            return way, phase
         # From odd places, or at the last moment.
         return MinSnapLaps(self._problem, 4).way(circuit, start, remaining)
 

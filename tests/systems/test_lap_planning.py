@@ -7,7 +7,9 @@ import pickle
 import numpy as np
 import pytest
 
+from airrace.evaluation.jobs import generated_track
 from airrace.limits import parse_limits
+from airrace.map_files import true_map
 from airrace.systems import lap_planning
 from airrace.systems.lap_planning import LapProblem, plan_lap
 from airrace.systems.map_margins import pylon_margins
@@ -66,6 +68,23 @@ def test_another_process_would_find_the_same_plan(trajectory):
     copy = pickle.loads(pickle.dumps(given))
     assert copy.old is not given.old
     assert_same(pickle.loads(pickle.dumps(plan_lap(copy))), plan_lap(given))
+
+
+@pytest.mark.parametrize("seed", [1047, 1143])
+def test_no_way_onto_a_lap_loops_before_a_gate(seed):
+    """There, a search from the best of its guesses ends with a loop that takes two seconds."""
+    track, _ = generated_track(seed)
+    hover = np.zeros((5, 4))
+    hover[0] = *track.start.position[:2], 5.9, np.deg2rad(track.start.heading_deg)
+    gates = true_map(track).gates
+    plan = plan_lap(problem(gates=gates, extra=1.0, start=hover))
+    assert plan.entry.duration - plan.phase < 2.5
+    # It passes the plane of each gate just once.
+    times = np.linspace(0.0, plan.entry.duration, 2000)
+    for gate in gates[:np.searchsorted(plan.circuit.gate_times, plan.phase)]:
+        forward = [np.cos(gate.heading), np.sin(gate.heading), 0.0]
+        ahead = forward @ (plan.entry.positions(times) - gate.p_WG[:, None])
+        assert np.count_nonzero(np.diff(ahead > 0.0)) == 1
 
 
 @pytest.mark.parametrize("limits", ["original", "rotor", "v=15,a=8", "a=12"])

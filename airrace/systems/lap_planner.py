@@ -140,7 +140,9 @@ class LapPlanner(LeafSystem):
             plan = _in_time(found, now)
             after = dc.replace(memory, job=None, pending=plan)
             if found is not None and plan is None:
-                after = dc.replace(after, latency=_AMPLE * (now - memory.tried_at))
+                # What was found is not flown, so that it is worth another search.
+                after = dc.replace(
+                    after, latency=_AMPLE * (now - memory.tried_at), searched=None)
         elif self._IsTime(context, memory, now):
             start_time = now + memory.latency
             problem = self._Problem(context, memory, start_time)

@@ -20,7 +20,7 @@ from airrace.trajopt.time_optimal import plan_optimal_circuit, quickest_point_ma
 _SHARE = 0.99  # of the limits: the way onto the lap has a little more than the lap
 _HALF_HEIGHT = 2.5  # m, above and below a gate's midpoint
 _STARTS, _CHANGES = (3, 2, 4), (2, 3, 1)  # gates at which a way joins the lap, tried in turn
-_MOST_LOST = 2.0  # s, on a way that is no detour, beyond the time to gate 1 and on as the lap
+_MOST_LOST = 2.0  # s, on a way without a loop, beside the guessed time to gate 1 and the lap's on
 _LOOKS = 50  # at the rest of the old lap
 _SLACK = 0.05  # m, by which an old lap may miss what is asked of a new one
 

@@ -3,8 +3,9 @@
 import dataclasses as dc
 
 import numpy as np
-from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from pydrake.solvers import MathematicalProgram
 
+from airrace.trajopt.cone_solver import solve_cones
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.linear import add_equal_rows, add_rows
 from airrace.trajopt.min_snap import TrajectoryOptimizationError
@@ -222,7 +223,7 @@ class _Problem:
             add.append(add_rows(
                 program, rows, least, np.full(len(least), np.inf), variables))
         self._linearized = add
-        result = ClarabelSolver().Solve(program)
+        result = solve_cones(program)
         if not result.is_success():
             return None
         get = result.GetSolution

@@ -1,15 +1,16 @@
 """A convex program in a step from one lap to a better one."""
 
 import numpy as np
-from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
+from pydrake.solvers import MathematicalProgram
 
+from airrace.trajopt.cone_solver import solve_cones
 from airrace.trajopt.dynamics_rows import DynamicsRows
 from airrace.trajopt.lap_samples import Grid, LapSamples
 from airrace.trajopt.lap_spline import ORDERS, LapSpline
 from airrace.trajopt.linear import add_equal_rows, add_rows
 from airrace.trajopt.twist import turn_gradients
 
-_SOLVER_OPTIONS = {"tol_gap_abs": 1e-5, "tol_gap_rel": 1e-5, "tol_feas": 1e-6}
+_TOLERANCES = {"tol_gap_abs": 1e-5, "tol_gap_rel": 1e-5, "tol_feas": 1e-6}
 _MOST_STRETCH = 0.4  # of a leg's duration, in one step
 
 
@@ -230,10 +231,7 @@ class LapStep:
 
     def solve(self) -> LapSpline | None:
         """Returns the lap after the best step, or None if the solver finds none."""
-        options = SolverOptions()
-        for name, value in _SOLVER_OPTIONS.items():
-            options.SetOption(ClarabelSolver.id(), name, value)
-        self.result = result = ClarabelSolver().Solve(self.program, None, options)
+        self.result = result = solve_cones(self.program, **_TOLERANCES)
         x = result.get_x_val()
         if not np.isfinite(x).all():
             return None

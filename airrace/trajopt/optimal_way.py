@@ -25,7 +25,8 @@ from airrace.trajopt.plan_report import check_flight, check_times
 from airrace.vehicle import GRAVITY
 
 _REFINEMENT = 8  # pieces of yaw to one of the path
-_SAMPLES = 40  # of each leg: ways are livelier than laps
+# Ways are livelier than laps, and short: what is little of one is nothing to the race.
+_EFFORT = Effort(tolerance=2e-3, samples=40)
 _FIT_SAMPLES = 24  # of each leg, for its interior control points
 _SLOWER = (1.0, 1.3, 1.7)  # guesses of all durations
 _LEAST_DURATION = 0.1  # s
@@ -34,7 +35,7 @@ _AIMS = (0.998, 0.994, 0.988)  # of the limits, for what lies between samples; t
 
 def plan_optimal_way(start, durations, gates: GateRegions, circuit: Circuit, pylons,
                      limits: FlightLimits, *, clearance, half_view=np.deg2rad(40.0),
-                     old=None, effort: Effort = Effort(samples=_SAMPLES)
+                     old=None, effort: Effort = _EFFORT
                      ) -> tuple[FlatTrajectory, float]:
     """Returns the quickest flight from a state through gates 1, ..., k - 1 onto a lap at gate k.
 

@@ -1,0 +1,24 @@
+"""The solver of convex programs with second-order cones: Clarabel."""
+
+from pydrake.solvers import (
+    ClarabelSolver,
+    MathematicalProgram,
+    MathematicalProgramResult,
+    SolverOptions,
+)
+
+
+def solve_cones(program: MathematicalProgram, **tolerances: float) -> MathematicalProgramResult:
+    """Returns what Clarabel makes of a program.
+
+    Args:
+        program: with a linear or convex quadratic cost, linear constraints and Lorentz cones.
+        tolerances: tol_gap_abs, tol_gap_rel, tol_feas: those of Clarabel that are not its own
+            defaults of 1e-8.
+    """
+    options = SolverOptions()
+    # It takes two fifths more time, and changes solutions by less than the tolerances.
+    options.SetOption(ClarabelSolver.id(), "iterative_refinement_enable", 0)
+    for name, value in tolerances.items():
+        options.SetOption(ClarabelSolver.id(), name, value)
+    return ClarabelSolver().Solve(program, None, options)

@@ -17,6 +17,7 @@ from airrace.systems.types import CameraInfo, Detections
 _LONGEST_GAP = 0.1  # s, between images, over which motion can be predicted
 _AT_REST = np.zeros(2)  # px/s
 _EMPTY_PERIOD = 5  # images, of which all of one is searched while no marker is in sight
+PERIODS = 8, 32  # images, of which all of one is searched otherwise; see ArucoDetector
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -29,12 +30,14 @@ class Sight(Immutable):
             there, it was the one before that was wrong.
         velocities: of the centres of the markers, ID to (2,) px/s.
         tracked: number of images since all of one was searched.
+        period: all of the image that is so many after that one will be searched.
     """
 
     detections: Detections = Detections()
     measured: tuple = ()
     velocities: dict = dc.field(default_factory=dict)
     tracked: float = math.inf
+    period: int = 0
 
 
 class ArucoDetector(LeafSystem):
@@ -55,26 +58,28 @@ class ArucoDetector(LeafSystem):
 
     The output is a function of the inputs and of what was in the last image,
     which is the state: all of an image is searched every few frames, sooner
-    while no marker is in sight, and in between only the regions around the
-    markers that were in the last one. One that is lost there has left, or is too
-    blurred or small: a search of all of the image does not find it either.
+    while no marker is in sight, and half as often each time that it brought
+    nothing new. In between, only the regions around the
+    markers that were in the last one are. One that is lost there has left, or is too
+    blurred or small: a search of all of the image does not find it either. But
+    who passes a gate will see the next, so then all is searched sooner again.
     Drake's cache makes sure that an image is searched once, however many look
     at the detections.
     """
 
-    def __init__(self, *, fps=30.0, max_gates=None, full_search_period=8):
+    def __init__(self, *, fps=30.0, max_gates=None, full_search_periods=PERIODS):
         """Constructs the detector.
 
         Args:
             fps: how often it remembers what it has seen (Hz): the camera's.
             max_gates: IDs of 4 max_gates and more are refused; None for no limit.
-            full_search_period: all of every so many images is searched; 1 for
-                all of every image.
+            full_search_periods: all of every so many images is searched: at first,
+                and at last, if nothing comes or goes; (1, 1) for all of every image.
         """
         LeafSystem.__init__(self)
         self._search = MarkerSearch()
         self._max_id = np.inf if max_gates is None else 4 * max_gates - 1
-        self._period = full_search_period
+        self._periods = full_search_periods
         self._view = self.DeclareAbstractInputPort("camera_view", Value[object]())
         self._time = self.DeclareVectorInputPort("camera_image_time", 1)
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
@@ -103,7 +108,7 @@ class ArucoDetector(LeafSystem):
             return
         sight.set_value(look(
             self._search, self._view.Eval(context), time, self._info.Eval(context), last,
-            max_id=self._max_id, full_search_period=self._period,
+            max_id=self._max_id, full_search_periods=self._periods,
         ))
 
     def _Remember(self, context, state):
@@ -112,7 +117,7 @@ class ArucoDetector(LeafSystem):
 
 
 def look(search: MarkerSearch, view: CameraView, time, info: CameraInfo, last: Sight, *,
-         max_id=np.inf, full_search_period=8) -> Sight:
+         max_id=np.inf, full_search_periods=PERIODS) -> Sight:
     """Returns what is in an image, given what was in the last one.
 
     Args:
@@ -121,13 +126,13 @@ def look(search: MarkerSearch, view: CameraView, time, info: CameraInfo, last: S
         time: when it was taken (s).
         info: the camera.
         last: of the last image; Sight() if there was none.
-        max_id, full_search_period: see ArucoDetector.
+        max_id, full_search_periods: see ArucoDetector.
     """
     if reason := checks.check_view(view, time, info):
         return Sight(Detections(time, (), ((reason, None),)))
     dt = time - last.detections.time
-    period = full_search_period if last.measured else min(full_search_period, _EMPTY_PERIOD)
-    if last.tracked + 1 < period and 0 < dt < _LONGEST_GAP:
+    least, most = full_search_periods
+    if last.tracked + 1 < last.period and 0 < dt < _LONGEST_GAP:
         predictions = {
             m.id: m.corners + dt * last.velocities.get(m.id, _AT_REST) for m in last.measured
         }
@@ -136,6 +141,11 @@ def look(search: MarkerSearch, view: CameraView, time, info: CameraInfo, last: S
         found, tracked = search.everywhere(view.whole()), 0
     measured, refused = measure(view, *found, info, max_id)
     before = {marker.id: marker for marker in last.measured}
+    period = last.period if tracked else min(2 * last.period, most)
+    if before.keys() != {m.id for m in measured}:
+        period = least
+    if not measured:
+        period = min(least, _EMPTY_PERIOD)
     jumping = {m.id for m in measured if m.id in before and checks.jumps(m, before[m.id], dt)}
     detections = Detections(
         time,
@@ -146,5 +156,5 @@ def look(search: MarkerSearch, view: CameraView, time, info: CameraInfo, last: S
         m.id: (m.corners - before[m.id].corners).sum(axis=0) / (4 * dt)
         for m in measured if m.id in before
     }
-    return Sight(detections, measured, velocities, tracked)
+    return Sight(detections, measured, velocities, tracked, period)
 

@@ -132,7 +132,7 @@ def test_tracking_finds_the_same_in_less_of_the_image():
                 for k in range(7)]
     tracked, calls = watch(pictures)
     assert calls == ["everywhere", *6 * ["around"]]
-    searched, calls = watch(pictures, full_search_period=1)
+    searched, calls = watch(pictures, full_search_periods=(1, 1))
     assert calls == 7 * ["everywhere"]
     for a, b in zip(tracked, searched):
         (a,), (b,) = a.detections.markers, b.detections.markers
@@ -140,14 +140,14 @@ def test_tracking_finds_the_same_in_less_of_the_image():
 
 
 def test_all_of_an_image_is_searched_every_few_images():
-    sights, calls = watch(4 * [EMPTY] + 6 * [picture(LONE)], full_search_period=3)
+    sights, calls = watch(4 * [EMPTY] + 6 * [picture(LONE)], full_search_periods=(3, 3))
     assert calls == 3 * ["everywhere", "around", "around"] + ["everywhere"]
     assert [ids(s.detections) for s in sights] == 6 * [[]] + 4 * [[39]]
 
 
 def test_a_lost_marker_is_found_by_the_next_full_search():
     moved = picture({39: pose(-4, -2, 15)})
-    sights, _ = watch([picture(LONE), *4 * [moved]], full_search_period=3)
+    sights, _ = watch([picture(LONE), *4 * [moved]], full_search_periods=(3, 3))
     assert [ids(s.detections) for s in sights] == [[39], [], [], [39], [39]]
 
 
@@ -155,6 +155,16 @@ def test_new_markers_are_found_by_the_next_full_search():
     sights, _ = watch([picture(LONE), *8 * [picture(LONE | GATE)]])
     assert ids(sights[-2].detections) == [39]
     assert ids(sights[-1].detections) == [0, 2, 39]
+
+
+def test_all_is_searched_less_often_while_nothing_comes_or_goes():
+    _, calls = watch(60 * [picture(LONE)])
+    assert [k for k, call in enumerate(calls) if call == "everywhere"] == [0, 8, 24, 56]
+
+
+def test_all_is_searched_sooner_again_when_a_marker_has_left():
+    _, calls = watch(30 * [picture(LONE | GATE)] + 20 * [picture(LONE)])
+    assert [k for k, call in enumerate(calls) if call == "everywhere"] == [0, 8, 24, 32, 48]
 
 
 def test_after_a_gap_all_of_an_image_is_searched():

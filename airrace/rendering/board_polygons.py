@@ -6,7 +6,7 @@ import numpy as np
 
 from airrace.compiled import compiled
 from airrace.rendering.board_face import find_samples, modules_from_pixels
-from airrace.rendering.polygon_list import add_polygon, with_grey
+from airrace.rendering.polygon_list import add_polygon, touches, with_grey
 from airrace.rendering.polygons import clip_near
 from airrace.rendering.textures import BOARD_BACK
 from airrace.track import BOARD_SIZE
@@ -22,7 +22,7 @@ def faces_camera(p_CM_W, R_WM) -> bool:
 
 
 @compiled
-def add_board(polygons, p_CM_W, R_WM, P, size, crossings, box) -> bool:
+def add_board(polygons, p_CM_W, R_WM, P, size, crossings, parts, box) -> bool:
     """Adds the polygon of a board to a list.
 
     Args:
@@ -32,10 +32,11 @@ def add_board(polygons, p_CM_W, R_WM, P, size, crossings, box) -> bool:
         P: K R_CW.
         size: of the picture, [w, h].
         crossings: see marker_crossings().
+        parts: of the picture that are looked at, (n, 4).
         box: where to put the pixels that it can touch, (4,).
 
     Returns:
-        whether it is in sight.
+        whether it is in sight there.
     """
     H, corners_h, corners = np.zeros((3, 3)), np.empty((4, 3)), np.empty((5, 2))
     for row in range(3):
@@ -57,6 +58,8 @@ def add_board(polygons, p_CM_W, R_WM, P, size, crossings, box) -> bool:
         return False
     box[0], box[1] = int(max(math.floor(u0) - 2, 0)), int(max(math.floor(v0) - 2, 0))
     box[2], box[3] = int(min(math.ceil(u1) + 3, size[0])), int(min(math.ceil(v1) + 3, size[1]))
+    if not touches(box, parts):
+        return False
     face = -1
     if faces_camera(p_CM_W, R_WM):
         face = polygons.counts[2]

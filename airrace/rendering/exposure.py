@@ -20,10 +20,9 @@ class Exposure:
         Args:
             weights: of the pictures; they add up to 1.
             backdrop: what is behind the things, with paint(out, boxes).
-            look: returns the things, Polygons. Called when it is drawn for the first time.
+            look: returns the things in some boxes, (n, 4), as Polygons.
         """
         self._shares, self._backdrop, self._look = _shares(tuple(weights)), backdrop, look
-        self._things = None
 
     def draw(self, out, boxes=None) -> None:
         """Draws it.
@@ -34,10 +33,8 @@ class Exposure:
         """
         boxes = np.array([whole(out)] if boxes is None else boxes, np.int64).reshape(-1, 4)
         out = deep(out)
-        if self._things is None:
-            self._things = self._look()
         self._backdrop.paint(out, boxes)
-        paint(out, boxes, self._things, self._shares)
+        paint(out, boxes, self._look(boxes), self._shares)
 
 
 @functools.lru_cache(maxsize=16)

@@ -133,6 +133,8 @@ def _fill(out, channels, x_out, y_out, box, lines, exact, color) -> None:
             for x in range(filled, until + 1):
                 for c in range(channels):
                     row[(x - x_out) * channels + c] = np.uint8(color[c] + 0.5)
+        if first == filled and until == last:
+            continue
         for j in range(len(lines)):
             offsets[j] = lines[j, 1] * y + lines[j, 2]
         for start, stop in ((first, filled), (until + 1, last + 1)):

@@ -70,9 +70,9 @@ class PlanarRenderer:
         return Exposure(
             [weight for weight, _ in poses],
             Backdrop(self._background, behind),
-            lambda: look(
+            lambda boxes: look(
                 np.array([X_WC.rotation().matrix() for _, X_WC in poses]),
                 np.array([X_WC.translation() for _, X_WC in poses]),
                 self._K, self._size, self._feet, self._p_FM_W, self._R_WM, self._crossings,
-                np.asarray(shifts, float)),
+                np.asarray(shifts, float), boxes),
         )

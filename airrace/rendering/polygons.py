@@ -59,7 +59,7 @@ def edge_lines(corners, low, high, lines) -> int:
     for i in range(n):
         p, q = corners[i], corners[(i + 1) % n]
         dx, dy = q[0] - p[0], q[1] - p[1]
-        length = math.hypot(dx, dy)
+        length = math.sqrt(dx * dx + dy * dy)
         if length > 1e-6:
             a, b = sign * dy / length, -sign * dx / length
             lines[count, 0], lines[count, 1] = a, b

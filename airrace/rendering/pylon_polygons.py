@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from airrace.compiled import compilable, compiled
-from airrace.rendering.polygon_list import add_polygon, with_grey
-from airrace.rendering.polygons import NEAR, clip_near
+from airrace.rendering.polygon_list import add_polygon, end_at_seam, touches, with_grey
+from airrace.rendering.polygons import NEAR, bounds, clip_near
 from airrace.rendering.pylon_shape import make_pylon_shape
 from airrace.rendering.textures import HORIZON, haze
 from airrace.track import PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS
@@ -23,14 +23,17 @@ def _first(counts) -> np.ndarray:
 
 # Of all polyhedra, one after the other; see PylonShape.
 _VERTICES = np.concatenate([shape.vertices for shape in _SHAPES])
-_FACETS = np.concatenate([shape.facets for shape in _SHAPES])
-_NORMALS = np.concatenate([shape.facet_normals for shape in _SHAPES])
-_OFFSETS = np.concatenate([shape.facet_offsets for shape in _SHAPES])
-_COLORS = with_grey(np.concatenate([shape.facet_colors for shape in _SHAPES]))
+# The first of them are the flank in one colour.
+_FACETS = np.concatenate([shape.facets[shape.sides:] for shape in _SHAPES])
+_NORMALS = np.concatenate([shape.facet_normals[shape.sides:] for shape in _SHAPES])
+_OFFSETS = np.concatenate([shape.facet_offsets[shape.sides:] for shape in _SHAPES])
+_SIDES = np.array([shape.sides for shape in _SHAPES])
+_COLORS = with_grey(np.concatenate([shape.facet_colors[shape.sides:] for shape in _SHAPES]))
 _FIRST_VERTEX = _first([len(shape.vertices) for shape in _SHAPES])
-_FIRST_FACET = _first([len(shape.facets) for shape in _SHAPES])
+_FIRST_FACET = _first([len(shape.facets) - shape.sides for shape in _SHAPES])
 _HORIZON = with_grey([HORIZON])[0]
 _EDGE = 2.0  # px, wider than a smooth edge
+_RIGHT, _LEFT = 1, 3  # edges of a facet, at which others of the same ring begin
 # Corners of a frustum that holds a pylon whatever its detail.
 _HULL = np.array([
     [1.1 * x * r, 1.1 * y * r, z] for x in (-1, 1) for y in (-1, 1)
@@ -113,7 +116,7 @@ def is_inside(p_CF_W) -> bool:
 
 
 @compiled
-def add_pylon(polygons, p_CF_W, P, distance, box) -> None:
+def add_pylon(polygons, p_CF_W, P, distance, parts, box) -> None:
     """Adds the polygons of a pylon to a list.
 
     Args:
@@ -121,6 +124,7 @@ def add_pylon(polygons, p_CF_W, P, distance, box) -> None:
         p_CF_W: from the camera to its foot, (3,) m.
         P: K R_CW.
         distance: of its axis (m).
+        parts: of the picture that are looked at, (n, 4).
         box: see pylon_boxes().
     """
     level = detail(distance)
@@ -132,17 +136,26 @@ def add_pylon(polygons, p_CF_W, P, distance, box) -> None:
             projected[k, row] = 0.0
             for j in range(3):
                 projected[k, row] += P[row, j] * (p_CF_W[j] + vertices[k, j])
-    corners_h, corners, color = np.empty((4, 3)), np.empty((5, 2)), np.empty(5)
-    for f in range(_FIRST_FACET[level], _FIRST_FACET[level + 1]):
+    first, sides = _FIRST_FACET[level], _SIDES[level]
+    in_sight = np.empty(_FIRST_FACET[level + 1] - first, np.bool_)
+    for i in range(len(in_sight)):
         facing = 0.0
         for j in range(3):
-            facing -= _NORMALS[f, j] * p_CF_W[j]
-        if facing <= _OFFSETS[f]:
-            continue
+            facing -= _NORMALS[first + i, j] * p_CF_W[j]
+        in_sight[i] = facing > _OFFSETS[first + i]
+    corners_h, corners, color = np.empty((4, 3)), np.empty((5, 2)), np.empty(5)
+    for i in np.flatnonzero(in_sight):
+        f = first + i
         for k in range(4):
             corners_h[k] = projected[_FACETS[f, k]]
         count = clip_near(corners_h, corners)
-        if count > 0:
+        if count > 0 and touches(bounds(corners[:count], box), parts):
             for c in range(len(color)):
                 color[c] = (1.0 - veil) * _COLORS[f, c] + veil * _HORIZON[c]
             add_polygon(polygons, corners[:count], False, color, -1, box)
+            if count == 4:
+                ring, side = i - i % sides, i % sides
+                if in_sight[ring + (side + 1) % sides]:
+                    end_at_seam(polygons, _RIGHT)
+                if in_sight[ring + (side - 1) % sides]:
+                    end_at_seam(polygons, _LEFT)

@@ -20,8 +20,8 @@ class PylonShape:
         normals: normals of the round surface at the vertices, (v, 3).
         sides: of the cone.
         facets: vertex numbers, counter-clockwise seen from outside, (f, 4):
-            first the flank, a facet a side; then the tip; then the stripes,
-            which lie on the flank.
+            first the flank, a facet a side; then the tip; then the flank once
+            more, a facet a side and stripe.
         surface: how many of them are flank and tip.
         facet_normals: (f, 3).
         facet_offsets: normal times any point of the facet, (f,).
@@ -82,20 +82,20 @@ def make_pylon_shape(sides: int, tip_rings: int) -> PylonShape:
     flank_top = 1 + 2 * len(STRIPES)
     tip = range(flank_top, flank_top + tip_rings)
     surface = [between(0, flank_top), *(between(k, k + 1) for k in tip)]
-    stripes = [between(2 * k + 1, 2 * k + 2) for k in range(len(STRIPES))]
+    stripes = [between(k, k + 1) for k in range(flank_top)]
     facets = np.concatenate(surface + stripes)
 
     a, b, d = (vertices[facets[:, k]] for k in (0, 1, 3))
     facet_normals = np.cross(b - a, d - a)
     facet_normals /= np.linalg.norm(facet_normals, axis=1)[:, None]
-    counts = sides * np.array([len(surface), len(stripes)])
-    colors = np.repeat([PYLON_COLOR, STRIPE_COLOR], counts, axis=0)
+    striped = [PYLON_COLOR, STRIPE_COLOR] * len(STRIPES) + [PYLON_COLOR]
+    colors = np.repeat([PYLON_COLOR] * len(surface) + striped, sides, axis=0)
     return PylonShape(
         vertices=vertices,
         normals=normals,
         sides=sides,
         facets=facets,
-        surface=counts[0],
+        surface=sides * len(surface),
         facet_normals=facet_normals,
         facet_offsets=np.sum(facet_normals * a, axis=1),
         facet_colors=shade(colors, facet_normals),

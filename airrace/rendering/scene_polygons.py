@@ -4,7 +4,13 @@ import numpy as np
 
 from airrace.compiled import compilable, compiled
 from airrace.rendering.board_polygons import add_board, faces_camera
-from airrace.rendering.polygon_list import add_polygon, end_thing, new_polygons, with_grey
+from airrace.rendering.polygon_list import (
+    add_polygon,
+    end_thing,
+    new_polygons,
+    touches,
+    with_grey,
+)
 from airrace.rendering.pylon_polygons import add_pylon, facet_count, is_inside, pylon_boxes
 from airrace.rendering.textures import EARTH, PYLON_COLOR
 
@@ -12,7 +18,7 @@ _EARTH, _DARK = with_grey([EARTH, np.array(PYLON_COLOR) / 2])
 
 
 @compiled
-def look(R_WC, p_WC, K, size, feet, p_FM_W, R_WM, crossings, shifts):
+def look(R_WC, p_WC, K, size, feet, p_FM_W, R_WM, crossings, shifts, parts):
     """Returns the Polygons of a track in pictures from some poses of the camera.
 
     Args:
@@ -23,6 +29,7 @@ def look(R_WC, p_WC, K, size, feet, p_FM_W, R_WM, crossings, shifts):
             and (4 n, 3, 3).
         crossings: of the boards, see marker_crossings(), (4 n, 8).
         shifts: of the gates, (n, 2) m.
+        parts: of the pictures, see pixels.py, (m, 4); what touches none is left out.
     """
     pictures, pylons = len(p_WC), len(feet)
     P, p_CF_W = np.empty((pictures, 3, 3)), np.empty((pictures, pylons, 3))
@@ -36,8 +43,10 @@ def look(R_WC, p_WC, K, size, feet, p_FM_W, R_WM, crossings, shifts):
             distance[k, i] = np.hypot(p_CF_W[k, i, 0], p_CF_W[k, i, 1])
         boxes[k] = pylon_boxes(p_CF_W[k], P[k], size)
         for i in range(pylons):
-            if boxes[k, i, 0] < boxes[k, i, 2]:
+            if touches(boxes[k, i], parts):
                 facets += facet_count(distance[k, i])
+            else:
+                boxes[k, i] = 0
     boards = 2 * pictures * pylons
     polygons = new_polygons(pictures, 3 * pictures * pylons + 1, facets + boards, boards)
     everything = np.zeros(4, np.int64)
@@ -53,14 +62,14 @@ def look(R_WC, p_WC, K, size, feet, p_FM_W, R_WM, crossings, shifts):
             end_thing(polygons, everything)
         else:
             _add_gates(polygons, p_CF_W[k], distance[k], boxes[k], P[k], size, p_FM_W, R_WM,
-                       crossings)
+                       crossings, parts)
         polygons.pictures[k + 1] = polygons.counts[0]
     return polygons
 
 
 @compilable
-def _add_gates(polygons, p_CF_W, distance, boxes, P, size, p_FM_W, R_WM, crossings):
-    """Adds all pylons and boards in sight, back to front.
+def _add_gates(polygons, p_CF_W, distance, boxes, P, size, p_FM_W, R_WM, crossings, parts):
+    """Adds the pylons and boards in some parts of a picture, back to front.
 
     A pylon and its two boards stand in an upright cylinder of the pylon's radius. The
     cylinders are disjoint and equally thick, so none hides another one whose axis is
@@ -76,15 +85,16 @@ def _add_gates(polygons, p_CF_W, distance, boxes, P, size, p_FM_W, R_WM, crossin
     for i in np.argsort(-distance, kind="mergesort"):
         for step in range(3):  # boards that face away, the pylon, boards that face the camera
             if step == 1:
-                if boxes[i, 0] < boxes[i, 2] and boxes[i, 1] < boxes[i, 3]:
-                    add_pylon(polygons, p_CF_W[i], P, distance[i], boxes[i])
+                if boxes[i, 0] < boxes[i, 2]:
+                    add_pylon(polygons, p_CF_W[i], P, distance[i], parts, boxes[i])
                     end_thing(polygons, boxes[i])
                 continue
             for b in range(2 * i, 2 * i + 2):
                 for j in range(3):
                     p_CM_W[j] = p_CF_W[i, j] + p_FM_W[b, j]
                 if (faces_camera(p_CM_W, R_WM[b]) == (step == 2)
-                        and add_board(polygons, p_CM_W, R_WM[b], P, size, crossings[b], box)):
+                        and add_board(
+                            polygons, p_CM_W, R_WM[b], P, size, crossings[b], parts, box)):
                     end_thing(polygons, box)
 
 

@@ -6,7 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.rendering.painting import WHOLE, paint
-from airrace.rendering.polygon_list import add_polygon, end_thing, new_polygons
+from airrace.rendering.polygon_list import (
+    add_polygon,
+    end_at_seam,
+    end_thing,
+    new_polygons,
+    touches,
+)
 from airrace.rendering.polygons import NEAR, clip_near
 
 SIZE = 40
@@ -82,6 +88,26 @@ def test_no_seam_between_facets_of_one_body(x, angle, channel):
     assert picture[10:30, 10:30, channel].min() >= 199
 
 
+@given(st.floats(8.0, 32.0), angles)
+def test_facets_that_end_at_a_seam_do_not_fade_there(x, angle):
+    """A pixel where two facets meet shows one of them."""
+    c, s = np.cos(angle), np.sin(angle)
+    polygons = new_polygons(1, 1, 2, 0)
+    for side, level, edge in ((-1, 100.0, 1), (1, 200.0, 3)):
+        corners = square(x, 20.0, 60.0, angle) + side * 30.0 * np.array([c, s])
+        add_polygon(polygons, corners, False, np.full(5, level), -1, ALL[0])
+        end_at_seam(polygons, edge)
+    end_thing(polygons, ALL[0])
+    polygons.pictures[1] = 1
+    picture = np.zeros((SIZE, SIZE, 1), np.uint8)
+    paint(picture, ALL, polygons, np.array([WHOLE], np.uint16))
+    v, u = np.mgrid[10:30, 10:30]
+    beyond = c * (u - x) + s * (v - 20.0)
+    shown = picture[10:30, 10:30, 0]
+    assert (shown[beyond < -1e-4] == 100).all() and (shown[beyond > 1e-4] == 200).all()
+    assert shown.min() >= 100
+
+
 def test_channels_have_their_colours():
     polygons, color = new_polygons(1, 1, 1, 0), np.array([10.0, 20.0, 30.0, 255.0, 77.0])
     add_polygon(polygons, square(20.0, 20.0, 9.0, 0.0), True, color, -1, ALL[0])
@@ -131,3 +157,14 @@ def test_what_the_near_plane_leaves(depths, x, y):
     assert np.isfinite(clipped[:count]).all()
     for k, point in enumerate(points[before] if crossings == 0 else []):
         np.testing.assert_allclose(clipped[k], point[:2] / point[2])
+
+
+@given(st.lists(st.integers(0, 5), min_size=4, max_size=4),
+       st.lists(st.lists(st.integers(0, 5), min_size=4, max_size=4), max_size=3))
+def test_boxes_touch_if_they_share_a_pixel(box, others):
+    def pixels(box):
+        x0, y0, x1, y1 = box
+        return {(x, y) for x in range(x0, x1) for y in range(y0, y1)}
+
+    shared = any(pixels(box) & pixels(other) for other in others)
+    assert touches(np.array(box), np.reshape(np.array(others, int), (-1, 4))) == shared

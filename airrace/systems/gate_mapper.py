@@ -9,6 +9,7 @@ from pydrake.systems.framework import LeafSystem
 from airrace.systems import state_estimate as se
 from airrace.systems.detection_checks import JUMP
 from airrace.systems.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.peek import peek
 from airrace.systems.pose_history import jumps, last_two, moved, remember
 from airrace.systems.sighting import UNKNOWN_TIME
 from airrace.systems.types import GateMap
@@ -70,7 +71,7 @@ class GateMapper(LeafSystem):
         )
 
     def _Remember(self, context, discrete_state):
-        remember(discrete_state.get_mutable_value(self._history), self._estimate.Eval(context))
+        remember(discrete_state.get_mutable_value(self._history), peek(self._estimate, context))
 
     def _UpdateMap(self, context, state):
         detections = self._detections.Eval(context)

@@ -11,6 +11,7 @@ from airrace.compiled import all_finite, compilable, compiled
 from airrace.reduced_attitude import ROTOR_DELAY, ReducedAttitude
 from airrace.rotor_loss import Remaining
 from airrace.systems import state_estimate as se
+from airrace.systems.peek import peek
 from airrace.trajopt import flat_trajectory as ref
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.triples import columns, cross, dot, in_axes, sum2, transposed, triple
@@ -92,7 +93,7 @@ class GeometricController(LeafSystem):
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     def _UpdateCommand(self, context, discrete_state):
-        remaining = self._remaining(self._losses.Eval(context).tobytes())
+        remaining = self._remaining(peek(self._losses, context).tobytes())
         estimate, disturbance = self._estimate.Eval(context), self._disturbance.Eval(context)
         disturbance *= self._rejection
         if not remaining.can_fly:
@@ -108,7 +109,7 @@ class GeometricController(LeafSystem):
             return
         _command(
             discrete_state.get_mutable_value(), remaining.allocator.allocate(wrench),
-            remaining.max_thrusts, self._speeds.Eval(context), self._c_f, self._max_speeds,
+            remaining.max_thrusts, peek(self._speeds, context), self._c_f, self._max_speeds,
             self._overdrive,
         )
 

@@ -74,11 +74,21 @@ class LapPlan(Immutable):
 
     def derivatives(self, time: float) -> np.ndarray:
         """Returns value and four derivatives of x, y, z, yaw at a time, (5, 4)."""
+        flight, t = self._flown_at(time)
+        return flight.derivatives(t)
+
+    def reference(self, time: float) -> np.ndarray:
+        """Returns the same as a sample of flat_trajectory.py, (18,)."""
+        flight, t = self._flown_at(time)
+        return flight.reference(t)
+
+    def _flown_at(self, time: float) -> tuple[FlatTrajectory, float]:
+        """Returns entry or circuit, and the time on it."""
         t = time - self.start_time
         if t < self.entry.duration:
-            return self.entry.derivatives(t)
+            return self.entry, t
         t += self.phase - self.entry.duration
-        return self.circuit.derivatives(t % self.circuit.duration)
+        return self.circuit, t % self.circuit.duration
 
     def lap_at(self, time: float) -> int:
         """Returns the number of the lap being flown at a time; gate 1 starts it.

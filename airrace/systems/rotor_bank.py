@@ -4,6 +4,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from airrace.compiled import compilable, compiled
+from airrace.systems.peek import peek
 from airrace.vehicle import Vehicle
 
 
@@ -68,7 +69,7 @@ class RotorBank(LeafSystem):
         _update(discrete_state.get_mutable_value(self._speeds),
                 discrete_state.get_mutable_value(self._thrusts),
                 discrete_state.get_mutable_value(self._report),
-                self._command.Eval(context), self._failed, context.get_time(), self._period,
+                peek(self._command, context), self._failed, context.get_time(), self._period,
                 self._max_speeds, self._blend, self._c_f)
 
 
@@ -77,17 +78,14 @@ def _update(speeds, thrusts, report, command, failed, now, period, max_speeds, b
     """Changes speeds (rad/s), thrusts (N), both (n,), and the report, (1 + 2n,), by a period.
 
     Args:
-        command: changed, too (rad/s), (n,).
+        command: (rad/s), (n,).
         failed: since when each rotor has failed (s), (n,).
         now, period: (s).
         the others: see turn().
     """
     n = len(speeds)
     turn(report[1 + n:], thrusts, command, max_speeds, blend, c_f)
-    for i in range(n):
-        if now >= failed[i]:
-            command[i] = 0.0
-    turn(speeds, thrusts, command, max_speeds, blend, c_f)
+    turn(speeds, thrusts, np.where(now >= failed, 0.0, command), max_speeds, blend, c_f)
     report[0] = now + period
     report[1:1 + n] = speeds
 

@@ -4,6 +4,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from airrace.compiled import compiled
+from airrace.systems.peek import peek
 from airrace.vehicle import Vehicle
 
 _SHARE = 0.8  # of the speed that it should have: a rotor below that does not follow
@@ -46,7 +47,7 @@ class RotorMonitor(LeafSystem):
     def _Compare(self, context, discrete_state):
         _compare(discrete_state.get_mutable_value(self._slow_since),
                  discrete_state.get_mutable_value(self._losses),
-                 self._report.Eval(context), self._least, context.get_time())
+                 peek(self._report, context), self._least, context.get_time())
 
 
 @compiled

@@ -8,6 +8,7 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.compiled import all_finite, compilable, compiled
 from airrace.systems import state_estimate as se
+from airrace.systems.peek import peek
 from airrace.triples import columns, dot, triple
 from airrace.vehicle import GRAVITY, Vehicle
 
@@ -72,14 +73,14 @@ class StateFilter(LeafSystem):
     def _Update(self, context, discrete_state):
         _update(discrete_state.get_mutable_value(self._memory),
                 discrete_state.get_mutable_value(self._disturbance),
-                self._estimate.Eval(context), self._speeds.Eval(context), self._thrust_per_mass,
-                self._gain, context.get_time())
+                peek(self._estimate, context), peek(self._speeds, context),
+                self._thrust_per_mass, self._gain, context.get_time())
 
     def _CalcEstimate(self, context, output):
         estimate = self._estimate.Eval(context)
         _carry_forward(
             estimate, context.get_discrete_state(self._memory).value(),
-            context.get_discrete_state(self._disturbance).value(), self._speeds.Eval(context),
+            context.get_discrete_state(self._disturbance).value(), peek(self._speeds, context),
             self._thrust_per_mass, context.get_time())
         output.set_value(estimate)
 

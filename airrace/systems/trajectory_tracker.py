@@ -4,7 +4,8 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
 from airrace.systems.lap_plan import NO_PLAN
-from airrace.trajopt.flat_trajectory import SIZE, flat_outputs
+from airrace.systems.peek import peek
+from airrace.trajopt.flat_trajectory import SIZE
 
 
 class TrajectoryTracker(LeafSystem):
@@ -33,6 +34,6 @@ class TrajectoryTracker(LeafSystem):
     def _CalcReference(self, context, output):
         plan = self._plan.Eval(context)
         if plan is NO_PLAN:
-            output.set_value(self._exploration.Eval(context))
+            output.set_value(peek(self._exploration, context))
         else:
-            output.set_value(flat_outputs(plan.derivatives(context.get_time())))
+            output.set_value(plan.reference(context.get_time()))

@@ -52,10 +52,7 @@ class FlatTrajectory(Immutable):
 
         Beyond the end it is the end point, at rest.
         """
-        d = self.derivatives(time)
-        if time > self.duration:
-            d[1:] = 0.0
-        return flat_outputs(d)
+        return _reference(self._breaks, self._coefficients, float(time))
 
     def positions(self, times) -> np.ndarray:
         """Returns the positions at many times, (3, N) m."""
@@ -100,6 +97,17 @@ def _derivatives(breaks, coefficients, time):
     out = np.empty((5, 4))
     _evaluate(breaks, coefficients, time, out)
     return out
+
+
+@compiled
+def _reference(breaks, coefficients, time):
+    """Returns the sample at a time, (18,); see FlatTrajectory.reference()."""
+    d, result = np.empty((5, 4)), np.empty(SIZE)
+    _evaluate(breaks, coefficients, time, d)
+    if time > breaks[-1]:
+        d[1:] = 0.0
+    _pack(d, result)
+    return result
 
 
 @compiled

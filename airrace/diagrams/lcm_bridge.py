@@ -9,7 +9,7 @@ from airrace.systems.lcm_receiver import LcmReceiver
 from airrace.systems.lcm_sender import LcmSender
 from airrace.vehicle import load_vehicle
 
-_MAP_PERIOD = 1.0  # s between two writes of the map
+_MAP_PERIOD = 2.0  # s between two writes of the map
 
 
 class Receivers:

@@ -26,7 +26,7 @@ from airrace.visualization.controls import RaceControls
 # What a race may leave in its folder.
 RESULTS = ("scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap",
            "race.html", "report.html")
-_MAP_PERIOD = 1.0  # s between two writes of the map
+_MAP_PERIOD = 2.0  # s between two writes of the map
 # Of the replay (Hz). Each gate that can move takes 120 bytes a frame.
 _REPLAY_RATE, _REPLAY_RATE_OF_MOVING_GATES = 30.0, 10.0
 

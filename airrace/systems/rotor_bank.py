@@ -84,17 +84,24 @@ def _update(speeds, thrusts, report, command, failed, now, period, max_speeds, b
         the others: see turn().
     """
     n = len(speeds)
-    turn(report[1 + n:], thrusts, command, max_speeds, blend, c_f)
-    turn(speeds, thrusts, np.where(now >= failed, 0.0, command), max_speeds, blend, c_f)
     report[0] = now + period
-    report[1:1 + n] = speeds
+    for i in range(n):
+        wanted = _possible(command[i], max_speeds[i])
+        report[1 + n + i] += blend * (wanted - report[1 + n + i])
+        speeds[i] += blend * ((wanted if now < failed[i] else 0.0) - speeds[i])
+        report[1 + i] = speeds[i]
+        thrusts[i] = c_f[i] * speeds[i] * speeds[i]
 
 
 @compilable
 def turn(speeds, thrusts, command, max_speeds, blend, c_f):
     """Changes speeds by one period of the lag, and thrusts with them (N), all (n,)."""
     for i in range(len(speeds)):
-        # NaN is not greater than zero.
-        wanted = min(command[i], max_speeds[i]) if command[i] > 0.0 else 0.0
-        speeds[i] += blend * (wanted - speeds[i])
+        speeds[i] += blend * (_possible(command[i], max_speeds[i]) - speeds[i])
         thrusts[i] = c_f[i] * speeds[i] * speeds[i]
+
+
+@compilable
+def _possible(command, max_speed):
+    """Returns the speed that a rotor goes for (rad/s)."""
+    return min(command, max_speed) if command > 0.0 else 0.0  # NaN is not greater than zero

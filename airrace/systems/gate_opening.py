@@ -12,14 +12,14 @@ class GateOpening:
     """The rectangle between the two pylon axes of a gate, above the ground, below their tips.
 
     Attributes:
-        numbers: what the function find() takes: midpoint, forward and rightward, (3, 3), and
-            half the distance of the axes (m).
+        numbers: what the function find() takes: midpoint, forward, rightward, and half the
+            distance of the axes, (10,) m.
     """
 
     def __init__(self, gate: Gate):
         """Args: gate: where the track's file has it."""
-        self.numbers = (
-            np.array([gate.p_WG, gate.forward, gate.rightward]), gate.pylon_spacing / 2)
+        self.numbers = np.array(
+            [*gate.p_WG, *gate.forward, *gate.rightward, gate.pylon_spacing / 2])
 
     def find(self, q, p, shift=(0.0, 0.0)) -> tuple[float, float] | None:
         """Returns where a straight line passes the gate from the front, None if it does not.
@@ -32,14 +32,14 @@ class GateOpening:
             (share, offset): of the line before the gate, 0 to 1, and the distance from the
             gate's midpoint (m).
         """
-        share, offset = find(*self.numbers, q, p, float(shift[0]), float(shift[1]))
+        share, offset = find(self.numbers, q, p, float(shift[0]), float(shift[1]))
         return None if math.isnan(share) else (share, offset)
 
 
 @compiled
-def find(gate, half, q, p, shift_x, shift_y):
+def find(numbers, q, p, shift_x, shift_y):
     """See GateOpening.find(); NaN if the line does not pass."""
-    (x, y, z), (fx, fy, _), (rx, ry, rz) = gate
+    x, y, z, fx, fy, _, rx, ry, rz, half = numbers
     x, y = x + shift_x, y + shift_y
     before = fx * (q[0] - x) + fy * (q[1] - y)
     after = fx * (p[0] - x) + fy * (p[1] - y)

@@ -94,15 +94,15 @@ class GeometricController(LeafSystem):
 
     def _UpdateCommand(self, context, discrete_state):
         remaining = self._remaining(peek(self._losses, context).tobytes())
-        estimate, disturbance = self._estimate.Eval(context), self._disturbance.Eval(context)
-        disturbance *= self._rejection
+        estimate, disturbance = self._estimate.Eval(context), peek(self._disturbance, context)
         if not remaining.can_fly:
             if not (all_finite(estimate) and all_finite(disturbance)):
                 return  # the last command is the best there is
-            wrench = self._reduced.wrench(estimate, disturbance, remaining)
+            wrench = self._reduced.wrench(estimate, self._rejection * disturbance, remaining)
         else:
             reference = self._reference.Eval(context)
-            if not _prepared(reference, estimate, disturbance, self._feed_forward):
+            if not _prepared(
+                    reference, estimate, disturbance, self._rejection, self._feed_forward):
                 return
             wrench = self.CalcWrench(reference, estimate)
         if not all_finite(wrench):
@@ -127,10 +127,10 @@ class GeometricController(LeafSystem):
 
 
 @compiled
-def _prepared(reference, estimate, disturbance, feed_forward) -> bool:
+def _prepared(reference, estimate, disturbance, rejection, feed_forward) -> bool:
     """Changes the reference into what is to be done; returns whether all of it is finite."""
     for i in range(3):
-        reference[ref.ACCELERATION.start + i] -= disturbance[i]
+        reference[ref.ACCELERATION.start + i] -= rejection * disturbance[i]
     if not feed_forward:
         reference[ref.JERK.start:ref.SNAP.stop] = 0.0
         reference[ref.YAW_RATE:] = 0.0

@@ -25,7 +25,6 @@ _LOOK, _PLACE, _AIRBORNE, _CROSSINGS, _FASTEST = 0, slice(1, 4), 4, 5, 6
 _VERDICT, _THING, _END = 7, 8, 9
 _BEFORE = np.array([0.0, *3 * [np.nan], *6 * [0.0]])  # no crossing before the second look
 _POSITION = slice(4, 7)  # in the plant's state
-_STILL = np.zeros(2)  # the shift of a gate that does not move (m)
 OUT_OF_TIME = "ran out of time"
 # Why a race ended; the index into this tuple is the state's `verdict`.
 VERDICTS = (
@@ -38,6 +37,7 @@ VERDICTS = (
     "the simulation failed",
 )
 _FINISHED, _GROUND, _TOUCHED, _ARENA, _TIMEOUT, _DIVERGED = range(1, 7)
+_OVER = -1  # there is a verdict already
 
 
 @dc.dataclass(frozen=True)
@@ -130,12 +130,11 @@ class Referee(LeafSystem):
             moving_gates: whether the gates move.
         """
         LeafSystem.__init__(self)
-        self._gates = [GateOpening(gate) for gate in track.gates]
+        self._gates = np.array([GateOpening(gate).numbers for gate in track.gates])
         feet = track.pylons()[:, :2]
-        self._arena = np.array(
-            [*(feet.min(0) - arena_margin), *(feet.max(0) + arena_margin), arena_margin])
-        self._takeoff_height = standing_height + 0.4
-        self._time_limit = time_limit
+        self._bounds = np.array([
+            standing_height + 0.4, time_limit,
+            *(feet.min(0) - arena_margin), *(feet.max(0) + arena_margin), arena_margin])
         self._names = body_names
         self._failures = rotor_failures
         self._touchable = sorted(set(body_names.values()) - {"ground", "pad"})
@@ -145,7 +144,7 @@ class Referee(LeafSystem):
         self._explorer = self.DeclareAbstractInputPort(
             "explorer_status", Value[object](ExplorerStatus())
         )
-        self._shifts = None
+        self._shifts, self._stay = None, np.zeros(2 * len(track.gates))
         if moving_gates:
             self._shifts = self.DeclareVectorInputPort("gate_shifts", 2 * len(track.gates))
         # Numbers only, so that a step copies no objects.
@@ -161,15 +160,11 @@ class Referee(LeafSystem):
 
     def _Judge(self, context, discrete_state):
         m = discrete_state.get_mutable_value(self._memory)
-        if m[_VERDICT]:
-            return
-        time, state = context.get_time(), peek(self._state, context)
-        gate = int(m[_CROSSINGS]) % len(self._gates)
-        shift = _STILL
-        if self._shifts is not None:
-            shift = self._shifts.Eval(context)[2 * gate:2 * gate + 2]
+        shifts = self._stay if self._shifts is None else peek(self._shifts, context)
         crossing, offset, where = _look(
-            m, time, state, self._takeoff_height, *self._gates[gate].numbers, shift, self._arena)
+            m, context.get_time(), peek(self._state, context), self._gates, shifts, self._bounds)
+        if where == _OVER:
+            return
         if crossing >= 0.0 and self._explorer.Eval(context).done:
             row = 3 * int(m[_CROSSINGS])
             discrete_state.get_mutable_value(self._table)[row:row + 3] = (
@@ -178,11 +173,12 @@ class Referee(LeafSystem):
             m[_FASTEST] = 0.0
             if m[_CROSSINGS] == self._total:
                 m[_VERDICT], m[_END] = _FINISHED, crossing
-        if not m[_VERDICT]:
-            m[_VERDICT], m[_THING] = self._FindFault(context, m, time, where)
-            m[_END] = time
+                return
+        verdict, thing = self._FindFault(context, m, where)
+        if verdict:
+            m[_VERDICT], m[_THING] = verdict, thing
 
-    def _FindFault(self, context, m, time, where):
+    def _FindFault(self, context, m, where):
         """Returns the verdict (0 if none) and the index of what was touched."""
         if where == _DIVERGED:
             return _DIVERGED, 0
@@ -195,7 +191,7 @@ class Referee(LeafSystem):
                     return _GROUND, 0
             elif name:
                 return _TOUCHED, self._touchable.index(name)
-        return where or (_TIMEOUT if time >= self._time_limit else 0), 0
+        return where, 0
 
     def _CalcReport(self, context, output):
         m = context.get_discrete_state(self._memory).value()
@@ -229,37 +225,46 @@ def _crossings(table: bytes, gates: int) -> tuple:
 
 
 @compiled
-def _look(m, time, state, takeoff_height, gate, half_width, shift, arena):
-    """Notes in the memory what can be seen of the drone.
+def _look(m, time, state, gates, shifts, bounds):
+    """Notes in the memory what can be seen of the drone, unless the race is over.
 
     Args:
-        gate, half_width: of the next one, see GateOpening.
-        shift: of that gate, [x, y] (m).
-        arena: see _whereabouts().
+        m: the memory. time: (s). state: see Referee.
+        gates: see GateOpening, (n, 10).
+        shifts: of those, (2 n,) m.
+        bounds: the height at which it has taken off, the time limit, and the arena: least x
+            and y, greatest x, y and z.
 
     Returns:
-        when it crossed the gate since the look before (s), -1 if it did not; how far from
-        the midpoint (m); and the verdict on where it is.
+        when it crossed the next gate since the look before (s), -1 if it did not; how far
+        from the midpoint (m); and the verdict on where and when it is, or _OVER.
     """
+    if m[_VERDICT] != 0.0:
+        return -1.0, 0.0, _OVER
     p = state[_POSITION]
-    if p[2] > takeoff_height:
+    m[_END] = time
+    if p[2] > bounds[0]:
         m[_AIRBORNE] = 1.0
     x, y, z = state[-3:]
     m[_FASTEST] = max(m[_FASTEST], math.sqrt(x * x + y * y + z * z))
     crossing, offset = -1.0, 0.0
     if m[_AIRBORNE]:
-        share, offset = find(gate, half_width, m[_PLACE], p, shift[0], shift[1])
+        gate = int(m[_CROSSINGS]) % len(gates)
+        share, offset = find(
+            gates[gate], m[_PLACE], p, shifts[2 * gate], shifts[2 * gate + 1])
         if not math.isnan(share):
             crossing = m[_LOOK] + share * (time - m[_LOOK])
     m[_LOOK], m[_PLACE] = time, p
-    return crossing, offset, _whereabouts(p, arena)
+    return crossing, offset, _whereabouts(p, time, bounds)
 
 
 @compilable
-def _whereabouts(p, arena):
-    """Returns a verdict on where the drone is, 0 if it is fine."""
+def _whereabouts(p, time, bounds):
+    """Returns a verdict on where and when the drone is, 0 if it is fine."""
     x, y, z = p
     if not math.isfinite(x + y + z):
         return _DIVERGED
-    x0, y0, x1, y1, z1 = arena
-    return 0 if x0 < x < x1 and y0 < y < y1 and z < z1 else _ARENA
+    _, limit, x0, y0, x1, y1, z1 = bounds
+    if not (x0 < x < x1 and y0 < y < y1 and z < z1):
+        return _ARENA
+    return _TIMEOUT if time >= limit else 0

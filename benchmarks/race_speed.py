@@ -6,7 +6,8 @@ A race is flown from pixels on one core. Wall time and CPU time differ when the
 machine has other work, too; ratios to the simulated time are given for both.
 With --profile, a second table shows the CPU time of every box; a box counts
 without the boxes whose outputs it asks for. Watching makes the race some
-percent slower.
+percent slower. With --renderer vtk, a last table holds a frame against Drake's own
+camera: see vtk_frame.py.
 """
 
 import argparse
@@ -26,6 +27,7 @@ from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import load_scenario
 from airrace.map_files import TRACK
 from airrace.recording.config import CONTENTS
+from benchmarks import vtk_frame
 from benchmarks.stopwatch import Stopwatch, watching
 
 SET_UP, EXPLORATION, LAPS = "set-up", "exploration", "laps"
@@ -68,10 +70,14 @@ def main(argv=None) -> int:
     scenario.check()
     cv2.setNumThreads(1)
     result = measure(scenario, profile=args.profile)
+    if scenario.camera.renderer == "vtk":
+        result["frame_ms"] = vtk_frame.measure()
     console = Console(width=120)
     console.print(speed_table(result))
     if args.profile:
         console.print(box_table(result))
+    if "frame_ms" in result:
+        console.print(vtk_frame.make_table(result["frame_ms"]))
     if args.json is not None:
         args.json.write_text(json.dumps(result, indent=1))
     return 0 if result["race"]["finished"] else 1

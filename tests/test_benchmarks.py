@@ -4,9 +4,21 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from airrace.errors import UserError
+from airrace.rendering.vtk import check_vtk_available
 from airrace.track import load_track
 from airrace.vehicle import DRONES, load_vehicle
-from benchmarks import control, endurance, exploration, start_up, tracks, trajectories, watching
+from benchmarks import (
+    control,
+    endurance,
+    exploration,
+    growth,
+    start_up,
+    tracks,
+    trajectories,
+    vtk_frame,
+    watching,
+)
 from benchmarks.control_tables import despin_time, recovery_tables, tracking_tables
 from benchmarks.experiments import loss, recovery, tracking
 from benchmarks.numerical_check import rotor_shares
@@ -124,6 +136,41 @@ def test_start_up_is_timed_by_what_people_type(monkeypatch, tmp_path):
     (tmp_path / "run.bash").write_text("echo broken >&2; exit 2\n")
     with pytest.raises(RuntimeError, match="broken"):
         start_up.duration(["--help"])
+
+
+def test_longer_tracks_are_held_against_shorter_ones():
+    rows = [{"gates": gates, "finished": gates == 10, "simulated_s": time, "cpu_s": cost * time}
+            for gates, time, cost in ((10, 80.0, 0.1), (20, 160.0, 0.12), (10, 90.0, 0.2),
+                                      (20, 170.0, 0.26), (10, 85.0, 0.1), (20, 150.0, 0.15))]
+    text = printed([growth.make_table(rows)])
+    assert "3 of 3" in text and "0 of 3" in text
+    assert "10.00" in text and "6.67" in text  # times real time
+    assert "1.30" in text  # the median of 1.2, 1.3 and 1.5
+
+
+def test_a_race_for_growth_is_flown_and_timed(monkeypatch):
+    load = growth.load_scenario
+
+    def short():
+        scenario = load()
+        scenario.referee.time_limit = 1.0
+        return scenario
+
+    monkeypatch.setattr(growth, "load_scenario", short)
+    row = growth.fly(0, 8, 1)
+    assert row["gates"] == 8 and not row["finished"]
+    assert row["simulated_s"] == pytest.approx(1.0) and 0.0 < row["cpu_s"]
+    json.dumps(row, allow_nan=False)
+
+
+def test_a_frame_of_vtk_is_held_against_a_bare_one():
+    try:
+        check_vtk_available()
+    except UserError as e:
+        pytest.skip(str(e))
+    result = vtk_frame.measure(1)
+    assert {len(times) for times in result.values()} == {1}
+    assert "1.00" in printed([vtk_frame.make_table(result)])
 
 
 def test_recording_and_watching_are_weighed_against_neither(monkeypatch):

@@ -1,10 +1,16 @@
 """What lies between the camera and a thing, and behind all things."""
 
-import cv2
 import numpy as np
 
+from airrace.compiled import compiled
 from airrace.rendering.background import Background
-from airrace.rendering.textures import HAZE_LENGTH, HAZE_MOST, HORIZON
+from airrace.rendering.pixels import LUMA, deep, to_grey
+from airrace.rendering.textures import HAZE_LENGTH, HORIZON, haze
+
+_MOST = 10.0  # lengths of the haze, beyond which it is as thick as it gets
+_ENTRIES = 8192  # of the look-up tables over the distance
+_ONE = 256  # what shares are counted in
+_WEIGHTS = tuple(int(weight) for weight in np.round(_ONE * LUMA))
 
 
 class Atmosphere:
@@ -15,29 +21,50 @@ class Atmosphere:
         K = camera_info.K
         x = (np.arange(camera_info.width) - K[0, 2]) / K[0, 0]
         y = (np.arange(camera_info.height) - K[1, 2]) / K[1, 1]
-        # Times the depth, this is the exponent of haze().
-        self._rate = np.float32(-np.hypot(np.hypot(x[None, :], y[:, None]), 1) / HAZE_LENGTH)
-        veil = np.arange(256)[:, None] / 255 * HORIZON
-        self._veil = np.uint8(np.round(np.column_stack([veil, np.zeros(256)])))
-        shape = (camera_info.height, camera_info.width)
-        self._opaque = np.full(shape, 255, np.uint8)
-        self._sky = np.zeros((*shape, 4), np.uint8)
+        # Times the depth, this is the entry in the tables.
+        lengths = np.hypot(np.hypot(x[None, :], y[:, None]), 1) / HAZE_LENGTH
+        self._rate = np.float32(lengths * _ENTRIES / _MOST)
+        veil = haze((np.arange(_ENTRIES + 1) + 0.5) * _MOST / _ENTRIES * HAZE_LENGTH)
+        # What is left of a thing's colour, and what the haze adds to it: RGB, and grey.
+        self._clear = np.uint32(np.round(_ONE * (1.0 - veil)))
+        horizon = np.append(HORIZON, to_grey(HORIZON))
+        self._veil = np.uint32(np.round(_ONE * veil[:, None] * horizon))
 
-    def apply(self, X_WC, depth, out) -> None:
-        """Changes a picture in place.
+    def apply(self, X_WC, depth, picture, out) -> None:
+        """Adds them.
 
         Args:
             X_WC: pose of the camera; z forward, x right, y down.
             depth: z of everything in C (m), (h, w), float32; infinite where
                 there is nothing.
-            out: RGBA, (h, w, 4), uint8.
+            picture: RGBA, (h, w, 4), uint8.
+            out: RGBA or grey levels, see pixels.py; overwritten. It may be the picture.
         """
-        clear = cv2.exp(cv2.multiply(depth, self._rate))
-        clear = cv2.convertScaleAbs(clear, alpha=255 * HAZE_MOST, beta=255 * (1 - HAZE_MOST))
-        share = cv2.merge([clear, clear, clear, self._opaque])
-        cv2.multiply(out, share, dst=out, scale=1 / 255)
-        veil = cv2.bitwise_not(clear)
-        veil = cv2.merge([cv2.LUT(veil, table) for table in self._veil.T.copy()])
-        cv2.add(out, veil, dst=out)
-        self._background.paint(X_WC, self._sky)
-        cv2.copyTo(self._sky, cv2.inRange(depth, np.inf, np.inf), out)
+        sky = np.empty(out.shape, np.uint8)
+        self._background.paint(X_WC, sky)
+        _apply(picture, depth, self._rate, self._clear, self._veil, deep(sky), deep(out))
+
+
+@compiled
+def _apply(picture, depth, rate, clear, veil, sky, out):
+    """See Atmosphere.apply(); sky and out are (h, w, channels)."""
+    h, w, channels = out.shape
+    r, g, b = np.uint32(_WEIGHTS[0]), np.uint32(_WEIGHTS[1]), np.uint32(_WEIGHTS[2])
+    last, half = np.float32(len(clear) - 1), np.uint32(_ONE // 2)
+    for v in range(h):
+        for u in range(w):
+            if depth[v, u] == np.inf:
+                for c in range(channels):
+                    out[v, u, c] = sky[v, u, c]
+                continue
+            i = np.int32(min(depth[v, u] * rate[v, u], last))
+            share = clear[i]
+            if channels == 1:
+                level = (r * picture[v, u, 0] + g * picture[v, u, 1]
+                         + b * picture[v, u, 2] + half) >> np.uint32(8)
+                out[v, u, 0] = np.uint8((share * level + veil[i, 3] + half) >> np.uint32(8))
+                continue
+            for c in range(3):
+                level = np.uint32(picture[v, u, c])
+                out[v, u, c] = np.uint8((share * level + veil[i, c] + half) >> np.uint32(8))
+            out[v, u, 3] = 255

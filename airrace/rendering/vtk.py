@@ -23,7 +23,6 @@ from pydrake.systems.sensors import CameraInfo as DrakeCameraInfo
 
 from airrace.errors import UserError
 from airrace.rendering.atmosphere import Atmosphere
-from airrace.rendering.pixels import is_grey
 from airrace.rendering.textures import HORIZON, SUN_W
 
 _NAME = "vtk"
@@ -115,7 +114,11 @@ def AddVtkRenderer(scene_graph: SceneGraph, camera_info, *, supersampling=1) -> 
 
 
 class VtkRenderer:
-    """Draws what is in a SceneGraph; made by AddVtkRenderer()."""
+    """Draws what is in a SceneGraph; made by AddVtkRenderer().
+
+    Attributes:
+        color_camera, depth_camera: Drake's, with which it does.
+    """
 
     needs_query_object = True
 
@@ -129,13 +132,13 @@ class VtkRenderer:
         # intrinsics say, in that convention.
         K = to_samples @ camera_info.K + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
         intrinsics = DrakeCameraInfo(s * camera_info.width, s * camera_info.height, K)
-        self._camera = ColorRenderCamera(
+        self.color_camera = ColorRenderCamera(
             RenderCameraCore(_NAME, intrinsics, _CLIPPING, RigidTransform())
         )
         # Depths need no supersampling: haze is soft.
         K = camera_info.K + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
         intrinsics = DrakeCameraInfo(camera_info.width, camera_info.height, K)
-        self._depth_camera = DepthRenderCamera(
+        self.depth_camera = DepthRenderCamera(
             RenderCameraCore(_NAME, intrinsics, _CLIPPING, RigidTransform()), _DEPTHS
         )
         self._atmosphere = Atmosphere(camera_info)
@@ -148,13 +151,9 @@ class VtkRenderer:
             out: RGBA or grey levels, see pixels.py; overwritten.
             query_object: the SceneGraph's.
         """
-        if is_grey(out):
-            picture = np.zeros((*out.shape, 4), np.uint8)
-            self.render(X_WC, picture, query_object)
-            cv2.cvtColor(picture, cv2.COLOR_RGBA2GRAY, dst=out)
-            return
         world = SceneGraph.world_frame_id()
-        image = query_object.RenderColorImage(self._camera, world, X_WC)
-        cv2.resize(image.data, self._size, dst=out, interpolation=cv2.INTER_AREA)
-        depth = query_object.RenderDepthImage(self._depth_camera, world, X_WC)
-        self._atmosphere.apply(X_WC, depth.data[..., 0], out)
+        picture = query_object.RenderColorImage(self.color_camera, world, X_WC).data
+        if picture.shape[1::-1] != self._size:
+            picture = cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
+        depth = query_object.RenderDepthImage(self.depth_camera, world, X_WC)
+        self._atmosphere.apply(X_WC, depth.data[..., 0], picture, out)

@@ -100,7 +100,8 @@ def end_at_seam(polygons, edge) -> None:
     """Ends the last polygon sharply at one of its edges, where another one begins.
 
     A pixel is painted by the one that its centre is in. Fading out over each other is for
-    edges that something else is behind; it takes twice the time, and nobody sees it.
+    edges that something else is behind; here it takes half as much time again, and
+    nobody sees it.
 
     Args:
         polygons: the last must have four sides, or nothing happens.

@@ -4,8 +4,8 @@
 def peek(port, context):
     """Returns what an input port shows, (n,): as its Eval(), but not a copy of it.
 
-    Copies are half of what it costs to hand a vector to a system in Python, and some are
-    handed over at every step of the plant.
+    The copy is a third of what it costs to hand a vector to a system in Python, and some
+    are handed over at every step of the plant.
 
     Args:
         port: a vector-valued InputPort. context: of its system.

@@ -155,7 +155,7 @@ class LapStep:
         orders = gradients.shape[1]
         basis = (self.grid.matrices if matrices is None else matrices)[:orders, which]
         result = np.zeros((len(which), self.size(leg)))
-        by_z = np.einsum("rod,orc->rcd", gradients, basis, optimize=True)
+        by_z = basis.transpose(1, 2, 0) @ gradients  # (rows, coefficients, 4)
         result[:, :-2] = (by_z * self._scale[leg][:, None]).reshape(
             len(which), 4 * basis.shape[2])
         result[:, -1] = np.einsum("rcd,cd->r", by_z, self._by_stretch[leg])

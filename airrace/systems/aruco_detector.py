@@ -17,7 +17,7 @@ from airrace.systems.types import CameraInfo, Detections
 _LONGEST_GAP = 0.1  # s, between images, over which motion can be predicted
 _AT_REST = np.zeros(2)  # px/s
 _EMPTY_PERIOD = 5  # images, of which all of one is searched while no marker is in sight
-PERIODS = 8, 32  # images, of which all of one is searched otherwise; see ArucoDetector
+PERIODS = 8, 16  # images, of which all of one is searched otherwise; see ArucoDetector
 
 
 @dc.dataclass(frozen=True, eq=False)

@@ -159,7 +159,7 @@ def test_new_markers_are_found_by_the_next_full_search():
 
 def test_all_is_searched_less_often_while_nothing_comes_or_goes():
     _, calls = watch(60 * [picture(LONE)])
-    assert [k for k, call in enumerate(calls) if call == "everywhere"] == [0, 8, 24, 56]
+    assert [k for k, call in enumerate(calls) if call == "everywhere"] == [0, 8, 24, 40, 56]
 
 
 def test_all_is_searched_sooner_again_when_a_marker_has_left():

@@ -58,11 +58,11 @@ class ArucoDetector(LeafSystem):
 
     The output is a function of the inputs and of what was in the last image,
     which is the state: all of an image is searched every few frames, sooner
-    while no marker is in sight, and half as often each time that it brought
-    nothing new. In between, only the regions around the
-    markers that were in the last one are. One that is lost there has left, or is too
-    blurred or small: a search of all of the image does not find it either. But
-    who passes a gate will see the next, so then all is searched sooner again.
+    while no marker is in sight, and less often while none comes or goes. In
+    between, only the regions around the markers that were in the last one are
+    searched. One that is lost there has left, or is too blurred or small: a search
+    of all of the image does not find it either. But who passes a gate will see
+    the next, so then all is searched sooner again.
     Drake's cache makes sure that an image is searched once, however many look
     at the detections.
     """

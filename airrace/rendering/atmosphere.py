@@ -41,8 +41,21 @@ class Atmosphere:
             out: RGBA or grey levels, see pixels.py; overwritten. It may be the picture.
         """
         sky = np.empty(out.shape, np.uint8)
-        self._background.paint(X_WC, sky)
+        first, end = _sky_rows(depth)
+        if first < end:
+            self._background.paint(X_WC, sky, (0, first, sky.shape[1], end))
         _apply(picture, depth, self._rate, self._clear, self._veil, deep(sky), deep(out))
+
+
+@compiled
+def _sky_rows(depth):
+    """Returns the first row in which there is nothing somewhere, and the one after the last."""
+    first, end = 0, len(depth)
+    while first < end and not np.isinf(depth[first]).any():
+        first += 1
+    while first < end and not np.isinf(depth[end - 1]).any():
+        end -= 1
+    return first, end
 
 
 @compiled

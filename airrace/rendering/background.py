@@ -57,14 +57,15 @@ class Background:
         sky = sky_color((np.arange(_HALF)[::-1] + 0.5) / _HALF)
         self._sky = {channels: colors_for(channels, sky) for channels in _GROUND}
 
-    def paint(self, X_WC, out) -> None:
-        """Fills a picture.
+    def paint(self, X_WC, out, box=None) -> None:
+        """Fills a picture, or a box of it.
 
         Args:
             X_WC: pose of the camera; z forward, x right, y down.
             out: RGBA or grey levels, see pixels.py.
+            box: see there; None for all of it.
         """
-        Backdrop(self, [(1.0, X_WC)]).paint(deep(out), np.array([whole(out)]))
+        Backdrop(self, [(1.0, X_WC)]).paint(deep(out), np.array([box or whole(out)]))
 
     def tables(self, height, channels):
         """Returns colours and contrasts over the sine of the depression angle.

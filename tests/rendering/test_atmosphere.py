@@ -55,6 +55,17 @@ def test_no_level_is_more_than_white():
     assert out[..., :3].min() >= min(HORIZON) - 2
 
 
+def test_things_before_the_sky_leave_it_as_it_is():
+    background, picture = new_picture(), new_picture()
+    Background(CAMERA_INFO).paint(X_WC, background)
+    depths = np.full(CAMERA_INFO_SHAPE, 10.0, np.float32)
+    depths[101:103, 7], depths[250, 600:700] = np.inf, np.inf
+    Atmosphere(CAMERA_INFO).apply(X_WC, depths, picture, picture)
+    sky = np.isinf(depths)
+    np.testing.assert_array_equal(picture[sky], background[sky])
+    assert (picture[~sky][:, :3] < 100).all()  # black, in little haze
+
+
 def test_where_there_is_nothing_there_is_sky():
     background = new_picture()
     Background(CAMERA_INFO).paint(X_WC, background)

@@ -10,20 +10,17 @@ import argparse
 import json
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import cv2
 import numpy as np
-from pydrake.common.yaml import yaml_dump_typed
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import track as progress
 from rich.table import Table
 
-from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import load_scenario
-from airrace.track import Track
-from airrace.track_generator import generate_track
+from airrace.evaluation.jobs import generated_track
+from benchmarks.timed_race import time_race
 
 GATES = 10, 20
 LIMIT = 1.3  # times the cost of the shorter one
@@ -38,13 +35,9 @@ def main(argv=None) -> int:
     parser.add_argument("--json", type=Path, help="also write the numbers here")
     args = parser.parse_args(argv)
     cv2.setNumThreads(1)
-    rows = []
-    with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task("Racing", total=args.runs * len(GATES))
-        for seed in range(_FIRST_SEED, _FIRST_SEED + args.runs):
-            for gates in GATES:
-                rows.append(fly(seed, gates, args.laps))
-                bar.advance(task)
+    seeds = range(_FIRST_SEED, _FIRST_SEED + args.runs)
+    jobs = [(seed, gates) for seed in seeds for gates in GATES]
+    rows = [fly(*job, args.laps) for job in progress(jobs, "Racing", console=Console(stderr=True))]
     Console(width=120).print(make_table(rows))
     if args.json is not None:
         args.json.write_text(json.dumps(rows, indent=1))
@@ -54,25 +47,13 @@ def main(argv=None) -> int:
 def fly(seed: int, gates: int, laps: int) -> dict:
     """Returns what a race on a generated track takes, in wall and CPU seconds."""
     with tempfile.TemporaryDirectory() as folder:
-        track, output = Path(folder, "track.yaml"), Path(folder, "race")
-        output.mkdir()
-        track.write_text(yaml_dump_typed(generate_track(seed, gates), schema=Track))
+        track = Path(folder, "track.yaml")
+        track.write_text(generated_track(seed, gates)[1])
         scenario = load_scenario()
         scenario.track, scenario.laps, scenario.seed = str(track), laps, seed
         scenario.recording.content = "none"
-        started = []
-
-        def show(record, look):
-            if not started:  # the first look: all is set up
-                started[:] = look.time, time.perf_counter(), time.process_time()
-            show.time = look.time
-
-        race = run_race(scenario, output, show=show)
-        simulated = show.time - started[0]
-        return {
-            "seed": seed, "gates": gates, "finished": race["finished"], "simulated_s": simulated,
-            "wall_s": time.perf_counter() - started[1],
-            "cpu_s": time.process_time() - started[2]}
+        race, times = time_race(scenario, Path(folder))
+    return {"seed": seed, "gates": gates, "finished": race["finished"], **times}
 
 
 def make_table(rows) -> Table:

@@ -120,13 +120,18 @@ def planar_camera(track, effects=CameraEffects(), *, defocus=0.0, rng=None):
     return shoot
 
 
-def vtk_camera(track, supersampling):
-    """Returns the same of an ideal camera and VTK; see AddVtkRenderer()."""
-    builder = DiagramBuilder()
+def add_vtk_scene(builder, track, supersampling=1):
+    """Adds a track for VTK; returns its SceneGraph and the renderer: see AddVtkRenderer()."""
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
     AddScenery(plant, track)
     plant.Finalize()
-    renderer = AddVtkRenderer(scene_graph, INFO, supersampling=supersampling)
+    return scene_graph, AddVtkRenderer(scene_graph, INFO, supersampling=supersampling)
+
+
+def vtk_camera(track, supersampling):
+    """Returns the same of an ideal camera and VTK; see AddVtkRenderer()."""
+    builder = DiagramBuilder()
+    scene_graph, renderer = add_vtk_scene(builder, track, supersampling)
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     port: SceneGraph = scene_graph.get_query_output_port()

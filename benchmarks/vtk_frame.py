@@ -15,21 +15,16 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import SceneGraph
-from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import RgbdSensor
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from airrace.diagrams.scenario import load_scenario
 from airrace.errors import exit_code
-from airrace.rendering.scenery import AddScenery
-from airrace.rendering.vtk import AddVtkRenderer
-from airrace.systems.types import make_camera_info
 from airrace.track import load_track
-from airrace.vehicle import load_vehicle
+from benchmarks.perception_scenes import INFO, add_vtk_scene, look_at
 
 BARE, COLOUR, GREY = "RgbdSensor, colour and depth", "airrace, colour", "airrace, grey levels"
 LIMIT = 1.1  # times the bare one
@@ -55,15 +50,8 @@ def measure(frames: int = 20) -> dict:
     Raises:
         UserError: if this machine cannot render with VTK.
     """
-    race, (vehicle, _) = load_track("student-airrace"), load_vehicle("Default")
-    config = load_scenario().camera
-    info = make_camera_info(width=config.width, height=config.height,
-                            fov_y=np.deg2rad(config.fov_y_deg), X_BC=vehicle.camera.X_BC)
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
-    AddScenery(plant, race, visible=True)
-    plant.Finalize()
-    ours = AddVtkRenderer(scene_graph, info)
+    race, builder = load_track("student-airrace"), DiagramBuilder()
+    scene_graph, ours = add_vtk_scene(builder, race)
     sensor = builder.AddSystem(RgbdSensor(
         SceneGraph.world_frame_id(), RigidTransform(), ours.color_camera, ours.depth_camera))
     builder.Connect(scene_graph.get_query_output_port(), sensor.query_object_input_port())
@@ -71,8 +59,8 @@ def measure(frames: int = 20) -> dict:
     context = diagram.CreateDefaultContext()
     query = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(context))
     of_sensor = sensor.GetMyMutableContextFromRoot(context)
-    pictures = {COLOUR: np.zeros((info.height, info.width, 4), np.uint8),
-                GREY: np.zeros((info.height, info.width), np.uint8)}
+    pictures = {COLOUR: np.zeros((INFO.height, INFO.width, 4), np.uint8),
+                GREY: np.zeros((INFO.height, INFO.width), np.uint8)}
 
     def bare(X_WC):
         sensor.SetX_PB(of_sensor, X_WC)
@@ -85,9 +73,7 @@ def measure(frames: int = 20) -> dict:
     spent = {name: [] for name in painters}
     for k in track(range(_WARM_UP + frames), "Drawing", console=Console(stderr=True)):
         gate = race.gates[k % len(race.gates)]
-        X_WC = RigidTransform(
-            RollPitchYaw(0.0, 0.0, gate.heading), gate.p_WG - (8.0 + k) * gate.forward
-        ) @ vehicle.camera.X_BC
+        X_WC = look_at(gate.p_WG - (8.0 + k) * gate.forward, gate.p_WG)
         for name, paint in painters.items():
             clock = time.perf_counter()
             paint(X_WC)

@@ -15,7 +15,6 @@ import json
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import cv2
@@ -24,10 +23,10 @@ from rich.console import Console
 from rich.progress import track as progress
 from rich.table import Table
 
-from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import load_scenario
 from airrace.diagrams.visualization import MakeMeshcat
 from airrace.track import load_track
+from benchmarks.timed_race import time_race
 
 # Takes all that the page of the live view gets, as a browser would.
 _VIEWER = """
@@ -87,20 +86,13 @@ def fly(kind: Kind, laps: int) -> dict:
     scenario.laps = laps
     scenario.recording.content, scenario.recording.image_rate = kind.content, kind.image_rate
     meshcat = MakeMeshcat(load_track(scenario.track)) if kind.live else None
-    looks = []  # simulated, wall and CPU time
-
-    def show(record, look):
-        looks[1:] = [(look.time, time.perf_counter(), time.process_time())]
-
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as viewers:
         for _ in range(kind.viewers):
             viewers.enter_context(viewer(meshcat.port()))
-        run_race(scenario, Path(folder), meshcat=meshcat, show=show)
+        _, times = time_race(scenario, Path(folder), meshcat=meshcat)
         log = Path(folder) / "race.mcap"
         size = log.stat().st_size / 1e6 if log.exists() else 0.0
-    simulated, wall, cpu = (b - a for a, b in zip(*looks))
-    return {"kind": kind.name, "wall_s": wall, "cpu_s": cpu, "simulated_s": simulated,
-            "mcap_mb": size}
+    return {"kind": kind.name, **times, "mcap_mb": size}
 
 
 @contextlib.contextmanager

@@ -33,6 +33,18 @@ def printed(tables):
     return capture.get()
 
 
+def end_after_a_second(monkeypatch, benchmark):
+    """Makes a benchmark's races run out of time on the pad."""
+    load = benchmark.load_scenario
+
+    def load_a_short_one():
+        scenario = load()
+        scenario.referee.time_limit = 1.0
+        return scenario
+
+    monkeypatch.setattr(benchmark, "load_scenario", load_a_short_one)
+
+
 def test_recovers_from_upside_down_in_any_process():
     jobs = [("Default", "none", index) for index in (0, 5)]
     rows = control.run([(recovery, job) for job in jobs], workers=1)
@@ -149,14 +161,7 @@ def test_longer_tracks_are_held_against_shorter_ones():
 
 
 def test_a_race_for_growth_is_flown_and_timed(monkeypatch):
-    load = growth.load_scenario
-
-    def short():
-        scenario = load()
-        scenario.referee.time_limit = 1.0
-        return scenario
-
-    monkeypatch.setattr(growth, "load_scenario", short)
+    end_after_a_second(monkeypatch, growth)
     row = growth.fly(0, 8, 1)
     assert row["gates"] == 8 and not row["finished"]
     assert row["simulated_s"] == pytest.approx(1.0) and 0.0 < row["cpu_s"]
@@ -174,14 +179,7 @@ def test_a_frame_of_vtk_is_held_against_a_bare_one():
 
 
 def test_recording_and_watching_are_weighed_against_neither(monkeypatch):
-    load = watching.load_scenario
-
-    def load_a_short_one():
-        scenario = load()
-        scenario.referee.time_limit = 1.0
-        return scenario
-
-    monkeypatch.setattr(watching, "load_scenario", load_a_short_one)
+    end_after_a_second(monkeypatch, watching)
     flown = [watching.fly(kind, 1) for kind in watching.KINDS]
     for race, kind in zip(flown, watching.KINDS, strict=True):
         assert race["simulated_s"] == pytest.approx(1.0) and race["wall_s"] > 0.0

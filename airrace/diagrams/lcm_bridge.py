@@ -9,8 +9,6 @@ from airrace.systems.lcm_receiver import LcmReceiver
 from airrace.systems.lcm_sender import LcmSender
 from airrace.vehicle import load_vehicle
 
-_MAP_PERIOD = 2.0  # s between two writes of the map
-
 
 class Receivers:
     """What comes from the other side: its diagram's outputs, as far as they cross the link.
@@ -143,7 +141,6 @@ def MakeAutonomySide(scenario, autonomy: Diagram, rows, role, endpoint, lossless
         if source is not None:
             builder.Connect(source.GetOutputPort(port.get_name()), port)
     senders = Senders(builder, autonomy, rows, role, endpoint, lossless)
-    writer = builder.AddNamedSystem(
-        "gate_map_writer", GateMapWriter(directory=output_dir, period=_MAP_PERIOD))
+    writer = builder.AddNamedSystem("gate_map_writer", GateMapWriter(directory=output_dir))
     builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
     return builder.Build(), receivers, senders, compensator

@@ -26,7 +26,6 @@ from airrace.visualization.controls import RaceControls
 # What a race may leave in its folder.
 RESULTS = ("scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap",
            "race.html", "report.html")
-_MAP_PERIOD = 2.0  # s between two writes of the map
 # Of the replay (Hz). Each gate that can move takes 120 bytes a frame.
 _REPLAY_RATE, _REPLAY_RATE_OF_MOVING_GATES = 30.0, 10.0
 
@@ -56,8 +55,7 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None,
         raise UserError(f"The ports of the boxes do not fit: {' '.join(str(e).split())}") from None
     if output_dir is not None:
         writer = builder.AddNamedSystem(
-            "gate_map_writer", GateMapWriter(directory=output_dir, period=_MAP_PERIOD)
-        )
+            "gate_map_writer", GateMapWriter(directory=output_dir))
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
         AddRecorder(builder, scenario, simulation, autonomy, output_dir)
     if meshcat is not None:

@@ -50,15 +50,15 @@ def given_track(name_or_file: str) -> tuple[Track, str]:
     return load_track(name_or_file), find_yaml("tracks", name_or_file).read_text("utf-8")
 
 
-def generated_track(seed: int) -> tuple[Track, str]:
-    """Returns the generated track of a seed, and its YAML.
+def generated_track(seed: int, gates: int | None = None) -> tuple[Track, str]:
+    """Returns the generated track of a seed, and its YAML; gates: see generate_track().
 
     Raises:
         UserError: if there is none.
     """
     from airrace.track_generator import generate_track
 
-    track = generate_track(seed)
+    track = generate_track(seed, gates)
     return track, yaml_dump_typed(track, schema=Track)
 
 

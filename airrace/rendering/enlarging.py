@@ -22,7 +22,6 @@ def enlarge(small, out, box):
     flat, source = out.reshape(height, -1), small.reshape(h, -1)
     # What is interpolated between rows, of columns j0 - 1 to j1.
     blend = np.empty((j1 - j0 + 2) * channels, np.uint16)
-    wide = np.empty(2 * (j1 - j0), np.uint16)
     first, second = np.empty(len(blend), np.uint8), np.empty(len(blend), np.uint8)
     before = -1
     for y in range(y0, y1):
@@ -43,25 +42,23 @@ def enlarge(small, out, box):
             for c in range(channels):
                 blend[k * channels + c] = np.uint16(
                     3 * int(small[near, j, c]) + int(small[far, j, c]))
-        if quick and channels == 4:
-            left, right = blend[:-8], blend[8:]
+        if quick:
+            left, right = blend[:-2 * channels], blend[2 * channels:]
             for k in range(len(a)):
                 centre = np.uint16(3) * middle[k] + np.uint16(8)
                 first[k] = np.uint8((centre + left[k]) >> 4)
                 second[k] = np.uint8((centre + right[k]) >> 4)
+            if channels == 1:
+                pairs = row.view(np.uint16)
+                for k in range(len(a)):
+                    pairs[2 * k] = first[k] * np.uint16(257)
+                    pairs[2 * k + 1] = second[k] * np.uint16(257)
+                continue
             pixels, firsts, seconds = (
                 row.view(np.uint32), first.view(np.uint32), second.view(np.uint32))
             for j in range(j1 - j0):
                 pixels[4 * j] = pixels[4 * j + 1] = firsts[j]
                 pixels[4 * j + 2] = pixels[4 * j + 3] = seconds[j]
-            continue
-        if quick:
-            left, right = blend[:-2], blend[2:]
-            for k in range(len(a)):
-                centre = np.uint16(3) * middle[k] + np.uint16(8)
-                wide[2 * k] = ((centre + left[k]) >> 4) * np.uint16(257)
-                wide[2 * k + 1] = ((centre + right[k]) >> 4) * np.uint16(257)
-            row.view(np.uint16)[:] = wide
             continue
         for x in range(x0, x1):
             half_x = x * 2 * w // width

@@ -21,7 +21,7 @@ class GateMapWriter(LeafSystem):
     ``gate_map`` is a GateMap. A forced publish writes at once.
     """
 
-    def __init__(self, *, directory: Path, period: float):
+    def __init__(self, *, directory: Path, period: float = 2.0):
         """Constructs the writer.
 
         Args:

@@ -86,10 +86,9 @@ def _update(speeds, thrusts, report, command, failed, now, period, max_speeds, b
     n = len(speeds)
     report[0] = now + period
     for i in range(n):
-        wanted = _possible(command[i], max_speeds[i])
-        report[1 + n + i] += blend * (wanted - report[1 + n + i])
-        speeds[i] += blend * ((wanted if now < failed[i] else 0.0) - speeds[i])
-        report[1 + i] = speeds[i]
+        report[1 + n + i] = _turned(report[1 + n + i], command[i], max_speeds[i], blend)
+        followed = command[i] if now < failed[i] else 0.0
+        report[1 + i] = speeds[i] = _turned(speeds[i], followed, max_speeds[i], blend)
         thrusts[i] = c_f[i] * speeds[i] * speeds[i]
 
 
@@ -97,11 +96,12 @@ def _update(speeds, thrusts, report, command, failed, now, period, max_speeds, b
 def turn(speeds, thrusts, command, max_speeds, blend, c_f):
     """Changes speeds by one period of the lag, and thrusts with them (N), all (n,)."""
     for i in range(len(speeds)):
-        speeds[i] += blend * (_possible(command[i], max_speeds[i]) - speeds[i])
+        speeds[i] = _turned(speeds[i], command[i], max_speeds[i], blend)
         thrusts[i] = c_f[i] * speeds[i] * speeds[i]
 
 
 @compilable
-def _possible(command, max_speed):
-    """Returns the speed that a rotor goes for (rad/s)."""
-    return min(command, max_speed) if command > 0.0 else 0.0  # NaN is not greater than zero
+def _turned(speed, command, max_speed, blend):
+    """Returns the speed of one rotor after a period of the lag (rad/s)."""
+    wanted = min(command, max_speed) if command > 0.0 else 0.0  # NaN is not greater than zero
+    return speed + blend * (wanted - speed)

@@ -11,7 +11,7 @@ from tests.rendering.picture_tools import CAMERA_INFO, look_at, new_picture
 
 X_WC = look_at([0.0, 0.0, 5.0], [20.0, 3.0, 6.0])
 COLOR = np.array([100, 150, 50])
-CAMERA_INFO_SHAPE = CAMERA_INFO.height, CAMERA_INFO.width
+SHAPE = CAMERA_INFO.height, CAMERA_INFO.width
 
 
 def looked_at(depth, color=COLOR):
@@ -48,17 +48,17 @@ def test_black_and_white_stay_in_range(level):
 
 def test_no_level_is_more_than_white():
     """All distances at once, finely: rounding must not carry white over to black."""
-    picture = np.full((*CAMERA_INFO_SHAPE, 4), 255, np.uint8)
+    picture = np.full((*SHAPE, 4), 255, np.uint8)
     depths = np.linspace(0.0, 5000.0, picture[..., 0].size, dtype=np.float32)
     out = new_picture()
-    Atmosphere(CAMERA_INFO).apply(X_WC, depths.reshape(CAMERA_INFO_SHAPE), picture, out)
+    Atmosphere(CAMERA_INFO).apply(X_WC, depths.reshape(SHAPE), picture, out)
     assert out[..., :3].min() >= min(HORIZON) - 2
 
 
 def test_things_before_the_sky_leave_it_as_it_is():
     background, picture = new_picture(), new_picture()
     Background(CAMERA_INFO).paint(X_WC, background)
-    depths = np.full(CAMERA_INFO_SHAPE, 10.0, np.float32)
+    depths = np.full(SHAPE, 10.0, np.float32)
     depths[101:103, 7], depths[250, 600:700] = np.inf, np.inf
     Atmosphere(CAMERA_INFO).apply(X_WC, depths, picture, picture)
     sky = np.isinf(depths)

@@ -15,7 +15,7 @@ from airrace.systems.pixels import as_pixels
 _REACHES = ((0.11, 10.0), (0.085, 5.0))
 # Blur carries rim and modules into the profiles of squares narrower than this (px).
 _SMALL = 65.0
-_FARTHEST = 20.0  # px, from a rough corner to where it is
+_FARTHEST = 8.0  # px, from a rough corner to where it is
 FARTHEST_SAMPLE = _FARTHEST + 12.0  # px, from the rough square to any pixel that counts
 _LEAST_CONTRAST = 8.0  # grey levels, from black to white
 _LEAST_POINTS = len(ALONG) / 4  # of a line

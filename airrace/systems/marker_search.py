@@ -7,10 +7,10 @@ from airrace.systems.camera_view import CameraView
 from airrace.systems.marker_modules import DICTIONARY, read_marker
 
 _SMALLEST_SIDE = 15.0  # px, of a square whose modules can be told apart
-# A region is the marker's predicted bounding box and this much around it: for the
-# board, and for what a drone that rolls may move it beyond the prediction.
-_MARGIN = 25.0  # px
-_RELATIVE_MARGIN = 0.3  # in sizes of the box
+# A region is the marker's predicted bounding box and this much around it, in px and in
+# sizes of the box: for the board, and for what a drone that rolls may move it beyond the
+# prediction. That is seldom much, so what is not found is sought again in a larger one.
+_MARGINS = ((18.0, 0.1), (25.0, 0.3))
 _LEAST_SHARE = 0.5  # of the perimeter expected there: modules look like squares, too
 # OpenCV takes 1.5 us for every ID that something is not, and asks for one after the other.
 _USUAL = cv2.aruco.Dictionary(DICTIONARY.bytesList[:80], DICTIONARY.markerSize, 0)
@@ -49,24 +49,23 @@ class MarkerSearch:
         Returns:
             as everywhere().
         """
-        h, w = view.shape
-        regions, perimeters, found = [], [], {}
-        for box in predictions.values():
-            (x0, x1), (y0, y1) = map(_with_margin, box.T.tolist(), (w, h))
-            if x1 - x0 >= _SMALLEST_SIDE and y1 - y0 >= _SMALLEST_SIDE:
-                perimeter = cv2.arcLength(box.astype(np.float32), True)
-                regions.append((x0, y0, x1, y1))
-                perimeters.append(max(_LEAST_SHARE * perimeter, 4 * _SMALLEST_SIDE))
-        if not regions:
+        if not predictions:
             return [], np.zeros((0, 4, 2))
-        expected = np.array(list(predictions), int)
+        expected, found = np.array(list(predictions), int), {}
         codes = DICTIONARY.bytesList[expected]
         self._detector.setDictionary(cv2.aruco.Dictionary(codes, DICTIONARY.markerSize, 0))
-        picture = view.drawn(*regions)
-        for (x0, y0, x1, y1), perimeter in zip(regions, perimeters):
-            ids, quads, _ = self._Detect(picture[y0:y1, x0:x1], perimeter)
-            # Regions overlap, so a marker may be found in several of them.
-            found.update(zip(expected[ids].tolist(), quads + [x0, y0]))
+        for margins in _MARGINS:
+            missing = [box for id, box in predictions.items() if id not in found]
+            regions = [_region(box, *margins, view.shape) for box in missing]
+            picture = view.drawn(*regions)
+            for (x0, y0, x1, y1), box in zip(regions, missing):
+                if x1 - x0 < _SMALLEST_SIDE or y1 - y0 < _SMALLEST_SIDE:
+                    continue
+                perimeter = _LEAST_SHARE * cv2.arcLength(box.astype(np.float32), True)
+                ids, quads, _ = self._Detect(
+                    picture[y0:y1, x0:x1], max(perimeter, 4 * _SMALLEST_SIDE))
+                # Regions overlap, so a marker may be found in several of them.
+                found.update(zip(expected[ids].tolist(), quads + [x0, y0]))
         return list(found), np.reshape(list(found.values()), (-1, 4, 2))
 
     def _Detect(self, grey, least_perimeter):
@@ -79,16 +78,21 @@ class MarkerSearch:
         return [] if ids is None else np.ravel(ids).tolist(), quads, rest
 
 
-def _with_margin(coordinates, size) -> tuple[int, int]:
-    """Returns where a region begins and ends along one side of a picture (px).
+def _region(box, margin, relative_margin, shape) -> tuple[int, int, int, int]:
+    """Returns the part of a picture to search for a marker; see CameraView.region().
 
     Args:
-        coordinates: of the marker's corners expected, on that side.
-        size: of the picture.
+        box: the marker's corners expected, (4, 2) px.
+        margin, relative_margin: around them, in px and in sizes of their bounding box.
+        shape: of the picture, (h, w).
     """
-    low, high = min(coordinates), max(coordinates)
-    margin = _MARGIN + _RELATIVE_MARGIN * (high - low)
-    return tuple(min(max(round(end), 0), size) for end in (low - margin, high + margin))
+    ends = []
+    for coordinates, size in zip(box.T.tolist(), shape[::-1]):
+        low, high = min(coordinates), max(coordinates)
+        around = margin + relative_margin * (high - low)
+        ends.append([min(max(round(end), 0), size) for end in (low - around, high + around)])
+    (x0, x1), (y0, y1) = ends
+    return x0, y0, x1, y1
 
 
 def make_detector() -> cv2.aruco.ArucoDetector:

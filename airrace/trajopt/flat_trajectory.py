@@ -68,7 +68,11 @@ def _coefficients(polynomial: PiecewisePolynomial) -> np.ndarray:
     pieces = [[p.GetCoefficients() for p in polynomial.getPolynomialMatrix(i).ravel()]
               for i in range(polynomial.get_number_of_segments())]
     most = max(len(each) for piece in pieces for each in piece)
-    return np.array([[np.pad(each, (0, most - len(each))) for each in piece] for piece in pieces])
+    result = np.zeros((len(pieces), len(pieces[0]), most))
+    for i, piece in enumerate(pieces):
+        for d, each in enumerate(piece):
+            result[i, d, :len(each)] = each
+    return result
 
 
 @compilable

@@ -1,23 +1,21 @@
 """Sky and ground of the planar renderer."""
 
-import math
-
 import numpy as np
 
-from airrace.compiled import compilable, compiled
+from airrace.compiled import compiled
+from airrace.rendering.background_tiles import HALF, TILE_H, TILE_W, draw_tiles
 from airrace.rendering.enlarging import enlarge
 from airrace.rendering.pixels import colors_for, deep, to_grey, whole
 from airrace.rendering.textures import (
     GRASS,
     HORIZON,
     grass_detail,
+    grass_squares,
     haze,
     sky_color,
 )
 
 _SHRINK = 4  # the background is soft: it is drawn at a quarter of the size
-_TILE_W, _TILE_H = 16, 12  # of the small picture, which are drawn together
-_HALF = 1024  # entries of the look-up tables on either side of the horizon
 
 
 class _GrassLayer:
@@ -54,7 +52,7 @@ class Background:
         rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ self.K_inverse.T
         self.shortening = 1.0 / np.linalg.norm(rays, axis=2)
         self._focal = 1 / self.K_inverse[1, 1]
-        sky = sky_color((np.arange(_HALF)[::-1] + 0.5) / _HALF)
+        sky = sky_color((np.arange(HALF)[::-1] + 0.5) / HALF)
         self._sky = {channels: colors_for(channels, sky) for channels in _GROUND}
 
     def paint(self, X_WC, out, box=None) -> None:
@@ -75,11 +73,11 @@ class Background:
             channels: of the picture.
 
         Returns:
-            colours, sky, then ground, (2 _HALF, channels); and how much darker the layers
-            of grass make each channel at most, (2 _HALF, layers, channels).
+            colours, sky, then ground, (2 HALF, channels); and how much darker the layers
+            of grass make each channel at most, (2 HALF, layers, channels).
         """
-        tables = np.zeros((2 * _HALF, channels)), np.zeros((2 * _HALF, len(_LAYERS), channels))
-        tables[0][:_HALF] = self._sky[channels]
+        tables = np.zeros((2 * HALF, channels)), np.zeros((2 * HALF, len(_LAYERS), channels))
+        tables[0][:HALF] = self._sky[channels]
         _fill_tables(*tables, height, self._focal, *_GROUND[channels], _TEXELS, _STRENGTHS)
         return tables
 
@@ -93,8 +91,8 @@ def _fill_tables(colors, darkening, height, focal, grass, horizon, tint, texels,
         grass, horizon, tint: colours, and how much the layers show in them, (channels,).
         texels, strengths: of the layers, (n,) m and grey levels.
     """
-    for i in range(_HALF):
-        sine = (i + 0.5) / _HALF
+    for i in range(HALF):
+        sine = (i + 0.5) / HALF
         clear = 1.0 - haze(height / sine)
         # A texture is shown as long as its texels are no smaller than a pixel's
         # footprint, which is longest along the line of sight.
@@ -106,8 +104,8 @@ def _fill_tables(colors, darkening, height, focal, grass, horizon, tint, texels,
                 # The texture only darkens: its mean is added to the colour.
                 level += contrast * tint[c] / 2
                 if contrast >= 0.5:  # a grey level is the least that shows
-                    darkening[_HALF + i, k, c] = contrast * tint[c] / 255
-            colors[_HALF + i, c] = min(level, 255.0)
+                    darkening[HALF + i, k, c] = contrast * tint[c] / 255
+            colors[HALF + i, c] = min(level, 255.0)
 
 
 class Backdrop:
@@ -145,75 +143,11 @@ class _SmallPicture:
         self._tables = background.tables(self._height, channels)
         w, h = background.w, background.h
         self._pixels = np.zeros((h, w, channels), np.uint8)
-        self._done = np.zeros((-(-h // _TILE_H), -(-w // _TILE_W)), np.bool_)
+        self._done = np.zeros((-(-h // TILE_H), -(-w // TILE_W)), np.bool_)
 
     def drawn(self, out, boxes):
         """Returns it, (h, w, channels), valid where boxes of the large one need it."""
-        _draw_small(self._pixels, self._done, boxes, out.shape[1], out.shape[0], self._ray_W,
-                    self._background.shortening, self._p_WC[0], self._p_WC[1], self._height,
-                    *self._tables, grass_detail(), _TEXELS)
+        draw_tiles(self._pixels, self._done, boxes, out.shape[1], out.shape[0], self._ray_W,
+                   self._background.shortening, self._p_WC[0], self._p_WC[1], self._height,
+                   *self._tables, grass_squares(), _TEXELS)
         return self._pixels
-
-
-@compiled
-def _draw_small(small, done, boxes, width, height, ray_W, shortening, x, y, above, colors,
-                darkening, grass, texels):
-    """Draws those tiles of the small picture that boxes of the large one need.
-
-    Args:
-        small: (h, w, channels). done: which of its tiles are drawn.
-        boxes: (n, 4). width, height: of the large picture.
-        ray_W: maps (u, v, 1) to the ray's direction in the world, (3, 3).
-        shortening: 1 / length of the rays, (h, w).
-        x, y, above: where the camera is (m).
-        colors, darkening: see Background.tables().
-        grass: texture, (n, n), n a power of two. texels: their sizes (m), by layer.
-    """
-    h, w, _ = small.shape
-    for x0, y0, x1, y1 in boxes:
-        # One pixel more is needed to either side, to interpolate.
-        i0, i1 = max(y0 * h // height - 1, 0), min((y1 - 1) * h // height + 1, h - 1)
-        j0, j1 = max(x0 * w // width - 1, 0), min((x1 - 1) * w // width + 1, w - 1)
-        for i in range(i0 // _TILE_H, i1 // _TILE_H + 1):
-            for j in range(j0 // _TILE_W, j1 // _TILE_W + 1):
-                if not done[i, j]:
-                    done[i, j] = True
-                    _draw_tile(small, i * _TILE_H, j * _TILE_W, ray_W, shortening, x, y, above,
-                               colors, darkening, grass, texels)
-
-
-@compiled
-def _draw_tile(small, v0, u0, ray_W, shortening, x, y, above, colors, darkening, grass, texels):
-    """Draws the tile whose first pixel is (u0, v0); see _draw_small()."""
-    h, w, channels = small.shape
-    levels = np.empty(len(texels))
-    for v in range(v0, min(v0 + _TILE_H, h)):
-        x_v, y_v = ray_W[0, 1] * v + ray_W[0, 2], ray_W[1, 1] * v + ray_W[1, 2]
-        z_v = ray_W[2, 1] * v + ray_W[2, 2]
-        for u in range(u0, min(u0 + _TILE_W, w)):
-            down = -(ray_W[2, 0] * u + z_v)
-            entry = int((_HALF - 1) * down * shortening[v, u] + _HALF)
-            # The ground point is p_WC + ray * height / (down of the ray).
-            along = above / max(down, 1e-9)
-            x_W, y_W = x + along * (ray_W[0, 0] * u + x_v), y + along * (ray_W[1, 0] * u + y_v)
-            for k in range(len(texels)):
-                levels[k] = 0.0
-                if darkening[entry, k, 0] > 0.0:
-                    levels[k] = _grass_level(x_W / texels[k], y_W / texels[k], grass)
-            for c in range(channels):
-                level = colors[entry, c] + 0.5
-                for k in range(len(texels)):
-                    level -= levels[k] * darkening[entry, k, c]
-                small[v, u, c] = np.uint8(np.int32(max(level, 0.0)))
-
-
-@compilable
-def _grass_level(x, y, grass):
-    """Returns the texture of grass at a point (texels)."""
-    last = len(grass) - 1
-    a, b = int(math.floor(x)), int(math.floor(y))
-    fx, fy = x - a, y - b
-    a0, b0, a1, b1 = a & last, b & last, (a + 1) & last, (b + 1) & last
-    top = grass[b0, a0] + fx * (float(grass[b0, a1]) - grass[b0, a0])
-    bottom = grass[b1, a0] + fx * (float(grass[b1, a1]) - grass[b1, a0])
-    return top + fy * (bottom - top)

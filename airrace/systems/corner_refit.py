@@ -53,7 +53,7 @@ def _refit_square(image, rough, corners, covariance):
     """Refits one square.
 
     Args:
-        image: see grey_level().
+        image: see grey_levels().
         rough: its rough corners, (4, 2) px.
         corners, covariance: where to write, (4, 2) and (8, 8).
 
@@ -95,7 +95,7 @@ def _edge_points(image, edges, i, reach, crowded):
     """Returns where each profile of an edge has its gradient's centroid.
 
     Args:
-        image: see grey_level().
+        image: see grey_levels().
         edges: of the square.
         i: number of the edge.
         reach: half a profile (px).

@@ -39,7 +39,7 @@ def model_lines(image, edges):
     are the levels a, b, c, e, the offset d and the blur s.
 
     Args:
-        image: see grey_level().
+        image: see grey_levels().
         edges: of the square, to half a pixel.
 
     Returns:

@@ -6,7 +6,7 @@ import typing
 import numpy as np
 
 from airrace.compiled import compiled
-from airrace.systems.pixels import grey_level
+from airrace.systems.pixels import grey_levels
 
 # Where edges are sampled: at profiles along them, clear of the corners, in edge
 # lengths from the middle; and across, in half profiles, outwards.
@@ -56,20 +56,24 @@ def profiles(image, edges, i, reach):
     """Returns grey levels at ALONG and ACROSS an edge, (p, s).
 
     Args:
-        image: see grey_level().
+        image: see grey_levels().
         edges: of a square.
         i: number of the edge.
         reach: half a profile (px).
     """
-    result = np.empty((len(ALONG), len(ACROSS)))
+    count = len(ALONG) * len(ACROSS)
+    x, y, result = np.empty(count), np.empty(count), np.empty(count)
+    along_x, along_y = edges.along[i, 0], edges.along[i, 1]
+    outward_x, outward_y = edges.outward[i, 0], edges.outward[i, 1]
     for k in range(len(ALONG)):
-        x = edges.middle[i, 0] + ALONG[k] * edges.length[i] * edges.along[i, 0]
-        y = edges.middle[i, 1] + ALONG[k] * edges.length[i] * edges.along[i, 1]
+        x_k = edges.middle[i, 0] + ALONG[k] * edges.length[i] * along_x
+        y_k = edges.middle[i, 1] + ALONG[k] * edges.length[i] * along_y
+        first = k * len(ACROSS)
         for j in range(len(ACROSS)):
             out = ACROSS[j] * reach
-            result[k, j] = grey_level(
-                image, x + out * edges.outward[i, 0], y + out * edges.outward[i, 1])
-    return result
+            x[first + j], y[first + j] = x_k + out * outward_x, y_k + out * outward_y
+    grey_levels(image, x, y, result)
+    return result.reshape(len(ALONG), len(ACROSS))
 
 
 @compiled

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from airrace.compiled import compiled
-from airrace.systems.pixels import as_pixels, grey_level
+from airrace.systems.pixels import as_pixels, grey_levels
 from airrace.track import BOARD_SIZE, MARKER_SIZE
 
 DICTIONARY = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
@@ -103,16 +103,23 @@ def _code(grey, quad) -> int:
 def _module_levels(grey, corners):
     """Returns the mean grey level of each module's inner half, (7, 7)."""
     a, b, c, d, e, f, g, h = _square_to_quad(corners)
-    levels = np.zeros((_MODULES, _MODULES))
+    looks = len(_WITHIN)**2
+    x, y = np.empty(_MODULES**2 * looks), np.empty(_MODULES**2 * looks)
+    n = 0
     for i in range(_MODULES):
         for j in range(_MODULES):
             for dv in _WITHIN:
                 for du in _WITHIN:
                     u, v = (j + 0.5 + du) / _MODULES, (i + 0.5 + dv) / _MODULES
                     w = g * u + h * v + 1.0
-                    levels[i, j] += grey_level(
-                        grey, (a * u + b * v + c) / w, (d * u + e * v + f) / w)
-    return levels / len(_WITHIN)**2
+                    x[n], y[n] = (a * u + b * v + c) / w, (d * u + e * v + f) / w
+                    n += 1
+    each, levels = np.empty(n), np.zeros((_MODULES, _MODULES))
+    grey_levels(grey, x, y, each)
+    for k in range(n):
+        module = k // looks
+        levels[module // _MODULES, module % _MODULES] += each[k]
+    return levels / looks
 
 
 @compiled

@@ -14,19 +14,32 @@ def as_pixels(image) -> np.ndarray:
 
 
 @compiled
-def grey_level(image, x, y):
-    """Returns the level at a point, by bilinear interpolation; beyond the rim, the rim's.
+def grey_levels(image, x, y, levels) -> None:
+    """Finds the levels at points, by bilinear interpolation; beyond the rim, the rim's.
+
+    In three loops, as a processor computes many points at once, but fetches pixels one by one.
 
     Args:
-        image: (h, w), uint8; pixel centres are integers.
-        x, y: (px).
+        image: (h, w), uint8, in one piece; pixel centres are integers.
+        x, y: (px), (n,).
+        levels: where to put them, (n,).
     """
     h, w = image.shape
-    # Written so that NaN becomes 0: no such pixel must be looked at.
-    x = min(x, w - 1.0) if x > 0.0 else 0.0
-    y = min(y, h - 1.0) if y > 0.0 else 0.0
-    j, i = min(int(x), w - 2), min(int(y), h - 2)
-    s, t = x - j, y - i
-    upper = image[i, j] + s * (float(image[i, j + 1]) - float(image[i, j]))
-    lower = image[i + 1, j] + s * (float(image[i + 1, j + 1]) - float(image[i + 1, j]))
-    return upper + t * (lower - upper)
+    flat, n = image.reshape(-1), len(x)
+    right, down, places = np.empty(n), np.empty(n), np.empty(n, np.int32)
+    around = np.empty((4, n), np.uint8)
+    for k in range(n):
+        # Written so that NaN becomes 0: no such pixel must be looked at.
+        u = min(x[k], w - 1.0) if x[k] > 0.0 else 0.0
+        v = min(y[k], h - 1.0) if y[k] > 0.0 else 0.0
+        j, i = np.int32(min(u, w - 2.0)), np.int32(min(v, h - 2.0))
+        right[k], down[k], places[k] = u - j, v - i, i * np.int32(w) + j
+    for k in range(n):
+        place = np.uint64(places[k])
+        around[0, k], around[1, k] = flat[place], flat[place + np.uint64(1)]
+        place += np.uint64(w)
+        around[2, k], around[3, k] = flat[place], flat[place + np.uint64(1)]
+    for k in range(n):
+        upper = around[0, k] + right[k] * (float(around[1, k]) - float(around[0, k]))
+        lower = around[2, k] + right[k] * (float(around[3, k]) - float(around[2, k]))
+        levels[k] = upper + down[k] * (lower - upper)

@@ -4,9 +4,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airrace.systems.pixels import as_pixels, grey_level
+from airrace.systems.pixels import as_pixels, grey_levels
 
 IMAGE = np.random.default_rng(0).integers(0, 256, (12, 17)).astype(np.uint8)
+
+
+def grey_level(x, y):
+    levels = np.empty(3)
+    grey_levels(IMAGE, np.array([2.0, x, 7.0]), np.array([1.0, y, 4.0]), levels)
+    assert levels[0] == IMAGE[1, 2] and levels[2] == IMAGE[4, 7]
+    return levels[1]
 
 
 @given(st.floats(-3, 20), st.floats(-3, 15))
@@ -15,19 +22,19 @@ def test_bilinear(x, y):
         IMAGE.astype(np.float32), np.float32([[x]]), np.float32([[y]]), cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE)
     # OpenCV rounds to 1/32 px.
-    assert grey_level(IMAGE, x, y) == pytest.approx(float(expected[0, 0]), abs=255 / 32 + 1e-3)
+    assert grey_level(x, y) == pytest.approx(float(expected[0, 0]), abs=255 / 32 + 1e-3)
 
 
 def test_exact_at_pixels_and_halfway():
-    assert grey_level(IMAGE, 3.0, 5.0) == IMAGE[5, 3]
-    assert grey_level(IMAGE, 16.0, 11.0) == IMAGE[11, 16]
-    assert grey_level(IMAGE, 3.5, 5.0) == (int(IMAGE[5, 3]) + int(IMAGE[5, 4])) / 2
-    assert grey_level(IMAGE, 3.0, 5.5) == (int(IMAGE[5, 3]) + int(IMAGE[6, 3])) / 2
+    assert grey_level(3.0, 5.0) == IMAGE[5, 3]
+    assert grey_level(16.0, 11.0) == IMAGE[11, 16]
+    assert grey_level(3.5, 5.0) == (int(IMAGE[5, 3]) + int(IMAGE[5, 4])) / 2
+    assert grey_level(3.0, 5.5) == (int(IMAGE[5, 3]) + int(IMAGE[6, 3])) / 2
 
 
 @pytest.mark.parametrize("x, y", [(np.nan, 0.0), (0.0, np.nan), (np.inf, -np.inf), (1e300, 3.0)])
 def test_no_pixel_beyond_the_image_is_looked_at(x, y):
-    assert 0.0 <= grey_level(IMAGE, x, y) <= 255.0
+    assert 0.0 <= grey_level(x, y) <= 255.0
 
 
 def test_pictures_are_copied_only_if_need_be():

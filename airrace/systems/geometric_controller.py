@@ -94,7 +94,7 @@ class GeometricController(LeafSystem):
 
     def _UpdateCommand(self, context, discrete_state):
         remaining = self._remaining(peek(self._losses, context).tobytes())
-        estimate, disturbance = self._estimate.Eval(context), peek(self._disturbance, context)
+        estimate, disturbance = peek(self._estimate, context), peek(self._disturbance, context)
         if not remaining.can_fly:
             if not (all_finite(estimate) and all_finite(disturbance)):
                 return  # the last command is the best there is

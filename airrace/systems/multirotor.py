@@ -169,11 +169,13 @@ def AddMultirotor(builder, plant, scene_graph, vehicle: Vehicle, *, failures=(),
     )
     builder.Connect(rotors.GetOutputPort("thrusts"), propellers.get_command_input_port())
     builder.Connect(plant.get_body_poses_output_port(), propellers.get_body_poses_input_port())
-    forces = [propellers.get_spatial_forces_output_port(), *forces]
-    total = builder.AddNamedSystem(
-        "forces", ExternallyAppliedSpatialForceMultiplexer(num_inputs=len(forces))
-    )
-    for i, port in enumerate(forces):
-        builder.Connect(port, total.get_input_port(i))
-    builder.Connect(total.get_output_port(), plant.get_applied_spatial_force_input_port())
+    applied = propellers.get_spatial_forces_output_port()
+    if forces:
+        total = builder.AddNamedSystem(
+            "forces", ExternallyAppliedSpatialForceMultiplexer(num_inputs=1 + len(forces))
+        )
+        for i, port in enumerate([applied, *forces]):
+            builder.Connect(port, total.get_input_port(i))
+        applied = total.get_output_port()
+    builder.Connect(applied, plant.get_applied_spatial_force_input_port())
     return rotors

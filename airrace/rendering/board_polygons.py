@@ -45,14 +45,14 @@ def add_board(polygons, p_CM_W, R_WM, P, size, crossings, parts, box) -> bool:
             H[row, 1] += P[row, j] * R_WM[j, 1]
             H[row, 2] += P[row, j] * p_CM_W[j]
     for k in range(4):
-        x, y = _CORNERS_M[k]
+        x, y = _CORNERS_M[k, 0], _CORNERS_M[k, 1]
         for row in range(3):
             corners_h[k, row] = H[row, 0] * x + H[row, 1] * y + H[row, 2]
     count = clip_near(corners_h, corners)
     # Two pixels more hold the smooth edge.
     u0, v0, u1, v1 = np.inf, np.inf, -np.inf, -np.inf
     for k in range(count):
-        u, v = corners[k]
+        u, v = corners[k, 0], corners[k, 1]
         u0, v0, u1, v1 = min(u0, u), min(v0, v), max(u1, u), max(v1, v)
     if not (u0 < size[0] + 2 and v0 < size[1] + 2 and u1 > -3 and v1 > -3):
         return False
@@ -69,5 +69,5 @@ def add_board(polygons, p_CM_W, R_WM, P, size, crossings, parts, box) -> bool:
         find_samples(polygons.to_modules[face], x, y, polygons.samples[face])
         polygons.crossings[face] = crossings
         polygons.anchors[face, 0], polygons.anchors[face, 1] = box[0], (box[0] + box[2]) / 2
-    add_polygon(polygons, corners[:count], True, _BACK, face, box)
+    add_polygon(polygons, corners, count, True, _BACK, face, box)
     return True

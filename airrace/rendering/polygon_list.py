@@ -68,21 +68,24 @@ def new_polygons(pictures, things, polygons, faces):
 
 
 @compilable
-def add_polygon(polygons, corners, exact, color, face, box) -> None:
+def add_polygon(polygons, corners, n, exact, color, face, box) -> None:
     """Adds a polygon to the last thing.
 
     Args:
-        corners: (n, 2) px, n <= 5; none for all of the box.
+        corners: (n or more, 2) px, n <= 5. n: how many there are; none for all of the box.
         exact, color, face: see Polygons.
         box: that it is in, (4,).
     """
     i = polygons.counts[1]
     polygons.counts[1] = i + 1
     low, high = EXACT if exact else OVERLAPPING
-    polygons.sides[i] = edge_lines(corners, low, high, polygons.lines[i])
-    polygons.boxes[i] = bounds(corners, box) if len(corners) > 0 else (
-        box[0], box[1], box[2], box[3])
-    polygons.exact[i], polygons.faces[i], polygons.colors[i] = exact, face, color
+    polygons.sides[i] = edge_lines(corners, n, low, high, polygons.lines, i)
+    x0, y0, x1, y1 = bounds(corners, n, box) if n > 0 else (box[0], box[1], box[2], box[3])
+    polygons.boxes[i, 0], polygons.boxes[i, 1] = x0, y0
+    polygons.boxes[i, 2], polygons.boxes[i, 3] = x1, y1
+    polygons.exact[i], polygons.faces[i] = exact, face
+    for c in range(len(color)):
+        polygons.colors[i, c] = color[c]
 
 
 @compilable
@@ -109,9 +112,10 @@ def end_at_seam(polygons, edge) -> None:
     """
     i = polygons.counts[1] - 1
     if polygons.sides[i] == 4:
-        line = polygons.lines[i, edge]
+        a, c = polygons.lines[i, edge, 0], polygons.lines[i, edge, 2]
         # A little more than nothing: rounding must leave no gap.
-        line[4] = line[5] = (_SEAM - line[2]) / line[0] if abs(line[0]) > 1e-9 else line[4]
+        end = (_SEAM - c) / a if abs(a) > 1e-9 else polygons.lines[i, edge, 4]
+        polygons.lines[i, edge, 4] = polygons.lines[i, edge, 5] = end
 
 
 @compilable

@@ -23,20 +23,22 @@ def clip_near(points_h, clipped) -> int:
     """
     n, count = len(points_h), 0
     for i in range(n):
-        a, b = points_h[i], points_h[(i + 1) % n]
-        if a[2] >= NEAR:
-            clipped[count, 0], clipped[count, 1] = a[0] / a[2], a[1] / a[2]
+        x, y, z = points_h[i, 0], points_h[i, 1], points_h[i, 2]
+        j = i + 1 if i + 1 < n else 0
+        after = points_h[j, 2]
+        if z >= NEAR:
+            clipped[count, 0], clipped[count, 1] = x / z, y / z
             count += 1
-        if (a[2] >= NEAR) != (b[2] >= NEAR):
-            share = (NEAR - a[2]) / (b[2] - a[2])
-            clipped[count, 0] = (a[0] + share * (b[0] - a[0])) / NEAR
-            clipped[count, 1] = (a[1] + share * (b[1] - a[1])) / NEAR
+        if (z >= NEAR) != (after >= NEAR):
+            share = (NEAR - z) / (after - z)
+            clipped[count, 0] = (x + share * (points_h[j, 0] - x)) / NEAR
+            clipped[count, 1] = (y + share * (points_h[j, 1] - y)) / NEAR
             count += 1
     return count
 
 
 @compilable
-def edge_lines(corners, low, high, lines) -> int:
+def edge_lines(corners, n, low, high, lines, row) -> int:
     """Finds the lines along the edges of a convex polygon.
 
     A line is a, b, c such that a x + b y + c is the distance of (x, y) from it, outwards;
@@ -44,30 +46,31 @@ def edge_lines(corners, low, high, lines) -> int:
     x_high + k y. Corners that coincide have no line.
 
     Args:
-        corners: (n, 2) px.
+        corners: (n or more, 2) px. n: how many there are.
         low, high: distances, see spans().
-        lines: where to put them, (n, 6).
+        lines: where to put them, (rows, n or more, 6). row: which row of it.
 
     Returns:
         how many there are.
     """
-    n, area, count = len(corners), 0.0, 0
+    area, count = 0.0, 0
     for i in range(n):
-        p, q = corners[i], corners[(i + 1) % n]
-        area += p[0] * q[1] - p[1] * q[0]
+        j = i + 1 if i + 1 < n else 0
+        area += corners[i, 0] * corners[j, 1] - corners[i, 1] * corners[j, 0]
     sign = 1.0 if area > 0.0 else -1.0
     for i in range(n):
-        p, q = corners[i], corners[(i + 1) % n]
-        dx, dy = q[0] - p[0], q[1] - p[1]
+        j = i + 1 if i + 1 < n else 0
+        x, y = corners[i, 0], corners[i, 1]
+        dx, dy = corners[j, 0] - x, corners[j, 1] - y
         length = math.sqrt(dx * dx + dy * dy)
         if length > 1e-6:
             a, b = sign * dy / length, -sign * dx / length
-            lines[count, 0], lines[count, 1] = a, b
-            c = -a * p[0] - b * p[1]
-            lines[count, 2] = c
+            c = -a * x - b * y
+            lines[row, count, 0], lines[row, count, 1], lines[row, count, 2] = a, b, c
             if abs(a) > 1e-9:
-                lines[count, 3] = -b / a
-                lines[count, 4], lines[count, 5] = (low - c) / a, (high - c) / a
+                lines[row, count, 3] = -b / a
+                lines[row, count, 4] = (low - c) / a
+                lines[row, count, 5] = (high - c) / a
             count += 1
     return count
 
@@ -129,15 +132,16 @@ def cover(lines, x, y, low, high) -> float:
 
 
 @compilable
-def bounds(corners, box):
+def bounds(corners, n, box):
     """Returns the pixels that a polygon can touch, inside of a box.
 
     Args:
-        corners: (n, 2) px.
+        corners: (n or more, 2) px. n: how many there are.
         box: see pixels.py.
     """
     x0, y0, x1, y1 = box[2], box[3], box[0], box[1]
-    for x, y in corners:
+    for i in range(n):
+        x, y = corners[i, 0], corners[i, 1]
         if not abs(x) + abs(y) < 1e8:
             return box[0], box[1], box[2], box[3]
         x0, y0 = min(x0, int(x) - 2), min(y0, int(y) - 2)

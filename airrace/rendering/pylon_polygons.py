@@ -33,6 +33,8 @@ _FIRST_VERTEX = _first([len(shape.vertices) for shape in _SHAPES])
 _FIRST_FACET = _first([len(shape.facets) - shape.sides for shape in _SHAPES])
 _HORIZON = with_grey([HORIZON])[0]
 _EDGE = 2.0  # px, wider than a smooth edge
+_RIM = 3.0  # px, around the picture, that what lies beyond cannot touch it
+_THICKNESS = 1.1 * 2**0.5 * PYLON_BASE_RADIUS  # m, of a pylon with boards, from its axis
 _RIGHT, _LEFT = 1, 3  # edges of a facet, at which others of the same ring begin
 # Corners of a frustum that holds a pylon whatever its detail.
 _HULL = np.array([
@@ -44,17 +46,44 @@ _HULL_EDGES = np.array([[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [2, 6], [6, 4], 
 
 
 @compiled
-def pylon_boxes(p_CF_W, P, size):
+def in_sight(p_CF_W, P, size):
+    """Returns which pylons, or boards on them, may be in a picture, (n,).
+
+    Args: as for pylon_boxes().
+    """
+    w, h = size
+    # Inner normals of the planes through the rim, and of the one before the camera.
+    normals = np.empty((5, 3))
+    for j in range(3):
+        normals[0, j], normals[1, j] = P[0, j] + _RIM * P[2, j], (w + _RIM) * P[2, j] - P[0, j]
+        normals[2, j], normals[3, j] = P[1, j] + _RIM * P[2, j], (h + _RIM) * P[2, j] - P[1, j]
+        normals[4, j] = P[2, j]
+    result = np.empty(len(p_CF_W), np.bool_)
+    for i in range(len(p_CF_W)):
+        result[i] = True
+        for k in range(5):
+            x, y, z = normals[k, 0], normals[k, 1], normals[k, 2]
+            foot = x * p_CF_W[i, 0] + y * p_CF_W[i, 1] + z * p_CF_W[i, 2]
+            reach = _THICKNESS * math.sqrt(x * x + y * y + z * z)
+            if max(foot, foot + z * PYLON_HEIGHT) < -reach:
+                result[i] = False
+                break
+    return result
+
+
+@compiled
+def pylon_boxes(p_CF_W, P, size, which):
     """Returns the pixels that pylons can touch, see pixels.py, (n, 4); empty if out of sight.
 
     Args:
         p_CF_W: from the camera to their feet, (n, 3) m.
         P: K R_CW.
         size: of the picture, [w, h].
+        which: see in_sight().
     """
     boxes = np.zeros((len(p_CF_W), 4), np.int64)
     hull = np.empty((len(_HULL), 3))
-    for i in range(len(p_CF_W)):
+    for i in np.flatnonzero(which):
         nearest = np.inf
         for k in range(len(_HULL)):
             for row in range(3):
@@ -137,25 +166,26 @@ def add_pylon(polygons, p_CF_W, P, distance, parts, box) -> None:
             for j in range(3):
                 projected[k, row] += P[row, j] * (p_CF_W[j] + vertices[k, j])
     first, sides = _FIRST_FACET[level], _SIDES[level]
-    in_sight = np.empty(_FIRST_FACET[level + 1] - first, np.bool_)
-    for i in range(len(in_sight)):
+    front = np.empty(_FIRST_FACET[level + 1] - first, np.bool_)
+    for i in range(len(front)):
         facing = 0.0
         for j in range(3):
             facing -= _NORMALS[first + i, j] * p_CF_W[j]
-        in_sight[i] = facing > _OFFSETS[first + i]
+        front[i] = facing > _OFFSETS[first + i]
     corners_h, corners, color = np.empty((4, 3)), np.empty((5, 2)), np.empty(5)
-    for i in np.flatnonzero(in_sight):
+    for i in np.flatnonzero(front):
         f = first + i
         for k in range(4):
-            corners_h[k] = projected[_FACETS[f, k]]
+            for j in range(3):
+                corners_h[k, j] = projected[_FACETS[f, k], j]
         count = clip_near(corners_h, corners)
-        if count > 0 and touches(bounds(corners[:count], box), parts):
+        if count > 0 and touches(bounds(corners, count, box), parts):
             for c in range(len(color)):
                 color[c] = (1.0 - veil) * _COLORS[f, c] + veil * _HORIZON[c]
-            add_polygon(polygons, corners[:count], False, color, -1, box)
+            add_polygon(polygons, corners, count, False, color, -1, box)
             if count == 4:
                 ring, side = i - i % sides, i % sides
-                if in_sight[ring + (side + 1) % sides]:
+                if front[ring + (side + 1) % sides]:
                     end_at_seam(polygons, _RIGHT)
-                if in_sight[ring + (side - 1) % sides]:
+                if front[ring + (side - 1) % sides]:
                     end_at_seam(polygons, _LEFT)

@@ -11,7 +11,13 @@ from airrace.rendering.polygon_list import (
     touches,
     with_grey,
 )
-from airrace.rendering.pylon_polygons import add_pylon, facet_count, is_inside, pylon_boxes
+from airrace.rendering.pylon_polygons import (
+    add_pylon,
+    facet_count,
+    in_sight,
+    is_inside,
+    pylon_boxes,
+)
 from airrace.rendering.textures import EARTH, PYLON_COLOR
 
 _EARTH, _DARK = with_grey([EARTH, np.array(PYLON_COLOR) / 2])
@@ -34,6 +40,7 @@ def look(R_WC, p_WC, K, size, feet, p_FM_W, R_WM, crossings, shifts, parts):
     pictures, pylons = len(p_WC), len(feet)
     P, p_CF_W = np.empty((pictures, 3, 3)), np.empty((pictures, pylons, 3))
     boxes, distance = np.empty((pictures, pylons, 4), np.int64), np.empty((pictures, pylons))
+    seen = np.empty((pictures, pylons), np.bool_)
     facets = 1
     for k in range(pictures):
         P[k] = _times_transposed(K, R_WC[k])
@@ -41,7 +48,8 @@ def look(R_WC, p_WC, K, size, feet, p_FM_W, R_WM, crossings, shifts, parts):
             for j in range(3):
                 p_CF_W[k, i, j] = feet[i, j] + (shifts[i // 2, j] if j < 2 else 0.0) - p_WC[k, j]
             distance[k, i] = np.hypot(p_CF_W[k, i, 0], p_CF_W[k, i, 1])
-        boxes[k] = pylon_boxes(p_CF_W[k], P[k], size)
+        seen[k] = in_sight(p_CF_W[k], P[k], size)
+        boxes[k] = pylon_boxes(p_CF_W[k], P[k], size, seen[k])
         for i in range(pylons):
             if touches(boxes[k, i], parts):
                 facets += facet_count(distance[k, i])
@@ -55,20 +63,21 @@ def look(R_WC, p_WC, K, size, feet, p_FM_W, R_WM, crossings, shifts, parts):
     for k in range(pictures):
         nearest = np.argmin(distance[k])
         if p_WC[k, 2] <= 0.0:
-            add_polygon(polygons, nothing, False, _EARTH, -1, everything)
+            add_polygon(polygons, nothing, 0, False, _EARTH, -1, everything)
             end_thing(polygons, everything)
         elif is_inside(p_CF_W[k, nearest]):
-            add_polygon(polygons, nothing, False, _DARK, -1, everything)
+            add_polygon(polygons, nothing, 0, False, _DARK, -1, everything)
             end_thing(polygons, everything)
         else:
-            _add_gates(polygons, p_CF_W[k], distance[k], boxes[k], P[k], size, p_FM_W, R_WM,
-                       crossings, parts)
+            _add_gates(polygons, p_CF_W[k], distance[k], seen[k], boxes[k], P[k], size, p_FM_W,
+                       R_WM, crossings, parts)
         polygons.pictures[k + 1] = polygons.counts[0]
     return polygons
 
 
 @compilable
-def _add_gates(polygons, p_CF_W, distance, boxes, P, size, p_FM_W, R_WM, crossings, parts):
+def _add_gates(polygons, p_CF_W, distance, seen, boxes, P, size, p_FM_W, R_WM, crossings,
+               parts):
     """Adds the pylons and boards in some parts of a picture, back to front.
 
     A pylon and its two boards stand in an upright cylinder of the pylon's radius. The
@@ -78,11 +87,13 @@ def _add_gates(polygons, p_CF_W, distance, boxes, P, size, p_FM_W, R_WM, crossin
 
     Args:
         p_FM_W: of the boards from the pylon's foot, (4 n, 3) m.
-        p_CF_W, distance, boxes: of the pylons, see pylon_polygons.py.
+        p_CF_W, distance, seen, boxes: of the pylons, see pylon_polygons.py.
         P: K R_CW. Others: see look().
     """
     box, p_CM_W = np.empty(4, np.int64), np.empty(3)
     for i in np.argsort(-distance, kind="mergesort"):
+        if not seen[i]:
+            continue
         for step in range(3):  # boards that face away, the pylon, boards that face the camera
             if step == 1:
                 if boxes[i, 0] < boxes[i, 2]:

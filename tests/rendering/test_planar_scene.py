@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from airrace.rendering.planar import PlanarRenderer
+from airrace.rendering.pylon_polygons import in_sight, pylon_boxes
 from airrace.rendering.textures import BOARD_BACK, EARTH
 from airrace.track import Gate, Track, load_track
 from tests.rendering.picture_tools import CAMERA_INFO, R_BC, look_at, new_picture, one_gate, project
@@ -160,3 +161,23 @@ def test_grey_levels_are_those_of_the_colours():
         renderer.render(X_WC, levels)
         difference = cv2.cvtColor(colored, cv2.COLOR_RGBA2GRAY).astype(int) - levels
         assert np.abs(difference).max() <= 4 and abs(difference.mean()) < 0.5
+
+
+@settings(max_examples=300)
+@given(st.tuples(*2 * [st.floats(-np.pi, np.pi)], st.floats(-1.4, 1.4)),
+       st.tuples(*2 * [st.floats(-40, 40)], st.floats(-2, 20)))
+def test_what_is_left_out_as_out_of_sight_is(turn, p_WC):
+    """Neither a pylon nor a point where a board may be is in the picture then."""
+    roll, yaw, pitch = turn
+    size = np.array([CAMERA_INFO.width, CAMERA_INFO.height])
+    P = CAMERA_INFO.K @ body_pose(roll, pitch, yaw, [0, 0, 0]).rotation().matrix().T
+    p_CF_W = np.array([[5.0, 2.0, 0.0], [-9.0, 30.0, 0.0], [0.3, 0.2, 0.0]]) - p_WC
+    seen = in_sight(p_CF_W, P, size)
+    all_boxes = pylon_boxes(p_CF_W, P, size, np.full(3, True))
+    np.testing.assert_array_equal(pylon_boxes(p_CF_W, P, size, seen), all_boxes)
+    angles, heights = np.meshgrid(np.linspace(0, 6.2, 20), np.linspace(5.5, 7.0, 6))
+    around = [1.25 * np.cos(angles), 1.25 * np.sin(angles), heights]  # corners of boards
+    for foot in p_CF_W[~seen]:
+        x, y, z = P @ (foot[:, None] + np.reshape(around, (3, -1)))
+        inside = (z > 0) & (x >= 0) & (x <= size[0] * z) & (y >= 0) & (y <= size[1] * z)
+        assert not inside.any()

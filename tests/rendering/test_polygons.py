@@ -33,7 +33,7 @@ def listed(pictures, exact, level=255.0):
     for k, picture in enumerate(pictures):
         for corners in picture:
             color = np.full(5, level)
-            add_polygon(polygons, np.array(corners, float), exact, color, -1, ALL[0])
+            add_polygon(polygons, np.array(corners, float), len(corners), exact, color, -1, ALL[0])
             end_thing(polygons, ALL[0])
         polygons.pictures[k + 1] = polygons.counts[0]
     return polygons
@@ -95,7 +95,7 @@ def test_facets_that_end_at_a_seam_do_not_fade_there(x, angle):
     polygons = new_polygons(1, 1, 2, 0)
     for side, level, edge in ((-1, 100.0, 1), (1, 200.0, 3)):
         corners = square(x, 20.0, 60.0, angle) + side * 30.0 * np.array([c, s])
-        add_polygon(polygons, corners, False, np.full(5, level), -1, ALL[0])
+        add_polygon(polygons, corners, 4, False, np.full(5, level), -1, ALL[0])
         end_at_seam(polygons, edge)
     end_thing(polygons, ALL[0])
     polygons.pictures[1] = 1
@@ -110,7 +110,7 @@ def test_facets_that_end_at_a_seam_do_not_fade_there(x, angle):
 
 def test_channels_have_their_colours():
     polygons, color = new_polygons(1, 1, 1, 0), np.array([10.0, 20.0, 30.0, 255.0, 77.0])
-    add_polygon(polygons, square(20.0, 20.0, 9.0, 0.0), True, color, -1, ALL[0])
+    add_polygon(polygons, square(20.0, 20.0, 9.0, 0.0), 4, True, color, -1, ALL[0])
     end_thing(polygons, ALL[0])
     polygons.pictures[1] = 1
     for channels, expected in ((4, color[:4]), (1, color[4:])):

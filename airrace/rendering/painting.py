@@ -120,23 +120,21 @@ def _fill(out, channels, x_out, y_out, box, lines, exact, color) -> None:
     """Fills a polygon with a colour, (channels,), within a box; see _paint_picture()."""
     low, high = EXACT if exact else OVERLAPPING
     x0, y0, x1, y1 = box
-    grey, offsets = np.uint8(color[0] + 0.5), np.empty(len(lines))
+    grey = np.uint8(color[0] + 0.5)
     for y in range(y0, y1):
         first, last, filled, until = spans(lines, y, low, high, x0, x1)
         if first > last:
             continue
-        row = out[np.uint64(y - y_out)]
+        v = np.uint64(y - y_out)
         if channels == 1:
             for x in range(np.uint64(filled - x_out), np.uint64(max(until + 1, filled) - x_out)):
-                row[x] = grey
+                out[v, x] = grey
         else:
             for x in range(filled, until + 1):
                 for c in range(channels):
-                    row[(x - x_out) * channels + c] = np.uint8(color[c] + 0.5)
+                    out[v, np.uint64((x - x_out) * channels + c)] = np.uint8(color[c] + 0.5)
         if first == filled and until == last:
             continue
-        for j in range(len(lines)):
-            offsets[j] = lines[j, 1] * y + lines[j, 2]
         for start, stop in ((first, filled), (until + 1, last + 1)):
             for x in range(start, stop):
                 if exact:
@@ -144,12 +142,14 @@ def _fill(out, channels, x_out, y_out, box, lines, exact, color) -> None:
                 else:
                     farthest = 0.0
                     for j in range(len(lines)):
-                        farthest = max(farthest, lines[j, 0] * x + offsets[j])
+                        # The brackets are the same for all pixels of a row.
+                        farthest = max(
+                            farthest, lines[j, 0] * x + (lines[j, 1] * y + lines[j, 2]))
                     share = max(1.0 - farthest, 0.0)
                 for c in range(channels):
                     at = np.uint64((x - x_out) * channels + c)
-                    level = float(row[at])
-                    row[at] = np.uint8(np.int32(level + share * (color[c] - level) + 0.5))
+                    level = float(out[v, at])
+                    out[v, at] = np.uint8(np.int32(level + share * (color[c] - level) + 0.5))
 
 
 @compiled
@@ -166,18 +166,20 @@ def _fill_face(out, channels, x_out, y_out, box, lines, scratch, to_modules, cro
         some = -(-(last + 1 - first) // _LANES) * _LANES
         levels = face_levels(
             scratch, some, to_modules, crossings, anchor, first - int(anchor[0]), y, samples)
-        row = out[np.uint64(y - y_out)]
+        v = np.uint64(y - y_out)
         if channels == 1:
-            inside, new = row[filled - x_out:until + 1 - x_out], levels[filled - first:]
-            for k in range(until + 1 - filled):
-                inside[k] = np.uint8(np.int32(new[k] + _HALF))
+            at, begin = np.uint64(filled - x_out), np.uint64(filled - first)
+            for k in range(np.uint64(max(until + 1 - filled, 0))):
+                out[v, at + k] = np.uint8(np.int32(levels[begin + k] + _HALF))
         else:
             for x in range(filled, until + 1):
                 for c in range(shown):
-                    row[(x - x_out) * channels + c] = np.uint8(levels[x - first] + 0.5)
+                    out[v, np.uint64((x - x_out) * channels + c)] = np.uint8(
+                        levels[x - first] + 0.5)
         for start, stop in ((first, filled), (until + 1, last + 1)):
             for x in range(start, stop):
                 share, level = cover(lines, x, y, low, high), levels[x - first]
                 for c in range(shown):
                     at = np.uint64((x - x_out) * channels + c)
-                    row[at] = np.uint8(row[at] + share * (level - row[at]) + 0.5)
+                    behind = out[v, at]
+                    out[v, at] = np.uint8(behind + share * (level - behind) + 0.5)

@@ -30,7 +30,8 @@ _EFFORT = Effort(tolerance=2e-3, samples=40)
 _FIT_SAMPLES = 24  # of each leg, for its interior control points
 _SLOWER = (1.0, 1.3, 1.7)  # guesses of all durations
 _LEAST_DURATION = 0.1  # s
-# Of the limits, for what lies between samples; tried in turn. Those sought from nothing are livelier.
+# Of the limits, for what lies between samples; tried in turn. A way that is sought from
+# nothing is livelier there.
 _AIMS, _AIMS_FROM_NOTHING = (0.998, 0.994, 0.988), (0.995, 0.988)
 
 

@@ -185,6 +185,15 @@ def test_only_expected_markers_are_found_where_they_are_expected():
     assert search.around(view, {})[0] == []
 
 
+@pytest.mark.parametrize("off", [[24.0, 0.0], [0.0, -24.0], [-24.0, 24.0]])
+def test_one_that_is_not_quite_where_it_is_expected_is_found_all_the_same(off):
+    search, view = MarkerSearch(), CameraView.of(picture(LONE))
+    corners = project(LONE[39])
+    found, quads = search.around(view, {39: corners + off})
+    assert found == [39]
+    np.testing.assert_allclose(quads[0], corners, atol=2.5)
+
+
 def test_a_pose_that_jumps_is_refused_until_it_stays():
     near, far = (picture({39: pose(0, 0, z)}) for z in (12.0, 16.0))
     sights, _ = watch([far, near, near])

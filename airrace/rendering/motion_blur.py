@@ -25,7 +25,7 @@ def moved(X_WB, w_WB, v_WB, dt) -> RigidTransform:
         v_WB: velocity of the body's origin in world (m/s), (3,).
         dt: may be negative (s).
     """
-    rate = np.linalg.norm(w_WB)
+    rate = math.sqrt(np.dot(w_WB, w_WB))
     R_WB = X_WB.rotation()
     if rate > 0:
         R_WB = RotationMatrix(AngleAxis(rate * dt, w_WB / rate)) @ R_WB

@@ -1,5 +1,6 @@
 """The drone's camera."""
 
+import math
 import typing
 
 import numpy as np
@@ -200,7 +201,8 @@ class Camera(LeafSystem):
         """Returns what draws the picture: draw(out, boxes=None), see Exposure."""
         sample = self._Shown(context)
         # The plant's integrator lets the quaternion's norm drift a little.
-        X_WB = RigidTransform(Quaternion(sample[:4] / np.linalg.norm(sample[:4])), sample[4:7])
+        q = sample[:4]
+        X_WB = RigidTransform(Quaternion(q / math.sqrt(q.dot(q))), sample[4:7])
         if self._state_period > 0.0:
             X_WB = moved(
                 X_WB, sample[7:10], sample[10:13], -lead(sample[13], self._state_period))

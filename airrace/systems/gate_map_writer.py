@@ -18,7 +18,8 @@ class GateMapWriter(LeafSystem):
         input_ports:
         - gate_map
 
-    ``gate_map`` is a GateMap. A forced publish writes at once.
+    ``gate_map`` is a GateMap; one that has not changed is not written again. A forced
+    publish writes at once.
     """
 
     def __init__(self, *, directory: Path, period: float = 2.0):
@@ -31,8 +32,15 @@ class GateMapWriter(LeafSystem):
         LeafSystem.__init__(self)
         self._directory = Path(directory)
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object](GateMap()))
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Write)
+        self._written = None  # what is in the files, wherever the race stands
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._WriteIfNew)
         self.DeclareForcedPublishEvent(self._Write)
 
+    def _WriteIfNew(self, context):
+        if self._map.Eval(context) is not self._written:
+            self._Write(context)
+
     def _Write(self, context):
-        write_map(self._directory, self._map.Eval(context))
+        gate_map = self._map.Eval(context)
+        write_map(self._directory, gate_map)
+        self._written = gate_map

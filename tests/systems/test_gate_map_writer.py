@@ -4,6 +4,7 @@ import pytest
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantValueSource
 
 from airrace.errors import UserError
 from airrace.systems.gate_map_writer import GateMapWriter
@@ -53,6 +54,20 @@ def test_a_forced_publish_writes_at_once(tmp_path):
     simulator.AdvanceTo(2.5)
     simulator.get_system().ForcedPublish(simulator.get_context())
     assert times(tmp_path) == [2.5, 2.5]
+
+
+def test_a_map_that_does_not_change_is_written_once(tmp_path):
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantValueSource(Value[object](GateMap(time=3.0))))
+    writer = builder.AddSystem(GateMapWriter(directory=tmp_path, period=1.0))
+    builder.Connect(source.get_output_port(), writer.GetInputPort("gate_map"))
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(0.5)
+    (tmp_path / "map.json").unlink()
+    simulator.AdvanceTo(2.5)
+    assert not (tmp_path / "map.json").exists()
+    simulator.get_system().ForcedPublish(simulator.get_context())
+    assert times(tmp_path) == [3.0, 3.0]
 
 
 def test_a_folder_that_went_away_is_named(tmp_path):

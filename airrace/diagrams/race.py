@@ -76,7 +76,7 @@ def make_parser() -> argparse.ArgumentParser:
                      help="leave report.html, a page of pictures and tables (default: yes)")
     run.add_argument("--record", choices=("none", "light", "full"),
                      help="what race.mcap holds: light = all signals, full = and pictures of the "
-                     "camera; it costs about a tenth of the race's time (default: full)")
+                     "camera; it costs about a fifth of the race's time (default: full)")
     run.add_argument("--realtime_rate", type=float, metavar="R",
                      help="1 = real time, 0 = as fast as it can (default: 0)")
     run.add_argument("--graphviz", type=Path, metavar="FILE",

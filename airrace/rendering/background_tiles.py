@@ -1,7 +1,7 @@
 """Tiles of the background, many pixels at a time.
 
-A row of a tile is computed in short loops, each over all its pixels: a processor then works
-on several of them at once. Only the texture is fetched pixel by pixel.
+A tile is computed in short loops, each over all its pixels: a processor then works on
+several of them at once. Only the texture is fetched pixel by pixel.
 """
 
 import math

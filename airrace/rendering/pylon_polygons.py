@@ -34,13 +34,13 @@ _FIRST_FACET = _first([len(shape.facets) - shape.sides for shape in _SHAPES])
 _HORIZON = with_grey([HORIZON])[0]
 _EDGE = 2.0  # px, wider than a smooth edge
 _RIM = 3.0  # px, around the picture, that what lies beyond cannot touch it
-_THICKNESS = 1.1 * 2**0.5 * PYLON_BASE_RADIUS  # m, of a pylon with boards, from its axis
 _RIGHT, _LEFT = 1, 3  # edges of a facet, at which others of the same ring begin
 # Corners of a frustum that holds a pylon whatever its detail.
 _HULL = np.array([
     [1.1 * x * r, 1.1 * y * r, z] for x in (-1, 1) for y in (-1, 1)
     for r, z in ((PYLON_BASE_RADIUS, 0.0), (PYLON_TIP_RADIUS, PYLON_HEIGHT))
 ])
+_REACH = np.hypot(_HULL[:, 0], _HULL[:, 1]).max()  # m, from the axis; boards are within it, too
 _HULL_EDGES = np.array([[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [2, 6], [6, 4], [4, 0],
                         [1, 3], [3, 7], [7, 5], [5, 1]])
 
@@ -53,19 +53,21 @@ def in_sight(p_CF_W, P, size):
     """
     w, h = size
     # Inner normals of the planes through the rim, and of the one before the camera.
-    normals = np.empty((5, 3))
+    normals, reach = np.empty((5, 3)), np.empty(5)
     for j in range(3):
         normals[0, j], normals[1, j] = P[0, j] + _RIM * P[2, j], (w + _RIM) * P[2, j] - P[0, j]
         normals[2, j], normals[3, j] = P[1, j] + _RIM * P[2, j], (h + _RIM) * P[2, j] - P[1, j]
         normals[4, j] = P[2, j]
+    for k in range(5):
+        reach[k] = _REACH * math.hypot(math.hypot(normals[k, 0], normals[k, 1]), normals[k, 2])
     result = np.empty(len(p_CF_W), np.bool_)
     for i in range(len(p_CF_W)):
         result[i] = True
         for k in range(5):
-            x, y, z = normals[k, 0], normals[k, 1], normals[k, 2]
-            foot = x * p_CF_W[i, 0] + y * p_CF_W[i, 1] + z * p_CF_W[i, 2]
-            reach = _THICKNESS * math.sqrt(x * x + y * y + z * z)
-            if max(foot, foot + z * PYLON_HEIGHT) < -reach:
+            foot = 0.0
+            for j in range(3):
+                foot += normals[k, j] * p_CF_W[i, j]
+            if max(foot, foot + normals[k, 2] * PYLON_HEIGHT) < -reach[k]:
                 result[i] = False
                 break
     return result

@@ -63,8 +63,8 @@ def grass_squares() -> np.ndarray:
     """Returns grass_detail() in squares of two by two texels, which are fetched at once.
 
     Returns:
-        Shape (size * size,), uint32, read-only. From the least byte: the texel, the one to
-        the right, the one below, and the one to the right of that.
+        Shape (size * size,), size a power of two, uint32, read-only. From the least byte:
+        the texel, the one to the right, the one below, and the one to the right of that.
     """
     grass = grass_detail().astype(np.uint32)
     below = np.roll(grass, -1, axis=0)

@@ -55,12 +55,12 @@ class MarkerSearch:
         codes = DICTIONARY.bytesList[expected]
         self._detector.setDictionary(cv2.aruco.Dictionary(codes, DICTIONARY.markerSize, 0))
         for margins in _MARGINS:
-            missing = [box for id, box in predictions.items() if id not in found]
-            regions = [_region(box, *margins, view.shape) for box in missing]
-            picture = view.drawn(*regions)
-            for (x0, y0, x1, y1), box in zip(regions, missing):
-                if x1 - x0 < _SMALLEST_SIDE or y1 - y0 < _SMALLEST_SIDE:
-                    continue
+            sought = [(_region(box, *margins, view.shape), box)
+                      for id, box in predictions.items() if id not in found]
+            sought = [((x0, y0, x1, y1), box) for (x0, y0, x1, y1), box in sought
+                      if min(x1 - x0, y1 - y0) >= _SMALLEST_SIDE]
+            picture = view.drawn(*(region for region, _ in sought))
+            for (x0, y0, x1, y1), box in sought:
                 perimeter = _LEAST_SHARE * cv2.arcLength(box.astype(np.float32), True)
                 ids, quads, _ = self._Detect(
                     picture[y0:y1, x0:x1], max(perimeter, 4 * _SMALLEST_SIDE))

@@ -37,6 +37,13 @@ def test_no_pixel_beyond_the_image_is_looked_at(x, y):
     assert 0.0 <= grey_level(x, y) <= 255.0
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1)])
+def test_a_picture_of_one_row_or_column_has_only_its_own_levels(shape):
+    image, levels = np.full(shape, 90, np.uint8), np.empty(3)
+    grey_levels(image, np.array([-1.0, 0.5, 4.0]), np.array([4.0, 0.5, -1.0]), levels)
+    assert levels.tolist() == [90.0, 90.0, 90.0]
+
+
 def test_pictures_are_copied_only_if_need_be():
     assert as_pixels(IMAGE) is IMAGE
     frozen = IMAGE.copy()

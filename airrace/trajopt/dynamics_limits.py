@@ -41,15 +41,13 @@ def _cones(step, leg, order, limit, near):
     which = np.flatnonzero(amount > near * limit * T**order)
     if not len(which):
         return
-    rows = []
+    by_z, by_stretch = step.derivatives(leg, order)
+    rows = np.zeros((len(which), 4, step.size(leg)))
+    rows[:, 0, -1] = order * limit * T**order  # T^2 is linearised from below
     for d in range(3):
-        gradients = np.zeros((len(which), order + 1, 4))
-        gradients[:, order, d] = 1.0
-        rows.append(step.rows(leg, which, gradients, 0.0))
-    first = np.zeros_like(rows[0])
-    first[:, -1] = order * limit * T**order  # T^2 is linearised from below
+        rows[:, 1 + d, d:-2:4], rows[:, 1 + d, -1] = by_z[which], by_stretch[which, d]
     values = np.column_stack([np.full(len(which), limit * T**order), y[order, which, :3]])
-    step.in_cones(leg, np.stack([first, *rows], axis=1), values, limit=limit * T**order)
+    step.in_cones(leg, rows, values, limit=limit * T**order)
 
 
 def _rotors(step, leg, reach):
@@ -60,7 +58,7 @@ def _rotors(step, leg, reach):
     """
     T, here, dynamics = step.lap.durations[leg], step.of(leg), step.dynamics
     vehicle, most = step.samples.limits.vehicle, step.samples.limits.max_thrusts
-    share = np.linalg.pinv(vehicle.allocation)[:, 0] * vehicle.mass
+    share = step.samples.limits.from_wrench[:, 0] * vehicle.mass
     force, rest = dynamics.force[:, here], dynamics.rest[:, here]
     d_force, d_rest = dynamics.d_force[:, here], dynamics.d_rest[:, here]
     force_by_T, rest_by_T = dynamics.force_by_T[:, here], dynamics.rest_by_T[:, here]
@@ -77,7 +75,7 @@ def _rotors(step, leg, reach):
         step.in_cones(leg, np.stack([np.zeros_like(rows[0]), *rows], axis=1),
                       np.column_stack([np.zeros(len(which)), force.T[which]]), norms)
         # What torques do, as variables of their own: rotors outnumber torques.
-        shares = np.linalg.pinv(vehicle.allocation)[:, 0 if step.samples.limits.drag else 1:]
+        shares = step.samples.limits.from_wrench[:, 0 if step.samples.limits.drag else 1:]
         from_rest = np.linalg.pinv(shares)
         torques = step.program.NewContinuousVariables(len(shares.T) * len(which)).reshape(
             len(shares.T), -1)

@@ -53,7 +53,7 @@ class DynamicsRows:
         axes = [np.tile(axis, count) for axis in samples.axes]
         thrusts, force, w, _ = twisted_dynamics(
             flat.reshape(18, -1), T.ravel(), axes, samples.limits)
-        share = np.linalg.pinv(vehicle.allocation)[:, :1] * vehicle.mass
+        share = samples.limits.from_wrench[:, :1] * vehicle.mass
         rest = thrusts - share * np.sqrt(np.sum(force * force, axis=0))
         rate = np.sqrt(np.sum(w * w, axis=0) + 1e-12)[None]
         values, gradients, by_T = [], [], []

@@ -1,6 +1,7 @@
 """What a lap must keep: the limits of the vehicle, and those that a team adds."""
 
 import dataclasses as dc
+import functools
 
 import numpy as np
 
@@ -48,11 +49,16 @@ class FlightLimits:
                 raise TrajectoryOptimizationError(f"{name} must be positive, not {value}.")
         if not 0.0 <= self.drag < np.inf:
             raise TrajectoryOptimizationError(f"drag must not be negative, as {self.drag} is.")
-        hover = np.linalg.pinv(self.vehicle.allocation)[:, 0] * self.vehicle.mass * GRAVITY
+        hover = self.from_wrench[:, 0] * self.vehicle.mass * GRAVITY
         if np.any(hover >= self.max_thrusts) or np.any(hover <= self.min_thrusts):
             raise TrajectoryOptimizationError(
                 f"At {self.thrust_share:.0%} of their limits, the rotors of {self.vehicle.name} "
                 "cannot hold a hover.")
+
+    @functools.cached_property
+    def from_wrench(self) -> np.ndarray:
+        """The rotors' thrusts for [f, Mx, My, Mz] in B, by the pseudo-inverse, (rotors, 4)."""
+        return np.linalg.pinv(self.vehicle.allocation)
 
     @property
     def max_thrusts(self) -> np.ndarray:

@@ -177,4 +177,4 @@ def twisted_dynamics(flat, units, axes, limits: FlightLimits):
         thrust = thrust + surplus * np.sum(flat[VELOCITY] * b, axis=0)
     moment = moments(vehicle, w, alpha, limits.drag, units)
     wrench = np.vstack([vehicle.mass * thrust[None], moment])
-    return np.linalg.pinv(vehicle.allocation) @ wrench, force, w, alpha
+    return limits.from_wrench @ wrench, force, w, alpha

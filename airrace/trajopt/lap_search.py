@@ -19,6 +19,7 @@ PIECES = 6  # of each leg's spline, as a rule
 _FIRST_WEIGHT, _WARM_WEIGHT = 0.1, 0.02  # of staying near, in the first step
 _MOST_WEIGHT = 100.0
 _FIRST_REACH, _REACH = 0.5, 0.25  # of a step, see limit_dynamics()
+_VIEW_REACH = 0.35  # rad, likewise, see keep_in_view()
 _TWIST_WEIGHT = 1e-4
 # Costs of what a step cannot avoid: s per rad, per m, per m/s. Laps are compared by
 # the worst of each, at lower costs: steps aim at none, and miss a little.
@@ -136,7 +137,7 @@ class LapSearch:
         keep_clear(step, self.pylons, self.clearance, _CLEARANCE_COST)
         cross_forward(step, self.gates, _FORWARD_COST)
         if self.view is not None:
-            keep_in_view(step, self.gates, self.view, _VIEW_COST)
+            keep_in_view(step, self.gates, self.view, _VIEW_COST, _VIEW_REACH)
         stay_near(step, weight)
         smooth_twist(step, _TWIST_WEIGHT)
         return step

@@ -67,13 +67,15 @@ def _seen_from_axes(to_gate, turn, b, axes):
     return np.sum(x_B * axes[0], axis=0), np.sum(x_B * axes[1], axis=0)
 
 
-def keep_in_view(step: LapStep, gates: GateRegions, half_view: float, cost: float) -> None:
+def keep_in_view(step: LapStep, gates: GateRegions, half_view: float, cost: float,
+                 reach: float = np.inf) -> None:
     """Adds bounds on the twist, see twist_bounds().
 
     Args:
         step: to add to.
         gates, half_view: see twist_bounds().
         cost: of leaving the view by a radian (s).
+        reach: of the step (rad); samples farther from a bound are left out.
     """
     samples, dynamics = step.samples, step.dynamics
     low, high, _ = twist_bounds(samples, gates, half_view)
@@ -86,9 +88,10 @@ def keep_in_view(step: LapStep, gates: GateRegions, half_view: float, cost: floa
         gradients[:, 0, 3] += 1.0
         by_T = -np.sum(by_force * dynamics.force_by_T, axis=0)
         for leg in range(len(low)):
-            which, here = np.flatnonzero(seen[leg]), step.of(leg)
+            room, here = sign * (bound - twist)[leg], step.of(leg)
+            which = np.flatnonzero(seen[leg] & (room < reach))
             rows = step.rows(leg, which, gradients[here][which], by_T[here][which])
-            step.at_most(leg, sign * rows, sign * (bound - twist)[leg, which], slack_cost=cost)
+            step.at_most(leg, sign * rows, room[which], slack_cost=cost)
 
 
 def _bound_gradients(to_gate, force, turn, axes):

@@ -5,9 +5,11 @@ import pytest
 
 from airrace.trajopt.dynamics_rows import DynamicsRows
 from airrace.trajopt.flight_limits import FlightLimits, pack
+from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.lap_samples import Grid, LapSamples, slowed, twisted_dynamics
 from airrace.trajopt.lap_spline import LapSpline
 from airrace.trajopt.lap_step import LapStep
+from airrace.trajopt.visibility import keep_in_view
 from airrace.vehicle import load_vehicle
 
 GRID, TURN = Grid(6, 12), 2 * np.pi
@@ -82,3 +84,18 @@ def test_rows_say_what_a_step_does(drag, quantity):
         assert np.linalg.norm(promised - values[0]) > size
         errors.append(np.linalg.norm(found - promised))
     assert errors[1] < 0.03 * errors[0]
+
+
+def test_only_samples_near_a_bound_of_the_view_are_kept_in_it(monkeypatch):
+    now = samples(LIMITS[0.0])
+    gates = GateRegions.windows(
+        now.lap.gates[:, 0, :3], np.pi / 2 * np.arange(4), np.full(4, 2.0), 1.0)
+    found = {}
+    for reach in (np.inf, 0.3):
+        found[reach] = []
+        monkeypatch.setattr(
+            LapStep, "at_most",
+            lambda step, leg, rows, room, **k: found[reach].extend(zip(rows.tolist(), room)))
+        keep_in_view(LapStep(now, GRID), gates, np.deg2rad(40.0), 1.0, reach)
+    assert found[0.3] == [each for each in found[np.inf] if each[1] < 0.3]
+    assert 0 < len(found[0.3]) < len(found[np.inf]) / 2

@@ -17,6 +17,7 @@ from airrace.vehicle import Vehicle
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _AMPLE = 1.5  # times as long as the search that took too long
+_MOMENT = 1e-12  # s, that only rounding makes
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -101,12 +102,20 @@ class LapPlanner(LeafSystem):
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self._reference = self.DeclareVectorInputPort("exploration_reference", SIZE)
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._Update)
+        self._period = 1.0 / config.rate
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Update)
+        # Plans come into force on time, whether or not that is a tick, by an event: the
+        # controller asks for the plan far more often than it changes.
+        self._lag = config.latency % self._period
+        if min(self._lag, self._period - self._lag) < _MOMENT:
+            self._lag = 0.0
+        else:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, self._lag, self._Switch)
         self.DeclareAbstractOutputPort(
             "lap_plan",
             lambda: Value[object](NO_PLAN),
-            self._CalcPlan,
-            {self.abstract_state_ticket(self._memory), self.time_ticket()},
+            lambda context, output: output.set_value(self._Recall(context).plan),
+            {self.abstract_state_ticket(self._memory)},
         )
 
     def SolveElsewhere(self, submit) -> None:
@@ -120,19 +129,22 @@ class LapPlanner(LeafSystem):
     def _Recall(self, context) -> _Memory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
-    def _CalcPlan(self, context, output):
-        # A plan comes into force on time, whether or not that is a tick.
+    def _InForceFrom(self, memory: _Memory, now) -> float:
+        """Returns when a plan that is searched for now comes into force (s)."""
+        periods = np.ceil((now + memory.latency - self._lag) / self._period - 1e-6)
+        return float(periods * self._period + self._lag)
+
+    def _Switch(self, context, state):
         memory = self._Recall(context)
-        in_force = memory.pending is not None and _is_due(memory.pending, context)
-        output.set_value(memory.pending if in_force else memory.plan)
+        if memory.pending is not None:
+            state.get_mutable_abstract_state(int(self._memory)).set_value(
+                _switched(memory, context.get_time()))
 
     def _Update(self, context, state):
         memory = self._Recall(context)
         now = context.get_time()
         if memory.pending is not None:
-            if not _is_due(memory.pending, context):
-                return
-            after = dc.replace(memory, plan=memory.pending, pending=None)
+            after = memory
         elif memory.job is not None:
             if not memory.job.done():
                 return
@@ -144,7 +156,7 @@ class LapPlanner(LeafSystem):
                 after = dc.replace(
                     after, latency=_AMPLE * (now - memory.tried_at), searched=None)
         elif self._IsTime(context, memory, now):
-            start_time = now + memory.latency
+            start_time = self._InForceFrom(memory, now)
             problem = self._Problem(context, memory, start_time)
             if problem is not None and is_settled(problem, memory.searched):
                 problem = None
@@ -160,7 +172,7 @@ class LapPlanner(LeafSystem):
             )
         else:
             return
-        state.get_mutable_abstract_state(int(self._memory)).set_value(after)
+        state.get_mutable_abstract_state(int(self._memory)).set_value(_switched(after, now))
 
     def _IsTime(self, context, memory: _Memory, now) -> bool:
         """Whether to look for a plan now.
@@ -177,7 +189,7 @@ class LapPlanner(LeafSystem):
             gates = self._map.Eval(context).gates
             first = not np.isfinite(memory.tried_at)
             return waited and (first or has_changed(gates, memory.tried_gates))
-        plan, start_time = memory.plan, now + memory.latency
+        plan, start_time = memory.plan, self._InForceFrom(memory, now)
         last_leg = plan.circuit.duration - plan.circuit.gate_times[-2]
         return (
             plan.next_start(start_time) - start_time <= last_leg + 1e-9
@@ -208,8 +220,11 @@ class LapPlanner(LeafSystem):
             start_time=start_time, start=start, old=None if old is NO_PLAN else old)
 
 
-def _is_due(plan: LapPlan, context) -> bool:
-    return context.get_time() >= plan.start_time - 1e-9
+def _switched(memory: _Memory, now: float) -> _Memory:
+    """Returns the memory with the pending plan in force, if its time has come."""
+    if memory.pending is None or now < memory.pending.start_time - 1e-9:
+        return memory
+    return dc.replace(memory, plan=memory.pending, pending=None)
 
 
 def _in_time(plan: LapPlan | None, now: float) -> LapPlan | None:

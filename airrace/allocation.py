@@ -21,6 +21,11 @@ class Allocator:
     saturation" (IMAV 2017), equation (14), solved by the active-set method of
     Harkegard (CDC 2002): yaw is given up first, then total thrust, and roll
     and pitch, which hold the drone up, only where no thrusts produce them.
+
+    Attributes:
+        inverse: from [f, Mx, My, Mz] to the thrusts, (n, 4); see by_inverse().
+        is_complete: whether the rotors produce every wrench that is near zero: a
+            lost one can leave fewer axes than the pseudo-inverse needs.
     """
 
     def __init__(self, allocation: np.ndarray, max_thrusts: np.ndarray, yaw: bool = True):
@@ -31,14 +36,14 @@ class Allocator:
             max_thrusts: (n,) in N; a rotor without any is one that is lost.
             yaw: whether the moment about z matters at all.
         """
-        self._size = len(max_thrusts)
+        self._limits = np.array(max_thrusts, float)
         self._working = np.flatnonzero(max_thrusts > 0)
         self._rows = slice(0, 4 if yaw else 3)
         self._B = allocation[self._rows, self._working]
         self._max = max_thrusts[self._working]
-        self._inverse = np.ascontiguousarray(np.linalg.pinv(self._B))
-        # A lost rotor can leave fewer axes than the pseudo-inverse needs.
-        self._complete = np.linalg.matrix_rank(self._B) == len(self._B)
+        self.inverse = np.zeros((len(max_thrusts), 4))
+        self.inverse[self._working, self._rows] = np.linalg.pinv(self._B)
+        self.is_complete = bool(np.linalg.matrix_rank(self._B) == len(self._B))
         # In shares of the limits: of a rotor, and of all rotors together.
         most = np.maximum(np.abs(self._B) @ self._max, 1e-9)
         self._scale = _WEIGHTS[self._rows] / most
@@ -47,24 +52,20 @@ class Allocator:
 
     def allocate(self, wrench: np.ndarray) -> np.ndarray:
         """Returns the thrusts (n,) for a wrench [f, Mx, My, Mz], shape (4,)."""
-        if not len(self._max):
-            return np.zeros(self._size)
-        wrench = wrench[self._rows]
-        thrusts, possible = _by_inverse(self._inverse, wrench, self._max)
-        if not possible or not self._complete:
-            b = np.concatenate([self._scale * wrench, np.zeros(len(self._max))])
-            start = np.clip(thrusts / self._max, 0.0, 1.0)
-            thrusts = self._max * _least_squares_in_unit_box(self._A, b, start)
-        if len(thrusts) == self._size:
-            return thrusts
-        result = np.zeros(self._size)
-        result[self._working] = thrusts
-        return result
+        thrusts, possible = by_inverse(self.inverse, wrench, self._limits)
+        if not (possible and self.is_complete) and len(self._max):
+            b = np.concatenate([self._scale * wrench[self._rows], np.zeros(len(self._max))])
+            start = np.clip(thrusts[self._working] / self._max, 0.0, 1.0)
+            thrusts[self._working] = self._max * _least_squares_in_unit_box(self._A, b, start)
+        return thrusts
 
 
 @compiled
-def _by_inverse(inverse, wrench, limits):
-    """Returns inverse @ wrench, and whether all of it is between zero and the limits."""
+def by_inverse(inverse, wrench, limits):
+    """Returns inverse @ wrench, (n,), and whether all of it is between zero and the limits.
+
+    Args: inverse: of an Allocator, (n, 4). wrench: see there. limits: (n,) in N.
+    """
     n, m = inverse.shape
     thrusts, possible = np.zeros(n), True
     for i in range(n):

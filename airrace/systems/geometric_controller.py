@@ -6,6 +6,7 @@ import math
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
+from airrace.allocation import by_inverse
 from airrace.attitude import attitude_error, turned_back
 from airrace.compiled import all_finite, compilable, compiled
 from airrace.reduced_attitude import ROTOR_DELAY, ReducedAttitude
@@ -105,13 +106,13 @@ class GeometricController(LeafSystem):
                     reference, estimate, disturbance, self._rejection, self._feed_forward):
                 return
             wrench = self.CalcWrench(reference, estimate)
-        if not all_finite(wrench):
-            return
-        _command(
-            discrete_state.get_mutable_value(), remaining.allocator.allocate(wrench),
-            remaining.max_thrusts, peek(self._speeds, context), self._c_f, self._max_speeds,
-            self._overdrive,
-        )
+        allocator, commands = remaining.allocator, discrete_state.get_mutable_value()
+        rotors = (remaining.max_thrusts, peek(self._speeds, context), self._c_f,
+                  self._max_speeds, self._overdrive)
+        if allocator.is_complete and _command_wrench(commands, wrench, allocator.inverse, *rotors):
+            return  # as a rule
+        if all_finite(wrench):
+            _command(commands, allocator.allocate(wrench), *rotors)
 
     def CalcWrench(self, reference, estimate) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), shape (4,).
@@ -182,6 +183,15 @@ def _command(commands, thrusts, max_thrusts, speeds, c_f, max_speeds, overdrive)
         faster = speeds[i] + overdrive * (math.sqrt(thrusts[i] / c_f[i]) - speeds[i])
         works = max_thrusts[i] > 0.0 and faster > 0.0  # NaN is not
         commands[i] = min(faster, max_speeds[i]) if works else 0.0
+
+
+@compiled
+def _command_wrench(commands, wrench, inverse, max_thrusts, speeds, c_f, max_speeds, overdrive):
+    """Likewise for a wrench, (4,); returns False if it is not possible, and changes nothing."""
+    thrusts, possible = by_inverse(inverse, wrench, max_thrusts)
+    if possible:
+        _command(commands, thrusts, max_thrusts, speeds, c_f, max_speeds, overdrive)
+    return possible
 
 
 @compilable

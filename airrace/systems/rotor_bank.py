@@ -43,10 +43,11 @@ class RotorBank(LeafSystem):
         """
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
-        self._c_f, self._max_speeds = vehicle.thrust_coefficients, vehicle.max_speeds
-        self._failed = np.full(n, np.inf)
+        self._c_f = vehicle.thrust_coefficients
+        failed = np.full(n, np.inf)
         for rotor, time in failures:
-            self._failed[rotor] = min(time, self._failed[rotor])
+            failed[rotor] = min(time, failed[rotor])
+        self._table = np.array([self._c_f, vehicle.max_speeds, failed])
         self._period = period
         self._blend = float(1.0 - np.exp(-period / vehicle.rotor_lag))
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
@@ -69,21 +70,22 @@ class RotorBank(LeafSystem):
         _update(discrete_state.get_mutable_value(self._speeds),
                 discrete_state.get_mutable_value(self._thrusts),
                 discrete_state.get_mutable_value(self._report),
-                peek(self._command, context), self._failed, context.get_time(), self._period,
-                self._max_speeds, self._blend, self._c_f)
+                peek(self._command, context), self._table, context.get_time(), self._period,
+                self._blend)
 
 
 @compiled
-def _update(speeds, thrusts, report, command, failed, now, period, max_speeds, blend, c_f):
+def _update(speeds, thrusts, report, command, table, now, period, blend):
     """Changes speeds (rad/s), thrusts (N), both (n,), and the report, (1 + 2n,), by a period.
 
     Args:
         command: (rad/s), (n,).
-        failed: since when each rotor has failed (s), (n,).
+        table: of the rotors' coefficients and greatest speeds, see turn(), and since when
+            each has failed (s), (3, n): one array, as each costs time to hand over.
         now, period: (s).
-        the others: see turn().
+        blend: see turn().
     """
-    n = len(speeds)
+    n, (c_f, max_speeds, failed) = len(speeds), table
     report[0] = now + period
     for i in range(n):
         report[1 + n + i] = _turned(report[1 + n + i], command[i], max_speeds[i], blend)

@@ -21,8 +21,11 @@ _MAX_DISTURBANCE = 8.0  # m/s^2
 _GAP = 0.1  # s without an estimate, after which the filter begins anew
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 
-# The memory: time, time of the newest estimate, position, velocity.
-_NOW, _NEWEST, _MOTION = 0, 1, slice(2, 8)
+# The memory: time, time of the newest estimate, position, velocity, and what carries them
+# on: the thrust per mass and the disturbance, all in one vector because it is handed over
+# at every tick.
+_NOW, _NEWEST, _MOTION, _THRUST, _PUSH = 0, 1, slice(2, 8), 8, slice(9, 12)
+_NOTHING = np.array([-1.0, -1.0, *10 * [0.0]])
 
 
 class StateFilter(LeafSystem):
@@ -64,7 +67,7 @@ class StateFilter(LeafSystem):
         self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
-        self._memory = self.DeclareDiscreteState([-1.0, -1.0, *np.zeros(6)])
+        self._memory = self.DeclareDiscreteState(_NOTHING)
         self._disturbance = self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Update)
         self.DeclareVectorOutputPort("filtered_estimate", se.SIZE, self._CalcEstimate)
@@ -79,9 +82,7 @@ class StateFilter(LeafSystem):
     def _CalcEstimate(self, context, output):
         estimate = self._estimate.Eval(context)
         _carry_forward(
-            estimate, context.get_discrete_state(self._memory).value(),
-            context.get_discrete_state(self._disturbance).value(), peek(self._speeds, context),
-            self._thrust_per_mass, context.get_time())
+            estimate, context.get_discrete_state(self._memory).value(), context.get_time())
         output.set_value(estimate)
 
 
@@ -112,12 +113,12 @@ def _move(motion, quaternion, thrust, disturbance, dt):
 
 
 @compiled
-def _carry_forward(estimate, memory, disturbance, speeds, coefficients, time):
+def _carry_forward(estimate, memory, time):
     """Makes the estimate for a time of the newest one, (14,), which stays if it is not finite."""
     if memory[_NEWEST] < 0.0 or not all_finite(estimate):
         return
     quaternion, motion = predict_quaternion(estimate, time), memory[_MOTION].copy()
-    _move(motion, quaternion, _thrust(speeds, coefficients), disturbance, time - memory[_NOW])
+    _move(motion, quaternion, memory[_THRUST], memory[_PUSH], time - memory[_NOW])
     estimate[se.TIME] = time
     for i in range(4):
         estimate[se.QUATERNION.start + i] = quaternion[i]
@@ -140,17 +141,17 @@ def _update(memory, disturbance, estimate, speeds, coefficients, gain, now):
     """
     if not all_finite(estimate):
         return  # the prediction goes on from the last that was
-    time, motion = estimate[se.TIME], memory[_MOTION]
+    time, motion, thrust = estimate[se.TIME], memory[_MOTION], _thrust(speeds, coefficients)
     is_new, begins = time > memory[_NEWEST], memory[_NEWEST] < 0.0 or time > memory[_NEWEST] + _GAP
     if begins:
         motion[:3], motion[3:] = estimate[se.POSITION], estimate[se.VELOCITY]
     else:
         until = time if is_new else now
-        thrust = _thrust(speeds, coefficients)
         _move(motion, predict_quaternion(estimate, until), thrust, disturbance,
               until - memory[_NOW])
         if is_new:
             _correct(motion, disturbance, estimate, thrust >= _FLYING * GRAVITY, gain)
+    memory[_THRUST], memory[_PUSH] = thrust, disturbance
     memory[_NOW] = time if is_new or begins else now
     memory[_NEWEST] = max(time, memory[_NEWEST])
 

@@ -55,6 +55,11 @@ if not numba.config.CACHE_DIR:  # $NUMBA_CACHE_DIR
     _use(_cache_folder())
 
 
+def is_on_disk() -> bool:
+    """Whether machine code of these sources, or some of it, is kept already."""
+    return any(Path(numba.config.CACHE_DIR).rglob("*.nbc"))
+
+
 compilable = numba.extending.register_jitable
 
 

@@ -20,6 +20,7 @@ from rich.table import Table
 
 from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import TRAJECTORIES, Scenario
+from airrace.diagrams.warm_up import compile_apart
 
 _SETTLED = 10  # laps, after which every buffer has its size
 
@@ -35,6 +36,7 @@ def main(argv=None) -> int:
     if args.laps <= _SETTLED + 1:
         parser.error(f"--laps must be more than {_SETTLED + 1}, to tell growth from the start")
     scenario = Scenario(trajectory=args.trajectory, laps=args.laps)
+    compile_apart(scenario)
     process, memory = psutil.Process(), []
     with tempfile.TemporaryDirectory() as folder, Progress(console=Console(stderr=True)) as bar:
         task = bar.add_task("Racing", total=args.laps)

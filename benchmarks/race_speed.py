@@ -25,6 +25,7 @@ from rich.table import Table
 from airrace.diagrams.camera_config import NO_CAMERA, RENDERERS
 from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import load_scenario
+from airrace.diagrams.warm_up import compile_apart
 from airrace.map_files import TRACK
 from airrace.recording.config import CONTENTS
 from benchmarks import vtk_frame
@@ -68,6 +69,7 @@ def main(argv=None) -> int:
         scenario.map = scenario.map or TRACK
     scenario.recording.content = args.record
     scenario.check()
+    compile_apart(scenario)
     cv2.setNumThreads(1)
     result = measure(scenario, profile=args.profile)
     if scenario.camera.renderer == "vtk":

@@ -239,6 +239,7 @@ def run(args) -> int:
     """Runs the race of parsed arguments; returns the exit code."""
     from airrace.diagrams.progress import RaceDisplay
     from airrace.diagrams.runner import RESULTS, run_race
+    from airrace.diagrams.warm_up import compile_apart
     from airrace.files import results_folder
     from airrace.track import load_track
     from airrace.vehicle import load_vehicle
@@ -248,6 +249,7 @@ def run(args) -> int:
     vehicle, _ = load_vehicle(scenario.drone)
     if args.graphviz is not None:
         write_graphviz(args.graphviz, scenario)
+    compile_apart(scenario)
     folder = args.output or default_output_dir(track.name, vehicle.name, scenario.trajectory)
     with results_folder(folder, numbered=args.output is None, refuse=RESULTS) as output_dir:
         meshcat = make_meshcat(track) if args.meshcat else None

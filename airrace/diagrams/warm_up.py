@@ -1,13 +1,20 @@
 """Compiles what a race calls before it starts: real time waits for nobody."""
 
 import dataclasses as dc
+import os
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
 from pydrake.systems.analysis import Simulator
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from airrace import compiled
+from airrace.diagrams.camera_config import NO_CAMERA, CameraConfig
 from airrace.diagrams.runner import MakeRace
-from airrace.diagrams.scenario import LINK_DELAY, Scenario
+from airrace.diagrams.scenario import LINK_DELAY, Scenario, load_scenario, scenario_yaml
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.link.simulated_bus import LinkConfig
 
@@ -34,3 +41,34 @@ def warm_up(scenario: Scenario, briefly: bool = False) -> None:
         simulator.Initialize()
         partner.begin(simulator)
         partner.advance(simulator, _BRIEF if briefly else _TIME)
+
+
+def compile_apart(scenario: Scenario) -> None:
+    """Lets another process compile what a race calls, if none has done so yet.
+
+    A compiler does not give back what it took, some 400 MB, and a race's own clock
+    should not count the first one's minute. If it fails, nothing is lost: what
+    is not on the disk is compiled when it is called.
+
+    Args:
+        scenario: of the race.
+    """
+    if compiled.is_on_disk():
+        return
+    if scenario.camera.renderer == NO_CAMERA:  # a link is for races with one
+        scenario = dc.replace(scenario, camera=CameraConfig(), map="")
+    with (tempfile.TemporaryDirectory() as folder,
+          Progress(SpinnerColumn(), TextColumn("Compiling, once"), TimeElapsedColumn(),
+                   console=Console(stderr=True), transient=True) as progress):
+        progress.add_task("")
+        path = Path(folder) / "scenario.yaml"
+        path.write_text(scenario_yaml(scenario), encoding="utf-8")
+        # It finds airrace and the modules that the scenario names as this process does.
+        found = os.pathsep.join(each or os.getcwd() for each in sys.path)
+        subprocess.run(
+            [sys.executable, "-m", __name__, str(path)],
+            env=os.environ | {"PYTHONPATH": found}, capture_output=True)
+
+
+if __name__ == "__main__":
+    warm_up(load_scenario(filename=sys.argv[1]))

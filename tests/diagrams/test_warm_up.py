@@ -3,6 +3,13 @@
 import subprocess
 import sys
 
+import numba
+import pytest
+
+from airrace import compiled
+from airrace.diagrams import warm_up
+from airrace.diagrams.scenario import load_scenario
+
 PROGRAM = """
 import gc, pathlib, sys
 from numba.core.dispatcher import Dispatcher
@@ -33,3 +40,25 @@ def test_nothing_is_left_to_compile_in_the_race(tmp_path):
                           capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert not done.stdout.strip(), done.stdout
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_another_process_compiles_the_first_time(monkeypatch, tmp_path, on_disk):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    (tmp_path / "of_a_module").mkdir()  # Numba makes it before it compiles
+    if on_disk:
+        (tmp_path / "of_a_module" / "function.nbc").touch()
+    assert compiled.is_on_disk() == on_disk
+    ran, run = [], subprocess.run
+    monkeypatch.setattr(subprocess, "run", lambda *args, **kwargs: ran.append(run(*args, **kwargs)))
+    warm_up.compile_apart(load_scenario(
+        scenario_text="{map: track, camera: {renderer: none}, boxes: {trajectory_tracker: "
+        "'tests.diagrams.test_warm_up:make_tracker'}}"))
+    assert [each.returncode for each in ran] == ([] if on_disk else [0]), ran[0].stderr
+
+
+def make_tracker(scenario):
+    """A box of the tests, which only this process's path leads to."""
+    from airrace.systems.trajectory_tracker import TrajectoryTracker
+
+    return TrajectoryTracker()

@@ -14,6 +14,7 @@ from airrace.trajopt.twist import quadrature, transported_axes
 from airrace.vehicle import GRAVITY
 
 _LIFT_SHARE = 0.8  # of the least lift: a step aims at all of it, and may miss a little
+_FIRST_STEP = 1e-4, 0.5  # least and most, of the factor
 _MOST = 50.0  # how many times slower a lap may have to be than the guess
 
 
@@ -115,8 +116,10 @@ def slowed(lap, grid, limits, turn, tolerance=2e-5) -> LapSamples:
         value = samples.excess()
         return (value if np.isfinite(value) else np.inf), samples
 
-    step, factor = 0.01, 1.0
+    factor = 1.0
     value, best = at(factor)
+    # Most excesses go with the square of the factor: a little beyond where it would be none.
+    step = np.clip(0.6 * abs(value), *_FIRST_STEP)
     slow, fast = (None, (factor, value)) if value > 0.0 else ((factor, value, best), None)
     while slow is None or fast is None:
         factor = factor * (1.0 + step) if slow is None else factor / (1.0 + step)

@@ -216,7 +216,8 @@ class LapStep:
             if extra is not None:
                 A = np.hstack([A, np.zeros((len(A), 1))])
                 A[0, -1] = factor
-                self.program.AddLorentzConeConstraint(A, b, [*variables, extra[j]])
+                # An array: a list of variables takes twice as long to be handed over.
+                self.program.AddLorentzConeConstraint(A, b, np.append(variables, extra[j]))
             else:
                 self.program.AddLorentzConeConstraint(A, b, variables)
 

@@ -10,8 +10,8 @@ from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import passes_forward
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.lap_guess import first_lap, moved_lap, refined_lap
-from airrace.trajopt.lap_samples import LapSamples
 from airrace.trajopt.lap_search import PIECES, Effort, LapSearch
+from airrace.trajopt.lap_spline import LapSpline
 from airrace.trajopt.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.optimal_circuit import OptimalCircuit, flat_polynomial
 from airrace.trajopt.plan_report import LapReport, check_lap
@@ -81,14 +81,16 @@ def plan_optimal_circuit(gates: GateRegions, pylons, limits: FlightLimits, *, cl
         problem = search(effort.samples)
         now = first_lap(bound, gates, problem.grid, limits, problem.view)
     now, iterations = problem.improve(now, warm, effort)
-    if not warm and problem.slowed(now, _FINE).lap.duration > _POOR * bound.duration:
+    fine = problem.slowed(now, _FINE)
+    if not warm and fine.lap.duration > _POOR * bound.duration:
         # Stuck where a rotor idles, or for want of control points or of samples.
         problem = search(_FINER.samples, _FINER_PIECES)
         finer = problem.settled(refined_lap(now.lap, _FINER_PIECES))
         now, more = problem.improve(finer, True, _FINER)
         iterations += more
+        fine = problem.slowed(now, _FINE)
     problem.require_clear(now)
-    return _finish(now, problem, lambda circuit, check: LapReport(
+    return _finish(fine.lap, problem, lambda circuit, check: LapReport(
         duration=circuit.duration, bound=bound.duration, check=check, solver="Clarabel",
         iterations=iterations, solve_time=time.perf_counter() - clock, warm=warm))
 
@@ -107,10 +109,9 @@ def quickest_point_mass(gates: GateRegions, limits: FlightLimits, pylons, cleara
                             tolerance=tolerance, **limited)
 
 
-def _finish(now: LapSamples, problem: LapSearch, make_report) -> OptimalCircuit:
+def _finish(lap: LapSpline, problem: LapSearch, make_report) -> OptimalCircuit:
     """Returns the lap as a trajectory that keeps its limits at 1 kHz."""
     gates, limits = problem.gates, problem.limits
-    lap = problem.slowed(now, _FINE).lap
     lap = lap.dilated(1.0 + _LEAST_SLOWING)
 
     def check(refinement):

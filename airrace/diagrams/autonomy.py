@@ -5,6 +5,7 @@ import traceback
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
+from airrace.diagrams.camera_config import NO_CAMERA
 from airrace.diagrams.scenario import Scenario
 from airrace.errors import UserError
 from airrace.map_files import read_map
@@ -129,7 +130,9 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
             raise UserError(f"boxes.{name} is not a box; the boxes are: {', '.join(BOXES)}.")
     boxes = {name: make_box(name, scenario) for name in BOXES}
     try:
-        diagram = _wired(boxes, rectify=any(scenario.camera.resolved().distortion))
+        bends = scenario.camera.renderer != NO_CAMERA and any(
+            scenario.camera.resolved().distortion)
+        diagram = _wired(boxes, rectify=bends)
     except RuntimeError as e:  # Drake's, on types, sizes and algebraic loops
         raise UserError(f"The boxes do not fit together: {' '.join(str(e).split())}") from None
     diagram.set_name("autonomy")

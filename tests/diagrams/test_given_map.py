@@ -43,6 +43,14 @@ def test_with_a_camera_nobody_looks(hexagon):  # noqa: F811
                 if autonomy.get_input_port(i).get_name().startswith("camera")]
 
 
+def test_without_a_camera_no_lens_bends():
+    harsh = load_scenario(filename="levels", scenario_name="Level3")
+    assert any(harsh.camera.resolved().distortion)
+    race = MakeRace(dc.replace(
+        harsh, map="track", camera=dc.replace(harsh.camera, renderer="none")))
+    assert not race.GetSubsystemByName("autonomy").HasSubsystemNamed("rectifier")
+
+
 def test_a_race_needs_eyes_or_a_map():
     with pytest.raises(UserError, match="needs a map to race on: see --map"):
         Scenario(camera=BLIND).check()

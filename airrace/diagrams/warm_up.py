@@ -46,7 +46,7 @@ def warm_up(scenario: Scenario, briefly: bool = False) -> None:
 def compile_apart(scenario: Scenario) -> None:
     """Lets another process compile what a race calls, if none has done so yet.
 
-    A compiler does not give back what it took, some 400 MB, and a race's own clock
+    A compiler does not give back what it took, some 300 MB, and a race's own clock
     should not count the first one's minute. If it fails, nothing is lost: what
     is not on the disk is compiled when it is called.
 
@@ -55,8 +55,10 @@ def compile_apart(scenario: Scenario) -> None:
     """
     if compiled.is_on_disk():
         return
-    if scenario.camera.renderer == NO_CAMERA:  # a link is for races with one
-        scenario = dc.replace(scenario, camera=CameraConfig(), map="")
+    blind = scenario.camera.renderer == NO_CAMERA
+    # A link is for races that look for themselves.
+    scenario = dc.replace(
+        scenario, map="", camera=CameraConfig() if blind else scenario.camera)
     with (tempfile.TemporaryDirectory() as folder,
           Progress(SpinnerColumn(), TextColumn("Compiling, once"), TimeElapsedColumn(),
                    console=Console(stderr=True), transient=True) as progress):

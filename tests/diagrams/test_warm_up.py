@@ -42,8 +42,9 @@ def test_nothing_is_left_to_compile_in_the_race(tmp_path):
     assert not done.stdout.strip(), done.stdout
 
 
-@pytest.mark.parametrize("on_disk", [False, True])
-def test_another_process_compiles_the_first_time(monkeypatch, tmp_path, on_disk):
+@pytest.mark.parametrize("on_disk, renderer", [
+    (False, "none"), (False, "planar"), (True, "planar")])
+def test_another_process_compiles_the_first_time(monkeypatch, tmp_path, on_disk, renderer):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     (tmp_path / "of_a_module").mkdir()  # Numba makes it before it compiles
     if on_disk:
@@ -52,8 +53,8 @@ def test_another_process_compiles_the_first_time(monkeypatch, tmp_path, on_disk)
     ran, run = [], subprocess.run
     monkeypatch.setattr(subprocess, "run", lambda *args, **kwargs: ran.append(run(*args, **kwargs)))
     warm_up.compile_apart(load_scenario(
-        scenario_text="{map: track, camera: {renderer: none}, boxes: {trajectory_tracker: "
-        "'tests.diagrams.test_warm_up:make_tracker'}}"))
+        scenario_text=f"{{map: track, camera: {{renderer: {renderer}}}, boxes: "
+        "{trajectory_tracker: 'tests.diagrams.test_warm_up:make_tracker'}}"))
     assert [each.returncode for each in ran] == ([] if on_disk else [0]), ran[0].stderr
 
 

@@ -11,11 +11,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from airrace.children import child_environment
 from airrace.companion import OUTPUT
 from airrace.errors import UserError
-
-# How the interpreter that runs us finds airrace and the modules that the scenario names.
-_PATH = [path or os.getcwd() for path in sys.path]
 
 
 class LocalCompanion:
@@ -64,7 +62,7 @@ class LocalAutonomy:
                 [sys.executable, "-u", "-m", "airrace.diagrams.hitl", *arguments],
                 cwd=self._folder, stdin=subprocess.DEVNULL, stdout=self._written,
                 stderr=subprocess.STDOUT, start_new_session=True,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(_PATH)},
+                env=child_environment(),
             )
         except BaseException:
             self.remove()

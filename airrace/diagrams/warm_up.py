@@ -1,7 +1,6 @@
 """Compiles what a race calls before it starts: real time waits for nobody."""
 
 import dataclasses as dc
-import os
 import subprocess
 import sys
 import tempfile
@@ -12,6 +11,7 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from airrace import compiled
+from airrace.children import child_environment
 from airrace.diagrams.camera_config import NO_CAMERA, CameraConfig
 from airrace.diagrams.runner import MakeRace
 from airrace.diagrams.scenario import LINK_DELAY, Scenario, load_scenario, scenario_yaml
@@ -65,11 +65,8 @@ def compile_apart(scenario: Scenario) -> None:
         progress.add_task("")
         path = Path(folder) / "scenario.yaml"
         path.write_text(scenario_yaml(scenario), encoding="utf-8")
-        # It finds airrace and the modules that the scenario names as this process does.
-        found = os.pathsep.join(each or os.getcwd() for each in sys.path)
-        subprocess.run(
-            [sys.executable, "-m", __name__, str(path)],
-            env=os.environ | {"PYTHONPATH": found}, capture_output=True)
+        subprocess.run([sys.executable, "-m", __name__, str(path)], env=child_environment(),
+                       capture_output=True)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 
+from airrace.children import child_environment
 from airrace.immutable import Immutable
 
 _NICE = 15  # control comes first
@@ -21,7 +22,7 @@ class PlanningWorker:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "airrace.link.planning_worker"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)},
+            env=child_environment(),
         )
 
     def submit(self, problem) -> "PlanningJob":

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram
 from airrace.attitude import rotation_matrix
 from airrace.diagrams.flight import MakeFlight, start_in_flight
 from airrace.diagrams.scenario import Scenario, load_scenario
-from airrace.systems.referee import RefereeReport
+from airrace.systems.referee_report import RefereeReport
 from airrace.track import load_track
 from airrace.trajopt import flat_trajectory as ref
 from airrace.trajopt.circuit import Circuit, plan_circuit

@@ -15,7 +15,7 @@ from airrace.link.endpoint import Channel
 from airrace.link.wire import MALFORMED, Dropped
 from airrace.systems import state_estimate as se
 from airrace.systems.lap_plan import NO_PLAN
-from airrace.systems.referee import RefereeReport
+from airrace.systems.referee_report import RefereeReport
 from airrace.systems.types import ExplorerStatus, GateMap
 from airrace.vehicle import load_vehicle
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from airrace.diagrams.scenario import Scenario
 from airrace.systems.lap_plan import NO_PLAN, LapPlan, PlanReport
-from airrace.systems.referee import OUT_OF_TIME, RefereeReport
+from airrace.systems.referee_report import OUT_OF_TIME, RefereeReport
 from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateMap
 from airrace.track import Track
 from airrace.vehicle import load_vehicle

@@ -47,6 +47,7 @@ class StateEstimateConfig:
 class RefereeConfig:
     """When a race is over."""
 
+    rate: float = 200.0  # Hz, of looks; contacts between two looks are noticed, too
     time_limit: typing.Optional[float] = None  # s; by default 600, and 120 a lap
     arena_margin: float = 60.0  # m beyond the outermost pylons, and upwards
 

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams, Role, SceneGraph
 from pydrake.multibody.plant import AddMultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import DiscreteTimeDelay
+from pydrake.systems.primitives import DiscreteTimeDelay, DiscreteTimeIntegrator
 
 from airrace.diagrams.camera_config import NO_CAMERA
 from airrace.diagrams.scenario import Scenario
@@ -99,7 +99,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
         Referee(
             track=track,
             laps=scenario.laps,
-            period=plant.time_step(),
+            period=1.0 / scenario.referee.rate,
             time_limit=scenario.referee.time_limit or 600.0 + 120.0 * scenario.laps,
             arena_margin=scenario.referee.arena_margin,
             standing_height=X_WB.translation()[2],
@@ -109,9 +109,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
         ),
     )
     builder.Connect(state, referee.GetInputPort("state"))
-    builder.Connect(
-        plant.get_contact_results_output_port(), referee.GetInputPort("contact_results")
-    )
+    _ConnectContacts(builder, plant, scene_graph, referee)
     if moving:
         mover = builder.AddNamedSystem(
             "gate_mover",
@@ -176,6 +174,21 @@ def _AddAir(builder, plant, state, vehicle: Vehicle, scenario) -> list:
     builder.Connect(state, drag.GetInputPort("state"))
     builder.Connect(wind.GetOutputPort("wind"), drag.GetInputPort("wind"))
     return [drag.GetOutputPort("spatial_forces")]
+
+
+def _ConnectContacts(builder, plant, scene_graph: SceneGraph, referee: Referee) -> None:
+    """Shows the referee every contact of the drone, however short."""
+    drone = plant.GetBodyByName("body").model_instance()
+    impulse = builder.AddNamedSystem(
+        "contact_impulse", DiscreteTimeIntegrator(6, plant.time_step()))
+    builder.Connect(
+        plant.get_generalized_contact_forces_output_port(drone), impulse.get_input_port())
+    for port, name in (
+        (impulse.get_output_port(), "contact_impulse"),
+        (plant.get_contact_results_output_port(), "contact_results"),
+        (scene_graph.get_query_output_port(), "geometry_query"),
+    ):
+        builder.Connect(port, referee.GetInputPort(name))
 
 
 def _AddDelay(builder, port, *, delay: float, period: float):

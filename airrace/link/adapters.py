@@ -13,7 +13,7 @@ from airrace import lcmtypes
 from airrace.immutable import read_only
 from airrace.link.wire import MALFORMED, NOT_FINITE, Dropped
 from airrace.systems import state_estimate as se
-from airrace.systems.referee import GateCrossing, RefereeReport
+from airrace.systems.referee_report import GateCrossing, RefereeReport
 from airrace.systems.types import (
     CameraInfo,
     ExplorerEvent,

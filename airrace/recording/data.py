@@ -5,7 +5,7 @@ import numpy as np
 from airrace.files import finite
 from airrace.map_files import map_data, rounded, statistics_data
 from airrace.systems.lap_plan import LapPlan
-from airrace.systems.referee import GateCrossing
+from airrace.systems.referee_report import GateCrossing
 from airrace.systems.types import Detections, GateMap
 
 PLAN_STEP = 0.02  # s between two samples of a plan

@@ -9,7 +9,7 @@ from airrace.recording.config import RecordingConfig
 from airrace.recording.writer import RaceLog
 from airrace.systems import state_estimate as se
 from airrace.systems.lap_plan import NO_PLAN
-from airrace.systems.referee import RefereeReport
+from airrace.systems.referee_report import RefereeReport
 from airrace.systems.types import Detections, ExplorerStatus, GateMap
 from airrace.track import Track
 from airrace.trajopt import flat_trajectory as ref

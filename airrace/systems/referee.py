@@ -1,11 +1,11 @@
 """The referee: counts gates and laps, and ends the race, on truth."""
 
-import dataclasses as dc
 import functools
 import math
 
 import numpy as np
 from pydrake.common.value import Value
+from pydrake.geometry import QueryObject
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import LeafSystem
 
@@ -13,76 +13,31 @@ from airrace.compiled import compilable, compiled
 from airrace.disturbances import failures_clause
 from airrace.systems.gate_opening import GateOpening, find
 from airrace.systems.peek import peek
-from airrace.systems.types import ExplorerStatus, Immutable
+from airrace.systems.referee_report import (
+    ARENA,
+    DIVERGED,
+    FINISHED,
+    GROUND,
+    TIMEOUT,
+    TOUCHED,
+    VERDICTS,
+    GateCrossing,
+    RefereeReport,
+)
+from airrace.systems.types import ExplorerStatus
 from airrace.track import Track
 
 # Columns of the table of crossings.
 _TIME, _OFFSET, _MAX_SPEED = range(3)
 # The memory: when and where the last look was, whether the drone has taken off, how many
 # gates it has crossed, its greatest speed since the last of them, the verdict, the index of
-# what it touched, and when the race ended.
+# what it touched, when the race ended, and the impulse of all contacts up to the last look.
 _LOOK, _PLACE, _AIRBORNE, _CROSSINGS, _FASTEST = 0, slice(1, 4), 4, 5, 6
-_VERDICT, _THING, _END = 7, 8, 9
-_BEFORE = np.array([0.0, *3 * [np.nan], *6 * [0.0]])  # no crossing before the second look
+_VERDICT, _THING, _END, _IMPULSE = 7, 8, 9, slice(10, 16)
+_BEFORE = np.array([0.0, *3 * [np.nan], *12 * [0.0]])  # no crossing before the second look
 _POSITION = slice(4, 7)  # in the plant's state
-OUT_OF_TIME = "ran out of time"
-# Why a race ended; the index into this tuple is the state's `verdict`.
-VERDICTS = (
-    None,
-    "finished",
-    "hit the ground",
-    "touched {what}",
-    "left the arena",
-    OUT_OF_TIME,
-    "the simulation failed",
-)
-_FINISHED, _GROUND, _TOUCHED, _ARENA, _TIMEOUT, _DIVERGED = range(1, 7)
+_FLOOR = ("ground", "pad")
 _OVER = -1  # there is a verdict already
-
-
-@dc.dataclass(frozen=True)
-class GateCrossing:
-    """One gate flown through in order.
-
-    Attributes:
-        time: of the crossing, interpolated within the step (s).
-        gate: number of the gate, from 1.
-        lap: number of the lap that this crossing belongs to, from 1; gate 1
-            belongs to the lap that it starts.
-        offset: distance of the crossing from the gate's midpoint (m).
-        max_speed: since the crossing before (m/s).
-    """
-
-    time: float
-    gate: int
-    lap: int
-    offset: float
-    max_speed: float
-
-
-@dc.dataclass(frozen=True)
-class RefereeReport(Immutable):
-    """The race so far.
-
-    Attributes:
-        crossings: all counted crossings in order; the one after the last
-            lap's last gate closes that lap.
-        finished: whether all laps are flown.
-        dnf_reason: why the race ended before that, or None.
-        end_time: of either (s), or None.
-        collisions: number of contacts that the race ended with (0 or 1).
-    """
-
-    crossings: tuple
-    finished: bool
-    dnf_reason: str | None
-    end_time: float | None
-    collisions: int
-
-    @property
-    def over(self) -> bool:
-        """Whether the race has ended."""
-        return self.end_time is not None
 
 
 class Referee(LeafSystem):
@@ -94,13 +49,17 @@ class Referee(LeafSystem):
         input_ports:
         - state
         - contact_results
+        - contact_impulse
+        - geometry_query
         - explorer_status
         - gate_shifts (only if gates move)
         output_ports:
         - report
 
     ``state`` is the plant's floating-body state (13), ``contact_results``
-    the plant's, ``explorer_status`` the autonomy's ExplorerStatus: laps count
+    the plant's, ``contact_impulse`` the sum over all of its steps of the generalized
+    contact force on the drone (6), ``geometry_query`` SceneGraph's,
+    ``explorer_status`` the autonomy's ExplorerStatus: laps count
     from the moment it says that the exploration is done. ``report`` is a
     RefereeReport. ``gate_shifts`` (2 n) is where the gates stand, see GateMover.
 
@@ -108,7 +67,10 @@ class Referee(LeafSystem):
     two pylon axes, from the front, above the ground and below the pylons'
     tips, in racing order. A lap runs from gate 1 to gate 1. Any contact after
     take-off, leaving the arena, or the time limit ends the race; on the pad,
-    only contact with something else than the ground does.
+    only contact with something else than the ground does. The referee looks less
+    often than the plant steps: that the impulse is another than at the last look
+    tells it of a touch in between, even of a single step. What is nearest then is
+    what was touched.
     """
 
     def __init__(self, *, track: Track, laps: int, period: float, time_limit: float,
@@ -119,7 +81,7 @@ class Referee(LeafSystem):
         Args:
             track: with the true gates.
             laps: to fly.
-            period: between looks (s); the plant's time step.
+            period: between looks (s).
             time_limit: for the whole race (s).
             arena_margin: how far beyond the outermost pylons, and above the
                 ground, the arena reaches (m).
@@ -137,10 +99,12 @@ class Referee(LeafSystem):
             *(feet.min(0) - arena_margin), *(feet.max(0) + arena_margin), arena_margin])
         self._names = body_names
         self._failures = rotor_failures
-        self._touchable = sorted(set(body_names.values()) - {"ground", "pad"})
+        self._touchable = sorted(set(body_names.values()) - set(_FLOOR))
         self._total = laps * len(track.gates) + 1
         self._state = self.DeclareVectorInputPort("state", 13)
         self._contacts = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
+        self._impulse = self.DeclareVectorInputPort("contact_impulse", 6)
+        self._query = self.DeclareAbstractInputPort("geometry_query", Value(QueryObject()))
         self._explorer = self.DeclareAbstractInputPort(
             "explorer_status", Value[object](ExplorerStatus())
         )
@@ -161,8 +125,9 @@ class Referee(LeafSystem):
     def _Judge(self, context, discrete_state):
         m = discrete_state.get_mutable_value(self._memory)
         shifts = self._stay if self._shifts is None else peek(self._shifts, context)
-        crossing, offset, where = _look(
-            m, context.get_time(), peek(self._state, context), self._gates, shifts, self._bounds)
+        crossing, offset, pushed, where = _look(
+            m, context.get_time(), peek(self._state, context), peek(self._impulse, context),
+            self._gates, shifts, self._bounds)
         if where == _OVER:
             return
         if crossing >= 0.0 and self._explorer.Eval(context).done:
@@ -172,26 +137,29 @@ class Referee(LeafSystem):
             m[_CROSSINGS] += 1
             m[_FASTEST] = 0.0
             if m[_CROSSINGS] == self._total:
-                m[_VERDICT], m[_END] = _FINISHED, crossing
+                m[_VERDICT], m[_END] = FINISHED, crossing
                 return
-        verdict, thing = self._FindFault(context, m, where)
-        if verdict:
-            m[_VERDICT], m[_THING] = verdict, thing
+        name = None if where == DIVERGED else self._Touched(context, m[_AIRBORNE], pushed)
+        if name in _FLOOR:
+            m[_VERDICT] = GROUND
+        elif name is not None:
+            m[_VERDICT], m[_THING] = TOUCHED, self._touchable.index(name)
+        else:
+            m[_VERDICT] = where
 
-    def _FindFault(self, context, m, where):
-        """Returns the verdict (0 if none) and the index of what was touched."""
-        if where == _DIVERGED:
-            return _DIVERGED, 0
+    def _Touched(self, context, airborne, pushed) -> str | None:
+        """Returns the name of what the drone touches, or touched between two looks."""
         contacts = self._contacts.Eval(context)
-        for i in range(contacts.num_point_pair_contacts()):
-            pair = contacts.point_pair_contact_info(i).point_pair()
+        pairs = [contacts.point_pair_contact_info(i).point_pair()
+                 for i in range(contacts.num_point_pair_contacts())]
+        if pushed and airborne and not pairs:
+            distances = self._query.Eval(context).ComputeSignedDistancePairwiseClosestPoints()
+            pairs = sorted(distances, key=lambda pair: pair.distance)
+        for pair in pairs:
             name = self._names.get(pair.id_A) or self._names.get(pair.id_B)
-            if name in ("ground", "pad"):
-                if m[_AIRBORNE]:
-                    return _GROUND, 0
-            elif name:
-                return _TOUCHED, self._touchable.index(name)
-        return where, 0
+            if name and (airborne or name not in _FLOOR):
+                return name
+        return None
 
     def _CalcReport(self, context, output):
         m = context.get_discrete_state(self._memory).value()
@@ -200,17 +168,17 @@ class Referee(LeafSystem):
         verdict = int(m[_VERDICT])
         reason = None
         end_time = float(m[_END])
-        if verdict > _FINISHED:
-            what = self._touchable[int(m[_THING])] if verdict == _TOUCHED else ""
+        if verdict > FINISHED:
+            what = self._touchable[int(m[_THING])] if verdict == TOUCHED else ""
             reason = VERDICTS[verdict].format(what=what)
-            if verdict in (_GROUND, _TOUCHED, _ARENA):
+            if verdict in (GROUND, TOUCHED, ARENA):
                 reason += failures_clause(self._failures, end_time)
         output.set_value(RefereeReport(
             crossings=crossings,
-            finished=verdict == _FINISHED,
+            finished=verdict == FINISHED,
             dnf_reason=reason,
             end_time=end_time if verdict else None,
-            collisions=int(verdict in (_GROUND, _TOUCHED)),
+            collisions=int(verdict in (GROUND, TOUCHED)),
         ))
 
 
@@ -225,11 +193,11 @@ def _crossings(table: bytes, gates: int) -> tuple:
 
 
 @compiled
-def _look(m, time, state, gates, shifts, bounds):
+def _look(m, time, state, impulse, gates, shifts, bounds):
     """Notes in the memory what can be seen of the drone, unless the race is over.
 
     Args:
-        m: the memory. time: (s). state: see Referee.
+        m: the memory. time: (s). state, impulse: see Referee.
         gates: see GateOpening, (n, 10).
         shifts: of those, (2 n,) m.
         bounds: the height at which it has taken off, the time limit, and the arena: least x
@@ -237,10 +205,11 @@ def _look(m, time, state, gates, shifts, bounds):
 
     Returns:
         when it crossed the next gate since the look before (s), -1 if it did not; how far
-        from the midpoint (m); and the verdict on where and when it is, or _OVER.
+        from the midpoint (m); whether it was pushed since then; and the verdict on where
+        and when it is, or _OVER.
     """
     if m[_VERDICT] != 0.0:
-        return -1.0, 0.0, _OVER
+        return -1.0, 0.0, False, _OVER
     p = state[_POSITION]
     m[_END] = time
     if p[2] > bounds[0]:
@@ -254,8 +223,11 @@ def _look(m, time, state, gates, shifts, bounds):
             gates[gate], m[_PLACE], p, shifts[2 * gate], shifts[2 * gate + 1])
         if not math.isnan(share):
             crossing = m[_LOOK] + share * (time - m[_LOOK])
-    m[_LOOK], m[_PLACE] = time, p
-    return crossing, offset, _whereabouts(p, time, bounds)
+    pushed = False
+    for i in range(len(impulse)):
+        pushed = pushed or impulse[i] != m[_IMPULSE.start + i]
+    m[_LOOK], m[_PLACE], m[_IMPULSE] = time, p, impulse
+    return crossing, offset, pushed, _whereabouts(p, time, bounds)
 
 
 @compilable
@@ -263,8 +235,8 @@ def _whereabouts(p, time, bounds):
     """Returns a verdict on where and when the drone is, 0 if it is fine."""
     x, y, z = p
     if not math.isfinite(x + y + z):
-        return _DIVERGED
+        return DIVERGED
     _, limit, x0, y0, x1, y1, z1 = bounds
     if not (x0 < x < x1 and y0 < y < y1 and z < z1):
-        return _ARENA
-    return _TIMEOUT if time >= limit else 0
+        return ARENA
+    return TIMEOUT if time >= limit else 0

@@ -6,7 +6,7 @@ from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import LeafSystem
 
-from airrace.systems.referee import RefereeReport
+from airrace.systems.referee_report import RefereeReport
 from airrace.systems.types import ExplorerStatus
 from airrace.visualization.page import LEFT, Audience
 from airrace.visualization.picture import FixedPicture

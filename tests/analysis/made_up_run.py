@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from airrace.diagrams.scenario import Scenario, scenario_yaml
 from airrace.recording import data, messages
 from airrace.recording.writer import FILE, RaceLog
-from airrace.systems.referee import GateCrossing
+from airrace.systems.referee_report import GateCrossing
 from airrace.systems.types import Detection, Detections, GateMap, MarkerEstimate
 from airrace.track import load_track
 

@@ -11,7 +11,7 @@ from airrace.diagrams.results import RaceRecord
 from airrace.diagrams.scenario import Scenario
 from airrace.disturbances import RotorFailure
 from airrace.systems.lap_plan import NO_PLAN
-from airrace.systems.referee import GateCrossing, RefereeReport
+from airrace.systems.referee_report import GateCrossing, RefereeReport
 from airrace.systems.types import ExplorerStatus, GateMap
 from airrace.track import load_track
 

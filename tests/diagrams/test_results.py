@@ -10,7 +10,7 @@ from airrace.diagrams.results import RaceRecord, front_marker_rms
 from airrace.diagrams.scenario import Scenario
 from airrace.disturbances import RotorFailure
 from airrace.systems.lap_plan import NO_PLAN, LapPlan, PlanReport
-from airrace.systems.referee import GateCrossing, RefereeReport
+from airrace.systems.referee_report import GateCrossing, RefereeReport
 from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateMap, MarkerEstimate
 from airrace.track import load_track
 

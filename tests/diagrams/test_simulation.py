@@ -167,6 +167,23 @@ def test_crashes_end_the_race(p, v, reason):
     assert flight.report.collisions == 1
 
 
+@pytest.mark.parametrize("step", range(5))
+def test_a_touch_of_a_single_step_ends_the_race(step):
+    """Whenever it happens between two looks of the referee, which are five steps apart."""
+    v, depth = 15.0, 0.002
+    beside = 5.0 + 1.5 / 2 + 0.25 - depth  # the edge of board 0, and how wide the drone is
+    start = start_at([19.0 + 0.001 * v * step, beside, 6.25], [v, 0, 0])
+    flight = Flight(speeds=np.full(4, HOVER_SPEED), start=start)
+    plant = flight.simulation.GetSubsystemByName("plant")
+    contacts = plant.get_contact_results_output_port()
+    context = plant.GetMyContextFromRoot(flight.simulator.get_context())
+    touched = [k for k in range(1, 13)
+               if flight.advance(0.001 * k) and contacts.Eval(context).num_point_pair_contacts()]
+    assert len(touched) == 1
+    assert flight.report.dnf_reason == "touched board_0"
+    assert flight.report.end_time <= 0.001 * touched[0] + 0.005
+
+
 def test_flying_through_gate_1_counts():
     speeds = np.full(4, HOVER_SPEED)
     start = start_at([17.0, 0.5, 6.25], [10, 0, 0])

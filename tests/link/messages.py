@@ -10,7 +10,7 @@ from airrace.diagrams.scenario import Scenario
 from airrace.link.wire import Stamp, pack
 from airrace.systems.camera_view import CameraView
 from airrace.systems.lap_plan import LapPlan, PlanReport
-from airrace.systems.referee import GateCrossing, RefereeReport
+from airrace.systems.referee_report import GateCrossing, RefereeReport
 from airrace.systems.types import (
     ExplorerEvent,
     ExplorerStatus,

@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform
 
 from airrace.recording import data
 from airrace.systems.lap_plan import LapPlan, PlanReport
-from airrace.systems.referee import GateCrossing
+from airrace.systems.referee_report import GateCrossing
 from airrace.systems.types import Detection, Detections, GateMap, MarkerEstimate
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 

@@ -15,7 +15,7 @@ from airrace.recording.writer import RaceLog
 from airrace.systems.camera_view import CameraView
 from airrace.systems.lap_plan import LapPlan
 from airrace.systems.race_recorder import RaceRecorder
-from airrace.systems.referee import GateCrossing, RefereeReport
+from airrace.systems.referee_report import GateCrossing, RefereeReport
 from airrace.systems.types import (
     Detections,
     ExplorerEvent,

@@ -26,6 +26,7 @@ def judge(path, velocity=(1.0, 2.0, 2.0), laps=1, racing=True, time_limit=1e3, c
     referee.GetInputPort("contact_results").FixValue(
         context, Value(contacts or ContactResults())
     )
+    referee.GetInputPort("contact_impulse").FixValue(context, np.zeros(6))
     referee.GetInputPort("explorer_status").FixValue(
         context, Value[object](ExplorerStatus(done=racing))
     )

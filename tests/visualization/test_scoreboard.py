@@ -1,7 +1,7 @@
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from airrace.systems.referee import GateCrossing, RefereeReport
+from airrace.systems.referee_report import GateCrossing, RefereeReport
 from airrace.systems.types import ExplorerStatus
 from airrace.visualization.page import HUD
 from airrace.visualization.scoreboard import Scoreboard, draw_lines, scoreboard_lines

@@ -31,7 +31,7 @@ class DisturbancesConfig:
     mass_error: float = 0.0
     inertia_error: float = 0.0
     thrust_coefficient_error: float = 0.0  # of each rotor, drawn on its own
-    actuator_delay: float = 0.0  # s, of the rotor speed command
+    actuator_delay: float = 0.0  # s, of rotor speed commands: whole periods of scenario.rotors
     gate_shift: float = 0.0  # m, how far a gate may move between laps; see GateMover
 
 

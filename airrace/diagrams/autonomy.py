@@ -65,14 +65,14 @@ def _make_lap_planner(scenario: Scenario):
 
 def _make_rotor_monitor(scenario: Scenario):
     return RotorMonitor(
-        vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate)
+        vehicle=load_vehicle(scenario.drone)[0], rate=scenario.rotor_monitor.rate)
 
 
 def _make_state_filter(scenario: Scenario):
     return StateFilter(
         vehicle=load_vehicle(scenario.drone)[0],
         state_rate=scenario.state_estimate.rate,
-        rate=scenario.controller.rate,
+        rate=scenario.state_filter.rate,
     )
 
 

@@ -44,6 +44,13 @@ class StateEstimateConfig:
 
 
 @dc.dataclass
+class RotorsConfig:
+    """The motor controllers."""
+
+    rate: float = 500.0  # Hz, of the commands that they take up and of their reports
+
+
+@dc.dataclass
 class RefereeConfig:
     """When a race is over."""
 
@@ -96,6 +103,20 @@ class PlannerConfig:
 
 
 @dc.dataclass
+class StateFilterConfig:
+    """What smooths the state estimate for the controller."""
+
+    rate: float = 250.0  # Hz, of its looks for new estimates; it carries them on to any time
+
+
+@dc.dataclass
+class RotorMonitorConfig:
+    """What notices rotors that have stopped."""
+
+    rate: float = 250.0  # Hz, of its looks
+
+
+@dc.dataclass
 class ControllerConfig:
     """The geometric controller."""
 
@@ -134,6 +155,7 @@ class Scenario:
     # earlier race. Without one, it is made in flight.
     map: str = ""
     camera: CameraConfig = dc.field(default_factory=CameraConfig)
+    rotors: RotorsConfig = dc.field(default_factory=RotorsConfig)
     state_noise: str = "reference"  # or "none"
     state_estimate: StateEstimateConfig = dc.field(default_factory=StateEstimateConfig)
     disturbances: DisturbancesConfig = dc.field(default_factory=DisturbancesConfig)
@@ -144,6 +166,8 @@ class Scenario:
     perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
     explorer: ExplorerConfig = dc.field(default_factory=ExplorerConfig)
     planner: PlannerConfig = dc.field(default_factory=PlannerConfig)
+    state_filter: StateFilterConfig = dc.field(default_factory=StateFilterConfig)
+    rotor_monitor: RotorMonitorConfig = dc.field(default_factory=RotorMonitorConfig)
     controller: ControllerConfig = dc.field(default_factory=ControllerConfig)
     # s, from a command or picture to its effect or use, that the boxes allow for; HITL sets it.
     link_delay: float = 0.0

@@ -69,13 +69,13 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     plant.SetDefaultFloatingBaseBodyPose(plant.GetBodyByName("body"), X_WB)
     state = plant.get_state_output_port(plant.GetBodyByName("body").model_instance())
     rotors = AddMultirotor(
-        builder, plant, scene_graph, truth,
+        builder, plant, scene_graph, truth, rate=scenario.rotors.rate,
         failures=[(f.rotor - 1, f.time) for f in scenario.rotor_failures],
         forces=_AddAir(builder, plant, state, truth, scenario),
     )
     command = _AddDelay(
         builder, rotors.GetInputPort("rotor_speed_command"),
-        delay=scenario.disturbances.actuator_delay, period=plant.time_step(),
+        delay=scenario.disturbances.actuator_delay, period=1.0 / scenario.rotors.rate,
     )
 
     camera = None

@@ -190,9 +190,11 @@ def AddCommandWatchdog(builder, scenario, simulation, link) -> CommandWatchdog:
     watchdog = add("command_watchdog", CommandWatchdog(rotors=len(vehicle.rotors), rate=rate))
     boxes = (
         watchdog, link, simulation,
-        add("own_rotor_monitor", RotorMonitor(vehicle=vehicle, rate=rate)),
+        add("own_rotor_monitor", RotorMonitor(
+            vehicle=vehicle, rate=scenario.rotor_monitor.rate)),
         add("own_state_filter", StateFilter(
-            vehicle=vehicle, state_rate=scenario.state_estimate.rate, rate=rate)),
+            vehicle=vehicle, state_rate=scenario.state_estimate.rate,
+            rate=scenario.state_filter.rate)),
         controller := add("own_controller", GeometricController(vehicle=vehicle, rate=rate)),
     )
     builder.Connect(controller.get_output_port(), watchdog.GetInputPort("own_command"))

@@ -135,8 +135,8 @@ def ground_clearance(plant, scene_graph) -> float:
     return -min(heights)
 
 
-def AddMultirotor(builder, plant, scene_graph, vehicle: Vehicle, *, failures=(),
-                  forces=()) -> RotorBank:
+def AddMultirotor(builder, plant, scene_graph, vehicle: Vehicle, *, rate: float | None = None,
+                  failures=(), forces=()) -> RotorBank:
     """Connects rotors to the drone of a finalized plant.
 
     Args:
@@ -144,6 +144,7 @@ def AddMultirotor(builder, plant, scene_graph, vehicle: Vehicle, *, failures=(),
         plant: with a link ``body`` from AddMultirotorModel.
         scene_graph: with the drone's geometry.
         vehicle: the rotor table.
+        rate: of the motor controllers (Hz); by default, as often as the plant steps.
         failures: of rotors, see RotorBank.
         forces: output ports of what else acts on the drone, for the plant's
             input port of applied spatial forces.
@@ -156,7 +157,11 @@ def AddMultirotor(builder, plant, scene_graph, vehicle: Vehicle, *, failures=(),
     for geometry_id in scene_graph.model_inspector().GetGeometries(frame_id, Role.kPerception):
         scene_graph.RemoveRole(plant.get_source_id(), geometry_id, Role.kPerception)
     rotors = builder.AddNamedSystem(
-        "rotor_bank", RotorBank(vehicle=vehicle, period=plant.time_step(), failures=failures)
+        "rotor_bank",
+        RotorBank(
+            vehicle=vehicle, period=1.0 / rate if rate else plant.time_step(),
+            step=plant.time_step(), failures=failures,
+        ),
     )
     propellers = builder.AddNamedSystem(
         "propellers",

@@ -9,7 +9,7 @@ from airrace.vehicle import Vehicle
 
 _SHARE = 0.8  # of the speed that it should have: a rotor below that does not follow
 _LEAST = 0.2  # of the greatest speed: below, there is nothing to tell by
-_PATIENCE = 0.006 - 1e-9  # s of not following
+_PATIENCE = 0.004 - 1e-9  # s of not following
 
 
 class RotorMonitor(LeafSystem):

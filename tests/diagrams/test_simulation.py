@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
 from airrace.diagrams.camera_config import RENDERERS, CameraConfig
-from airrace.diagrams.scenario import Scenario
+from airrace.diagrams.scenario import RotorsConfig, Scenario
 from airrace.diagrams.simulation import FollowGates, MakeSimulation
 from airrace.disturbances import DisturbancesConfig, RotorFailure, WindConfig, true_vehicle
 from airrace.errors import UserError
@@ -208,25 +208,28 @@ class TestDisturbances:
     )
 
     @staticmethod
-    def history(scenario, seconds=0.2):
+    def history(seconds=0.2, rate=1000.0, **others):
         """Rotor speeds after every step of the plant, from rest and from a command at once."""
+        scenario = Scenario(rotors=RotorsConfig(rate=rate), **others)
         flight = Flight(speeds=np.full(4, 60.0), scenario=scenario)
         times = np.arange(round(seconds / 0.001)) * 0.001 + 0.0005
         return np.array([flight.advance(time).rotor_speeds for time in times])
 
-    @pytest.mark.parametrize("delay, steps", [
-        (0.001, 1), (0.01, 10), (0.0304, 30), (0.0306, 31), (0.0001, 1)
+    @pytest.mark.parametrize("rate, delay, steps", [
+        (1e3, 0.001, 1), (1e3, 0.01, 10), (1e3, 0.0304, 30), (1e3, 0.0306, 31), (1e3, 0.0001, 1),
+        (500.0, 0.01, 10), (500.0, 0.006, 6), (500.0, 0.001, 2),
     ])
-    def test_a_delay_is_exact(self, delay, steps):
-        prompt = self.history(Scenario())
-        late = self.history(Scenario(disturbances=DisturbancesConfig(actuator_delay=delay)))
+    def test_a_delay_is_exact(self, rate, delay, steps):
+        prompt = self.history(rate=rate)
+        late = self.history(
+            rate=rate, disturbances=DisturbancesConfig(actuator_delay=delay))
         assert np.all(prompt[0] > 0.0)
         np.testing.assert_array_equal(late[:steps], 0.0)
         np.testing.assert_array_equal(late[steps:], prompt[:-steps])
 
     def test_a_rotor_fails(self):
-        healthy = self.history(Scenario())
-        failing = self.history(Scenario(rotor_failures=[RotorFailure(3, 0.1)]))
+        healthy = self.history()
+        failing = self.history(rotor_failures=[RotorFailure(3, 0.1)])
         np.testing.assert_array_equal(failing[:, [0, 1, 3]], healthy[:, [0, 1, 3]])
         np.testing.assert_array_equal(failing[:100, 2], healthy[:100, 2])
         np.testing.assert_allclose(

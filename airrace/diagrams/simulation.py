@@ -71,7 +71,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     rotors = AddMultirotor(
         builder, plant, scene_graph, truth, rate=scenario.rotors.rate,
         failures=[(f.rotor - 1, f.time) for f in scenario.rotor_failures],
-        forces=_AddAir(builder, plant, state, truth, scenario),
+        forces=_AddAir(builder, plant, state, truth, scenario), visible=meshcat is not None,
     )
     command = _AddDelay(
         builder, rotors.GetInputPort("rotor_speed_command"),

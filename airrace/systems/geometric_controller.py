@@ -22,6 +22,14 @@ _THRUST_SHARE = 0.95  # of what the rotors have: the rest is for the attitude
 _LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
 _YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have for it
 _SHORT_LAG = 0.01  # s, that the rotors' lag is made to look like
+# What machine code needs is handed over in few arrays, since each costs time. Of the vehicle
+# and its gains: mass, inertia, gains on errors in position, velocity, attitude and angular
+# velocity (the last two per unit of inertia), the greatest thrust, what is made of the
+# disturbance and of the reference's higher derivatives, and the overdrive of the rotors.
+_MASS, _J, _K_X, _K_V, _K_R, _K_W = 0, slice(1, 4), 4, 5, slice(6, 9), slice(9, 12)
+_MAX_THRUST, _REJECTION, _FEED_FORWARD, _OVERDRIVE = 12, 13, 14, 15
+# Of every rotor: its row of the allocator's inverse, greatest thrust, c_f and greatest speed.
+_INVERSE, _LIMIT, _C_F, _MAX_SPEED = slice(0, 4), 4, 5, 6
 
 
 class GeometricController(LeafSystem):
@@ -69,20 +77,23 @@ class GeometricController(LeafSystem):
             disturbance_rejection: whether to lean against the disturbance.
         """
         LeafSystem.__init__(self)
-        self._mass, self._J = float(vehicle.mass), np.array(vehicle.inertia, float)
-        self._k_x, self._k_v = float(vehicle.gains.position), float(vehicle.gains.velocity)
-        self._k_R, self._k_w = _attitude_gains(vehicle)
-        self._c_f = vehicle.thrust_coefficients
-        self._max_speeds = vehicle.max_speeds
-        self._feed_forward = feed_forward
-        self._rejection = float(disturbance_rejection)
-        self._overdrive = _reached(rate, min(_SHORT_LAG, vehicle.rotor_lag)) / _reached(
-            rate, vehicle.rotor_lag
-        )
         n = len(vehicle.rotors)
-        self._remaining = functools.cache(
-            lambda losses: Remaining(vehicle, np.isinf(np.frombuffer(losses))))
-        self._max_thrust = _THRUST_SHARE * self._remaining(np.full(n, np.inf).tobytes()).max_lift
+
+        @functools.cache
+        def remaining(losses: bytes):
+            rest = Remaining(vehicle, np.isinf(np.frombuffer(losses)))
+            return rest, np.column_stack([
+                rest.allocator.inverse, rest.max_thrusts, vehicle.thrust_coefficients,
+                vehicle.max_speeds])
+
+        self._remaining = remaining
+        whole = remaining(np.full(n, np.inf).tobytes())[0]
+        overdrive = _reached(rate, min(_SHORT_LAG, vehicle.rotor_lag)) / _reached(
+            rate, vehicle.rotor_lag)
+        self._gains = np.array([
+            vehicle.mass, *vehicle.inertia, vehicle.gains.position, vehicle.gains.velocity,
+            *np.ravel(_attitude_gains(vehicle)), _THRUST_SHARE * whole.max_lift,
+            disturbance_rejection, feed_forward, overdrive])
         self._reduced = ReducedAttitude(vehicle)
         self._reference = self.DeclareVectorInputPort("reference", ref.SIZE)
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", se.SIZE)
@@ -94,25 +105,25 @@ class GeometricController(LeafSystem):
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
     def _UpdateCommand(self, context, discrete_state):
-        remaining = self._remaining(peek(self._losses, context).tobytes())
+        remaining, rotors = self._remaining(peek(self._losses, context).tobytes())
         estimate, disturbance = peek(self._estimate, context), peek(self._disturbance, context)
         if not remaining.can_fly:
             if not (all_finite(estimate) and all_finite(disturbance)):
                 return  # the last command is the best there is
-            wrench = self._reduced.wrench(estimate, self._rejection * disturbance, remaining)
+            push = self._gains[_REJECTION] * disturbance
+            wrench = self._reduced.wrench(estimate, push, remaining)
         else:
             reference = self._reference.Eval(context)
-            if not _prepared(
-                    reference, estimate, disturbance, self._rejection, self._feed_forward):
+            if not _prepared(reference, estimate, disturbance, self._gains):
                 return
             wrench = self.CalcWrench(reference, estimate)
-        allocator, commands = remaining.allocator, discrete_state.get_mutable_value()
-        rotors = (remaining.max_thrusts, peek(self._speeds, context), self._c_f,
-                  self._max_speeds, self._overdrive)
-        if allocator.is_complete and _command_wrench(commands, wrench, allocator.inverse, *rotors):
+        commands, speeds = discrete_state.get_mutable_value(), peek(self._speeds, context)
+        complete = remaining.allocator.is_complete
+        if complete and _command_wrench(commands, wrench, speeds, rotors, self._gains):
             return  # as a rule
         if all_finite(wrench):
-            _command(commands, allocator.allocate(wrench), *rotors)
+            thrusts = remaining.allocator.allocate(wrench)
+            _command(commands, thrusts, speeds, rotors, self._gains)
 
     def CalcWrench(self, reference, estimate) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), shape (4,).
@@ -121,26 +132,25 @@ class GeometricController(LeafSystem):
             reference: of trajopt/flat_trajectory.py, (18,).
             estimate: of systems/state_estimate.py, (14,).
         """
-        return _wrench(
-            reference, estimate, self._mass, self._J, self._k_x, self._k_v, self._k_R, self._k_w,
-            self._max_thrust,
-        )
+        return _wrench(reference, estimate, self._gains)
 
 
 @compiled
-def _prepared(reference, estimate, disturbance, rejection, feed_forward) -> bool:
+def _prepared(reference, estimate, disturbance, gains) -> bool:
     """Changes the reference into what is to be done; returns whether all of it is finite."""
     for i in range(3):
-        reference[ref.ACCELERATION.start + i] -= rejection * disturbance[i]
-    if not feed_forward:
+        reference[ref.ACCELERATION.start + i] -= gains[_REJECTION] * disturbance[i]
+    if gains[_FEED_FORWARD] == 0.0:
         reference[ref.JERK.start:ref.SNAP.stop] = 0.0
         reference[ref.YAW_RATE:] = 0.0
     return all_finite(estimate) and all_finite(disturbance) and all_finite(reference)
 
 
 @compiled
-def _wrench(r, e, mass, J, k_x, k_v, k_R, k_w, max_thrust):
-    """See GeometricController.CalcWrench(); gains are per unit of mass and inertia."""
+def _wrench(r, e, gains):
+    """See GeometricController.CalcWrench()."""
+    mass, k_x, k_v = gains[_MASS], gains[_K_X], gains[_K_V]
+    J, k_R, k_w = gains[_J], gains[_K_R], gains[_K_W]
     p, q = ref.POSITION.start, se.POSITION.start
     v, u = ref.VELOCITY.start, se.VELOCITY.start
     a = ref.ACCELERATION.start
@@ -149,7 +159,7 @@ def _wrench(r, e, mass, J, k_x, k_v, k_R, k_w, max_thrust):
         r[a] - k_x * (e[q] - r[p]) - k_v * (e[u] - r[v]),
         r[a + 1] - k_x * (e[q + 1] - r[p + 1]) - k_v * (e[u + 1] - r[v + 1]),
         r[a + 2] - k_x * (e[q + 2] - r[p + 2]) - k_v * (e[u + 2] - r[v + 2]) + GRAVITY,
-    ), max_thrust / mass)
+    ), gains[_MAX_THRUST] / mass)
     axes, w_W, alpha_d = attitude_from_force(
         force, triple(r, ref.JERK.start), triple(r, ref.SNAP.start),
         heading_vectors(
@@ -177,20 +187,25 @@ def _wrench(r, e, mass, J, k_x, k_v, k_R, k_w, max_thrust):
 
 
 @compiled
-def _command(commands, thrusts, max_thrusts, speeds, c_f, max_speeds, overdrive):
-    """Sets the speeds to command for thrusts (N), all (n,); those of lost rotors are zero."""
+def _command(commands, thrusts, speeds, rotors, gains):
+    """Sets the speeds to command for thrusts (N), all (n,); those of lost rotors are zero.
+
+    Args:
+        speeds: of the rotors now (rad/s), (n,). rotors, gains: see the head of this file.
+    """
     for i in range(len(commands)):
-        faster = speeds[i] + overdrive * (math.sqrt(thrusts[i] / c_f[i]) - speeds[i])
-        works = max_thrusts[i] > 0.0 and faster > 0.0  # NaN is not
-        commands[i] = min(faster, max_speeds[i]) if works else 0.0
+        wanted = math.sqrt(thrusts[i] / rotors[i, _C_F])
+        faster = speeds[i] + gains[_OVERDRIVE] * (wanted - speeds[i])
+        works = rotors[i, _LIMIT] > 0.0 and faster > 0.0  # NaN is not
+        commands[i] = min(faster, rotors[i, _MAX_SPEED]) if works else 0.0
 
 
 @compiled
-def _command_wrench(commands, wrench, inverse, max_thrusts, speeds, c_f, max_speeds, overdrive):
+def _command_wrench(commands, wrench, speeds, rotors, gains):
     """Likewise for a wrench, (4,); returns False if it is not possible, and changes nothing."""
-    thrusts, possible = by_inverse(inverse, wrench, max_thrusts)
+    thrusts, possible = by_inverse(rotors[:, _INVERSE], wrench, rotors[:, _LIMIT])
     if possible:
-        _command(commands, thrusts, max_thrusts, speeds, c_f, max_speeds, overdrive)
+        _command(commands, thrusts, speeds, rotors, gains)
     return possible
 
 

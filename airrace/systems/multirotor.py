@@ -136,7 +136,7 @@ def ground_clearance(plant, scene_graph) -> float:
 
 
 def AddMultirotor(builder, plant, scene_graph, vehicle: Vehicle, *, rate: float | None = None,
-                  failures=(), forces=()) -> RotorBank:
+                  failures=(), forces=(), visible: bool = True) -> RotorBank:
     """Connects rotors to the drone of a finalized plant.
 
     Args:
@@ -148,14 +148,20 @@ def AddMultirotor(builder, plant, scene_graph, vehicle: Vehicle, *, rate: float 
         failures: of rotors, see RotorBank.
         forces: output ports of what else acts on the drone, for the plant's
             input port of applied spatial forces.
+        visible: whether somebody will look at the drone, through Meshcat: its pictures
+            cost every step of the plant.
 
     Returns:
         the RotorBank, whose input ``rotor_speed_command`` is left open.
     """
     body = plant.GetBodyByName("body")
     frame_id = plant.GetBodyFrameIdOrThrow(body.index())
-    for geometry_id in scene_graph.model_inspector().GetGeometries(frame_id, Role.kPerception):
-        scene_graph.RemoveRole(plant.get_source_id(), geometry_id, Role.kPerception)
+    inspector, source = scene_graph.model_inspector(), plant.get_source_id()
+    for geometry_id in inspector.GetGeometries(frame_id):
+        if visible:
+            scene_graph.RemoveRole(source, geometry_id, Role.kPerception)
+        elif inspector.GetProximityProperties(geometry_id) is None:
+            scene_graph.RemoveGeometry(source, geometry_id)
     rotors = builder.AddNamedSystem(
         "rotor_bank",
         RotorBank(

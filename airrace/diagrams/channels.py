@@ -138,7 +138,7 @@ def _rotors(scenario: Scenario, n: int) -> Row:
     # The report first: its time tells that it is a new one.
     return Row(
         ("rotor_report", "rotor_speeds"), "AIRRACE_ROTOR_REPORT", lcmtypes.lcmt_rotor_report,
-        SIMULATION, scenario.controller.rate,
+        SIMULATION, scenario.rotors.rate,
         lambda lossless, **values: adapters.encode_rotor_report(**values),
         _sized(adapters.decode_rotor_report, n),
         {"rotor_report": np.zeros(1 + 2 * n), "rotor_speeds": np.zeros(n)})

@@ -33,12 +33,11 @@ def lockstep_times(scenario, look_period: float):
         (1.0 / fps, 0.0),
         (1.0 / fps, latency),
         (1.0 / fps, scenario.perception.latency + latency),
-        (1.0 / scenario.state_estimate.rate, 0.0),
-        (1.0 / scenario.controller.rate, 0.0),
-        (1.0 / scenario.planner.rate, 0.0),
-        (1.0 / scenario.explorer.rate, 0.0),
         (look_period, 0.0),
     }
+    periods |= {(1.0 / box.rate, 0.0) for box in (
+        scenario.rotors, scenario.state_estimate, scenario.referee, scenario.explorer,
+        scenario.planner, scenario.state_filter, scenario.rotor_monitor, scenario.controller)}
     coming = [(offset, 0, period, offset) for period, offset in periods]
     heapq.heapify(coming)
     last = None

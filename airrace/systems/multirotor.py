@@ -166,7 +166,7 @@ def AddMultirotor(builder, plant, scene_graph, vehicle: Vehicle, *, rate: float 
         "rotor_bank",
         RotorBank(
             vehicle=vehicle, period=1.0 / rate if rate else plant.time_step(),
-            step=plant.time_step(), failures=failures,
+            failures=failures,
         ),
     )
     propellers = builder.AddNamedSystem(

@@ -26,23 +26,18 @@ class RotorBank(LeafSystem):
     command that is not finite counts as zero, and so does any to a rotor that has
     failed: it spins down.
 
-    ``rotor_speeds`` and ``thrusts`` hold over a period, for all steps that the plant makes
-    in it: they are those of the middle of these steps' beginnings. The speeds are also what
-    the motor controllers report. ``rotor_report``
+    ``rotor_speeds`` is also what the motor controllers report. ``rotor_report``
     says more: the time (s), the speeds, and those that the motor controllers expect
     of rotors that work, after all the commands that reached them, (1 + 2n,). Only
     they know those: over a link, not every command of the autonomy arrives.
     """
 
-    def __init__(self, *, vehicle: Vehicle, period: float, step: float | None = None,
-                 failures=()):
+    def __init__(self, *, vehicle: Vehicle, period: float, failures=()):
         """Constructs the bank, its rotors at rest.
 
         Args:
             vehicle: the rotor table.
-            period: of the update (s).
-            step: of the plant (s), which sees an update one step later; by default the
-                period.
+            period: of the update (s). Speeds and thrusts are those of its end, and hold.
             failures: pairs of a rotor's index, from 0, and since when it has
                 failed (s).
         """
@@ -54,10 +49,7 @@ class RotorBank(LeafSystem):
             failed[rotor] = min(time, failed[rotor])
         self._table = np.array([self._c_f, vehicle.max_speeds, failed])
         self._period = period
-        step = min(step or period, period)
-        self._blends = tuple(
-            float(1.0 - np.exp(-time / vehicle.rotor_lag))
-            for time in (period, (period + step) / 2))
+        self._blend = float(1.0 - np.exp(-period / vehicle.rotor_lag))
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         # The thrusts are a state, too, so that no call of Python stands in the plant's way.
         self._speeds = self.DeclareDiscreteState(n)
@@ -79,11 +71,11 @@ class RotorBank(LeafSystem):
                 discrete_state.get_mutable_value(self._thrusts),
                 discrete_state.get_mutable_value(self._report),
                 peek(self._command, context), self._table, context.get_time(), self._period,
-                *self._blends)
+                self._blend)
 
 
 @compiled
-def _update(speeds, thrusts, report, command, table, now, period, blend, blend_between):
+def _update(speeds, thrusts, report, command, table, now, period, blend):
     """Changes speeds (rad/s), thrusts (N), both (n,), and the report, (1 + 2n,), by a period.
 
     Args:
@@ -91,16 +83,15 @@ def _update(speeds, thrusts, report, command, table, now, period, blend, blend_b
         table: of the rotors' coefficients and greatest speeds, see turn(), and since when
             each has failed (s), (3, n): one array, as each costs time to hand over.
         now, period: (s).
-        blend: of the whole period, see turn(); blend_between: until where its speeds hold.
+        blend: see turn().
     """
     n, (c_f, max_speeds, failed) = len(speeds), table
     report[0] = now + period
     for i in range(n):
         report[1 + n + i] = _turned(report[1 + n + i], command[i], max_speeds[i], blend)
         followed = command[i] if now < failed[i] else 0.0
-        speeds[i] = _turned(report[1 + i], followed, max_speeds[i], blend_between)
+        report[1 + i] = speeds[i] = _turned(speeds[i], followed, max_speeds[i], blend)
         thrusts[i] = c_f[i] * speeds[i] * speeds[i]
-        report[1 + i] = _turned(report[1 + i], followed, max_speeds[i], blend)
 
 
 @compilable

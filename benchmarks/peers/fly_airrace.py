@@ -55,6 +55,8 @@ def shares(rate: float) -> dict:
 def _scenario(rate):
     scenario = Scenario()
     scenario.controller.rate = float(rate)
+    for box in (scenario.state_filter, scenario.rotor_monitor):  # which work for it
+        box.rate = min(box.rate, scenario.controller.rate)
     return scenario
 
 

@@ -79,25 +79,3 @@ def test_speeds_that_are_set_are_those_expected():
     bank.SetSpeeds(context, [10.0, 20.0, 30.0, 40.0])
     np.testing.assert_array_equal(
         bank.GetOutputPort("rotor_report").Eval(context), [0.5, *2 * [10.0, 20.0, 30.0, 40.0]])
-
-
-def test_a_slower_bank_flies_as_a_quicker_one():
-    """Its speeds hold, but they are those of the middle of what they hold for."""
-    command, starts = np.array([80.0, 60.0, 40.0, 20.0]), np.array([0.0, 0.001])
-    slow = RotorBank(vehicle=VEHICLE, period=0.002, step=0.001)
-    context = slow.CreateDefaultContext()
-    slow.get_input_port().FixValue(context, command)
-    for k in range(50):
-        context.SetTime(0.002 * k)
-        context.SetDiscreteState(slow.EvalUniquePeriodicDiscreteUpdate(context))
-        # From rest at time zero. The plant sees an update at its next two steps.
-        times = 0.002 * k + 0.001 + starts
-        exact = command * (1.0 - np.exp(-times[:, None] / 0.03))
-        speeds = slow.GetOutputPort("rotor_speeds").Eval(context)
-        assert np.all(abs(speeds - exact.mean(axis=0)) < 2e-4 * command)
-        np.testing.assert_allclose(
-            slow.GetOutputPort("thrusts").Eval(context), 1e-3 * speeds**2, rtol=1e-12)
-        report = slow.GetOutputPort("rotor_report").Eval(context)
-        assert report[0] == pytest.approx(0.002 * (k + 1))
-        np.testing.assert_allclose(
-            report[1:5], command * (1.0 - np.exp(-report[0] / 0.03)), rtol=1e-9)

@@ -1,7 +1,10 @@
 """Whether a trajectory can be flown: its limits, its height, the pylons."""
 
+import math
+
 import numpy as np
 
+from airrace.compiled import compiled
 from airrace.track import BOARD_OFFSET, BOARD_SIZE, PYLON_HEIGHT
 from airrace.trajopt.flat_trajectory import ACCELERATION, VELOCITY, FlatTrajectory
 from airrace.trajopt.flatness import inverse_dynamics
@@ -71,8 +74,21 @@ def pylon_distances(samples, pylons) -> np.ndarray:
         samples: as in flat_trajectory.py, (18, N).
         pylons: axes, [x, y], (n, 2) m.
     """
-    beside = np.linalg.norm(samples[:2].T[:, None] - np.reshape(pylons, (1, -1, 2)), axis=2)
-    return np.hypot(beside, np.maximum(samples[2] - PYLON_HEIGHT, 0.0)[:, None])
+    return _pylon_distances(
+        np.ascontiguousarray(samples[:3], float),
+        np.ascontiguousarray(np.reshape(pylons, (-1, 2)), float))
+
+
+@compiled
+def _pylon_distances(p, pylons):
+    """See pylon_distances(), of positions, (3, N) m."""
+    distances = np.empty((p.shape[1], len(pylons)))
+    for i in range(p.shape[1]):
+        above = 0.0 if p[2, i] <= PYLON_HEIGHT else p[2, i] - PYLON_HEIGHT  # NaN stays NaN
+        for j in range(len(pylons)):
+            x, y = p[0, i] - pylons[j, 0], p[1, i] - pylons[j, 1]
+            distances[i, j] = math.sqrt(x * x + y * y + above * above)
+    return distances
 
 
 def passes_forward(trajectory: FlatTrajectory, times, headings) -> np.ndarray:

@@ -4,6 +4,7 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.compiled import compiled
 from airrace.random import NoiseSequence
+from airrace.systems.peek import peek
 from airrace.systems.plant_steps import lead
 from airrace.systems.pose_history import moved
 
@@ -63,7 +64,7 @@ class StateEstimate(LeafSystem):
 
     def _Sample(self, context, discrete_state):
         time = context.get_time()
-        _sample(discrete_state.get_mutable_value(), time, self._state.Eval(context),
+        _sample(discrete_state.get_mutable_value(), time, peek(self._state, context),
                 lead(time, self._state_period), self._noise[round(time * self._rate)],
                 self._position_sigma, self._velocity_sigma)
 

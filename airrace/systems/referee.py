@@ -130,7 +130,13 @@ class Referee(LeafSystem):
             self._gates, shifts, self._bounds)
         if where == _OVER:
             return
-        if crossing >= 0.0 and self._explorer.Eval(context).done:
+        # What it touched since the last look is held to have come before a gate.
+        name = None if where == DIVERGED else self._Touched(context, m[_AIRBORNE], pushed)
+        if name in _FLOOR:
+            m[_VERDICT] = GROUND
+        elif name is not None:
+            m[_VERDICT], m[_THING] = TOUCHED, self._touchable.index(name)
+        elif crossing >= 0.0 and self._explorer.Eval(context).done:
             row = 3 * int(m[_CROSSINGS])
             discrete_state.get_mutable_value(self._table)[row:row + 3] = (
                 crossing, offset, m[_FASTEST])
@@ -138,13 +144,7 @@ class Referee(LeafSystem):
             m[_FASTEST] = 0.0
             if m[_CROSSINGS] == self._total:
                 m[_VERDICT], m[_END] = FINISHED, crossing
-                return
-        name = None if where == DIVERGED else self._Touched(context, m[_AIRBORNE], pushed)
-        if name in _FLOOR:
-            m[_VERDICT] = GROUND
-        elif name is not None:
-            m[_VERDICT], m[_THING] = TOUCHED, self._touchable.index(name)
-        else:
+        if m[_VERDICT] == 0.0:
             m[_VERDICT] = where
 
     def _Touched(self, context, airborne, pushed) -> str | None:

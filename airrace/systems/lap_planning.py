@@ -16,7 +16,6 @@ from airrace.trajopt.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.plan_report import check_flight, check_times
 from airrace.vehicle import Vehicle
 
-_GAIN = 1e-3  # of a lap, by which a search that was worth while made it quicker
 _WORSE = 0.01  # of the bound, by which a plan from the lap before may fall behind that lap
 
 
@@ -86,21 +85,6 @@ def plan_lap(problem: LapProblem) -> LapPlan | None:
         lap=1 if old is None else old.lap_at(problem.start_time) + 1,
         start_time=problem.start_time, entry=entry, circuit=circuit, phase=phase,
         report=dc.replace(report, solve_time=wall_clock.perf_counter() - clock))
-
-
-def is_settled(problem: LapProblem, last: LapProblem | None) -> bool:
-    """Whether a search would bring as little as the last one did.
-
-    That was for the same gates and margins, and the lap flown now, which it left or found,
-    is hardly quicker than the one before it.
-
-    Args:
-        problem: to be searched for a plan.
-        last: that was searched before; None if none was.
-    """
-    if last is None or last.old is None or not last.asks_for_the_same(problem):
-        return False
-    return problem.old.circuit.duration > (1.0 - _GAIN) * last.old.circuit.duration
 
 
 def make_laps(problem: LapProblem):

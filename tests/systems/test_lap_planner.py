@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 import functools
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from pydrake.systems.analysis import Simulator
 from airrace.diagrams.scenario import PlannerConfig
 from airrace.systems.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.lap_planner import LapPlanner
-from airrace.systems.lap_planning import is_settled, plan_lap
+from airrace.systems.lap_planning import plan_lap
 from airrace.systems.map_margins import pylon_margins
 from airrace.systems.types import ExplorerStatus, GateEstimate, GateMap, MarkerEstimate
 from airrace.track import load_track
@@ -232,7 +231,7 @@ def test_what_gave_no_plan_is_not_tried_again_until_the_map_has_changed():
     assert tried[1].old is None and tried[1].start.shape == (5, 4)
 
 
-def test_on_a_map_that_stands_still_it_plans_until_laps_get_no_quicker():
+def test_it_does_not_search_twice_for_a_lap_through_the_same_gates():
     bench = Bench()
     plans, _ = bench.follow(110.0, every=0.5)
     assert plans[-1].lap_at(110.0) >= 4
@@ -241,17 +240,12 @@ def test_on_a_map_that_stands_still_it_plans_until_laps_get_no_quicker():
     bench.fix(gate_map=GateMap(gates=moved([0.001, 0.0, 0.0])))
     bench.follow(200.0, every=0.5)
     assert len(bench.problems) == 3
-    # A lap that a search made quicker is worth another one; of other gates, any is.
-    for gain, settled in ((0.0, True), (5e-4, True), (2e-3, False), (-1e-3, True)):
-        lap = SimpleNamespace(duration=(1.0 - gain) * second.old.circuit.duration)
-        now = dc.replace(second, old=SimpleNamespace(circuit=lap))
-        assert is_settled(now, second) == settled
+    assert dc.replace(second, old=plans[-1], start_time=9.0).asks_for_the_same(second)
     for other in (
         dict(gates=second.gates[1:] + second.gates[:1]), dict(margins=second.margins + 1e-9),
         dict(gates=moved([0.0, 0.0, 1e-9])), dict(pylons=second.pylons[:-2]),
     ):
-        assert not is_settled(dc.replace(now, **other), second)
-    assert not is_settled(second, first) and not is_settled(first, None)
+        assert not dc.replace(second, **other).asks_for_the_same(second)
 
 
 def test_the_problem_says_how_well_pylons_are_known_and_starts_on_the_old_lap():

@@ -1,7 +1,7 @@
 """Finds the gates of a track that nobody has seen."""
 
 from pydrake.common.value import Value
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import EventStatus, LeafSystem
 
 from airrace.systems import exploration
 from airrace.systems import state_estimate as se
@@ -102,6 +102,8 @@ class Explorer(LeafSystem):
 
     def _Update(self, context, state):
         memory = self._Recall(context)
+        if memory.status.done:
+            return EventStatus.DidNothing()  # for good
         after = self._machine.next(exploration.Now(
             memory=memory,
             time=context.get_time(),
@@ -109,5 +111,8 @@ class Explorer(LeafSystem):
             gate_map=self._map.Eval(context),
             estimate=self._estimate.Eval(context),
         ))
-        if after is not memory:
-            state.get_mutable_abstract_state(int(self._memory)).set_value(after)
+        if after is memory:
+            # So that nothing in the whole race need be computed anew.
+            return EventStatus.DidNothing()
+        state.get_mutable_abstract_state(int(self._memory)).set_value(after)
+        return EventStatus.Succeeded()

@@ -4,7 +4,7 @@ import dataclasses as dc
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import EventStatus, LeafSystem
 
 from airrace.immutable import Immutable
 from airrace.limits import parse_limits
@@ -136,18 +136,27 @@ class LapPlanner(LeafSystem):
 
     def _Switch(self, context, state):
         memory = self._Recall(context)
-        if memory.pending is not None:
-            state.get_mutable_abstract_state(int(self._memory)).set_value(
-                _switched(memory, context.get_time()))
+        return self._Remember(state, memory, _switched(memory, context.get_time()))
 
     def _Update(self, context, state):
-        memory = self._Recall(context)
-        now = context.get_time()
+        memory, now = self._Recall(context), context.get_time()
+        after = self._Next(context, memory, now)
+        return self._Remember(state, memory, _switched(after, now))
+
+    def _Remember(self, state, before: _Memory, after: _Memory) -> EventStatus:
+        if after is before:
+            # So that nothing in the whole race need be computed anew.
+            return EventStatus.DidNothing()
+        state.get_mutable_abstract_state(int(self._memory)).set_value(after)
+        return EventStatus.Succeeded()
+
+    def _Next(self, context, memory: _Memory, now: float) -> _Memory:
+        """Returns the memory of the next tick, but for a plan whose time has come."""
         if memory.pending is not None:
-            after = memory
-        elif memory.job is not None:
+            return memory
+        if memory.job is not None:
             if not memory.job.done():
-                return
+                return memory
             found = memory.job.result()
             plan = _in_time(found, now)
             after = dc.replace(memory, job=None, pending=plan)
@@ -155,24 +164,23 @@ class LapPlanner(LeafSystem):
                 # What was found is not flown, so that it is worth another search.
                 after = dc.replace(
                     after, latency=_AMPLE * (now - memory.tried_at), searched=None)
-        elif self._IsTime(context, memory, now):
-            start_time = self._InForceFrom(memory, now)
-            problem = self._Problem(context, memory, start_time)
-            if problem is not None and _is_known(problem, memory.searched):
-                problem = None
-            elsewhere = problem is not None and self._submit is not None
-            after = dc.replace(
-                memory,
-                pending=None if problem is None or elsewhere else self._solve(problem),
-                job=self._submit(problem) if elsewhere else None,
-                tried_at=now,
-                tried_lap=0 if memory.plan is NO_PLAN else memory.plan.lap_at(start_time),
-                tried_gates=self._map.Eval(context).gates,
-                searched=problem or memory.searched,
-            )
-        else:
-            return
-        state.get_mutable_abstract_state(int(self._memory)).set_value(_switched(after, now))
+            return after
+        if not self._IsTime(context, memory, now):
+            return memory
+        start_time = self._InForceFrom(memory, now)
+        problem = self._Problem(context, memory, start_time)
+        if problem is not None and _is_known(problem, memory.searched):
+            problem = None
+        elsewhere = problem is not None and self._submit is not None
+        return dc.replace(
+            memory,
+            pending=None if problem is None or elsewhere else self._solve(problem),
+            job=self._submit(problem) if elsewhere else None,
+            tried_at=now,
+            tried_lap=0 if memory.plan is NO_PLAN else memory.plan.lap_at(start_time),
+            tried_gates=self._map.Eval(context).gates,
+            searched=problem or memory.searched,
+        )
 
     def _IsTime(self, context, memory: _Memory, now) -> bool:
         """Whether to look for a plan now.

@@ -131,7 +131,9 @@ class Referee(LeafSystem):
         if where == _OVER:
             return
         # What it touched since the last look is held to have come before a gate.
-        name = None if where == DIVERGED else self._Touched(context, m[_AIRBORNE], pushed)
+        name = None
+        if pushed and where != DIVERGED:
+            name = self._Touched(context, m[_AIRBORNE])
         if name in _FLOOR:
             m[_VERDICT] = GROUND
         elif name is not None:
@@ -147,12 +149,12 @@ class Referee(LeafSystem):
         if m[_VERDICT] == 0.0:
             m[_VERDICT] = where
 
-    def _Touched(self, context, airborne, pushed) -> str | None:
-        """Returns the name of what the drone touches, or touched between two looks."""
+    def _Touched(self, context, airborne) -> str | None:
+        """Returns the name of what pushed the drone, now or between two looks."""
         contacts = self._contacts.Eval(context)
         pairs = [contacts.point_pair_contact_info(i).point_pair()
                  for i in range(contacts.num_point_pair_contacts())]
-        if pushed and airborne and not pairs:
+        if airborne and not pairs:
             distances = self._query.Eval(context).ComputeSignedDistancePairwiseClosestPoints()
             pairs = sorted(distances, key=lambda pair: pair.distance)
         for pair in pairs:

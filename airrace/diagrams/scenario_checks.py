@@ -21,6 +21,8 @@ _RANGES = {
     "seed": (0, math.inf),
     **CAMERA_RANGES,
     **RECORDING_RANGES,
+    "rotors.rate": (1, 10000),
+    "referee.rate": (1, 10000),
     "state_estimate.rate": (1, 10000),
     "state_estimate.position_sigma": (0, math.inf),
     "state_estimate.velocity_sigma": (0, math.inf),
@@ -40,6 +42,8 @@ _RANGES = {
     "link_delay": (0, 0.5),
     "planner.rate": (1, 10000),
     "planner.thrust_share": (0.1, 1),
+    "state_filter.rate": (1, 10000),
+    "rotor_monitor.rate": (1, 10000),
     "controller.rate": (1, 10000),
 }
 

@@ -23,7 +23,7 @@ class GateCrossing:
     """One gate flown through in order.
 
     Attributes:
-        time: of the crossing, interpolated within the step (s).
+        time: of the crossing, interpolated between two looks (s).
         gate: number of the gate, from 1.
         lap: number of the lap that this crossing belongs to, from 1; gate 1
             belongs to the lap that it starts.

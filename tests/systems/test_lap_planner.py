@@ -102,6 +102,14 @@ def test_optimal_laps_are_faster_and_within_the_limits_and_followed_by_the_next(
         plans[0].derivatives(t)[:4, :3], plans[1].derivatives(t)[:4, :3], atol=1e-3)
 
 
+def test_ticks_at_which_nothing_happens_change_nothing():
+    """To Drake, every other update changes all that any system computes."""
+    bench = Bench(laps=2)
+    plans, _ = bench.follow(until=100.0, every=0.5)
+    # Each plan is found, and comes into force.
+    assert bench.simulator.get_num_unrestricted_updates() == 2 * len(plans) == 4
+
+
 def test_no_plan_for_after_the_race():
     bench = Bench(laps=2)
     plans, _ = bench.follow(until=100.0, every=0.5)

@@ -142,6 +142,8 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
                 )
             simulator.Initialize()
             partner.begin(simulator)
+            ports = [race.get_output_port(i) for i in range(race.num_output_ports())]
+            ports = {port.get_name().removeprefix("truth."): port for port in ports}
             looks, stuck = 0, None
             while not record.report.over and not interrupted.is_set and not stuck:
                 looks += 1
@@ -149,7 +151,7 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
                 FollowGates(
                     race.GetSubsystemByName("simulation"), simulator.get_mutable_context()
                 )
-                look = _look(race, simulator.get_context())
+                look = _look(ports, simulator.get_context())
                 look.referee_report = partner.judged(look.referee_report, simulator)
                 look.laps_ended = record.observe(
                     look.time, look.referee_report, look.explorer_status, look.gate_map,
@@ -179,12 +181,9 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
         return data
 
 
-def _look(race: Diagram, context) -> types.SimpleNamespace:
-    """Returns the time and the values of all outputs of the race."""
-    values = {
-        port.get_name().removeprefix("truth."): port.Eval(context)
-        for port in (race.get_output_port(i) for i in range(race.num_output_ports()))
-    }
+def _look(ports: dict, context) -> types.SimpleNamespace:
+    """Returns the time and the values of the race's output ports, by name."""
+    values = {name: port.Eval(context) for name, port in ports.items()}
     return types.SimpleNamespace(time=context.get_time(), **values)
 
 

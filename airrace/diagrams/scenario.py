@@ -113,7 +113,7 @@ class StateFilterConfig:
 class RotorMonitorConfig:
     """What notices rotors that have stopped."""
 
-    rate: float = 250.0  # Hz, of its looks
+    rate: float = 200.0  # Hz, of its looks
 
 
 @dc.dataclass

@@ -10,8 +10,8 @@ from airrace.systems.rotor_bank import RotorBank
 from airrace.systems.rotor_monitor import RotorMonitor
 from airrace.vehicle import load_vehicle
 
-RATE = 250.0
-STEP = 0.002  # s, of the rotors; two to a period
+RATE = 200.0
+STEP = 0.0025  # s, of the rotors; two to a period
 VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}
 DEFAULT = VEHICLES["Default"]
 GREATEST = DEFAULT.max_speeds[0]

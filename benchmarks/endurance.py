@@ -1,9 +1,10 @@
 """How much memory a long race takes, and whether it grows.
 
-    python -m benchmarks.endurance [--laps 100] [-t 3] [--json FILE]
+    python -m benchmarks.endurance [--runs 5] [--laps 100] [-t 3] [--json FILE]
 
-One process flies a race from pixels; its resident memory is read at the end of every
-lap. Growth is the slope of a line through all but the first ten laps.
+A process flies a race from pixels; its resident memory is read at the end of every
+lap. Growth is the slope of a line through all but the first ten laps. Every run is a
+process of its own.
 """
 
 import argparse
@@ -21,37 +22,58 @@ from rich.table import Table
 from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import TRAJECTORIES, Scenario
 from airrace.diagrams.warm_up import compile_apart
+from benchmarks.fresh import in_fresh_processes
 
 _SETTLED = 10  # laps, after which every buffer has its size
+LIMITS = {"most_mb": 700.0, "growth_mb_a_lap": 1.0}
 
 
 def main(argv=None) -> int:
-    """Flies the race and prints the table; exit code 1 if it did not finish."""
+    """Flies the races and prints the table; exit code 1 if one did not finish."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=5,
+                        help="races, each of some minutes (default: 5)")
     parser.add_argument("--laps", type=int, default=100, help="(default: 100)")
     parser.add_argument("-t", "--trajectory", choices=TRAJECTORIES, default="3",
                         help="(default: 3)")
     parser.add_argument("--json", type=Path, help="also write the numbers here")
     args = parser.parse_args(argv)
+    if args.runs < 1:
+        parser.error("--runs must be at least 1")
     if args.laps <= _SETTLED + 1:
         parser.error(f"--laps must be more than {_SETTLED + 1}, to tell growth from the start")
-    scenario = Scenario(trajectory=args.trajectory, laps=args.laps)
-    compile_apart(scenario)
+    compile_apart(make_scenario(args.trajectory, args.laps))
+    labels = [f"Race {k} of {args.runs}" for k in range(1, args.runs + 1)]
+    rows = list(in_fresh_processes(
+        fly, [(args.trajectory, args.laps, label) for label in labels]))
+    Console(width=120).print(make_table(rows))
+    if args.json is not None:
+        args.json.write_text(json.dumps(rows, indent=1))
+    return 0 if all(row["finished"] for row in rows) else 1
+
+
+def make_scenario(trajectory: str, laps: int) -> Scenario:
+    """Returns the default scenario with some laps of a kind."""
+    return Scenario(trajectory=trajectory, laps=laps)
+
+
+def fly(trajectory: str, laps: int, label: str) -> dict:
+    """Flies a race, with a bar of that label.
+
+    Returns:
+        ``finished``, ``memory_mb`` at the end of each lap, and their summary().
+    """
     process, memory = psutil.Process(), []
     with tempfile.TemporaryDirectory() as folder, Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task("Racing", total=args.laps)
+        task = bar.add_task(label, total=laps)
 
         def show(record, look):
             for _ in range(look.laps_ended):
                 memory.append(process.memory_info().rss / 2**20)
                 bar.advance(task)
 
-        race = run_race(scenario, Path(folder), show=show)
-    result = {"finished": race["finished"], "memory_mb": memory, **summary(memory)}
-    Console(width=120).print(make_table(result))
-    if args.json is not None:
-        args.json.write_text(json.dumps(result, indent=1))
-    return 0 if race["finished"] else 1
+        race = run_race(make_scenario(trajectory, laps), Path(folder), show=show)
+    return {"finished": race["finished"], "memory_mb": memory, **summary(memory)}
 
 
 def summary(memory) -> dict:
@@ -62,16 +84,20 @@ def summary(memory) -> dict:
     return {"most_mb": float(max(memory, default=0.0)), "growth_mb_a_lap": float(growth)}
 
 
-def make_table(result) -> Table:
-    """Returns the table of a result of main()."""
+def make_table(rows) -> Table:
+    """Returns the table of what fly() returns."""
     table = Table(title="Memory of a race")
-    for name in ("laps", "after the first (MB)", "most (MB)", "growth (MB a lap)"):
+    for name in ("", "laps", "after the first (MB)", "most (MB)", "growth (MB a lap)"):
         table.add_column(name, justify="right")
-    memory = result["memory_mb"]
-    table.add_row(
-        str(len(memory)), f"{memory[0]:.0f}" if memory else "-", f"{result['most_mb']:.0f}",
-        f"{result['growth_mb_a_lap']:.3f}",
-    )
+    firsts = [row["memory_mb"][0] if row["memory_mb"] else np.nan for row in rows]
+    most, growth = ([row[key] for row in rows] for key in LIMITS)
+    for k, row in enumerate(rows):
+        table.add_row(f"race {k + 1}", str(len(row["memory_mb"])), f"{firsts[k]:.0f}",
+                      f"{most[k]:.0f}", f"{growth[k]:.3f}")
+    table.add_section()
+    table.add_row("median", "", *(f"{np.median(each):{form}}" for each, form in (
+        (firsts, ".0f"), (most, ".0f"), (growth, ".3f"))))
+    table.add_row("to be below", "", "", *(f"{limit:g}" for limit in LIMITS.values()))
     return table
 
 

@@ -1,13 +1,14 @@
 """How fast a race is, and what takes its time.
 
-    python -m benchmarks.race_speed [--profile] [--laps 2] [--drone NAME] [--record none|light|full]
+    python -m benchmarks.race_speed [--profile] [--laps 2] [--runs 1] [--drone NAME]
+        [--renderer planar|vtk|none] [--record none|light|full]
 
-A race is flown from pixels on one core. Wall time and CPU time differ when the
-machine has other work, too; ratios to the simulated time are given for both.
-With --profile, a second table shows the CPU time of every box; a box counts
-without the boxes whose outputs it asks for. Watching makes the race some
-percent slower. With --renderer vtk, a last table holds a frame against Drake's own
-camera: see vtk_frame.py.
+A race is flown from pixels on one core; each of several runs in a process of its own.
+Wall time and CPU time differ when the machine has other work, too; ratios to the simulated
+time are given for both. With --profile, a second table shows the CPU time of every box; a
+box counts without the boxes whose outputs it asks for. Watching makes the race some percent
+slower. With --renderer vtk, a last table holds a frame against Drake's own camera: see
+vtk_frame.py.
 """
 
 import argparse
@@ -18,6 +19,7 @@ import time
 from pathlib import Path
 
 import cv2
+import numpy as np
 from rich.console import Console
 from rich.progress import Progress, TextColumn
 from rich.table import Table
@@ -26,9 +28,11 @@ from airrace.diagrams.camera_config import NO_CAMERA, RENDERERS
 from airrace.diagrams.runner import run_race
 from airrace.diagrams.scenario import load_scenario
 from airrace.diagrams.warm_up import compile_apart
+from airrace.errors import exit_code
 from airrace.map_files import TRACK
 from airrace.recording.config import CONTENTS
 from benchmarks import vtk_frame
+from benchmarks.fresh import in_fresh_processes
 from benchmarks.stopwatch import Stopwatch, watching
 
 SET_UP, EXPLORATION, LAPS = "set-up", "exploration", "laps"
@@ -48,10 +52,12 @@ PARTS = {
 
 
 def main(argv=None) -> int:
-    """Flies the race and prints the tables; exit code 1 if it did not finish."""
+    """Flies the races and prints the tables; exit code 1 if one did not finish."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--profile", action="store_true", help="also show the time of every box")
     parser.add_argument("--laps", type=int, default=2, help="after exploring (default: 2)")
+    parser.add_argument("--runs", type=int, default=1,
+                        help="races, of which medians are shown (default: 1)")
     parser.add_argument("--drone", default="Default", help="a shipped drone, or a folder")
     parser.add_argument("--renderer", choices=(*RENDERERS, NO_CAMERA),
                         help=f"(default: {RENDERERS[0]}); {NO_CAMERA} = laps without a camera, "
@@ -62,6 +68,31 @@ def main(argv=None) -> int:
                         help="scenario fields on top, e.g. '{camera: {preset: harsh}}'")
     parser.add_argument("--json", type=Path, help="also write the numbers here")
     args = parser.parse_args(argv)
+    if args.runs < 1:
+        parser.error("--runs must be at least 1")
+    if args.profile and args.runs > 1:
+        parser.error("--profile looks at one race; leave out --runs")
+    return exit_code(lambda: _run(args))
+
+
+def _run(args) -> int:
+    scenario = make_scenario(args)
+    compile_apart(scenario)
+    results = list(in_fresh_processes(fly, args.runs * [(args,)]))
+    console, report = Console(width=120), {"runs": results}
+    console.print(speed_table(results))
+    if args.profile:
+        console.print(box_table(results[0]))
+    if scenario.camera.renderer == "vtk":
+        report["frame_ms"] = vtk_frame.measure()
+        console.print(vtk_frame.make_table(report["frame_ms"]))
+    if args.json is not None:
+        args.json.write_text(json.dumps(report, indent=1))
+    return 0 if all(result["race"]["finished"] for result in results) else 1
+
+
+def make_scenario(args):
+    """Returns the checked Scenario that main()'s arguments ask for."""
     scenario = load_scenario(scenario_text=args.scenario_text)
     scenario.laps, scenario.drone = args.laps, args.drone
     scenario.camera.renderer = args.renderer or scenario.camera.renderer
@@ -69,20 +100,13 @@ def main(argv=None) -> int:
         scenario.map = scenario.map or TRACK
     scenario.recording.content = args.record
     scenario.check()
-    compile_apart(scenario)
+    return scenario
+
+
+def fly(args) -> dict:
+    """Returns what measure() does for main()'s arguments, on one core."""
     cv2.setNumThreads(1)
-    result = measure(scenario, profile=args.profile)
-    if scenario.camera.renderer == "vtk":
-        result["frame_ms"] = vtk_frame.measure()
-    console = Console(width=120)
-    console.print(speed_table(result))
-    if args.profile:
-        console.print(box_table(result))
-    if "frame_ms" in result:
-        console.print(vtk_frame.make_table(result["frame_ms"]))
-    if args.json is not None:
-        args.json.write_text(json.dumps(result, indent=1))
-    return 0 if result["race"]["finished"] else 1
+    return measure(make_scenario(args), profile=args.profile)
 
 
 def measure(scenario, *, profile: bool) -> dict:
@@ -140,19 +164,33 @@ def _between(start, end) -> dict:
     return {"simulated_s": simulated, "wall_s": wall, "cpu_s": cpu, "boxes": boxes}
 
 
-def speed_table(result) -> Table:
-    """Returns the table of speeds of what measure() returns."""
-    table = Table(title=f"{result['race']['drone']} on {result['race']['track']}")
-    for name in ("", "simulated (s)", "wall (s)", "CPU (s)", "x real time", "x real time, CPU"):
+def speed_table(results) -> Table:
+    """Returns the table of speeds of what measure() returned, of one race or of several."""
+    race, several = results[0]["race"], len(results) > 1
+    table = Table(title=f"{race['drone']} on {race['track']}"
+                  + several * f", medians of {len(results)} races")
+    for name in ("", "simulated (s)", "wall (s)", "CPU (s)", "x real time", "x real time, CPU",
+                 *several * ("least", "most")):
         table.add_column(name, justify="right")
-    phases = result["phases"]
-    sums = {key: sum(phase[key] for phase in phases.values())
-            for key in ("simulated_s", "wall_s", "cpu_s")}
-    for name, phase in (*phases.items(), ("all", sums)):
-        simulated, wall, cpu = (phase[key] for key in sums)
-        rates = [f"{simulated / t:.2f}" if simulated else "-" for t in (wall, cpu)]
-        table.add_row(name, f"{simulated:.1f}", f"{wall:.2f}", f"{cpu:.2f}", *rates)
+    phases = [result["phases"] | {"all": _sum(result["phases"])} for result in results]
+    for name in phases[0]:
+        rows = np.array([list(_times(each[name]).values()) for each in phases if name in each])
+        rates = rows[:, :1] / rows[:, 1:]
+        table.add_row(
+            name, *(f"{value:.{digits}f}" for value, digits in zip(np.median(rows, 0), (1, 2, 2))),
+            *(f"{rate:.2f}" for rate in np.median(rates, 0)),
+            *several * (f"{rates[:, 0].min():.2f}", f"{rates[:, 0].max():.2f}"))
     return table
+
+
+def _times(phase) -> dict:
+    return {key: phase[key] for key in ("simulated_s", "wall_s", "cpu_s")}
+
+
+def _sum(phases) -> dict:
+    """Returns the times of all phases together."""
+    times = [_times(phase) for phase in phases.values()]
+    return {key: sum(each[key] for each in times) for key in times[0]}
 
 
 def box_table(result) -> Table:

@@ -1,4 +1,5 @@
 import json
+import os
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from benchmarks import (
     endurance,
     exploration,
     growth,
+    race_speed,
     start_up,
     tracks,
     trajectories,
@@ -21,6 +23,7 @@ from benchmarks import (
 )
 from benchmarks.control_tables import despin_time, recovery_tables, tracking_tables
 from benchmarks.experiments import loss, recovery, tracking
+from benchmarks.fresh import in_fresh_processes
 from benchmarks.numerical_check import rotor_shares
 from benchmarks.trajectory_tables import optimal_table
 
@@ -136,6 +139,70 @@ def test_memory_that_grows_is_told_from_memory_that_is_taken_once():
     assert taken["most_mb"] == 400.0 and abs(taken["growth_mb_a_lap"]) < 1e-9
     growing = endurance.summary(300.0 + 1.5 * laps)
     assert growing["growth_mb_a_lap"] == pytest.approx(1.5)
+
+
+def test_memory_is_the_median_of_races():
+    rows = [{"memory_mb": [300.0] * 11 + [most], "most_mb": most, "growth_mb_a_lap": growth}
+            for most, growth in ((310.0, 0.5), (340.0, 0.1), (320.0, 0.2))]
+    lines = printed([endurance.make_table(rows)]).splitlines()
+    median = next(line for line in lines if "median" in line)
+    assert "320" in median and "0.200" in median
+    assert sum("race 3" in line for line in lines) == 1
+    lines = printed([endurance.make_table([rows[0] | {"memory_mb": []}])]).splitlines()
+    assert "nan" in lines[4]  # a race that ended before its first lap
+
+
+@pytest.mark.parametrize("options", (["--runs", "0"], ["--laps", "11"]))
+def test_endurance_says_what_it_cannot_do(options, capsys):
+    with pytest.raises(SystemExit):
+        endurance.main(options)
+    assert options[0] in capsys.readouterr().err
+
+
+def test_every_run_is_a_process_of_its_own():
+    assert len({os.getpid(), *in_fresh_processes(os.getpid, [(), ()])}) == 3
+    assert list(in_fresh_processes(divmod, [(7, 2), (9, 4)])) == [(3, 1), (2, 1)]
+
+
+SHORT = ["--renderer", "none", "--scenario_text", "{referee: {time_limit: 1.0}}"]
+
+
+def test_speed_is_the_median_of_races(tmp_path, capsys):
+    path = tmp_path / "speed.json"
+    assert race_speed.main([*SHORT, "--runs", "2", "--json", str(path)]) == 1  # out of time
+    assert "medians of 2 races" in capsys.readouterr().out
+    first, second = json.loads(path.read_text())["runs"]
+    assert first["race"]["seed"] == second["race"]["seed"]
+    assert first["phases"]["exploration"]["simulated_s"] == pytest.approx(0.9, abs=0.2)
+    slower = {"simulated_s": 1.0, "wall_s": 4.0, "cpu_s": 2.0}
+    results = [{"race": first["race"], "phases": {"laps": slower | {"wall_s": wall}}}
+               for wall in (4.0, 0.5, 1.0)]
+    laps = next(line for line in printed([race_speed.speed_table(results)]).splitlines()
+                if "laps" in line)
+    numbers = [float(each) for each in laps.replace("│", " ").split()[1:]]
+    assert numbers == [1.0, 1.0, 2.0, 1.0, 0.5, 0.25, 2.0]
+
+
+def test_the_time_of_the_boxes_adds_up(tmp_path, capsys):
+    path = tmp_path / "speed.json"
+    race_speed.main([*SHORT, "--profile", "--json", str(path)])
+    assert "sum of the rows" in capsys.readouterr().out
+    phase = json.loads(path.read_text())["runs"][0]["phases"]["exploration"]
+    assert sum(box["seconds"] for box in phase["boxes"].values()) == pytest.approx(
+        phase["cpu_s"], rel=0.05)
+    assert phase["boxes"]["GeometricController"]["calls"] > 300
+
+
+@pytest.mark.parametrize("options, named", (
+    (["--runs", "0"], "--runs"), (["--profile", "--runs", "2"], "--profile"),
+    (["--scenario_text", "{laps: x}"], "laps"), (["--laps", "0"], "laps"),
+))
+def test_race_speed_says_what_it_cannot_do(options, named, capsys):
+    try:
+        code = race_speed.main(options)
+    except SystemExit as e:
+        code = e.code
+    assert code == 2 and named in capsys.readouterr().err
 
 
 def test_start_up_is_timed_by_what_people_type(monkeypatch, tmp_path):

@@ -1,0 +1,19 @@
+"""Calls in Python processes of their own, one after the other."""
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+
+
+def in_fresh_processes(function, calls):
+    """Yields what a function returns, called again and again, each time in a new process.
+
+    What one call leaves in memory and in caches is then nothing to the next.
+
+    Args:
+        function: of a module, such that the process finds it.
+        calls: the arguments of each call.
+    """
+    context = multiprocessing.get_context("spawn")
+    for arguments in calls:
+        with ProcessPoolExecutor(1, context) as pool:
+            yield pool.submit(function, *arguments).result()

@@ -54,7 +54,7 @@ def finite(data):
 def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()):
     """Creates a folder for the results of the ``with`` block, and yields its path.
 
-    If the block raises UserError before it has left anything in the folder,
+    If the block is left by an exception before it has left anything in the folder,
     whatever was created is removed again.
 
     Args:
@@ -86,7 +86,7 @@ def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()):
         )
     try:
         yield folder
-    except UserError:
+    except BaseException:
         _remove_empty(created)
         raise
 

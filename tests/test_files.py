@@ -102,9 +102,10 @@ class TestResultsFolder:
             assert folder.is_dir() and not list(folder.iterdir())
         assert folder == tmp_path / "a" / "b c" and folder.is_dir()
 
-    def test_bad_input_leaves_no_trace(self, tmp_path):
-        with pytest.raises(UserError), results_folder(tmp_path / "a" / "b"):
-            raise UserError("bad")
+    @pytest.mark.parametrize("error", [UserError("bad"), KeyboardInterrupt()])
+    def test_bad_input_leaves_no_trace(self, tmp_path, error):
+        with pytest.raises(type(error)), results_folder(tmp_path / "a" / "b"):
+            raise error
         assert not list(tmp_path.iterdir())
 
     def test_what_was_there_or_was_left_stays(self, tmp_path):

@@ -249,10 +249,10 @@ def run(args) -> int:
     vehicle, _ = load_vehicle(scenario.drone)
     if args.graphviz is not None:
         write_graphviz(args.graphviz, scenario)
-    compile_apart(scenario)
     folder = args.output or default_output_dir(track.name, vehicle.name, scenario.trajectory)
     with results_folder(folder, numbered=args.output is None, refuse=RESULTS) as output_dir:
         meshcat = make_meshcat(track) if args.meshcat else None
+        compile_apart(scenario)  # whoever named a bad folder does not wait for it
         with (contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display,
               report_after(args.report, output_dir, display.work),
               make_partner(args, scenario, output_dir, display.note) as partner):

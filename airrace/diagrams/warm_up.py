@@ -59,9 +59,11 @@ def compile_apart(scenario: Scenario) -> None:
     # A link is for races that look for themselves.
     scenario = dc.replace(
         scenario, map="", camera=CameraConfig() if blind else scenario.camera)
+    console = Console(stderr=True)
     with (tempfile.TemporaryDirectory() as folder,
           Progress(SpinnerColumn(), TextColumn("Compiling, once"), TimeElapsedColumn(),
-                   console=Console(stderr=True), transient=True) as progress):
+                   console=console, transient=True,
+                   disable=not console.is_terminal) as progress):
         progress.add_task("")
         path = Path(folder) / "scenario.yaml"
         path.write_text(scenario_yaml(scenario), encoding="utf-8")

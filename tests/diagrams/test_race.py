@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from airrace import vehicle
-from airrace.diagrams import race, runner, visualization
+from airrace.diagrams import race, runner, visualization, warm_up
 from airrace.diagrams.race import main, make_parser, resolve_scenario
 from airrace.diagrams.scenario import load_scenario, scenario_yaml
 from airrace.resources import models_path
@@ -191,6 +191,8 @@ class TestBadInput:
             pytest.fail("flies")
 
         monkeypatch.setattr(runner, "Simulator", take_off)
+        if "--output" in args:
+            monkeypatch.setattr(warm_up, "compile_apart", take_off)
         before = tree(folder)
         assert main([*args, "--no-meshcat"]) == 2
         out, err = capsys.readouterr()

@@ -23,6 +23,7 @@ from rich.progress import Progress
 from airrace.vehicle import DRONES, load_vehicle
 from benchmarks.control_tables import TABLES
 from benchmarks.experiments import loss, race, recovery, tracking
+from benchmarks.fresh import one_thread_each
 
 _NOISES = ("none", "reference")
 # Name, shipped scenario, YAML on top of it, number of seeds.
@@ -77,10 +78,7 @@ def run(jobs: list, workers: int) -> list:
         jobs: pairs of a function and its arguments.
         workers: number of processes.
     """
-    # With threads of their own in each, the numerical libraries would only wait
-    # for one another.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
-        os.environ.setdefault(name, "1")
+    one_thread_each()
     context = multiprocessing.get_context("spawn")
     # Races take longest, so they go first.
     order = sorted(range(len(jobs)), key=lambda i: jobs[i][0] is not race)

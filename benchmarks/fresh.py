@@ -1,7 +1,17 @@
 """Calls in Python processes of their own, one after the other."""
 
 import multiprocessing
+import os
 from concurrent.futures import ProcessPoolExecutor
+
+
+def one_thread_each() -> None:
+    """From now on, the numerical libraries of processes that are started use one thread.
+
+    Then a race is flown on one core, and several do not wait for one another's threads.
+    """
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+        os.environ.setdefault(name, "1")
 
 
 def in_fresh_processes(function, calls):

@@ -32,7 +32,7 @@ from airrace.errors import exit_code
 from airrace.map_files import TRACK
 from airrace.recording.config import CONTENTS
 from benchmarks import vtk_frame
-from benchmarks.fresh import in_fresh_processes
+from benchmarks.fresh import in_fresh_processes, one_thread_each
 from benchmarks.stopwatch import Stopwatch, watching
 
 SET_UP, EXPLORATION, LAPS = "set-up", "exploration", "laps"
@@ -78,6 +78,7 @@ def main(argv=None) -> int:
 def _run(args) -> int:
     scenario = make_scenario(args)
     compile_apart(scenario)
+    one_thread_each()
     results = list(in_fresh_processes(fly, args.runs * [(args,)]))
     console, report = Console(width=120), {"runs": results}
     console.print(speed_table(results))

@@ -23,7 +23,7 @@ from benchmarks import (
 )
 from benchmarks.control_tables import despin_time, recovery_tables, tracking_tables
 from benchmarks.experiments import loss, recovery, tracking
-from benchmarks.fresh import in_fresh_processes
+from benchmarks.fresh import in_fresh_processes, one_thread_each
 from benchmarks.numerical_check import rotor_shares
 from benchmarks.trajectory_tables import optimal_table
 
@@ -162,6 +162,16 @@ def test_endurance_says_what_it_cannot_do(options, capsys):
 def test_every_run_is_a_process_of_its_own():
     assert len({os.getpid(), *in_fresh_processes(os.getpid, [(), ()])}) == 3
     assert list(in_fresh_processes(divmod, [(7, 2), (9, 4)])) == [(3, 1), (2, 1)]
+
+
+def test_processes_keep_to_one_core(monkeypatch):
+    for name in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+        monkeypatch.setenv(name, "")  # so that it is as before afterwards
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")  # somebody asked for it
+    one_thread_each()
+    names = [("OPENBLAS_NUM_THREADS",), ("OMP_NUM_THREADS",)]
+    assert list(in_fresh_processes(os.getenv, names)) == ["1", "3"]
 
 
 SHORT = ["--renderer", "none", "--scenario_text", "{referee: {time_limit: 1.0}}"]

@@ -38,13 +38,12 @@ class Atmosphere:
             depth: z of everything in C (m), (h, w), float32; infinite where
                 there is nothing.
             picture: RGBA, (h, w, 4), uint8.
-            out: RGBA or grey levels, see pixels.py; overwritten. It may be the picture.
+            out: RGBA or grey levels, see pixels.py; overwritten. It must not be the picture.
         """
-        sky = np.empty(out.shape, np.uint8)
         first, end = _sky_rows(depth)
         if first < end:
-            self._background.paint(X_WC, sky, (0, first, sky.shape[1], end))
-        _apply(picture, depth, self._rate, self._clear, self._veil, deep(sky), deep(out))
+            self._background.paint(X_WC, out, (0, first, out.shape[1], end))
+        _apply(picture, depth, self._rate, self._clear, self._veil, deep(out))
 
 
 @compiled
@@ -59,16 +58,14 @@ def _sky_rows(depth):
 
 
 @compiled
-def _apply(picture, depth, rate, clear, veil, sky, out):
-    """See Atmosphere.apply(); sky and out are (h, w, channels)."""
+def _apply(picture, depth, rate, clear, veil, out):
+    """See Atmosphere.apply(); out, (h, w, channels), keeps the sky that is in it."""
     h, w, channels = out.shape
     r, g, b = np.uint32(_WEIGHTS[0]), np.uint32(_WEIGHTS[1]), np.uint32(_WEIGHTS[2])
     last, half = np.float32(len(clear) - 1), np.uint32(_ONE // 2)
     for v in range(h):
         for u in range(w):
             if depth[v, u] == np.inf:
-                for c in range(channels):
-                    out[v, u, c] = sky[v, u, c]
                 continue
             i = np.int32(min(depth[v, u] * rate[v, u], last))
             share = clear[i]

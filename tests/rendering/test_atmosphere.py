@@ -15,12 +15,12 @@ SHAPE = CAMERA_INFO.height, CAMERA_INFO.width
 
 
 def looked_at(depth, color=COLOR):
-    picture = new_picture()
-    picture[:] = (*color, 255)
+    bare, picture = new_picture(), new_picture()
+    bare[:] = (*color, 255)
     depths = np.full(picture.shape[:2], depth, np.float32)
     grey = np.zeros(picture.shape[:2], np.uint8)
-    Atmosphere(CAMERA_INFO).apply(X_WC, depths, picture, grey)
-    Atmosphere(CAMERA_INFO).apply(X_WC, depths, picture, picture)
+    Atmosphere(CAMERA_INFO).apply(X_WC, depths, bare, grey)
+    Atmosphere(CAMERA_INFO).apply(X_WC, depths, bare, picture)
     assert np.all(picture[..., 3] == 255)
     # Drawn as such, it is up to rounding what OpenCV makes of the colours.
     expected = cv2.cvtColor(picture, cv2.COLOR_RGBA2GRAY).astype(int)
@@ -58,9 +58,10 @@ def test_no_level_is_more_than_white():
 def test_things_before_the_sky_leave_it_as_it_is():
     background, picture = new_picture(), new_picture()
     Background(CAMERA_INFO).paint(X_WC, background)
+    black = np.zeros_like(picture)
     depths = np.full(SHAPE, 10.0, np.float32)
     depths[101:103, 7], depths[250, 600:700] = np.inf, np.inf
-    Atmosphere(CAMERA_INFO).apply(X_WC, depths, picture, picture)
+    Atmosphere(CAMERA_INFO).apply(X_WC, depths, black, picture)
     sky = np.isinf(depths)
     np.testing.assert_array_equal(picture[sky], background[sky])
     assert (picture[~sky][:, :3] < 100).all()  # black, in little haze

@@ -3,6 +3,14 @@
 import os
 import sys
 
+# For an environment: where processes share the cores, the threads of their numerical
+# libraries would only wait for one another.
+ONE_THREAD = {
+    name: "1"
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS",
+                 "OPENCV_FOR_THREADS_NUM")
+}
+
 
 def child_environment() -> dict[str, str]:
     """Returns the environment in which an interpreter finds what this one does.

@@ -4,14 +4,16 @@ import multiprocessing
 import os
 from concurrent.futures import ProcessPoolExecutor
 
+from airrace.children import ONE_THREAD
+
 
 def one_thread_each() -> None:
     """From now on, the numerical libraries of processes that are started use one thread.
 
     Then a race is flown on one core, and several do not wait for one another's threads.
     """
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
-        os.environ.setdefault(name, "1")
+    for name, one in ONE_THREAD.items():
+        os.environ.setdefault(name, one)
 
 
 def in_fresh_processes(function, calls):

@@ -173,25 +173,23 @@ def speed_table(results) -> Table:
     for name in ("", "simulated (s)", "wall (s)", "CPU (s)", "x real time", "x real time, CPU",
                  *several * ("least", "most")):
         table.add_column(name, justify="right")
-    phases = [result["phases"] | {"all": _sum(result["phases"])} for result in results]
-    for name in phases[0]:
-        rows = np.array([list(_times(each[name]).values()) for each in phases if name in each])
+    times = [_times(result["phases"]) for result in results]
+    for name in times[0]:
+        rows = np.array([each[name] for each in times if name in each])
+        simulated, wall, cpu = np.median(rows, axis=0)
         rates = rows[:, :1] / rows[:, 1:]
         table.add_row(
-            name, *(f"{value:.{digits}f}" for value, digits in zip(np.median(rows, 0), (1, 2, 2))),
-            *(f"{rate:.2f}" for rate in np.median(rates, 0)),
+            name, f"{simulated:.1f}", f"{wall:.2f}", f"{cpu:.2f}",
+            *(f"{rate:.2f}" for rate in np.median(rates, axis=0)),
             *several * (f"{rates[:, 0].min():.2f}", f"{rates[:, 0].max():.2f}"))
     return table
 
 
-def _times(phase) -> dict:
-    return {key: phase[key] for key in ("simulated_s", "wall_s", "cpu_s")}
-
-
-def _sum(phases) -> dict:
-    """Returns the times of all phases together."""
-    times = [_times(phase) for phase in phases.values()]
-    return {key: sum(each[key] for each in times) for key in times[0]}
+def _times(phases) -> dict:
+    """Returns simulated, wall and CPU time of every phase, and of all together, (3,) s."""
+    times = {name: np.array([phase[key] for key in ("simulated_s", "wall_s", "cpu_s")])
+             for name, phase in phases.items()}
+    return times | {"all": sum(times.values())}
 
 
 def box_table(result) -> Table:

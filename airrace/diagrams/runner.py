@@ -142,8 +142,8 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
                 )
             simulator.Initialize()
             partner.begin(simulator)
-            ports = [race.get_output_port(i) for i in range(race.num_output_ports())]
-            ports = {port.get_name().removeprefix("truth."): port for port in ports}
+            outputs = (race.get_output_port(i) for i in range(race.num_output_ports()))
+            ports = {port.get_name().removeprefix("truth."): port for port in outputs}
             looks, stuck = 0, None
             while not record.report.over and not interrupted.is_set and not stuck:
                 looks += 1

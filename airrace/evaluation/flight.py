@@ -17,16 +17,10 @@ import threading
 from pathlib import Path
 
 import airrace
+from airrace.children import ONE_THREAD
 from airrace.evaluation.race_process import DRONE, RESULTS, SCENARIO, TRACK
 from airrace.evaluation.versions import mismatch, versions
 
-# Races share the cores: with threads of their own in each, the numerical
-# libraries would only wait for one another.
-_ONE_THREAD = {
-    name: "1"
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS",
-                 "OPENCV_FOR_THREADS_NUM")
-}
 _KILLS = (signal.SIGHUP, signal.SIGINT, signal.SIGKILL, signal.SIGTERM)
 _TAIL = 4000  # characters kept of what a crashed race wrote
 _NO_RESULT = {
@@ -120,7 +114,7 @@ def _run(folder: Path, evaluation: str) -> int:
     # Beside airrace/ wherever this Python found it.
     path = [os.environ.get("PYTHONPATH"), str(Path(airrace.__file__).parents[1])]
     environment = {
-        **os.environ, **_ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, path)),
+        **os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, path)),
     }
     with open(folder / "stderr", "wb") as stderr:
         with _lock:

@@ -9,13 +9,15 @@ import tempfile
 import tomllib
 from pathlib import Path
 
+from airrace.children import ONE_THREAD
+
 ROOT = Path(__file__).parents[2]
 _STAMP = "airrace-requirement"  # in an environment that is complete
 _TIME_LIMIT = 900  # s, of one program
 # One core for each. PYTHONPATH also keeps out what the shell has sourced.
 _ENVIRONMENT = {
     "PYTHONPATH": str(ROOT),
-    "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1",
+    **ONE_THREAD,
     "JAX_PLATFORMS": "cpu", "MPLBACKEND": "Agg",
 }
 

@@ -6,9 +6,10 @@ import sys
 # For an environment: where processes share the cores, the threads of their numerical
 # libraries would only wait for one another.
 ONE_THREAD = {
-    name: "1"
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS",
-                 "OPENCV_FOR_THREADS_NUM")
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "OPENCV_FOR_THREADS_NUM": "1",
 }
 
 

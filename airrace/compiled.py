@@ -44,8 +44,7 @@ def _cache_folder() -> Path:
 def _use(folder: Path) -> None:
     """Makes Numba keep its results in a folder; those of other sources are of no use."""
     if not folder.exists():
-        print("airrace: compiling its inner loops, once; it takes about a minute",
-              file=sys.stderr)
+        print("airrace: compiling its inner loops, once; it takes about a minute", file=sys.stderr)
         for old in folder.parent.glob("machine_code-*"):
             shutil.rmtree(old, ignore_errors=True)
     numba.config.CACHE_DIR = str(folder)

@@ -1,7 +1,6 @@
 """What the world does that the autonomy is not told."""
 
 import dataclasses as dc
-import typing
 
 from airrace.errors import UserError
 from airrace.random import make_generator
@@ -12,7 +11,7 @@ from airrace.vehicle import Vehicle
 class WindConfig:
     """A steady wind with gusts, an Ornstein-Uhlenbeck process on each axis."""
 
-    mean: typing.List[float] = dc.field(default_factory=lambda: [0.0] * 3)  # m/s, in the world
+    mean: list[float] = dc.field(default_factory=lambda: [0.0] * 3)  # m/s, in the world
     gust_rms: float = 0.0  # m/s, of each component
     gust_time: float = 2.0  # s, over which a gust fades to 1 / e
     mean_speed: float = 0.0  # m/s, on top of mean: level, in a direction that the seed draws
@@ -69,8 +68,10 @@ def check_rotors_exist(failures: list[RotorFailure], vehicle: Vehicle) -> None:
     n = len(vehicle.rotors)
     for failure in failures:
         if failure.rotor > n:
-            raise UserError(f"rotor_failures: there is no rotor {failure.rotor}; "
-                            f"the {vehicle.name} has rotors 1 to {n}.")
+            raise UserError(
+                f"rotor_failures: there is no rotor {failure.rotor}; "
+                f"the {vehicle.name} has rotors 1 to {n}."
+            )
 
 
 def failures_clause(failures: list[RotorFailure], time: float) -> str:

@@ -33,6 +33,7 @@ def parse_limits(text: str) -> tuple[float, float]:
             raise UserError(
                 f"The limits (--limits, planner.limits) '{text}' are not understood: say original "
                 "(20 m/s and 10 m/s^2), rotor (all that the rotors can do), or your own in m/s "
-                "and m/s^2, such as v=15,a=8.")
+                "and m/s^2, such as v=15,a=8."
+            )
         found[name] = number
     return found.get("v", math.inf), found.get("a", math.inf)

@@ -94,25 +94,34 @@ def read_map(name: str, track_name: str) -> GateMap:
         data = json.loads(Path(name).read_text(encoding="utf-8"))
         gates = tuple(
             GateEstimate(
-                number=int(gate["gate"]) - 1, p_WG=_vector(gate["midpoint"]),
+                number=int(gate["gate"]) - 1,
+                p_WG=_vector(gate["midpoint"]),
                 heading=np.deg2rad(_number(gate["heading_deg"])),
-                spacing=_number(gate["spacing"]))
-            for gate in data["gates"])
+                spacing=_number(gate["spacing"]),
+            )
+            for gate in data["gates"]
+        )
         markers = tuple(
-            MarkerEstimate(int(m["id"]), 1, 0, _vector(m["position"]), np.zeros(3),
-                           _vector(m["normal"]))
-            for m in data["markers"])
+            MarkerEstimate(
+                int(m["id"]), 1, 0, _vector(m["position"]), np.zeros(3), _vector(m["normal"])
+            )
+            for m in data["markers"]
+        )
     except OSError as e:
         raise UserError(
             f"The map {name} cannot be read ({e.strerror}); give the map.json of an earlier "
-            f"race, or '{TRACK}'.") from None
+            f"race, or '{TRACK}'."
+        ) from None
     except (ValueError, KeyError, TypeError):
         raise UserError(
-            f"{name} is not a map: give the map.json of an earlier race, or '{TRACK}'.") from None
+            f"{name} is not a map: give the map.json of an earlier race, or '{TRACK}'."
+        ) from None
     numbers = [gate.number for gate in gates]
     if len(gates) < 2 or sorted(numbers) != list(range(len(gates))):
-        raise UserError(f"The map {name} must have all gates, two or more; it has "
-                        f"{', '.join(str(n + 1) for n in numbers) or 'none'}.")
+        raise UserError(
+            f"The map {name} must have all gates, two or more; it has "
+            f"{', '.join(str(n + 1) for n in numbers) or 'none'}."
+        )
     return GateMap(gates=tuple(sorted(gates, key=lambda gate: gate.number)), markers=markers)
 
 
@@ -120,13 +129,21 @@ def true_map(track: Track) -> GateMap:
     """Returns the map that one with perfect eyes would make."""
     return GateMap(
         gates=tuple(
-            GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading,
-                         spacing=gate.pylon_spacing)
-            for n, gate in enumerate(track.gates)),
+            GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.pylon_spacing)
+            for n, gate in enumerate(track.gates)
+        ),
         markers=tuple(
-            MarkerEstimate(board.id, 1, 0, board.X_WM.translation(), np.zeros(3),
-                           board.X_WM.rotation().matrix()[:, 2])
-            for board in track.boards()))
+            MarkerEstimate(
+                board.id,
+                1,
+                0,
+                board.X_WM.translation(),
+                np.zeros(3),
+                board.X_WM.rotation().matrix()[:, 2],
+            )
+            for board in track.boards()
+        ),
+    )
 
 
 def _number(value) -> float:

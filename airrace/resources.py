@@ -23,8 +23,7 @@ def models_path() -> Path:
         if (candidate / "package.xml").is_file():
             return candidate
     raise UserError(
-        f"airrace's models folder is missing beside {package}; "
-        "clone or install airrace again."
+        f"airrace's models folder is missing beside {package}; clone or install airrace again."
     )
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 import functools
-import typing
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +48,7 @@ class Gate:
     """
 
     # Drake's YAML loader builds default objects first; check() refuses these.
-    left_pylon: typing.List[float] = dc.field(default_factory=list)
+    left_pylon: list[float] = dc.field(default_factory=list)
     heading_deg: float = float("nan")
     pylon_spacing: float = 10.0
 
@@ -108,7 +107,7 @@ class Start:
             (degrees from +x, world).
     """
 
-    position: typing.List[float] = dc.field(default_factory=list)
+    position: list[float] = dc.field(default_factory=list)
     heading_deg: float = float("nan")
     pad_tilt_deg: float = 0.0
     pad_tilt_direction_deg: float = 0.0
@@ -128,7 +127,7 @@ class Track:
     name: str = ""
     start: Start = dc.field(default_factory=Start)
     hover_height: float = float("nan")
-    gates: typing.List[Gate] = dc.field(default_factory=list)
+    gates: list[Gate] = dc.field(default_factory=list)
 
     def boards(self) -> list[Board]:
         """Returns all marker boards, ordered by ID."""
@@ -156,31 +155,42 @@ class Track:
         _require(self.name, "it has no name")
         start = np.array([*self.start.position, self.start.heading_deg], float)
         _require(len(self.start.position) == 3, "start.position needs three numbers")
-        _require(np.all(np.isfinite(start)),
-                 "start.position or start.heading_deg is missing or not finite")
+        _require(
+            np.all(np.isfinite(start)),
+            "start.position or start.heading_deg is missing or not finite",
+        )
         _require(self.start.position[2] >= 0, "the start lies below the ground")
-        _require(0.0 <= self.start.pad_tilt_deg <= MAX_PAD_TILT_DEG,
-                 f"start.pad_tilt_deg must lie between 0 and {MAX_PAD_TILT_DEG:.0f}")
-        _require(np.isfinite(self.start.pad_tilt_direction_deg),
-                 "start.pad_tilt_direction_deg is not finite")
+        _require(
+            0.0 <= self.start.pad_tilt_deg <= MAX_PAD_TILT_DEG,
+            f"start.pad_tilt_deg must lie between 0 and {MAX_PAD_TILT_DEG:.0f}",
+        )
+        _require(
+            np.isfinite(self.start.pad_tilt_direction_deg),
+            "start.pad_tilt_direction_deg is not finite",
+        )
         _require(
             0.5 <= self.hover_height < PYLON_HEIGHT,
             f"hover_height must lie between 0.5 and {PYLON_HEIGHT} m",
         )
-        _require(3 <= len(self.gates) <= MAX_GATES, "a track needs at least 3 gates "
-                 f"and at most {MAX_GATES}, not {len(self.gates)}")
+        _require(
+            3 <= len(self.gates) <= MAX_GATES,
+            f"a track needs at least 3 gates and at most {MAX_GATES}, not {len(self.gates)}",
+        )
         for i, gate in enumerate(self.gates, 1):
             _require(len(gate.left_pylon) == 2, f"left_pylon of gate {i} needs two numbers")
             numbers = [*gate.left_pylon, gate.heading_deg, gate.pylon_spacing]
             _require(np.all(np.isfinite(numbers)), f"a number of gate {i} is missing or not finite")
-            _require(gate.pylon_spacing >= 2 * PYLON_BASE_RADIUS + 1.0,
-                     f"the pylons of gate {i} are closer than {2 * PYLON_BASE_RADIUS + 1.0} m")
+            _require(
+                gate.pylon_spacing >= 2 * PYLON_BASE_RADIUS + 1.0,
+                f"the pylons of gate {i} are closer than {2 * PYLON_BASE_RADIUS + 1.0} m",
+            )
         self._check_clearances()
 
     def _check_clearances(self):
         segments = [(g.p_WL[:2], g.p_WR[:2]) for g in self.gates]
-        legs = [(g.p_WG[:2], h.p_WG[:2]) for g, h in zip(
-            self.gates, self.gates[1:] + self.gates[:1])]
+        legs = [
+            (g.p_WG[:2], h.p_WG[:2]) for g, h in zip(self.gates, self.gates[1:] + self.gates[:1])
+        ]
         n = len(self.gates)
         for i in range(n):
             for j in range(i + 1, n):
@@ -189,13 +199,17 @@ class Track:
                     f"gates {i + 1} and {j + 1} overlap",
                 )
                 if 1 < j - i < n - 1:
-                    _require(segment_distance(legs[i], legs[j]) > 0,
-                             f"the track crosses itself after gates {i + 1} and {j + 1}")
+                    _require(
+                        segment_distance(legs[i], legs[j]) > 0,
+                        f"the track crosses itself after gates {i + 1} and {j + 1}",
+                    )
         start = np.array(self.start.position[:2])
         distance = np.linalg.norm(self.pylons()[:, :2] - start, axis=1)
         nearest = int(np.argmin(distance))
-        _require(distance[nearest] > PYLON_BASE_RADIUS + 1.0,
-                 f"the start is too close to a pylon of gate {nearest // 2 + 1}")
+        _require(
+            distance[nearest] > PYLON_BASE_RADIUS + 1.0,
+            f"the start is too close to a pylon of gate {nearest // 2 + 1}",
+        )
 
 
 def segment_distance(a, b) -> float:
@@ -219,8 +233,9 @@ def segment_distance(a, b) -> float:
         t = np.clip((x - o) @ d / max(d @ d, 1e-300), 0.0, 1.0)
         return np.linalg.norm(o + t * d - x)
 
-    return float(min(to_segment(r, p, q), to_segment(s, p, q),
-                     to_segment(p, r, s), to_segment(q, r, s)))
+    return float(
+        min(to_segment(r, p, q), to_segment(s, p, q), to_segment(p, r, s), to_segment(q, r, s))
+    )
 
 
 def load_track(name_or_file: str) -> Track:

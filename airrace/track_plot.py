@@ -65,8 +65,13 @@ def save_plot(track: Track, path: Path) -> None:
 def _draw_legs(axes, layout):
     for p, q in zip(layout.middle, np.roll(layout.middle, -1, axis=0)):
         axes.plot(*np.transpose([p, q]), color=_LEG, lw=1.2, ls=(0, (6, 4)), zorder=2)
-        axes.annotate("", xy=p + 0.58 * (q - p), xytext=p + 0.5 * (q - p), zorder=2,
-                      arrowprops=dict(arrowstyle="-|>", color=_LEG, lw=1.2))
+        axes.annotate(
+            "",
+            xy=p + 0.58 * (q - p),
+            xytext=p + 0.5 * (q - p),
+            zorder=2,
+            arrowprops=dict(arrowstyle="-|>", color=_LEG, lw=1.2),
+        )
 
 
 def _draw_gate(axes, layout, n):
@@ -74,19 +79,47 @@ def _draw_gate(axes, layout, n):
     axes.plot(*np.transpose([left, right]), color=_PYLON, lw=0.8, alpha=0.6, zorder=2)
     for foot in (left, right):
         axes.add_patch(Circle(foot, PYLON_BASE_RADIUS, facecolor=_PYLON, zorder=3))
-    axes.annotate("", xy=layout.middle[n] + 5 * layout.forward[n], xytext=layout.middle[n],
-                  arrowprops=dict(arrowstyle="-|>", color=_PYLON, lw=1.5), zorder=5)
+    axes.annotate(
+        "",
+        xy=layout.middle[n] + 5 * layout.forward[n],
+        xytext=layout.middle[n],
+        arrowprops=dict(arrowstyle="-|>", color=_PYLON, lw=1.5),
+        zorder=5,
+    )
     # Beside the right pylon, away from the gate.
-    axes.annotate(str(n + 1), right + PYLON_BASE_RADIUS * layout.rightward[n],
-                  xytext=12 * layout.rightward[n], textcoords="offset points", ha="center",
-                  va="center", fontsize=11, fontweight="bold", color=_PYLON, zorder=5)
+    axes.annotate(
+        str(n + 1),
+        right + PYLON_BASE_RADIUS * layout.rightward[n],
+        xytext=12 * layout.rightward[n],
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        fontsize=11,
+        fontweight="bold",
+        color=_PYLON,
+        zorder=5,
+    )
 
 
 def _draw_start(axes, track):
     p = np.array(track.start.position[:2])
     forward = directions(np.deg2rad(track.start.heading_deg))
     axes.plot(*p, "s", ms=8, color=_START, zorder=5)
-    axes.annotate("", xy=p + 8 * forward, xytext=p,
-                  arrowprops=dict(arrowstyle="-|>", color=_START, lw=2), zorder=5)
-    axes.annotate("start", p, xytext=[-22, -13] * forward, textcoords="offset points", ha="center",
-                  va="center", color=_START, fontsize=10, zorder=5)
+    axes.annotate(
+        "",
+        xy=p + 8 * forward,
+        xytext=p,
+        arrowprops=dict(arrowstyle="-|>", color=_START, lw=2),
+        zorder=5,
+    )
+    axes.annotate(
+        "start",
+        p,
+        xytext=[-22, -13] * forward,
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        color=_START,
+        fontsize=10,
+        zorder=5,
+    )

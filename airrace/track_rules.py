@@ -65,16 +65,27 @@ def check_layout(layout: Layout) -> None:
     Raises:
         RuleError: "layout", "closure" or "extent".
     """
-    _check("layout", np.abs(np.abs(layout.turns) - TURN) <= _TOLERANCE,
-           "the turn after gate {} is {:.2f} degrees, not 45", np.rad2deg(layout.turns))
+    _check(
+        "layout",
+        np.abs(np.abs(layout.turns) - TURN) <= _TOLERANCE,
+        "the turn after gate {} is {:.2f} degrees, not 45",
+        np.rad2deg(layout.turns),
+    )
     ahead = np.roll(layout.left, -1, axis=0) - layout.left
     aside = np.abs(np.sum(ahead * layout.rightward, axis=1))
-    _check("layout", aside <= _TOLERANCE, "the left pylon after gate {} is {:.3f} m off the line "
-           "straight ahead of that gate's", aside)
+    _check(
+        "layout",
+        aside <= _TOLERANCE,
+        "the left pylon after gate {} is {:.3f} m off the line straight ahead of that gate's",
+        aside,
+    )
     low, high = LENGTHS[0] - _TOLERANCE, LENGTHS[1] + _TOLERANCE
-    _check("layout", (layout.lengths >= low) & (layout.lengths <= high),
-           f"the leg after gate {{}} is {{:.2f}} m long, not {LENGTHS[0]:.0f} to "
-           f"{LENGTHS[1]:.0f}", layout.lengths)
+    _check(
+        "layout",
+        (layout.lengths >= low) & (layout.lengths <= high),
+        f"the leg after gate {{}} is {{:.2f}} m long, not {LENGTHS[0]:.0f} to {LENGTHS[1]:.0f}",
+        layout.lengths,
+    )
     total = np.rad2deg(np.sum(layout.turns))
     if abs(abs(total) - 360.0) > 1.0:
         raise RuleError("closure", f"its turns add up to {total:.0f} degrees, not 360")
@@ -102,10 +113,13 @@ def check_clearances(layout: Layout) -> None:
     apart = apart.reshape(n, 2, n, 2).min(axis=(1, 3))
     _check_pairs("pylons of gates {} and {} are {:.1f} m apart", apart, PYLON_TO_PYLON, steps == 0)
     starts = layout.middle[:, None, None]
-    to_leg = np.minimum(point_distances(layout.pylons, starts, following[:, None, None]),
-                        point_distances(layout.pylons, starts, layout.straight_ends[:, None, None]))
-    _check_pairs("leg {} passes a pylon of gate {} at {:.1f} m", to_leg.min(axis=2), PYLON_TO_LEG,
-                 steps <= 1)
+    to_leg = np.minimum(
+        point_distances(layout.pylons, starts, following[:, None, None]),
+        point_distances(layout.pylons, starts, layout.straight_ends[:, None, None]),
+    )
+    _check_pairs(
+        "leg {} passes a pylon of gate {} at {:.1f} m", to_leg.min(axis=2), PYLON_TO_LEG, steps <= 1
+    )
     between = segment_distances(layout.middle, following)
     meet = (steps <= 1) | (steps == n - 1)
     _check_pairs("legs {} and {} come within {:.1f} m", between, LEG_TO_LEG, meet)
@@ -129,8 +143,10 @@ def check_visibility(layout: Layout) -> None:
         viewpoints = layout.middle[i] + along[:, None] * layout.forward[i]
         seen = gate_in_view(layout, following, viewpoints, layout.headings[i])
         if (_longest_run(seen) - 1) * _VIEW_STEP < SHORTEST_VIEW:
-            raise RuleError("visibility", f"gate {following + 1} cannot be seen on the way "
-                            f"straight on from gate {i + 1}")
+            raise RuleError(
+                "visibility",
+                f"gate {following + 1} cannot be seen on the way straight on from gate {i + 1}",
+            )
 
 
 def check_start(track: Track, layout: Layout) -> None:
@@ -144,10 +160,13 @@ def check_start(track: Track, layout: Layout) -> None:
     bearing = np.arctan2(to_gate[1], to_gate[0])
     turn = abs((bearing - np.deg2rad(track.start.heading_deg) + np.pi) % (2 * np.pi) - np.pi)
     _require_start(to_gate @ layout.forward[0] > 0, "it is beyond gate 1")
-    _require_start(turn <= START_TURN + _TOLERANCE,
-                   f"gate 1 is {np.rad2deg(turn):.1f} degrees off its heading")
-    _require_start(gate_in_view(layout, 0, start[None], bearing)[0],
-                   "the markers of gate 1 cannot be seen from it")
+    _require_start(
+        turn <= START_TURN + _TOLERANCE, f"gate 1 is {np.rad2deg(turn):.1f} degrees off its heading"
+    )
+    _require_start(
+        gate_in_view(layout, 0, start[None], bearing)[0],
+        "the markers of gate 1 cannot be seen from it",
+    )
     near = np.linalg.norm(layout.pylons - start, axis=2).min()
     _require_start(near >= PYLON_TO_LEG, f"a pylon is {near:.1f} m from it")
     near = point_distances(layout.pylons[1:], start, layout.middle[0]).min()
@@ -200,8 +219,10 @@ def _check(rule, good, reason, values):
 def _check_pairs(reason, distances, least, exempt):
     """Requires distances (n, n); reason takes both numbers and the distance."""
     for i, j in np.argwhere((distances < least) & ~exempt):
-        raise RuleError("clearance", reason.format(i + 1, j + 1, distances[i, j])
-                        + f", not {least:.0f} m or more")
+        raise RuleError(
+            "clearance",
+            reason.format(i + 1, j + 1, distances[i, j]) + f", not {least:.0f} m or more",
+        )
 
 
 def _require_start(condition, reason):

@@ -35,14 +35,27 @@ def make_parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="N",
-                        help="which of the random tracks, 0 or more (default: 0)")
-    parser.add_argument("--gates", type=int, metavar="N",
-                        help=f"{', '.join(map(str, GATE_COUNTS))} (default: drawn from the seed)")
-    parser.add_argument("--direction", choices=DIRECTIONS,
-                        help="of travel: left is counter-clockwise (default: drawn from the seed)")
-    parser.add_argument("--plot", type=Path, metavar="FILE",
-                        help="also draw it from above, as .png, .svg or .pdf")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="which of the random tracks, 0 or more (default: 0)",
+    )
+    parser.add_argument(
+        "--gates",
+        type=int,
+        metavar="N",
+        help=f"{', '.join(map(str, GATE_COUNTS))} (default: drawn from the seed)",
+    )
+    parser.add_argument(
+        "--direction",
+        choices=DIRECTIONS,
+        help="of travel: left is counter-clockwise (default: drawn from the seed)",
+    )
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE", help="also draw it from above, as .png, .svg or .pdf"
+    )
     return parser
 
 
@@ -71,8 +84,10 @@ def to_yaml(track: Track, comment: str) -> str:
     ]
     for gate in track.gates:
         spacing = "" if gate.pylon_spacing == 10.0 else f", pylon_spacing: {gate.pylon_spacing}"
-        lines.append(f"  - {{left_pylon: {_plain(gate.left_pylon)}, "
-                     f"heading_deg: {gate.heading_deg}{spacing}}}")
+        lines.append(
+            f"  - {{left_pylon: {_plain(gate.left_pylon)}, "
+            f"heading_deg: {gate.heading_deg}{spacing}}}"
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -61,6 +61,4 @@ def in_axes(v, axes):
 @compilable
 def transposed(M):
     """Returns the columns of three rows."""
-    return (
-        (M[0][0], M[1][0], M[2][0]), (M[0][1], M[1][1], M[2][1]), (M[0][2], M[1][2], M[2][2])
-    )
+    return ((M[0][0], M[1][0], M[2][0]), (M[0][1], M[1][1], M[2][1]), (M[0][2], M[1][2], M[2][2]))

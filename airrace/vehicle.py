@@ -3,7 +3,6 @@
 import dataclasses as dc
 import math
 import os
-import typing
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +31,7 @@ class Rotor:
         radius: of the propeller's disc (m).
     """
 
-    position: typing.List[float] = dc.field(default_factory=list)
+    position: list[float] = dc.field(default_factory=list)
     direction: str = ""
     thrust_coefficient: float = float("nan")
     torque_ratio: float = float("nan")
@@ -59,9 +58,9 @@ class Drag:
         angular: [x, y, z] (N m s).
     """
 
-    linear: typing.List[float] = dc.field(default_factory=lambda: [0.0] * 3)
-    quadratic: typing.List[float] = dc.field(default_factory=lambda: [0.0] * 3)
-    angular: typing.List[float] = dc.field(default_factory=lambda: [0.0] * 3)
+    linear: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
+    quadratic: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
+    angular: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
 
 
 @dc.dataclass
@@ -74,8 +73,8 @@ class CameraMount:
             x; pitch is positive downwards.
     """
 
-    position: typing.List[float] = dc.field(default_factory=lambda: [0.0] * 3)
-    rpy_deg: typing.List[float] = dc.field(default_factory=lambda: [0.0] * 3)
+    position: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
+    rpy_deg: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
 
     @property
     def X_BC(self) -> RigidTransform:
@@ -117,9 +116,9 @@ class Vehicle:
     name: str = ""
     model: str = ""
     mass: float = float("nan")
-    inertia: typing.List[float] = dc.field(default_factory=list)
+    inertia: list[float] = dc.field(default_factory=list)
     rotor_lag: float = float("nan")
-    rotors: typing.List[Rotor] = dc.field(default_factory=list)
+    rotors: list[Rotor] = dc.field(default_factory=list)
     camera: CameraMount = dc.field(default_factory=CameraMount)
     drag: Drag = dc.field(default_factory=Drag)
     gains: Gains = dc.field(default_factory=Gains)
@@ -173,23 +172,35 @@ class Vehicle:
         require(positive(self.rotor_lag), "rotor_lag must be positive")
         for name in ("position", "rpy_deg"):
             numbers = getattr(self.camera, name)
-            require(len(numbers) == 3 and np.all(np.isfinite(numbers)),
-                    f"camera.{name} needs three finite numbers")
+            require(
+                len(numbers) == 3 and np.all(np.isfinite(numbers)),
+                f"camera.{name} needs three finite numbers",
+            )
         for name, numbers in vars(self.drag).items():
-            require(len(numbers) == 3 and all(np.isfinite(x) and x >= 0 for x in numbers),
-                    f"drag.{name} needs three numbers that are not negative")
+            require(
+                len(numbers) == 3 and all(np.isfinite(x) and x >= 0 for x in numbers),
+                f"drag.{name} needs three numbers that are not negative",
+            )
         for i, r in enumerate(self.rotors, 1):
-            require(len(r.position) == 3 and np.all(np.isfinite(r.position)),
-                    f"position of rotor {i} needs three finite numbers")
+            require(
+                len(r.position) == 3 and np.all(np.isfinite(r.position)),
+                f"position of rotor {i} needs three finite numbers",
+            )
             require(r.direction in ("ccw", "cw"), f"direction of rotor {i} must be ccw or cw")
-            require(positive(r.thrust_coefficient, r.torque_ratio, r.max_thrust, r.radius),
-                    f"the coefficients of rotor {i} must be positive")
-        require(np.linalg.matrix_rank(self.allocation) == 4 if self.rotors else False,
-                "its rotors cannot produce thrust and all three moments")
+            require(
+                positive(r.thrust_coefficient, r.torque_ratio, r.max_thrust, r.radius),
+                f"the coefficients of rotor {i} must be positive",
+            )
+        require(
+            np.linalg.matrix_rank(self.allocation) == 4 if self.rotors else False,
+            "its rotors cannot produce thrust and all three moments",
+        )
         weight = self.mass * GRAVITY
         require(self.max_thrusts.sum() > weight, "its rotors cannot lift it")
-        require(wrench_margin(self.allocation, self.max_thrusts, [weight, 0.0, 0.0, 0.0]) > 0,
-                "its rotors cannot hold it level")
+        require(
+            wrench_margin(self.allocation, self.max_thrusts, [weight, 0.0, 0.0, 0.0]) > 0,
+            "its rotors cannot hold it level",
+        )
         require(positive(*dc.astuple(self.gains)), "all gains must be positive")
 
 

@@ -32,14 +32,26 @@ _TRACKING_CASES = (
     ("feed-forward off", "Defaults", "controller: {feed_forward: false}", 1),
     ("disturbance rejection off", "Defaults", "controller: {disturbance_rejection: false}", 1),
     ("drag", "Defaults", "disturbances: {drag: 1.0}", 1),
-    ("drag, disturbance rejection off", "Defaults",
-     "{disturbances: {drag: 1.0}, controller: {disturbance_rejection: false}}", 1),
+    (
+        "drag, disturbance rejection off",
+        "Defaults",
+        "{disturbances: {drag: 1.0}, controller: {disturbance_rejection: false}}",
+        1,
+    ),
     ("wind and drag", "Wind", "", 5),
-    ("wind and drag, disturbance rejection off", "Wind",
-     "controller: {disturbance_rejection: false}", 5),
-    ("errors of 10 %, 10 ms delay", "Defaults",
-     "disturbances: {mass_error: 0.1, inertia_error: 0.1, thrust_coefficient_error: 0.1, "
-     "actuator_delay: 0.01}", 5),
+    (
+        "wind and drag, disturbance rejection off",
+        "Wind",
+        "controller: {disturbance_rejection: false}",
+        5,
+    ),
+    (
+        "errors of 10 %, 10 ms delay",
+        "Defaults",
+        "disturbances: {mass_error: 0.1, inertia_error: 0.1, thrust_coefficient_error: 0.1, "
+        "actuator_delay: 0.01}",
+        5,
+    ),
 )
 _PHASES = (0.0, 0.25, 0.5, 0.75)  # of the lap
 _DRAGS = (0.0, 1.0)
@@ -50,13 +62,20 @@ _FAILING_ROTOR, _FAILURE_TIMES = 3, (60.0, 120.0)  # number, s
 def main(argv=None) -> int:
     """Flies everything and prints the tables; exit code 1 if a race did not finish."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true",
-                        help="a tenth of the attitudes, one seed, races of one lap")
-    parser.add_argument("--only", nargs="+", choices=list(SECTIONS), default=list(SECTIONS),
-                        help="these sections (default: all)")
+    parser.add_argument(
+        "--quick", action="store_true", help="a tenth of the attitudes, one seed, races of one lap"
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        choices=list(SECTIONS),
+        default=list(SECTIONS),
+        help="these sections (default: all)",
+    )
     parser.add_argument("--json", type=Path, help="also write what every flight measured")
-    parser.add_argument("--workers", type=int, default=os.cpu_count(),
-                        help="processes (default: one a processor)")
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count(), help="processes (default: one a processor)"
+    )
     args = parser.parse_args(argv)
     jobs = {name: SECTIONS[name](args.quick) for name in SECTIONS if name in args.only}
     flown = run(list(itertools.chain(*jobs.values())), args.workers)
@@ -104,7 +123,9 @@ def recovery_jobs(quick: bool) -> list:
     """Returns the jobs of run() that recover from attitudes and spins."""
     return [
         (recovery, (drone, noise, index))
-        for drone in DRONES for noise in _NOISES for index in range(20 if quick else 200)
+        for drone in DRONES
+        for noise in _NOISES
+        for index in range(20 if quick else 200)
     ]
 
 
@@ -112,8 +133,10 @@ def tracking_jobs(quick: bool) -> list:
     """Returns the jobs of run() that fly racing laps."""
     return [
         (tracking, (drone, case, noise, name, text, seed))
-        for drone in DRONES for case, name, text, seeds in _TRACKING_CASES
-        for noise in _NOISES for seed in range(1 if quick else seeds)
+        for drone in DRONES
+        for case, name, text, seeds in _TRACKING_CASES
+        for noise in _NOISES
+        for seed in range(1 if quick else seeds)
     ]
 
 
@@ -140,7 +163,10 @@ def loss_jobs(quick: bool) -> list:
 
 
 SECTIONS = {
-    "recovery": recovery_jobs, "tracking": tracking_jobs, "wind": wind_jobs, "loss": loss_jobs,
+    "recovery": recovery_jobs,
+    "tracking": tracking_jobs,
+    "wind": wind_jobs,
+    "loss": loss_jobs,
 }
 
 

@@ -31,11 +31,13 @@ LIMITS = 700.0, 1.0  # MB, MB a lap
 def main(argv=None) -> int:
     """Flies the races and prints the table; exit code 1 if one did not finish."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=5,
-                        help="races, each of some minutes (default: 5)")
+    parser.add_argument(
+        "--runs", type=int, default=5, help="races, each of some minutes (default: 5)"
+    )
     parser.add_argument("--laps", type=int, default=100, help="(default: 100)")
-    parser.add_argument("-t", "--trajectory", choices=TRAJECTORIES, default="3",
-                        help="(default: 3)")
+    parser.add_argument(
+        "-t", "--trajectory", choices=TRAJECTORIES, default="3", help="(default: 3)"
+    )
     parser.add_argument("--json", type=Path, help="also write the numbers here")
     args = parser.parse_args(argv)
     if args.runs < 1:
@@ -44,8 +46,7 @@ def main(argv=None) -> int:
         parser.error(f"--laps must be more than {_SETTLED + 1}, to tell growth from the start")
     compile_apart(make_scenario(args.trajectory, args.laps))
     labels = [f"Race {k} of {args.runs}" for k in range(1, args.runs + 1)]
-    rows = list(in_fresh_processes(
-        fly, [(args.trajectory, args.laps, label) for label in labels]))
+    rows = list(in_fresh_processes(fly, [(args.trajectory, args.laps, label) for label in labels]))
     Console(width=120).print(make_table(rows))
     if args.json is not None:
         args.json.write_text(json.dumps(rows, indent=1))
@@ -89,9 +90,16 @@ def make_table(rows) -> Table:
     table = Table(title="Memory of a race")
     for name in ("", "laps", "after the first (MB)", "most (MB)", "growth (MB a lap)"):
         table.add_column(name, justify="right")
-    numbers = np.array([
-        [row["memory_mb"][0] if row["memory_mb"] else np.nan, row["most_mb"],
-         row["growth_mb_a_lap"]] for row in rows])
+    numbers = np.array(
+        [
+            [
+                row["memory_mb"][0] if row["memory_mb"] else np.nan,
+                row["most_mb"],
+                row["growth_mb_a_lap"],
+            ]
+            for row in rows
+        ]
+    )
 
     def cells(first, most, growth):
         return f"{first:.0f}", f"{most:.0f}", f"{growth:.3f}"

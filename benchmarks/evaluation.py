@@ -25,10 +25,16 @@ def main(argv=None) -> int:
     """Flies everything and prints the table; exit code 1 if results differ or the bound breaks."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--races", type=int, default=20, help="of an evaluation (default: 20)")
-    parser.add_argument("--time_limit", type=float, default=20.0,
-                        help="of a race (s, simulated; default: 20)")
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2],
-                        help="numbers to compare, the first with the others (default: 1 2)")
+    parser.add_argument(
+        "--time_limit", type=float, default=20.0, help="of a race (s, simulated; default: 20)"
+    )
+    parser.add_argument(
+        "--workers",
+        type=int,
+        nargs="+",
+        default=[1, 2],
+        help="numbers to compare, the first with the others (default: 1 2)",
+    )
     parser.add_argument("--json", type=Path, help="also write what the table shows")
     args = parser.parse_args(argv)
     with tempfile.TemporaryDirectory() as name:
@@ -53,11 +59,25 @@ def fly(folder: Path, workers: int, args) -> tuple:
     """Returns the number of workers, the wall time (s), and the results."""
     start = time.perf_counter()
     subprocess.run(
-        [sys.executable, "-m", "airrace.diagrams.evaluate", "--tracks", str(args.races),
-         "--laps", "1", "--scenario_file", "races", "--scenario_text",
-         f"referee: {{time_limit: {args.time_limit}}}", "--workers", str(workers),
-         "--output", str(folder)],
-        check=True, stdout=subprocess.DEVNULL,
+        [
+            sys.executable,
+            "-m",
+            "airrace.diagrams.evaluate",
+            "--tracks",
+            str(args.races),
+            "--laps",
+            "1",
+            "--scenario_file",
+            "races",
+            "--scenario_text",
+            f"referee: {{time_limit: {args.time_limit}}}",
+            "--workers",
+            str(workers),
+            "--output",
+            str(folder),
+        ],
+        check=True,
+        stdout=subprocess.DEVNULL,
     )
     seconds = time.perf_counter() - start
     rows = (folder / "races.jsonl").read_text().splitlines()
@@ -78,8 +98,12 @@ def make_table(runs: list, races: int) -> Table:
     for name in ("workers", "wall time (s)", "of the first", "same results"):
         table.add_column(name, justify="right")
     for run in runs:
-        table.add_row(str(run["workers"]), f"{run['seconds']:.1f}", f"{run['ratio']:.2f}",
-                      "yes" if run["identical"] else "no")
+        table.add_row(
+            str(run["workers"]),
+            f"{run['seconds']:.1f}",
+            f"{run['ratio']:.2f}",
+            "yes" if run["identical"] else "no",
+        )
     return table
 
 

@@ -50,8 +50,13 @@ def recovery(drone: str, noise: str, index: int) -> dict:
     scenario = load_scenario(scenario_text=f"{{drone: {drone}, state_noise: {noise}}}")
     scenario.seed = index if noise != "none" else 0  # one world is built faster than many
     R_WB, w_WB = _thrown(index)
-    flown = fly(scenario, hover_reference(_RECOVERY_HEIGHT), _SETTLING,
-                X_WB=RigidTransform(R_WB, [0.0, 0.0, _RECOVERY_HEIGHT]), w_WB=w_WB)
+    flown = fly(
+        scenario,
+        hover_reference(_RECOVERY_HEIGHT),
+        _SETTLING,
+        X_WB=RigidTransform(R_WB, [0.0, 0.0, _RECOVERY_HEIGHT]),
+        w_WB=w_WB,
+    )
     # Angular velocities in B; those of the states are in W.
     w = np.einsum("nij,ni->nj", flown.rotations, flown.states[:, 7:10])
     speeds = np.linalg.norm(flown.states[:, 10:13], axis=1)
@@ -59,7 +64,9 @@ def recovery(drone: str, noise: str, index: int) -> dict:
     steady = _for_a_while(np.hypot(w[:, 0], w[:, 1]) < 0.5)
     hovers = _for_good((flown.tilts < 5.0) & (speeds < 0.5)) & steady
     return {
-        "drone": drone, "noise": noise, "index": index,
+        "drone": drone,
+        "noise": noise,
+        "index": index,
         "hover_s": _first(hovers, flown.times),
         "yaw_stopped_s": _first(_for_good(np.abs(w[:, 2]) < 0.5), flown.times),
         "height_lost_m": float(_RECOVERY_HEIGHT - flown.states[:, 6].min()),
@@ -99,8 +106,15 @@ def _first(holds, times) -> float | None:
     return float(times[holds.argmax()]) if holds.any() else None
 
 
-def tracking(drone: str, case: str, noise: str, scenario_name: str, scenario_text: str,
-             seed: int, duration: float | None = None) -> dict:
+def tracking(
+    drone: str,
+    case: str,
+    noise: str,
+    scenario_name: str,
+    scenario_text: str,
+    seed: int,
+    duration: float | None = None,
+) -> dict:
     """Flies one racing lap, after a run-in.
 
     Args:
@@ -122,7 +136,10 @@ def tracking(drone: str, case: str, noise: str, scenario_name: str, scenario_tex
     errors = deviations(flown, reference)[flown.times > _RUN_IN]
     over = flown.report.over
     return {
-        "drone": drone, "case": case, "noise": noise, "seed": seed,
+        "drone": drone,
+        "case": case,
+        "noise": noise,
+        "seed": seed,
         "rms_m": None if over else float(np.sqrt(np.mean(errors**2))),
         "max_m": None if over else float(errors.max()),
         "dnf_reason": flown.report.dnf_reason,
@@ -155,7 +172,11 @@ def loss(drone: str, rotors: list, phase: float | None, drag: float) -> dict:
     landed = (flown.report.dnf_reason or "").startswith("hit the ground")
     vx, vy, vz = flown.states[-1, 10:13].tolist()
     return {
-        "drone": drone, "rotors": rotors, "phase": phase, "drag": drag, "can_fly": can_fly,
+        "drone": drone,
+        "rotors": rotors,
+        "phase": phase,
+        "drag": drag,
+        "can_fly": can_fly,
         "height_m": float(flown.states[~after][-1, 6]),
         "found_after_s": float(found_after) if np.isfinite(found_after) else None,
         "deviation_m": float(deviations(flown, reference)[after].max()) if stays else None,
@@ -190,9 +211,13 @@ def race(drone: str, case: str, scenario_name: str, scenario_text: str, laps: in
     before = [lap["time_s"] for lap in flown if lap["start_s"] + lap["time_s"] <= failed_at]
     after = [lap["time_s"] for lap in flown if lap["start_s"] >= failed_at]
     return {
-        "drone": drone, "case": case, "laps": laps,
-        "finished": result["finished"], "dnf_reason": result["dnf_reason"],
-        "collisions": result["collisions"], "mean_lap_s": result["mean_lap_s"],
+        "drone": drone,
+        "case": case,
+        "laps": laps,
+        "finished": result["finished"],
+        "dnf_reason": result["dnf_reason"],
+        "collisions": result["collisions"],
+        "mean_lap_s": result["mean_lap_s"],
         "lap_times_s": [lap["time_s"] for lap in flown],
         "mean_before_s": float(np.mean(before)) if before else None,
         "mean_after_s": float(np.mean(after)) if after else None,

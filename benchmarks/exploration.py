@@ -36,22 +36,36 @@ def main(argv=None) -> int:
     parser.add_argument("--tracks", type=int, default=200, help="how many (default: 200)")
     parser.add_argument("--first", type=int, default=0, help="seed of the first (default: 0)")
     parser.add_argument("--drone", default="Default", help="whose size counts (default: Default)")
-    parser.add_argument("--turned", type=float, default=0.0, metavar="DEG",
-                        help="turn every start by so much more (default: 0)")
-    parser.add_argument("--blind", type=float, default=0.0, metavar="SHARE",
-                        help="of the boards that cannot be read from beyond 12 m (default: 0)")
+    parser.add_argument(
+        "--turned",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="turn every start by so much more (default: 0)",
+    )
+    parser.add_argument(
+        "--blind",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="of the boards that cannot be read from beyond 12 m (default: 0)",
+    )
     parser.add_argument("--workers", type=int, default=1, help="processes (default: 1)")
     parser.add_argument("--json", type=Path, help="also write a row for every track")
     args = parser.parse_args(argv)
     seeds = range(args.first, args.first + args.tracks)
-    rows = run([(explore_generated, (seed, args.drone, args.turned, args.blind)) for seed in seeds],
-               args.workers)
+    rows = run(
+        [(explore_generated, (seed, args.drone, args.turned, args.blind)) for seed in seeds],
+        args.workers,
+    )
     console = Console(width=140)
     console.print(summary(rows))
     for row in rows:
         if row["failure"]:
-            console.print(f"seed {row['seed']}, {row['track']}: {row['failure']}; "
-                          f"last in {row['state']}: {row['reason']}")
+            console.print(
+                f"seed {row['seed']}, {row['track']}: {row['failure']}; "
+                f"last in {row['state']}: {row['reason']}"
+            )
     if args.json is not None:
         args.json.write_text(json.dumps(rows, indent=1))
     succeeded = sum(row["failure"] is None for row in rows)
@@ -94,12 +108,14 @@ def explore_track(track: Track, seed: int, drone: str = "Default", **sight) -> d
         what happened; ``failure`` is None or says what went wrong.
     """
     scenario = Scenario(drone=drone)
-    flown = explore(make_explorer(track, scenario), SightWorld(track, seed=seed, **sight),
-                    track, _TIME_LIMIT)
+    flown = explore(
+        make_explorer(track, scenario), SightWorld(track, seed=seed, **sight), track, _TIME_LIMIT
+    )
     status, n = flown.status, len(track.gates)
     room = clear_of_pylons(flown.path, track, load_vehicle(drone)[0].radius)
-    wrong = [c for c, expected in zip(flown.crossings, range(len(flown.crossings)))
-             if c != expected] or list(flown.crossings[n:])
+    wrong = [
+        c for c, expected in zip(flown.crossings, range(len(flown.crossings))) if c != expected
+    ] or list(flown.crossings[n:])
     failure = None
     if room < 0.0:
         failure = f"hit a pylon by {-room:.2f} m"
@@ -110,10 +126,16 @@ def explore_track(track: Track, seed: int, drone: str = "Default", **sight) -> d
     elif not status.done:
         failure = "is not back at the start"
     return {
-        "track": track.name, "gates": n, "failure": failure, "hit": room < 0.0,
-        "time_s": status.closed_at, "room_m": room, "wrong_gaps": len(wrong),
+        "track": track.name,
+        "gates": n,
+        "failure": failure,
+        "hit": room < 0.0,
+        "time_s": status.closed_at,
+        "room_m": room,
+        "wrong_gaps": len(wrong),
         "length_m": float(np.linalg.norm(np.diff(flown.path, axis=0), axis=1).sum()),
-        "state": status.state, "reason": status.reason,
+        "state": status.state,
+        "reason": status.reason,
         "events": [[e.time, e.state, e.reason] for e in status.events],
     }
 
@@ -125,8 +147,9 @@ def clear_of_pylons(path, track: Track, radius: float) -> float:
     cone = PYLON_BASE_RADIUS * np.clip(1.0 - z / PYLON_HEIGHT, 0.0, 1.0)
     at_boards = np.abs(z - BOARD_HEIGHT) < BOARD_SIZE / 2 + radius
     thick = np.maximum(cone, np.where(at_boards, _BOARD_RADIUS, 0.0))
-    room = np.hypot(np.maximum(beside - thick[:, None], 0.0),
-                    np.maximum(z - PYLON_HEIGHT, 0.0)[:, None])
+    room = np.hypot(
+        np.maximum(beside - thick[:, None], 0.0), np.maximum(z - PYLON_HEIGHT, 0.0)[:, None]
+    )
     inside = np.minimum(beside - thick[:, None], 0.0) * (z < PYLON_HEIGHT)[:, None]
     return float((room + inside).min() - radius)
 
@@ -142,8 +165,9 @@ def summary(rows) -> Table:
     table.add_row("hit a pylon", str(sum(row["hit"] for row in rows)))
     table.add_row("flew through a wrong gap", str(sum(row["wrong_gaps"] > 0 for row in rows)))
     table.add_row("least room to a pylon", f"{min(row['room_m'] for row in rows):.2f} m")
-    table.add_row("time to the closed loop, mean and longest",
-                  f"{np.mean(times):.1f} s, {max(times):.1f} s")
+    table.add_row(
+        "time to the closed loop, mean and longest", f"{np.mean(times):.1f} s, {max(times):.1f} s"
+    )
     table.add_row("mean speed", f"{np.mean(speeds):.1f} m/s")
     table.add_row("states entered", ", ".join(f"{s} {c}" for s, c in sorted(states.items())))
     return table

@@ -55,8 +55,16 @@ class SightWorld(LeafSystem):
         path: positions so far, list of (3,).
     """
 
-    def __init__(self, track: Track, *, seed=0, sight=np.inf, hidden=lambda id, p_WB: False,
-                 perception=PerceptionConfig(), rate=20.0):
+    def __init__(
+        self,
+        track: Track,
+        *,
+        seed=0,
+        sight=np.inf,
+        hidden=lambda id, p_WB: False,
+        perception=PerceptionConfig(),
+        rate=20.0,
+    ):
         """Constructs the world with the drone on its pad.
 
         Args:
@@ -85,13 +93,20 @@ class SightWorld(LeafSystem):
         self._reference = self.DeclareVectorInputPort("exploration_reference", ref.SIZE)
         now = {self.time_ticket()}  # and nothing of the input: no loop
         self.DeclareVectorOutputPort(
-            "state_estimate", se.SIZE, lambda c, o: o.set_value(self._estimate), now)
+            "state_estimate", se.SIZE, lambda c, o: o.set_value(self._estimate), now
+        )
         self.DeclareAbstractOutputPort(
-            "detections", lambda: Value[object](Detections()),
-            lambda c, o: o.set_value(self._detections), now)
+            "detections",
+            lambda: Value[object](Detections()),
+            lambda c, o: o.set_value(self._detections),
+            now,
+        )
         self.DeclareAbstractOutputPort(
-            "gate_map", lambda: Value[object](GateMap()),
-            lambda c, o: o.set_value(self._mapped.gate_map), now)
+            "gate_map",
+            lambda: Value[object](GateMap()),
+            lambda c, o: o.set_value(self._mapped.gate_map),
+            now,
+        )
         self.DeclarePeriodicPublishEvent(1 / rate, 0.5 / rate, self._Look)
 
     def _Look(self, context):
@@ -120,7 +135,7 @@ class SightWorld(LeafSystem):
         height = _INFO.K[0, 0] * MARKER_SIZE / depth
         facing = -np.sum(rays * self._normals, axis=1) / distance
         width = height * facing
-        u, v = (_INFO.K[:2] @ (p_CM / depth[:, None]).T)
+        u, v = _INFO.K[:2] @ (p_CM / depth[:, None]).T
         margin = 0.75 * height
         seen = (p_CM[:, 2] > 0.5) & (distance < self._sight) & (height > _SMALLEST)
         seen &= (facing > _FLATTEST) & (np.abs(u - _INFO.width / 2) < _INFO.width / 2 - margin)
@@ -129,7 +144,8 @@ class SightWorld(LeafSystem):
         luck = self._rng.uniform(size=len(width))
         seen &= luck < 0.99 / (1 + np.exp(-np.clip((width - _WIDTH) / _SOFTNESS, -50, 50)))
         return [
-            i for i in np.flatnonzero(seen)
+            i
+            for i in np.flatnonzero(seen)
             if not self._hidden(int(self._ids[i]), p_WC) and not self._IsOccluded(i, p_WC)
         ]
 
@@ -150,8 +166,9 @@ class SightWorld(LeafSystem):
         tilt = 2 * p[2] * angle / MARKER_SIZE
         turn = RotationMatrix(RollPitchYaw(tilt * n[0], tilt * n[1], 0.0))
         p = p + along * n[5] * p / np.linalg.norm(p) + across * np.array([n[3], n[4], 0.0])
-        return Detection(int(self._ids[i]), np.zeros((4, 2)),
-                         RigidTransform(turn @ X_CM.rotation(), p), 0.0)
+        return Detection(
+            int(self._ids[i]), np.zeros((4, 2)), RigidTransform(turn @ X_CM.rotation(), p), 0.0
+        )
 
 
 def _on_pad(track: Track) -> np.ndarray:
@@ -183,8 +200,11 @@ class Exploration:
 
 def make_explorer(track: Track, scenario: Scenario = Scenario()) -> Explorer:
     """Returns the explorer of a scenario on a track."""
-    return Explorer(config=scenario.explorer, hover_height=track.hover_height,
-                    clearance=clearance_of(load_vehicle(scenario.drone)[0].radius))
+    return Explorer(
+        config=scenario.explorer,
+        hover_height=track.hover_height,
+        clearance=clearance_of(load_vehicle(scenario.drone)[0].radius),
+    )
 
 
 def explore(explorer, world: SightWorld, track: Track, seconds: float) -> Exploration:
@@ -194,8 +214,9 @@ def explore(explorer, world: SightWorld, track: Track, seconds: float) -> Explor
     builder.AddSystem(world)
     for name in ("detections", "gate_map", "state_estimate"):
         builder.Connect(world.GetOutputPort(name), explorer.GetInputPort(name))
-    builder.Connect(explorer.GetOutputPort("exploration_reference"),
-                    world.GetInputPort("exploration_reference"))
+    builder.Connect(
+        explorer.GetOutputPort("exploration_reference"), world.GetInputPort("exploration_reference")
+    )
     simulator = Simulator(builder.Build())
     context = explorer.GetMyContextFromRoot(simulator.get_context())
     status, time = ExplorerStatus(), 0.0

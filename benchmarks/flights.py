@@ -74,8 +74,10 @@ def fly(scenario, reference, duration, **start) -> Flown:
             break
         states.append(state.Eval(context).copy())
     return Flown(
-        times=PERIOD * np.arange(1, len(states) + 1), states=np.array(states),
-        losses=losses.Eval(context).copy(), report=report.Eval(context),
+        times=PERIOD * np.arange(1, len(states) + 1),
+        states=np.array(states),
+        losses=losses.Eval(context).copy(),
+        report=report.Eval(context),
     )
 
 
@@ -91,9 +93,12 @@ def racing_lap(drone: str) -> Circuit:
     """Returns the 3-D lap of a drone through the true gates of the reference track."""
     track = load_track("student-airrace")
     return plan_circuit(
-        [gate.p_WG for gate in track.gates], [gate.heading for gate in track.gates],
-        track.pylons()[:, :2], 3,
-        clearance=clearance_of(load_vehicle(drone)[0].radius), **LIMITS,
+        [gate.p_WG for gate in track.gates],
+        [gate.heading for gate in track.gates],
+        track.pylons()[:, :2],
+        3,
+        clearance=clearance_of(load_vehicle(drone)[0].radius),
+        **LIMITS,
     )
 
 
@@ -118,14 +123,19 @@ def start_on(reference) -> dict:
     """Returns the start of a drone that is on a reference, see fly()."""
     r = reference(0.0)
     force = r[ref.ACCELERATION] + [0.0, 0.0, GRAVITY]
-    yaw, yaw_rate, yaw_acceleration = r[ref.YAW:]
+    yaw, yaw_rate, yaw_acceleration = r[ref.YAW :]
     axes, w, _ = attitude_from_force(
-        force, r[ref.JERK], r[ref.SNAP],
+        force,
+        r[ref.JERK],
+        r[ref.SNAP],
         heading_vectors(np.cos(yaw), np.sin(yaw), yaw_rate, yaw_acceleration),
     )
     R_WB = np.column_stack(axes)
-    return dict(X_WB=RigidTransform(RotationMatrix(R_WB), r[ref.POSITION]),
-                w_WB=R_WB @ w, v_WB=r[ref.VELOCITY])
+    return dict(
+        X_WB=RigidTransform(RotationMatrix(R_WB), r[ref.POSITION]),
+        w_WB=R_WB @ w,
+        v_WB=r[ref.VELOCITY],
+    )
 
 
 def deviations(flown: Flown, reference) -> np.ndarray:

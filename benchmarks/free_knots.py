@@ -41,8 +41,13 @@ def free_knot_lap(midpoints, *, knots: int, max_speed: float, max_acceleration: 
     free = np.flatnonzero(np.arange(len(points)) % (knots + 1))
     found = [durations.sum()]
     for bound in _BOUNDS:
-        T, P = _search(points, np.repeat(durations / (knots + 1), knots + 1), free,
-                       np.array([max_speed, max_acceleration]), bound)
+        T, P = _search(
+            points,
+            np.repeat(durations / (knots + 1), knots + 1),
+            free,
+            np.array([max_speed, max_acceleration]),
+            bound,
+        )
         T = durations_within_limits(P, T, periodic=True, **limits)
         speed, acceleration = peak_speed_and_acceleration(solve_min_snap(P, T, periodic=True))
         assert speed <= max_speed * (1 + 1e-6) and acceleration <= max_acceleration * (1 + 1e-6)
@@ -97,7 +102,8 @@ def _by_points(problem, durations, free, limits):
     scale = 1.0 / np.sqrt(np.diag(hessian)[~fixed])
     inner = hessian[np.ix_(~fixed, ~fixed)] * scale[:, None] * scale
     response[~fixed] = -scale[:, None] * np.linalg.solve(
-        inner, scale[:, None] * hessian[np.ix_(~fixed, free * n)])
+        inner, scale[:, None] * hessian[np.ix_(~fixed, free * n)]
+    )
     unit = response[problem.rows]  # (segments, 2n, count)
     T = durations[:, None, None]
     blocks = []

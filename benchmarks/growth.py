@@ -59,19 +59,29 @@ def fly(seed: int, gates: int, laps: int) -> dict:
 def make_table(rows) -> Table:
     """Returns the table of the rows that main() collects."""
     table = Table(title="Races of either length, medians")
-    for name in ("gates", "finished", "simulated (s)", "x real time", "beside 10 gates",
-                 "to be at most"):
+    for name in (
+        "gates",
+        "finished",
+        "simulated (s)",
+        "x real time",
+        "beside 10 gates",
+        "to be at most",
+    ):
         table.add_column(name, justify="right")
     races = {gates: [row for row in rows if row["gates"] == gates] for gates in GATES}
-    costs = {gates: np.array([row["cpu_s"] / row["simulated_s"] for row in own])
-             for gates, own in races.items()}
+    costs = {
+        gates: np.array([row["cpu_s"] / row["simulated_s"] for row in own])
+        for gates, own in races.items()
+    }
     for gates, own in races.items():
         table.add_row(
-            str(gates), f"{sum(row['finished'] for row in own)} of {len(own)}",
+            str(gates),
+            f"{sum(row['finished'] for row in own)} of {len(own)}",
             f"{np.median([row['simulated_s'] for row in own]):.0f}",
             f"{1.0 / np.median(costs[gates]):.2f}",
             f"{np.median(costs[gates] / costs[GATES[0]]):.2f}",
-            f"{LIMIT if gates == GATES[1] else 1.0:.1f}")
+            f"{LIMIT if gates == GATES[1] else 1.0:.1f}",
+        )
     return table
 
 

@@ -41,7 +41,9 @@ def flat_state(f, time: float) -> np.ndarray:
     """
     yaw, rate, acceleration = f[YAW:]
     axes, w_B, _ = attitude_from_force(
-        tuple(f[ACCELERATION] + [0.0, 0.0, GRAVITY]), tuple(f[JERK]), tuple(f[SNAP]),
+        tuple(f[ACCELERATION] + [0.0, 0.0, GRAVITY]),
+        tuple(f[JERK]),
+        tuple(f[SNAP]),
         heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration),
     )
     R_WB = RotationMatrix.ProjectToRotationMatrix(np.column_stack(axes))
@@ -62,11 +64,18 @@ def fly_laps(track: Track, dimensions: int, limits, laps: int) -> Flight:
         limits: of speed (m/s) and acceleration (m/s^2).
         laps: how many.
     """
-    return Flight(plan_circuit(
-        [gate.p_WG for gate in track.gates], [gate.heading for gate in track.gates],
-        track.pylons()[:, :2], dimensions, max_speed=limits[0], max_acceleration=limits[1],
-        clearance=clearance_of(load_vehicle("Default")[0].radius),
-    ), laps)
+    return Flight(
+        plan_circuit(
+            [gate.p_WG for gate in track.gates],
+            [gate.heading for gate in track.gates],
+            track.pylons()[:, :2],
+            dimensions,
+            max_speed=limits[0],
+            max_acceleration=limits[1],
+            clearance=clearance_of(load_vehicle("Default")[0].radius),
+        ),
+        laps,
+    )
 
 
 def filtered(flight: Flight, config, seed: int) -> np.ndarray:

@@ -27,15 +27,27 @@ from airrace.diagrams.scenario import TRAJECTORIES, Scenario, trajectory_name
 def main(argv=None) -> int:
     """Flies the races and prints the table; exit code 1 if one did not finish."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-t", "--trajectories", nargs="+", choices=TRAJECTORIES,
-                        default=TRAJECTORIES, help="of the lap planner (default: all)")
-    parser.add_argument("--limits", nargs="+", default=["original"],
-                        help="original, rotor or v=..,a=.. (default: original)")
-    parser.add_argument("--drone", nargs="+", default=["Default"],
-                        help="names or folders (default: Default)")
+    parser.add_argument(
+        "-t",
+        "--trajectories",
+        nargs="+",
+        choices=TRAJECTORIES,
+        default=TRAJECTORIES,
+        help="of the lap planner (default: all)",
+    )
+    parser.add_argument(
+        "--limits",
+        nargs="+",
+        default=["original"],
+        help="original, rotor or v=..,a=.. (default: original)",
+    )
+    parser.add_argument(
+        "--drone", nargs="+", default=["Default"], help="names or folders (default: Default)"
+    )
     parser.add_argument("--laps", type=int, default=10, help="of each race (default: 10)")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0],
-                        help="one race each (default: 0)")
+    parser.add_argument(
+        "--seeds", type=int, nargs="+", default=[0], help="one race each (default: 0)"
+    )
     parser.add_argument("--json", type=Path, help="also write all race.json as one list")
     args = parser.parse_args(argv)
     races = list(itertools.product(args.drone, args.trajectories, args.limits, args.seeds))
@@ -55,9 +67,21 @@ def main(argv=None) -> int:
 def make_table(results) -> Table:
     """Returns the table of a list of race.json, one row a drone, trajectory and limits."""
     table = Table(title="Laps of the reference track")
-    for name in ("drone", "trajectory", "limits", "finished", "mean lap (s)", "best lap (s)",
-                 "planned over bound", "original (s)", "exploration (s)", "worst gate offset (m)",
-                 "map RMS (cm)", "collisions", "x real time"):
+    for name in (
+        "drone",
+        "trajectory",
+        "limits",
+        "finished",
+        "mean lap (s)",
+        "best lap (s)",
+        "planned over bound",
+        "original (s)",
+        "exploration (s)",
+        "worst gate offset (m)",
+        "map RMS (cm)",
+        "collisions",
+        "x real time",
+    ):
         table.add_column(name, justify="right")
     groups = {}
     for race in results:
@@ -65,8 +89,12 @@ def make_table(results) -> Table:
         groups.setdefault(key, []).append(race)
     for (drone, trajectory, limits), races in groups.items():
         laps = [lap for r in races for lap in r["laps"]]
-        row = [drone, trajectory_name(trajectory), limits,
-               f"{sum(r['finished'] for r in races)}/{len(races)}"]
+        row = [
+            drone,
+            trajectory_name(trajectory),
+            limits,
+            f"{sum(r['finished'] for r in races)}/{len(races)}",
+        ]
         if laps:
             gaps = [lap["plan"]["over_bound"] for lap in laps if lap["plan"]]
             row += [

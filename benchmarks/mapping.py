@@ -40,8 +40,12 @@ def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--laps", type=int, default=3, help="after the exploration (default: 3)")
     parser.add_argument("--seed", type=int, default=0, help="of the noise (default: 0)")
-    parser.add_argument("--camera", choices=("clean", "realistic"), default="realistic",
-                        help="preset of the pictures (default: realistic)")
+    parser.add_argument(
+        "--camera",
+        choices=("clean", "realistic"),
+        default="realistic",
+        help="preset of the pictures (default: realistic)",
+    )
     parser.add_argument("--json", type=Path, help="also write all figures")
     args = parser.parse_args(argv)
     cv2.setNumThreads(1)
@@ -49,12 +53,18 @@ def main(argv=None) -> int:
     progress_bar = Console(stderr=True)
     frames = world.frames(args.laps, progress_bar)
     cases = {
-        "true pose": {}, "state noise": {"seed": args.seed},
+        "true pose": {},
+        "state noise": {"seed": args.seed},
         "outliers": {"seed": args.seed, "outliers": 0.02},
         "late": {"offset": _OFFSET},
     }
-    runs = [(corners, case, estimator) for corners in (*CORNERS, "exact") for case in cases
-            for estimator in ESTIMATORS if corners != "exact" or case == "late"]
+    runs = [
+        (corners, case, estimator)
+        for corners in (*CORNERS, "exact")
+        for case in cases
+        for estimator in ESTIMATORS
+        if corners != "exact" or case == "late"
+    ]
     results = {
         (corners, case, estimator): world.map(frames, corners, estimator, **cases[case])
         for corners, case, estimator in progress(runs, "Mapping", console=progress_bar)
@@ -64,9 +74,15 @@ def main(argv=None) -> int:
     for table in (map_table(results), offset_table(results), requirements_table(rows)):
         console.print(table)
     if args.json is not None:
-        args.json.write_text(json.dumps(
-            [{"corners": c, "case": case, "estimator": e, "figures": figures}
-             for (c, case, e), figures in results.items()], indent=1))
+        args.json.write_text(
+            json.dumps(
+                [
+                    {"corners": c, "case": case, "estimator": e, "figures": figures}
+                    for (c, case, e), figures in results.items()
+                ],
+                indent=1,
+            )
+        )
     return 0 if all(row[-1] for row in rows) else 1
 
 
@@ -86,11 +102,19 @@ def map_table(results: dict) -> Table:
             table.add_column(f"{phase}\n{name}", justify="right")
     for (corners, case, estimator), phases in results.items():
         if corners in CORNERS:
-            table.add_row(corners, case, estimator, *(
-                cell for f in phases for cell in (
-                    *(f"{100 * f[name]:.2f}" for name in ("mean", "worst", "unseen")),
-                    f"{f['rejected']:.0%}")
-            ))
+            table.add_row(
+                corners,
+                case,
+                estimator,
+                *(
+                    cell
+                    for f in phases
+                    for cell in (
+                        *(f"{100 * f[name]:.2f}" for name in ("mean", "worst", "unseen")),
+                        f"{f['rejected']:.0%}",
+                    )
+                ),
+            )
     return table
 
 
@@ -105,19 +129,27 @@ def offset_table(results: dict) -> Table:
         table.add_column(name, justify="left" if name == "estimator" else "right")
     for estimator in ESTIMATORS:
         late, on_time, exact = (
-            results[corners, case, estimator][1]["errors"] for corners, case in (
-                ("refitted", "late"), ("refitted", "true pose"), ("exact", "late"))
+            results[corners, case, estimator][1]["errors"]
+            for corners, case in (
+                ("refitted", "late"),
+                ("refitted", "true pose"),
+                ("exact", "late"),
+            )
         )
         common = sorted(late.keys() & on_time.keys() & exact.keys())
         measured = np.array([np.subtract(late[id], on_time[id]) for id in common])
         predicted = np.array([exact[id] for id in common])
-        table.add_row(estimator, *(
-            f"{100 * value:.1f}" for value in (
-                np.linalg.norm(predicted, axis=1).mean(),
-                np.linalg.norm(measured, axis=1).mean(),
-                np.linalg.norm(measured - predicted, axis=1).max(),
-            )
-        ))
+        table.add_row(
+            estimator,
+            *(
+                f"{100 * value:.1f}"
+                for value in (
+                    np.linalg.norm(predicted, axis=1).mean(),
+                    np.linalg.norm(measured, axis=1).mean(),
+                    np.linalg.norm(measured - predicted, axis=1).max(),
+                )
+            ),
+        )
     return table
 
 
@@ -132,10 +164,14 @@ def requirements(results: dict) -> list[tuple]:
             results[corners, "state noise", estimator][1]["worst"]
             for estimator in ("report", "robust")
         )
-        rows.append((
-            f"state noise, {corners} corners: robust closer than report", f"{report / robust:.1f}",
-            f"at least {_TIMES_CLOSER:.0f}", report >= _TIMES_CLOSER * robust,
-        ))
+        rows.append(
+            (
+                f"state noise, {corners} corners: robust closer than report",
+                f"{report / robust:.1f}",
+                f"at least {_TIMES_CLOSER:.0f}",
+                report >= _TIMES_CLOSER * robust,
+            )
+        )
     return rows
 
 

@@ -60,8 +60,10 @@ class World:
         self.track = load_track(scenario.track)
         self.boards = {board.id: board.X_WM for board in self.track.boards()}
         self.info = make_camera_info(
-            width=scenario.camera.width, height=scenario.camera.height,
-            fov_y=np.deg2rad(scenario.camera.fov_y_deg), X_BC=CameraMount().X_BC,
+            width=scenario.camera.width,
+            height=scenario.camera.height,
+            fov_y=np.deg2rad(scenario.camera.fov_y_deg),
+            X_BC=CameraMount().X_BC,
         )
 
     def frames(self, laps: int, console) -> list[Frame]:
@@ -69,24 +71,31 @@ class World:
         explorer = self.scenario.explorer
         flights = (
             fly_laps(self.track, 4, (explorer.max_speed, explorer.max_acceleration), 1),
-            fly_laps(self.track, 6, parse_limits(self.scenario.planner.limits), laps))
-        times = [(phase, k / self.scenario.camera.fps) for phase, flight in enumerate(flights)
-                 for k in range(int(flight.duration * self.scenario.camera.fps))]
-        imaging = ImagingChain(effects=self.scenario.camera.resolved(), camera_info=self.info,
-                               seed=self.scenario.seed)
+            fly_laps(self.track, 6, parse_limits(self.scenario.planner.limits), laps),
+        )
+        times = [
+            (phase, k / self.scenario.camera.fps)
+            for phase, flight in enumerate(flights)
+            for k in range(int(flight.duration * self.scenario.camera.fps))
+        ]
+        imaging = ImagingChain(
+            effects=self.scenario.camera.resolved(), camera_info=self.info, seed=self.scenario.seed
+        )
         renderer, eyes = PlanarRenderer(self.track, imaging.pinhole), _Eyes(self.info)
         image = np.empty((self.info.height, self.info.width), np.uint8)
         frames = []
         for k, (phase, time) in enumerate(progress(times, "Looking", console=console)):
             state = flights[phase].state(time)
             X_WB = extrapolate(state, 0.0)
-            imaging.take(renderer.render, X_WB, state[se.ANGULAR_VELOCITY], state[se.VELOCITY],
-                         k, image)
+            imaging.take(
+                renderer.render, X_WB, state[se.ANGULAR_VELOCITY], state[se.VELOCITY], k, image
+            )
             X_WC = X_WB @ self.info.X_BC
             markers = eyes.look(image)
             markers["exact"] = tuple(
                 dc.replace(m, X_CM=X_WC.inverse() @ self.boards[m.id])
-                for m in markers["refitted"] if m.id in self.boards
+                for m in markers["refitted"]
+                if m.id in self.boards
             )
             clock = time + phase * flights[0].duration
             frames.append(Frame(phase, flights[phase], time, clock, markers))
@@ -123,10 +132,11 @@ class World:
         if seed is None:
             return extrapolate(flight.state(time), 0.0)
         estimate = self._Estimates(flight, seed)[
-            int(time * self.scenario.state_estimate.rate + 1e-6)]
+            int(time * self.scenario.state_estimate.rate + 1e-6)
+        ]
         return extrapolate(estimate, time - estimate[se.TIME])
 
-    @functools.cache
+    @functools.cache  # noqa: B019  # the world lives as long as the benchmark
     def _Estimates(self, flight, seed) -> np.ndarray:
         return filtered(flight, self.scenario.state_estimate, seed)
 
@@ -144,9 +154,12 @@ class World:
                 derived.append(float(np.linalg.norm(error)))
         distances = np.linalg.norm(list(errors.values()), axis=1)
         return {
-            "markers": len(errors), "mean": float(np.mean(distances)),
-            "worst": float(np.max(distances)), "unseen": max(derived),
-            "rejected": max(rejected), "refused": gate_map.refused,
+            "markers": len(errors),
+            "mean": float(np.mean(distances)),
+            "worst": float(np.max(distances)),
+            "unseen": max(derived),
+            "rejected": max(rejected),
+            "refused": gate_map.refused,
             "errors": {id: error.tolist() for id, error in errors.items()},
         }
 
@@ -168,9 +181,13 @@ class _Eyes:
         refitted, _ = measure(CameraView.of(image), ids, quads, self._info, np.inf)
         quads, ids, _ = self._opencv.detectMarkers(image)
         covariance = _CORNER_SIGMA**2 * np.eye(8)
-        located = () if ids is None else (
-            locate(id, quad.reshape(4, 2).astype(float), covariance, self._info)
-            for quad, id in zip(quads, np.ravel(ids).tolist())
+        located = (
+            ()
+            if ids is None
+            else (
+                locate(id, quad.reshape(4, 2).astype(float), covariance, self._info)
+                for quad, id in zip(quads, np.ravel(ids).tolist())
+            )
         )
         return {"refitted": refitted, "OpenCV": tuple(m for m in located if m is not None)}
 

@@ -34,8 +34,10 @@ def rotor_shares(lap, vehicle: Vehicle) -> tuple[float, float]:
     # Rotations from one sample to the next but one, as vectors: w is at the middle one.
     E = np.swapaxes(R[:-2], 1, 2) @ R[2:]
     angle = np.arccos(np.clip((np.trace(E, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0))
-    turn = np.column_stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0],
-                            E[:, 1, 0] - E[:, 0, 1]]) / 2.0
+    turn = (
+        np.column_stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]])
+        / 2.0
+    )
     turn *= (np.maximum(angle, 1e-12) / np.maximum(np.sin(angle), 1e-12))[:, None]
     w = np.einsum("nij,nj->ni", R[:-2], turn / (2.0 * h))  # in the world
     alpha = (w[2:] - w[:-2]) / (2.0 * h)

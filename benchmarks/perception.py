@@ -51,8 +51,9 @@ def main(argv=None) -> int:
     """Measures and prints the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--views", type=int, default=200, help="of each distance (default: 200)")
-    parser.add_argument("--frames", type=int, default=2000,
-                        help="to look for strays in (default: 2000)")
+    parser.add_argument(
+        "--frames", type=int, default=2000, help="to look for strays in (default: 2000)"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     args = parser.parse_args(argv)
@@ -61,7 +62,8 @@ def main(argv=None) -> int:
         "accuracy": [
             measure_accuracy(camera, oblique, distance, args.views, args.seed)
             for camera, oblique, distance in progress(
-                [(c, o, d) for c in CAMERAS for o in OBLIQUE for d in DISTANCES], "Views")
+                [(c, o, d) for c in CAMERAS for o in OBLIQUE for d in DISTANCES], "Views"
+            )
         ],
         "renderers": compare_renderers(args.views // 4, args.seed),
         "strays": count_strays(args.frames, args.seed),
@@ -69,9 +71,11 @@ def main(argv=None) -> int:
     }
     console = Console(width=120)
     console.print(make_accuracy_table(results["accuracy"]))
-    for name, title in (("renderers", "Corners, planar against vtk"),
-                        ("strays", "Stray markers over the reference track"),
-                        ("time", "Time of one frame, one thread")):
+    for name, title in (
+        ("renderers", "Corners, planar against vtk"),
+        ("strays", "Stray markers over the reference track"),
+        ("time", "Time of one frame, one thread"),
+    ):
         console.print(make_list(results[name], title))
     if args.json is not None:
         args.json.write_text(json.dumps(results, indent=1))
@@ -112,22 +116,28 @@ def measure_accuracy(camera, most_oblique_deg, distance, count, seed) -> dict:
         twist = pose_twist(alone[0].X_CM, view.X_CM)
         misfit.append(twist @ np.linalg.solve(alone[0].covariance, twist) / 6)
         together, _ = measure(seen, ids, quads, INFO, np.inf)
-        joint += [pose_error(m.X_CM, view.X_CM) for m in together
-                  if m.id == view.board.id and m.joint]
+        joint += [
+            pose_error(m.X_CM, view.X_CM) for m in together if m.id == view.board.id and m.joint
+        ]
     ranges, turns = np.reshape(single, (-1, 2)).T
     return {
-        "camera": camera, "most_oblique_deg": most_oblique_deg, "distance_m": distance,
-        "views": count, "found": len(errors) / count,
+        "camera": camera,
+        "most_oblique_deg": most_oblique_deg,
+        "distance_m": distance,
+        "views": count,
+        "found": len(errors) / count,
         "corner_rms_px": float(np.sqrt(2 * np.mean(np.square(errors)))),
         "radial_bias_px": float(np.mean(radial)),
-        "range_bias": float(np.mean(ranges)), "range_spread": float(np.std(ranges)),
+        "range_bias": float(np.mean(ranges)),
+        "range_spread": float(np.std(ranges)),
         "flips": float(np.mean(turns > _FLIP)),
         "misfit": float(np.median(misfit)),  # squared errors by predicted variances
         "joint": len(joint) / count,
         "joint_range_bias": float(np.mean([e[0] for e in joint])) if joint else None,
         "joint_range_spread": float(np.std([e[0] for e in joint])) if joint else None,
-        "joint_turn_rms_deg":
-            float(np.rad2deg(np.sqrt(np.mean([e[1]**2 for e in joint])))) if joint else None,
+        "joint_turn_rms_deg": float(np.rad2deg(np.sqrt(np.mean([e[1] ** 2 for e in joint]))))
+        if joint
+        else None,
     }
 
 
@@ -141,8 +151,7 @@ def pose_error(found, true):
 def pose_twist(found, true):
     """Returns the error as rotation vector (rad) and translation (m) in C, (6,)."""
     turn = (found.rotation() @ true.rotation().inverse()).ToAngleAxis()
-    return np.concatenate([
-        turn.angle() * turn.axis(), found.translation() - true.translation()])
+    return np.concatenate([turn.angle() * turn.axis(), found.translation() - true.translation()])
 
 
 def compare_renderers(count, seed) -> dict:
@@ -152,8 +161,11 @@ def compare_renderers(count, seed) -> dict:
     except UserError as e:
         return {"vtk": str(e)}
     rng = np.random.default_rng(seed)
-    cameras = {"planar": planar_camera(ONE_GATE), "vtk": vtk_camera(ONE_GATE, 1),
-               "vtk, supersampled": vtk_camera(ONE_GATE, 2)}
+    cameras = {
+        "planar": planar_camera(ONE_GATE),
+        "vtk": vtk_camera(ONE_GATE, 1),
+        "vtk, supersampled": vtk_camera(ONE_GATE, 2),
+    }
     corners = {name: [] for name in cameras}
     for _ in progress(range(count), "Renderers"):
         view = random_view(rng, ONE_GATE.boards(), rng.uniform(4, 30), np.deg2rad(45))
@@ -204,7 +216,8 @@ def measure_time() -> dict:
     """Times four markers in one frame, as milliseconds and ratios."""
     picture = planar_camera(TWO_GATES)(look_at(np.array([5.0, -2.0, 6.0]), [20.0, 0.0, 6.25]))
     plain = cv2.aruco.ArucoDetector(
-        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL))
+        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
+    )
     view = CameraView.of(picture)
     first = look(_SEARCH, view, 0.0, INFO, Sight())
     assert len(first.measured) == 4
@@ -232,15 +245,31 @@ def measure_time() -> dict:
 def make_accuracy_table(rows) -> Table:
     """Returns the table of measure_accuracy(), one row a distance."""
     table = Table(title="One marker, random views; and the same jointly with the gate's other")
-    for name in ("camera", "up to (deg)", "distance (m)", "found", "corner RMS (px)",
-                 "radial bias (px)", "range bias", "spread", "flips", "joint bias", "spread"):
+    for name in (
+        "camera",
+        "up to (deg)",
+        "distance (m)",
+        "found",
+        "corner RMS (px)",
+        "radial bias (px)",
+        "range bias",
+        "spread",
+        "flips",
+        "joint bias",
+        "spread",
+    ):
         table.add_column(name, justify="right")
     for r in rows:
         joint = [r["joint_range_bias"], r["joint_range_spread"]]
         table.add_row(
-            r["camera"], str(r["most_oblique_deg"]), str(r["distance_m"]), f"{r['found']:.3f}",
-            f"{r['corner_rms_px']:.3f}", f"{r['radial_bias_px']:+.3f}",
-            f"{100 * r['range_bias']:+.2f} %", f"{100 * r['range_spread']:.2f} %",
+            r["camera"],
+            str(r["most_oblique_deg"]),
+            str(r["distance_m"]),
+            f"{r['found']:.3f}",
+            f"{r['corner_rms_px']:.3f}",
+            f"{r['radial_bias_px']:+.3f}",
+            f"{100 * r['range_bias']:+.2f} %",
+            f"{100 * r['range_spread']:.2f} %",
             f"{100 * r['flips']:.1f} %",
             *("" if j is None else f"{100 * j:+.2f} %" for j in joint),
         )

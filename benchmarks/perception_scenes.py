@@ -18,12 +18,11 @@ from airrace.systems.types import make_camera_info
 from airrace.track import MARKER_SIZE, Board, Gate, Track
 from airrace.vehicle import CameraMount
 
-INFO = make_camera_info(
-    width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=CameraMount().X_BC
-)
+INFO = make_camera_info(width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=CameraMount().X_BC)
 ONE_GATE = Track(name="one gate", gates=[Gate(left_pylon=[20.0, 5.0], heading_deg=0.0)])
-TWO_GATES = Track(name="two gates", gates=[
-    *ONE_GATE.gates, Gate(left_pylon=[40.0, 5.0], heading_deg=45.0)])
+TWO_GATES = Track(
+    name="two gates", gates=[*ONE_GATE.gates, Gate(left_pylon=[40.0, 5.0], heading_deg=45.0)]
+)
 _CORNERS_M = MARKER_SIZE / 2 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0.0]])
 
 
@@ -71,14 +70,20 @@ def random_view(rng, boards, distance, most_oblique) -> View:
         board = boards[rng.integers(len(boards))]
         azimuth = rng.uniform(-most_oblique, most_oblique)
         elevation = rng.uniform(-0.13, 0.09)
-        to_camera = np.array([np.sin(azimuth) * np.cos(elevation), np.sin(elevation),
-                              np.cos(azimuth) * np.cos(elevation)])
+        to_camera = np.array(
+            [
+                np.sin(azimuth) * np.cos(elevation),
+                np.sin(elevation),
+                np.cos(azimuth) * np.cos(elevation),
+            ]
+        )
         X_WC = look_at(board.X_WM @ (distance * to_camera), board.X_WM.translation())
         turn = RollPitchYaw(rng.uniform(-0.3, 0.3), rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5))
         view = View(board, X_WC @ RigidTransform(turn, [0, 0, 0]), np.arccos(to_camera[2]))
         margin = 0.3 * np.ptp(view.corners)
-        if np.all((view.corners > margin) & (view.corners < [INFO.width - margin,
-                                                             INFO.height - margin])):
+        if np.all(
+            (view.corners > margin) & (view.corners < [INFO.width - margin, INFO.height - margin])
+        ):
             return view
 
 
@@ -111,8 +116,9 @@ def planar_camera(track, effects=CameraEffects(), *, defocus=0.0, rng=None):
             cv2.GaussianBlur(out, (0, 0), defocus, dst=out)
 
     def shoot(X_WC):
-        w_WB, v_WB = np.zeros((2, 3)) if rng is None else (
-            rng.normal(0, 0.5, 3), rng.normal(0, 6.0, 3))
+        w_WB, v_WB = (
+            np.zeros((2, 3)) if rng is None else (rng.normal(0, 0.5, 3), rng.normal(0, 6.0, 3))
+        )
         picture = np.zeros((INFO.height, INFO.width), np.uint8)
         chain.take(render, X_WC @ INFO.X_BC.inverse(), w_WB, v_WB, next(frames), picture)
         return picture

@@ -56,16 +56,24 @@ def main(argv=None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--profile", action="store_true", help="also show the time of every box")
     parser.add_argument("--laps", type=int, default=2, help="after exploring (default: 2)")
-    parser.add_argument("--runs", type=int, default=1,
-                        help="races, of which medians are shown (default: 1)")
+    parser.add_argument(
+        "--runs", type=int, default=1, help="races, of which medians are shown (default: 1)"
+    )
     parser.add_argument("--drone", default="Default", help="a shipped drone, or a folder")
-    parser.add_argument("--renderer", choices=(*RENDERERS, NO_CAMERA),
-                        help=f"(default: {RENDERERS[0]}); {NO_CAMERA} = laps without a camera, "
-                        "on a map that is given")
-    parser.add_argument("--record", choices=CONTENTS, default="none",
-                        help="what race.mcap holds (default: none)")
-    parser.add_argument("--scenario_text", metavar="YAML",
-                        help="scenario fields on top, e.g. '{camera: {preset: harsh}}'")
+    parser.add_argument(
+        "--renderer",
+        choices=(*RENDERERS, NO_CAMERA),
+        help=f"(default: {RENDERERS[0]}); {NO_CAMERA} = laps without a camera, "
+        "on a map that is given",
+    )
+    parser.add_argument(
+        "--record", choices=CONTENTS, default="none", help="what race.mcap holds (default: none)"
+    )
+    parser.add_argument(
+        "--scenario_text",
+        metavar="YAML",
+        help="scenario fields on top, e.g. '{camera: {preset: harsh}}'",
+    )
     parser.add_argument("--json", type=Path, help="also write the numbers here")
     args = parser.parse_args(argv)
     if args.runs < 1:
@@ -129,8 +137,12 @@ def measure(scenario, *, profile: bool) -> dict:
         boxes = stopwatch.snapshot() if profile else {}
         starts.append((simulated, time.perf_counter(), time.process_time(), boxes))
 
-    with Progress(*Progress.get_default_columns()[:1], TextColumn("{task.fields[clock]}"),
-                  console=Console(stderr=True), transient=True) as progress:
+    with Progress(
+        *Progress.get_default_columns()[:1],
+        TextColumn("{task.fields[clock]}"),
+        console=Console(stderr=True),
+        transient=True,
+    ) as progress:
         task = progress.add_task("Racing", total=None, clock="")
 
         def show(record, look):
@@ -150,10 +162,13 @@ def measure(scenario, *, profile: bool) -> dict:
             else:
                 race = run_race(scenario, Path(folder), show=show)
             mark(show.time)
-    return {"race": race, "phases": {
-        name: _between(start, end)
-        for name, start, end in zip((SET_UP, EXPLORATION, LAPS), starts, starts[1:])
-    }}
+    return {
+        "race": race,
+        "phases": {
+            name: _between(start, end)
+            for name, start, end in zip((SET_UP, EXPLORATION, LAPS), starts, starts[1:])
+        },
+    }
 
 
 def _between(start, end) -> dict:
@@ -168,10 +183,18 @@ def _between(start, end) -> dict:
 def speed_table(results) -> Table:
     """Returns the table of speeds of what measure() returned, of one race or of several."""
     race, several = results[0]["race"], len(results) > 1
-    table = Table(title=f"{race['drone']} on {race['track']}"
-                  + several * f", medians of {len(results)} races")
-    for name in ("", "simulated (s)", "wall (s)", "CPU (s)", "x real time", "x real time, CPU",
-                 *several * ("least", "most")):
+    table = Table(
+        title=f"{race['drone']} on {race['track']}" + several * f", medians of {len(results)} races"
+    )
+    for name in (
+        "",
+        "simulated (s)",
+        "wall (s)",
+        "CPU (s)",
+        "x real time",
+        "x real time, CPU",
+        *several * ("least", "most"),
+    ):
         table.add_column(name, justify="right")
     times = [_times(result["phases"]) for result in results]
     for name in times[0]:
@@ -179,24 +202,31 @@ def speed_table(results) -> Table:
         simulated, wall, cpu = np.median(rows, axis=0)
         rates = rows[:, :1] / rows[:, 1:]
         table.add_row(
-            name, f"{simulated:.1f}", f"{wall:.2f}", f"{cpu:.2f}",
+            name,
+            f"{simulated:.1f}",
+            f"{wall:.2f}",
+            f"{cpu:.2f}",
             *(f"{rate:.2f}" for rate in np.median(rates, axis=0)),
-            *several * (f"{rates[:, 0].min():.2f}", f"{rates[:, 0].max():.2f}"))
+            *several * (f"{rates[:, 0].min():.2f}", f"{rates[:, 0].max():.2f}"),
+        )
     return table
 
 
 def _times(phases) -> dict:
     """Returns simulated, wall and CPU time of every phase, and of all together, (3,) s."""
-    times = {name: np.array([phase[key] for key in ("simulated_s", "wall_s", "cpu_s")])
-             for name, phase in phases.items()}
+    times = {
+        name: np.array([phase[key] for key in ("simulated_s", "wall_s", "cpu_s")])
+        for name, phase in phases.items()
+    }
     return times | {"all": sum(times.values())}
 
 
 def box_table(result) -> Table:
     """Returns the table of boxes of what measure() returns, with profile."""
     table = Table(title="CPU time, ms for each simulated second")
-    phases = {name: result["phases"][name] for name in (EXPLORATION, LAPS)
-              if name in result["phases"]}
+    phases = {
+        name: result["phases"][name] for name in (EXPLORATION, LAPS) if name in result["phases"]
+    }
     table.add_column("box")
     for name in phases:
         for heading in (name, "calls/s", "us a call"):
@@ -205,14 +235,23 @@ def box_table(result) -> Table:
     def cells(phase, seconds, calls):
         simulated = max(phase["simulated_s"], 1e-9)
         rate = f"{calls / simulated:.0f}" if calls else "-"
-        return (f"{1e3 * seconds / simulated:.1f}", rate,
-                f"{1e6 * seconds / calls:.1f}" if calls else "-")
+        return (
+            f"{1e3 * seconds / simulated:.1f}",
+            rate,
+            f"{1e6 * seconds / calls:.1f}" if calls else "-",
+        )
 
     none = {"seconds": 0.0, "calls": 0}
     rows = {box for phase in phases.values() for box in phase["boxes"]}
     for box in sorted(rows):
-        table.add_row(box, *(cell for phase in phases.values()
-                             for cell in cells(phase, *phase["boxes"].get(box, none).values())))
+        table.add_row(
+            box,
+            *(
+                cell
+                for phase in phases.values()
+                for cell in cells(phase, *phase["boxes"].get(box, none).values())
+            ),
+        )
     table.add_section()
     sums = {name: sum(b["seconds"] for b in p["boxes"].values()) for name, p in phases.items()}
     table.add_row("sum of the rows", *(c for n, p in phases.items() for c in cells(p, sums[n], 0)))

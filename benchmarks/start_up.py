@@ -25,8 +25,13 @@ _ROOT = Path(__file__).parent.parent
 COMMANDS = {
     "./run.bash --help": ["--help"],
     "./run.bash, to the first simulated second": [
-        "--no-meshcat", "--no-report", "--laps", "1", "--scenario_text",
-        "{referee: {time_limit: 1.0}}"],
+        "--no-meshcat",
+        "--no-report",
+        "--laps",
+        "1",
+        "--scenario_text",
+        "{referee: {time_limit: 1.0}}",
+    ],
 }
 LIMITS = {"./run.bash --help": 1.5, "./run.bash, to the first simulated second": 3.0}  # s
 
@@ -54,8 +59,12 @@ def duration(options) -> float:
         if "--help" not in options:
             options = [*options, "--output", f"{folder}/race"]
         clock = time.perf_counter()
-        done = subprocess.run(["bash", str(_ROOT / "run.bash"), *options], capture_output=True,
-                              text=True, stdin=subprocess.DEVNULL)
+        done = subprocess.run(
+            ["bash", str(_ROOT / "run.bash"), *options],
+            capture_output=True,
+            text=True,
+            stdin=subprocess.DEVNULL,
+        )
         taken = time.perf_counter() - clock
     if done.returncode not in (0, 1):  # a race that runs out of time is not finished
         raise RuntimeError(f"run.bash ended with exit code {done.returncode}: {done.stderr}")
@@ -70,8 +79,11 @@ def make_table(rows) -> Table:
     for row in rows:
         seconds = row["seconds"]
         table.add_row(
-            row["command"], f"{np.median(seconds):.2f}", f"{min(seconds):.2f}",
-            f"{max(seconds):.2f}", f"{LIMITS[row['command']]:.1f}",
+            row["command"],
+            f"{np.median(seconds):.2f}",
+            f"{min(seconds):.2f}",
+            f"{max(seconds):.2f}",
+            f"{LIMITS[row['command']]:.1f}",
         )
     return table
 

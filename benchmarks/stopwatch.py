@@ -10,8 +10,10 @@ from pydrake.systems.framework import LeafSystem
 
 # Every method of LeafSystem that takes callbacks.
 _DECLARATIONS = [
-    name for name in dir(LeafSystem)
-    if name.startswith("Declare") and (name.endswith("Event") or name.endswith("OutputPort"))
+    name
+    for name in dir(LeafSystem)
+    if name.startswith("Declare")
+    and name.endswith(("Event", "OutputPort"))
     and name != "DeclareStateOutputPort"
 ]
 
@@ -90,7 +92,10 @@ def _watched_declaration(stopwatch: Stopwatch, declare):
                 return argument
             return stopwatch.wrapped(type(system).__name__, argument)
 
-        return declare(system, *map(watched, args),
-                       **{key: watched(argument) for key, argument in kwargs.items()})
+        return declare(
+            system,
+            *map(watched, args),
+            **{key: watched(argument) for key, argument in kwargs.items()},
+        )
 
     return declare_watched

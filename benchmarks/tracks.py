@@ -65,8 +65,12 @@ def measure(seed: int, gates=None, direction=None) -> dict:
     layout = Layout.of(generated)
     around = np.linalg.norm(np.roll(layout.middle, -1, axis=0) - layout.middle, axis=1).sum()
     return {
-        "seed": seed, "fault": fault, "gates": len(generated.gates), "wall_s": wall,
-        "direction": "left" if layout.turns.sum() > 0 else "right", "lap_m": around,
+        "seed": seed,
+        "fault": fault,
+        "gates": len(generated.gates),
+        "wall_s": wall,
+        "direction": "left" if layout.turns.sum() > 0 else "right",
+        "lap_m": around,
         "legs_m": layout.lengths.tolist(),
     }
 
@@ -74,19 +78,35 @@ def measure(seed: int, gates=None, direction=None) -> dict:
 def make_table(rows) -> Table:
     """Returns the table of measure(), one row for each number of gates, and all."""
     table = Table(title="Generated tracks")
-    for name in ("gates", "tracks", "left", "valid", "lap, min (m)", "mean", "max", "leg, min (m)",
-                 "median", "max", "time, mean (ms)", "max"):
+    for name in (
+        "gates",
+        "tracks",
+        "left",
+        "valid",
+        "lap, min (m)",
+        "mean",
+        "max",
+        "leg, min (m)",
+        "median",
+        "max",
+        "time, mean (ms)",
+        "max",
+    ):
         table.add_column(name, justify="right")
     made = [row for row in rows if "gates" in row]
     counts = sorted({row["gates"] for row in made})
-    for what, some in [*((str(n), [r for r in made if r["gates"] == n]) for n in counts),
-                       ("all", made)]:
+    for what, some in [
+        *((str(n), [r for r in made if r["gates"] == n]) for n in counts),
+        ("all", made),
+    ]:
         if not some:
             continue
         laps, walls = ([row[name] for row in some] for name in ("lap_m", "wall_s"))
         legs = np.concatenate([row["legs_m"] for row in some])
         table.add_row(
-            what, str(len(some)), str(sum(row["direction"] == "left" for row in some)),
+            what,
+            str(len(some)),
+            str(sum(row["direction"] == "left" for row in some)),
             str(sum(row["fault"] is None for row in some)),
             *(f"{f(laps):.0f}" for f in (np.min, np.mean, np.max)),
             *(f"{f(legs):.1f}" for f in (np.min, np.median, np.max)),

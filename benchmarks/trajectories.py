@@ -58,9 +58,14 @@ LIMITS = {"original": ORIGINAL, "rotor": {}}
 BALL, WINDOW = 0.4, (3.2, 2.5)  # m
 CLEARANCE = 5.0 - WINDOW[0]  # m, from the pylons' axes, such that the window is all there is
 # Lap times that are to be kept (s): drone, limits, gates.
-MOST = {("Default", "original", "balls"): 21.0, ("Default", "original", "windows"): 19.3,
-        ("StarOne", "original", "balls"): 21.0, ("StarOne", "original", "windows"): 19.3,
-        ("Default", "rotor", "windows"): 10.0, ("StarOne", "rotor", "windows"): 12.6}
+MOST = {
+    ("Default", "original", "balls"): 21.0,
+    ("Default", "original", "windows"): 19.3,
+    ("StarOne", "original", "balls"): 21.0,
+    ("StarOne", "original", "windows"): 19.3,
+    ("Default", "rotor", "windows"): 10.0,
+    ("StarOne", "rotor", "windows"): 12.6,
+}
 TOLERANCE = 0.005  # of a rotor's limit
 # Name, limits, and what a point mass takes through midpoints and windows (s): published.
 BOUNDS = (
@@ -76,8 +81,13 @@ def main(argv=None) -> int:
     """Plans everything and prints the tables; exit code 1 if a lap falls short."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="fewer tracks and fewer moved gates")
-    parser.add_argument("--only", nargs="+", choices=list(SECTIONS), default=list(SECTIONS)[:-1],
-                        help="these sections (default: all but freeknots)")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        choices=list(SECTIONS),
+        default=list(SECTIONS)[:-1],
+        help="these sections (default: all but freeknots)",
+    )
     parser.add_argument("--json", type=Path, help="also write all figures")
     args = parser.parse_args(argv)
     console, results = Console(width=160), {}
@@ -86,8 +96,11 @@ def main(argv=None) -> int:
             jobs, table = SECTIONS[name]
             jobs = jobs(args.quick)
             results[name] = [
-                function(*arguments) for function, arguments in
-                progress(jobs, f"Planning: {name}", console=Console(stderr=True))]
+                function(*arguments)
+                for function, arguments in progress(
+                    jobs, f"Planning: {name}", console=Console(stderr=True)
+                )
+            ]
             console.print(table(results[name]))
     if args.json is not None:
         args.json.write_text(json.dumps(results, indent=1))
@@ -100,8 +113,11 @@ def race_track(seed=None):
     Args: seed: of a generated one; None is the reference track.
     """
     track = load_track("student-airrace") if seed is None else generate_track(seed)
-    return (np.array([g.p_WG for g in track.gates]), np.array([g.heading for g in track.gates]),
-            track.pylons()[:, :2])
+    return (
+        np.array([g.p_WG for g in track.gates]),
+        np.array([g.heading for g in track.gates]),
+        track.pylons()[:, :2],
+    )
 
 
 def regions(kind: str, midpoints, headings, window=WINDOW) -> GateRegions:
@@ -118,8 +134,12 @@ def bound(name, limits, expected) -> dict:
     for kind, published in zip(("midpoints", "windows"), expected):
         clock = time.process_time()
         found = point_mass_bound(regions(kind, midpoints, headings), **limits)
-        row[kind] = {"duration_s": found.duration, "published_s": published,
-                     "iterations": found.iterations, "cpu_s": time.process_time() - clock}
+        row[kind] = {
+            "duration_s": found.duration,
+            "published_s": published,
+            "iterations": found.iterations,
+            "cpu_s": time.process_time() - clock,
+        }
         row["ok"] &= abs(found.duration / published - 1.0) < 0.003
     return row
 
@@ -134,10 +154,15 @@ def min_snap(dimensions: int) -> dict:
     clock = time.process_time()
     plan_circuit(midpoints, headings, pylons, dimensions, clearance=2.0, previous=lap, **ORIGINAL)
     warm_time = time.process_time() - clock
-    return {"dimensions": dimensions, "duration_s": lap.duration, "gap": lap.duration / best - 1,
-            "cpu_s": cold, "warm_cpu_s": warm_time,
-            "solve_cpu_s": solve_time(midpoints, headings, dimensions, np.diff(lap.gate_times)),
-            "ok": lap.duration <= MOST_LAP[dimensions]}
+    return {
+        "dimensions": dimensions,
+        "duration_s": lap.duration,
+        "gap": lap.duration / best - 1,
+        "cpu_s": cold,
+        "warm_cpu_s": warm_time,
+        "solve_cpu_s": solve_time(midpoints, headings, dimensions, np.diff(lap.gate_times)),
+        "ok": lap.duration <= MOST_LAP[dimensions],
+    }
 
 
 def solve_time(midpoints, headings, dimensions, durations) -> float:
@@ -149,8 +174,13 @@ def solve_time(midpoints, headings, dimensions, durations) -> float:
     level = [DerivativeConstraint(i, 2, LEVEL) for i in range(len(midpoints))]
     for _ in range(21):
         clock = time.process_time()
-        solve_min_snap(waypoints, durations, periodic=True, period_offset=offset,
-                       constraints=level if dimensions == 6 else ())
+        solve_min_snap(
+            waypoints,
+            durations,
+            periodic=True,
+            period_offset=offset,
+            constraints=level if dimensions == 6 else (),
+        )
         times.append(time.process_time() - clock)
     return float(np.median(times))
 
@@ -159,8 +189,13 @@ def free_knots(count: int) -> dict:
     """Optimises the places of knots inside the legs of the 3-D lap as well."""
     clock = time.process_time()
     duration, without = free_knot_lap(race_track()[0], knots=count, **ORIGINAL)
-    return {"knots": count, "duration_s": duration, "without_s": without,
-            "cpu_s": time.process_time() - clock, "ok": duration <= without}
+    return {
+        "knots": count,
+        "duration_s": duration,
+        "without_s": without,
+        "cpu_s": time.process_time() - clock,
+        "ok": duration <= without,
+    }
 
 
 def optimal(drone, limits, kind, seed=None) -> dict:
@@ -181,18 +216,29 @@ def optimal(drone, limits, kind, seed=None) -> dict:
     clock = time.process_time()
     try:
         lap = plan_optimal_circuit(
-            regions(kind, midpoints, headings, window), pylons,
-            FlightLimits(vehicle, **LIMITS[limits]), clearance=clearance)
+            regions(kind, midpoints, headings, window),
+            pylons,
+            FlightLimits(vehicle, **LIMITS[limits]),
+            clearance=clearance,
+        )
     except TrajectoryOptimizationError as e:
         return row | {"fault": str(e), "ok": False}
     cpu = time.process_time() - clock
     check, shares = lap.report.check, rotor_shares(lap, vehicle)
     row |= {
-        "duration_s": lap.duration, "bound_s": lap.report.bound, "gap": lap.report.gap,
-        "iterations": lap.report.iterations, "cpu_s": cpu, "max_speed": check.max_speed,
-        "max_acceleration": check.max_acceleration, "max_rate": check.max_rate,
-        "bearing_deg": np.rad2deg(check.max_bearing), "clearance_m": check.clearance - clearance,
-        "reached": list(check.reached), "least_share": shares[0], "most_share": shares[1],
+        "duration_s": lap.duration,
+        "bound_s": lap.report.bound,
+        "gap": lap.report.gap,
+        "iterations": lap.report.iterations,
+        "cpu_s": cpu,
+        "max_speed": check.max_speed,
+        "max_acceleration": check.max_acceleration,
+        "max_rate": check.max_rate,
+        "bearing_deg": np.rad2deg(check.max_bearing),
+        "clearance_m": check.clearance - clearance,
+        "reached": list(check.reached),
+        "least_share": shares[0],
+        "most_share": shares[1],
     }
     sound = -TOLERANCE <= shares[0] and shares[1] <= 1.0 + TOLERANCE
     most = MOST.get((drone, limits, kind), np.inf) if seed is None else np.inf
@@ -212,35 +258,69 @@ def warm(drone, limits, seed) -> dict:
     moved = regions("windows", midpoints + step, headings)
     pylons_moved = pylons + np.repeat(step[:, :2], 2, axis=0)
     options = dict(clearance=CLEARANCE)
-    old = plan_optimal_circuit(regions("windows", midpoints, headings), pylons, limits_of,
-                               **options)
+    old = plan_optimal_circuit(
+        regions("windows", midpoints, headings), pylons, limits_of, **options
+    )
     best = min(
-        plan_optimal_circuit(moved, pylons_moved, limits_of, previous=previous,
-                             effort=Effort(iterations=30, tolerance=1e-4), **options).duration
-        for previous in (None, old))
+        plan_optimal_circuit(
+            moved,
+            pylons_moved,
+            limits_of,
+            previous=previous,
+            effort=Effort(iterations=30, tolerance=1e-4),
+            **options,
+        ).duration
+        for previous in (None, old)
+    )
     clock = time.process_time()
     lap = plan_optimal_circuit(moved, pylons_moved, limits_of, previous=old, **options)
     cpu = time.process_time() - clock
     gap = lap.duration / best - 1.0
-    return {"drone": drone, "limits": limits, "seed": seed, "gap": gap, "cpu_s": cpu,
-            "steps": lap.report.iterations,
-            "ok": bool(gap <= MOST_WARM_GAP and cpu <= MOST_WARM_TIME)}
+    return {
+        "drone": drone,
+        "limits": limits,
+        "seed": seed,
+        "gap": gap,
+        "cpu_s": cpu,
+        "steps": lap.report.iterations,
+        "ok": bool(gap <= MOST_WARM_GAP and cpu <= MOST_WARM_TIME),
+    }
 
 
 SECTIONS = {
     "bounds": (lambda quick: [(bound, each) for each in BOUNDS], bounds_table),
     "minsnap": (lambda quick: [(min_snap, (d,)) for d in (3, 4, 6)], min_snap_table),
-    "optimal": (lambda quick: [
-        (optimal, (drone, limits, kind)) for drone in DRONES for limits in LIMITS
-        for kind in ("balls", "windows")], optimal_table),
-    "warm": (lambda quick: [
-        (warm, (drone, limits, seed)) for drone in DRONES for limits in LIMITS
-        for seed in range(2 if quick else 10)], warm_table),
-    "generated": (lambda quick: [
-        (optimal, (drone, limits, "windows", seed)) for drone in DRONES for limits in LIMITS
-        for seed in range(3 if quick else 20)], generated_table),
-    "freeknots": (lambda quick: [
-        (free_knots, (count,)) for count in ((1,) if quick else (1, 2))], free_knots_table),
+    "optimal": (
+        lambda quick: [
+            (optimal, (drone, limits, kind))
+            for drone in DRONES
+            for limits in LIMITS
+            for kind in ("balls", "windows")
+        ],
+        optimal_table,
+    ),
+    "warm": (
+        lambda quick: [
+            (warm, (drone, limits, seed))
+            for drone in DRONES
+            for limits in LIMITS
+            for seed in range(2 if quick else 10)
+        ],
+        warm_table,
+    ),
+    "generated": (
+        lambda quick: [
+            (optimal, (drone, limits, "windows", seed))
+            for drone in DRONES
+            for limits in LIMITS
+            for seed in range(3 if quick else 20)
+        ],
+        generated_table,
+    ),
+    "freeknots": (
+        lambda quick: [(free_knots, (count,)) for count in ((1,) if quick else (1, 2))],
+        free_knots_table,
+    ),
 }
 
 if __name__ == "__main__":

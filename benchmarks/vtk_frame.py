@@ -52,15 +52,20 @@ def measure(frames: int = 20) -> dict:
     """
     race, builder = load_track("student-airrace"), DiagramBuilder()
     scene_graph, ours = add_vtk_scene(builder, race)
-    sensor = builder.AddSystem(RgbdSensor(
-        SceneGraph.world_frame_id(), RigidTransform(), ours.color_camera, ours.depth_camera))
+    sensor = builder.AddSystem(
+        RgbdSensor(
+            SceneGraph.world_frame_id(), RigidTransform(), ours.color_camera, ours.depth_camera
+        )
+    )
     builder.Connect(scene_graph.get_query_output_port(), sensor.query_object_input_port())
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     query = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(context))
     of_sensor = sensor.GetMyMutableContextFromRoot(context)
-    pictures = {COLOUR: np.zeros((INFO.height, INFO.width, 4), np.uint8),
-                GREY: np.zeros((INFO.height, INFO.width), np.uint8)}
+    pictures = {
+        COLOUR: np.zeros((INFO.height, INFO.width, 4), np.uint8),
+        GREY: np.zeros((INFO.height, INFO.width), np.uint8),
+    }
 
     def bare(X_WC):
         sensor.SetX_PB(of_sensor, X_WC)
@@ -68,8 +73,8 @@ def measure(frames: int = 20) -> dict:
         sensor.depth_image_32F_output_port().Eval(of_sensor)
 
     painters = {BARE: bare} | {
-        name: lambda X_WC, out=out: ours.render(X_WC, out, query)
-        for name, out in pictures.items()}
+        name: lambda X_WC, out=out: ours.render(X_WC, out, query) for name, out in pictures.items()
+    }
     spent = {name: [] for name in painters}
     for k in track(range(_WARM_UP + frames), "Drawing", console=Console(stderr=True)):
         gate = race.gates[k % len(race.gates)]

@@ -71,8 +71,9 @@ def main(argv=None) -> int:
     args = parser.parse_args(argv)
     cv2.setNumThreads(1)
     jobs = [kind for _ in range(args.rounds) for kind in KINDS]
-    flown = [fly(kind, args.laps)
-             for kind in progress(jobs, "Racing", console=Console(stderr=True))]
+    flown = [
+        fly(kind, args.laps) for kind in progress(jobs, "Racing", console=Console(stderr=True))
+    ]
     rows = summary(flown)
     Console(width=120).print(make_table(rows))
     if args.json is not None:
@@ -98,8 +99,9 @@ def fly(kind: Kind, laps: int) -> dict:
 @contextlib.contextmanager
 def viewer(port: int):
     """Has somebody look at a live view, in a process of their own."""
-    with subprocess.Popen([sys.executable, "-c", _VIEWER, str(port)],
-                          stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", _VIEWER, str(port)], stdout=subprocess.PIPE
+    ) as process:
         try:
             process.stdout.read(1)  # the page has come
             yield
@@ -109,7 +111,7 @@ def viewer(port: int):
 
 def summary(flown: list) -> list:
     """Returns a row for each kind: medians, and what it adds to the plain race of its round."""
-    rounds = [flown[i:i + len(KINDS)] for i in range(0, len(flown), len(KINDS))]
+    rounds = [flown[i : i + len(KINDS)] for i in range(0, len(flown), len(KINDS))]
     rows = []
     for k, kind in enumerate(KINDS):
         races = [each[k] for each in rounds]
@@ -128,10 +130,18 @@ def make_table(rows: list) -> Table:
     for name in ("", "wall (s)", "added", "CPU (s)", "added", "race.mcap (MB)"):
         table.add_column(name, justify="right" if name else "left")
     for row in rows:
-        added = [f"{100 * row[f'{clock}_added']:+.1f} %" if row["kind"] != PLAIN else ""
-                 for clock in ("wall_s", "cpu_s")]
-        table.add_row(row["kind"], f"{row['wall_s']:.2f}", added[0], f"{row['cpu_s']:.2f}",
-                      added[1], f"{row['mcap_mb']:.1f}" if row["mcap_mb"] else "")
+        added = [
+            f"{100 * row[f'{clock}_added']:+.1f} %" if row["kind"] != PLAIN else ""
+            for clock in ("wall_s", "cpu_s")
+        ]
+        table.add_row(
+            row["kind"],
+            f"{row['wall_s']:.2f}",
+            added[0],
+            f"{row['cpu_s']:.2f}",
+            added[1],
+            f"{row['mcap_mb']:.1f}" if row["mcap_mb"] else "",
+        )
     return table
 
 

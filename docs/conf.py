@@ -8,12 +8,7 @@ sys.path[:0] = [str(_HERE), str(_HERE.parent)]
 
 project = "airrace"
 author = "airrace developers"
-extensions = [
-    "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
-    "sphinx.ext.viewcode",
-    "airrace_docs",
-]
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "airrace_docs"]
 exclude_patterns = ["pictures"]
 html_theme = "alabaster"
 html_static_path = ["static"]

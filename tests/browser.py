@@ -15,14 +15,30 @@ import time
 import cv2
 import numpy as np
 
-CHROMIUM = next(filter(None, map(shutil.which, (
-    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable"))), None)
+CHROMIUM = next(
+    filter(
+        None,
+        map(
+            shutil.which, ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+        ),
+    ),
+    None,
+)
 _OPTIONS = (
-    "--headless=new", "--no-sandbox", "--no-first-run", "--mute-audio", "--hide-scrollbars",
-    "--disable-extensions", "--disable-background-networking", "--disable-component-update",
-    "--disable-sync", "--disable-dev-shm-usage",
+    "--headless=new",
+    "--no-sandbox",
+    "--no-first-run",
+    "--mute-audio",
+    "--hide-scrollbars",
+    "--disable-extensions",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
     # WebGL without a graphics card.
-    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
     # There is no network but this computer.
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE localhost, EXCLUDE 127.0.0.1",
 )
@@ -49,17 +65,32 @@ class Browser:
         self._in, theirs_out = os.pipe()
         self._process = subprocess.Popen(
             # It draws by the processor as fast as it can: tests in real time come first.
-            ["nice", "-n", "10", "bash", "-c",
-             f'exec "$0" "$@" 3<&{theirs_in} 4>&{theirs_out}', CHROMIUM, *_OPTIONS,
-             "--remote-debugging-pipe", f"--user-data-dir={self._profile.name}",
-             "--window-size={},{}".format(*self._size), "about:blank"],
-            pass_fds=(theirs_in, theirs_out), stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+            [
+                "nice",
+                "-n",
+                "10",
+                "bash",
+                "-c",
+                f'exec "$0" "$@" 3<&{theirs_in} 4>&{theirs_out}',
+                CHROMIUM,
+                *_OPTIONS,
+                "--remote-debugging-pipe",
+                f"--user-data-dir={self._profile.name}",
+                "--window-size={},{}".format(*self._size),
+                "about:blank",
+            ],
+            pass_fds=(theirs_in, theirs_out),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
         os.close(theirs_in)
         os.close(theirs_out)
         target = self._call("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self._call(
-            "Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._call(f"{domain}.enable")
         return self
@@ -82,8 +113,9 @@ class Browser:
 
     def evaluate(self, expression: str):
         """Returns the value of JavaScript, once it is there."""
-        answer = self._call("Runtime.evaluate", expression=expression, returnByValue=True,
-                            awaitPromise=True)
+        answer = self._call(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+        )
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
@@ -98,8 +130,9 @@ class Browser:
     def screenshot(self) -> np.ndarray:
         """Returns what is seen, (height, width, 3), blue first."""
         # The scene is drawn between two frames, and a frame takes its time here.
-        self.evaluate("new Promise(done => requestAnimationFrame("
-                      "() => requestAnimationFrame(() => done(1))))")
+        self.evaluate(
+            "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))"
+        )
         data = base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"])
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
 
@@ -130,8 +163,9 @@ class Browser:
             details = params["exceptionDetails"]
             self.errors.append(details.get("exception", {}).get("description", details["text"]))
         elif event == "Runtime.consoleAPICalled" and params["type"] in ("error", "assert"):
-            self.errors.append(" ".join(str(a.get("value", a.get("description")))
-                                        for a in params["args"]))
+            self.errors.append(
+                " ".join(str(a.get("value", a.get("description"))) for a in params["args"])
+            )
         elif event == "Log.entryAdded" and params["entry"]["level"] == "error":
             self.errors.append(f"{params['entry']['text']} {params['entry'].get('url', '')}")
         elif event == "Network.requestWillBeSent":

@@ -23,7 +23,8 @@ def wrenches(vehicle, size=3.0):
     share = st.floats(-size, size)
     # Those of hypothesis are often at corners; evenly spread ones are not.
     spread = st.integers(0, 2**32 - 1).map(
-        lambda seed: np.random.default_rng(seed).uniform(-size, size, 4))
+        lambda seed: np.random.default_rng(seed).uniform(-size, size, 4)
+    )
     return (st.tuples(*[share] * 4) | spread).map(lambda shares: most * shares)
 
 
@@ -58,7 +59,9 @@ class Thrusts:
         slack = self.program.NewContinuousVariables(1)
         for sign in (1.0, -1.0):
             self.program.AddLinearConstraint(
-                np.append(sign * self.B[row], -1.0)[None], [-np.inf], [sign * value],
+                np.append(sign * self.B[row], -1.0)[None],
+                [-np.inf],
+                [sign * value],
                 [*self.thrusts, *slack],
             )
         self.program.AddLinearCost(slack[0])
@@ -264,7 +267,8 @@ def test_which_pairs_the_star_one_can_lose():
             fatal.add(pair)
     same_arm = {(i, i + 4) for i in range(4)}
     alike = {
-        (i, j) for i, j in itertools.combinations(range(8), 2)
+        (i, j)
+        for i, j in itertools.combinations(range(8), 2)
         if vehicle.rotors[i].direction == vehicle.rotors[j].direction and (i - j) % 4 in (1, 3)
     }
     assert len(same_arm) == 4 and len(alike) == 8

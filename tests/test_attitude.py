@@ -84,8 +84,9 @@ def test_at_half_a_turn_it_turns_on(n, w):
         assert e @ w == pytest.approx(-2.0 * np.linalg.norm(across_n))
 
 
-@pytest.mark.parametrize("n", [
-    [0, 0, 1], [0, 1, 0], [1, 0, 0], np.ones(3) / np.sqrt(3), -np.ones(3) / np.sqrt(3)])
+@pytest.mark.parametrize(
+    "n", [[0, 0, 1], [0, 1, 0], [1, 0, 0], np.ones(3) / np.sqrt(3), -np.ones(3) / np.sqrt(3)]
+)
 def test_at_half_a_turn_and_at_rest_any_axis_is_there(n):
     n = np.array(n, float)
     e = tilt_error(-n, n, REST)
@@ -135,8 +136,10 @@ def test_cross(a, b):
     np.testing.assert_allclose(cross(a, b), np.cross(a, b), atol=1e-15)
 
 
-@given(st.tuples(*[numbers] * 4).map(np.array).filter(lambda q: np.linalg.norm(q) > 0.1),
-       st.floats(0.1, 10.0))
+@given(
+    st.tuples(*[numbers] * 4).map(np.array).filter(lambda q: np.linalg.norm(q) > 0.1),
+    st.floats(0.1, 10.0),
+)
 def test_rotation_matrix_is_drakes(q, length):
     R = rotation_matrix(*(length * q).tolist())
     expected = RotationMatrix(Quaternion(q / np.linalg.norm(q))).matrix()

@@ -60,8 +60,11 @@ def test_recovers_from_upside_down_in_any_process():
 
 def test_feed_forward_tracks_better():
     cases = {"nominal": "", "feed-forward off": "controller: {feed_forward: false}"}
-    rows = [tracking("Default", case, noise, "Defaults", text, 0, duration=1.0)
-            for case, text in cases.items() for noise in ("none", "reference")]
+    rows = [
+        tracking("Default", case, noise, "Defaults", text, 0, duration=1.0)
+        for case, text in cases.items()
+        for noise in ("none", "reference")
+    ]
     assert rows[2]["rms_m"] > 3.0 * rows[0]["rms_m"]
     assert rows[0]["rms_m"] < 0.05
     assert "feed-forward off" in printed(tracking_tables(rows))
@@ -108,8 +111,12 @@ def test_an_exploration_in_a_table():
 
 def test_room_to_pylons():
     track = load_track("student-airrace")
-    for height, room in ((0.0, 8.0 - 1.7), (6.25, 8.0 - 1.25), (9.0, 8.0 - 0.425), (16.0, np.hypot(
-            8.0, 4.0))):
+    for height, room in (
+        (0.0, 8.0 - 1.7),
+        (6.25, 8.0 - 1.25),
+        (9.0, 8.0 - 0.425),
+        (16.0, np.hypot(8.0, 4.0)),
+    ):
         path = np.array([[20.0, 13.0, height]])  # 8 m left of gate 1
         assert np.isclose(exploration.clear_of_pylons(path, track, 0.4), room - 0.4)
     inside = np.array([[20.0, 5.5, 6.25]])
@@ -130,7 +137,8 @@ def test_a_lap_beyond_the_rotors_is_noticed():
     vehicle, _ = load_vehicle("Default")
     midpoints, headings, pylons = trajectories.race_track()
     lap = trajectories.plan_circuit(
-        midpoints, headings, pylons, 3, clearance=2.0, max_speed=60.0, max_acceleration=40.0)
+        midpoints, headings, pylons, 3, clearance=2.0, max_speed=60.0, max_acceleration=40.0
+    )
     assert rotor_shares(lap, vehicle)[1] > 1.1
 
 
@@ -143,8 +151,10 @@ def test_memory_that_grows_is_told_from_memory_that_is_taken_once():
 
 
 def test_memory_is_the_median_of_races():
-    rows = [{"memory_mb": [300.0] * 11 + [most], "most_mb": most, "growth_mb_a_lap": growth}
-            for most, growth in ((310.0, 0.5), (340.0, 0.1), (320.0, 0.2))]
+    rows = [
+        {"memory_mb": [300.0] * 11 + [most], "most_mb": most, "growth_mb_a_lap": growth}
+        for most, growth in ((310.0, 0.5), (340.0, 0.1), (320.0, 0.2))
+    ]
     lines = printed([endurance.make_table(rows)]).splitlines()
     median = next(line for line in lines if "median" in line)
     assert "320" in median and "0.200" in median
@@ -187,10 +197,13 @@ def test_speed_is_the_median_of_races(tmp_path, capsys):
     assert first["race"] == second["race"]
     assert first["phases"]["exploration"]["simulated_s"] == pytest.approx(0.9, abs=0.2)
     slower = {"simulated_s": 1.0, "wall_s": 4.0, "cpu_s": 2.0}
-    results = [{"race": first["race"], "phases": {"laps": slower | {"wall_s": wall}}}
-               for wall in (4.0, 0.5, 1.0)]
-    laps = next(line for line in printed([race_speed.speed_table(results)]).splitlines()
-                if "laps" in line)
+    results = [
+        {"race": first["race"], "phases": {"laps": slower | {"wall_s": wall}}}
+        for wall in (4.0, 0.5, 1.0)
+    ]
+    laps = next(
+        line for line in printed([race_speed.speed_table(results)]).splitlines() if "laps" in line
+    )
     numbers = [float(each) for each in laps.replace("│", " ").split()[1:]]
     assert numbers == [1.0, 1.0, 2.0, 1.0, 0.5, 0.25, 2.0]
 
@@ -201,14 +214,20 @@ def test_the_time_of_the_boxes_adds_up(tmp_path, capsys):
     assert "sum of the rows" in capsys.readouterr().out
     phase = json.loads(path.read_text())["runs"][0]["phases"]["exploration"]
     assert sum(box["seconds"] for box in phase["boxes"].values()) == pytest.approx(
-        phase["cpu_s"], rel=0.05)
+        phase["cpu_s"], rel=0.05
+    )
     assert phase["boxes"]["GeometricController"]["calls"] > 300
 
 
-@pytest.mark.parametrize("options, named", (
-    (["--runs", "0"], "--runs"), (["--profile", "--runs", "2"], "--profile"),
-    (["--scenario_text", "{laps: x}"], "laps"), (["--laps", "0"], "laps"),
-))
+@pytest.mark.parametrize(
+    "options, named",
+    (
+        (["--runs", "0"], "--runs"),
+        (["--profile", "--runs", "2"], "--profile"),
+        (["--scenario_text", "{laps: x}"], "laps"),
+        (["--laps", "0"], "laps"),
+    ),
+)
 def test_race_speed_says_what_it_cannot_do(options, named, capsys):
     try:
         code = race_speed.main(options)
@@ -220,8 +239,10 @@ def test_race_speed_says_what_it_cannot_do(options, named, capsys):
 def test_start_up_is_timed_by_what_people_type(monkeypatch, tmp_path):
     (tmp_path / "run.bash").write_text('[ "$1" = --help ] || { mkdir "${@: -1}"; exit 1; }\n')
     monkeypatch.setattr(start_up, "_ROOT", tmp_path)
-    rows = [{"command": name, "seconds": [start_up.duration(options)]}
-            for name, options in start_up.COMMANDS.items()]
+    rows = [
+        {"command": name, "seconds": [start_up.duration(options)]}
+        for name, options in start_up.COMMANDS.items()
+    ]
     assert all(0.0 < row["seconds"][0] < 5.0 for row in rows)
     assert "./run.bash --help" in printed([start_up.make_table(rows)])
     (tmp_path / "run.bash").write_text("echo broken >&2; exit 2\n")
@@ -230,9 +251,17 @@ def test_start_up_is_timed_by_what_people_type(monkeypatch, tmp_path):
 
 
 def test_longer_tracks_are_held_against_shorter_ones():
-    rows = [{"gates": gates, "finished": gates == 10, "simulated_s": time, "cpu_s": cost * time}
-            for gates, time, cost in ((10, 80.0, 0.1), (20, 160.0, 0.12), (10, 90.0, 0.2),
-                                      (20, 170.0, 0.26), (10, 85.0, 0.1), (20, 150.0, 0.15))]
+    rows = [
+        {"gates": gates, "finished": gates == 10, "simulated_s": time, "cpu_s": cost * time}
+        for gates, time, cost in (
+            (10, 80.0, 0.1),
+            (20, 160.0, 0.12),
+            (10, 90.0, 0.2),
+            (20, 170.0, 0.26),
+            (10, 85.0, 0.1),
+            (20, 150.0, 0.15),
+        )
+    ]
     text = printed([growth.make_table(rows)])
     assert "3 of 3" in text and "0 of 3" in text
     assert "10.00" in text and "6.67" in text  # times real time

@@ -56,7 +56,8 @@ def test_machine_code_is_kept_and_goes_with_its_sources(tmp_path):
     inner = lines + "from package.constants import ONE\n@compiled\ndef f(x):\n    return x + ONE\n"
     (package / "inner.py").write_text(inner)
     (package / "outer.py").write_text(
-        lines + "from package.inner import f\n@compiled\ndef g(x):\n    return f(x)\n")
+        lines + "from package.inner import f\n@compiled\ndef g(x):\n    return f(x)\n"
+    )
     (package / "other.py").write_text("pass\n")
     program = f"""
 import os, sys

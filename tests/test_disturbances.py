@@ -28,10 +28,13 @@ def draws(vehicle, **errors):
     rows = []
     for seed in range(500):
         truth = true_vehicle(vehicle, config, seed)
-        rows.append([
-            truth.mass / vehicle.mass, *np.divide(truth.inertia, vehicle.inertia),
-            *(truth.thrust_coefficients / vehicle.thrust_coefficients),
-        ])
+        rows.append(
+            [
+                truth.mass / vehicle.mass,
+                *np.divide(truth.inertia, vehicle.inertia),
+                *(truth.thrust_coefficients / vehicle.thrust_coefficients),
+            ]
+        )
     return np.array(rows)
 
 
@@ -68,13 +71,17 @@ def test_what_has_no_error_stays():
     np.testing.assert_array_equal(truth.allocation, vehicle.allocation)
     for rotor, nominal in zip(truth.rotors, vehicle.rotors):
         assert rotor.thrust_coefficient != nominal.thrust_coefficient
-        assert dc.replace(
-            rotor, thrust_coefficient=nominal.thrust_coefficient, max_thrust=nominal.max_thrust
-        ) == nominal
+        assert (
+            dc.replace(
+                rotor, thrust_coefficient=nominal.thrust_coefficient, max_thrust=nominal.max_thrust
+            )
+            == nominal
+        )
     assert vehicle == load_vehicle("Default")[0]  # untouched
-    assert dc.replace(
-        truth, mass=vehicle.mass, inertia=vehicle.inertia, rotors=vehicle.rotors
-    ) == vehicle
+    assert (
+        dc.replace(truth, mass=vehicle.mass, inertia=vehicle.inertia, rotors=vehicle.rotors)
+        == vehicle
+    )
 
 
 def test_the_seed_decides():
@@ -90,17 +97,18 @@ def test_rotors_that_are_not_there_cannot_fail():
     check_rotors_exist([RotorFailure(rotor, 1.0) for rotor in (1, 2, 3, 4)], vehicle)
     with pytest.raises(UserError) as e:
         check_rotors_exist([RotorFailure(4, 1.0), RotorFailure(9, 1.0)], vehicle)
-    assert str(e.value) == (
-        "rotor_failures: there is no rotor 9; the Default has rotors 1 to 4."
-    )
+    assert str(e.value) == ("rotor_failures: there is no rotor 9; the Default has rotors 1 to 4.")
 
 
-@pytest.mark.parametrize("time, clause", [
-    (9.9, ""),
-    (10.0, " after rotor 3 had failed"),
-    (20.0, " after rotors 1 and 3 had failed"),
-    (99.0, " after rotors 1, 2 and 3 had failed"),
-])
+@pytest.mark.parametrize(
+    "time, clause",
+    [
+        (9.9, ""),
+        (10.0, " after rotor 3 had failed"),
+        (20.0, " after rotors 1 and 3 had failed"),
+        (99.0, " after rotors 1, 2 and 3 had failed"),
+    ],
+)
 def test_failures_in_words(time, clause):
     failures = [RotorFailure(3, 10.0), RotorFailure(1, 20.0), RotorFailure(2, 30.0)]
     assert failures_clause(failures, time) == clause

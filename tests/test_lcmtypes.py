@@ -27,7 +27,7 @@ def test_a_type_that_changes_has_another_fingerprint():
     """So that both sides notice if one of them is of another version."""
     fingerprints = {
         name: getattr(airrace.lcmtypes, name)._get_packed_fingerprint()
-        for name in dir(airrace.lcmtypes) if name.startswith("lcmt_")
-        and isinstance(getattr(airrace.lcmtypes, name), type)
+        for name in dir(airrace.lcmtypes)
+        if name.startswith("lcmt_") and isinstance(getattr(airrace.lcmtypes, name), type)
     }
     assert len(set(fingerprints.values())) == len(fingerprints) > 10

@@ -24,9 +24,27 @@ def test_numbers(v, a):
     assert parse_limits(f"a={a!r}") == (math.inf, a)
 
 
-@pytest.mark.parametrize("text", [
-    "", "fast", "v", "v=", "v=x", "v=0", "v=-1", "v=nan", "v=inf", "v=1,v=2", "v=1;a=2", "s=1",
-    "20,10", "Rotor", "v=1,a=2,", "v==1"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "fast",
+        "v",
+        "v=",
+        "v=x",
+        "v=0",
+        "v=-1",
+        "v=nan",
+        "v=inf",
+        "v=1,v=2",
+        "v=1;a=2",
+        "s=1",
+        "20,10",
+        "Rotor",
+        "v=1,a=2,",
+        "v==1",
+    ],
+)
 def test_anything_else_is_one_clear_error(text):
     with pytest.raises(UserError, match="--limits") as e:
         parse_limits(text)

@@ -44,10 +44,16 @@ def maps(draw):
 def test_an_empty_map(tmp_path):
     write_map(tmp_path, GateMap())
     assert json.loads((tmp_path / "map.json").read_text()) == {
-        "time_s": None, "gates": [], "markers": []
+        "time_s": None,
+        "gates": [],
+        "markers": [],
     }
     assert json.loads((tmp_path / "map_statistics.json").read_text()) == {
-        "time_s": None, "detections": 0, "out_of_range_ids": 0, "error_rate": 0.0, "refused": {},
+        "time_s": None,
+        "detections": 0,
+        "out_of_range_ids": 0,
+        "error_rate": 0.0,
+        "refused": {},
         "markers": [],
     }
 
@@ -81,7 +87,9 @@ def test_the_files_say_what_the_map_says(tmp_path_factory, gate_map):
     assert errors == pytest.approx(data["out_of_range_ids"])
     for entry, marker in zip(data["markers"], gate_map.markers, strict=True):
         assert (entry["id"], entry["sightings"], entry["outliers"]) == (
-            marker.id, marker.count, marker.outliers
+            marker.id,
+            marker.count,
+            marker.outliers,
         )
         np.testing.assert_allclose(entry["mean"], marker.p_WM, atol=1e-4)
         np.testing.assert_allclose(entry["variance"], marker.variance, atol=1e-6)
@@ -89,9 +97,10 @@ def test_the_files_say_what_the_map_says(tmp_path_factory, gate_map):
 
 def test_a_broken_map_still_makes_valid_files(tmp_path):
     lost = MarkerStatistics(9, 0, np.full(3, np.nan), np.zeros(3), np.ones(3))
-    write_map(tmp_path, make_map(
-        {0: lost}, min_sightings=5, time=float("nan"), detections=9, out_of_range=0
-    ))
+    write_map(
+        tmp_path,
+        make_map({0: lost}, min_sightings=5, time=float("nan"), detections=9, out_of_range=0),
+    )
     for name in ("map.json", "map_statistics.json"):
         text = (tmp_path / name).read_text()
         assert "NaN" not in text
@@ -101,10 +110,14 @@ def test_a_broken_map_still_makes_valid_files(tmp_path):
 def test_the_truth():
     track = load_track("student-airrace")
     assert [gate.number for gate in TRUTH.gates] == list(range(10))
-    np.testing.assert_allclose([gate.p_WG for gate in TRUTH.gates],
-                               [gate.p_WG for gate in track.gates])
-    np.testing.assert_allclose(np.array([gate.pylons for gate in TRUTH.gates]).reshape(-1, 2),
-                               track.pylons()[:, :2], atol=1e-12)
+    np.testing.assert_allclose(
+        [gate.p_WG for gate in TRUTH.gates], [gate.p_WG for gate in track.gates]
+    )
+    np.testing.assert_allclose(
+        np.array([gate.pylons for gate in TRUTH.gates]).reshape(-1, 2),
+        track.pylons()[:, :2],
+        atol=1e-12,
+    )
     assert len(TRUTH.markers) == 40
 
 
@@ -114,20 +127,24 @@ def test_the_map_of_an_earlier_race(tmp_path):
     for one, other in zip(again.gates, TRUTH.gates, strict=True):
         np.testing.assert_allclose(one.p_WG, other.p_WG, atol=1e-4)
         assert (one.number, one.heading, one.spacing) == pytest.approx(
-            (other.number, other.heading, other.spacing), abs=1e-4)
+            (other.number, other.heading, other.spacing), abs=1e-4
+        )
     for one, other in zip(again.markers, TRUTH.markers, strict=True):
         np.testing.assert_allclose(one.p_WM, other.p_WM, atol=1e-4)
 
 
-@pytest.mark.parametrize("change", [
-    lambda data: data.pop("gates"),
-    lambda data: data["gates"].pop(3),
-    lambda data: data["gates"].clear(),
-    lambda data: data["gates"][0].update(midpoint=[1.0, 2.0]),
-    lambda data: data["gates"][0].update(heading_deg=float("nan")),
-    lambda data: data["gates"][0].update(spacing="wide"),
-    lambda data: data.update(gates=5),
-])
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data.pop("gates"),
+        lambda data: data["gates"].pop(3),
+        lambda data: data["gates"].clear(),
+        lambda data: data["gates"][0].update(midpoint=[1.0, 2.0]),
+        lambda data: data["gates"][0].update(heading_deg=float("nan")),
+        lambda data: data["gates"][0].update(spacing="wide"),
+        lambda data: data.update(gates=5),
+    ],
+)
 def test_what_is_no_map_is_one_sentence(tmp_path, change):
     write_map(tmp_path, TRUTH)
     file = tmp_path / "map.json"

@@ -13,13 +13,24 @@ from benchmarks.peers import __main__ as peers
 from benchmarks.peers import circle, fly_airrace
 from benchmarks.peers import environments as env
 
-ROW = {"controller": "PID", "besides": "wind", "position_hz": 100, "attitude_hz": 500,
-       "physics_hz": 240, "integrator": "Euler", "simulated_s": 10.0, "rms_m": 0.05}
+ROW = {
+    "controller": "PID",
+    "besides": "wind",
+    "position_hz": 100,
+    "attitude_hz": 500,
+    "physics_hz": 240,
+    "integrator": "Euler",
+    "simulated_s": 10.0,
+    "rms_m": 0.05,
+}
 
 
 def result(simulator, *cpu_s, **more):
-    return {"simulator": simulator,
-            "rows": [ROW | {"cpu_s": s, "wall_s": 2.0 * s} for s in cpu_s], **more}
+    return {
+        "simulator": simulator,
+        "rows": [ROW | {"cpu_s": s, "wall_s": 2.0 * s} for s in cpu_s],
+        **more,
+    }
 
 
 def executable(path, script):
@@ -105,14 +116,21 @@ def test_table_goes_on_without_a_peer(names, tmp_path, capsys):
     numbers = json.loads(file.read_text())
     assert [row["simulator"] for row in numbers["rows"]] == ["airrace, Drake", "good 1.0"]
     assert {name: len(runs) for name, runs in numbers["flights"].items()} == {
-        "airrace": 2, "good": 2}
+        "airrace": 2,
+        "good": 2,
+    }
 
 
 def test_what_cannot_be_installed_is_said(names, tmp_path):
     pip = "echo warning >&2; echo 'ERROR: No matching distribution found for rare' >&2; exit 1"
-    names("rare", ours=executable(
-        tmp_path / "ours", f'mkdir -p "$4/bin"; printf "#!/bin/sh\\n{pip}\\n" > "$4/bin/python"\n'
-                           'chmod +x "$4/bin/python"\n'))
+    names(
+        "rare",
+        ours=executable(
+            tmp_path / "ours",
+            f'mkdir -p "$4/bin"; printf "#!/bin/sh\\n{pip}\\n" > "$4/bin/python"\n'
+            'chmod +x "$4/bin/python"\n',
+        ),
+    )
     with pytest.raises(env.PeerError, match="^No matching distribution found for rare$"):
         env.install(tmp_path, "rare", "rare == 1.0")
     with pytest.raises(env.PeerError, match="--install"):

@@ -22,9 +22,12 @@ CALM = np.zeros(3)
 SINKING = (0.0, 0.0, -0.5)  # m/s, as it should
 numbers = st.floats(-1.0, 1.0)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)
-rotations = st.tuples(*[numbers] * 4).map(np.array).filter(
-    lambda q: np.linalg.norm(q) > 0.1
-).map(lambda q: RotationMatrix(Quaternion(q / np.linalg.norm(q))))
+rotations = (
+    st.tuples(*[numbers] * 4)
+    .map(np.array)
+    .filter(lambda q: np.linalg.norm(q) > 0.1)
+    .map(lambda q: RotationMatrix(Quaternion(q / np.linalg.norm(q))))
+)
 spins = st.floats(15.0, 50.0) | st.floats(-50.0, -15.0)
 
 
@@ -72,7 +75,8 @@ def test_it_leans_towards_the_rotor_opposite_the_lost(lost):
     axis = ReducedAttitude(DEFAULT).spin_axis(20.0, LEFT[lost])
     away = -np.array(DEFAULT.rotors[lost].position[:2])
     np.testing.assert_allclose(
-        axis[:2] / np.linalg.norm(axis[:2]), away / np.linalg.norm(away), atol=1e-4)
+        axis[:2] / np.linalg.norm(axis[:2]), away / np.linalg.norm(away), atol=1e-4
+    )
 
 
 @given(st.floats(-100.0, 100.0), st.sampled_from(LEFT))
@@ -96,8 +100,7 @@ def test_it_turns_with_the_world(R, w, v, disturbance, angle, left):
     up = R.matrix()[2]
     assume(up @ reduced.spin_axis((20 * w) @ R.matrix()[:, 2], left) > -0.99)
     one = reduced.wrench(estimate(R, 20 * w, 10 * v), 5 * disturbance, left)
-    other = reduced.wrench(
-        estimate(T @ R, T @ (20 * w), T @ (10 * v)), T @ (5 * disturbance), left)
+    other = reduced.wrench(estimate(T @ R, T @ (20 * w), T @ (10 * v)), T @ (5 * disturbance), left)
     np.testing.assert_allclose(other, one, atol=1e-6)
 
 
@@ -182,10 +185,15 @@ def test_whatever_is_lost_the_wrench_is_finite(vehicle, inertia):
 
 def test_two_opposite_rotors_of_a_plus():
     """What is left has no moment about the axis between them at all."""
-    plus = dc.replace(DEFAULT, rotors=[
-        dc.replace(rotor, position=position) for rotor, position in zip(
-            DEFAULT.rotors, [[0.2, 0, 0], [0, 0.2, 0], [-0.2, 0, 0], [0, -0.2, 0]])
-    ])
+    plus = dc.replace(
+        DEFAULT,
+        rotors=[
+            dc.replace(rotor, position=position)
+            for rotor, position in zip(
+                DEFAULT.rotors, [[0.2, 0, 0], [0, 0.2, 0], [-0.2, 0, 0], [0, -0.2, 0]]
+            )
+        ],
+    )
     plus.check()
     for lost in ((0, 2), (1, 3), (0, 1, 2)):
         left = without(plus, *lost)

@@ -1,7 +1,6 @@
 import dataclasses as dc
 import re
 import shutil
-import typing
 
 import pytest
 import yaml
@@ -25,9 +24,9 @@ class Schema:
     name: str = "a"
     fast: bool = True
     inner: Inner = dc.field(default_factory=Inner)
-    numbers: typing.List[float] = dc.field(default_factory=list)
-    inners: typing.List[Inner] = dc.field(default_factory=list)
-    boxes: typing.Dict[str, str] = dc.field(default_factory=dict)
+    numbers: list[float] = dc.field(default_factory=list)
+    inners: list[Inner] = dc.field(default_factory=list)
+    boxes: dict[str, str] = dc.field(default_factory=dict)
 
 
 def test_models_are_found_in_the_checkout():
@@ -149,12 +148,19 @@ def test_what_is_not_yaml_is_named_with_the_line(tmp_path):
 
 
 _data = st.recursive(
-    st.none() | st.booleans() | st.integers(-9, 9) | st.floats() | st.text(max_size=4)
+    st.none()
+    | st.booleans()
+    | st.integers(-9, 9)
+    | st.floats()
+    | st.text(max_size=4)
     | st.sampled_from(["true", "1", "2.5", "nan", "1e3", "many"]),
-    lambda inner: st.lists(inner, max_size=2)
-    | st.dictionaries(
-        st.sampled_from([f.name for s in (Schema, Inner) for f in dc.fields(s)] + ["_x", 3]),
-        inner, max_size=3,
+    lambda inner: (
+        st.lists(inner, max_size=2)
+        | st.dictionaries(
+            st.sampled_from([f.name for s in (Schema, Inner) for f in dc.fields(s)] + ["_x", 3]),
+            inner,
+            max_size=3,
+        )
     ),
     max_leaves=6,
 )

@@ -21,18 +21,7 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[1]
 BASH = shutil.which("bash")
-COMMANDS = [
-    "bash",
-    "cp",
-    "dirname",
-    "flock",
-    "id",
-    "mkdir",
-    "mv",
-    "readlink",
-    "rm",
-    "sleep",
-]
+COMMANDS = ["bash", "cp", "dirname", "flock", "id", "mkdir", "mv", "readlink", "rm", "sleep"]
 
 # Stands in for an interpreter. What it is asked to run with -c is run for
 # real, under the version number it claims, but for the search for system
@@ -120,9 +109,7 @@ class Sandbox:
 
     def find_python(self):
         source = shlex.quote(str(self.checkout / "tools/setup.bash"))
-        return self.run(
-            "-euo", "pipefail", "-c", f'source {source}; find_python; echo "$python"'
-        )
+        return self.run("-euo", "pipefail", "-c", f'source {source}; find_python; echo "$python"')
 
     def steps(self):
         """Empties the log of what the fake interpreters did."""
@@ -226,9 +213,7 @@ def test_first_run_sets_up_and_the_next_does_not(sandbox):
     first = sandbox.race("--track", "my track.yaml", cwd=elsewhere)
     assert (first.returncode, first.out) == (0, expected)
     assert "setting up .venv" in first.err
-    (pip,) = [
-        line for line in sandbox.log.read_text().splitlines() if line.startswith("pip")
-    ]
+    (pip,) = [line for line in sandbox.log.read_text().splitlines() if line.startswith("pip")]
     assert "--require-hashes" in pip and f"--requirement {sandbox.lock}" in pip
     assert sandbox.steps() == ["venv", "pip"]
 
@@ -310,10 +295,7 @@ def test_two_at_once_set_up_once(sandbox):
 )
 def test_test_bash_runs_pytest_in_the_checkout(ready, options, expected):
     result = ready.run(ready.checkout / "test.bash", *options)
-    assert (result.returncode, result.out) == (
-        0,
-        f"{ready.checkout}: -m pytest {expected}\n",
-    )
+    assert (result.returncode, result.out) == (0, f"{ready.checkout}: -m pytest {expected}\n")
 
 
 def test_race_needs_its_system_packages(ready):
@@ -355,9 +337,7 @@ def test_ci_runs_test_bash_and_nothing_else(tmp_path):
     assert (result.returncode, result.stdout) == (7, f"{tmp_path}: ./test.bash \n")
 
 
-@pytest.mark.parametrize(
-    "name", ["run.bash", "test.bash", ".ci/run", "tools/lock.bash"]
-)
+@pytest.mark.parametrize("name", ["run.bash", "test.bash", ".ci/run", "tools/lock.bash"])
 def test_scripts_are_executable(name):
     assert os.access(ROOT / name, os.X_OK)
 

@@ -25,10 +25,16 @@ def test_as_numpy_does_it(n, seed):
     np.testing.assert_allclose(transformed(J, A), J @ A @ J.T, atol=1e-9 * np.abs(A).max())
 
 
-@pytest.mark.parametrize("matrix", [
-    -np.eye(3), np.diag([1.0, -1e-3, 1.0]), np.ones((3, 3)) - 1.5 * np.eye(3), np.zeros((3, 3)),
-    np.full((3, 3), np.nan),
-])
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        -np.eye(3),
+        np.diag([1.0, -1e-3, 1.0]),
+        np.ones((3, 3)) - 1.5 * np.eye(3),
+        np.zeros((3, 3)),
+        np.full((3, 3), np.nan),
+    ],
+)
 def test_what_is_not_positive_definite_shows(matrix):
     """In the last element, where is_below() and others look for it."""
     assert np.isnan(cholesky(matrix)[-1, -1])

@@ -42,9 +42,7 @@ def test_reference_track_obeys_the_layout_rule():
         assert abs(turn) == pytest.approx(45)
 
 
-@given(
-    st.floats(-200, 200), st.floats(-200, 200), st.floats(-720, 720), st.floats(4.5, 20)
-)
+@given(st.floats(-200, 200), st.floats(-200, 200), st.floats(-720, 720), st.floats(4.5, 20))
 def test_boards_stand_as_on_the_drawing(x, y, heading_deg, spacing):
     gate = Gate([x, y], heading_deg, spacing)
     boards = gate.boards(3)
@@ -55,9 +53,7 @@ def test_boards_stand_as_on_the_drawing(x, y, heading_deg, spacing):
         towards_drone = -1 if board.id % 2 == 0 else 1
         np.testing.assert_allclose(out, towards_drone * gate.forward, atol=1e-12)
         np.testing.assert_allclose(board.X_WM.rotation().col(1), [0, 0, 1], atol=1e-12)
-        np.testing.assert_allclose(
-            board.X_WM.translation() - foot, out + [0, 0, 6.25], atol=1e-9
-        )
+        np.testing.assert_allclose(board.X_WM.translation() - foot, out + [0, 0, 6.25], atol=1e-9)
     assert np.linalg.norm(gate.p_WR - gate.p_WL) == pytest.approx(spacing)
     # The left pylon is on the left of a pilot flying through.
     assert np.cross(gate.forward, gate.p_WL - gate.p_WR)[2] > 0
@@ -74,18 +70,19 @@ BAD = {
         lambda d: d["gates"][3].update(left_pylon=[53.0, 20.0], heading_deg=90.0),
         "gates 3 and 4 overlap",
     ),
-    "crossing": (
-        lambda d: d["gates"].insert(3, d["gates"].pop(6)), "crosses itself"
-    ),
+    "crossing": (lambda d: d["gates"].insert(3, d["gates"].pop(6)), "crosses itself"),
     "start in a pylon": (
-        lambda d: d["start"].update(position=[20.0, 4.0, 0.0]), "start is too close"
+        lambda d: d["start"].update(position=[20.0, 4.0, 0.0]),
+        "start is too close",
     ),
     "start below ground": (
-        lambda d: d["start"].update(position=[0.0, 0.0, -1.0]), "below the ground"
+        lambda d: d["start"].update(position=[0.0, 0.0, -1.0]),
+        "below the ground",
     ),
     "steep pad": (lambda d: d["start"].update(pad_tilt_deg=16.0), "pad_tilt_deg must lie"),
     "pad tilts nowhere": (
-        lambda d: d["start"].update(pad_tilt_direction_deg=math.inf), "pad_tilt_direction_deg"
+        lambda d: d["start"].update(pad_tilt_direction_deg=math.inf),
+        "pad_tilt_direction_deg",
     ),
     "no start": (lambda d: d.pop("start"), "start.position"),
     "no name": (lambda d: d.pop("name"), "name"),

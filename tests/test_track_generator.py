@@ -79,14 +79,17 @@ def test_the_same_seed_gives_the_same_track(seed):
     assert track.gates != dc.replace(other, name=track.name).gates
 
 
-@pytest.mark.parametrize("count, reason", [
-    (9, "9 gates, for turns of 45 degrees add up to 360 only for an even number"),
-    (19, "even number"),
-    (6, "need at least 8 gates"),
-    (-2, "need at least 8 gates"),
-    (21, "up to 20 gates"),
-    (22, "up to 20 gates"),
-])
+@pytest.mark.parametrize(
+    "count, reason",
+    [
+        (9, "9 gates, for turns of 45 degrees add up to 360 only for an even number"),
+        (19, "even number"),
+        (6, "need at least 8 gates"),
+        (-2, "need at least 8 gates"),
+        (21, "up to 20 gates"),
+        (22, "up to 20 gates"),
+    ],
+)
 def test_numbers_of_gates_that_cannot_be_closed(count, reason):
     with pytest.raises(UserError, match=reason):
         generate_track(0, count)
@@ -105,8 +108,11 @@ def test_a_seed_without_a_track_is_refused_with_the_reason(monkeypatch):
 
     monkeypatch.setattr(track_generator, "_LAYOUTS", 20)
     monkeypatch.setattr(track_generator, "check_visibility", never)
-    with pytest.raises(UserError, match="Seed 3 gives no track of 8 gates to the left: of 20 "
-                       r"layouts \d+ broke the rule on visibility; take another seed"):
+    with pytest.raises(
+        UserError,
+        match="Seed 3 gives no track of 8 gates to the left: of 20 "
+        r"layouts \d+ broke the rule on visibility; take another seed",
+    ):
         generate_track(3, 8, "left")
 
 

@@ -57,5 +57,6 @@ def test_straight_on_leads_through_the_next_gate():
 def test_directions():
     np.testing.assert_allclose(
         directions(np.deg2rad([[0.0, 90.0], [180.0, 270.0]])),
-        [[[1, 0], [0, 1]], [[-1, 0], [0, -1]]], atol=1e-12,
+        [[[1, 0], [0, 1]], [[-1, 0], [0, -1]]],
+        atol=1e-12,
     )

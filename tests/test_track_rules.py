@@ -52,11 +52,14 @@ def test_octagons_keep_the_rules(sign):
     check_visibility(layout)
 
 
-@pytest.mark.parametrize("change, words", [
-    (dict(left_pylon=[55.0, 40.1]), "the left pylon after gate 4 is"),
-    (dict(heading_deg=130.0), "the turn after gate 3 is 40.00 degrees, not 45"),
-    (dict(heading_deg=90.0), "0.00 degrees, not 45"),
-])
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (dict(left_pylon=[55.0, 40.1]), "the left pylon after gate 4 is"),
+        (dict(heading_deg=130.0), "the turn after gate 3 is 40.00 degrees, not 45"),
+        (dict(heading_deg=90.0), "0.00 degrees, not 45"),
+    ],
+)
 def test_the_layout_rule(change, words):
     with pytest.raises(RuleError, match=words) as e:
         check_rules(moved(REFERENCE, 3, **change))
@@ -71,8 +74,9 @@ def test_lengths_of_legs(length):
 
 def test_turns_make_one_round():
     layout = octagon(30.0, 1)
-    twice = Layout(*(np.concatenate([a, a]) for a in (layout.left, layout.headings,
-                                                      layout.spacing)))
+    twice = Layout(
+        *(np.concatenate([a, a]) for a in (layout.left, layout.headings, layout.spacing))
+    )
     with pytest.raises(RuleError, match="add up to 720 degrees") as e:
         check_layout(twice)
     assert e.value.rule == "closure"
@@ -124,12 +128,15 @@ def test_a_marker_seen_too_obliquely():
 START = Start(position=[0.0, 0.0, 0.0], heading_deg=0.0)
 
 
-@pytest.mark.parametrize("start, words", [
-    (dict(position=[25.0, 0.0, 0.0]), "beyond gate 1"),
-    (dict(heading_deg=31.0), "gate 1 is 31.0 degrees off its heading"),
-    (dict(position=[-20.0, 0.0, 0.0]), "markers of gate 1 cannot be seen"),
-    (dict(position=[12.0, 12.0, 0.0], heading_deg=-50.0), "markers of gate 1 cannot be seen"),
-])
+@pytest.mark.parametrize(
+    "start, words",
+    [
+        (dict(position=[25.0, 0.0, 0.0]), "beyond gate 1"),
+        (dict(heading_deg=31.0), "gate 1 is 31.0 degrees off its heading"),
+        (dict(position=[-20.0, 0.0, 0.0]), "markers of gate 1 cannot be seen"),
+        (dict(position=[12.0, 12.0, 0.0], heading_deg=-50.0), "markers of gate 1 cannot be seen"),
+    ],
+)
 def test_starts(start, words):
     track = dc.replace(REFERENCE, start=dc.replace(START, **start))
     with pytest.raises(RuleError, match=words) as e:
@@ -137,11 +144,14 @@ def test_starts(start, words):
     assert e.value.rule == "start"
 
 
-@pytest.mark.parametrize("left_pylon, words", [
-    ([-5.0, 0.0], "a pylon is 5.0 m from it"),
-    ([8.0, -5.5], "on the way to gate 1 a pylon is 5.5 m away"),
-    ([-12.0, 30.0], "a leg passes it at 9"),
-])
+@pytest.mark.parametrize(
+    "left_pylon, words",
+    [
+        ([-5.0, 0.0], "a pylon is 5.0 m from it"),
+        ([8.0, -5.5], "on the way to gate 1 a pylon is 5.5 m away"),
+        ([-12.0, 30.0], "a leg passes it at 9"),
+    ],
+)
 def test_room_about_the_start(left_pylon, words):
     track = moved(REFERENCE, 8, left_pylon=left_pylon)
     with pytest.raises(RuleError, match=words):
@@ -159,8 +169,11 @@ def ids_in_picture(track, point, heading):
     return set(MarkerSearch().everywhere(picture)[0])
 
 
-@pytest.mark.parametrize("track", [REFERENCE, generate_track(1, 8, "left"),
-                                   generate_track(1, 12, "right")], ids=lambda t: t.name)
+@pytest.mark.parametrize(
+    "track",
+    [REFERENCE, generate_track(1, 8, "left"), generate_track(1, 12, "right")],
+    ids=lambda t: t.name,
+)
 def test_what_is_said_to_be_in_view_is_found_in_pictures(track):
     layout = Layout.of(track)
     for i, end in enumerate(layout.straight_ends):
@@ -175,10 +188,12 @@ def test_what_is_said_to_be_in_view_is_found_in_pictures(track):
 def test_what_is_hidden_is_not_found_in_pictures():
     """A pylon between the camera and one board, or a little beside."""
     for offset, visible in ((0.0, False), (2.0, True)):
-        track = Track(gates=[
-            Gate(left_pylon=[20.0, 5.0], heading_deg=0.0),
-            Gate(left_pylon=[10.0, 2.6 + offset], heading_deg=180.0),
-        ])
+        track = Track(
+            gates=[
+                Gate(left_pylon=[20.0, 5.0], heading_deg=0.0),
+                Gate(left_pylon=[10.0, 2.6 + offset], heading_deg=180.0),
+            ]
+        )
         seen = gate_in_view(Layout.of(track), 0, np.zeros((1, 2)), 0.0)
         assert seen.tolist() == [visible]
         assert (ids_in_picture(track, (0.0, 0.0), 0.0) >= {0, 2}) == visible

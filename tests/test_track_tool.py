@@ -33,13 +33,16 @@ def test_what_is_not_usual_is_written_too(tmp_path):
     assert "pylon_spacing" not in yaml.safe_load(text)["gates"][3]
 
 
-@pytest.mark.parametrize("arguments, words", [
-    (["--gates", "9"], "9 gates"),
-    (["--gates", "22"], "22 gates"),
-    (["--seed", "-1"], "negative"),
-    (["--gates", "8", "--plot", "no/such/folder/t.png"], "cannot be written"),
-    (["--gates", "8", "--plot", "t.xyz"], "ending"),
-])
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["--gates", "9"], "9 gates"),
+        (["--gates", "22"], "22 gates"),
+        (["--seed", "-1"], "negative"),
+        (["--gates", "8", "--plot", "no/such/folder/t.png"], "cannot be written"),
+        (["--gates", "8", "--plot", "t.xyz"], "ending"),
+    ],
+)
 def test_bad_input_is_one_sentence(arguments, words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
@@ -51,8 +54,12 @@ def test_bad_input_is_one_sentence(arguments, words, tmp_path, monkeypatch, caps
 
 def test_runs_as_a_module():
     """airrace.track is loaded a second time there; its classes must not mix."""
-    done = subprocess.run([sys.executable, "-W", "error", "-m", "airrace.track", "--seed", "2",
-                           "--gates", "8"], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-m", "airrace.track", "--seed", "2", "--gates", "8"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert yaml.safe_load(done.stdout)["name"] == generate_track(2, 8).name

@@ -8,15 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.errors import UserError
-from airrace.vehicle import (
-    DRONES,
-    CameraMount,
-    Drag,
-    Rotor,
-    Vehicle,
-    find_vehicle,
-    load_vehicle,
-)
+from airrace.vehicle import DRONES, CameraMount, Drag, Rotor, Vehicle, find_vehicle, load_vehicle
 
 
 def test_allocation_is_equation_1():

@@ -13,13 +13,7 @@ import numpy as np
 from PIL import Image
 from pydrake.common import MemoryFile
 from pydrake.common.eigen_geometry import Quaternion
-from pydrake.geometry import (
-    GeometryInstance,
-    InMemoryMesh,
-    Mesh,
-    PerceptionProperties,
-    Rgba,
-)
+from pydrake.geometry import GeometryInstance, InMemoryMesh, Mesh, PerceptionProperties, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
@@ -48,7 +42,6 @@ _BEHIND, _ABOVE, _LAG = 4.5, 1.6, 0.5  # m, m, s: of the chasing camera
 def fly(folder: Path):
     """Flies the race; returns its Run."""
     from airrace.analysis import load_run
-
     from airrace.diagrams.runner import run_race
     from airrace.diagrams.scenario import load_scenario
 
@@ -87,7 +80,8 @@ class Scene:
         self._plant.Finalize()
         width, height = size
         info = make_camera_info(
-            width=width, height=height, fov_y=np.deg2rad(60.0), X_BC=CameraMount().X_BC)
+            width=width, height=height, fov_y=np.deg2rad(60.0), X_BC=CameraMount().X_BC
+        )
         self._renderer = AddVtkRenderer(scene_graph, info, supersampling=2)
         diagram = builder.Build()
         self._context = diagram.CreateDefaultContext()
@@ -101,17 +95,20 @@ class Scene:
         speeds = np.asarray(self._state["speed"])[rows]
         bins = np.minimum((speeds / _MAX_SPEED * _COLORS).astype(int), _COLORS - 1)
         for k, part in enumerate(np.split(np.arange(len(rows)), np.flatnonzero(np.diff(bins)) + 1)):
-            way = points[part[0]: part[-1] + 2]
+            way = points[part[0] : part[-1] + 2]
             if len(way) < 2:
                 continue
             vertices, faces = tube(way, radius)
             lines = [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in vertices.T]
-            lines += [f"vn {x:.3f} {y:.3f} {z:.3f}"
-                      for x, y, z in (vertices.T - np.repeat(way, 3, axis=0)) / radius]
+            lines += [
+                f"vn {x:.3f} {y:.3f} {z:.3f}"
+                for x, y, z in (vertices.T - np.repeat(way, 3, axis=0)) / radius
+            ]
             lines += ["f " + " ".join(f"{v}//{v}" for v in face + 1) for face in faces.T]
             file = MemoryFile("\n".join(lines) + "\n", ".obj", f"path_{k}")
             instance = GeometryInstance(
-                RigidTransform(), Mesh(InMemoryMesh(mesh_file=file)), f"path_{k}")
+                RigidTransform(), Mesh(InMemoryMesh(mesh_file=file)), f"path_{k}"
+            )
             properties = PerceptionProperties()
             color = speed_colors([speeds[part].mean()], _MAX_SPEED)[0]
             properties.AddProperty("phong", "diffuse", Rgba(*color, 1.0))
@@ -131,7 +128,8 @@ class Scene:
         X_WB, _ = self.pose(time)
         context = self._plant.GetMyMutableContextFromRoot(self._context)
         self._plant.SetFloatingBaseBodyPoseInWorldFrame(
-            context, self._plant.GetBodyByName("body"), X_WB)
+            context, self._plant.GetBodyByName("body"), X_WB
+        )
         picture = np.zeros((self._size[1], self._size[0], 4), np.uint8)
         self._renderer.render(X_WC, picture, self._query.Eval(self._query_context))
         return picture[..., :3].copy()
@@ -156,14 +154,13 @@ def lines_at(run, time, speed) -> list:
             crossings.append(GateCrossing(t, k % len(run.track.gates) + 1, 1, 0.0, 0.0))
     over = len(crossings) == len(gate_times)
     report = RefereeReport(tuple(crossings), over, None, time if over else None, 0)
-    return scoreboard_lines(
-        time, speed, len(run.track.gates), 1, report, ExplorerStatus(done=True))
+    return scoreboard_lines(time, speed, len(run.track.gates), 1, report, ExplorerStatus(done=True))
 
 
 def overlay(picture, inset, left, top) -> None:
     """Puts a picture on another."""
     h, w = inset.shape[:2]
-    picture[top:top + h, left:left + w] = inset
+    picture[top : top + h, left : left + w] = inset
 
 
 def animation(run, path: Path, size=(600, 338)) -> None:
@@ -188,8 +185,15 @@ def animation(run, path: Path, size=(600, 338)) -> None:
         small = Image.fromarray(board).resize((board.shape[1] * 5 // 9, board.shape[0] * 5 // 9))
         overlay(frame, np.asarray(small), 10, 10)
         frames.append(Image.fromarray(frame))
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=round(1000 / _FPS),
-                   loop=0, quality=35, method=6)
+    frames[0].save(
+        path,
+        save_all=True,
+        append_images=frames[1:],
+        duration=round(1000 / _FPS),
+        loop=0,
+        quality=35,
+        method=6,
+    )
 
 
 def still(run, path: Path, size=(1280, 720)) -> None:
@@ -206,7 +210,6 @@ def still(run, path: Path, size=(1280, 720)) -> None:
 def run(args) -> int:
     """Makes the pictures; returns the exit code."""
     from airrace.analysis import load_run
-
     from airrace.diagrams.autonomy import MakeAutonomy
     from airrace.diagrams.simulation import MakeSimulation
 
@@ -225,8 +228,11 @@ def run(args) -> int:
 
 def main(argv=None) -> int:
     """The command-line program; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="tools.make_pictures", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="tools.make_pictures",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--run", type=Path, help="draw this run's first lap instead of flying one")
     parser.add_argument("--output", type=Path, default=FOLDER, help="default: docs/pictures")
     args = parser.parse_args(argv)

@@ -20,15 +20,18 @@ In Python: from airrace.analysis import load_run; run = load_run("runs/NAME"); r
 def make_parser() -> argparse.ArgumentParser:
     """Returns the parser of the command line."""
     parser = argparse.ArgumentParser(
-        prog="airrace.analysis", epilog=EPILOG,
+        prog="airrace.analysis",
+        epilog=EPILOG,
         description="Turn what a race left into tables of every signal.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("run", metavar="RUN", type=Path, help="the folder that a race left")
-    parser.add_argument("--export", metavar="DIR", type=Path,
-                        help="write every table to a file here")
-    parser.add_argument("--format", choices=("csv", "parquet"), default="csv",
-                        help="of the files (default: csv)")
+    parser.add_argument(
+        "--export", metavar="DIR", type=Path, help="write every table to a file here"
+    )
+    parser.add_argument(
+        "--format", choices=("csv", "parquet"), default="csv", help="of the files (default: csv)"
+    )
     return parser
 
 

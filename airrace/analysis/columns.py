@@ -18,14 +18,47 @@ SIGNALS = {
     "disturbance": ("time", "ax", "ay", "az"),
     "rotors": ("time", "rotor", "speed", "thrust"),
     "rotor_commands": ("time", "rotor", "speed"),
-    "detections": ("time", "received", "marker", "x", "y", "z", "qw", "qx", "qy", "qz",
-                   "reprojection_error", "ambiguity"),  # in the camera frame
+    "detections": (
+        "time",
+        "received",
+        "marker",
+        "x",
+        "y",
+        "z",
+        "qw",
+        "qx",
+        "qy",
+        "qz",
+        "reprojection_error",
+        "ambiguity",
+    ),  # in the camera frame
     "refused": ("time", "reason", "marker"),
-    "map": ("time", "marker", "x", "y", "z", "variance_x", "variance_y", "variance_z",
-            "sightings", "outliers"),
+    "map": (
+        "time",
+        "marker",
+        "x",
+        "y",
+        "z",
+        "variance_x",
+        "variance_y",
+        "variance_z",
+        "sightings",
+        "outliers",
+    ),
     "gates": ("time", "gate", "x", "y", "z", "heading"),
-    "plans": ("plan", "time", "lap", "start_time", "entry_duration", "phase", "duration",
-              "solve_time", "max_speed", "max_acceleration", "max_rotor_thrust"),
+    "plans": (
+        "plan",
+        "time",
+        "lap",
+        "start_time",
+        "entry_duration",
+        "phase",
+        "duration",
+        "solve_time",
+        "max_speed",
+        "max_acceleration",
+        "max_rotor_thrust",
+    ),
     "plan_gates": ("plan", "lap", "gate", "time"),  # on the circuit; at the end, gate 1 again
     "plan_samples": ("plan", "lap", "part", "time", "x", "y", "z", "vx", "vy", "vz", "yaw"),
     "events": ("time", "source", "name", "message"),
@@ -75,8 +108,24 @@ def _read_state(name):
     def read(rows, time, message):
         p, q = message.pose.position, message.pose.orientation
         v, w = message.linear_velocity, message.angular_velocity
-        rows[name].append((_seconds(message.timestamp), p.x, p.y, p.z, q.w, q.x, q.y, q.z,
-                           v.x, v.y, v.z, w.x, w.y, w.z))
+        rows[name].append(
+            (
+                _seconds(message.timestamp),
+                p.x,
+                p.y,
+                p.z,
+                q.w,
+                q.x,
+                q.y,
+                q.z,
+                v.x,
+                v.y,
+                v.z,
+                w.x,
+                w.y,
+                w.z,
+            )
+        )
 
     return read
 
@@ -87,8 +136,19 @@ def _read_reference(rows, time, message):
     yaw = 2 * np.arctan2(q.z, q.w)
     # The velocity is in a frame turned by the yaw.
     c, s = np.cos(yaw), np.sin(yaw)
-    rows["reference"].append((time, p.x, p.y, p.z, yaw, c * v.x - s * v.y, s * v.x + c * v.y, v.z,
-                              message.angular_velocity.z))
+    rows["reference"].append(
+        (
+            time,
+            p.x,
+            p.y,
+            p.z,
+            yaw,
+            c * v.x - s * v.y,
+            s * v.x + c * v.y,
+            v.z,
+            message.angular_velocity.z,
+        )
+    )
 
 
 def _read_vector(name):
@@ -110,8 +170,17 @@ def _read_commands(rows, time, message):
 
 def _read_detections(rows, time, message):
     for m in message["markers"]:
-        rows["detections"].append((message["time"], time, m["id"], *m["position"],
-                                   *m["orientation"], m["reprojection_error"], m["ambiguity"]))
+        rows["detections"].append(
+            (
+                message["time"],
+                time,
+                m["id"],
+                *m["position"],
+                *m["orientation"],
+                m["reprojection_error"],
+                m["ambiguity"],
+            )
+        )
     for refused in message["refused"]:
         marker = -1 if refused["id"] is None else refused["id"]
         rows["refused"].append((message["time"], refused["reason"], marker))
@@ -119,17 +188,20 @@ def _read_detections(rows, time, message):
 
 def _read_map(rows, time, message):
     for m in message["statistics"]["markers"]:
-        rows["map"].append((time, m["id"], *m["mean"], *m["variance"], m["sightings"],
-                            m["outliers"]))
+        rows["map"].append(
+            (time, m["id"], *m["mean"], *m["variance"], m["sightings"], m["outliers"])
+        )
     for gate in message["map"]["gates"]:
-        rows["gates"].append((time, gate["gate"], *gate["midpoint"],
-                              np.deg2rad(gate["heading_deg"])))
+        rows["gates"].append(
+            (time, gate["gate"], *gate["midpoint"], np.deg2rad(gate["heading_deg"]))
+        )
 
 
 def _read_plan(rows, time, message):
     key = len(rows["plans"]) + 1, message["lap"]
     rows["plans"].append(
-        (key[0], time, *(message.get(name, np.nan) for name in SIGNALS["plans"][2:])))
+        (key[0], time, *(message.get(name, np.nan) for name in SIGNALS["plans"][2:]))
+    )
     for i, when in enumerate(message["gate_times"]):
         gate = i + 1 if i + 1 < len(message["gate_times"]) else 1
         rows["plan_gates"].append((*key, gate, when))
@@ -141,8 +213,7 @@ def _read_plan(rows, time, message):
 
 def _read_event(source):
     def read(rows, time, message):
-        rows["events"].append((_seconds(message.timestamp), source, message.name,
-                               message.message))
+        rows["events"].append((_seconds(message.timestamp), source, message.name, message.message))
 
     return read
 

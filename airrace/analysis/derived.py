@@ -29,7 +29,7 @@ def derive(signals: dict, result: dict, track: Track) -> dict:
     tables["tracking"] = tracking(tables["state"], reference)
     _add_errors(tables["map"], track)
     tables["detections"] |= {
-        "range": np.sqrt(sum(np.square(tables["detections"][c], dtype=float) for c in "xyz")),
+        "range": np.sqrt(sum(np.square(tables["detections"][c], dtype=float) for c in "xyz"))
     }
     tables["laps"] = laps(result)
     starts = lap_starts(tables["crossings"])
@@ -47,9 +47,11 @@ def lap_starts(crossings: dict) -> np.ndarray:
 
 def laps(result: dict) -> dict:
     """Returns the laps of a race.json as columns; NaN where there was no plan or map."""
+
     def column(get):
-        return np.array([np.nan if (value := get(lap)) is None else value
-                         for lap in result["laps"]], float)
+        return np.array(
+            [np.nan if (value := get(lap)) is None else value for lap in result["laps"]], float
+        )
 
     plan = [lap["plan"] or {} for lap in result["laps"]]
     return {
@@ -94,7 +96,8 @@ def tracking(state: dict, reference: dict) -> dict:
     off = {c: state[c][:n].astype(float) - reference[c][:n].astype(float) for c in "xyz"}
     yaw = state["yaw"][:n].astype(float) - reference["yaw"][:n].astype(float)
     return {
-        "time": state["time"][:n], **off,
+        "time": state["time"][:n],
+        **off,
         "distance": np.sqrt(off["x"] ** 2 + off["y"] ** 2 + off["z"] ** 2),
         "yaw": np.arctan2(np.sin(yaw), np.cos(yaw)),
     }

@@ -59,8 +59,10 @@ def states(run) -> list:
     table = run.columns["events"]
     mine = table["source"] == "explorer" if len(table["time"]) else np.array([], bool)
     if mine.sum() > len(events):  # the log is newer, of a race that was killed
-        events = [{"state": name, "time_s": float(time)}
-                  for name, time in zip(table["name"][mine], table["time"][mine])]
+        events = [
+            {"state": name, "time_s": float(time)}
+            for name, time in zip(table["name"][mine], table["time"][mine])
+        ]
     starts = run.lap_starts
     last = events[-1]["time_s"] if events else 0.0
     end = starts[0] if len(starts) else max([last, *run.columns["state"]["time"][-1:]])
@@ -76,8 +78,14 @@ def timeline_figure(run):
     axes = figure.add_subplot(xlabel="time (s)")
     for i, name in enumerate(names):
         bars = [(start, max(end - start, 0.05)) for other, start, end in spans if other == name]
-        axes.broken_barh(bars, (i - 0.36, 0.72), facecolor=_GREYS[i % len(_GREYS)],
-                         hatch=_HATCHES[i % len(_HATCHES)], edgecolor=INK, lw=0.6)
+        axes.broken_barh(
+            bars,
+            (i - 0.36, 0.72),
+            facecolor=_GREYS[i % len(_GREYS)],
+            hatch=_HATCHES[i % len(_HATCHES)],
+            edgecolor=INK,
+            lw=0.6,
+        )
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)

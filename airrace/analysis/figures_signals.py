@@ -18,7 +18,7 @@ def map_by_lap(run) -> dict:
     times = np.unique(table["time"])
     for lap, start in enumerate(run.lap_starts):
         # The map is written just after gate 1 is crossed.
-        now = times[max(np.searchsorted(times, start), 0):][:1]
+        now = times[max(np.searchsorted(times, start), 0) :][:1]
         if not len(now):
             now = times[-1:]
         rows = table["time"] == now
@@ -38,16 +38,32 @@ def map_figure(run):
     left.set(xlabel="after lap (0: exploring)", ylabel="front markers' error (cm)")
     if front:
         rms = np.sqrt(np.nanmean(values[:, front] ** 2, axis=1))
-        left.plot(laps, np.nanmax(values[:, front], axis=1), "s--", color=INK, ms=4, lw=1,
-                  mfc="white", label="worst")
+        left.plot(
+            laps,
+            np.nanmax(values[:, front], axis=1),
+            "s--",
+            color=INK,
+            ms=4,
+            lw=1,
+            mfc="white",
+            label="worst",
+        )
         left.plot(laps, rms, "o-", color=INK, ms=4, lw=1.2, label="RMS")
         left.legend()
     left.set_ylim(bottom=0.0)
     left.xaxis.set_major_locator(MaxNLocator(integer=True))
     right.grid(False)
     if markers:
-        cells = right.pcolormesh(laps, range(len(markers)), values.T, cmap=GREYS, vmin=0.0,
-                                 shading="nearest", edgecolor="face", lw=0.2)
+        cells = right.pcolormesh(
+            laps,
+            range(len(markers)),
+            values.T,
+            cmap=GREYS,
+            vmin=0.0,
+            shading="nearest",
+            edgecolor="face",
+            lw=0.2,
+        )
         add_colorbar(figure, cells, right, "error (cm)")
         step = max(1, len(markers) // 16)
         right.set_yticks(range(0, len(markers), step), markers[::step])
@@ -63,18 +79,27 @@ def tracking_figure(run):
     figure = make_figure(9, 3)
     left, right = figure.subplots(1, 2, width_ratios=(2.4, 1))
     left.set(xlabel="time (s)", ylabel="off the reference (cm)", yscale="log")
-    edges = np.linspace(0, len(time), _BINS + 1).astype(int) if len(time) > _BINS else (
-        np.arange(len(time) + 1))
-    left.plot([time[a] for a in edges[:-1]],
-              [max(off[a:b].max(), 0.01) for a, b in zip(edges, edges[1:])], color=INK, lw=0.8)
+    edges = (
+        np.linspace(0, len(time), _BINS + 1).astype(int)
+        if len(time) > _BINS
+        else (np.arange(len(time) + 1))
+    )
+    left.plot(
+        [time[a] for a in edges[:-1]],
+        [max(off[a:b].max(), 0.01) for a, b in zip(edges, edges[1:])],
+        color=INK,
+        lw=0.8,
+    )
     for start in run.lap_starts:
         left.axvline(start, color="#999", lw=0.6, ls=":")
     laps = [lap for lap in np.unique(tracking["lap"]) if 1 <= lap <= len(run.result["laps"])]
     mine = [off[tracking["lap"] == lap] for lap in laps]
-    right.plot(laps, [d.max() for d in mine], "s--", color=INK, ms=4, lw=1, mfc="white",
-               label="worst")
-    right.plot(laps, [np.sqrt(np.mean(d**2)) for d in mine], "o-", color=INK, ms=4, lw=1.2,
-               label="RMS")
+    right.plot(
+        laps, [d.max() for d in mine], "s--", color=INK, ms=4, lw=1, mfc="white", label="worst"
+    )
+    right.plot(
+        laps, [np.sqrt(np.mean(d**2)) for d in mine], "o-", color=INK, ms=4, lw=1.2, label="RMS"
+    )
     right.set(xlabel="lap", ylabel="(cm)")
     right.set_ylim(bottom=0.0)
     right.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -100,10 +125,22 @@ def rotors_figure(run):
     usage = [100 * share for share in rotor_usage(run)]
     figure = make_figure(9, 3)
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.4))
-    left.boxplot(usage, whis=(1, 99), showfliers=False, medianprops=dict(color=INK),
-                 patch_artist=True, boxprops=dict(facecolor="#d9d9d9"))
-    left.plot(range(1, len(usage) + 1), [share.max() for share in usage], "^", color=INK, ms=5,
-              label="most")
+    left.boxplot(
+        usage,
+        whis=(1, 99),
+        showfliers=False,
+        medianprops=dict(color=INK),
+        patch_artist=True,
+        boxprops=dict(facecolor="#d9d9d9"),
+    )
+    left.plot(
+        range(1, len(usage) + 1),
+        [share.max() for share in usage],
+        "^",
+        color=INK,
+        ms=5,
+        label="most",
+    )
     left.axhline(100.0, color=INK, lw=1, ls="--")
     left.set(xlabel="rotor", ylabel="thrust (% of its limit)", ylim=(0, 110))
     left.legend(loc="lower right")
@@ -112,6 +149,7 @@ def rotors_figure(run):
     above = 100 * (1 - np.searchsorted(shares, levels) / max(len(shares), 1))
     right.plot(levels, above, color=INK, lw=1.4)
     right.axvline(100.0, color=INK, lw=1, ls="--")
-    right.set(xlabel="thrust (% of the limit)", ylabel="time above it (%)", xlim=(0, 110),
-              ylim=(0, 102))
+    right.set(
+        xlabel="thrust (% of the limit)", ylabel="time above it (%)", xlim=(0, 110), ylim=(0, 102)
+    )
     return figure

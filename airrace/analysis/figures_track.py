@@ -18,8 +18,14 @@ def track_figure(run):
     state = run.columns["state"]
     p = np.column_stack([state["x"], state["y"]])
     exploring = state["lap"] == 0
-    axes.plot(*p[exploring][_thinned(p[exploring])].T, color=FAINT, lw=0.9, ls=(0, (4, 3)),
-              label="exploring", zorder=1)
+    axes.plot(
+        *p[exploring][_thinned(p[exploring])].T,
+        color=FAINT,
+        lw=0.9,
+        ls=(0, (4, 3)),
+        label="exploring",
+        zorder=1,
+    )
     racing = (state["lap"] > 0) & (state["lap"] <= max(run.scenario.laps, 1))
     if racing.any():
         pieces, speeds = _pieces(p[racing], state["speed"][racing], state["lap"][racing])
@@ -42,8 +48,9 @@ def _thinned(p) -> np.ndarray:
     if len(p) == 0:
         return np.array([], int)
     way = np.concatenate([[0.0], np.linalg.norm(np.diff(p, axis=0), axis=1).cumsum()])
-    return np.unique(np.searchsorted(way, np.arange(0.0, way[-1] + _STEP, _STEP)).clip(
-        max=len(p) - 1))
+    return np.unique(
+        np.searchsorted(way, np.arange(0.0, way[-1] + _STEP, _STEP)).clip(max=len(p) - 1)
+    )
 
 
 def _pieces(p, speeds, laps) -> tuple:
@@ -62,10 +69,23 @@ def _draw_gates(axes, track):
         axes.plot(*np.transpose([left, right]), color=INK, lw=0.8, zorder=2)
         for foot in (left, right):
             axes.add_artist(_disc(foot))
-        axes.annotate(str(n + 1), right, 13 * layout.rightward[n], ha="center", va="center",
-                      textcoords="offset points", fontweight="bold", zorder=5)
-        axes.annotate("", layout.middle[n] + 6 * layout.forward[n], layout.middle[n],
-                      arrowprops=dict(arrowstyle="-|>", color=INK, lw=0.8), zorder=2)
+        axes.annotate(
+            str(n + 1),
+            right,
+            13 * layout.rightward[n],
+            ha="center",
+            va="center",
+            textcoords="offset points",
+            fontweight="bold",
+            zorder=5,
+        )
+        axes.annotate(
+            "",
+            layout.middle[n] + 6 * layout.forward[n],
+            layout.middle[n],
+            arrowprops=dict(arrowstyle="-|>", color=INK, lw=0.8),
+            zorder=2,
+        )
 
 
 def _disc(foot):
@@ -83,8 +103,12 @@ def offsets_figure(run):
     for i, lap in enumerate(laps):
         offsets = 100 * np.array(lap["gate_offsets_m"])
         style = lap_style(lap["lap"]) | {"linestyle": "none"}
-        axes.plot(np.arange(1, len(offsets) + 1) + width * (i - (len(laps) - 1) / 2), offsets,
-                  label=f"lap {lap['lap']}", **style)
+        axes.plot(
+            np.arange(1, len(offsets) + 1) + width * (i - (len(laps) - 1) / 2),
+            offsets,
+            label=f"lap {lap['lap']}",
+            **style,
+        )
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=20))
     axes.set_ylim(bottom=0.0)
     figure.legend(loc="outside right center")

@@ -36,8 +36,11 @@ def read_log(path: Path, topics=None):
             try:
                 schema, channel, message = next(messages)
                 if channel.id not in decoders:
-                    decoders[channel.id] = json.loads if channel.message_encoding == "json" else (
-                        factory.decoder_for(channel.message_encoding, schema))
+                    decoders[channel.id] = (
+                        json.loads
+                        if channel.message_encoding == "json"
+                        else (factory.decoder_for(channel.message_encoding, schema))
+                    )
                 value = decoders[channel.id](message.data)
             except Exception:  # the end, or whatever half a record looks like
                 return
@@ -74,8 +77,10 @@ def is_complete(path: Path) -> bool:
             file.seek(max(size - len(_MAGIC), 0))
             end = file.read()
     except OSError as e:
-        raise UserError(f"{path} cannot be read ({e.strerror}); name a run that was recorded, "
-                        "--record light or full.") from None
+        raise UserError(
+            f"{path} cannot be read ({e.strerror}); name a run that was recorded, "
+            "--record light or full."
+        ) from None
     if begin != _MAGIC:
         raise UserError(f"{path} is no MCAP file; name a race.mcap that airrace wrote.")
     return size > 2 * len(_MAGIC) and end == _MAGIC

@@ -43,12 +43,23 @@ def escaped(text) -> str:
 
 def page(title: str, body: list) -> str:
     """Returns a whole page of pieces of HTML."""
-    return "\n".join([
-        "<!doctype html>", '<html lang="en">', "<head>", '<meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{escaped(title)}</title>", f"<style>{_CSS}</style>", "</head>", "<body>",
-        *body, "</body>", "</html>", "",
-    ])
+    return "\n".join(
+        [
+            "<!doctype html>",
+            '<html lang="en">',
+            "<head>",
+            '<meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>{escaped(title)}</title>",
+            f"<style>{_CSS}</style>",
+            "</head>",
+            "<body>",
+            *body,
+            "</body>",
+            "</html>",
+            "",
+        ]
+    )
 
 
 def heading(text: str) -> str:
@@ -85,5 +96,7 @@ def table(columns, rows, caption: str) -> str:
         f'<tr class="{kind}">' + "".join(f"<td>{escaped(cell)}</td>" for cell in cells) + "</tr>"
         for kind, cells in rows
     )
-    return (f'<div class="scroll"><table aria-label="{escaped(caption)}"><thead><tr>{head}</tr>'
-            f'</thead><tbody>{body}</tbody></table></div><p class="faint">{escaped(caption)}</p>')
+    return (
+        f'<div class="scroll"><table aria-label="{escaped(caption)}"><thead><tr>{head}</tr>'
+        f'</thead><tbody>{body}</tbody></table></div><p class="faint">{escaped(caption)}</p>'
+    )

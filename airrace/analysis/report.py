@@ -8,8 +8,13 @@ from airrace.errors import exit_code
 
 FILE = "report.html"
 # Topics that it says nothing of.
-_WITHOUT = ("/state/estimate", "/state/filtered", "/state/disturbance", "/detections",
-            "/rotors/command")
+_WITHOUT = (
+    "/state/estimate",
+    "/state/filtered",
+    "/state/disturbance",
+    "/detections",
+    "/rotors/command",
+)
 
 
 def make_report(run) -> str:
@@ -42,27 +47,60 @@ def _figures(run) -> list:
             svg = inline_svg(draw(run), name, f"{title}. {caption}")
             parts.extend([page.heading(title), page.figure(svg, caption)])
 
-    add("track", "The track from above", True, figures_track.track_figure,
+    add(
+        "track",
+        "The track from above",
+        True,
+        figures_track.track_figure,
         "All laps in one picture: the darker, the faster. Dashed: the exploration."
-        if recorded else "The gates; where the drone flew was not recorded.")
-    add("lost", "Where time was lost", bool(figures_laps.time_lost(run)),
+        if recorded
+        else "The gates; where the drone flew was not recorded.",
+    )
+    add(
+        "lost",
+        "Where time was lost",
+        bool(figures_laps.time_lost(run)),
         figures_laps.time_lost_figure,
         "Flown minus planned time, at every gate; above zero, the drone is late. A lap counts "
-        "from the first gate at which the drone is on its plan's circuit.")
-    add("offsets", "Gates", bool(laps), figures_track.offsets_figure,
-        "How far from the middle of each gate the drone crossed it.")
-    add("map", "The map", len(columns["map"]["time"]) > 0 and len(run.lap_starts) > 0,
+        "from the first gate at which the drone is on its plan's circuit.",
+    )
+    add(
+        "offsets",
+        "Gates",
+        bool(laps),
+        figures_track.offsets_figure,
+        "How far from the middle of each gate the drone crossed it.",
+    )
+    add(
+        "map",
+        "The map",
+        len(columns["map"]["time"]) > 0 and len(run.lap_starts) > 0,
         figures_signals.map_figure,
         "Distance of mapped markers from where they stood when the race began. Even numbers are "
-        "on the front.")
-    add("tracking", "Tracking", recorded and len(columns["tracking"]["time"]) > 1,
+        "on the front.",
+    )
+    add(
+        "tracking",
+        "Tracking",
+        recorded and len(columns["tracking"]["time"]) > 1,
         figures_signals.tracking_figure,
-        "Distance of the true position from the controller's reference. Dotted: gate 1.")
-    add("rotors", "Rotors", len(columns["rotors"]["time"]) > 0, figures_signals.rotors_figure,
+        "Distance of the true position from the controller's reference. Dotted: gate 1.",
+    )
+    add(
+        "rotors",
+        "Rotors",
+        len(columns["rotors"]["time"]) > 0,
+        figures_signals.rotors_figure,
         "Thrust against the limit while racing: quartiles, 1 and 99 % of the time, and the most; "
-        "and for how much of the time all rotors together were above some thrust.")
-    add("explorer", "What the explorer did", bool(run.result["exploration"]["events"]),
-        figures_laps.timeline_figure, "Its states from take-off to the first lap.")
+        "and for how much of the time all rotors together were above some thrust.",
+    )
+    add(
+        "explorer",
+        "What the explorer did",
+        bool(run.result["exploration"]["events"]),
+        figures_laps.timeline_figure,
+        "Its states from take-off to the first lap.",
+    )
     return parts
 
 

@@ -26,17 +26,25 @@ def head(run) -> list:
         page.facts(_facts(run)),
     ]
     if not run.recorded:
-        body.append(page.note(
-            "This race was not recorded (--record none), so that there is nothing here on where "
-            "it flew, how well it kept to its plan, and its rotors."))
+        body.append(
+            page.note(
+                "This race was not recorded (--record none), so that there is nothing here on "
+                "where it flew, how well it kept to its plan, and its rotors."
+            )
+        )
     elif not run.complete:
         times = run.columns["state"]["time"]
         until = f"{times[-1]:.1f} s" if len(times) else "before it began"
-        body.append(page.note(f"The recording ends at {until}: the race was killed, or it still "
-                              "goes on."))
+        body.append(
+            page.note(f"The recording ends at {until}: the race was killed, or it still goes on.")
+        )
     if run.scenario.disturbances.gate_shift > 0.0:
-        body.append(page.note("The gates moved during this race; the map's errors and the track "
-                              "shown are against where they stood when it began."))
+        body.append(
+            page.note(
+                "The gates moved during this race; the map's errors and the track "
+                "shown are against where they stood when it began."
+            )
+        )
     return body
 
 
@@ -45,9 +53,11 @@ def _facts(run) -> list:
     exploration = result["exploration"]
     pairs = []
     if result["laps"]:
-        pairs += [("best lap", f"{result['best_lap_s']:.2f} s"),
-                  ("mean lap", f"{result['mean_lap_s']:.2f} s"),
-                  ("top speed", f"{max(lap['max_speed'] for lap in result['laps']):.1f} m/s")]
+        pairs += [
+            ("best lap", f"{result['best_lap_s']:.2f} s"),
+            ("mean lap", f"{result['mean_lap_s']:.2f} s"),
+            ("top speed", f"{max(lap['max_speed'] for lap in result['laps']):.1f} m/s"),
+        ]
     pairs.append(("exploration", f"{exploration['time_s']:.1f} s"))
     pairs.append(("gates found", exploration["gates_found"]))
     rms = [lap["map_rms_m"] for lap in result["laps"] if lap["map_rms_m"] is not None]
@@ -68,20 +78,26 @@ def lap_table(run) -> str:
     result, n = run.result, len(run.track.gates)
     laps = result["laps"]
     splits = np.array([np.diff([*lap["gate_times_s"], lap["time_s"]]) for lap in laps])
-    columns = ["lap", "time (s)", "planned (s)", *(
-        f"{i + 1}\u2013{(i + 1) % n + 1}" for i in range(n))]
+    columns = [
+        "lap",
+        "time (s)",
+        "planned (s)",
+        *(f"{i + 1}\u2013{(i + 1) % n + 1}" for i in range(n)),
+    ]
     rows = []
     for lap, split in zip(laps, splits):
         planned = f"{lap['plan']['duration_s']:.2f}" if lap["plan"] else "\u2013"
         kind = "best" if lap["time_s"] == result["best_lap_s"] else ""
-        rows.append((kind, [lap["lap"], f"{lap['time_s']:.2f}", planned,
-                            *(f"{s:.2f}" for s in split)]))
+        rows.append(
+            (kind, [lap["lap"], f"{lap['time_s']:.2f}", planned, *(f"{s:.2f}" for s in split)])
+        )
     means = splits.mean(axis=0)
     rows.append(("", ["mean", f"{result['mean_lap_s']:.2f}", "", *(f"{s:.2f}" for s in means)]))
     caption = "Times from gate to gate (s); bold: the best lap."
     if result["track"] == _ORIGINAL_TRACK:
         for kind, time in ORIGINAL:
             rows.append(("other", [f"original, {kind}", f"{time:.2f}", "", *[""] * n]))
-        caption += (" Original: mean lap of the Student AirRace system on this track, from rest "
-                    "to rest.")
+        caption += (
+            " Original: mean lap of the Student AirRace system on this track, from rest to rest."
+        )
     return page.table(columns, rows, caption)

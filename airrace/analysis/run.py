@@ -77,8 +77,10 @@ class Run:
             self.result = json.loads(path.read_text(encoding="utf-8"))
             laps = self.result["laps"]
         except OSError as e:
-            raise UserError(f"{path} cannot be read ({e.strerror}); name the folder that a race "
-                            "left, such as runs/<time>-...") from None
+            raise UserError(
+                f"{path} cannot be read ({e.strerror}); name the folder that a race "
+                "left, such as runs/<time>-..."
+            ) from None
         except (ValueError, KeyError, TypeError):
             laps = None
         if not isinstance(laps, list):
@@ -88,10 +90,16 @@ class Run:
         self.recorded = log.exists()
         # The log has what was raced, even if the files have changed or are elsewhere.
         files = read_attachments(log) if self.recorded else {}
-        self.track = load_yaml(Track, data=files["track.yaml"], what="the track") if (
-            "track.yaml" in files) else load_track(self.scenario.track)
-        self.vehicle = load_yaml(Vehicle, data=files["vehicle.yaml"], what="the drone") if (
-            "vehicle.yaml" in files) else load_vehicle(self.scenario.drone)[0]
+        self.track = (
+            load_yaml(Track, data=files["track.yaml"], what="the track")
+            if ("track.yaml" in files)
+            else load_track(self.scenario.track)
+        )
+        self.vehicle = (
+            load_yaml(Vehicle, data=files["vehicle.yaml"], what="the drone")
+            if ("vehicle.yaml" in files)
+            else load_vehicle(self.scenario.drone)[0]
+        )
         self.complete = self.recorded and is_complete(log)
         signals = read_columns(log, without) if self.recorded else empty_columns()
         self.columns = derive(signals, self.result, self.track)
@@ -102,15 +110,17 @@ class Run:
         """All tables as DataFrames, by name."""
         if self._tables is None:
             pandas = _pandas()
-            self._tables = {name: pandas.DataFrame(columns)
-                            for name, columns in self.columns.items()}
+            self._tables = {
+                name: pandas.DataFrame(columns) for name, columns in self.columns.items()
+            }
         return self._tables
 
     def __getattr__(self, name):
         if not name.startswith("_") and name in self.__dict__.get("columns", ()):
             return self.tables[name]
-        raise AttributeError(f"A run has no '{name}'; its tables are: "
-                             f"{', '.join(self.__dict__.get('columns', ()))}.")
+        raise AttributeError(
+            f"A run has no '{name}'; its tables are: {', '.join(self.__dict__.get('columns', ()))}."
+        )
 
     def __dir__(self):
         return [*super().__dir__(), *self.columns]
@@ -161,8 +171,9 @@ class Run:
                 else:
                     table.to_parquet(paths[-1], index=False)
         except OSError as e:
-            raise UserError(f"{folder} cannot be written to ({e.strerror}); name another folder."
-                            ) from None
+            raise UserError(
+                f"{folder} cannot be written to ({e.strerror}); name another folder."
+            ) from None
         return paths
 
 
@@ -170,8 +181,10 @@ def _pandas():
     try:
         import pandas
     except ImportError:
-        raise UserError("Tables need pandas: pip install 'airrace[analysis]'; run.columns has "
-                        "the same as numpy arrays.") from None
+        raise UserError(
+            "Tables need pandas: pip install 'airrace[analysis]'; run.columns has "
+            "the same as numpy arrays."
+        ) from None
     return pandas
 
 
@@ -179,8 +192,9 @@ def _pyarrow():
     try:
         import pyarrow  # noqa: F401
     except ImportError:
-        raise UserError("Parquet needs pyarrow: pip install 'airrace[analysis]', or export "
-                        "as csv.") from None
+        raise UserError(
+            "Parquet needs pyarrow: pip install 'airrace[analysis]', or export as csv."
+        ) from None
 
 
 def load_run(folder) -> Run:

@@ -19,12 +19,29 @@ SPEED_COLORS = ListedColormap(colormaps["cividis_r"](np.linspace(0.12, 1.0, 40))
 GREYS = colormaps["Greys"].resampled(40)
 INK, FAINT = "#1c1c1c", "#b5b5b5"
 # Steps of one lightness each, dark to light, and not too light for white paper.
-_LAP_COLORS = ("#00224e", "#7a0403", "#1f5fa8", "#b8500c", "#2a7f62", "#8f2d84", "#5a6b7b",
-               "#a5732a", "#4f4fb0", "#3f8f3f")
+_LAP_COLORS = (
+    "#00224e",
+    "#7a0403",
+    "#1f5fa8",
+    "#b8500c",
+    "#2a7f62",
+    "#8f2d84",
+    "#5a6b7b",
+    "#a5732a",
+    "#4f4fb0",
+    "#3f8f3f",
+)
 STYLE = {
-    "font.size": 9, "axes.titlesize": 10, "axes.titleweight": "bold", "axes.edgecolor": "#555",
-    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-    "grid.color": "#e4e4e4", "grid.linewidth": 0.6, "legend.frameon": False,
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "axes.edgecolor": "#555",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
     "svg.fonttype": "none",  # text stays text
 }
 
@@ -44,8 +61,11 @@ def lap_style(lap: int) -> dict:
     """Returns how the line of a lap, from 1, is drawn."""
     i = lap - 1
     return {
-        "color": _LAP_COLORS[i % len(_LAP_COLORS)], "marker": MARKERS[i % len(MARKERS)],
-        "linestyle": LINE_STYLES[i % len(LINE_STYLES)], "markersize": 4, "linewidth": 1.1,
+        "color": _LAP_COLORS[i % len(_LAP_COLORS)],
+        "marker": MARKERS[i % len(MARKERS)],
+        "linestyle": LINE_STYLES[i % len(LINE_STYLES)],
+        "markersize": 4,
+        "linewidth": 1.1,
     }
 
 
@@ -63,4 +83,4 @@ def inline_svg(figure: Figure, name: str, alt: str) -> str:
         FigureCanvasSVG(figure).print_svg(file, metadata={"Date": None, "Creator": None})
     text = file.getvalue()
     start = text.index("<svg")
-    return (f'<svg role="img" aria-label="{escaped(alt)}"' + text[start + 4:]).strip()
+    return (f'<svg role="img" aria-label="{escaped(alt)}"' + text[start + 4 :]).strip()

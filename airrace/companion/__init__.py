@@ -48,8 +48,9 @@ class Autonomy(typing.Protocol):
 class Companion(typing.Protocol):
     """A computer that runs the autonomy."""
 
-    def start(self, arguments: Sequence[str], files: Mapping[str, bytes],
-              log: Callable[[str], None]) -> Autonomy:
+    def start(
+        self, arguments: Sequence[str], files: Mapping[str, bytes], log: Callable[[str], None]
+    ) -> Autonomy:
         """Starts ``python -m airrace.diagrams.hitl`` with some arguments.
 
         It gets a new folder as its working directory, with the files in it and

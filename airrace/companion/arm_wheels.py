@@ -57,10 +57,14 @@ class Pin:
     def is_for(self, python: str) -> bool:
         """Whether the package is installed on 64-bit Arm under Linux, for a Python "3.x"."""
         environment = {
-            "platform_machine": _MACHINE, "platform_system": "Linux", "sys_platform": "linux",
-            "os_name": "posix", "implementation_name": "cpython",
+            "platform_machine": _MACHINE,
+            "platform_system": "Linux",
+            "sys_platform": "linux",
+            "os_name": "posix",
+            "implementation_name": "cpython",
             "platform_python_implementation": "CPython",
-            "python_version": python, "python_full_version": f"{python}.0",
+            "python_version": python,
+            "python_full_version": f"{python}.0",
         }
         marker = self.requirement.marker
         return marker is None or marker.evaluate(environment)
@@ -89,10 +93,12 @@ def read_lock(path: Path) -> list[Pin]:
                 pins.append(pin)
     except OSError as e:
         raise UserError(
-            f"--lock {path} cannot be read ({e.strerror}); name another file.") from None
+            f"--lock {path} cannot be read ({e.strerror}); name another file."
+        ) from None
     except ValueError:
         raise UserError(
-            f"--lock {path} is no lock with hashes; make one with tools/lock.bash.") from None
+            f"--lock {path} is no lock with hashes; make one with tools/lock.bash."
+        ) from None
     return pins
 
 
@@ -113,28 +119,47 @@ def find_wheels(pins: list[Pin], python: str, pip=(sys.executable, "-m", "pip"))
     with tempfile.TemporaryDirectory(prefix="airrace-") as folder:
         report = Path(folder) / "report.json"
         while wanted:
-            missing = _pip([*pip, "install", "--dry-run", "--ignore-installed", "--quiet",
-                            "--report", str(report), "--target", folder], wanted, python, folder)
+            missing = _pip(
+                [
+                    *pip,
+                    "install",
+                    "--dry-run",
+                    "--ignore-installed",
+                    "--quiet",
+                    "--report",
+                    str(report),
+                    "--target",
+                    folder,
+                ],
+                wanted,
+                python,
+                folder,
+            )
             if missing is None:
                 items = json.loads(report.read_text(encoding="utf-8"))["install"]
                 urls = [item["download_info"]["url"] for item in items]
-                return {re.sub(r"[-_.]+", "-", item["metadata"]["name"]).lower():
-                        url.partition("#")[0].rpartition("/")[2].replace("%2B", "+")
-                        for item, url in zip(items, urls)}
+                return {
+                    re.sub(r"[-_.]+", "-", item["metadata"]["name"]).lower(): url.partition("#")[0]
+                    .rpartition("/")[2]
+                    .replace("%2B", "+")
+                    for item, url in zip(items, urls)
+                }
             del wanted[missing]
     return {}
 
 
-def download(pins: list[Pin], python: str, folder: Path,
-             pip=(sys.executable, "-m", "pip")) -> None:
+def download(pins: list[Pin], python: str, folder: Path, pip=(sys.executable, "-m", "pip")) -> None:
     """Downloads the wheels into a folder. Arguments and errors: as find_wheels()."""
     wanted = {pin.name: pin for pin in pins if pin.is_for(python)}
     with tempfile.TemporaryDirectory(prefix="airrace-") as scratch:
-        missing = _pip([*pip, "download", "--quiet", "--dest", str(folder)], wanted, python,
-                       scratch)
+        missing = _pip(
+            [*pip, "download", "--quiet", "--dest", str(folder)], wanted, python, scratch
+        )
     if missing is not None:
-        raise UserError(f"{missing} has no wheel for {_MACHINE} and Python {python}; see "
-                        "'python -m airrace.companion.arm_wheels'.")
+        raise UserError(
+            f"{missing} has no wheel for {_MACHINE} and Python {python}; see "
+            "'python -m airrace.companion.arm_wheels'."
+        )
 
 
 def _pip(command, wanted, python, folder) -> str | None:
@@ -143,12 +168,31 @@ def _pip(command, wanted, python, folder) -> str | None:
     lock.write_text("".join(pin.line for pin in wanted.values()), encoding="utf-8")
     platforms = [f"manylinux_2_{n}_{_MACHINE}" for n in range(_GLIBC[1], _GLIBC[0] - 1, -1)]
     done = subprocess.run(
-        [*command, "--no-deps", "--only-binary", ":all:", "--require-hashes",
-         "--no-input", "--disable-pip-version-check", "--implementation", "cp",
-         "--python-version", python,
-         *(word for name in (*platforms, f"manylinux2014_{_MACHINE}")
-           for word in ("--platform", name)), "--requirement", str(lock)],
-        capture_output=True, text=True, errors="replace", stdin=subprocess.DEVNULL)
+        [
+            *command,
+            "--no-deps",
+            "--only-binary",
+            ":all:",
+            "--require-hashes",
+            "--no-input",
+            "--disable-pip-version-check",
+            "--implementation",
+            "cp",
+            "--python-version",
+            python,
+            *(
+                word
+                for name in (*platforms, f"manylinux2014_{_MACHINE}")
+                for word in ("--platform", name)
+            ),
+            "--requirement",
+            str(lock),
+        ],
+        capture_output=True,
+        text=True,
+        errors="replace",
+        stdin=subprocess.DEVNULL,
+    )
     if done.returncode == 0:
         return None
     match = re.search(r"No matching distribution found for ([\w.-]+)==", done.stderr)
@@ -156,8 +200,10 @@ def _pip(command, wanted, python, folder) -> str | None:
         return match[1]
     errors = [line for line in done.stderr.splitlines() if line.startswith("ERROR: ")]
     reason = (errors or ["ERROR: it does not say why"])[-1].removeprefix("ERROR: ")[:300]
-    raise UserError(f"pip cannot look for the wheels ({reason.rstrip('.')}); see that "
-                    "'pip download drake' works.")
+    raise UserError(
+        f"pip cannot look for the wheels ({reason.rstrip('.')}); see that "
+        "'pip download drake' works."
+    )
 
 
 def make_table(pins: list[Pin], found: dict[str, dict]) -> Table:
@@ -183,21 +229,37 @@ def _cell(pin, python, names) -> str:
         return "any"
     tag = min(tags, key=lambda tag: [int(n) for n in re.findall(r"\d+", tag.platform)][:2])
     return f"{tag.abi if tag.abi == 'abi3' else tag.interpreter} " + tag.platform.removesuffix(
-        f"_{_MACHINE}")
+        f"_{_MACHINE}"
+    )
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Returns the parser of the command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m airrace.companion.arm_wheels", description=__doc__, epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--lock", type=Path, metavar="FILE",
-                        help="the lock (default: requirements.lock of the checkout)")
-    parser.add_argument("--python", choices=PYTHONS, action="append",
-                        help="of the companion; may be given more than once (default: all three, "
-                        "with --download 3.12)")
-    parser.add_argument("--download", type=Path, metavar="DIR",
-                        help="download the wheels into a folder, for --wheels of a race")
+        prog="python -m airrace.companion.arm_wheels",
+        description=__doc__,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--lock",
+        type=Path,
+        metavar="FILE",
+        help="the lock (default: requirements.lock of the checkout)",
+    )
+    parser.add_argument(
+        "--python",
+        choices=PYTHONS,
+        action="append",
+        help="of the companion; may be given more than once (default: all three, "
+        "with --download 3.12)",
+    )
+    parser.add_argument(
+        "--download",
+        type=Path,
+        metavar="DIR",
+        help="download the wheels into a folder, for --wheels of a race",
+    )
     return parser
 
 
@@ -216,10 +278,19 @@ def run(args) -> int:
         print(f"The wheels are in {args.download}: race with --wheels {args.download}")
         return 0
     Console().print(make_table(pins, found))
-    missing = sorted({pin.name for pin in pins for python, names in found.items()
-                      if pin.is_for(python) and pin.name not in names})
-    print(f"No wheel for {_MACHINE}: {', '.join(missing)}" if missing
-          else f"Every package has a wheel for {_MACHINE}.")
+    missing = sorted(
+        {
+            pin.name
+            for pin in pins
+            for python, names in found.items()
+            if pin.is_for(python) and pin.name not in names
+        }
+    )
+    print(
+        f"No wheel for {_MACHINE}: {', '.join(missing)}"
+        if missing
+        else f"Every package has a wheel for {_MACHINE}."
+    )
     return 1 if missing else 0
 
 

@@ -14,8 +14,10 @@ from airrace.errors import UserError
 _HERE = Path(__file__).parent
 _TOOLS = _HERE / "remote"
 _ROOM = 1_500_000_000  # bytes; an environment takes 630 MB, its wheels 130 MB, at times twice
-_START = ("import sys; sys.path.insert(0, sys.argv[1]); "
-          "from remote.__main__ import main; sys.exit(main())")
+_START = (
+    "import sys; sys.path.insert(0, sys.argv[1]); "
+    "from remote.__main__ import main; sys.exit(main())"
+)
 
 
 class Deployment:
@@ -26,8 +28,14 @@ class Deployment:
         environment, package: names below it; see airrace.companion.remote.set_up.
     """
 
-    def __init__(self, connection: SshConnection, host: str, checkout: Path,
-                 wheels: Path | None, display: SetUpDisplay):
+    def __init__(
+        self,
+        connection: SshConnection,
+        host: str,
+        checkout: Path,
+        wheels: Path | None,
+        display: SetUpDisplay,
+    ):
         """Brings over what is not there yet and has it installed.
 
         Args:
@@ -113,8 +121,9 @@ class Deployment:
         def on_line(line):
             on_event({"event": "end"} if line is None else _parse(line))
 
-        return connection.start([self._python, "-I", "-c", _START, self._tools],
-                                json.dumps(job) + "\n", on_line)
+        return connection.start(
+            [self._python, "-I", "-c", _START, self._tools], json.dumps(job) + "\n", on_line
+        )
 
     def failure(self, connection: SshConnection, event: dict, noise: list[str]) -> Exception:
         """Returns the exception for an event that ends a job before it is done.
@@ -149,14 +158,20 @@ def find_wheels(folder: Path, lock: Path) -> list[Path]:
     """
     text = lock.read_text(encoding="utf-8")
     try:
-        wheels = [path for path in sorted(folder.glob("*.whl"))
-                  if hashlib.sha256(path.read_bytes()).hexdigest() in text]
+        wheels = [
+            path
+            for path in sorted(folder.glob("*.whl"))
+            if hashlib.sha256(path.read_bytes()).hexdigest() in text
+        ]
     except OSError as e:
-        raise UserError(f"--wheels {folder} cannot be read ({e.strerror}); name another "
-                        "folder.") from None
+        raise UserError(
+            f"--wheels {folder} cannot be read ({e.strerror}); name another folder."
+        ) from None
     if not wheels:
-        raise UserError(f"--wheels {folder} holds no wheel of requirements.lock; fill it with "
-                        f"'python -m airrace.companion.arm_wheels --download {folder}'.")
+        raise UserError(
+            f"--wheels {folder} holds no wheel of requirements.lock; fill it with "
+            f"'python -m airrace.companion.arm_wheels --download {folder}'."
+        )
     return wheels
 
 
@@ -164,18 +179,26 @@ def _find_python(connection, host) -> tuple[str, str]:
     """Returns airrace's cache folder and a suitable Python there."""
     script = (_HERE / "find_python.sh").read_text(encoding="utf-8")
     _, output, errors = connection.run(["sh", "-s"], script)
-    found = dict(line.split(": ", 1) for line in output.splitlines()
-                 if line.startswith("airrace-") and ": " in line)
+    found = dict(
+        line.split(": ", 1)
+        for line in output.splitlines()
+        if line.startswith("airrace-") and ": " in line
+    )
     if "airrace-cache" not in found:
         said = (output + errors).strip().splitlines()[-1:] or ["it says nothing"]
-        raise UserError(f"{host} runs no commands over ssh ({said[0][:200]}); give the user a "
-                        "shell there.")
+        raise UserError(
+            f"{host} runs no commands over ssh ({said[0][:200]}); give the user a shell there."
+        )
     if "airrace-python" not in found:
         uv = "" if "airrace-uv" in found else "install uv there (https://docs.astral.sh/uv) and "
-        raise UserError(f"There is no Python 3.12, 3.13 or 3.14 with venv on {host}; {uv}run "
-                        "'uv python install 3.12' there.")
+        raise UserError(
+            f"There is no Python 3.12, 3.13 or 3.14 with venv on {host}; {uv}run "
+            "'uv python install 3.12' there."
+        )
     machine = found.get("airrace-machine", "")
     if machine not in ("Linux aarch64", "Linux x86_64", "Linux arm64"):
-        raise UserError(f"{host} is {machine or 'an unknown machine'}, for which Drake has no "
-                        "wheels; use one with 64-bit Linux.")
+        raise UserError(
+            f"{host} is {machine or 'an unknown machine'}, for which Drake has no "
+            "wheels; use one with 64-bit Linux."
+        )
     return found["airrace-cache"], found["airrace-python"]

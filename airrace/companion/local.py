@@ -22,8 +22,9 @@ class LocalCompanion:
     def __init__(self):
         self._running = []
 
-    def start(self, arguments: Sequence[str], files: Mapping[str, bytes],
-              log: Callable[[str], None]) -> "LocalAutonomy":
+    def start(
+        self, arguments: Sequence[str], files: Mapping[str, bytes], log: Callable[[str], None]
+    ) -> "LocalAutonomy":
         """See Companion.start()."""
         try:
             autonomy = LocalAutonomy(arguments, files, log)
@@ -60,8 +61,11 @@ class LocalAutonomy:
             self._written = open(self._folder / "log", "wb")
             self._process = subprocess.Popen(
                 [sys.executable, "-u", "-m", "airrace.diagrams.hitl", *arguments],
-                cwd=self._folder, stdin=subprocess.DEVNULL, stdout=self._written,
-                stderr=subprocess.STDOUT, start_new_session=True,
+                cwd=self._folder,
+                stdin=subprocess.DEVNULL,
+                stdout=self._written,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
                 env=child_environment(),
             )
         except BaseException:

@@ -11,12 +11,19 @@ from airrace.errors import UserError
 
 def add_ssh_options(group) -> None:
     """Adds --identity and --wheels to a group of a parser's that has --companion."""
-    group.add_argument("--identity", type=Path, metavar="FILE",
-                       help="HITL: the private key for --companion USER@HOST (default: those "
-                       "that ssh would try)")
-    group.add_argument("--wheels", type=Path, metavar="DIR",
-                       help="HITL: for a companion without the internet, a folder with a wheel of "
-                       "every locked package, see python -m airrace.companion.arm_wheels --help")
+    group.add_argument(
+        "--identity",
+        type=Path,
+        metavar="FILE",
+        help="HITL: the private key for --companion USER@HOST (default: those that ssh would try)",
+    )
+    group.add_argument(
+        "--wheels",
+        type=Path,
+        metavar="DIR",
+        help="HITL: for a companion without the internet, a folder with a wheel of "
+        "every locked package, see python -m airrace.companion.arm_wheels --help",
+    )
 
 
 def ssh_companions(args: argparse.Namespace) -> Callable[[Address], Companion]:
@@ -30,13 +37,17 @@ def ssh_companions(args: argparse.Namespace) -> Callable[[Address], Companion]:
         parse_address(args.companion)
     for option in ("identity", "wheels"):
         if getattr(args, option) is not None and not there:
-            raise UserError(f"--{option} is for a companion that is reached by ssh: add -s HITL "
-                            "--companion USER@HOST, or leave it out.")
+            raise UserError(
+                f"--{option} is for a companion that is reached by ssh: add -s HITL "
+                "--companion USER@HOST, or leave it out."
+            )
     if args.identity is not None and not args.identity.is_file():
         raise UserError(f"--identity {args.identity} is no file; name that of a private key.")
     if args.wheels is not None and not args.wheels.is_dir():
-        raise UserError(f"--wheels {args.wheels} is no folder; fill one with 'python -m "
-                        f"airrace.companion.arm_wheels --download {args.wheels}'.")
+        raise UserError(
+            f"--wheels {args.wheels} is no folder; fill one with 'python -m "
+            f"airrace.companion.arm_wheels --download {args.wheels}'."
+        )
 
     def make(address):
         from airrace.companion.ssh_companion import SshCompanion

@@ -25,8 +25,13 @@ class SetUpDisplay(contextlib.AbstractContextManager):
         self._host = host
         self._plain = None if console.is_terminal else console
         self._progress = Progress(
-            SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(),
-            TaskProgressColumn(), TimeElapsedColumn(), console=console, transient=True,
+            SpinnerColumn(),
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TaskProgressColumn(),
+            TimeElapsedColumn(),
+            console=console,
+            transient=True,
             disable=not console.is_terminal,
         )
         self._task = self._progress.add_task("", total=None)
@@ -41,8 +46,13 @@ class SetUpDisplay(contextlib.AbstractContextManager):
     def step(self, text: str) -> None:
         """Shows what is being done from now on."""
         if self._plain is not None:
-            self._plain.print(f"airrace: {self._host}: {text}", highlight=False, markup=False,
-                              emoji=False, soft_wrap=True)
+            self._plain.print(
+                f"airrace: {self._host}: {text}",
+                highlight=False,
+                markup=False,
+                emoji=False,
+                soft_wrap=True,
+            )
         self._progress.reset(self._task, description=f"{self._host}: {text}", total=None)
 
     def progress(self, done: int, total: int) -> None:

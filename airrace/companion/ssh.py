@@ -85,8 +85,15 @@ class SshConnection:
             return future.result()
         except BaseException as e:
             future.cancel()
-            if isinstance(e, (asyncssh.ConnectionLost, asyncssh.ChannelOpenError,
-                              ConnectionError, BrokenPipeError)):
+            if isinstance(
+                e,
+                (
+                    asyncssh.ConnectionLost,
+                    asyncssh.ChannelOpenError,
+                    ConnectionError,
+                    BrokenPipeError,
+                ),
+            ):
                 raise ConnectionLost(str(e).rstrip(".") or type(e).__name__) from None
             raise
 
@@ -98,10 +105,17 @@ class SshConnection:
         options = None
         try:
             options = await asyncio.to_thread(
-                asyncssh.SSHClientConnectionOptions, host=address.host, username=address.user,
-                preferred_auth=["publickey"], password_auth=False, kbdint_auth=False,
-                connect_timeout=_CONNECT_TIMEOUT, login_timeout=_LOGIN_TIMEOUT,
-                keepalive_interval=_KEEPALIVE, keepalive_count_max=3, **more,
+                asyncssh.SSHClientConnectionOptions,
+                host=address.host,
+                username=address.user,
+                preferred_auth=["publickey"],
+                password_auth=False,
+                kbdint_auth=False,
+                connect_timeout=_CONNECT_TIMEOUT,
+                login_timeout=_LOGIN_TIMEOUT,
+                keepalive_interval=_KEEPALIVE,
+                keepalive_count_max=3,
+                **more,
             )
             return await asyncssh.connect(address.host, options=options)
         except (OSError, asyncssh.Error, ValueError) as e:
@@ -111,13 +125,18 @@ class SshConnection:
 
     async def _has_other_keys(self, error) -> bool:
         """Whether a server broke off since it has no key of the kinds that known_hosts has."""
-        if not isinstance(error, (ConnectionResetError, asyncssh.ConnectionLost,
-                                  asyncssh.KeyExchangeFailed)):
+        if not isinstance(
+            error, (ConnectionResetError, asyncssh.ConnectionLost, asyncssh.KeyExchangeFailed)
+        ):
             return False
         address = self._address
         with contextlib.suppress(OSError, asyncssh.Error):
-            return await asyncio.wait_for(asyncssh.get_server_host_key(
-                address.host, address.port or ()), _CONNECT_TIMEOUT) is not None
+            return (
+                await asyncio.wait_for(
+                    asyncssh.get_server_host_key(address.host, address.port or ()), _CONNECT_TIMEOUT
+                )
+                is not None
+            )
         return False
 
     def run(self, arguments: list[str], text: str = "") -> tuple[int, str, str]:
@@ -142,8 +161,9 @@ class SshConnection:
         code = -1 if done.returncode is None else done.returncode
         return code, done.stdout, done.stderr
 
-    def start(self, arguments: list[str], text: str,
-              on_line: Callable[[str | None], None]) -> Callable[[str], None]:
+    def start(
+        self, arguments: list[str], text: str, on_line: Callable[[str | None], None]
+    ) -> Callable[[str], None]:
         """Starts a command.
 
         Args:
@@ -169,7 +189,8 @@ class SshConnection:
 
     async def _start(self, command, on_line):
         process = await self._connection.create_process(
-            command, stderr=asyncssh.STDOUT, errors="replace")
+            command, stderr=asyncssh.STDOUT, errors="replace"
+        )
 
         async def read():
             with contextlib.suppress(asyncssh.Error, OSError):

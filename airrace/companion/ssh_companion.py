@@ -29,8 +29,14 @@ class SshCompanion:
         address: where it is.
     """
 
-    def __init__(self, address: Address, *, identity: Path | None = None,
-                 wheels: Path | None = None, checkout: Path | None = None):
+    def __init__(
+        self,
+        address: Address,
+        *,
+        identity: Path | None = None,
+        wheels: Path | None = None,
+        checkout: Path | None = None,
+    ):
         """Constructs it; the first start() connects and sets the companion up.
 
         Args:
@@ -48,16 +54,19 @@ class SshCompanion:
         self._failure = None, 0.0  # the last connection that could not be made, and when (s)
         self._running = []
 
-    def start(self, arguments: Sequence[str], files: Mapping[str, bytes],
-              log: Callable[[str], None]) -> "RemoteAutonomy":
+    def start(
+        self, arguments: Sequence[str], files: Mapping[str, bytes], log: Callable[[str], None]
+    ) -> "RemoteAutonomy":
         """See Companion.start()."""
         try:
             if self._deployment is None:
                 self._set_up()
             autonomy = RemoteAutonomy(self, self._deployment, arguments, files, log)
         except ConnectionLost as e:
-            raise UserError(f"The ssh connection to {self.address.host} was lost ({e}); check "
-                            "the cable, and start again: what is done there is kept.") from None
+            raise UserError(
+                f"The ssh connection to {self.address.host} was lost ({e}); check "
+                "the cable, and start again: what is done there is kept."
+            ) from None
         self._running.append(autonomy)
         return autonomy
 
@@ -66,7 +75,8 @@ class SshCompanion:
         with SetUpDisplay(self.address.host) as display:
             display.step("connecting")
             self._deployment = Deployment(
-                self.connection(), self.address.host, checkout, self._wheels, display)
+                self.connection(), self.address.host, checkout, self._wheels, display
+            )
 
     def connection(self) -> SshConnection:
         """Returns the connection, made again if it was lost.
@@ -130,8 +140,12 @@ class RemoteAutonomy:
                 there[f"{self._folder}/{path}"] = here = Path(scratch) / str(i)
                 here.write_bytes(contents)
             connection.put(there)
-        job = {"do": "run", "folder": self._folder, "udp_port": _udp_port(arguments),
-               "arguments": ["-u", "-m", "airrace.diagrams.hitl", *arguments]}
+        job = {
+            "do": "run",
+            "folder": self._folder,
+            "udp_port": _udp_port(arguments),
+            "arguments": ["-u", "-m", "airrace.diagrams.hitl", *arguments],
+        }
         self._send = deployment.start(connection, job, self._events.put)
         try:
             self._await_start(connection)
@@ -168,8 +182,10 @@ class RemoteAutonomy:
                     self._code = event["code"]
                 case "end":
                     self._lost = True
-                    self._log("airrace: the ssh connection was lost; the race goes on as long "
-                              "as its messages come")
+                    self._log(
+                        "airrace: the ssh connection was lost; the race goes on as long "
+                        "as its messages come"
+                    )
         return self._code
 
     def stop(self, timeout: float = 5.0) -> None:
@@ -188,7 +204,8 @@ class RemoteAutonomy:
         try:
             events = queue.SimpleQueue()
             self._deployment.start(
-                self._companion.connection(), {"do": "stop", "folder": self._folder}, events.put)
+                self._companion.connection(), {"do": "stop", "folder": self._folder}, events.put
+            )
             events.get(timeout=_START_TIMEOUT)
         except (UserError, ConnectionLost, queue.Empty):
             pass  # it ends by itself: the simulation's heartbeats are missing
@@ -201,8 +218,10 @@ class RemoteAutonomy:
             self._companion.connection().get(f"{self._folder}/{OUTPUT}", folder)
         except (UserError, ConnectionLost, OSError) as e:
             self._keep = True
-            raise UserError(f"What the autonomy wrote cannot be fetched ({str(e).rstrip('.')}); it "
-                            f"is in {self._folder} on the companion.") from None
+            raise UserError(
+                f"What the autonomy wrote cannot be fetched ({str(e).rstrip('.')}); it "
+                f"is in {self._folder} on the companion."
+            ) from None
 
     def remove(self) -> None:
         """Removes its working directory, unless what is in it could not be fetched."""

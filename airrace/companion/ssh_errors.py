@@ -12,8 +12,7 @@ from airrace.companion.address import Address
 from airrace.errors import UserError
 
 
-def connect_error(error: Exception, address: Address, identity: Path | None,
-                  options) -> UserError:
+def connect_error(error: Exception, address: Address, identity: Path | None, options) -> UserError:
     """Returns the UserError for a connection that could not be made.
 
     Args:
@@ -24,38 +23,59 @@ def connect_error(error: Exception, address: Address, identity: Path | None,
     """
     host, ssh = address.host, address.ssh_arguments
     if isinstance(error, socket.gaierror):
-        return UserError(f"There is no host named {host}; correct --companion, or name it in "
-                         "/etc/hosts or ~/.ssh/config.")
+        return UserError(
+            f"There is no host named {host}; correct --companion, or name it in "
+            "/etc/hosts or ~/.ssh/config."
+        )
     if options is None:
         if identity is not None:
             return UserError(
                 f"--identity {identity} cannot be used ({_words(error)}); name the file of a "
                 "private key, or add one with a passphrase to the agent with 'ssh-add' and "
-                "leave --identity out.")
-        return UserError(f"Your keys or ~/.ssh/config cannot be used ({_words(error)}); see that "
-                         f"'ssh {ssh}' works.")
+                "leave --identity out."
+            )
+        return UserError(
+            f"Your keys or ~/.ssh/config cannot be used ({_words(error)}); see that "
+            f"'ssh {ssh}' works."
+        )
     if isinstance(error, asyncssh.PermissionDenied):
         key = f" -i {shlex.quote(str(identity))}" if identity else ""
         make = "" if identity or _has_key() else "make a key with 'ssh-keygen' and "
-        return UserError(f"{host} refuses your ssh key for the user {address.user}; {make}"
-                         f"bring it there with 'ssh-copy-id{key} {ssh}'.")
+        return UserError(
+            f"{host} refuses your ssh key for the user {address.user}; {make}"
+            f"bring it there with 'ssh-copy-id{key} {ssh}'."
+        )
     if isinstance(error, asyncssh.HostKeyNotVerifiable):
         return _host_key_error(address, options)
     port = options.port or 22
     refused = f"[Errno {errno.ECONNREFUSED}]"  # where a name stands for several addresses
     if isinstance(error, ConnectionRefusedError) or refused in str(error):
-        return UserError(f"Nothing listens on port {port} of {host}; start the ssh server there "
-                         "('sudo apt-get install openssh-server'), or correct the port in "
-                         "--companion.")
-    if isinstance(error, (asyncssh.ConnectionLost, asyncssh.ProtocolError,
-                          asyncssh.ProtocolNotSupported, ConnectionResetError)):
-        return UserError(f"What answers on port {port} of {host} is no ssh server that lets one "
-                         f"in ({_words(error)}); correct the port in --companion.")
+        return UserError(
+            f"Nothing listens on port {port} of {host}; start the ssh server there "
+            "('sudo apt-get install openssh-server'), or correct the port in "
+            "--companion."
+        )
+    if isinstance(
+        error,
+        (
+            asyncssh.ConnectionLost,
+            asyncssh.ProtocolError,
+            asyncssh.ProtocolNotSupported,
+            ConnectionResetError,
+        ),
+    ):
+        return UserError(
+            f"What answers on port {port} of {host} is no ssh server that lets one "
+            f"in ({_words(error)}); correct the port in --companion."
+        )
     if isinstance(error, (TimeoutError, OSError)):
-        return UserError(f"{host} cannot be reached ({_words(error)}); see that it is switched "
-                         f"on, that the cable is plugged in, and that 'ping {host}' works.")
-    return UserError(f"The ssh connection to {host} failed ({_words(error)}); see that "
-                     f"'ssh {ssh}' works.")
+        return UserError(
+            f"{host} cannot be reached ({_words(error)}); see that it is switched "
+            f"on, that the cable is plugged in, and that 'ping {host}' works."
+        )
+    return UserError(
+        f"The ssh connection to {host} failed ({_words(error)}); see that 'ssh {ssh}' works."
+    )
 
 
 def _host_key_error(address, options):
@@ -65,9 +85,12 @@ def _host_key_error(address, options):
             f"The host key of {address.host} has CHANGED: this is another machine, or one set up "
             "anew; if you know why, forget the old key with "
             f"'ssh-keygen -R {shlex.quote(name)}' and accept the new one with "
-            f"'ssh {address.ssh_arguments}'.")
-    return UserError(f"The host key of {address.host} is not known here; run "
-                     f"'ssh {address.ssh_arguments}' once, compare the fingerprint, and accept it.")
+            f"'ssh {address.ssh_arguments}'."
+        )
+    return UserError(
+        f"The host key of {address.host} is not known here; run "
+        f"'ssh {address.ssh_arguments}' once, compare the fingerprint, and accept it."
+    )
 
 
 def is_known(options) -> bool:
@@ -77,7 +100,10 @@ def is_known(options) -> bool:
     try:
         found = asyncssh.match_known_hosts(
             files if isinstance(files, (bytes, list, tuple)) else str(files),
-            options.host_key_alias or options.host, "", port)
+            options.host_key_alias or options.host,
+            "",
+            port,
+        )
     except (OSError, ValueError):
         return False
     return any(found[:3])  # host keys, keys of authorities, revoked keys
@@ -97,15 +123,21 @@ async def transfer_error(error: Exception, sftp, path: str, address: Address) ->
         address: of the companion.
     """
     if isinstance(error, OSError):
-        return UserError(f"{error.filename or 'A file'} here cannot be used ({error.strerror}); "
-                         "see that it is there and that the disk is not full.")
+        return UserError(
+            f"{error.filename or 'A file'} here cannot be used ({error.strerror}); "
+            "see that it is there and that the disk is not full."
+        )
     if sftp is None:
-        return UserError(f"The ssh server of {address.host} has no SFTP ({_words(error)}); install "
-                         "openssh-sftp-server there.")
+        return UserError(
+            f"The ssh server of {address.host} has no SFTP ({_words(error)}); install "
+            "openssh-sftp-server there."
+        )
     if await _is_full(sftp, path):
         return UserError(f"The disk of {address.host} is full at {path}; make room there.")
-    return UserError(f"{path} on {address.host} cannot be used ({_words(error)}); see that "
-                     f"{address.user} may write there.")
+    return UserError(
+        f"{path} on {address.host} cannot be used ({_words(error)}); see that "
+        f"{address.user} may write there."
+    )
 
 
 async def _is_full(sftp, path) -> bool:

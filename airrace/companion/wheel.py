@@ -25,8 +25,10 @@ def checkout_path() -> Path:
     """
     root = Path(airrace.__file__).resolve().parent.parent
     if not all((root / name).is_file() for name in ("pyproject.toml", "requirements.lock")):
-        raise UserError(f"airrace runs from {root}, which is no checkout of it, so that it cannot "
-                        "be brought to a companion; start it with ./run.bash of a checkout.")
+        raise UserError(
+            f"airrace runs from {root}, which is no checkout of it, so that it cannot "
+            "be brought to a companion; start it with ./run.bash of a checkout."
+        )
     return root
 
 
@@ -37,8 +39,11 @@ def digest(*paths: Path) -> str:
     """
     result = hashlib.sha256()
     for path in paths:
-        files = [path] if path.is_file() else sorted(
-            p for p in path.rglob("*") if p.is_file() and not _is_left_behind(p))
+        files = (
+            [path]
+            if path.is_file()
+            else sorted(p for p in path.rglob("*") if p.is_file() and not _is_left_behind(p))
+        )
         for file in files:
             name = file.relative_to(path.parent).as_posix().encode()
             content = hashlib.sha256(file.read_bytes()).digest()
@@ -67,14 +72,23 @@ def build_wheel(root: Path, folder: Path) -> Path:
     source, result = folder / "source", folder / "wheel"
     try:
         for name in _FOLDERS:
-            shutil.copytree(root / name, source / name,
-                            ignore=lambda _, names: [n for n in names if _is_left_behind(Path(n))])
+            shutil.copytree(
+                root / name,
+                source / name,
+                ignore=lambda _, names: [n for n in names if _is_left_behind(Path(n))],
+            )
         for name in _FILES:
             shutil.copy2(root / name, source / name)
         result.mkdir()
-        done = subprocess.run([sys.executable, "-I", "-c", _BUILD, str(result)], cwd=source,
-                              capture_output=True, text=True, errors="replace",
-                              stdin=subprocess.DEVNULL, timeout=_BUILD_TIMEOUT)
+        done = subprocess.run(
+            [sys.executable, "-I", "-c", _BUILD, str(result)],
+            cwd=source,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            stdin=subprocess.DEVNULL,
+            timeout=_BUILD_TIMEOUT,
+        )
         wheels = list(result.glob("*.whl"))
         problem = (done.stderr or done.stdout) if done.returncode or not wheels else None
     except (OSError, shutil.Error, subprocess.TimeoutExpired) as e:
@@ -82,8 +96,11 @@ def build_wheel(root: Path, folder: Path) -> Path:
     if problem is not None:
         lines = [line.strip() for line in problem.splitlines() if line.strip()]
         reason = (lines or ["it does not say why"])[-1][:300].rstrip(".")
-        remedy = ("remove .venv and run ./run.bash again" if "setuptools" in reason else
-                  f"mend the checkout in {root}")
+        remedy = (
+            "remove .venv and run ./run.bash again"
+            if "setuptools" in reason
+            else f"mend the checkout in {root}"
+        )
         raise UserError(f"The wheel for the companion cannot be built ({reason}); {remedy}.")
     return wheels[0]
 

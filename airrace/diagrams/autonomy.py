@@ -36,8 +36,10 @@ def _make_gate_mapper(scenario: Scenario):
     # The mapper counts from the exposure.
     perception["latency"] += scenario.camera.resolved().latency
     return GateMapper(
-        fps=scenario.camera.fps, state_rate=scenario.state_estimate.rate,
-        link_delay=scenario.link_delay, **perception
+        fps=scenario.camera.fps,
+        state_rate=scenario.state_estimate.rate,
+        link_delay=scenario.link_delay,
+        **perception,
     )
 
 
@@ -64,8 +66,7 @@ def _make_lap_planner(scenario: Scenario):
 
 
 def _make_rotor_monitor(scenario: Scenario):
-    return RotorMonitor(
-        vehicle=load_vehicle(scenario.drone)[0], rate=scenario.rotor_monitor.rate)
+    return RotorMonitor(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.rotor_monitor.rate)
 
 
 def _make_state_filter(scenario: Scenario):
@@ -77,9 +78,7 @@ def _make_state_filter(scenario: Scenario):
 
 
 def _make_geometric_controller(scenario: Scenario):
-    return GeometricController(
-        vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller)
-    )
+    return GeometricController(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
 
 
 # Every box, and what makes it unless the scenario's `boxes` names another.
@@ -94,8 +93,14 @@ BOXES = {
     "geometric_controller": _make_geometric_controller,
 }
 INPUTS = (
-    "camera_image", "camera_grey", "camera_view", "camera_image_time", "camera_info",
-    "state_estimate", "rotor_speeds", "rotor_report",
+    "camera_image",
+    "camera_grey",
+    "camera_view",
+    "camera_image_time",
+    "camera_info",
+    "state_estimate",
+    "rotor_speeds",
+    "rotor_report",
 )
 OUTPUTS = {
     "rotor_speed_command": "geometric_controller",
@@ -130,8 +135,7 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
             raise UserError(f"boxes.{name} is not a box; the boxes are: {', '.join(BOXES)}.")
     boxes = {name: make_box(name, scenario) for name in BOXES}
     try:
-        bends = scenario.camera.renderer != NO_CAMERA and any(
-            scenario.camera.resolved().distortion)
+        bends = scenario.camera.renderer != NO_CAMERA and any(scenario.camera.resolved().distortion)
         diagram = _wired(boxes, rectify=bends)
     except RuntimeError as e:  # Drake's, on types, sizes and algebraic loops
         raise UserError(f"The boxes do not fit together: {' '.join(str(e).split())}") from None

@@ -27,8 +27,16 @@ _GAP = 0.1  # s, beyond which the past is not caught up with
 class AutonomyProcess:
     """Runs the autonomy of a scenario until the simulation says farewell."""
 
-    def __init__(self, scenario, bus, output_dir, log=print, stop=lambda: False,
-                 clock=time.monotonic, in_process=False):
+    def __init__(
+        self,
+        scenario,
+        bus,
+        output_dir,
+        log=print,
+        stop=lambda: False,
+        clock=time.monotonic,
+        in_process=False,
+    ):
         """Constructs it; it listens from now on.
 
         Args:
@@ -45,7 +53,8 @@ class AutonomyProcess:
         self._autonomy = MakeAutonomy(scenario)
         self.rows = make_channels(scenario, pictures_wanted(self._autonomy))
         self._endpoint = Endpoint(
-            AUTONOMY, [*(row.as_channel() for row in self.rows), *CHANNELS], bus, clock)
+            AUTONOMY, [*(row.as_channel() for row in self.rows), *CHANNELS], bus, clock
+        )
         self._responder = Responder(self._endpoint)
         # Started now, so that it is there when the first lap is to be planned.
         self._worker = None if in_process else PlanningWorker()
@@ -66,8 +75,14 @@ class AutonomyProcess:
         planner = self._autonomy.GetSubsystemByName("lap_planner")
         phase = phases.RACING if resume else phases.READY
         try:
-            hear_peer(self._endpoint, phases.WAITING, "", lambda heard: heard.phase == phase,
-                      timeout=patience, poll=self._poll)
+            hear_peer(
+                self._endpoint,
+                phases.WAITING,
+                "",
+                lambda heard: heard.phase == phase,
+                timeout=patience,
+                poll=self._poll,
+            )
         except BaseException:
             self._worker.close()
             raise
@@ -88,8 +103,14 @@ class AutonomyProcess:
     def build(self, lossless: bool) -> None:
         """Makes the Simulator."""
         diagram, self._receivers, self._senders, self._compensator = MakeAutonomySide(
-            self._scenario, self._autonomy, self.rows, AUTONOMY, self._endpoint, lossless,
-            self._output_dir)
+            self._scenario,
+            self._autonomy,
+            self.rows,
+            AUTONOMY,
+            self._endpoint,
+            lossless,
+            self._output_dir,
+        )
         self._simulator = Simulator(diagram)
         self._context = self._simulator.get_mutable_context()
 
@@ -156,7 +177,8 @@ class AutonomyProcess:
         if delay != self._delay:
             self._delay = delay
             self._compensator.SetDelay(
-                self._compensator.GetMyMutableContextFromRoot(self._context), delay)
+                self._compensator.GetMyMutableContextFromRoot(self._context), delay
+            )
         now = self._sim_time()
         if now > self._context.get_time() + _GAP:
             self._context.SetTime(now)  # nobody waits for the commands of the past
@@ -167,8 +189,7 @@ class AutonomyProcess:
 
     def _initialize(self, fresh: bool):
         """Initializes at the context's time; what is known stays unless it is a fresh start."""
-        self._simulator.Initialize(
-            InitializeParams(suppress_initialization_events=not fresh))
+        self._simulator.Initialize(InitializeParams(suppress_initialization_events=not fresh))
 
     def _sim_time(self):
         """Returns the simulated time at which a command of now will arrive (s)."""

@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 import math
-import typing
 
 from airrace.errors import UserError
 from airrace.rendering.camera_effects import CameraEffects
@@ -18,8 +17,13 @@ PRESETS = {
     ),
     # A cheap one at dusk, behind a wide-angle lens.
     "harsh": CameraEffects(
-        shutter=0.010, gain=0.8, vignetting=0.5, read_noise=4.0, shot_noise=0.15,
-        distortion=(-0.25, 0.08, 0.001, -0.001, 0.0), latency=0.020,
+        shutter=0.010,
+        gain=0.8,
+        vignetting=0.5,
+        read_noise=4.0,
+        shot_noise=0.15,
+        distortion=(-0.25, 0.08, 0.001, -0.001, 0.0),
+        latency=0.020,
     ),
 }
 
@@ -28,13 +32,13 @@ PRESETS = {
 class EffectsConfig:
     """Takes the place of what the preset says; see CameraEffects."""
 
-    shutter: typing.Optional[float] = None  # s
-    gain: typing.Optional[float] = None
-    vignetting: typing.Optional[float] = None  # share of the light lost in the corners
-    read_noise: typing.Optional[float] = None  # grey levels
-    shot_noise: typing.Optional[float] = None  # variance per grey level
-    distortion: typing.Optional[typing.List[float]] = None  # k1, k2, p1, p2, k3
-    latency: typing.Optional[float] = None  # s, from mid exposure to the picture
+    shutter: float | None = None  # s
+    gain: float | None = None
+    vignetting: float | None = None  # share of the light lost in the corners
+    read_noise: float | None = None  # grey levels
+    shot_noise: float | None = None  # variance per grey level
+    distortion: list[float] | None = None  # k1, k2, p1, p2, k3
+    latency: float | None = None  # s, from mid exposure to the picture
 
 
 @dc.dataclass

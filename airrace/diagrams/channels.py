@@ -68,13 +68,17 @@ class Row:
 
     def as_channel(self) -> Channel:
         """Returns what an Endpoint must know of it."""
-        return Channel(self.channel, self.message_type, self.sender, self.decode, self.max_size,
-                       self.timed)
+        return Channel(
+            self.channel, self.message_type, self.sender, self.decode, self.max_size, self.timed
+        )
 
 
 # The ports of pictures, and which picture each shows.
-PICTURES = {"camera_view": pictures.GREY, "camera_grey": pictures.GREY,
-            "camera_image": pictures.COLOUR}
+PICTURES = {
+    "camera_view": pictures.GREY,
+    "camera_grey": pictures.GREY,
+    "camera_image": pictures.COLOUR,
+}
 
 
 def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[Row, ...]:
@@ -90,39 +94,107 @@ def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[Row, ...
     zeros = np.zeros
     return (
         _camera(scenario, wanted),
-        _row("camera_info", "CAMERA_INFO", lcmtypes.lcmt_camera_info, SIMULATION, 1.0,
-             adapters.encode_camera_info, adapters.decode_camera_info, None),
-        _row("state_estimate", "STATE_ESTIMATE", lcmtypes.lcmt_state_estimate, SIMULATION,
-             scenario.state_estimate.rate,
-             adapters.encode_state_estimate, adapters.decode_state_estimate, zeros(se.SIZE)),
+        _row(
+            "camera_info",
+            "CAMERA_INFO",
+            lcmtypes.lcmt_camera_info,
+            SIMULATION,
+            1.0,
+            adapters.encode_camera_info,
+            adapters.decode_camera_info,
+            None,
+        ),
+        _row(
+            "state_estimate",
+            "STATE_ESTIMATE",
+            lcmtypes.lcmt_state_estimate,
+            SIMULATION,
+            scenario.state_estimate.rate,
+            adapters.encode_state_estimate,
+            adapters.decode_state_estimate,
+            zeros(se.SIZE),
+        ),
         _rotors(scenario, n),
-        _row("truth.referee_report", "REFEREE_REPORT", lcmtypes.lcmt_referee_report, SIMULATION,
-             10.0, adapters.encode_referee_report, adapters.decode_referee_report,
-             RefereeReport((), False, None, None, 0)),
-        _row("rotor_speed_command", "ROTOR_SPEED_COMMAND", lcmtypes.lcmt_rotors, AUTONOMY,
-             scenario.controller.rate,
-             adapters.encode_rotors, _sized(adapters.decode_rotors, n), zeros(n), repeat=0.02,
-             timed=True),
-        _row("rotor_losses", "ROTOR_LOSSES", lcmtypes.lcmt_rotors, AUTONOMY, 10.0,
-             adapters.encode_rotors, _sized(adapters.decode_rotor_losses, n),
-             np.full(n, np.inf)),
-        _row("explorer_status", "EXPLORER_STATUS", lcmtypes.lcmt_explorer_status, AUTONOMY,
-             scenario.explorer.rate,
-             adapters.encode_explorer_status, adapters.decode_explorer_status, ExplorerStatus(),
-             max_size=_LARGE),
-        _row("gate_map", "GATE_MAP", lcmtypes.lcmt_gate_map, AUTONOMY, 10.0,
-             adapters.encode_gate_map, adapters.decode_gate_map, GateMap(), max_size=_LARGE),
-        _row("lap_plan", "LAP_PLAN", lcmtypes.lcmt_lap_plan, AUTONOMY, scenario.planner.rate,
-             plan_adapter.encode_lap_plan, plan_adapter.decode_lap_plan, NO_PLAN,
-             max_size=_LARGE),
+        _row(
+            "truth.referee_report",
+            "REFEREE_REPORT",
+            lcmtypes.lcmt_referee_report,
+            SIMULATION,
+            10.0,
+            adapters.encode_referee_report,
+            adapters.decode_referee_report,
+            RefereeReport((), False, None, None, 0),
+        ),
+        _row(
+            "rotor_speed_command",
+            "ROTOR_SPEED_COMMAND",
+            lcmtypes.lcmt_rotors,
+            AUTONOMY,
+            scenario.controller.rate,
+            adapters.encode_rotors,
+            _sized(adapters.decode_rotors, n),
+            zeros(n),
+            repeat=0.02,
+            timed=True,
+        ),
+        _row(
+            "rotor_losses",
+            "ROTOR_LOSSES",
+            lcmtypes.lcmt_rotors,
+            AUTONOMY,
+            10.0,
+            adapters.encode_rotors,
+            _sized(adapters.decode_rotor_losses, n),
+            np.full(n, np.inf),
+        ),
+        _row(
+            "explorer_status",
+            "EXPLORER_STATUS",
+            lcmtypes.lcmt_explorer_status,
+            AUTONOMY,
+            scenario.explorer.rate,
+            adapters.encode_explorer_status,
+            adapters.decode_explorer_status,
+            ExplorerStatus(),
+            max_size=_LARGE,
+        ),
+        _row(
+            "gate_map",
+            "GATE_MAP",
+            lcmtypes.lcmt_gate_map,
+            AUTONOMY,
+            10.0,
+            adapters.encode_gate_map,
+            adapters.decode_gate_map,
+            GateMap(),
+            max_size=_LARGE,
+        ),
+        _row(
+            "lap_plan",
+            "LAP_PLAN",
+            lcmtypes.lcmt_lap_plan,
+            AUTONOMY,
+            scenario.planner.rate,
+            plan_adapter.encode_lap_plan,
+            plan_adapter.decode_lap_plan,
+            NO_PLAN,
+            max_size=_LARGE,
+        ),
     )
 
 
 def _row(port, name, message_type, sender, rate, encode, decode, initial, **others) -> Row:
     return Row(
-        (port,), f"AIRRACE_{name}", message_type, sender, rate,
+        (port,),
+        f"AIRRACE_{name}",
+        message_type,
+        sender,
+        rate,
         lambda lossless, **values: encode(values[port]),
-        lambda message: {port: decode(message)}, {port: initial}, **others)
+        lambda message: {port: decode(message)},
+        {port: initial},
+        **others,
+    )
 
 
 def _sized(decode, n):
@@ -130,6 +202,7 @@ def _sized(decode, n):
         if message.count != n:
             raise Dropped(MALFORMED)
         return decode(message)
+
     return decode_n
 
 
@@ -137,21 +210,30 @@ def _rotors(scenario: Scenario, n: int) -> Row:
     """Returns the row of what the motor controllers of n rotors report."""
     # The report first: its time tells that it is a new one.
     return Row(
-        ("rotor_report", "rotor_speeds"), "AIRRACE_ROTOR_REPORT", lcmtypes.lcmt_rotor_report,
-        SIMULATION, scenario.rotors.rate,
+        ("rotor_report", "rotor_speeds"),
+        "AIRRACE_ROTOR_REPORT",
+        lcmtypes.lcmt_rotor_report,
+        SIMULATION,
+        scenario.rotors.rate,
         lambda lossless, **values: adapters.encode_rotor_report(**values),
         _sized(adapters.decode_rotor_report, n),
-        {"rotor_report": np.zeros(1 + 2 * n), "rotor_speeds": np.zeros(n)})
+        {"rotor_report": np.zeros(1 + 2 * n), "rotor_speeds": np.zeros(n)},
+    )
 
 
 def _camera(scenario: Scenario, wanted) -> Row:
     """Returns the row of the pictures."""
     shape = (scenario.camera.height, scenario.camera.width)
-    make = {"camera_view": pictures.view_of, "camera_grey": pictures.grey_of,
-            "camera_image": pictures.rgba_of}
-    get = {"camera_view": lambda view: view.whole(),
-           "camera_grey": lambda image: image.data[..., 0],
-           "camera_image": lambda image: image.data}
+    make = {
+        "camera_view": pictures.view_of,
+        "camera_grey": pictures.grey_of,
+        "camera_image": pictures.rgba_of,
+    }
+    get = {
+        "camera_view": lambda view: view.whole(),
+        "camera_grey": lambda image: image.data[..., 0],
+        "camera_image": lambda image: image.data,
+    }
 
     def encode(lossless, camera_image_time, **images):
         found = {PICTURES[port]: get[port](image) for port, image in images.items()}
@@ -164,6 +246,13 @@ def _camera(scenario: Scenario, wanted) -> Row:
 
     # The time first: it tells whether there is a new picture, before that is drawn.
     return Row(
-        ("camera_image_time", *wanted), "AIRRACE_CAMERA", lcmt_image_array, SIMULATION,
-        scenario.camera.fps, encode, decode,
-        {"camera_image_time": np.full(1, -1.0), **dict.fromkeys(wanted)}, max_size=_LARGE)
+        ("camera_image_time", *wanted),
+        "AIRRACE_CAMERA",
+        lcmt_image_array,
+        SIMULATION,
+        scenario.camera.fps,
+        encode,
+        decode,
+        {"camera_image_time": np.full(1, -1.0), **dict.fromkeys(wanted)},
+        max_size=_LARGE,
+    )

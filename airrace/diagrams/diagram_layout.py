@@ -50,20 +50,28 @@ def boxes_and_wires(diagram: Diagram) -> tuple[dict, list]:
     boxes |= {system.get_name(): Box(system.get_name()) for system in diagram.GetSystems()}
     boxes[OUTPUTS] = Box(OUTPUTS)
     wires = [
-        Wire(source.get_name(), source.get_output_port(j).get_name(),
-             sink.get_name(), sink.get_input_port(i).get_name())
+        Wire(
+            source.get_name(),
+            source.get_output_port(j).get_name(),
+            sink.get_name(),
+            sink.get_input_port(i).get_name(),
+        )
         for (sink, i), (source, j) in diagram.connection_map().items()
     ]
     for k in range(diagram.num_input_ports()):
         port = diagram.get_input_port(k)
         for system, i in diagram.GetInputPortLocators(port.get_index()):
-            wires.append(Wire(INPUTS, port.get_name(), system.get_name(),
-                              system.get_input_port(i).get_name()))
+            wires.append(
+                Wire(
+                    INPUTS, port.get_name(), system.get_name(), system.get_input_port(i).get_name()
+                )
+            )
     for k in range(diagram.num_output_ports()):
         port = diagram.get_output_port(k)
         system, j = diagram.get_output_port_locator(port.get_index())
-        wires.append(Wire(system.get_name(), system.get_output_port(j).get_name(),
-                          OUTPUTS, port.get_name()))
+        wires.append(
+            Wire(system.get_name(), system.get_output_port(j).get_name(), OUTPUTS, port.get_name())
+        )
     for wire in wires:
         _add(boxes[wire.source].outputs, wire.output)
         _add(boxes[wire.sink].inputs, wire.input)
@@ -97,7 +105,8 @@ def layers(boxes: dict, wires) -> list:
                 boxes[sink].layer = max(boxes[sink].layer, boxes[name].layer + 1)
     if OUTPUTS in boxes:
         boxes[OUTPUTS].layer = 1 + max(
-            (box.layer for name, box in boxes.items() if name != OUTPUTS), default=0)
+            (box.layer for name, box in boxes.items() if name != OUTPUTS), default=0
+        )
     links = set()
     for wire in wires:
         here = wire.source

@@ -26,9 +26,11 @@ def diagram_svg(diagrams) -> str:
         drawn, w, h = _draw(diagram, y)
         parts.append(drawn)
         width, y = max(width, w), y + h
-    return (f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {y:.0f}" '
-            f'width="{width:.0f}" height="{y:.0f}"><style>{_STYLE}</style>'
-            f'<rect width="{width:.0f}" height="{y:.0f}" fill="white"/>{"".join(parts)}</svg>\n')
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {y:.0f}" '
+        f'width="{width:.0f}" height="{y:.0f}"><style>{_STYLE}</style>'
+        f'<rect width="{width:.0f}" height="{y:.0f}" fill="white"/>{"".join(parts)}</svg>\n'
+    )
 
 
 def _draw(diagram, top: float) -> tuple[str, float, float]:
@@ -47,10 +49,11 @@ def _draw(diagram, top: float) -> tuple[str, float, float]:
             x, y, w, _ = places[passage(wire, layer)]
             points += [(x, y), (x + w, y)]
         points.append(_port(boxes, places, wire.sink, wire.input, "inputs"))
-        parts.append(f'<path class="wire" stroke="{colors[wire.source, wire.output]}" '
-                     f'd="{_curve([(x, y + top) for x, y in points], top + height - 4)}"/>')
-    parts += [
-        _box(box, *places[name], top) for name, box in boxes.items() if not box.is_passage]
+        parts.append(
+            f'<path class="wire" stroke="{colors[wire.source, wire.output]}" '
+            f'd="{_curve([(x, y + top) for x, y in points], top + height - 4)}"/>'
+        )
+    parts += [_box(box, *places[name], top) for name, box in boxes.items() if not box.is_passage]
     return "".join(parts), width, height + _TITLE + _MARGIN
 
 
@@ -59,8 +62,10 @@ def _curve(points, low: float) -> str:
     (x0, y0), (x1, y1) = points[0], points[-1]
     if x1 <= x0:
         reach = 0.8 * _COLUMN_GAP
-        return (f"M {x0:.0f} {y0:.0f} C {x0 + reach:.0f} {y0:.0f} {x0 + reach:.0f} {low:.0f} "
-                f"{(x0 + x1) / 2:.0f} {low:.0f} S {x1 - reach:.0f} {y1:.0f} {x1:.0f} {y1:.0f}")
+        return (
+            f"M {x0:.0f} {y0:.0f} C {x0 + reach:.0f} {y0:.0f} {x0 + reach:.0f} {low:.0f} "
+            f"{(x0 + x1) / 2:.0f} {low:.0f} S {x1 - reach:.0f} {y1:.0f} {x1:.0f} {y1:.0f}"
+        )
     path = f"M {x0:.0f} {y0:.0f}"
     for (a, b), (c, d) in zip(points, points[1:]):
         middle = (a + c) / 2
@@ -104,15 +109,19 @@ def _port(boxes, places, name, port, side) -> tuple[float, float]:
 
 def _box(box, x, y, w, h, top) -> str:
     own = box.name in (INPUTS, OUTPUTS)
-    parts = [f'<rect class="{"edge" if own else "box"}" x="{x:.0f}" y="{y + top:.0f}" '
-             f'width="{w:.0f}" height="{h:.0f}" rx="5"/>',
-             f'<text class="name" x="{x + w / 2:.0f}" y="{y + top + 17:.0f}" '
-             f'text-anchor="middle">{escape(box.name)}</text>']
+    parts = [
+        f'<rect class="{"edge" if own else "box"}" x="{x:.0f}" y="{y + top:.0f}" '
+        f'width="{w:.0f}" height="{h:.0f}" rx="5"/>',
+        f'<text class="name" x="{x + w / 2:.0f}" y="{y + top + 17:.0f}" '
+        f'text-anchor="middle">{escape(box.name)}</text>',
+    ]
     sides = (box.inputs, "start", x, 7), (box.outputs, "end", x + w, -7)
     for ports, anchor, edge, inset in sides:
         for k, port in enumerate(ports):
             middle = y + top + _HEAD + _LINE * (k + 0.5)
-            parts.append(f'<circle class="port" cx="{edge:.0f}" cy="{middle:.0f}" r="2.5"/>'
-                         f'<text x="{edge + inset:.0f}" y="{middle + 4:.0f}" '
-                         f'text-anchor="{anchor}">{escape(port)}</text>')
+            parts.append(
+                f'<circle class="port" cx="{edge:.0f}" cy="{middle:.0f}" r="2.5"/>'
+                f'<text x="{edge + inset:.0f}" y="{middle + 4:.0f}" '
+                f'text-anchor="{anchor}">{escape(port)}</text>'
+            )
     return "".join(parts)

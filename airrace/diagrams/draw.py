@@ -22,14 +22,20 @@ def make_parser() -> argparse.ArgumentParser:
     from airrace.diagrams.race import add_scenario_options
 
     parser = argparse.ArgumentParser(
-        prog="airrace.diagrams.draw", epilog=EPILOG,
+        prog="airrace.diagrams.draw",
+        epilog=EPILOG,
         description="Draw the boxes and wires of a race as an SVG picture.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--part", choices=PARTS, default="race",
-                        help="what to draw; the race is simulation and autonomy (default: race)")
-    parser.add_argument("--output", type=Path, required=True, metavar="FILE",
-                        help="the SVG file to write")
+    parser.add_argument(
+        "--part",
+        choices=PARTS,
+        default="race",
+        help="what to draw; the race is simulation and autonomy (default: race)",
+    )
+    parser.add_argument(
+        "--output", type=Path, required=True, metavar="FILE", help="the SVG file to write"
+    )
     add_scenario_options(parser)
     return parser
 
@@ -59,10 +65,13 @@ def run(args) -> int:
     from airrace.files import write_text
 
     if not args.output.parent.is_dir():
-        raise UserError(f"--output {args.output}: there is no folder {args.output.parent}; make "
-                        "it, or name another file.")
+        raise UserError(
+            f"--output {args.output}: there is no folder {args.output.parent}; make "
+            "it, or name another file."
+        )
     scenario = load_scenario(
-        filename=args.scenario_file, scenario_name=args.scenario_name,
+        filename=args.scenario_file,
+        scenario_name=args.scenario_name,
         scenario_text=args.scenario_text,
     )
     scenario.check()

@@ -55,31 +55,68 @@ def make_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     races = parser.add_argument_group("the races")
-    races.add_argument("--tracks", type=int, default=20, metavar="N",
-                       help="number of races, each on a track of its own (default: 20)")
-    races.add_argument("--track_seed", type=int, default=1000, metavar="N",
-                       help="seed of the first track and race (default: 1000)")
-    races.add_argument("--track", metavar="NAME|FILE",
-                       help="fly all races on this shipped track or YAML file instead")
-    races.add_argument("--laps", type=int, metavar="N",
-                       help="laps of each race after exploring (default: the scenario's)")
+    races.add_argument(
+        "--tracks",
+        type=int,
+        default=20,
+        metavar="N",
+        help="number of races, each on a track of its own (default: 20)",
+    )
+    races.add_argument(
+        "--track_seed",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="seed of the first track and race (default: 1000)",
+    )
+    races.add_argument(
+        "--track",
+        metavar="NAME|FILE",
+        help="fly all races on this shipped track or YAML file instead",
+    )
+    races.add_argument(
+        "--laps",
+        type=int,
+        metavar="N",
+        help="laps of each race after exploring (default: the scenario's)",
+    )
     add_level_option(races, "(default: 1, unless --scenario_file is given)")
     add_drone_options(races)
     run = parser.add_argument_group("the run")
-    run.add_argument("--output", type=Path, metavar="DIR",
-                     help="where the results go, a folder without an evaluation in it "
-                     "(default: runs/<UTC time>-evaluation-<drone>)")
-    run.add_argument("--resume", action="store_true",
-                     help="go on with the evaluation in --output, if there is one: only the races "
-                     "that it lacks are flown")
+    run.add_argument(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="where the results go, a folder without an evaluation in it "
+        "(default: runs/<UTC time>-evaluation-<drone>)",
+    )
+    run.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the evaluation in --output, if there is one: only the races "
+        "that it lacks are flown",
+    )
     where = run.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=int, metavar="N",
-                       help="processes on this machine (default: one a processor)")
-    where.add_argument("--scheduler", metavar="tcp://HOST:PORT",
-                       help="a running Dask cluster instead")
+    where.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="processes on this machine (default: one a processor)",
+    )
+    where.add_argument(
+        "--scheduler", metavar="tcp://HOST:PORT", help="a running Dask cluster instead"
+    )
     add_scenario_options(parser)
-    parser.set_defaults(seed=None, renderer=None, map=None, realtime_rate=None, simulation="SITL",
-                        lockstep=False, lcm_url=None, record="none")
+    parser.set_defaults(
+        seed=None,
+        renderer=None,
+        map=None,
+        realtime_rate=None,
+        simulation="SITL",
+        lockstep=False,
+        lcm_url=None,
+        record="none",
+    )
     return parser
 
 
@@ -122,8 +159,13 @@ def resolve(args) -> tuple[list, dict]:
         console = Console(stderr=True)
         tracks = [
             generated_track(seed)
-            for seed in progress(seeds, "Making tracks", console=console, transient=True,
-                                 disable=not console.is_terminal)
+            for seed in progress(
+                seeds,
+                "Making tracks",
+                console=console,
+                transient=True,
+                disable=not console.is_terminal,
+            )
         ]
     jobs = make_jobs(scenario, seeds, tracks)
     return jobs, settings(
@@ -193,7 +235,8 @@ def evaluate(args, jobs, settings, folder, store) -> int:
     if stopped:
         print(
             f"airrace: {stopped}; {len(store.rows)} of {len(jobs)} races are in {folder}: the "
-            "same command with --resume flies the others.", file=sys.stderr,
+            "same command with --resume flies the others.",
+            file=sys.stderr,
         )
     return 1 if stopped else 0
 

@@ -29,7 +29,8 @@ class ReferenceSource(LeafSystem):
         """Args: reference: time (s) to the vector of trajopt/flat_trajectory.py."""
         LeafSystem.__init__(self)
         self.DeclareVectorOutputPort(
-            "reference", ref.SIZE,
+            "reference",
+            ref.SIZE,
             lambda context, output: output.set_value(reference(context.get_time())),
             {self.time_ticket()},
         )
@@ -71,8 +72,9 @@ def MakeFlight(scenario: Scenario, reference) -> Diagram:
     return diagram
 
 
-def start_in_flight(flight: Diagram, scenario: Scenario, context, *, X_WB, w_WB=(0, 0, 0),
-                    v_WB=(0, 0, 0)) -> None:
+def start_in_flight(
+    flight: Diagram, scenario: Scenario, context, *, X_WB, w_WB=(0, 0, 0), v_WB=(0, 0, 0)
+) -> None:
     """Puts the drone into the air, its rotors turning as in a hover.
 
     Args:

@@ -28,8 +28,12 @@ from airrace.vehicle import load_vehicle
 RATE = 30.0  # Hz, of a replay's frames
 # Blue, orange, green, purple, ...: far apart for all eyes.
 COLORS = {
-    "blue": (0.10, 0.45, 0.95), "orange": (0.95, 0.50, 0.05), "green": (0.10, 0.65, 0.35),
-    "purple": (0.60, 0.25, 0.75), "yellow": (0.90, 0.80, 0.10), "grey": (0.35, 0.35, 0.40),
+    "blue": (0.10, 0.45, 0.95),
+    "orange": (0.95, 0.50, 0.05),
+    "green": (0.10, 0.65, 0.35),
+    "purple": (0.60, 0.25, 0.75),
+    "yellow": (0.90, 0.80, 0.10),
+    "grey": (0.35, 0.35, 0.40),
 }
 _ALPHA = 0.6
 _BALL = 1.2  # m, around a drone, which is too small to see from afar
@@ -86,17 +90,23 @@ def make_ghosts(runs, align: str = "start", lap: int = 1) -> list:
     ghosts = []
     for run, color in zip(runs, COLORS):
         if len(run.columns["state"]["time"]) < 2:
-            raise UserError(f"{run.folder} has no flight in its race.mcap; name a race that was "
-                            "recorded, --record light or full.")
+            raise UserError(
+                f"{run.folder} has no flight in its race.mcap; name a race that was "
+                "recorded, --record light or full."
+            )
         if run.track != runs[0].track:
-            raise UserError(f"{run.folder} was flown on another track than {runs[0].folder}; "
-                            "name runs of one track.")
+            raise UserError(
+                f"{run.folder} was flown on another track than {runs[0].folder}; "
+                "name runs of one track."
+            )
         start = 0.0
         if align == "lap":
             starts = run.lap_starts
             if not 1 <= lap <= len(starts):
-                raise UserError(f"{run.folder} has no lap {lap}, it began {len(starts)}; choose "
-                                "another --lap or --align start.")
+                raise UserError(
+                    f"{run.folder} has no lap {lap}, it began {len(starts)}; choose "
+                    "another --lap or --align start."
+                )
             start = float(starts[lap - 1])
         ghosts.append(Ghost(run, start, color))
     return ghosts
@@ -160,8 +170,7 @@ def _paint(plant, scene_graph, body, color):
     drake.setLevel(logging.ERROR)  # it warns that visualizers may exist, which is not so here
     for geometry in plant.GetVisualGeometriesForBody(body):
         if scene_graph.model_inspector().GetIllustrationProperties(geometry) is not None:
-            scene_graph.AssignRole(
-                plant.get_source_id(), geometry, properties, RoleAssign.kReplace)
+            scene_graph.AssignRole(plant.get_source_id(), geometry, properties, RoleAssign.kReplace)
     drake.setLevel(level)
 
 
@@ -174,9 +183,13 @@ def legend_html(ghosts) -> str:
         r, g, b = (round(255 * share) for share in COLORS[ghost.color])
         best = ghost.run.result["best_lap_s"]
         words = ghost.run.folder.resolve().name + (f", best lap {best:.2f} s" if best else "")
-        rows.append(f'<div><span style="display:inline-block;width:.8em;height:.8em;'
-                    f'background:rgb({r},{g},{b});border-radius:50%"></span> '
-                    f"{escaped(words)}</div>")
-    return ('<div style="position:absolute;left:12px;bottom:12px;padding:8px 12px;'
-            "background:rgba(255,255,255,.85);color:#222;font:14px/1.5 sans-serif;"
-            f'border-radius:6px">{"".join(rows)}</div>')
+        rows.append(
+            f'<div><span style="display:inline-block;width:.8em;height:.8em;'
+            f'background:rgb({r},{g},{b});border-radius:50%"></span> '
+            f"{escaped(words)}</div>"
+        )
+    return (
+        '<div style="position:absolute;left:12px;bottom:12px;padding:8px 12px;'
+        "background:rgba(255,255,255,.85);color:#222;font:14px/1.5 sans-serif;"
+        f'border-radius:6px">{"".join(rows)}</div>'
+    )

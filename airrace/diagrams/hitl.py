@@ -29,26 +29,47 @@ def make_hitl_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m airrace.diagrams.hitl",
         description="Run one side of a race whose autonomy is at the other end of a cable.",
-        epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--role", choices=("simulation", "autonomy"), help="which side")
-    what.add_argument("--doctor", action="store_true",
-                      help="measure the link and say what to mend")
-    parser.add_argument("--lcm_url", metavar="URL",
-                        help="of LCM; ttl=0 stays on this computer, ttl=1 leaves it "
-                        "(default: udpm://239.255.76.67:7667?ttl=0)")
-    parser.add_argument("--output", type=Path, metavar="DIR", default=Path("autonomy"),
-                        help="the autonomy: where its map and its checkpoint go "
-                        "(default: autonomy)")
-    parser.add_argument("--resume", type=Path, metavar="DIR",
-                        help="the autonomy: go on in a race that is on, with the checkpoint in "
-                        "the --output folder of the one that has ended; only of a folder that "
-                        "you trust, it can hold code")
-    parser.add_argument("--patience", type=float, default=60.0, metavar="S",
-                        help="how long to wait for the other side (default: 60 s)")
-    parser.add_argument("--duration", type=float, default=_DOCTOR_TIME, metavar="S",
-                        help=f"the doctor: how long to measure (default: {_DOCTOR_TIME:.0f} s)")
+    what.add_argument("--doctor", action="store_true", help="measure the link and say what to mend")
+    parser.add_argument(
+        "--lcm_url",
+        metavar="URL",
+        help="of LCM; ttl=0 stays on this computer, ttl=1 leaves it "
+        "(default: udpm://239.255.76.67:7667?ttl=0)",
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        default=Path("autonomy"),
+        help="the autonomy: where its map and its checkpoint go (default: autonomy)",
+    )
+    parser.add_argument(
+        "--resume",
+        type=Path,
+        metavar="DIR",
+        help="the autonomy: go on in a race that is on, with the checkpoint in "
+        "the --output folder of the one that has ended; only of a folder that "
+        "you trust, it can hold code",
+    )
+    parser.add_argument(
+        "--patience",
+        type=float,
+        default=60.0,
+        metavar="S",
+        help="how long to wait for the other side (default: 60 s)",
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        default=_DOCTOR_TIME,
+        metavar="S",
+        help=f"the doctor: how long to measure (default: {_DOCTOR_TIME:.0f} s)",
+    )
     add_scenario_options(parser)
     return parser
 
@@ -61,8 +82,11 @@ def run_autonomy(args) -> int:
     from airrace.files import results_folder
     from airrace.link.endpoint import DEFAULT_URL, open_lcm
 
-    scenario = load_scenario(filename=args.scenario_file, scenario_name=args.scenario_name,
-                             scenario_text=args.scenario_text)
+    scenario = load_scenario(
+        filename=args.scenario_file,
+        scenario_name=args.scenario_name,
+        scenario_text=args.scenario_text,
+    )
     scenario.check()
     flag = types.SimpleNamespace(is_set=False)
 
@@ -74,8 +98,9 @@ def run_autonomy(args) -> int:
         signal.signal(signum, end)
     warm_up(scenario, briefly=args.resume is not None)
     with results_folder(args.output) as folder:
-        process = AutonomyProcess(scenario, open_lcm(args.lcm_url or DEFAULT_URL), folder,
-                                  stop=lambda: flag.is_set)
+        process = AutonomyProcess(
+            scenario, open_lcm(args.lcm_url or DEFAULT_URL), folder, stop=lambda: flag.is_set
+        )
         print(READY, flush=True)
         return process.run(resume=args.resume, patience=args.patience)
 
@@ -90,14 +115,21 @@ def run_doctor(args) -> int:
     from airrace.link.endpoint import DEFAULT_URL, open_lcm
     from airrace.link.link_test import measure
 
-    scenario = load_scenario(filename=args.scenario_file, scenario_name=args.scenario_name,
-                             scenario_text=args.scenario_text)
+    scenario = load_scenario(
+        filename=args.scenario_file,
+        scenario_name=args.scenario_name,
+        scenario_text=args.scenario_text,
+    )
     console = Console()
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("measuring the link", total=1.0)
         findings = measure(
-            open_lcm(args.lcm_url or DEFAULT_URL), scenario, args.duration,
-            show=lambda share: progress.update(task, completed=share), patience=args.patience)
+            open_lcm(args.lcm_url or DEFAULT_URL),
+            scenario,
+            args.duration,
+            show=lambda share: progress.update(task, completed=share),
+            patience=args.patience,
+        )
     rows = diagnose(findings)
     console.print(make_table(rows))
     reason = refusal(rows)

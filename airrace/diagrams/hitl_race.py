@@ -54,8 +54,16 @@ def prepared(scenario: Scenario, lockstep: bool) -> Scenario:
 
 
 @contextlib.contextmanager
-def remote_partner(scenario: Scenario, output_dir: Path, *, companion: str, url: str,
-                   lockstep: bool, note=print, make_companion=None):
+def remote_partner(
+    scenario: Scenario,
+    output_dir: Path,
+    *,
+    companion: str,
+    url: str,
+    lockstep: bool,
+    note=print,
+    make_companion=None,
+):
     """Starts the autonomy, checks the link, and yields the Remote to race with.
 
     Args:
@@ -72,7 +80,9 @@ def remote_partner(scenario: Scenario, output_dir: Path, *, companion: str, url:
     """
     # What waits for the time is the link, not Drake's Simulator.
     rate, scenario.simulator_config.target_realtime_rate = (
-        scenario.simulator_config.target_realtime_rate, 0.0)
+        scenario.simulator_config.target_realtime_rate,
+        0.0,
+    )
     bus = open_lcm(url)
     wanted = pictures_wanted(MakeAutonomy(scenario))
     rows = make_channels(scenario, wanted)
@@ -88,15 +98,25 @@ def remote_partner(scenario: Scenario, output_dir: Path, *, companion: str, url:
             there = LocalCompanion() if address is None else make_companion(address)
             stack.enter_context(contextlib.closing(there))
             files = files_of(scenario)
-            arguments = ["--role", "autonomy", "--lcm_url", url,
-                         "--scenario_file", "scenario.yaml", "--output", OUTPUT]
+            arguments = [
+                "--role",
+                "autonomy",
+                "--lcm_url",
+                url,
+                "--scenario_file",
+                "scenario.yaml",
+                "--output",
+                OUTPUT,
+            ]
             autonomy = there.start(arguments, files, log)
             stack.callback(_collect, autonomy, output_dir / "autonomy", note)
 
         def poll_start():
             if autonomy is not None and (code := autonomy.poll()) is not None:
-                raise UserError(f"The autonomy ended with exit code {code} before the race: "
-                                f"{last[0].removeprefix('airrace: ')}")
+                raise UserError(
+                    f"The autonomy ended with exit code {code} before the race: "
+                    f"{last[0].removeprefix('airrace: ')}"
+                )
 
         if not lockstep:
             warm_up(scenario)
@@ -105,11 +125,20 @@ def remote_partner(scenario: Scenario, output_dir: Path, *, companion: str, url:
                 raise UserError(reason)
         endpoint = Endpoint(SIMULATION, [row.as_channel() for row in rows], bus)
         stack.callback(endpoint.close)
-        hear_peer(endpoint, phases.WAITING, "", lambda heard: heard.phase == phases.WAITING,
-                  timeout=_START, poll=poll_start)
+        hear_peer(
+            endpoint,
+            phases.WAITING,
+            "",
+            lambda heard: heard.phase == phases.WAITING,
+            timeout=_START,
+            poll=poll_start,
+        )
         poll = autonomy.poll if autonomy else lambda: None
-        yield (LockstepRemote(rows, endpoint, poll) if lockstep
-               else RealTimeRemote(rows, endpoint, poll, rate))
+        yield (
+            LockstepRemote(rows, endpoint, poll)
+            if lockstep
+            else RealTimeRemote(rows, endpoint, poll, rate)
+        )
 
 
 def _collect(autonomy, folder: Path, note):
@@ -153,13 +182,18 @@ def files_of(scenario: Scenario) -> dict[str, bytes]:
 def _module_files(name: str) -> dict[str, bytes]:
     """Returns the files of a top-level module or package outside of any site-packages."""
     found = importlib.util.find_spec(name)
-    if name == "airrace" or found is None or found.origin is None or (
-            "site-packages" in found.origin):
+    if (
+        name == "airrace"
+        or found is None
+        or found.origin is None
+        or ("site-packages" in found.origin)
+    ):
         return {}
     origin = Path(found.origin)
     if origin.name != "__init__.py":
         return {origin.name: origin.read_bytes()}
     return {
         path.relative_to(origin.parents[1]).as_posix(): path.read_bytes()
-        for path in sorted(origin.parent.rglob("*")) if path.is_file() and path.suffix != ".pyc"
+        for path in sorted(origin.parent.rglob("*"))
+        if path.is_file() and path.suffix != ".pyc"
     }

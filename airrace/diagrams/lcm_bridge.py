@@ -22,7 +22,9 @@ class Receivers:
         builder = DiagramBuilder()
         self._receivers = [
             builder.AddNamedSystem(row.channel, LcmReceiver(row))
-            for row in rows if row.sender != role and not row.ports[0].startswith("truth.")]
+            for row in rows
+            if row.sender != role and not row.ports[0].startswith("truth.")
+        ]
         for receiver in self._receivers:
             for i in range(receiver.num_output_ports()):
                 port = receiver.get_output_port(i)
@@ -58,8 +60,9 @@ class Receivers:
 class Senders:
     """What goes to the other side."""
 
-    def __init__(self, builder: DiagramBuilder, source: Diagram, rows, role: str, endpoint,
-                 lossless: bool):
+    def __init__(
+        self, builder: DiagramBuilder, source: Diagram, rows, role: str, endpoint, lossless: bool
+    ):
         """Adds the senders to a builder, connected to a diagram's output ports.
 
         Args:
@@ -74,8 +77,9 @@ class Senders:
         for row in rows:
             if row.sender != role:
                 continue
-            sender = builder.AddNamedSystem(f"send_{row.channel}", LcmSender(
-                row, endpoint, lossless))
+            sender = builder.AddNamedSystem(
+                f"send_{row.channel}", LcmSender(row, endpoint, lossless)
+            )
             for port in row.ports:
                 builder.Connect(source.GetOutputPort(port), sender.GetInputPort(port))
             self.senders.append(sender)
@@ -102,14 +106,14 @@ def pictures_wanted(autonomy: Diagram) -> tuple:
     """Returns which ports of PICTURES the boxes of an autonomy look at."""
     names = {
         box.get_input_port(i).get_name()
-        for box in autonomy.GetSystems() if box.get_name() != "rectifier"
+        for box in autonomy.GetSystems()
+        if box.get_name() != "rectifier"
         for i in range(box.num_input_ports())
     }
     return tuple(port for port in PICTURES if port in names)
 
 
-def MakeAutonomySide(scenario, autonomy: Diagram, rows, role, endpoint, lossless: bool,
-                     output_dir):
+def MakeAutonomySide(scenario, autonomy: Diagram, rows, role, endpoint, lossless: bool, output_dir):
     """Joins an Autonomy with the link, through a DelayCompensator unless it is lossless.
 
     Args:
@@ -129,10 +133,17 @@ def MakeAutonomySide(scenario, autonomy: Diagram, rows, role, endpoint, lossless
     boxes = [receivers.diagram]
     compensator = None
     if not lossless:
-        compensator = builder.AddNamedSystem("delay_compensator", DelayCompensator(
-            vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate))
-        for name, box in (("state_estimate", boxes[0]), ("rotor_speeds", boxes[0]),
-                          ("rotor_speed_command", autonomy)):
+        compensator = builder.AddNamedSystem(
+            "delay_compensator",
+            DelayCompensator(
+                vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate
+            ),
+        )
+        for name, box in (
+            ("state_estimate", boxes[0]),
+            ("rotor_speeds", boxes[0]),
+            ("rotor_speed_command", autonomy),
+        ):
             builder.Connect(box.GetOutputPort(name), compensator.GetInputPort(name))
         boxes.insert(0, compensator)
     for i in range(autonomy.num_input_ports()):

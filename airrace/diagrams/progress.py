@@ -93,8 +93,10 @@ class RaceDisplay:
         kind = trajectory_name(scenario.trajectory)
         if scenario.planner.limits != "original":
             kind += f" within limits {scenario.planner.limits}"
-        self._print(f"airrace: {drone} on {self._track_name}, {kind}, "
-                    f"seed {scenario.seed}, {scenario.laps} laps")
+        self._print(
+            f"airrace: {drone} on {self._track_name}, {kind}, "
+            f"seed {scenario.seed}, {scenario.laps} laps"
+        )
         if self._meshcat is not None:
             self._print(f"Watch it at {self._meshcat.web_url()}")
         if self._console.is_terminal:
@@ -106,10 +108,10 @@ class RaceDisplay:
         self._console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
     def _show(self, record, look):
-        for event in record.events[self._events:]:
+        for event in record.events[self._events :]:
             self._events += 1
             self._print(f"[{event.time:7.1f} s] {event.state}: {event.reason}")
-        for rotor, time_noticed in list(record.rotor_losses.items())[self._losses:]:
+        for rotor, time_noticed in list(record.rotor_losses.items())[self._losses :]:
             self._losses += 1
             self._print(f"[{time_noticed:7.1f} s] {loss_line(record, rotor)}")
         for lap in range(record.laps_flown - look.laps_ended, record.laps_flown):
@@ -150,16 +152,25 @@ class RaceDisplay:
             failures = failures_line(result)
             if failures:
                 self._print(failures)
-            self._print(f"{line}; {wall['seconds']:.0f} s of work, "
-                        f"{wall['real_time_factor']:.1f} x real time.")
+            self._print(
+                f"{line}; {wall['seconds']:.0f} s of work, "
+                f"{wall['real_time_factor']:.1f} x real time."
+            )
             self._print(f"Results: {output_dir}")
 
 
 def lap_table(result: dict) -> Table:
     """Returns the table of laps of a race.json."""
     table = Table()
-    for heading in ("lap", "time (s)", "planned (s)", "over bound", "max speed (m/s)",
-                    "worst gate offset (m)", "map RMS (m)"):
+    for heading in (
+        "lap",
+        "time (s)",
+        "planned (s)",
+        "over bound",
+        "max speed (m/s)",
+        "worst gate offset (m)",
+        "map RMS (m)",
+    ):
         table.add_column(heading, justify="right")
     for lap in result["laps"]:
         plan = lap["plan"]

@@ -41,73 +41,138 @@ def make_parser() -> argparse.ArgumentParser:
     )
     race = parser.add_argument_group("the race")
     add_drone_options(race)
-    race.add_argument("-s", "--simulation", choices=("SITL", "HITL"), default="SITL",
-                      help="where the autonomy runs: software or hardware in the loop "
-                      "(default: SITL, in this process)")
-    race.add_argument("--companion", metavar="local|USER@HOST[:PORT]", default="local",
-                      help="HITL: where the autonomy runs; local = another process here; "
-                      "none = you start it yourself, see python -m airrace.diagrams.hitl --help "
-                      "(default: local)")
+    race.add_argument(
+        "-s",
+        "--simulation",
+        choices=("SITL", "HITL"),
+        default="SITL",
+        help="where the autonomy runs: software or hardware in the loop "
+        "(default: SITL, in this process)",
+    )
+    race.add_argument(
+        "--companion",
+        metavar="local|USER@HOST[:PORT]",
+        default="local",
+        help="HITL: where the autonomy runs; local = another process here; "
+        "none = you start it yourself, see python -m airrace.diagrams.hitl --help "
+        "(default: local)",
+    )
     add_ssh_options(race)
-    race.add_argument("--lcm_url", metavar="URL",
-                      help="HITL: of LCM (default: udpm://239.255.76.67:7667?ttl=0, and ttl=1 "
-                      "with --companion USER@HOST)")
-    race.add_argument("--lockstep", action="store_true",
-                      help="HITL: tick by tick in the place of real time; the same race as SITL")
-    race.add_argument("--track", metavar="NAME|FILE",
-                      help="a shipped track, or a YAML file (default: student-airrace)")
+    race.add_argument(
+        "--lcm_url",
+        metavar="URL",
+        help="HITL: of LCM (default: udpm://239.255.76.67:7667?ttl=0, and ttl=1 "
+        "with --companion USER@HOST)",
+    )
+    race.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="HITL: tick by tick in the place of real time; the same race as SITL",
+    )
+    race.add_argument(
+        "--track",
+        metavar="NAME|FILE",
+        help="a shipped track, or a YAML file (default: student-airrace)",
+    )
     race.add_argument("--laps", type=int, metavar="N", help="laps after exploring (default: 10)")
-    race.add_argument("--seed", type=int, metavar="N",
-                      help="seed of all randomness; the same seed, the same race (default: 0)")
+    race.add_argument(
+        "--seed",
+        type=int,
+        metavar="N",
+        help="seed of all randomness; the same seed, the same race (default: 0)",
+    )
     add_level_option(race)
-    race.add_argument("--renderer", choices=("planar", "vtk", "none"),
-                      help="what draws the camera's image (default: planar, which is fast); "
-                      "none = there is no camera, for races with --map")
-    race.add_argument("--map", metavar="track|FILE",
-                      help="races on a map that is given, without exploring or looking: track = "
-                      "where the gates are, or the map.json of an earlier race")
+    race.add_argument(
+        "--renderer",
+        choices=("planar", "vtk", "none"),
+        help="what draws the camera's image (default: planar, which is fast); "
+        "none = there is no camera, for races with --map",
+    )
+    race.add_argument(
+        "--map",
+        metavar="track|FILE",
+        help="races on a map that is given, without exploring or looking: track = "
+        "where the gates are, or the map.json of an earlier race",
+    )
     run = parser.add_argument_group("the run")
-    run.add_argument("--output", type=Path, metavar="DIR",
-                     help="where the results go, a folder without a race in it "
-                     "(default: runs/<UTC time>-<track>-<drone>-<t>)")
-    run.add_argument("--meshcat", action=argparse.BooleanOptionalAction, default=True,
-                     help="show the race in a browser and leave a replay (default: yes)")
-    run.add_argument("--report", action=argparse.BooleanOptionalAction, default=True,
-                     help="leave report.html, a page of pictures and tables (default: yes)")
-    run.add_argument("--record", choices=("none", "light", "full"),
-                     help="what race.mcap holds: light = all signals, full = and pictures of the "
-                     "camera; it costs about a fifth of the race's time (default: full)")
-    run.add_argument("--realtime_rate", type=float, metavar="R",
-                     help="1 = real time, 0 = as fast as it can (default: 0)")
-    run.add_argument("--graphviz", type=Path, metavar="FILE",
-                     help="write the diagram in Graphviz's dot language before the race")
+    run.add_argument(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="where the results go, a folder without a race in it "
+        "(default: runs/<UTC time>-<track>-<drone>-<t>)",
+    )
+    run.add_argument(
+        "--meshcat",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="show the race in a browser and leave a replay (default: yes)",
+    )
+    run.add_argument(
+        "--report",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="leave report.html, a page of pictures and tables (default: yes)",
+    )
+    run.add_argument(
+        "--record",
+        choices=("none", "light", "full"),
+        help="what race.mcap holds: light = all signals, full = and pictures of the "
+        "camera; it costs about a fifth of the race's time (default: full)",
+    )
+    run.add_argument(
+        "--realtime_rate",
+        type=float,
+        metavar="R",
+        help="1 = real time, 0 = as fast as it can (default: 0)",
+    )
+    run.add_argument(
+        "--graphviz",
+        type=Path,
+        metavar="FILE",
+        help="write the diagram in Graphviz's dot language before the race",
+    )
     add_scenario_options(parser)
     return parser
 
 
 def add_level_option(group, default="") -> None:
     """Adds --level to a group of a parser's; default: what its help ends with."""
-    group.add_argument("--level", type=int, choices=LEVELS,
-                       help="difficulty: 0 = no noise; 1 = noise and a realistic camera; 2 = and a "
-                       "drone not quite as its file says; 3 = and wind, and a harsh camera; "
-                       "4 = and gates that move between laps; short for --scenario_file levels "
-                       f"--scenario_name Level<N> {default}".rstrip())
+    group.add_argument(
+        "--level",
+        type=int,
+        choices=LEVELS,
+        help="difficulty: 0 = no noise; 1 = noise and a realistic camera; 2 = and a "
+        "drone not quite as its file says; 3 = and wind, and a harsh camera; "
+        "4 = and gates that move between laps; short for --scenario_file levels "
+        f"--scenario_name Level<N> {default}".rstrip(),
+    )
 
 
 def add_drone_options(group) -> None:
     """Adds the options of what is raced to a group of a parser's."""
-    group.add_argument("-d", "--drone", metavar="NAME|DIR",
-                       help="a shipped drone, Default or StarOne, or the folder of your own "
-                       "(default: Default)")
-    group.add_argument("-t", "--trajectory", choices=("3", "4", "6", "optimal"),
-                       help="optimal = the quickest laps within the limits, anywhere through the "
-                       "gates; or minimum snap through their midpoints: 3 = of x, y, z; 4 = and "
-                       "yaw along the gates' headings; 6 = and roll = pitch = 0 at the gates "
-                       "(default: optimal)")
-    group.add_argument("--limits", metavar="original|rotor|v=..,a=..",
-                       help="what laps keep to: original = 20 m/s and 10 m/s^2; rotor = nothing "
-                       "but what the rotors can do; or limits of your own in m/s and m/s^2, such "
-                       "as v=15,a=8 (default: original)")
+    group.add_argument(
+        "-d",
+        "--drone",
+        metavar="NAME|DIR",
+        help="a shipped drone, Default or StarOne, or the folder of your own (default: Default)",
+    )
+    group.add_argument(
+        "-t",
+        "--trajectory",
+        choices=("3", "4", "6", "optimal"),
+        help="optimal = the quickest laps within the limits, anywhere through the "
+        "gates; or minimum snap through their midpoints: 3 = of x, y, z; 4 = and "
+        "yaw along the gates' headings; 6 = and roll = pitch = 0 at the gates "
+        "(default: optimal)",
+    )
+    group.add_argument(
+        "--limits",
+        metavar="original|rotor|v=..,a=..",
+        help="what laps keep to: original = 20 m/s and 10 m/s^2; rotor = nothing "
+        "but what the rotors can do; or limits of your own in m/s and m/s^2, such "
+        "as v=15,a=8 (default: original)",
+    )
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -115,13 +180,17 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     scenario = parser.add_argument_group(
         "the scenario", "Fields of airrace/diagrams/scenario.py; options above win over them."
     )
-    scenario.add_argument("--scenario_file", metavar="NAME|FILE",
-                          help="YAML with one scenario a top-level key; 'races' and 'levels' are "
-                          "shipped")
-    scenario.add_argument("--scenario_name", metavar="KEY",
-                          help="which scenario of the file (default: Defaults)")
-    scenario.add_argument("--scenario_text", metavar="YAML",
-                          help="scenario fields on top, e.g. '{state_noise: none}'")
+    scenario.add_argument(
+        "--scenario_file",
+        metavar="NAME|FILE",
+        help="YAML with one scenario a top-level key; 'races' and 'levels' are shipped",
+    )
+    scenario.add_argument(
+        "--scenario_name", metavar="KEY", help="which scenario of the file (default: Defaults)"
+    )
+    scenario.add_argument(
+        "--scenario_text", metavar="YAML", help="scenario fields on top, e.g. '{state_noise: none}'"
+    )
 
 
 def resolve_scenario(args):
@@ -135,8 +204,10 @@ def resolve_scenario(args):
     filename, name = args.scenario_file, args.scenario_name
     if args.level is not None:
         if filename is not None or name is not None:
-            raise UserError("--level is a scenario of its own: leave out --scenario_file and "
-                            "--scenario_name, or --level.")
+            raise UserError(
+                "--level is a scenario of its own: leave out --scenario_file and "
+                "--scenario_name, or --level."
+            )
         filename, name = "levels", f"Level{args.level}"
     scenario = load_scenario(
         filename=filename, scenario_name=name, scenario_text=args.scenario_text
@@ -206,6 +277,7 @@ def report_after(wanted: bool, folder: Path, work):
         folder: of the race.
         work: context manager, called with what is being done.
     """
+
     def write():
         from airrace.analysis.report import write_report
 
@@ -231,8 +303,14 @@ def make_partner(args, scenario, output_dir: Path, note):
     from airrace.diagrams.hitl_race import default_url, remote_partner
 
     return remote_partner(
-        scenario, output_dir, companion=args.companion, lockstep=args.lockstep, note=note,
-        url=args.lcm_url or default_url(args.companion), make_companion=make_companion)
+        scenario,
+        output_dir,
+        companion=args.companion,
+        lockstep=args.lockstep,
+        note=note,
+        url=args.lcm_url or default_url(args.companion),
+        make_companion=make_companion,
+    )
 
 
 def run(args) -> int:
@@ -253,11 +331,14 @@ def run(args) -> int:
     with results_folder(folder, numbered=args.output is None, refuse=RESULTS) as output_dir:
         meshcat = make_meshcat(track) if args.meshcat else None
         compile_apart(scenario)  # whoever named a bad folder does not wait for it
-        with (contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display,
-              report_after(args.report, output_dir, display.work),
-              make_partner(args, scenario, output_dir, display.note) as partner):
+        with (
+            contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display,
+            report_after(args.report, output_dir, display.work),
+            make_partner(args, scenario, output_dir, display.note) as partner,
+        ):
             result = run_race(
-                scenario, output_dir, meshcat=meshcat, show=display.show, partner=partner)
+                scenario, output_dir, meshcat=meshcat, show=display.show, partner=partner
+            )
     display.print_summary(result, output_dir)
     return 0 if result["finished"] else 1
 

@@ -16,8 +16,9 @@ _NAME = "race_recorder"
 _FAST = 40.0  # m/s, shown red at most
 
 
-def AddRecorder(builder, scenario: Scenario, simulation: Diagram, autonomy: Diagram,
-                output_dir: Path) -> RaceRecorder | None:
+def AddRecorder(
+    builder, scenario: Scenario, simulation: Diagram, autonomy: Diagram, output_dir: Path
+) -> RaceRecorder | None:
     """Adds what writes race.mcap, unless the scenario wants none.
 
     Args:
@@ -35,15 +36,18 @@ def AddRecorder(builder, scenario: Scenario, simulation: Diagram, autonomy: Diag
     log.attach("scenario.yaml", scenario_yaml(scenario))
     log.attach("track.yaml", find_yaml("tracks", scenario.track).read_text(encoding="utf-8"))
     log.attach("vehicle.yaml", find_vehicle(scenario.drone).read_text(encoding="utf-8"))
-    recorder = builder.AddNamedSystem(_NAME, RaceRecorder(
-        log=log,
-        config=scenario.recording,
-        track=load_track(scenario.track),
-        vehicle=load_vehicle(scenario.drone)[0],
-        fps=scenario.camera.fps,
-        max_speed=min(parse_limits(scenario.planner.limits)[0], _FAST),
-        moving_gates=simulation.HasOutputPort("truth.gate_shifts"),
-    ))
+    recorder = builder.AddNamedSystem(
+        _NAME,
+        RaceRecorder(
+            log=log,
+            config=scenario.recording,
+            track=load_track(scenario.track),
+            vehicle=load_vehicle(scenario.drone)[0],
+            fps=scenario.camera.fps,
+            max_speed=min(parse_limits(scenario.planner.limits)[0], _FAST),
+            moving_gates=simulation.HasOutputPort("truth.gate_shifts"),
+        ),
+    )
     for i in range(recorder.num_input_ports()):
         port = recorder.get_input_port(i)
         for source in (simulation, autonomy):

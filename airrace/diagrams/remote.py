@@ -41,10 +41,17 @@ class Remote:
         autonomy = builder.AddSystem(self._receivers.diagram)
         autonomy.set_name("autonomy")
         self._AddCommand(builder, scenario, simulation, autonomy)
-        builder.Connect(autonomy.GetOutputPort("explorer_status"),
-                        simulation.GetInputPort("explorer_status"))
-        self._senders = Senders(builder, simulation, self._rows, SIMULATION, self._endpoint,
-                                lossless=self.mode == LOCKSTEP)
+        builder.Connect(
+            autonomy.GetOutputPort("explorer_status"), simulation.GetInputPort("explorer_status")
+        )
+        self._senders = Senders(
+            builder,
+            simulation,
+            self._rows,
+            SIMULATION,
+            self._endpoint,
+            lossless=self.mode == LOCKSTEP,
+        )
         return autonomy
 
     def end(self, simulator):
@@ -53,15 +60,21 @@ class Remote:
             time.sleep(HEARTBEAT_PERIOD / 5)
 
     def wall(self, simulator):
-        return {"link": {
-            "mode": self.mode,
-            "round_trip_s": self._endpoint.clock.round_trip,
-            "channels": {
-                name: {"received": s.received, "missing": s.missing, "dropped": dict(s.dropped),
-                       **s.timing()}
-                for name, s in self._endpoint.statistics.items()
-            },
-        }}
+        return {
+            "link": {
+                "mode": self.mode,
+                "round_trip_s": self._endpoint.clock.round_trip,
+                "channels": {
+                    name: {
+                        "received": s.received,
+                        "missing": s.missing,
+                        "dropped": dict(s.dropped),
+                        **s.timing(),
+                    }
+                    for name, s in self._endpoint.statistics.items()
+                },
+            }
+        }
 
     def judged(self, report, simulator):
         return report
@@ -73,14 +86,22 @@ class LockstepRemote(Remote):
     mode = LOCKSTEP
 
     def _AddCommand(self, builder, scenario, simulation, autonomy):
-        builder.Connect(autonomy.GetOutputPort("rotor_speed_command"),
-                        simulation.GetInputPort("rotor_speed_command"))
+        builder.Connect(
+            autonomy.GetOutputPort("rotor_speed_command"),
+            simulation.GetInputPort("rotor_speed_command"),
+        )
         self._times = lockstep_times(scenario, LOOK_PERIOD)
 
     def begin(self, simulator):
         context = simulator.get_mutable_context()
-        hear_peer(self._endpoint, phases.READY, LOCKSTEP, lambda heard: heard.phase == phases.READY,
-                  timeout=_PATIENCE, poll=self._poll)
+        hear_peer(
+            self._endpoint,
+            phases.READY,
+            LOCKSTEP,
+            lambda heard: heard.phase == phases.READY,
+            timeout=_PATIENCE,
+            poll=self._poll,
+        )
         self._exchange = Exchange(self._endpoint, self._receivers, self._senders)
         next(self._times)
         self._exchange.send(context)
@@ -119,9 +140,14 @@ class RealTimeRemote(Remote):
 
     def begin(self, simulator):
         context = simulator.get_mutable_context()
-        hear_peer(self._endpoint, phases.READY, f"{REAL_TIME} {self._rate!r}",
-                  lambda heard: heard.phase == phases.READY, timeout=_PATIENCE,
-                  poll=lambda: self._show_start(context))
+        hear_peer(
+            self._endpoint,
+            phases.READY,
+            f"{REAL_TIME} {self._rate!r}",
+            lambda heard: heard.phase == phases.READY,
+            timeout=_PATIENCE,
+            poll=lambda: self._show_start(context),
+        )
         self._endpoint.clock.rate = self._rate
         self._endpoint.clock.restart()
         self._start = self._endpoint.now()
@@ -167,9 +193,15 @@ class RealTimeRemote(Remote):
     def wall(self, simulator):
         m = self._Watchdog(simulator.get_context())
         result = super().wall(simulator)
-        result["link"] |= {"late_s": self._late, "watchdog": {
-            "oldest_command_s": m.oldest, "holds": int(m.holds), "hovers": int(m.hovers),
-            "landings": int(m.landings)}}
+        result["link"] |= {
+            "late_s": self._late,
+            "watchdog": {
+                "oldest_command_s": m.oldest,
+                "holds": int(m.holds),
+                "hovers": int(m.hovers),
+                "landings": int(m.landings),
+            },
+        }
         return result
 
     def judged(self, report, simulator):
@@ -179,7 +211,8 @@ class RealTimeRemote(Remote):
         silent = f"the autonomy fell silent at {m.last:.1f} s"
         if m.mode == LAND and report.dnf_reason.startswith("hit the ground"):
             return dc.replace(
-                report, dnf_reason=f"{silent}, and the drone landed by itself", collisions=0)
+                report, dnf_reason=f"{silent}, and the drone landed by itself", collisions=0
+            )
         return dc.replace(report, dnf_reason=f"{report.dnf_reason}: {silent}")
 
     def _given_up(self, context) -> str | None:

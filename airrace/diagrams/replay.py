@@ -23,19 +23,27 @@ The page's controls, top right, play, pause, and go to any time: Animations > de
 def make_parser() -> argparse.ArgumentParser:
     """Returns the parser of the command line."""
     parser = argparse.ArgumentParser(
-        prog="airrace.diagrams.replay", epilog=EPILOG,
+        prog="airrace.diagrams.replay",
+        epilog=EPILOG,
         description="Show one or several runs of a track again, together, from their race.mcap.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("runs", metavar="RUN", nargs="+", type=Path,
-                        help="the folder that a race left")
-    parser.add_argument("--align", choices=("start", "lap"), default="start",
-                        help="what happens at the same time in all: power on, or gate 1 at the "
-                        "beginning of --lap (default: start)")
-    parser.add_argument("--lap", type=int, metavar="K",
-                        help="the lap that --align lap begins with (default: 1)")
-    parser.add_argument("--html", metavar="FILE", type=Path,
-                        help="write a page that opens offline, and exit")
+    parser.add_argument(
+        "runs", metavar="RUN", nargs="+", type=Path, help="the folder that a race left"
+    )
+    parser.add_argument(
+        "--align",
+        choices=("start", "lap"),
+        default="start",
+        help="what happens at the same time in all: power on, or gate 1 at the "
+        "beginning of --lap (default: start)",
+    )
+    parser.add_argument(
+        "--lap", type=int, metavar="K", help="the lap that --align lap begins with (default: 1)"
+    )
+    parser.add_argument(
+        "--html", metavar="FILE", type=Path, help="write a page that opens offline, and exit"
+    )
     return parser
 
 
@@ -64,8 +72,10 @@ def run(args) -> int:
         try:
             meshcat = MakeMeshcat(runs[0].track)
         except RuntimeError as e:
-            raise UserError(f"Nothing can be shown in a browser ({str(e).rstrip('.')}); close "
-                            "another program that uses Meshcat.") from None
+            raise UserError(
+                f"Nothing can be shown in a browser ({str(e).rstrip('.')}); close "
+                "another program that uses Meshcat."
+            ) from None
         progress.update(task, description="Drawing", total=1.0, completed=0.0)
         show_ghosts(meshcat, ghosts, lambda share: progress.update(task, completed=share))
     for ghost in ghosts:

@@ -37,8 +37,16 @@ class RaceRecord:
         """The explorer's latest status."""
         return self._status
 
-    def observe(self, time, report: RefereeReport, status: ExplorerStatus,
-                gate_map: GateMap, plan: LapPlan, rotor_losses=(), gate_shifts=None) -> int:
+    def observe(
+        self,
+        time,
+        report: RefereeReport,
+        status: ExplorerStatus,
+        gate_map: GateMap,
+        plan: LapPlan,
+        rotor_losses=(),
+        gate_shifts=None,
+    ) -> int:
         """Takes a look at the race; returns how many laps ended since the last.
 
         Args:
@@ -117,7 +125,7 @@ class RaceRecord:
 
     def _lap(self, lap: int) -> dict:
         n = len(self._track.gates)
-        crossings = self.report.crossings[n * (lap - 1): n * lap + 1]
+        crossings = self.report.crossings[n * (lap - 1) : n * lap + 1]
         start = crossings[0].time
         report = self._plan_report(lap)
         return {

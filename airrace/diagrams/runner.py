@@ -24,14 +24,22 @@ from airrace.track import load_track
 from airrace.visualization.controls import RaceControls
 
 # What a race may leave in its folder.
-RESULTS = ("scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap",
-           "race.html", "report.html")
+RESULTS = (
+    "scenario.yaml",
+    "map.json",
+    "map_statistics.json",
+    "race.json",
+    "race.mcap",
+    "race.html",
+    "report.html",
+)
 # Of the replay (Hz). Each gate that can move takes 120 bytes a frame.
 _REPLAY_RATE, _REPLAY_RATE_OF_MOVING_GATES = 30.0, 10.0
 
 
-def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None,
-             partner=None) -> Diagram:
+def MakeRace(
+    scenario: Scenario, output_dir: Path | None = None, meshcat=None, partner=None
+) -> Diagram:
     """Builds a whole race: two subsystems, ``simulation`` and ``autonomy``.
 
     What the two exchange is joined by the names of their ports; the race has
@@ -54,8 +62,7 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None,
     except RuntimeError as e:  # only boxes of the scenario can have such ports
         raise UserError(f"The ports of the boxes do not fit: {' '.join(str(e).split())}") from None
     if output_dir is not None:
-        writer = builder.AddNamedSystem(
-            "gate_map_writer", GateMapWriter(directory=output_dir))
+        writer = builder.AddNamedSystem("gate_map_writer", GateMapWriter(directory=output_dir))
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
         AddRecorder(builder, scenario, simulation, autonomy, output_dir)
     if meshcat is not None:
@@ -77,8 +84,14 @@ def MakeRace(scenario: Scenario, output_dir: Path | None = None, meshcat=None,
     return diagram
 
 
-def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
-             show=lambda record, look: None, partner=None) -> dict:
+def run_race(
+    scenario: Scenario,
+    output_dir: Path,
+    *,
+    meshcat=None,
+    show=lambda record, look: None,
+    partner=None,
+) -> dict:
     """Flies a race and leaves its files.
 
     Ctrl-C and SIGTERM end the race at the next look; they and an exception in
@@ -148,14 +161,17 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
             while not record.report.over and not interrupted.is_set and not stuck:
                 looks += 1
                 stuck = partner.advance(simulator, looks * LOOK_PERIOD)
-                FollowGates(
-                    race.GetSubsystemByName("simulation"), simulator.get_mutable_context()
-                )
+                FollowGates(race.GetSubsystemByName("simulation"), simulator.get_mutable_context())
                 look = _look(ports, simulator.get_context())
                 look.referee_report = partner.judged(look.referee_report, simulator)
                 look.laps_ended = record.observe(
-                    look.time, look.referee_report, look.explorer_status, look.gate_map,
-                    look.lap_plan, look.rotor_losses, getattr(look, "gate_shifts", None),
+                    look.time,
+                    look.referee_report,
+                    look.explorer_status,
+                    look.gate_map,
+                    look.lap_plan,
+                    look.rotor_losses,
+                    getattr(look, "gate_shifts", None),
                 )
                 if look.laps_ended:
                     save("not over yet")
@@ -167,7 +183,10 @@ def run_race(scenario: Scenario, output_dir: Path, *, meshcat=None,
             # is wrong keeps a file from being brought up to date as well.
             reason = "interrupted" if interrupted.is_set else "stopped by an error"
             for step in (
-                lambda: save(reason), save_map, save_recording, save_replay,
+                lambda: save(reason),
+                save_map,
+                save_recording,
+                save_replay,
                 lambda: partner.end(simulator),
             ):
                 with contextlib.suppress(Exception):

@@ -1,7 +1,6 @@
 """The scenario: everything that defines a race, as one YAML file."""
 
 import dataclasses as dc
-import typing
 from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
@@ -55,7 +54,7 @@ class RefereeConfig:
     """When a race is over."""
 
     rate: float = 200.0  # Hz, of looks; contacts between two looks are noticed, too
-    time_limit: typing.Optional[float] = None  # s; by default 600, and 120 a lap
+    time_limit: float | None = None  # s; by default 600, and 120 a lap
     arena_margin: float = 60.0  # m beyond the outermost pylons, and upwards
 
 
@@ -145,7 +144,9 @@ class Scenario:
     )
     plant_config: MultibodyPlantConfig = dc.field(
         default_factory=lambda: MultibodyPlantConfig(
-            time_step=0.001, contact_model="point", discrete_contact_approximation="lagged",
+            time_step=0.001,
+            contact_model="point",
+            discrete_contact_approximation="lagged",
             # Sampled ports would show the state of one step later to whatever
             # samples them at the time of a step.
             use_sampled_output_ports=False,
@@ -159,7 +160,7 @@ class Scenario:
     state_noise: str = "reference"  # or "none"
     state_estimate: StateEstimateConfig = dc.field(default_factory=StateEstimateConfig)
     disturbances: DisturbancesConfig = dc.field(default_factory=DisturbancesConfig)
-    rotor_failures: typing.List[RotorFailure] = dc.field(default_factory=list)
+    rotor_failures: list[RotorFailure] = dc.field(default_factory=list)
     referee: RefereeConfig = dc.field(default_factory=RefereeConfig)
 
     # The autonomy.
@@ -173,7 +174,7 @@ class Scenario:
     link_delay: float = 0.0
     # Your own boxes: a name from diagrams/autonomy.py to "module:callable",
     # which is called with this scenario and returns a System.
-    boxes: typing.Dict[str, str] = dc.field(default_factory=dict)
+    boxes: dict[str, str] = dc.field(default_factory=dict)
 
     recording: RecordingConfig = dc.field(default_factory=RecordingConfig)
 
@@ -219,9 +220,7 @@ def load_scenario(*, filename=None, scenario_name=None, scenario_text=None) -> S
     elif scenario_name is not None:
         raise UserError("--scenario_name needs --scenario_file.")
     if scenario_text:
-        result = load_yaml(
-            Scenario, data=scenario_text, what="--scenario_text", defaults=result
-        )
+        result = load_yaml(Scenario, data=scenario_text, what="--scenario_text", defaults=result)
     return result
 
 

@@ -119,8 +119,11 @@ def check_drakes_own(simulator_config, plant_config) -> None:
     if not 0 < plant_config.time_step <= 0.01:
         raise UserError("plant_config.time_step must be above 0 and at most 0.01 s.")
     # The scene has no hydroelastic shapes, and the referee reads point contacts.
-    check_choice("plant_config.contact_model", plant_config.contact_model,
-                 ("point", "hydroelastic_with_fallback"))
+    check_choice(
+        "plant_config.contact_model",
+        plant_config.contact_model,
+        ("point", "hydroelastic_with_fallback"),
+    )
     name = "simulator_config"
     try:
         ApplySimulatorConfig(simulator_config, Simulator(ConstantVectorSource([0.0])))

@@ -27,12 +27,13 @@ class SimulatedRemote(RealTimeRemote):
         """
         self._link = SimulatedLink(link)
         self._autonomy = AutonomyProcess(
-            scenario, self._link.bus(), output_dir, clock=self._link.clock, in_process=True)
+            scenario, self._link.bus(), output_dir, clock=self._link.clock, in_process=True
+        )
         self._autonomy.build(lossless=False)
         rows = self._autonomy.rows
         endpoint = Endpoint(
-            SIMULATION, [row.as_channel() for row in rows], self._link.bus(),
-            clock=self._link.clock)
+            SIMULATION, [row.as_channel() for row in rows], self._link.bus(), clock=self._link.clock
+        )
         super().__init__(rows, endpoint)
 
     def begin(self, simulator):

@@ -69,13 +69,20 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     plant.SetDefaultFloatingBaseBodyPose(plant.GetBodyByName("body"), X_WB)
     state = plant.get_state_output_port(plant.GetBodyByName("body").model_instance())
     rotors = AddMultirotor(
-        builder, plant, scene_graph, truth, rate=scenario.rotors.rate,
+        builder,
+        plant,
+        scene_graph,
+        truth,
+        rate=scenario.rotors.rate,
         failures=[(f.rotor - 1, f.time) for f in scenario.rotor_failures],
-        forces=_AddAir(builder, plant, state, truth, scenario), visible=meshcat is not None,
+        forces=_AddAir(builder, plant, state, truth, scenario),
+        visible=meshcat is not None,
     )
     command = _AddDelay(
-        builder, rotors.GetInputPort("rotor_speed_command"),
-        delay=scenario.disturbances.actuator_delay, period=1.0 / scenario.rotors.rate,
+        builder,
+        rotors.GetInputPort("rotor_speed_command"),
+        delay=scenario.disturbances.actuator_delay,
+        period=1.0 / scenario.rotors.rate,
     )
 
     camera = None
@@ -113,9 +120,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     if moving:
         mover = builder.AddNamedSystem(
             "gate_mover",
-            GateMover(
-                track=track, max_shift=scenario.disturbances.gate_shift, seed=scenario.seed
-            ),
+            GateMover(track=track, max_shift=scenario.disturbances.gate_shift, seed=scenario.seed),
         )
         builder.Connect(state, mover.GetInputPort("state"))
         for system in (camera, referee):
@@ -180,9 +185,11 @@ def _ConnectContacts(builder, plant, scene_graph: SceneGraph, referee: Referee) 
     """Shows the referee every contact of the drone, however short."""
     drone = plant.GetBodyByName("body").model_instance()
     impulse = builder.AddNamedSystem(
-        "contact_impulse", DiscreteTimeIntegrator(6, plant.time_step()))
+        "contact_impulse", DiscreteTimeIntegrator(6, plant.time_step())
+    )
     builder.Connect(
-        plant.get_generalized_contact_forces_output_port(drone), impulse.get_input_port())
+        plant.get_generalized_contact_forces_output_port(drone), impulse.get_input_port()
+    )
     for port, name in (
         (impulse.get_output_port(), "contact_impulse"),
         (plant.get_contact_results_output_port(), "contact_results"),
@@ -244,6 +251,7 @@ def _collision_names(plant, scene_graph: SceneGraph) -> dict:
     drone = plant.GetBodyFrameIdOrThrow(plant.GetBodyByName("body").index())
     return {
         geometry_id: inspector.GetName(geometry_id).split("::")[-1]
-        for frame_id in inspector.GetAllFrameIds() if frame_id != drone
+        for frame_id in inspector.GetAllFrameIds()
+        if frame_id != drone
         for geometry_id in inspector.GetGeometries(frame_id, Role.kProximity)
     }

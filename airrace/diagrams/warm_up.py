@@ -57,18 +57,27 @@ def compile_apart(scenario: Scenario) -> None:
         return
     blind = scenario.camera.renderer == NO_CAMERA
     # A link is for races that look for themselves.
-    scenario = dc.replace(
-        scenario, map="", camera=CameraConfig() if blind else scenario.camera)
+    scenario = dc.replace(scenario, map="", camera=CameraConfig() if blind else scenario.camera)
     console = Console(stderr=True)
-    with (tempfile.TemporaryDirectory() as folder,
-          Progress(SpinnerColumn(), TextColumn("Compiling, once"), TimeElapsedColumn(),
-                   console=console, transient=True,
-                   disable=not console.is_terminal) as progress):
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Progress(
+            SpinnerColumn(),
+            TextColumn("Compiling, once"),
+            TimeElapsedColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        ) as progress,
+    ):
         progress.add_task("")
         path = Path(folder) / "scenario.yaml"
         path.write_text(scenario_yaml(scenario), encoding="utf-8")
-        subprocess.run([sys.executable, "-m", __name__, str(path)], env=child_environment(),
-                       capture_output=True)
+        subprocess.run(
+            [sys.executable, "-m", __name__, str(path)],
+            env=child_environment(),
+            capture_output=True,
+        )
 
 
 if __name__ == "__main__":

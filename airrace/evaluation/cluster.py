@@ -49,9 +49,13 @@ def local_cluster(workers: int) -> Iterator[Client]:
     with (
         dask.config.set(_LOCAL),
         LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1",
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
             memory_limit=0,  # a worker is small: its races are other processes
-            dashboard_address=None, silence_logs=logging.CRITICAL,
+            dashboard_address=None,
+            silence_logs=logging.CRITICAL,
             scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
         ) as cluster,
         Client(cluster, set_as_default=False) as client,

@@ -86,8 +86,11 @@ def fly(job: RaceJob, evaluation: str) -> dict:
     """
     differs = mismatch(job.versions, versions(job.boxes))
     if differs:
-        return {"seed": job.seed, "refused": f"a worker has {differs}; change no files while an "
-                "evaluation runs, and give all workers the same."}
+        return {
+            "seed": job.seed,
+            "refused": f"a worker has {differs}; change no files while an "
+            "evaluation runs, and give all workers the same.",
+        }
     with tempfile.TemporaryDirectory(prefix="airrace-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
         (folder / TRACK).write_text(job.track, encoding="utf-8")
@@ -113,9 +116,7 @@ def _run(folder: Path, evaluation: str) -> int:
     """Runs the process of a race; returns its exit code."""
     # Beside airrace/ wherever this Python found it.
     path = [os.environ.get("PYTHONPATH"), str(Path(airrace.__file__).parents[1])]
-    environment = {
-        **os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, path)),
-    }
+    environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, path))}
     with open(folder / "stderr", "wb") as stderr:
         with _lock:
             if evaluation in _stopped:
@@ -124,7 +125,9 @@ def _run(folder: Path, evaluation: str) -> int:
                 [sys.executable, "-m", "airrace.evaluation.race_process", str(folder)],
                 # Its end tells the process that this one has died.
                 stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL, stderr=stderr, env=environment,
+                stdout=subprocess.DEVNULL,
+                stderr=stderr,
+                env=environment,
                 start_new_session=True,  # Ctrl-C in the terminal is for the evaluation
             )
             _running[evaluation].add(process)
@@ -158,8 +161,12 @@ def _row(job: RaceJob, code: int, stderr: str, race_json: Path) -> dict:
     if error:
         result.update(finished=False, dnf_reason=error)
     return {
-        "seed": job.seed, "gates": job.gates, "length_m": job.length, "result": result,
-        "stderr": stderr[-_TAIL:] if error else None, "wall": wall,
+        "seed": job.seed,
+        "gates": job.gates,
+        "length_m": job.length,
+        "result": result,
+        "stderr": stderr[-_TAIL:] if error else None,
+        "wall": wall,
     }
 
 

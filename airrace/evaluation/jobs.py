@@ -34,11 +34,15 @@ def make_jobs(scenario: Scenario, seeds, tracks) -> list[RaceJob]:
     track = Scenario().track
     return [
         RaceJob(
-            seed=seed, track=text, gates=len(track_.gates), length=_length(track_), drone=drone,
-            boxes=dict(scenario.boxes), versions=flying,
+            seed=seed,
+            track=text,
+            gates=len(track_.gates),
+            length=_length(track_),
+            drone=drone,
+            boxes=dict(scenario.boxes),
+            versions=flying,
             scenario=yaml_dump_typed(
-                dc.replace(scenario, seed=seed, track=track), schema=Scenario,
-                child_name="Defaults",
+                dc.replace(scenario, seed=seed, track=track), schema=Scenario, child_name="Defaults"
             ),
         )
         for seed, (track_, text) in zip(seeds, tracks, strict=True)

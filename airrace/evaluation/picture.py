@@ -44,8 +44,9 @@ def make_figure(evaluation: dict) -> Figure:
     axes = figure.subplots(2, 3)
     _draw_rates(axes[0, 0], summary)
     _draw_histogram(axes[0, 1], "exploration time (s)", [r["exploration_s"] for r in lines])
-    _draw_histogram(axes[0, 2], "lap time (s)", [t for r in lines for t in r["lap_times_s"]],
-                    "laps")
+    _draw_histogram(
+        axes[0, 2], "lap time (s)", [t for r in lines for t in r["lap_times_s"]], "laps"
+    )
     rms = [None if r["map_rms_m"] is None else 100 * r["map_rms_m"] for r in lines]
     _draw_histogram(axes[1, 0], "map error, RMS (cm)", rms)
     _draw_laps(axes[1, 1], lines)
@@ -56,16 +57,21 @@ def make_figure(evaluation: dict) -> Figure:
 def _draw_rates(axes, summary):
     """Bars with their Wilson intervals of 95 %."""
     races = summary["races"]
-    bars = (("finished", summary["finished"], _GOOD), ("explored", summary["explored"], _PLAIN),
-            ("collided", summary["collisions"], _BAD))
+    bars = (
+        ("finished", summary["finished"], _GOOD),
+        ("explored", summary["explored"], _PLAIN),
+        ("collided", summary["collisions"], _BAD),
+    )
     for x, (_, count, colour) in enumerate(bars):
         rate = count / races if races else 0.0
         low, high = wilson_interval(count, races)
         axes.bar(x, 100 * rate, color=colour, width=0.6)
-        axes.errorbar(x, 100 * rate, [[100 * (rate - low)], [100 * (high - rate)]],
-                      color="black", capsize=6)
-        axes.annotate(f"{count}/{races}", (x, 100 * high), (0, 4), ha="center",
-                      textcoords="offset points")
+        axes.errorbar(
+            x, 100 * rate, [[100 * (rate - low)], [100 * (high - rate)]], color="black", capsize=6
+        )
+        axes.annotate(
+            f"{count}/{races}", (x, 100 * high), (0, 4), ha="center", textcoords="offset points"
+        )
     axes.set_xticks(range(len(bars)), [name for name, *_ in bars])
     axes.set(title="rates, with 95 % intervals", ylabel="races (%)", ylim=(0, 112))
 
@@ -76,22 +82,28 @@ def _draw_histogram(axes, name, values, what="races"):
     if not values:
         return _say_nothing(axes)
     axes.hist(values, bins=min(30, max(5, round(len(values) ** 0.5))), color=_PLAIN)
-    median = values[len(values) // 2] if len(values) % 2 else (
-        values[len(values) // 2 - 1] + values[len(values) // 2]
-    ) / 2
+    median = (
+        values[len(values) // 2]
+        if len(values) % 2
+        else (values[len(values) // 2 - 1] + values[len(values) // 2]) / 2
+    )
     axes.axvline(median, color="black", linestyle="--", label=f"median {median:.2f}")
     axes.legend(frameon=False)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _draw_laps(axes, lines):
-    axes.set(title="mean lap against the track's length", xlabel="length, gate to gate (m)",
-             ylabel="mean lap (s)")
+    axes.set(
+        title="mean lap against the track's length",
+        xlabel="length, gate to gate (m)",
+        ylabel="mean lap (s)",
+    )
     points = [(r["length_m"], r["mean_lap_s"], r["finished"]) for r in lines if r["lap_times_s"]]
     if not points:
         return _say_nothing(axes)
     for finished, colour, marker, name in (
-        (True, _GOOD, "o", "finished"), (False, _BAD, "x", "did not finish"),
+        (True, _GOOD, "o", "finished"),
+        (False, _BAD, "x", "did not finish"),
     ):
         shown = [(x, y) for x, y, ended in points if ended == finished]
         if shown:
@@ -106,8 +118,10 @@ def _draw_reasons(axes, reasons):
     shown = list(reasons.items())[:8]
     if len(reasons) > 8:
         shown = [*shown[:7], ("others", sum(list(reasons.values())[7:]))]
-    names = [name if len(name) <= _REASON_LENGTH else name[: _REASON_LENGTH - 1] + "\u2026"
-             for name, _ in shown]
+    names = [
+        name if len(name) <= _REASON_LENGTH else name[: _REASON_LENGTH - 1] + "\u2026"
+        for name, _ in shown
+    ]
     axes.barh(range(len(shown)), [count for _, count in shown], color=_BAD)
     axes.set_yticks(range(len(shown)), names, parse_math=False)
     axes.invert_yaxis()

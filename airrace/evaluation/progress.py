@@ -30,8 +30,13 @@ class EvaluationDisplay(contextlib.AbstractContextManager):
         self._finished = sum(row["result"]["finished"] for row in rows)
         self._ended = len(rows)
         self._progress = Progress(
-            TextColumn("Racing"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[f]}"),
-            TimeElapsedColumn(), TextColumn("of about"), TimeRemainingColumn(),
+            TextColumn("Racing"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[f]}"),
+            TimeElapsedColumn(),
+            TextColumn("of about"),
+            TimeRemainingColumn(),
             console=Console(stderr=True),
         )
         self._bar = self._progress.add_task(
@@ -81,7 +86,8 @@ def _print(console, line):
 
 def _words(line: dict) -> str:
     explored = (
-        f"explored in {line['exploration_s']:.1f} s" if line["explored"]
+        f"explored in {line['exploration_s']:.1f} s"
+        if line["explored"]
         else f"{line['gates_found']} gates found"
     )
     if line["finished"]:

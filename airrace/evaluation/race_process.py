@@ -20,10 +20,19 @@ def main(folder: Path) -> int:
     from airrace.diagrams.race import main as race
 
     drone = ["-d", str(folder / DRONE)] if (folder / DRONE).exists() else []
-    return race([
-        "--scenario_file", str(folder / SCENARIO), "--track", str(folder / TRACK), *drone,
-        "--output", str(folder / RESULTS), "--no-meshcat", "--no-report",
-    ])
+    return race(
+        [
+            "--scenario_file",
+            str(folder / SCENARIO),
+            "--track",
+            str(folder / TRACK),
+            *drone,
+            "--output",
+            str(folder / RESULTS),
+            "--no-meshcat",
+            "--no-report",
+        ]
+    )
 
 
 def _die_with_the_worker(folder: Path):

@@ -18,8 +18,18 @@ _DISTRIBUTIONS = (
     ("lap_speed", "lap, straight from gate to gate (m/s)", 1.0, 2),
     ("map_rms_m", "map error, RMS (cm)", 100.0, 1),
 )
-_RACE_COLUMNS = ("seed", "gates", "length (m)", "finished", "exploration (s)", "laps",
-                 "mean lap (s)", "best lap (s)", "map RMS (cm)", "why it ended")
+_RACE_COLUMNS = (
+    "seed",
+    "gates",
+    "length (m)",
+    "finished",
+    "exploration (s)",
+    "laps",
+    "mean lap (s)",
+    "best lap (s)",
+    "map RMS (cm)",
+    "why it ended",
+)
 
 
 def write_report(folder: Path, settings: dict, rows: list[dict]) -> dict:
@@ -71,9 +81,11 @@ def distribution_rows(summary: dict) -> list[tuple]:
     rows = []
     for key, name, factor, decimals in _DISTRIBUTIONS:
         values = summary[key]
-        numbers = ["-"] * 4 if values is None else [
-            f"{factor * values[column]:.{decimals}f}" for column in _COLUMNS[2:]
-        ]
+        numbers = (
+            ["-"] * 4
+            if values is None
+            else [f"{factor * values[column]:.{decimals}f}" for column in _COLUMNS[2:]]
+        )
         rows.append((name, str(values["n"] if values else 0), *numbers))
     return rows
 
@@ -83,13 +95,15 @@ def markdown(evaluation: dict) -> str:
     summary = evaluation["summary"]
     parts = [
         f"# {_escaped(title(evaluation['settings']))}",
-        "" if evaluation["complete"] else
-        f"Not complete: {summary['races']} of {evaluation['settings']['tracks']} races have "
+        ""
+        if evaluation["complete"]
+        else f"Not complete: {summary['races']} of {evaluation['settings']['tracks']} races have "
         "ended.",
         finish_line(summary),
         _markdown_table(_COLUMNS, distribution_rows(summary)),
         _markdown_table(("did not finish", "races"), summary["dnf_reasons"].items())
-        if summary["dnf_reasons"] else "",
+        if summary["dnf_reasons"]
+        else "",
         _markdown_table(_RACE_COLUMNS, map(_race_row, evaluation["races"])),
     ]
     return "\n\n".join(filter(None, parts)) + "\n"
@@ -99,9 +113,7 @@ def terminal_tables(summary: dict) -> list[Table]:
     """Returns the tables for the terminal."""
     tables = [_terminal_table(_COLUMNS, distribution_rows(summary))]
     if summary["dnf_reasons"]:
-        tables.append(
-            _terminal_table(("did not finish", "races"), summary["dnf_reasons"].items())
-        )
+        tables.append(_terminal_table(("did not finish", "races"), summary["dnf_reasons"].items()))
     return tables
 
 
@@ -111,11 +123,16 @@ def _race_row(line: dict) -> tuple:
 
     rms = line["map_rms_m"]
     return (
-        line["seed"], line["gates"], number(line["length_m"], 1),
+        line["seed"],
+        line["gates"],
+        number(line["length_m"], 1),
         "yes" if line["finished"] else "no",
-        number(line["exploration_s"], 1), len(line["lap_times_s"]),
-        number(line["mean_lap_s"], 2), number(line["best_lap_s"], 2),
-        number(None if rms is None else 100 * rms, 1), line["dnf_reason"] or "finished",
+        number(line["exploration_s"], 1),
+        len(line["lap_times_s"]),
+        number(line["mean_lap_s"], 2),
+        number(line["best_lap_s"], 2),
+        number(None if rms is None else 100 * rms, 1),
+        line["dnf_reason"] or "finished",
     )
 
 

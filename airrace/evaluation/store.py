@@ -10,7 +10,10 @@ from airrace.files import write_json
 
 # What an evaluation leaves in its folder.
 RACES, SUMMARY, TABLE, PICTURE = (
-    "races.jsonl", "evaluation.json", "evaluation.md", "evaluation.png"
+    "races.jsonl",
+    "evaluation.json",
+    "evaluation.md",
+    "evaluation.png",
 )
 
 

@@ -44,8 +44,13 @@ def encode_state_estimate(estimate) -> lcmtypes.lcmt_state_estimate:
 
 def decode_state_estimate(message) -> np.ndarray:
     """Returns see systems/state_estimate.py, (14,)."""
-    numbers = [message.time, *message.quaternion, *message.position, *message.angular_velocity,
-               *message.velocity]
+    numbers = [
+        message.time,
+        *message.quaternion,
+        *message.position,
+        *message.angular_velocity,
+        *message.velocity,
+    ]
     check_finite(numbers)
     return read_only(numbers)
 
@@ -67,8 +72,7 @@ def encode_rotor_report(rotor_report, rotor_speeds) -> lcmtypes.lcmt_rotor_repor
     """Args: rotor_report: of RotorBank, (1 + 2n,). rotor_speeds: in it already, (n,)."""
     message, n = lcmtypes.lcmt_rotor_report(), len(rotor_speeds)
     time, *speeds = rotor_report.tolist()
-    message.time, message.count, message.speed, message.expected = (
-        time, n, speeds[:n], speeds[n:])
+    message.time, message.count, message.speed, message.expected = (time, n, speeds[:n], speeds[n:])
     return message
 
 
@@ -107,9 +111,13 @@ def decode_camera_info(message) -> CameraInfo:
     except (RuntimeError, ValueError):  # not a rotation
         raise Dropped(MALFORMED) from None
     return CameraInfo(
-        width=message.width, height=message.height, K=read_only(np.reshape(message.K, (3, 3))),
-        D=read_only(message.D), R=read_only(np.reshape(message.R, (3, 3))),
-        P=read_only(np.reshape(message.P, (3, 4))), X_BC=RigidTransform(R_BC, message.p_BC),
+        width=message.width,
+        height=message.height,
+        K=read_only(np.reshape(message.K, (3, 3))),
+        D=read_only(message.D),
+        R=read_only(np.reshape(message.R, (3, 3))),
+        P=read_only(np.reshape(message.P, (3, 4))),
+        X_BC=RigidTransform(R_BC, message.p_BC),
     )
 
 
@@ -148,11 +156,19 @@ def decode_gate_map(message) -> GateMap:
     return GateMap(
         time=message.time,
         markers=tuple(
-            MarkerEstimate(m.id, m.count, m.outliers, read_only(m.p_WM), read_only(m.variance),
-                           read_only(m.normal)) for m in message.markers),
+            MarkerEstimate(
+                m.id,
+                m.count,
+                m.outliers,
+                read_only(m.p_WM),
+                read_only(m.variance),
+                read_only(m.normal),
+            )
+            for m in message.markers
+        ),
         gates=tuple(
-            GateEstimate(g.number, read_only(g.p_WG), g.heading, g.spacing)
-            for g in message.gates),
+            GateEstimate(g.number, read_only(g.p_WG), g.heading, g.spacing) for g in message.gates
+        ),
         detections=message.detections,
         out_of_range=message.out_of_range,
         refused=dict(zip(message.refused_reasons, message.refused_counts)),
@@ -178,8 +194,11 @@ def decode_explorer_status(message) -> ExplorerStatus:
     """Returns the explorer's status."""
     check_finite(message.since, message.closed_at, [event.time for event in message.events])
     return ExplorerStatus(
-        state=message.state, reason=message.reason, since=message.since,
-        gates=tuple(message.gates), closed_at=message.closed_at if message.closed else None,
+        state=message.state,
+        reason=message.reason,
+        since=message.since,
+        gates=tuple(message.gates),
+        closed_at=message.closed_at if message.closed else None,
         done=bool(message.done),
         events=tuple(ExplorerEvent(e.time, e.state, e.reason) for e in message.events),
     )
@@ -207,8 +226,8 @@ def decode_referee_report(message) -> RefereeReport:
         check_finite(each.time, each.offset, each.max_speed)
     return RefereeReport(
         crossings=tuple(
-            GateCrossing(c.time, c.gate, c.lap, c.offset, c.max_speed)
-            for c in message.crossings),
+            GateCrossing(c.time, c.gate, c.lap, c.offset, c.max_speed) for c in message.crossings
+        ),
         finished=bool(message.finished),
         dnf_reason=message.dnf_reason or None,
         end_time=message.end_time if message.over else None,

@@ -22,10 +22,14 @@ def save(folder: Path, autonomy, root_context) -> None:
     for box in autonomy.GetSystems():
         context = box.GetMyContextFromRoot(root_context)
         states[box.get_name()] = (
-            [context.get_discrete_state(i).CopyToVector()
-             for i in range(context.num_discrete_state_groups())],
-            [context.get_abstract_state(i).get_value()
-             for i in range(context.num_abstract_states())],
+            [
+                context.get_discrete_state(i).CopyToVector()
+                for i in range(context.num_discrete_state_groups())
+            ],
+            [
+                context.get_abstract_state(i).get_value()
+                for i in range(context.num_abstract_states())
+            ],
         )
     write_bytes(folder / CHECKPOINT, pickle.dumps(states))
 

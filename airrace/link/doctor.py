@@ -43,15 +43,28 @@ def diagnose(findings) -> list[Row]:
     commands = f.commands.received / f.duration
     return [
         _row("pictures that arrive", f.pictures.rate, "{:.1f} Hz", 25.0, 10.0, _LOAD, more=True),
-        _row("pictures lost", 100 * picture_loss, "{:.1f} %", 2.0, 60.0,
-             "sysctl -w net.core.rmem_max=4194304 on both computers; " + _ROUTE),
+        _row(
+            "pictures lost",
+            100 * picture_loss,
+            "{:.1f} %",
+            2.0,
+            60.0,
+            "sysctl -w net.core.rmem_max=4194304 on both computers; " + _ROUTE,
+        ),
         _row("age of a picture, p99", _MS * f.pictures.age_p99, "{:.1f} ms", 30.0, 150.0, _ROUTE),
-        _row("jitter of the pictures, p99", _MS * f.pictures.jitter, "{:.1f} ms", 15.0, 100.0,
-             _LOAD),
-        _row("states lost", 100 * f.states.missing / max(states, 1), "{:.2f} %", 1.0, 10.0,
-             _ROUTE),
-        _row("commands that come back", commands, "{:.0f} Hz", 0.8 * f.state_rate,
-             0.2 * f.state_rate, _LOAD, more=True),
+        _row(
+            "jitter of the pictures, p99", _MS * f.pictures.jitter, "{:.1f} ms", 15.0, 100.0, _LOAD
+        ),
+        _row("states lost", 100 * f.states.missing / max(states, 1), "{:.2f} %", 1.0, 10.0, _ROUTE),
+        _row(
+            "commands that come back",
+            commands,
+            "{:.0f} Hz",
+            0.8 * f.state_rate,
+            0.2 * f.state_rate,
+            _LOAD,
+            more=True,
+        ),
         _row("commands lost", 100 * f.commands.loss, "{:.2f} %", 1.0, 10.0, _ROUTE),
         _row("age of a command's state, median", _MS * p50, "{:.1f} ms", 20.0, 100.0, _ROUTE),
         _row("age of a command's state, p99", _MS * p99, "{:.1f} ms", 50.0, 200.0, _LOAD),
@@ -59,12 +72,26 @@ def diagnose(findings) -> list[Row]:
         Row("offset of the clocks", f"{f.offset:+.4f} s", "any", _GOOD, ""),
         Row("size of a picture", f"{f.pictures.bytes / 1e3:.0f} kB", "any", _GOOD, ""),
         _row("encoding a picture here", _MS * f.encode_time, "{:.1f} ms", 8.0, 30.0, _LOAD),
-        _row("decoding a picture there", _MS * f.pictures.decode_time, "{:.1f} ms", 8.0, 30.0,
-             _LOAD),
-        _row("receive buffer there, at most", f.receive_buffer / 1024, "{:.0f} KiB",
-             _BUFFER / 1024, 0.0, "sysctl -w net.core.rmem_max=4194304 there", more=True),
-        _row("memory for torn pictures there", 100 * _torn(f, picture_loss), "{:.0f} %", 50.0,
-             100.0, "sysctl -w net.ipv4.ipfrag_time=1 there"),
+        _row(
+            "decoding a picture there", _MS * f.pictures.decode_time, "{:.1f} ms", 8.0, 30.0, _LOAD
+        ),
+        _row(
+            "receive buffer there, at most",
+            f.receive_buffer / 1024,
+            "{:.0f} KiB",
+            _BUFFER / 1024,
+            0.0,
+            "sysctl -w net.core.rmem_max=4194304 there",
+            more=True,
+        ),
+        _row(
+            "memory for torn pictures there",
+            100 * _torn(f, picture_loss),
+            "{:.0f} %",
+            50.0,
+            100.0,
+            "sysctl -w net.ipv4.ipfrag_time=1 there",
+        ),
     ]
 
 
@@ -94,19 +121,27 @@ def refusal(rows: list[Row]) -> str | None:
     if not bad:
         return None
     first = bad[0]
-    return (f"The link cannot carry a race: {first.what} {first.found} ({first.needed}); "
-            f"{first.remedy}; --doctor tells more.")
+    return (
+        f"The link cannot carry a race: {first.what} {first.found} ({first.needed}); "
+        f"{first.remedy}; --doctor tells more."
+    )
 
 
 def make_table(rows: list[Row]) -> Table:
     """Returns the doctor's table."""
     table = Table(title="The link between simulation and autonomy")
-    for heading, justify in (("what", "left"), ("found", "right"), ("needed", "left"),
-                             ("", "left"), ("remedy", "left")):
+    for heading, justify in (
+        ("what", "left"),
+        ("found", "right"),
+        ("needed", "left"),
+        ("", "left"),
+        ("remedy", "left"),
+    ):
         table.add_column(heading, justify=justify)
     styles = {_GOOD: "green", _WEAK: "yellow", _BAD: "red"}
     for row in rows:
         style = styles[row.verdict]
-        table.add_row(row.what, row.found, row.needed, f"[{style}]{row.verdict}[/{style}]",
-                      row.remedy)
+        table.add_row(
+            row.what, row.found, row.needed, f"[{style}]{row.verdict}[/{style}]", row.remedy
+        )
     return table

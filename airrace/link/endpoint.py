@@ -108,13 +108,15 @@ class Endpoint:
         for channel in channels:
             if channel.sender != role:
                 self._subscribe(channel)
-        self._subscribe(Channel(
-            HEARTBEAT, lcmt_heartbeat, "", lambda message: message, _LARGEST_HEARTBEAT))
+        self._subscribe(
+            Channel(HEARTBEAT, lcmt_heartbeat, "", lambda message: message, _LARGEST_HEARTBEAT)
+        )
 
     def _subscribe(self, channel: Channel):
         self.statistics[channel.name] = ChannelStatistics()
         subscription = self._bus.subscribe(
-            channel.name, lambda _, data: self._receive(channel, data))
+            channel.name, lambda _, data: self._receive(channel, data)
+        )
         subscription.set_queue_capacity(_QUEUE)
         self._subscriptions.append(subscription)
 
@@ -142,8 +144,14 @@ class Endpoint:
         """Returns the sequence number of what was last sent on a channel, 0 if nothing was."""
         return self._sequences.get(channel, 0)
 
-    def beat(self, phase: str, sim_time: float, text: str = "", step: int = 0,
-             belongs: dict | None = None) -> bytes:
+    def beat(
+        self,
+        phase: str,
+        sim_time: float,
+        text: str = "",
+        step: int = 0,
+        belongs: dict | None = None,
+    ) -> bytes:
         """Sends a heartbeat; see lcmt_heartbeat. ``belongs``: channel to sequence number."""
         message = lcmt_heartbeat()
         message.role, message.phase, message.text = self.role, phase, text
@@ -231,8 +239,13 @@ class Endpoint:
             self.clock.hear(value, arrival)
         self.clock.stamp(stamp.time, arrival)
         age = self.clock.age(stamp.time, arrival)
-        statistics.take(max(stamp.sequence - last - 1, 0) if last else 0, len(data), age, arrival,
-                        time.perf_counter() - clock)
+        statistics.take(
+            max(stamp.sequence - last - 1, 0) if last else 0,
+            len(data),
+            age,
+            arrival,
+            time.perf_counter() - clock,
+        )
 
     def _check(self, name, stamp) -> int:
         """Returns the sequence number before on the channel; raises Dropped."""

@@ -14,7 +14,8 @@ from airrace.link.lockstep import hear_peer
 
 _SIZE = 4 << 20  # bytes
 PICTURE, STATE, COMMAND, REPORT = (
-    f"AIRRACE_TEST_{name}" for name in ("PICTURE", "STATE", "COMMAND", "REPORT"))
+    f"AIRRACE_TEST_{name}" for name in ("PICTURE", "STATE", "COMMAND", "REPORT")
+)
 CHANNELS = (
     Channel(PICTURE, lcmt_image_array, "simulation", pictures.decode_pictures, _SIZE),
     Channel(STATE, lcmtypes.lcmt_rotors, "simulation", adapters.decode_rotors, _SIZE),
@@ -25,8 +26,11 @@ _REPORT_PERIOD = 0.2  # s
 _PAUSE = 1.0  # s, after which another test begins
 _DETAIL = 24  # px, of the picture's texture
 # Fields of the report, and where the kernel shows them.
-_OF_THE_KERNEL = {"receive_buffer": "core/rmem_max", "fragment_time": "ipv4/ipfrag_time",
-                  "fragment_memory": "ipv4/ipfrag_high_thresh"}
+_OF_THE_KERNEL = {
+    "receive_buffer": "core/rmem_max",
+    "fragment_time": "ipv4/ipfrag_time",
+    "fragment_memory": "ipv4/ipfrag_high_thresh",
+}
 
 
 @dc.dataclass(frozen=True)
@@ -62,8 +66,14 @@ class LinkFindings:
     fragment_memory: int
 
 
-def measure(bus, scenario, duration: float, poll=lambda: None, show=lambda share: None,
-            patience: float = 60.0) -> LinkFindings:
+def measure(
+    bus,
+    scenario,
+    duration: float,
+    poll=lambda: None,
+    show=lambda share: None,
+    patience: float = 60.0,
+) -> LinkFindings:
     """Returns how a link does, with an autonomy that waits at its other end.
 
     Args:
@@ -79,8 +89,14 @@ def measure(bus, scenario, duration: float, poll=lambda: None, show=lambda share
     """
     endpoint = Endpoint("simulation", CHANNELS, bus)
     try:
-        hear_peer(endpoint, phases.TESTING, "", lambda heard: heard.phase == phases.WAITING,
-                  patience, poll)
+        hear_peer(
+            endpoint,
+            phases.TESTING,
+            "",
+            lambda heard: heard.phase == phases.WAITING,
+            patience,
+            poll,
+        )
         return _Test(endpoint, scenario).run(duration, poll, show)
     finally:
         endpoint.close()
@@ -182,7 +198,8 @@ class Responder:
             self._answered = mark
             self._last = now
             self._endpoint.publish(
-                COMMAND, adapters.encode_rotors(received.value), received.stamp.time)
+                COMMAND, adapters.encode_rotors(received.value), received.stamp.time
+            )
         if now - self._last < _PAUSE and now - self._reported > _REPORT_PERIOD:
             self._reported = now
             self._endpoint.publish(REPORT, self._report(), received.stamp.time)

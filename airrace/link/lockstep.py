@@ -35,9 +35,19 @@ def lockstep_times(scenario, look_period: float):
         (1.0 / fps, scenario.perception.latency + latency),
         (look_period, 0.0),
     }
-    periods |= {(1.0 / box.rate, 0.0) for box in (
-        scenario.rotors, scenario.state_estimate, scenario.referee, scenario.explorer,
-        scenario.planner, scenario.state_filter, scenario.rotor_monitor, scenario.controller)}
+    periods |= {
+        (1.0 / box.rate, 0.0)
+        for box in (
+            scenario.rotors,
+            scenario.state_estimate,
+            scenario.referee,
+            scenario.explorer,
+            scenario.planner,
+            scenario.state_filter,
+            scenario.rotor_monitor,
+            scenario.controller,
+        )
+    }
     coming = [(offset, 0, period, offset) for period, offset in periods]
     heapq.heapify(coming)
     last = None
@@ -83,8 +93,9 @@ class Exchange:
         sent = self._senders.Send(root_context)
         for channel, _ in sent:
             self._sequences[channel] = self._endpoint.sequence(channel)
-        beat = self._endpoint.beat(phases.RACING, root_context.get_time(), step=self._sent,
-                                   belongs=self._sequences)
+        beat = self._endpoint.beat(
+            phases.RACING, root_context.get_time(), step=self._sent, belongs=self._sequences
+        )
         self._outgoing = (self._outgoing[1], [*sent, (HEARTBEAT, beat)])
 
     def receive(self, root_context, stop=lambda: False, poll=lambda: None) -> bool:
@@ -135,7 +146,8 @@ class Exchange:
         beat = self._beats.get(tick)
         return beat is not None and all(
             self._used.get(channel) == sequence or (channel, sequence) in self._pending
-            for channel, sequence in zip(beat.channels, beat.sequences))
+            for channel, sequence in zip(beat.channels, beat.sequences)
+        )
 
 
 def hear_peer(endpoint, phase: str, text: str, until, timeout: float, poll=lambda: None) -> None:
@@ -172,4 +184,5 @@ def hear_peer(endpoint, phase: str, text: str, until, timeout: float, poll=lambd
             raise UserError(
                 f"No {other} answered within {timeout:.0f} s: check that it runs, that both have "
                 "the same --lcm_url (ttl=1 between two computers), the cable, the multicast route "
-                "and the firewall; --doctor tells more.")
+                "and the firewall; --doctor tells more."
+            )

@@ -87,7 +87,8 @@ def _encoded(name, picture, time, lossless) -> lcmt_image:
     pixels = picture
     if name == COLOUR:  # OpenCV takes the bytes as BGR: what is in the file is right
         image.pixel_format = (
-            lcmt_image.PIXEL_FORMAT_RGBA if lossless else lcmt_image.PIXEL_FORMAT_RGB)
+            lcmt_image.PIXEL_FORMAT_RGBA if lossless else lcmt_image.PIXEL_FORMAT_RGB
+        )
         code = cv2.COLOR_RGBA2BGRA if lossless else cv2.COLOR_RGBA2BGR
         pixels = cv2.cvtColor(picture, code)
     if lossless:
@@ -120,7 +121,9 @@ def _decoded(image: lcmt_image, name) -> np.ndarray:
     if not (0 < image.width <= 8192 and 0 < image.height <= 8192):
         raise Dropped(OVERSIZED)
     if len(image.data) != image.size or image.compression_method not in (
-            lcmt_image.COMPRESSION_METHOD_PNG, lcmt_image.COMPRESSION_METHOD_JPEG):
+        lcmt_image.COMPRESSION_METHOD_PNG,
+        lcmt_image.COMPRESSION_METHOD_JPEG,
+    ):
         raise Dropped(MALFORMED)
     data = np.frombuffer(image.data, np.uint8)
     if _real_size(image.data) != (image.width, image.height):
@@ -130,8 +133,11 @@ def _decoded(image: lcmt_image, name) -> np.ndarray:
         pixels = cv2.imdecode(data, flag)
     except cv2.error:
         pixels = None
-    if pixels is None or pixels.dtype != np.uint8 or pixels.shape[:2] != (
-            image.height, image.width):
+    if (
+        pixels is None
+        or pixels.dtype != np.uint8
+        or pixels.shape[:2] != (image.height, image.width)
+    ):
         raise Dropped(MALFORMED)
     if name == GREY:
         return pixels
@@ -148,6 +154,6 @@ def _real_size(data: bytes) -> tuple[int, int] | None:
     at = 2
     while data[:2] == b"\xff\xd8" and at + 9 < len(data) and data[at] == 0xFF:
         if data[at + 1] in (0xC0, 0xC1, 0xC2):  # start of frame
-            return int.from_bytes(data[at + 7:at + 9]), int.from_bytes(data[at + 5:at + 7])
-        at += 2 + int.from_bytes(data[at + 2:at + 4])
+            return int.from_bytes(data[at + 7 : at + 9]), int.from_bytes(data[at + 5 : at + 7])
+        at += 2 + int.from_bytes(data[at + 2 : at + 4])
     return None

@@ -36,7 +36,8 @@ def encode_lap_plan(plan: LapPlan) -> lcmtypes.lcmt_lap_plan:
     message.approach_gates = [int(gate) for gate in circuit.approach]
     message.approach_distances = [float(d) for d in circuit.approach.values()]
     message.report = json.dumps(
-        dc.asdict(plan.report), allow_nan=False, default=lambda number: number.item())
+        dc.asdict(plan.report), allow_nan=False, default=lambda number: number.item()
+    )
     return message
 
 
@@ -44,8 +45,12 @@ def decode_lap_plan(message) -> LapPlan:
     """Returns the plan, or NO_PLAN itself."""
     if message.lap == 0:
         return NO_PLAN
-    check_finite([message.start_time, message.phase], message.gate_times, message.headings,
-                 message.approach_distances)
+    check_finite(
+        [message.start_time, message.phase],
+        message.gate_times,
+        message.headings,
+        message.approach_distances,
+    )
     if message.lap < 0 or message.num_gates < 2:
         raise Dropped(MALFORMED)
     lap = _decoded(message.circuit)
@@ -54,8 +59,12 @@ def decode_lap_plan(message) -> LapPlan:
         lap=message.lap,
         start_time=message.start_time,
         entry=FlatTrajectory(_decoded(message.entry)),
-        circuit=Circuit(lap, gate_times, message.headings,
-                        dict(zip(message.approach_gates, message.approach_distances))),
+        circuit=Circuit(
+            lap,
+            gate_times,
+            message.headings,
+            dict(zip(message.approach_gates, message.approach_distances)),
+        ),
         phase=message.phase,
         report=_decoded_report(message.report),
     )
@@ -64,9 +73,12 @@ def decode_lap_plan(message) -> LapPlan:
 def _decoded_report(text: str) -> PlanReport:
     try:
         values = json.loads(text)
-        report = PlanReport(**{
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in values.items()})
+        report = PlanReport(
+            **{
+                name: tuple(value) if isinstance(value, list) else value
+                for name, value in values.items()
+            }
+        )
         numbers = [getattr(report, name) for name in _NUMBERS]
         numbers += [*report.max_thrusts, *report.min_thrusts]
         if not all(number is None or math.isfinite(number) for number in numbers):
@@ -78,14 +90,15 @@ def _decoded_report(text: str) -> PlanReport:
 
 def _encoded(trajectory: FlatTrajectory) -> lcmtypes.lcmt_polynomials:
     polynomial = trajectory.polynomial
-    segments = [polynomial.getPolynomialMatrix(i)[:, 0]
-                for i in range(polynomial.get_number_of_segments())]
+    segments = [
+        polynomial.getPolynomialMatrix(i)[:, 0] for i in range(polynomial.get_number_of_segments())
+    ]
     size = 1 + max(p.GetDegree() for segment in segments for p in segment)
     numbers = np.zeros((len(segments), _ROWS, size))
     for i, segment in enumerate(segments):
         for row, p in enumerate(segment):
             coefficients = p.GetCoefficients()
-            numbers[i, row, :len(coefficients)] = coefficients
+            numbers[i, row, : len(coefficients)] = coefficients
     message = lcmtypes.lcmt_polynomials()
     message.breaks = list(trajectory.breaks)
     message.num_breaks, message.num_numbers = len(message.breaks), numbers.size
@@ -99,8 +112,11 @@ def _decoded(message) -> PiecewisePolynomial:
         raise Dropped(MALFORMED)
     check_finite(message.breaks, message.numbers)
     steps = np.diff(message.breaks)
-    if message.breaks[0] != 0.0 or np.any(steps < _LEAST_STEP) or np.max(np.abs(
-            message.numbers)) > _MOST:
+    if (
+        message.breaks[0] != 0.0
+        or np.any(steps < _LEAST_STEP)
+        or np.max(np.abs(message.numbers)) > _MOST
+    ):
         raise Dropped(MALFORMED)  # Drake would end the process
     numbers = np.reshape(message.numbers, (segments, _ROWS, -1))
     return PiecewisePolynomial(

@@ -21,7 +21,8 @@ class PlanningWorker:
     def __init__(self):
         self._process = subprocess.Popen(
             [sys.executable, "-m", "airrace.link.planning_worker"],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
             env=child_environment(),
         )
 
@@ -61,7 +62,8 @@ class PlanningJob(Immutable):
             if not data:  # the worker has died
                 self._is_done = True
             elif len(self._received) >= size and (
-                    len(self._received) - size == _LENGTH.unpack(self._received[:size])[0]):
+                len(self._received) - size == _LENGTH.unpack(self._received[:size])[0]
+            ):
                 self._plan, self._is_done = pickle.loads(self._received[size:]), True
         return self._is_done
 

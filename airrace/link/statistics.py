@@ -62,8 +62,19 @@ class ChannelStatistics:
         if len(self._recent) < 2:
             return dict.fromkeys(names, 0.0)
         arrival, age, size, decoding = np.array(self._recent).T
-        return dict(zip(names, map(float, (
-            (len(arrival) - 1) / max(arrival[-1] - arrival[0], 1e-9),
-            np.percentile(np.abs(age - np.median(age)), 99),
-            np.median(age), np.percentile(age, 99), size.mean(), decoding.mean(),
-        ))))
+        return dict(
+            zip(
+                names,
+                map(
+                    float,
+                    (
+                        (len(arrival) - 1) / max(arrival[-1] - arrival[0], 1e-9),
+                        np.percentile(np.abs(age - np.median(age)), 99),
+                        np.median(age),
+                        np.percentile(age, 99),
+                        size.mean(),
+                        decoding.mean(),
+                    ),
+                ),
+            )
+        )

@@ -25,7 +25,8 @@ _UNDER_CRC = 12  # bytes before what the checksum is of
 # that its length is always the same.
 _STAMP = "airrace {:x} session {:016x} sequence {:016x} time {:016x} crc "
 _STAMP_PATTERN = re.compile(
-    rb"airrace (\w+) session (\w{16}) sequence (\w{16}) time (\w{16}) crc (\w{8})")
+    rb"airrace (\w+) session (\w{16}) sequence (\w{16}) time (\w{16}) crc (\w{8})"
+)
 _STAMP_REACH = 200  # bytes from the start, within which it is
 
 
@@ -63,7 +64,7 @@ def pack(message, stamp: Stamp) -> bytes:
         message.header.frame_name = text + "00000000"
         data = message.encode()
         at = data.index(text.encode()) + len(text)
-        return b"%b%08x%b" % (data[:at], zlib.crc32(data), data[at + 8:])
+        return b"%b%08x%b" % (data[:at], zlib.crc32(data), data[at + 8 :])
     header = message.header
     header.crc32, header.version = 0, VERSION
     header.session, header.sequence, header.time = stamp.session, stamp.sequence, stamp.time
@@ -120,7 +121,7 @@ def _image_stamp(data) -> Stamp:
     except ValueError:
         raise Dropped(MALFORMED) from None
     at = found.start(5)
-    blank = zlib.crc32(memoryview(data)[at + 8:], zlib.crc32(b"00000000", zlib.crc32(data[:at])))
+    blank = zlib.crc32(memoryview(data)[at + 8 :], zlib.crc32(b"00000000", zlib.crc32(data[:at])))
     if version != VERSION or crc != blank:
         raise Dropped(MALFORMED)
     return Stamp(session, sequence, struct.unpack(">d", time.to_bytes(8))[0])

@@ -48,13 +48,17 @@ def odometry(time: float, state) -> fg.Odometry:
             w_WB and v_WB, both in world.
     """
     turn = columns(*state[:4])
-    w, x, y, z, *rest = _single([
-        *state[:7], *_along(turn, state[10:13]), *_along(turn, state[7:10])])
+    w, x, y, z, *rest = _single(
+        [*state[:7], *_along(turn, state[10:13]), *_along(turn, state[7:10])]
+    )
     px, py, pz, vx, vy, vz, wx, wy, wz = rest
     return fg.Odometry(
-        timestamp=stamp(time), frame_id=WORLD, body_frame_id=BODY,
-        pose=fg.Pose(position=fg.Vector3(x=px, y=py, z=pz),
-                     orientation=fg.Quaternion(x=x, y=y, z=z, w=w)),
+        timestamp=stamp(time),
+        frame_id=WORLD,
+        body_frame_id=BODY,
+        pose=fg.Pose(
+            position=fg.Vector3(x=px, y=py, z=pz), orientation=fg.Quaternion(x=x, y=y, z=z, w=w)
+        ),
         linear_velocity=fg.Vector3(x=vx, y=vy, z=vz),
         angular_velocity=fg.Vector3(x=wx, y=wy, z=wz),
     )
@@ -73,17 +77,22 @@ def reference_odometry(time: float, reference) -> fg.Odometry:
     """
     yaw, rate = reference[15], reference[16]
     half = yaw / 2
-    return odometry(time, [math.cos(half), 0.0, 0.0, math.sin(half), *reference[:3],
-                           0.0, 0.0, rate, *reference[3:6]])
+    return odometry(
+        time,
+        [math.cos(half), 0.0, 0.0, math.sin(half), *reference[:3], 0.0, 0.0, rate, *reference[3:6]],
+    )
 
 
 def rotors(time: float, speeds, thrust_coefficients) -> fg.JointStates:
     """Returns the speeds of rotors (rad/s), and the thrusts that belong to them (N)."""
     thrusts = _single([c * w * w for w, c in zip(speeds, thrust_coefficients)])
-    return fg.JointStates(timestamp=stamp(time), joints=[
-        fg.JointState(name=f"rotor_{i}", velocity=w, effort=thrust)
-        for i, (w, thrust) in enumerate(zip(_single(speeds), thrusts), 1)
-    ])
+    return fg.JointStates(
+        timestamp=stamp(time),
+        joints=[
+            fg.JointState(name=f"rotor_{i}", velocity=w, effort=thrust)
+            for i, (w, thrust) in enumerate(zip(_single(speeds), thrusts), 1)
+        ],
+    )
 
 
 def transforms(time: float, state, X_BC) -> fg.FrameTransforms:
@@ -96,30 +105,46 @@ def transforms(time: float, state, X_BC) -> fg.FrameTransforms:
     """
     w, x, y, z = _single(state[:4])
     mount = X_BC.rotation().ToQuaternion()
-    return fg.FrameTransforms(transforms=[
-        fg.FrameTransform(timestamp=stamp(time), parent_frame_id=WORLD, child_frame_id=BODY,
-                          translation=vector3(state[4:7]),
-                          rotation=fg.Quaternion(x=x, y=y, z=z, w=w)),
-        fg.FrameTransform(timestamp=stamp(time), parent_frame_id=BODY, child_frame_id=CAMERA,
-                          translation=vector3(X_BC.translation().tolist()),
-                          rotation=fg.Quaternion(x=mount.x(), y=mount.y(), z=mount.z(),
-                                                 w=mount.w())),
-    ])
+    return fg.FrameTransforms(
+        transforms=[
+            fg.FrameTransform(
+                timestamp=stamp(time),
+                parent_frame_id=WORLD,
+                child_frame_id=BODY,
+                translation=vector3(state[4:7]),
+                rotation=fg.Quaternion(x=x, y=y, z=z, w=w),
+            ),
+            fg.FrameTransform(
+                timestamp=stamp(time),
+                parent_frame_id=BODY,
+                child_frame_id=CAMERA,
+                translation=vector3(X_BC.translation().tolist()),
+                rotation=fg.Quaternion(x=mount.x(), y=mount.y(), z=mount.z(), w=mount.w()),
+            ),
+        ]
+    )
 
 
 def calibration(time: float, info: CameraInfo, scale: float = 1.0) -> fg.CameraCalibration:
     """Returns a camera's calibration, for pictures made smaller by a factor."""
+
     def scaled(matrix):
         # Integers are pixel centres, so the picture's corner is at -0.5.
-        shift = np.array([[scale, 0.0, 0.5 * scale - 0.5], [0.0, scale, 0.5 * scale - 0.5],
-                          [0.0, 0.0, 1.0]])
+        shift = np.array(
+            [[scale, 0.0, 0.5 * scale - 0.5], [0.0, scale, 0.5 * scale - 0.5], [0.0, 0.0, 1.0]]
+        )
         return (shift @ matrix).ravel().tolist()
 
     return fg.CameraCalibration(
-        timestamp=stamp(time), frame_id=CAMERA,
-        width=round(scale * info.width), height=round(scale * info.height),
-        distortion_model="plumb_bob", D=info.D.tolist(), K=scaled(info.K),
-        R=info.R.ravel().tolist(), P=scaled(info.P),
+        timestamp=stamp(time),
+        frame_id=CAMERA,
+        width=round(scale * info.width),
+        height=round(scale * info.height),
+        distortion_model="plumb_bob",
+        D=info.D.tolist(),
+        K=scaled(info.K),
+        R=info.R.ravel().tolist(),
+        P=scaled(info.P),
     )
 
 
@@ -153,8 +178,9 @@ def raw_pixels(pixels, info: CameraInfo) -> np.ndarray:
     return cv2.projectPoints(rays.T.copy(), np.zeros(3), np.zeros(3), info.K, info.D)[0][:, 0]
 
 
-def annotations(detections: Detections, info: CameraInfo, scale: float = 1.0
-                ) -> fg.ImageAnnotations:
+def annotations(
+    detections: Detections, info: CameraInfo, scale: float = 1.0
+) -> fg.ImageAnnotations:
     """Returns outlines and IDs of markers, for a camera's pictures made smaller by a factor."""
     time = stamp(detections.time)
     points, texts = [], []
@@ -162,14 +188,25 @@ def annotations(detections: Detections, info: CameraInfo, scale: float = 1.0
     pixels = scale * (raw_pixels(corners, info) + 0.5) - 0.5
     for marker, quad in zip(detections.markers, pixels.round(2).reshape(-1, 4, 2).tolist()):
         outline = [fg.Point2(x=u, y=v) for u, v in quad]
-        points.append(fg.PointsAnnotation(
-            timestamp=time, type=fg.PointsAnnotationType.LineLoop, points=outline,
-            outline_color=_GREEN, thickness=2.0,
-        ))
-        texts.append(fg.TextAnnotation(
-            timestamp=time, position=outline[0], text=str(marker.id), font_size=14.0,
-            text_color=_GREEN, background_color=_SHADE,
-        ))
+        points.append(
+            fg.PointsAnnotation(
+                timestamp=time,
+                type=fg.PointsAnnotationType.LineLoop,
+                points=outline,
+                outline_color=_GREEN,
+                thickness=2.0,
+            )
+        )
+        texts.append(
+            fg.TextAnnotation(
+                timestamp=time,
+                position=outline[0],
+                text=str(marker.id),
+                font_size=14.0,
+                text_color=_GREEN,
+                background_color=_SHADE,
+            )
+        )
     return fg.ImageAnnotations(timestamp=time, points=points, texts=texts)
 
 

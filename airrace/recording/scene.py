@@ -31,21 +31,22 @@ _SIGMAS, _LEAST = 3.0, 0.05  # of an ellipsoid; m, less could not be seen
 
 
 def _entity(time, name, frame=WORLD, **primitives) -> fg.SceneEntity:
-    return fg.SceneEntity(timestamp=stamp(time), frame_id=frame, id=name,
-                          frame_locked=frame == BODY, **primitives)
+    return fg.SceneEntity(
+        timestamp=stamp(time), frame_id=frame, id=name, frame_locked=frame == BODY, **primitives
+    )
 
 
 def _pose(position, quaternion=None) -> fg.Pose:
     turn = fg.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
     if quaternion is not None:
-        turn = fg.Quaternion(x=quaternion.x(), y=quaternion.y(), z=quaternion.z(),
-                             w=quaternion.w())
+        turn = fg.Quaternion(x=quaternion.x(), y=quaternion.y(), z=quaternion.z(), w=quaternion.w())
     return fg.Pose(position=vector3(np.asarray(position, float).tolist()), orientation=turn)
 
 
 def _text(position, words, size) -> fg.TextPrimitive:
-    return fg.TextPrimitive(pose=_pose(position), billboard=True, font_size=size,
-                            color=_BLACK, text=words)
+    return fg.TextPrimitive(
+        pose=_pose(position), billboard=True, font_size=size, color=_BLACK, text=words
+    )
 
 
 def _points(rows) -> list:
@@ -58,7 +59,9 @@ def track_scene(time: float, track: Track, vehicle: Vehicle) -> fg.SceneUpdate:
         fg.CylinderPrimitive(
             pose=_pose(foot + [0.0, 0.0, PYLON_HEIGHT / 2]),
             size=fg.Vector3(x=2 * PYLON_BASE_RADIUS, y=2 * PYLON_BASE_RADIUS, z=PYLON_HEIGHT),
-            bottom_scale=1.0, top_scale=PYLON_TIP_RADIUS / PYLON_BASE_RADIUS, color=_PYLON,
+            bottom_scale=1.0,
+            top_scale=PYLON_TIP_RADIUS / PYLON_BASE_RADIUS,
+            color=_PYLON,
         )
         for foot in track.pylons()
     ]
@@ -66,12 +69,17 @@ def track_scene(time: float, track: Track, vehicle: Vehicle) -> fg.SceneUpdate:
     for board in track.boards():
         turn = board.X_WM.rotation().ToQuaternion()
         # The face is at z = 0 of the marker frame; the black square stands out a little.
-        for size, z, paint in ((BOARD_SIZE, -BOARD_THICKNESS / 2, _WHITE),
-                               (MARKER_SIZE, -BOARD_THICKNESS / 2 + 0.005, _BLACK)):
-            boards.append(fg.CubePrimitive(
-                pose=_pose(board.X_WM @ [0.0, 0.0, z], turn), color=paint,
-                size=fg.Vector3(x=size, y=size, z=BOARD_THICKNESS),
-            ))
+        for size, z, paint in (
+            (BOARD_SIZE, -BOARD_THICKNESS / 2, _WHITE),
+            (MARKER_SIZE, -BOARD_THICKNESS / 2 + 0.005, _BLACK),
+        ):
+            boards.append(
+                fg.CubePrimitive(
+                    pose=_pose(board.X_WM @ [0.0, 0.0, z], turn),
+                    color=paint,
+                    size=fg.Vector3(x=size, y=size, z=BOARD_THICKNESS),
+                )
+            )
         texts.append(_text(board.X_WM @ [0.0, 1.0, 0.3], str(board.id), 0.5))
     for n, gate in enumerate(track.gates):
         above = gate.p_WG + [0.0, 0.0, PYLON_HEIGHT]
@@ -84,18 +92,29 @@ def _drone(vehicle: Vehicle) -> dict:
     """Returns the primitives of a drone in its body frame: arms, discs, and where it looks."""
     hubs = [rotor.position for rotor in vehicle.rotors]
     arms = fg.LinePrimitive(
-        type=fg.LinePrimitiveLineType.LineList, thickness=0.03, color=_BODY,
+        type=fg.LinePrimitiveLineType.LineList,
+        thickness=0.03,
+        color=_BODY,
         points=_points([p for hub in hubs for p in ([0.0, 0.0, 0.0], hub)]),
     )
     discs = [
         fg.CylinderPrimitive(
-            pose=_pose(rotor.position), bottom_scale=1.0, top_scale=1.0, color=_ROTOR,
+            pose=_pose(rotor.position),
+            bottom_scale=1.0,
+            top_scale=1.0,
+            color=_ROTOR,
             size=fg.Vector3(x=2 * rotor.radius, y=2 * rotor.radius, z=0.01),
         )
         for rotor in vehicle.rotors
     ]
-    nose = fg.ArrowPrimitive(pose=_pose([0.0, 0.0, 0.0]), shaft_length=0.2, shaft_diameter=0.03,
-                             head_length=0.1, head_diameter=0.08, color=_NOSE)
+    nose = fg.ArrowPrimitive(
+        pose=_pose([0.0, 0.0, 0.0]),
+        shaft_length=0.2,
+        shaft_diameter=0.03,
+        head_length=0.1,
+        head_diameter=0.08,
+        color=_NOSE,
+    )
     return dict(lines=[arms], cylinders=discs, arrows=[nose])
 
 
@@ -103,17 +122,20 @@ def map_scene(time: float, gate_map: GateMap) -> fg.SceneUpdate:
     """Returns the markers of a map as ellipsoids of three sigma, and its gates as lines."""
     spheres = [
         fg.SpherePrimitive(
-            pose=_pose(m.p_WM), color=_SIGMA,
+            pose=_pose(m.p_WM),
+            color=_SIGMA,
             size=vector3(2 * np.maximum(_SIGMAS * np.sqrt(m.variance), _LEAST)),
         )
         for m in gate_map.markers
     ]
     ends = [[*foot, gate.p_WG[2]] for gate in gate_map.gates for foot in gate.pylons]
-    lines = fg.LinePrimitive(type=fg.LinePrimitiveLineType.LineList, thickness=0.08,
-                             color=_SIGMA, points=_points(ends))
+    lines = fg.LinePrimitive(
+        type=fg.LinePrimitiveLineType.LineList, thickness=0.08, color=_SIGMA, points=_points(ends)
+    )
     texts = [_text(gate.p_WG, str(gate.number + 1), 1.0) for gate in gate_map.gates]
     return fg.SceneUpdate(
-        entities=[_entity(time, "map", spheres=spheres, lines=[lines], texts=texts)])
+        entities=[_entity(time, "map", spheres=spheres, lines=[lines], texts=texts)]
+    )
 
 
 def plan_scene(time: float, plans) -> fg.SceneUpdate:
@@ -127,7 +149,8 @@ def plan_scene(time: float, plans) -> fg.SceneUpdate:
     for age, plan in enumerate(reversed(plans)):
         lines = [
             fg.LinePrimitive(
-                type=fg.LinePrimitiveLineType.LineStrip, color=_OLD_PLAN if age else _PLAN,
+                type=fg.LinePrimitiveLineType.LineStrip,
+                color=_OLD_PLAN if age else _PLAN,
                 thickness=0.05 if age else 0.12,
                 points=_points(part.positions(np.linspace(0.0, part.duration, 300)).T),
             )
@@ -147,7 +170,9 @@ def path_scene(time: float, positions, speeds, max_speed: float) -> fg.SceneUpda
     """
     shares = np.clip(np.asarray(speeds) / max_speed, 0.0, 1.0).tolist()
     line = fg.LinePrimitive(
-        type=fg.LinePrimitiveLineType.LineStrip, thickness=0.15, points=_points(positions),
+        type=fg.LinePrimitiveLineType.LineStrip,
+        thickness=0.15,
+        points=_points(positions),
         colors=[color(s, 0.3 + 0.5 * min(s, 1 - s), 1 - s) for s in shares],
     )
     return fg.SceneUpdate(entities=[_entity(time, "path", lines=[line])])
@@ -155,8 +180,10 @@ def path_scene(time: float, positions, speeds, max_speed: float) -> fg.SceneUpda
 
 def detection_rays(detections: Detections) -> fg.SceneUpdate:
     """Returns lines from the camera to the markers that it sees."""
-    ends = [p for marker in detections.markers
-            for p in ([0.0, 0.0, 0.0], marker.X_CM.translation())]
-    rays = fg.LinePrimitive(type=fg.LinePrimitiveLineType.LineList, thickness=0.03, color=_RAY,
-                            points=_points(ends))
+    ends = [
+        p for marker in detections.markers for p in ([0.0, 0.0, 0.0], marker.X_CM.translation())
+    ]
+    rays = fg.LinePrimitive(
+        type=fg.LinePrimitiveLineType.LineList, thickness=0.03, color=_RAY, points=_points(ends)
+    )
     return fg.SceneUpdate(entities=[_entity(detections.time, "rays", CAMERA, lines=[rays])])

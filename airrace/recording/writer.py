@@ -29,14 +29,19 @@ class RaceLog:
         # Not the SDK's global context: two races in one process have a file each.
         self._context = foxglove.Context()
         self._writer = None
-        self._writer = self._try(lambda: foxglove.open_mcap(
-            self._path, allow_overwrite=True, context=self._context,
-            # Threads would take the time from another race's process.
-            writer_options=MCAPWriteOptions(profile="airrace", compression_threads=0),
-        ))
+        self._writer = self._try(
+            lambda: foxglove.open_mcap(
+                self._path,
+                allow_overwrite=True,
+                context=self._context,
+                # Threads would take the time from another race's process.
+                writer_options=MCAPWriteOptions(profile="airrace", compression_threads=0),
+            )
+        )
         self._channels = {
             topic: foxglove.Channel(topic, schema=kind, context=self._context)
-            if isinstance(kind, dict) else kind(topic, context=self._context)
+            if isinstance(kind, dict)
+            else kind(topic, context=self._context)
             for topic, kind in TOPICS.items()
         }
 
@@ -50,8 +55,11 @@ class RaceLog:
         Raises:
             UserError: if it cannot be written.
         """
-        self._try(lambda: self._writer.attach(
-            log_time=0, create_time=0, name=name, media_type="text/yaml", data=text.encode()))
+        self._try(
+            lambda: self._writer.attach(
+                log_time=0, create_time=0, name=name, media_type="text/yaml", data=text.encode()
+            )
+        )
 
     def flush(self) -> None:
         """Hands everything so far to the operating system.
@@ -77,5 +85,7 @@ class RaceLog:
             return step()
         except (OSError, RuntimeError, ValueError) as e:
             self._writer = None  # at the interpreter's end, the SDK would say it once more
-            raise UserError(f"{self._path} cannot be written ({str(e).rstrip('.')}); make room "
-                            "there, write elsewhere, or race with --record none.") from None
+            raise UserError(
+                f"{self._path} cannot be written ({str(e).rstrip('.')}); make room "
+                "there, write elsewhere, or race with --record none."
+            ) from None

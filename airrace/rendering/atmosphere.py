@@ -70,8 +70,9 @@ def _apply(picture, depth, rate, clear, veil, out):
             i = np.int32(min(depth[v, u] * rate[v, u], last))
             share = clear[i]
             if channels == 1:
-                level = (r * picture[v, u, 0] + g * picture[v, u, 1]
-                         + b * picture[v, u, 2] + half) >> np.uint32(8)
+                level = (
+                    r * picture[v, u, 0] + g * picture[v, u, 1] + b * picture[v, u, 2] + half
+                ) >> np.uint32(8)
                 out[v, u, 0] = np.uint8((share * level + veil[i, 3] + half) >> np.uint32(8))
                 continue
             for c in range(3):

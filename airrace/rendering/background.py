@@ -6,14 +6,7 @@ from airrace.compiled import compiled
 from airrace.rendering.background_tiles import HALF, TILE_H, TILE_W, draw_tiles
 from airrace.rendering.enlarging import enlarge
 from airrace.rendering.pixels import colors_for, deep, to_grey, whole
-from airrace.rendering.textures import (
-    GRASS,
-    HORIZON,
-    grass_detail,
-    grass_squares,
-    haze,
-    sky_color,
-)
+from airrace.rendering.textures import GRASS, HORIZON, grass_detail, grass_squares, haze, sky_color
 
 _SHRINK = 4  # the background is soft: it is drawn at a quarter of the size
 
@@ -122,7 +115,8 @@ class Backdrop:
         if channels not in self._drawn:
             self._drawn[channels] = [
                 (weight, _SmallPicture(self._background, X_WC, channels))
-                for weight, X_WC in self._poses]
+                for weight, X_WC in self._poses
+            ]
         pictures = [(weight, small.drawn(out, boxes)) for weight, small in self._drawn[channels]]
         if len(pictures) == 1:
             mean = pictures[0][1]
@@ -147,7 +141,19 @@ class _SmallPicture:
 
     def drawn(self, out, boxes):
         """Returns it, (h, w, channels), valid where boxes of the large one need it."""
-        draw_tiles(self._pixels, self._done, boxes, out.shape[1], out.shape[0], self._ray_W,
-                   self._background.shortening, self._p_WC[0], self._p_WC[1], self._height,
-                   *self._tables, grass_squares(), _TEXELS)
+        draw_tiles(
+            self._pixels,
+            self._done,
+            boxes,
+            out.shape[1],
+            out.shape[0],
+            self._ray_W,
+            self._background.shortening,
+            self._p_WC[0],
+            self._p_WC[1],
+            self._height,
+            *self._tables,
+            grass_squares(),
+            _TEXELS,
+        )
         return self._pixels

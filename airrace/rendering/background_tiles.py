@@ -16,8 +16,22 @@ _BYTE = np.uint32(255)
 
 
 @compiled
-def draw_tiles(small, done, boxes, width, height, ray_W, shortening, x, y, above, colors,
-               darkening, grass, texels):
+def draw_tiles(
+    small,
+    done,
+    boxes,
+    width,
+    height,
+    ray_W,
+    shortening,
+    x,
+    y,
+    above,
+    colors,
+    darkening,
+    grass,
+    texels,
+):
     """Draws those tiles of a small picture that boxes of the large one need.
 
     Args:
@@ -44,12 +58,17 @@ def draw_tiles(small, done, boxes, width, height, ray_W, shortening, x, y, above
                 if not done[i, j]:
                     done[i, j] = True
                     v, u = i * TILE_H, j * TILE_W
-                    _find_ground(
-                        x_W, y_W, entries, u, v, ray_W, shortening, x, y, above)
+                    _find_ground(x_W, y_W, entries, u, v, ray_W, shortening, x, y, above)
                     _look_up(coarse, x_W, y_W, texels[0], grass, right, down, places, squares)
                     _look_up(fine, x_W, y_W, texels[1], grass, right, down, places, squares)
-                    _mix(small[v:v + TILE_H, u:u + TILE_W], entries, colors, darkening,
-                         coarse, fine)
+                    _mix(
+                        small[v : v + TILE_H, u : u + TILE_W],
+                        entries,
+                        colors,
+                        darkening,
+                        coarse,
+                        fine,
+                    )
 
 
 @compiled
@@ -68,7 +87,7 @@ def _find_ground(x_W, y_W, entries, u0, v0, ray_W, shortening, x, y, above):
         v, first = v0 + i, i * TILE_W
         x_v, y_v = ray_W[0, 1] * v + ray_W[0, 2], ray_W[1, 1] * v + ray_W[1, 2]
         z_v = ray_W[2, 1] * v + ray_W[2, 2]
-        shorter = shortening[v, u0:u0 + count]
+        shorter = shortening[v, u0 : u0 + count]
         for k in range(count):
             u = u0 + k
             down = -(ray_W[2, 0] * u + z_v)

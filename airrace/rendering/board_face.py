@@ -11,11 +11,13 @@ from airrace.track import MARKER_SIZE
 
 _MODULES = 7  # a side of a marker, with its black frame
 # Maps (u, v, 1), in modules from the marker's upper left corner, to the board's plane.
-_MODULES_TO_M = np.array([
-    [MARKER_SIZE / _MODULES, 0.0, -MARKER_SIZE / 2],
-    [0.0, -MARKER_SIZE / _MODULES, MARKER_SIZE / 2],
-    [0.0, 0.0, 1.0],
-])
+_MODULES_TO_M = np.array(
+    [
+        [MARKER_SIZE / _MODULES, 0.0, -MARKER_SIZE / 2],
+        [0.0, -MARKER_SIZE / _MODULES, MARKER_SIZE / 2],
+        [0.0, 0.0, 1.0],
+    ]
+)
 _MOST_SAMPLES = 4  # of a pixel in either direction
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 _1, _2, _3 = np.int32(1), np.int32(2), np.int32(3)

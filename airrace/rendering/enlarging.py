@@ -26,24 +26,25 @@ def enlarge(small, out, box):
     before = -1
     for y in range(y0, y1):
         half = y * 2 * h // height
-        row = flat[y, x0 * channels:x1 * channels]
+        row = flat[y, x0 * channels : x1 * channels]
         if half == before:
-            row[:] = flat[y - 1, x0 * channels:x1 * channels]
+            row[:] = flat[y - 1, x0 * channels : x1 * channels]
             continue
         before = half
         near = half // 2
         far = min(max(near + (1 if half % 2 else -1), 0), h - 1)
-        a = source[near, j0 * channels:j1 * channels]
-        b = source[far, j0 * channels:j1 * channels]
+        a = source[near, j0 * channels : j1 * channels]
+        b = source[far, j0 * channels : j1 * channels]
         middle = blend[channels:-channels]
         for k in range(len(a)):
             middle[k] = np.uint16(3) * np.uint16(a[k]) + np.uint16(b[k])
         for j, k in ((max(j0 - 1, 0), 0), (min(j1, w - 1), j1 - j0 + 1)):
             for c in range(channels):
                 blend[k * channels + c] = np.uint16(
-                    3 * int(small[near, j, c]) + int(small[far, j, c]))
+                    3 * int(small[near, j, c]) + int(small[far, j, c])
+                )
         if quick:
-            left, right = blend[:-2 * channels], blend[2 * channels:]
+            left, right = blend[: -2 * channels], blend[2 * channels :]
             for k in range(len(a)):
                 centre = np.uint16(3) * middle[k] + np.uint16(8)
                 first[k] = np.uint8((centre + left[k]) >> 4)
@@ -55,7 +56,10 @@ def enlarge(small, out, box):
                     pairs[2 * k + 1] = second[k] * np.uint16(257)
                 continue
             pixels, firsts, seconds = (
-                row.view(np.uint32), first.view(np.uint32), second.view(np.uint32))
+                row.view(np.uint32),
+                first.view(np.uint32),
+                second.view(np.uint32),
+            )
             for j in range(j1 - j0):
                 pixels[4 * j] = pixels[4 * j + 1] = firsts[j]
                 pixels[4 * j + 2] = pixels[4 * j + 3] = seconds[j]

@@ -121,10 +121,7 @@ def _textured_mesh(name, vertices, uv, faces, image, normals=None) -> InMemoryMe
             for v, t in zip(numbers, texture_numbers)
         ]
         lines.append("f " + " ".join(corners))
-    material = (
-        "newmtl surface\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\n"
-        f"map_Kd {name}.png\n"
-    )
+    material = f"newmtl surface\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {name}.png\n"
     to_bgr = cv2.COLOR_RGB2BGR if image.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
     bgr = cv2.cvtColor(np.uint8(np.round(image)), to_bgr)
     png = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()

@@ -55,8 +55,7 @@ def AddPad(plant, start, radius: float) -> None:
     properties.AddProperty("phong", "diffuse", np.array(_COLOR))
     visual.set_illustration_properties(properties)
     plant.RegisterVisualGeometry(plant.world_body(), visual)
-    plant.RegisterCollisionGeometry(
-        plant.world_body(), RigidTransform(), wedge, "pad", _FRICTION)
+    plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), wedge, "pad", _FRICTION)
 
 
 def _half_width(radius) -> float:

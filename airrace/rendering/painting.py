@@ -69,7 +69,7 @@ def _average(flat, channels, box, polygons, shares, canvas, total, scratch) -> N
                 levels[j] = behind[j]
         _paint_picture(canvas, channels, x0, y0, box, polygons, k, scratch)
         for i in range(y1 - y0):
-            levels, sums = canvas[i, :last - first], total[i]
+            levels, sums = canvas[i, : last - first], total[i]
             for j in range(len(levels)):
                 before = sums[j] if k > 0 else np.uint16(WHOLE // 2)
                 sums[j] = np.uint16(before + np.uint16(share * np.uint16(levels[j])))
@@ -99,12 +99,30 @@ def _paint_picture(out, channels, x, y, box, polygons, k, scratch) -> None:
                 continue
             face = faces[i]
             if face < 0:
-                _fill(out, channels, x, y, part, lines[i, :sides[i]], exact[i],
-                      colors[i, first_color:first_color + shown])
+                _fill(
+                    out,
+                    channels,
+                    x,
+                    y,
+                    part,
+                    lines[i, : sides[i]],
+                    exact[i],
+                    colors[i, first_color : first_color + shown],
+                )
             else:
-                _fill_face(out, channels, x, y, part, lines[i, :sides[i]], scratch,
-                           polygons.to_modules[face], polygons.crossings[face],
-                           polygons.anchors[face], polygons.samples[face])
+                _fill_face(
+                    out,
+                    channels,
+                    x,
+                    y,
+                    part,
+                    lines[i, : sides[i]],
+                    scratch,
+                    polygons.to_modules[face],
+                    polygons.crossings[face],
+                    polygons.anchors[face],
+                    polygons.samples[face],
+                )
 
 
 @compilable
@@ -143,8 +161,7 @@ def _fill(out, channels, x_out, y_out, box, lines, exact, color) -> None:
                     farthest = 0.0
                     for j in range(len(lines)):
                         # The brackets are the same for all pixels of a row.
-                        farthest = max(
-                            farthest, lines[j, 0] * x + (lines[j, 1] * y + lines[j, 2]))
+                        farthest = max(farthest, lines[j, 0] * x + (lines[j, 1] * y + lines[j, 2]))
                     share = max(1.0 - farthest, 0.0)
                 for c in range(channels):
                     at = np.uint64((x - x_out) * channels + c)
@@ -153,8 +170,9 @@ def _fill(out, channels, x_out, y_out, box, lines, exact, color) -> None:
 
 
 @compiled
-def _fill_face(out, channels, x_out, y_out, box, lines, scratch, to_modules, crossings, anchor,
-               samples) -> None:
+def _fill_face(
+    out, channels, x_out, y_out, box, lines, scratch, to_modules, crossings, anchor, samples
+) -> None:
     """Fills a polygon with the face of a board, within a box; see _paint_picture()."""
     low, high = EXACT
     x0, y0, x1, y1 = box
@@ -165,7 +183,8 @@ def _fill_face(out, channels, x_out, y_out, box, lines, scratch, to_modules, cro
             continue
         some = -(-(last + 1 - first) // _LANES) * _LANES
         levels = face_levels(
-            scratch, some, to_modules, crossings, anchor, first - int(anchor[0]), y, samples)
+            scratch, some, to_modules, crossings, anchor, first - int(anchor[0]), y, samples
+        )
         v = np.uint64(y - y_out)
         if channels == 1:
             at, begin = np.uint64(filled - x_out), np.uint64(filled - first)
@@ -175,7 +194,8 @@ def _fill_face(out, channels, x_out, y_out, box, lines, scratch, to_modules, cro
             for x in range(filled, until + 1):
                 for c in range(shown):
                     out[v, np.uint64((x - x_out) * channels + c)] = np.uint8(
-                        levels[x - first] + 0.5)
+                        levels[x - first] + 0.5
+                    )
         for start, stop in ((first, filled), (until + 1, last + 1)):
             for x in range(start, stop):
                 share, level = cover(lines, x, y, low, high), levels[x - first]

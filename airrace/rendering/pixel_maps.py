@@ -42,8 +42,14 @@ class PixelMap:
             box: the part to draw; None: all of it.
         """
         box = whole(out) if box is None else box
-        cv2.remap(source, part(self._u, box), part(self._v, box), cv2.INTER_LINEAR,
-                  dst=part(out, box), borderValue=(0, 0, 0, 255))
+        cv2.remap(
+            source,
+            part(self._u, box),
+            part(self._v, box),
+            cv2.INTER_LINEAR,
+            dst=part(out, box),
+            borderValue=(0, 0, 0, 255),
+        )
 
 
 @compiled

@@ -73,6 +73,13 @@ class PlanarRenderer:
             lambda boxes: look(
                 np.array([X_WC.rotation().matrix() for _, X_WC in poses]),
                 np.array([X_WC.translation() for _, X_WC in poses]),
-                self._K, self._size, self._feet, self._p_FM_W, self._R_WM, self._crossings,
-                np.asarray(shifts, float), boxes),
+                self._K,
+                self._size,
+                self._feet,
+                self._p_FM_W,
+                self._R_WM,
+                self._crossings,
+                np.asarray(shifts, float),
+                boxes,
+            ),
         )

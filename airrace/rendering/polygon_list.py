@@ -59,11 +59,20 @@ def with_grey(colors) -> np.ndarray:
 def new_polygons(pictures, things, polygons, faces):
     """Returns Polygons that have room for so many, without any yet."""
     return Polygons(
-        np.zeros(3, np.int64), np.zeros(pictures + 1, np.int64), np.zeros(things + 1, np.int64),
-        np.empty((things, 4), np.int64), np.empty((polygons, 4), np.int64),
-        np.empty((polygons, 5, 6)), np.empty(polygons, np.int64), np.empty(polygons, np.bool_),
-        np.empty((polygons, 5)), np.empty(polygons, np.int64), np.empty((faces, 3, 3)),
-        np.empty((faces, 8), np.int32), np.empty((faces, 2)), np.empty((faces, 2), np.int64),
+        np.zeros(3, np.int64),
+        np.zeros(pictures + 1, np.int64),
+        np.zeros(things + 1, np.int64),
+        np.empty((things, 4), np.int64),
+        np.empty((polygons, 4), np.int64),
+        np.empty((polygons, 5, 6)),
+        np.empty(polygons, np.int64),
+        np.empty(polygons, np.bool_),
+        np.empty((polygons, 5)),
+        np.empty(polygons, np.int64),
+        np.empty((faces, 3, 3)),
+        np.empty((faces, 8), np.int32),
+        np.empty((faces, 2)),
+        np.empty((faces, 2), np.int64),
     )
 
 
@@ -92,8 +101,9 @@ def add_polygon(polygons, corners, n, exact, color, face, box) -> None:
 def touches(box, parts) -> bool:
     """Whether a box shares a pixel with any of some others, (n, 4)."""
     for i in range(len(parts)):
-        if (max(box[0], parts[i, 0]) < min(box[2], parts[i, 2])
-                and max(box[1], parts[i, 1]) < min(box[3], parts[i, 3])):
+        if max(box[0], parts[i, 0]) < min(box[2], parts[i, 2]) and max(box[1], parts[i, 1]) < min(
+            box[3], parts[i, 3]
+        ):
             return True
     return False
 

@@ -147,5 +147,3 @@ def bounds(corners, n, box):
         x0, y0 = min(x0, int(x) - 2), min(y0, int(y) - 2)
         x1, y1 = max(x1, int(x) + 3), max(y1, int(y) + 3)
     return max(x0, box[0]), max(y0, box[1]), min(x1, box[2]), min(y1, box[3])
-
-

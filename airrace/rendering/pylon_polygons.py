@@ -24,11 +24,11 @@ def _first(counts) -> np.ndarray:
 # Of all polyhedra, one after the other; see PylonShape.
 _VERTICES = np.concatenate([shape.vertices for shape in _SHAPES])
 # The first of them are the flank in one colour.
-_FACETS = np.concatenate([shape.facets[shape.sides:] for shape in _SHAPES])
-_NORMALS = np.concatenate([shape.facet_normals[shape.sides:] for shape in _SHAPES])
-_OFFSETS = np.concatenate([shape.facet_offsets[shape.sides:] for shape in _SHAPES])
+_FACETS = np.concatenate([shape.facets[shape.sides :] for shape in _SHAPES])
+_NORMALS = np.concatenate([shape.facet_normals[shape.sides :] for shape in _SHAPES])
+_OFFSETS = np.concatenate([shape.facet_offsets[shape.sides :] for shape in _SHAPES])
 _SIDES = np.array([shape.sides for shape in _SHAPES])
-_COLORS = with_grey(np.concatenate([shape.facet_colors[shape.sides:] for shape in _SHAPES]))
+_COLORS = with_grey(np.concatenate([shape.facet_colors[shape.sides :] for shape in _SHAPES]))
 _FIRST_VERTEX = _first([len(shape.vertices) for shape in _SHAPES])
 _FIRST_FACET = _first([len(shape.facets) - shape.sides for shape in _SHAPES])
 _HORIZON = with_grey([HORIZON])[0]
@@ -36,13 +36,18 @@ _EDGE = 2.0  # px, wider than a smooth edge
 _RIM = 3.0  # px, around the picture, that what lies beyond cannot touch it
 _RIGHT, _LEFT = 1, 3  # edges of a facet, at which others of the same ring begin
 # Corners of a frustum that holds a pylon whatever its detail.
-_HULL = np.array([
-    [1.1 * x * r, 1.1 * y * r, z] for x in (-1, 1) for y in (-1, 1)
-    for r, z in ((PYLON_BASE_RADIUS, 0.0), (PYLON_TIP_RADIUS, PYLON_HEIGHT))
-])
+_HULL = np.array(
+    [
+        [1.1 * x * r, 1.1 * y * r, z]
+        for x in (-1, 1)
+        for y in (-1, 1)
+        for r, z in ((PYLON_BASE_RADIUS, 0.0), (PYLON_TIP_RADIUS, PYLON_HEIGHT))
+    ]
+)
 _REACH = np.hypot(_HULL[:, 0], _HULL[:, 1]).max()  # m, from the axis; boards are within it, too
-_HULL_EDGES = np.array([[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [2, 6], [6, 4], [4, 0],
-                        [1, 3], [3, 7], [7, 5], [5, 1]])
+_HULL_EDGES = np.array(
+    [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [2, 6], [6, 4], [4, 0], [1, 3], [3, 7], [7, 5], [5, 1]]
+)
 
 
 @compiled
@@ -160,7 +165,7 @@ def add_pylon(polygons, p_CF_W, P, distance, parts, box) -> None:
     """
     level = detail(distance)
     veil = haze(distance)
-    vertices = _VERTICES[_FIRST_VERTEX[level]:_FIRST_VERTEX[level + 1]]
+    vertices = _VERTICES[_FIRST_VERTEX[level] : _FIRST_VERTEX[level + 1]]
     projected = np.empty((len(vertices), 3))
     for k in range(len(vertices)):
         for row in range(3):

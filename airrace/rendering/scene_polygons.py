@@ -4,13 +4,7 @@ import numpy as np
 
 from airrace.compiled import compilable, compiled
 from airrace.rendering.board_polygons import add_board, faces_camera
-from airrace.rendering.polygon_list import (
-    add_polygon,
-    end_thing,
-    new_polygons,
-    touches,
-    with_grey,
-)
+from airrace.rendering.polygon_list import add_polygon, end_thing, new_polygons, touches, with_grey
 from airrace.rendering.pylon_polygons import (
     add_pylon,
     facet_count,
@@ -69,15 +63,25 @@ def look(R_WC, p_WC, K, size, feet, p_FM_W, R_WM, crossings, shifts, parts):
             add_polygon(polygons, nothing, 0, False, _DARK, -1, everything)
             end_thing(polygons, everything)
         else:
-            _add_gates(polygons, p_CF_W[k], distance[k], seen[k], boxes[k], P[k], size, p_FM_W,
-                       R_WM, crossings, parts)
+            _add_gates(
+                polygons,
+                p_CF_W[k],
+                distance[k],
+                seen[k],
+                boxes[k],
+                P[k],
+                size,
+                p_FM_W,
+                R_WM,
+                crossings,
+                parts,
+            )
         polygons.pictures[k + 1] = polygons.counts[0]
     return polygons
 
 
 @compilable
-def _add_gates(polygons, p_CF_W, distance, seen, boxes, P, size, p_FM_W, R_WM, crossings,
-               parts):
+def _add_gates(polygons, p_CF_W, distance, seen, boxes, P, size, p_FM_W, R_WM, crossings, parts):
     """Adds the pylons and boards in some parts of a picture, back to front.
 
     A pylon and its two boards stand in an upright cylinder of the pylon's radius. The
@@ -103,9 +107,9 @@ def _add_gates(polygons, p_CF_W, distance, seen, boxes, P, size, p_FM_W, R_WM, c
             for b in range(2 * i, 2 * i + 2):
                 for j in range(3):
                     p_CM_W[j] = p_CF_W[i, j] + p_FM_W[b, j]
-                if (faces_camera(p_CM_W, R_WM[b]) == (step == 2)
-                        and add_board(
-                            polygons, p_CM_W, R_WM[b], P, size, crossings[b], parts, box)):
+                if faces_camera(p_CM_W, R_WM[b]) == (step == 2) and add_board(
+                    polygons, p_CM_W, R_WM[b], P, size, crossings[b], parts, box
+                ):
                     end_thing(polygons, box)
 
 

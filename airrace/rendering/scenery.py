@@ -3,13 +3,7 @@
 import functools
 
 import numpy as np
-from pydrake.geometry import (
-    Box,
-    Convex,
-    GeometryInstance,
-    Mesh,
-    PerceptionProperties,
-)
+from pydrake.geometry import Box, Convex, GeometryInstance, Mesh, PerceptionProperties
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction
 from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia

@@ -43,8 +43,10 @@ class Sensor:
         self._noisy = read_noise > 0 or shot_noise > 0
         K, w, h = camera_info.K, camera_info.width, camera_info.height
         # Squared tangents of the angle off axis, along a row and down a column.
-        self._off_axis = (np.float32(((np.arange(w) - K[0, 2]) / K[0, 0]) ** 2),
-                          np.float32(((np.arange(h) - K[1, 2]) / K[1, 1]) ** 2))
+        self._off_axis = (
+            np.float32(((np.arange(w) - K[0, 2]) / K[0, 0]) ** 2),
+            np.float32(((np.arange(h) - K[1, 2]) / K[1, 1]) ** 2),
+        )
         most = 1 - (1 + sum(tan2.max() for tan2 in self._off_axis)) ** -2.0
         self._light = gain, vignetting / most
         self._variance = read_noise**2, shot_noise
@@ -77,8 +79,17 @@ class Sensor:
             y, x, turned = 0, 0, 0
             if self._noisy:
                 y, x, turned = self._places(frame // _BLOCK)[frame % _BLOCK]
-            _expose(deep(image), boxes, *self._light, *self._off_axis, *self._variance,
-                    self._sheet, y, x, (1.0 - 2.0 * turned) / _STEPS)
+            _expose(
+                deep(image),
+                boxes,
+                *self._light,
+                *self._off_axis,
+                *self._variance,
+                self._sheet,
+                y,
+                x,
+                (1.0 - 2.0 * turned) / _STEPS,
+            )
 
 
 @compiled
@@ -102,7 +113,7 @@ def _expose(image, boxes, gain, vignetting, across, down, read, shot, sheet, y, 
         aside = across[x0:x1]
         factors, noise = np.empty(len(aside), np.float32), np.empty(len(aside), np.float32)
         for row in range(y0, y1):
-            samples = sheet[y + row, x + x0:x + x1] if len(sheet) > 0 else silence[x0:x1]
+            samples = sheet[y + row, x + x0 : x + x1] if len(sheet) > 0 else silence[x0:x1]
             for k in range(len(aside)):
                 cos2 = _ONE / (_ONE + aside[k] + down[row])
                 factors[k] = gain * (_ONE - vignetting * (_ONE - cos2 * cos2))
@@ -111,7 +122,8 @@ def _expose(image, boxes, gain, vignetting, across, down, read, shot, sheet, y, 
                 for k in range(len(aside)):
                     level = factors[k] * np.float32(only[k])
                     only[k] = _grey_level(
-                        level + step * np.float32(samples[k]) * _sigma(level, read, shot))
+                        level + step * np.float32(samples[k]) * _sigma(level, read, shot)
+                    )
                 continue
             pixels = image[row, x0:x1]
             for k in range(len(aside)):

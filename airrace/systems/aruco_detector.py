@@ -106,18 +106,32 @@ class ArucoDetector(LeafSystem):
         if time == last.detections.time:
             sight.set_value(last)
             return
-        sight.set_value(look(
-            self._search, self._view.Eval(context), time, self._info.Eval(context), last,
-            max_id=self._max_id, full_search_periods=self._periods,
-        ))
+        sight.set_value(
+            look(
+                self._search,
+                self._view.Eval(context),
+                time,
+                self._info.Eval(context),
+                last,
+                max_id=self._max_id,
+                full_search_periods=self._periods,
+            )
+        )
 
     def _Remember(self, context, state):
-        state.get_mutable_abstract_state(int(self._memory)).set_value(
-            self._sight.Eval(context))
+        state.get_mutable_abstract_state(int(self._memory)).set_value(self._sight.Eval(context))
 
 
-def look(search: MarkerSearch, view: CameraView, time, info: CameraInfo, last: Sight, *,
-         max_id=np.inf, full_search_periods=PERIODS) -> Sight:
+def look(
+    search: MarkerSearch,
+    view: CameraView,
+    time,
+    info: CameraInfo,
+    last: Sight,
+    *,
+    max_id=np.inf,
+    full_search_periods=PERIODS,
+) -> Sight:
     """Returns what is in an image, given what was in the last one.
 
     Args:
@@ -154,7 +168,7 @@ def look(search: MarkerSearch, view: CameraView, time, info: CameraInfo, last: S
     )
     velocities = {
         m.id: (m.corners - before[m.id].corners).sum(axis=0) / (4 * dt)
-        for m in measured if m.id in before
+        for m in measured
+        if m.id in before
     }
     return Sight(detections, measured, velocities, tracked, period)
-

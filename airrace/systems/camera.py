@@ -114,9 +114,7 @@ class Camera(LeafSystem):
         self._state = self.DeclareVectorInputPort("state", 13)
         self._query = None
         if renderer.needs_query_object:
-            self._query = self.DeclareAbstractInputPort(
-                "geometry_query", Value(QueryObject())
-            )
+            self._query = self.DeclareAbstractInputPort("geometry_query", Value(QueryObject()))
         self._shifts = None
         if moving_gates and not renderer.needs_query_object:
             self._shifts = self.DeclareVectorInputPort("gate_shifts", 2 * moving_gates)
@@ -204,8 +202,7 @@ class Camera(LeafSystem):
         q = sample[:4]
         X_WB = RigidTransform(Quaternion(q / math.sqrt(q.dot(q))), sample[4:7])
         if self._state_period > 0.0:
-            X_WB = moved(
-                X_WB, sample[7:10], sample[10:13], -lead(sample[13], self._state_period))
+            X_WB = moved(X_WB, sample[7:10], sample[10:13], -lead(sample[13], self._state_period))
         args = () if self._query is None else (self._query.Eval(context),)
         if self._shifts is not None:
             args = (sample[14:].reshape(-1, 2),)

@@ -27,8 +27,9 @@ def positions(leg: FlatTrajectory, after: float = 0.0) -> tuple[np.ndarray, np.n
     return times, leg.positions(times)
 
 
-def is_clear(leg: FlatTrajectory, gate_map: GateMap, clearance: float, through=(),
-             after: float = 0.0) -> bool:
+def is_clear(
+    leg: FlatTrajectory, gate_map: GateMap, clearance: float, through=(), after: float = 0.0
+) -> bool:
     """Whether a leg can be flown by what is known.
 
     It keeps its height, and clear of every pylon that was seen; one who is
@@ -48,8 +49,10 @@ def is_clear(leg: FlatTrajectory, gate_map: GateMap, clearance: float, through=(
         return False
     if p[2].min() < min(LOWEST, p[2, 0] - _CREEP):
         return False
-    passed = [number if forward else None for _, number, forward in
-              passages(times, p, known_gates(gate_map))]
+    passed = [
+        number if forward else None
+        for _, number, forward in passages(times, p, known_gates(gate_map))
+    ]
     expected = list(through)
     if expected and len(passed) < len(expected):
         first = next((g for g in gate_map.gates if g.number == expected[0]), None)
@@ -91,8 +94,9 @@ def over_the_top(start, goal) -> list:
     them: a polynomial for a long way next to one for a short climb swings out by as much as
     the long way is long.
     """
-    climb, descend = (np.array([*pose[:2], max(pose[2], ABOVE_PYLONS), goal[3]])
-                      for pose in (start, goal))
+    climb, descend = (
+        np.array([*pose[:2], max(pose[2], ABOVE_PYLONS), goal[3]]) for pose in (start, goal)
+    )
     pieces = max(int(np.ceil(np.linalg.norm(descend - climb) / _PIECE)), 1)
     across = np.linspace(climb, descend, pieces + 1)
     # Who is above them already need not climb, nor who stays there descend.
@@ -129,8 +133,10 @@ def ways_through(start, gates: list[GateEstimate], *, approach: float, beyond: f
         [*passing, *end],
         [*passing, ready, *end],
         [*passing, *out, ready, *end],
-        *([*passing, *out, gate_pose(new, -approach) + _aside(new, side), ready, *end]
-          for side in (approach, -approach)),
+        *(
+            [*passing, *out, gate_pose(new, -approach) + _aside(new, side), ready, *end]
+            for side in (approach, -approach)
+        ),
         [*passing, *out, *over, *end],
     ]
 

@@ -96,10 +96,14 @@ class CommandWatchdog(LeafSystem):
         self._memory = self.DeclareDiscreteState(_Memory().vector())
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Watch)
         self.DeclareVectorOutputPort(
-            "rotor_speed_command", rotors, self._CalcCommand,
-            {self._command.ticket(), self._own.ticket(), self.xd_ticket()})
+            "rotor_speed_command",
+            rotors,
+            self._CalcCommand,
+            {self._command.ticket(), self._own.ticket(), self.xd_ticket()},
+        )
         self.DeclareVectorOutputPort(
-            "reference", ref.SIZE, self._CalcReference, {self.xd_ticket(), self.time_ticket()})
+            "reference", ref.SIZE, self._CalcReference, {self.xd_ticket(), self.time_ticket()}
+        )
 
     def Recall(self, context) -> _Memory:
         """Returns what it remembers."""
@@ -161,7 +165,8 @@ def stopping(m: _Memory, time: float) -> np.ndarray:
     braking = time - m.since < speed / _BRAKE
     direction = v / max(speed, 1e-9)
     result = ref.hold(
-        np.array([m.x, m.y, m.z]) + (speed * t - _BRAKE * t * t / 2) * direction, m.yaw)
+        np.array([m.x, m.y, m.z]) + (speed * t - _BRAKE * t * t / 2) * direction, m.yaw
+    )
     if braking:
         result[ref.VELOCITY] = (speed - _BRAKE * t) * direction
         result[ref.ACCELERATION] = -_BRAKE * direction
@@ -170,8 +175,11 @@ def stopping(m: _Memory, time: float) -> np.ndarray:
         z, falling = result[2], time - m.landing
         quick = max(z - _LOW, 0.0) / _DESCENT
         rate = _DESCENT if falling < quick else _LAST_DESCENT
-        result[2] = (z - _DESCENT * falling if falling < quick
-                     else min(z, _LOW) - _LAST_DESCENT * (falling - quick))
+        result[2] = (
+            z - _DESCENT * falling
+            if falling < quick
+            else min(z, _LOW) - _LAST_DESCENT * (falling - quick)
+        )
         result[ref.VELOCITY][2] -= rate
     return result
 
@@ -189,24 +197,33 @@ def AddCommandWatchdog(builder, scenario, simulation, link) -> CommandWatchdog:
     add = builder.AddNamedSystem
     watchdog = add("command_watchdog", CommandWatchdog(rotors=len(vehicle.rotors), rate=rate))
     boxes = (
-        watchdog, link, simulation,
-        add("own_rotor_monitor", RotorMonitor(
-            vehicle=vehicle, rate=scenario.rotor_monitor.rate)),
-        add("own_state_filter", StateFilter(
-            vehicle=vehicle, state_rate=scenario.state_estimate.rate,
-            rate=scenario.state_filter.rate)),
+        watchdog,
+        link,
+        simulation,
+        add("own_rotor_monitor", RotorMonitor(vehicle=vehicle, rate=scenario.rotor_monitor.rate)),
+        add(
+            "own_state_filter",
+            StateFilter(
+                vehicle=vehicle,
+                state_rate=scenario.state_estimate.rate,
+                rate=scenario.state_filter.rate,
+            ),
+        ),
         controller := add("own_controller", GeometricController(vehicle=vehicle, rate=rate)),
     )
     builder.Connect(controller.get_output_port(), watchdog.GetInputPort("own_command"))
     for name in ("rotor_speed_command", "rotor_speed_command_time"):
         builder.Connect(link.GetOutputPort(name), watchdog.GetInputPort(name))
-    builder.Connect(simulation.GetOutputPort("state_estimate"),
-                    watchdog.GetInputPort("state_estimate"))
+    builder.Connect(
+        simulation.GetOutputPort("state_estimate"), watchdog.GetInputPort("state_estimate")
+    )
     for box in boxes[3:]:
         for i in range(box.num_input_ports()):
             port = box.get_input_port(i)
             source = next(b for b in (watchdog, *boxes[2:]) if b.HasOutputPort(port.get_name()))
             builder.Connect(source.GetOutputPort(port.get_name()), port)
-    builder.Connect(watchdog.GetOutputPort("rotor_speed_command"),
-                    simulation.GetInputPort("rotor_speed_command"))
+    builder.Connect(
+        watchdog.GetOutputPort("rotor_speed_command"),
+        simulation.GetInputPort("rotor_speed_command"),
+    )
     return watchdog

@@ -147,13 +147,13 @@ def _fit_line(x, y, contrast, length, line, variance):
     squares = 0.0
     for k in range(n):
         if used[k]:
-            squares += (y[k] - offset - slope * x[k])**2
+            squares += (y[k] - offset - slope * x[k]) ** 2
     # Profiles less than a pixel apart look at the same pixels.
     independent = min(count, count * EXTENT * length / n)
     scatter = squares / max(independent - 2, 1.0)
     line[0], line[1] = offset, slope
     variance[0] = scatter / count + _SYSTEMATIC**2
-    variance[1] = scatter / spread + (_SYSTEMATIC / (0.5 * length))**2
+    variance[1] = scatter / spread + (_SYSTEMATIC / (0.5 * length)) ** 2
 
 
 @compiled

@@ -61,11 +61,17 @@ class DelayCompensator(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._Remember)
         inputs = {self._estimate.ticket(), self._speeds.ticket(), self.xd_ticket()}
         self.DeclareVectorOutputPort(
-            "state_estimate", se.SIZE,
-            lambda context, output: output.set_value(self._Predicted(context)[0]), inputs)
+            "state_estimate",
+            se.SIZE,
+            lambda context, output: output.set_value(self._Predicted(context)[0]),
+            inputs,
+        )
         self.DeclareVectorOutputPort(
-            "rotor_speeds", n,
-            lambda context, output: output.set_value(self._Predicted(context)[1]), inputs)
+            "rotor_speeds",
+            n,
+            lambda context, output: output.set_value(self._Predicted(context)[1]),
+            inputs,
+        )
 
     def SetDelay(self, context, delay: float) -> None:
         """Sets the delay, there and back (s), from Rounded()."""
@@ -89,8 +95,8 @@ class DelayCompensator(LeafSystem):
     def _Remember(self, context, discrete_state):
         history = discrete_state.get_mutable_value(self._history)
         command = self._command.Eval(context)
-        history[len(command):] = history[:-len(command)]
-        history[:len(command)] = command
+        history[len(command) :] = history[: -len(command)]
+        history[: len(command)] = command
         # What is seen now was made one period ago.
         discrete_state.get_mutable_value(self._since)[0] = context.get_time() - self._period
 
@@ -100,16 +106,26 @@ class DelayCompensator(LeafSystem):
         delay = context.get_discrete_state(self._delay).value()[0]
         if delay >= _LEAST and all_finite(estimate):
             _predict(
-                estimate, speeds, context.get_discrete_state(self._history).value(),
-                context.get_discrete_state(self._since).value()[0], delay, self._period,
-                self._mass, self._J, self._allocation, self._c_f, self._max_speeds,
-                self._blend)
+                estimate,
+                speeds,
+                context.get_discrete_state(self._history).value(),
+                context.get_discrete_state(self._since).value()[0],
+                delay,
+                self._period,
+                self._mass,
+                self._J,
+                self._allocation,
+                self._c_f,
+                self._max_speeds,
+                self._blend,
+            )
         return estimate, speeds
 
 
 @compiled
-def _predict(estimate, speeds, history, since, delay, period, mass, J, allocation, c_f,
-             max_speeds, blend):
+def _predict(
+    estimate, speeds, history, since, delay, period, mass, J, allocation, c_f, max_speeds, blend
+):
     """Carries estimate, (14,), and speeds, (n,), forward by a delay (s).
 
     Args:
@@ -122,18 +138,29 @@ def _predict(estimate, speeds, history, since, delay, period, mass, J, allocatio
     first = int(math.floor((since - estimate[se.TIME]) / period)) + 1
     first = min(max(first, 0), len(history) - 1)
     carried = speeds.copy()
-    _carry(estimate, carried, history, first, int(round(delay / period)), period, mass, J,
-           allocation, c_f, max_speeds, blend)
+    _carry(
+        estimate,
+        carried,
+        history,
+        first,
+        int(round(delay / period)),
+        period,
+        mass,
+        J,
+        allocation,
+        c_f,
+        max_speeds,
+        blend,
+    )
     estimate[se.TIME] += delay
     for i in range(len(speeds)):
-        wanted = np.min(history[first:first + _WHILE, i])
+        wanted = np.min(history[first : first + _WHILE, i])
         if not speeds[i] < _FOLLOWS * wanted:
             speeds[i] = carried[i]
 
 
 @compilable
-def _carry(estimate, speeds, history, first, steps, h, mass, J, allocation, c_f, max_speeds,
-           blend):
+def _carry(estimate, speeds, history, first, steps, h, mass, J, allocation, c_f, max_speeds, blend):
     """Carries estimate, (14,), and speeds, (n,), forward by some steps.
 
     Args:
@@ -143,8 +170,12 @@ def _carry(estimate, speeds, history, first, steps, h, mass, J, allocation, c_f,
         allocation: from the rotors' thrusts to thrust and moments, (4, n).
         c_f, max_speeds, blend: of the rotors, see rotor_bank.turn().
     """
-    p, q, v, w = (estimate[se.POSITION], estimate[se.QUATERNION], estimate[se.VELOCITY],
-                  estimate[se.ANGULAR_VELOCITY])
+    p, q, v, w = (
+        estimate[se.POSITION],
+        estimate[se.QUATERNION],
+        estimate[se.VELOCITY],
+        estimate[se.ANGULAR_VELOCITY],
+    )
     axes = columns(q[0], q[1], q[2], q[3])
     rates = np.array(in_axes(w, axes))
     thrusts = c_f * speeds**2

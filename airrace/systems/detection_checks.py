@@ -109,10 +109,9 @@ def jumps(detection: Detection, before: Detection, dt: float) -> bool:
     turn = detection.X_CM.rotation() @ before.X_CM.rotation().inverse()
     turned = abs(turn.ToAngleAxis().angle())
     variances = (detection.covariance.diagonal() + before.covariance.diagonal()).tolist()
-    return (
-        moved > _MAX_SPEED * dt + _JUMP_SIGMAS * math.sqrt(sum(variances[3:]))
-        or turned > _MAX_TURN_RATE * dt + _JUMP_SIGMAS * math.sqrt(sum(variances[:3]))
-    )
+    return moved > _MAX_SPEED * dt + _JUMP_SIGMAS * math.sqrt(
+        sum(variances[3:])
+    ) or turned > _MAX_TURN_RATE * dt + _JUMP_SIGMAS * math.sqrt(sum(variances[:3]))
 
 
 def _distance(detection: Detection) -> float:

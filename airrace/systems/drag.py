@@ -61,7 +61,8 @@ class Drag(LeafSystem):
         force.body_index = self._body_index
         force.p_BoBq_B = np.zeros(3)
         force.F_Bq_W = SpatialForce(
-            _drag(self._state.Eval(context), self._wind.Eval(context), self._coefficients))
+            _drag(self._state.Eval(context), self._wind.Eval(context), self._coefficients)
+        )
         output.set_value([force])
 
 

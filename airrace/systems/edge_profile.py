@@ -84,7 +84,7 @@ def _offset(y, reach, width):
     for _ in range(_ITERATIONS):
         H, g = np.zeros((6, 6)), np.empty(6)
         for m in range(6):
-            H[m, m] = _PRIOR[m]**-2
+            H[m, m] = _PRIOR[m] ** -2
             g[m] = -H[m, m] * (q[m] - first[m])
         for j in range(len(y)):
             value, slopes = _model(ACROSS[j] * reach, width, q)

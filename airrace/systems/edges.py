@@ -46,8 +46,9 @@ def make_edges(corners):
         middle[i, 0], middle[i, 1] = corners[i, 0] + x / 2, corners[i, 1] + y / 2
     for i in range(4):
         j = (i + 2) % 4
-        width[i] = ((middle[i, 0] - middle[j, 0]) * outward[i, 0]
-                    + (middle[i, 1] - middle[j, 1]) * outward[i, 1])
+        width[i] = (middle[i, 0] - middle[j, 0]) * outward[i, 0] + (
+            middle[i, 1] - middle[j, 1]
+        ) * outward[i, 1]
     return Edges(middle, along, outward, length, width)
 
 

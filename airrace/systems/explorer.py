@@ -56,8 +56,9 @@ class Explorer(LeafSystem):
     race.
     """
 
-    def __init__(self, *, config, hover_height: float, clearance: float,
-                 map_is_known: bool = False):
+    def __init__(
+        self, *, config, hover_height: float, clearance: float, map_is_known: bool = False
+    ):
         """Constructs the explorer.
 
         Args:
@@ -68,8 +69,8 @@ class Explorer(LeafSystem):
         """
         LeafSystem.__init__(self)
         self._machine = StateMachine(
-            config=config, hover_height=hover_height, clearance=clearance,
-            map_is_known=map_is_known)
+            config=config, hover_height=hover_height, clearance=clearance, map_is_known=map_is_known
+        )
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
@@ -77,7 +78,9 @@ class Explorer(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._Update)
         ticket = self.abstract_state_ticket(self._memory)
         self.DeclareVectorOutputPort(
-            "exploration_reference", SIZE, self._CalcReference,
+            "exploration_reference",
+            SIZE,
+            self._CalcReference,
             {ticket, self.time_ticket(), self._estimate.ticket()},
         )
         self.DeclareAbstractOutputPort(
@@ -104,13 +107,15 @@ class Explorer(LeafSystem):
         memory = self._Recall(context)
         if memory.status.done:
             return EventStatus.DidNothing()  # for good
-        after = self._machine.next(exploration.Now(
-            memory=memory,
-            time=context.get_time(),
-            detections=self._detections.Eval(context),
-            gate_map=self._map.Eval(context),
-            estimate=self._estimate.Eval(context),
-        ))
+        after = self._machine.next(
+            exploration.Now(
+                memory=memory,
+                time=context.get_time(),
+                detections=self._detections.Eval(context),
+                gate_map=self._map.Eval(context),
+                estimate=self._estimate.Eval(context),
+            )
+        )
         if after is memory:
             # So that nothing in the whole race need be computed anew.
             return EventStatus.DidNothing()

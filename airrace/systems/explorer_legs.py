@@ -37,7 +37,9 @@ class LegPlanner:
         for route in routes:
             try:
                 leg = plan_leg(
-                    start, np.array(route), max_speed=self._config.max_speed,
+                    start,
+                    np.array(route),
+                    max_speed=self._config.max_speed,
                     max_acceleration=self._config.max_acceleration,
                 )
             except TrajectoryOptimizationError:
@@ -51,7 +53,9 @@ class LegPlanner:
     def plan_through(self, now: Now, gates: list[GateEstimate]) -> FlatTrajectory | None:
         """Returns the leg through gates, at least one."""
         routes = ways.ways_through(
-            self._start(now, 1)[0], gates, approach=self._config.approach_distance,
+            self._start(now, 1)[0],
+            gates,
+            approach=self._config.approach_distance,
             beyond=self._config.passing_distance,
         )
         return self.plan(now, routes, [gate.number for gate in gates])
@@ -64,8 +68,11 @@ class LegPlanner:
             passing.append(gate_pose(gates[-1], beyond))
         # Up on the way out of the last gate, where nothing can stand.
         out = gate_pose(now.last, 2 * beyond)
-        routes = [[*passing, home], [*passing, *ways.over_the_top(out, home)],
-                  [*passing, *ways.over_the_top(gate_pose(now.last, beyond), home)]]
+        routes = [
+            [*passing, home],
+            [*passing, *ways.over_the_top(out, home)],
+            [*passing, *ways.over_the_top(gate_pose(now.last, beyond), home)],
+        ]
         return self.plan(now, routes, [gate.number for gate in gates])
 
     def plan_stop(self, now: Now) -> FlatTrajectory | None:
@@ -82,7 +89,10 @@ class LegPlanner:
         """Whether the rest of the present leg, through gates, is still free."""
         memory = now.memory
         return ways.is_clear(
-            memory.leg, now.gate_map, self._clearance, [gate.number for gate in gates],
+            memory.leg,
+            now.gate_map,
+            self._clearance,
+            [gate.number for gate in gates],
             now.time - memory.leg_start,
         )
 

@@ -58,8 +58,12 @@ class Memory(Immutable):
             changes: of other attributes of the status.
         """
         status = dc.replace(
-            self.status, state=state, reason=reason, since=time,
-            events=(*self.status.events, ExplorerEvent(time, state, reason)), **changes,
+            self.status,
+            state=state,
+            reason=reason,
+            since=time,
+            events=(*self.status.events, ExplorerEvent(time, state, reason)),
+            **changes,
         )
         return dc.replace(self, status=status)
 

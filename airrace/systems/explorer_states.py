@@ -22,8 +22,9 @@ _AT_REST = "level and at rest now"
 class StateMachine:
     """The states of Explorer; it remembers nothing itself."""
 
-    def __init__(self, *, config, hover_height: float, clearance: float,
-                 map_is_known: bool = False):
+    def __init__(
+        self, *, config, hover_height: float, clearance: float, map_is_known: bool = False
+    ):
         """Args: see Explorer."""
         self._config = config
         self._hover_height = hover_height
@@ -116,8 +117,13 @@ class StateMachine:
         """Returns the memory of a race without exploring."""
         gates = tuple(gate.number for gate in now.gate_map.gates)
         return now.memory.entered(
-            now.time, "DONE", f"the map is given, with {len(gates)} gates", gates=gates,
-            closed_at=now.time, done=True)
+            now.time,
+            "DONE",
+            f"the map is given, with {len(gates)} gates",
+            gates=gates,
+            closed_at=now.time,
+            done=True,
+        )
 
     def _turn_to_gate(self, now, waited):
         """Returns the memory of turning to gate 1, None if there is no reason to."""
@@ -154,12 +160,21 @@ class StateMachine:
         leg = self._legs.plan_through(now, gates)
         if leg is None:
             # At rest nothing will change by itself.
-            return (self._seek(now) if self._arrived(now) is not None
-                    else dc.replace(memory, blocked=now.time))
-        how = ("both front markers in one image" if exploration.both_in_image(now, gate.number)
-               else "in the map already")
+            return (
+                self._seek(now)
+                if self._arrived(now) is not None
+                else dc.replace(memory, blocked=now.time)
+            )
+        how = (
+            "both front markers in one image"
+            if exploration.both_in_image(now, gate.number)
+            else "in the map already"
+        )
         memory = dc.replace(
-            memory, last=gate, steps=0, arounds=0,
+            memory,
+            last=gate,
+            steps=0,
+            arounds=0,
             status=dc.replace(memory.status, gates=(*memory.status.gates, gate.number)),
         )
         reason = f"gate {gate.number + 1}: {how}"
@@ -198,19 +213,27 @@ class StateMachine:
         memory = dc.replace(memory, checked=now.time)
         now = dc.replace(now, memory=memory)
         gates = self._ahead(now)
-        moved = max((np.linalg.norm(new.p_WG - old.p_WG)
-                     for new, (old, _) in zip(gates, memory.ahead)), default=0.0)
+        moved = max(
+            (np.linalg.norm(new.p_WG - old.p_WG) for new, (old, _) in zip(gates, memory.ahead)),
+            default=0.0,
+        )
         good = self._legs.is_good(now, gates)
         if good and moved < self._config.replan_distance:
             return memory
         state = memory.status.state
         if state == "RETURN" or gates:
             plan = self._legs.plan_home if state == "RETURN" else self._legs.plan_through
-            why = (f"what is ahead is {moved:.1f} m from where it seemed" if good
-                   else "the way there is not free")
+            why = (
+                f"what is ahead is {moved:.1f} m from where it seemed"
+                if good
+                else "the way there is not free"
+            )
             return self._go_through(now, plan(now, gates), gates, state, why)
-        return memory if good else self._go(
-            now, self._legs.plan_stop(now), "AVOID", "something is in the way")
+        return (
+            memory
+            if good
+            else self._go(now, self._legs.plan_stop(now), "AVOID", "something is in the way")
+        )
 
     def _is_too_far(self, now):
         """Whether a step leads too near to a gate of which something was just seen."""

@@ -45,7 +45,8 @@ class GateBelief(Immutable):
     def distance(self, sighting: Sighting) -> float:
         """Returns the square of the Mahalanobis distance of a sighting."""
         return gf.squared_distance(
-            self.pose, self.covariance, sighting.id, sighting.p_WM, sighting.covariance)
+            self.pose, self.covariance, sighting.id, sighting.p_WM, sighting.covariance
+        )
 
     def updated(self, sighting: Sighting, weight: float) -> "GateBelief":
         """Returns the belief with one more sighting.
@@ -55,9 +56,11 @@ class GateBelief(Immutable):
             weight: how much of its information is new, 0 to 1.
         """
         pose, covariance = gf.updated(
-            self.pose, self.covariance, sighting.time - self.time, weight, *_content(sighting))
-        return GateBelief(read_only(pose), read_only(covariance),
-                          max(self.time, sighting.time), self.by_the_rules)
+            self.pose, self.covariance, sighting.time - self.time, weight, *_content(sighting)
+        )
+        return GateBelief(
+            read_only(pose), read_only(covariance), max(self.time, sighting.time), self.by_the_rules
+        )
 
     def knowing_the_rules(self) -> "GateBelief":
         """Returns the belief with the spacing that the rules say, if it looks so.
@@ -66,8 +69,11 @@ class GateBelief(Immutable):
         distance: a known spacing makes one distance of two directions.
         """
         excess = self.pose[SPACING] - GATE_SPACING
-        if (self.by_the_rules or abs(excess) > _LIKE_THE_RULES
-                or self.covariance[SPACING, SPACING] > _CLEARLY**2):
+        if (
+            self.by_the_rules
+            or abs(excess) > _LIKE_THE_RULES
+            or self.covariance[SPACING, SPACING] > _CLEARLY**2
+        ):
             return self
         gain, error = np.zeros((5, 5)), np.zeros(5)
         gain[SPACING, SPACING] = _RULES_SIGMA**-2
@@ -145,5 +151,10 @@ def _heading(sighting: Sighting) -> float:
 
 def _content(sighting: Sighting) -> tuple:
     """Returns the arguments of gate_filter.information() beside the pose."""
-    return (sighting.id, sighting.p_WM, sighting.covariance, _heading(sighting),
-            sighting.heading_variance)
+    return (
+        sighting.id,
+        sighting.p_WM,
+        sighting.covariance,
+        _heading(sighting),
+        sighting.heading_variance,
+    )

@@ -69,7 +69,8 @@ class GateRecord(Immutable):
         """Whether the camera is on the wrong side of the face that it claims to have seen."""
         belief = self.belief
         return belief.covariance[gf.HEADING, gf.HEADING] < _HEADING_SIGMA**2 and gf.is_behind(
-            belief.pose, sighting.id, sighting.p_WM, sighting.p_WC, _NEAR)
+            belief.pose, sighting.id, sighting.p_WM, sighting.p_WC, _NEAR
+        )
 
     def _refusing(self, *doubted) -> "GateRecord":
         if not doubted:
@@ -173,7 +174,8 @@ def _described(number, record: GateRecord, min_sightings) -> GateMap:
     return GateMap(
         markers=tuple(
             MarkerEstimate(id, record.counts.get(id, 0), outliers[id], *boards[:, id % 4])
-            for id in range(4 * number, 4 * number + 4) if known or id in record.counts
+            for id in range(4 * number, 4 * number + 4)
+            if known or id in record.counts
         ),
         gates=(_gate_estimate(number, record.belief),) if known else (),
         refused=refused,

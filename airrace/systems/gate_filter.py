@@ -107,8 +107,9 @@ def is_behind(pose, id, p_WM, p_WC, reach):
     """
     expected, _ = board_position(pose, id)
     x, y, z = p_WM - expected
-    beyond = ((p_WC[X] - expected[X]) * math.cos(pose[HEADING])
-              + (p_WC[Y] - expected[Y]) * math.sin(pose[HEADING]))
+    beyond = (p_WC[X] - expected[X]) * math.cos(pose[HEADING]) + (p_WC[Y] - expected[Y]) * math.sin(
+        pose[HEADING]
+    )
     return math.sqrt(x * x + y * y + z * z) < reach and facing(id) * beyond < 0.0
 
 

@@ -19,7 +19,8 @@ class GateOpening:
     def __init__(self, gate: Gate):
         """Args: gate: where the track's file has it."""
         self.numbers = np.array(
-            [*gate.p_WG, *gate.forward, *gate.rightward, gate.pylon_spacing / 2])
+            [*gate.p_WG, *gate.forward, *gate.rightward, gate.pylon_spacing / 2]
+        )
 
     def find(self, q, p, shift=(0.0, 0.0)) -> tuple[float, float] | None:
         """Returns where a straight line passes the gate from the front, None if it does not.

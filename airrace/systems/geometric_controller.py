@@ -64,8 +64,14 @@ class GeometricController(LeafSystem):
     airrace/reduced_attitude.py.
     """
 
-    def __init__(self, *, vehicle: Vehicle, rate: float, feed_forward: bool = True,
-                 disturbance_rejection: bool = True):
+    def __init__(
+        self,
+        *,
+        vehicle: Vehicle,
+        rate: float,
+        feed_forward: bool = True,
+        disturbance_rejection: bool = True,
+    ):
         """Constructs the controller.
 
         Args:
@@ -82,18 +88,33 @@ class GeometricController(LeafSystem):
         @functools.cache
         def remaining(losses: bytes):
             rest = Remaining(vehicle, np.isinf(np.frombuffer(losses)))
-            return rest, np.column_stack([
-                rest.allocator.inverse, rest.max_thrusts, vehicle.thrust_coefficients,
-                vehicle.max_speeds])
+            return rest, np.column_stack(
+                [
+                    rest.allocator.inverse,
+                    rest.max_thrusts,
+                    vehicle.thrust_coefficients,
+                    vehicle.max_speeds,
+                ]
+            )
 
         self._remaining = remaining
         whole = remaining(np.full(n, np.inf).tobytes())[0]
         overdrive = _reached(rate, min(_SHORT_LAG, vehicle.rotor_lag)) / _reached(
-            rate, vehicle.rotor_lag)
-        self._gains = np.array([
-            vehicle.mass, *vehicle.inertia, vehicle.gains.position, vehicle.gains.velocity,
-            *np.ravel(_attitude_gains(vehicle)), _THRUST_SHARE * whole.max_lift,
-            disturbance_rejection, feed_forward, overdrive])
+            rate, vehicle.rotor_lag
+        )
+        self._gains = np.array(
+            [
+                vehicle.mass,
+                *vehicle.inertia,
+                vehicle.gains.position,
+                vehicle.gains.velocity,
+                *np.ravel(_attitude_gains(vehicle)),
+                _THRUST_SHARE * whole.max_lift,
+                disturbance_rejection,
+                feed_forward,
+                overdrive,
+            ]
+        )
         self._reduced = ReducedAttitude(vehicle)
         self._reference = self.DeclareVectorInputPort("reference", ref.SIZE)
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", se.SIZE)
@@ -141,8 +162,8 @@ def _prepared(reference, estimate, disturbance, gains) -> bool:
     for i in range(3):
         reference[ref.ACCELERATION.start + i] -= gains[_REJECTION] * disturbance[i]
     if gains[_FEED_FORWARD] == 0.0:
-        reference[ref.JERK.start:ref.SNAP.stop] = 0.0
-        reference[ref.YAW_RATE:] = 0.0
+        reference[ref.JERK.start : ref.SNAP.stop] = 0.0
+        reference[ref.YAW_RATE :] = 0.0
     return all_finite(estimate) and all_finite(disturbance) and all_finite(reference)
 
 
@@ -155,15 +176,21 @@ def _wrench(r, e, gains):
     v, u = ref.VELOCITY.start, se.VELOCITY.start
     a = ref.ACCELERATION.start
     # Equation (23): the desired specific force, and its axis.
-    force = limited((
-        r[a] - k_x * (e[q] - r[p]) - k_v * (e[u] - r[v]),
-        r[a + 1] - k_x * (e[q + 1] - r[p + 1]) - k_v * (e[u + 1] - r[v + 1]),
-        r[a + 2] - k_x * (e[q + 2] - r[p + 2]) - k_v * (e[u + 2] - r[v + 2]) + GRAVITY,
-    ), gains[_MAX_THRUST] / mass)
+    force = limited(
+        (
+            r[a] - k_x * (e[q] - r[p]) - k_v * (e[u] - r[v]),
+            r[a + 1] - k_x * (e[q + 1] - r[p + 1]) - k_v * (e[u + 1] - r[v + 1]),
+            r[a + 2] - k_x * (e[q + 2] - r[p + 2]) - k_v * (e[u + 2] - r[v + 2]) + GRAVITY,
+        ),
+        gains[_MAX_THRUST] / mass,
+    )
     axes, w_W, alpha_d = attitude_from_force(
-        force, triple(r, ref.JERK.start), triple(r, ref.SNAP.start),
+        force,
+        triple(r, ref.JERK.start),
+        triple(r, ref.SNAP.start),
         heading_vectors(
-            math.cos(r[ref.YAW]), math.sin(r[ref.YAW]), r[ref.YAW_RATE], r[ref.YAW_ACCELERATION]),
+            math.cos(r[ref.YAW]), math.sin(r[ref.YAW]), r[ref.YAW_RATE], r[ref.YAW_ACCELERATION]
+        ),
     )
     q = se.QUATERNION.start
     R = columns(e[q], e[q + 1], e[q + 2], e[q + 3])

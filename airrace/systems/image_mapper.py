@@ -53,9 +53,14 @@ class ImageMapper:
             ),
         }[estimator]()
 
-    def updated(self, memory: MapperMemory, detections: Detections,
-                X_WC: RigidTransform | None, info: CameraInfo,
-                no_pose: str = UNKNOWN_TIME) -> MapperMemory:
+    def updated(
+        self,
+        memory: MapperMemory,
+        detections: Detections,
+        X_WC: RigidTransform | None,
+        info: CameraInfo,
+        no_pose: str = UNKNOWN_TIME,
+    ) -> MapperMemory:
         """Returns the memory after one more image; an old one changes nothing.
 
         Args:

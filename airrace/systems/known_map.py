@@ -22,8 +22,11 @@ class KnownMap(LeafSystem):
         """Args: gate_map: the map."""
         LeafSystem.__init__(self)
         self.DeclareAbstractOutputPort(
-            "gate_map", lambda: Value[object](gate_map),
-            lambda context, output: output.set_value(gate_map), {self.nothing_ticket()})
+            "gate_map",
+            lambda: Value[object](gate_map),
+            lambda context, output: output.set_value(gate_map),
+            {self.nothing_ticket()},
+        )
 
 
 class NoDetector(LeafSystem):
@@ -41,5 +44,8 @@ class NoDetector(LeafSystem):
     def __init__(self):
         LeafSystem.__init__(self)
         self.DeclareAbstractOutputPort(
-            "detections", lambda: Value[object](Detections()),
-            lambda context, output: output.set_value(Detections()), {self.nothing_ticket()})
+            "detections",
+            lambda: Value[object](Detections()),
+            lambda context, output: output.set_value(Detections()),
+            {self.nothing_ticket()},
+        )

@@ -108,7 +108,6 @@ class LapPlan(Immutable):
         """When the circuit, traced back from the entry's end, starts (s)."""
         return self.start_time + self.entry.duration - self.phase
 
-
     def __reduce_ex__(self, protocol):
         # So that a pickled NO_PLAN is the same object again.
         return "NO_PLAN" if self.lap == 0 else super().__reduce_ex__(protocol)

@@ -74,8 +74,7 @@ class LapPlanner(LeafSystem):
     tries again when the map has changed.
     """
 
-    def __init__(self, *, vehicle: Vehicle, trajectory: str, config, laps=np.inf,
-                 solve=plan_lap):
+    def __init__(self, *, vehicle: Vehicle, trajectory: str, config, laps=np.inf, solve=plan_lap):
         """Constructs the planner.
 
         Args:
@@ -91,8 +90,12 @@ class LapPlanner(LeafSystem):
         LeafSystem.__init__(self)
         max_speed, max_acceleration = parse_limits(config.limits)
         self._fixed = dict(
-            trajectory=trajectory, vehicle=vehicle, max_speed=max_speed,
-            max_acceleration=max_acceleration, thrust_share=config.thrust_share)
+            trajectory=trajectory,
+            vehicle=vehicle,
+            max_speed=max_speed,
+            max_acceleration=max_acceleration,
+            thrust_share=config.thrust_share,
+        )
         FlightLimits(vehicle, thrust_share=config.thrust_share).check()
         self._laps = laps
         self._first_lap_move = config.first_lap_move
@@ -162,8 +165,7 @@ class LapPlanner(LeafSystem):
             after = dc.replace(memory, job=None, pending=plan)
             if found is not None and plan is None:
                 # What was found is not flown, so that it is worth another search.
-                after = dc.replace(
-                    after, latency=_AMPLE * (now - memory.tried_at), searched=None)
+                after = dc.replace(after, latency=_AMPLE * (now - memory.tried_at), searched=None)
             return after
         if not self._IsTime(context, memory, now):
             return memory
@@ -225,7 +227,10 @@ class LapPlanner(LeafSystem):
             gates=gates,
             pylons=np.array([gate.pylons for gate in every]).reshape(-1, 2),
             margins=pylon_margins(every, gate_map.markers, moved),
-            start_time=start_time, start=start, old=None if old is NO_PLAN else old)
+            start_time=start_time,
+            start=start,
+            old=None if old is NO_PLAN else old,
+        )
 
 
 def _is_known(problem: LapProblem, last: LapProblem | None) -> bool:

@@ -57,7 +57,8 @@ class LapProblem(Immutable):
             [gate.number for gate in self.gates] == [gate.number for gate in other.gates]
             and largest_move(self.gates, other.gates) == 0.0
             and np.array_equal(self.pylons, other.pylons)
-            and np.array_equal(self.margins, other.margins))
+            and np.array_equal(self.margins, other.margins)
+        )
 
 
 def plan_lap(problem: LapProblem) -> LapPlan | None:
@@ -83,8 +84,12 @@ def plan_lap(problem: LapProblem) -> LapPlan | None:
     report = _report(problem, laps, entry, circuit, bound)
     return LapPlan(
         lap=1 if old is None else old.lap_at(problem.start_time) + 1,
-        start_time=problem.start_time, entry=entry, circuit=circuit, phase=phase,
-        report=dc.replace(report, solve_time=wall_clock.perf_counter() - clock))
+        start_time=problem.start_time,
+        entry=entry,
+        circuit=circuit,
+        phase=phase,
+        report=dc.replace(report, solve_time=wall_clock.perf_counter() - clock),
+    )
 
 
 def make_laps(problem: LapProblem):
@@ -125,9 +130,19 @@ def _report(problem: LapProblem, laps, entry, circuit: Circuit, bound) -> PlanRe
     check = check_flight(samples, problem.pylons, laps.limits)
     own = getattr(circuit, "report", None)
     return PlanReport(
-        solve_time=0.0, duration=circuit.duration, max_speed=check.max_speed,
-        max_acceleration=check.max_acceleration, max_rotor_thrust=max(check.max_thrusts),
-        max_thrusts=check.max_thrusts, min_thrusts=check.min_thrusts, max_rate=check.max_rate,
-        clearance=check.clearance, margin=float(np.max(problem.margins, initial=0.0)),
-        reached=check.reached, bound=bound, solver=laps.solver,
-        iterations=own and own.iterations, warm=bool(own and own.warm))
+        solve_time=0.0,
+        duration=circuit.duration,
+        max_speed=check.max_speed,
+        max_acceleration=check.max_acceleration,
+        max_rotor_thrust=max(check.max_thrusts),
+        max_thrusts=check.max_thrusts,
+        min_thrusts=check.min_thrusts,
+        max_rate=check.max_rate,
+        clearance=check.clearance,
+        margin=float(np.max(problem.margins, initial=0.0)),
+        reached=check.reached,
+        bound=bound,
+        solver=laps.solver,
+        iterations=own and own.iterations,
+        warm=bool(own and own.warm),
+    )

@@ -37,8 +37,11 @@ class LcmReceiver(LeafSystem):
                 self.DeclareAbstractOutputPort(port, model.Clone, self._Calc(port), ticket)
 
         self.DeclareVectorOutputPort(
-            f"{row.ports[0]}_time", 1,
-            lambda context, output: output.SetAtIndex(0, self._Now(context).time), ticket)
+            f"{row.ports[0]}_time",
+            1,
+            lambda context, output: output.SetAtIndex(0, self._Now(context).time),
+            ticket,
+        )
 
     @property
     def channel(self) -> str:
@@ -61,4 +64,3 @@ class _Values(Immutable):
 
     def __init__(self, by_port: dict, time: float):
         self.by_port, self.time = by_port, time
-

@@ -35,8 +35,10 @@ class LcmSender(LeafSystem):
         self._endpoint = endpoint
         self._lossless = lossless
         # How long a value waits after the last (s), by whether it is still the same.
-        self._waits = {False: (1.0 - _TOLERANCE) / row.rate,
-                       True: row.repeat - 1e-9 if row.repeat > 0.0 else np.inf}
+        self._waits = {
+            False: (1.0 - _TOLERANCE) / row.rate,
+            True: row.repeat - 1e-9 if row.repeat > 0.0 else np.inf,
+        }
         for port in row.ports:
             model = row.model(port)
             if isinstance(model, int):

@@ -26,8 +26,9 @@ def pylon_margins(gates, markers, moved: float = 0.0) -> np.ndarray:
         pylon = marker.id // 2  # its two faces
         sigma = float(np.sqrt(np.max(marker.variance[:2])))
         sigmas[pylon] = max(sigmas.get(pylon, 0.0), sigma if np.isfinite(sigma) else _MOST)
-    room = np.array([
-        _SIGMAS * sigmas.get(2 * gate.number + side, 0.0) for gate in gates for side in (0, 1)])
+    room = np.array(
+        [_SIGMAS * sigmas.get(2 * gate.number + side, 0.0) for gate in gates for side in (0, 1)]
+    )
     most = np.repeat([min(_MOST, _SHARE * gate.spacing) for gate in gates], 2)
     return _CONTROLLER + np.minimum(room + (moved if moved > _NOISE else 0.0), most)
 
@@ -53,6 +54,9 @@ def largest_move(gates, before) -> float:
             continue
         old = known[gate.number]
         turn = (gate.heading - old.heading + np.pi) % (2 * np.pi) - np.pi
-        moves += [np.linalg.norm(gate.p_WG - old.p_WG), _TURN * abs(turn),
-                  abs(gate.spacing - old.spacing)]
+        moves += [
+            np.linalg.norm(gate.p_WG - old.p_WG),
+            _TURN * abs(turn),
+            abs(gate.spacing - old.spacing),
+        ]
     return float(np.max(moves, initial=0.0))

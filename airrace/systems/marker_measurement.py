@@ -55,8 +55,12 @@ def _drawn_around(quads, view: CameraView):
     h, w = view.shape
     reach = FARTHEST_SAMPLE
     boxes = [
-        (max(int(min(x) - reach), 0), max(int(min(y) - reach), 0),
-         min(int(max(x) + reach), w), min(int(max(y) + reach), h))
+        (
+            max(int(min(x) - reach), 0),
+            max(int(min(y) - reach), 0),
+            min(int(max(x) + reach), w),
+            min(int(max(y) + reach), h),
+        )
         for x, y in (quad.T.tolist() for quad in quads)
     ]
     return view.drawn(*boxes)

@@ -53,8 +53,11 @@ def _codes() -> dict:
     bits = np.unpackbits(DICTIONARY.bytesList, axis=2).astype(int)  # (n, quarter turns, 32)
     codes = np.concatenate([bits[:, :, :24], bits[:, :, 31:]], axis=2) @ 2 ** np.arange(25)
     # The last one counts: marker 1023 looks the same upside down.
-    return {code: (id, -turns % 4)
-            for turns in (3, 2, 1, 0) for id, code in enumerate(codes[:, turns].tolist())}
+    return {
+        code: (id, -turns % 4)
+        for turns in (3, 2, 1, 0)
+        for id, code in enumerate(codes[:, turns].tolist())
+    }
 
 
 @functools.cache
@@ -103,7 +106,7 @@ def _code(grey, quad) -> int:
 def _module_levels(grey, corners):
     """Returns the mean grey level of each module's inner half, (7, 7)."""
     a, b, c, d, e, f, g, h = _square_to_quad(corners)
-    looks = len(_WITHIN)**2
+    looks = len(_WITHIN) ** 2
     x, y = np.empty(_MODULES**2 * looks), np.empty(_MODULES**2 * looks)
     n = 0
     for i in range(_MODULES):
@@ -147,7 +150,4 @@ def _square_to_quad(p):
     determinant = (x1 - x2) * (y3 - y2) - (x3 - x2) * (y1 - y2)
     g = (sx * (y3 - y2) - sy * (x3 - x2)) / determinant
     h = ((x1 - x2) * sy - (y1 - y2) * sx) / determinant
-    return (
-        x1 - x0 + g * x1, x3 - x0 + h * x3, x0,
-        y1 - y0 + g * y1, y3 - y0 + h * y3, y0, g, h,
-    )
+    return (x1 - x0 + g * x1, x3 - x0 + h * x3, x0, y1 - y0 + g * y1, y3 - y0 + h * y3, y0, g, h)

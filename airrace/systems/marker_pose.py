@@ -69,7 +69,8 @@ def locate_gate(ids, corners, covariances, info: CameraInfo) -> dict:
     return {
         id: _detection(id, quad, carried_along(pose, p_F), residual, joint=True)
         for id, quad, p_F, residual in zip(
-            ids, corners, (-_TO_RIGHT, _TO_RIGHT), pose.residual.reshape(2, 4, 2))
+            ids, corners, (-_TO_RIGHT, _TO_RIGHT), pose.residual.reshape(2, 4, 2)
+        )
     }
 
 
@@ -92,8 +93,12 @@ def _solve(points, corners, covariances, info: CameraInfo) -> Pose | None:
     seeds = [seed for seed in seeds if all(map(math.isfinite, seed)) and seed[5] > 0]
     seeds = np.array(seeds) if seeds else _guesses(points, corners, info)
     pose = best_pose(
-        points, np.ascontiguousarray(corners, float), np.ascontiguousarray(covariances, float),
-        _intrinsics(info), seeds)
+        points,
+        np.ascontiguousarray(corners, float),
+        np.ascontiguousarray(covariances, float),
+        _intrinsics(info),
+        seeds,
+    )
     return pose if np.isfinite(pose.cost) else None
 
 
@@ -106,9 +111,9 @@ def _guesses(points, corners, info: CameraInfo) -> np.ndarray:
     """Returns rough poses, for views of perfect symmetry where IPPE finds none, (4, 6)."""
     depth = np.ptp(points, axis=0).max() * info.K[0, 0] / np.ptp(corners, axis=0).max()
     t = depth * np.linalg.solve(info.K, [*corners.mean(axis=0), 1.0])
-    return np.array([
-        [a, b, 0.0, *t] for a, b in ((_TILT, 0), (-_TILT, 0), (0, _TILT), (0, -_TILT))
-    ])
+    return np.array(
+        [[a, b, 0.0, *t] for a, b in ((_TILT, 0), (-_TILT, 0), (0, _TILT), (0, -_TILT))]
+    )
 
 
 def _detection(id, corners, pose: Pose, residual, joint=False) -> Detection:

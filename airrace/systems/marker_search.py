@@ -55,15 +55,22 @@ class MarkerSearch:
         codes = DICTIONARY.bytesList[expected]
         self._detector.setDictionary(cv2.aruco.Dictionary(codes, DICTIONARY.markerSize, 0))
         for margins in _MARGINS:
-            sought = [(_region(box, *margins, view.shape), box)
-                      for id, box in predictions.items() if id not in found]
-            sought = [((x0, y0, x1, y1), box) for (x0, y0, x1, y1), box in sought
-                      if min(x1 - x0, y1 - y0) >= _SMALLEST_SIDE]
+            sought = [
+                (_region(box, *margins, view.shape), box)
+                for id, box in predictions.items()
+                if id not in found
+            ]
+            sought = [
+                ((x0, y0, x1, y1), box)
+                for (x0, y0, x1, y1), box in sought
+                if min(x1 - x0, y1 - y0) >= _SMALLEST_SIDE
+            ]
             picture = view.drawn(*(region for region, _ in sought))
             for (x0, y0, x1, y1), box in sought:
                 perimeter = _LEAST_SHARE * cv2.arcLength(box.astype(np.float32), True)
                 ids, quads, _ = self._Detect(
-                    picture[y0:y1, x0:x1], max(perimeter, 4 * _SMALLEST_SIDE))
+                    picture[y0:y1, x0:x1], max(perimeter, 4 * _SMALLEST_SIDE)
+                )
                 # Regions overlap, so a marker may be found in several of them.
                 found.update(zip(expected[ids].tolist(), quads + [x0, y0]))
         return list(found), np.reshape(list(found.values()), (-1, 4, 2))

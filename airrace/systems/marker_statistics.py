@@ -86,8 +86,9 @@ class ReportEstimator:
         return make_map(statistics, min_sightings=self._min_sightings, **counters)
 
 
-def make_map(statistics: dict, *, min_sightings, time, detections, out_of_range,
-             refused=None) -> GateMap:
+def make_map(
+    statistics: dict, *, min_sightings, time, detections, out_of_range, refused=None
+) -> GateMap:
     """Returns the map that the statistics of all markers amount to.
 
     Args:
@@ -137,5 +138,6 @@ def make_gate(number: int, p_WL, p_WR) -> GateEstimate | None:
     heading = float(np.arctan2(right[0], -right[1]))
     forward = np.array([np.cos(heading), np.sin(heading), 0.0])
     p_WG = (p_WL + p_WR) / 2 + BOARD_OFFSET * forward
-    return GateEstimate(number=number, p_WG=read_only(p_WG), heading=heading,
-                        spacing=float(np.linalg.norm(right)))
+    return GateEstimate(
+        number=number, p_WG=read_only(p_WG), heading=heading, spacing=float(np.linalg.norm(right))
+    )

@@ -31,30 +31,42 @@ class MinSnapLaps:
         """Args: problem: a LapProblem. dimensions: 3, 4 or 6."""
         self._problem, self._dimensions = problem, dimensions
         self.limits = FlightLimits(
-            problem.vehicle, thrust_share=problem.thrust_share, max_speed=problem.max_speed,
-            max_acceleration=problem.max_acceleration)
+            problem.vehicle,
+            thrust_share=problem.thrust_share,
+            max_speed=problem.max_speed,
+            max_acceleration=problem.max_acceleration,
+        )
         self.limits.check()
         self._midpoints = np.array([g.p_WG for g in problem.gates]).reshape(-1, 3)
         self._headings = [g.heading for g in problem.gates]
         self._options = dict(
-            clearance=clearance_of(problem.vehicle.radius, problem.margins), rotors=self.limits)
+            clearance=clearance_of(problem.vehicle.radius, problem.margins), rotors=self.limits
+        )
         # What thrusts hold against gravity, at level flight.
         force = self.limits.max_specific_force
         self._ceilings = dict(
             max_speed=min(problem.max_speed, _MOST_SPEED),
-            max_acceleration=min(problem.max_acceleration, np.sqrt(force**2 - GRAVITY**2)))
+            max_acceleration=min(problem.max_acceleration, np.sqrt(force**2 - GRAVITY**2)),
+        )
 
     def bound(self) -> float:
         """Returns the lap time of a point mass through the midpoints (s)."""
         gates = GateRegions.balls(self._midpoints, self._headings, 0.0)
         return quickest_point_mass(
-            gates, self.limits, self._problem.pylons, self._options["clearance"]).duration
+            gates, self.limits, self._problem.pylons, self._options["clearance"]
+        ).duration
 
     def lap(self, previous: Circuit | None) -> Circuit:
         """Returns a lap, sought from a previous one if there is one; or raises."""
         return plan_circuit(
-            self._midpoints, self._headings, self._problem.pylons, self._dimensions,
-            previous=previous, **self._ceilings, **self._options)
+            self._midpoints,
+            self._headings,
+            self._problem.pylons,
+            self._dimensions,
+            previous=previous,
+            **self._ceilings,
+            **self._options,
+        )
 
     def fits(self, circuit: Circuit) -> bool:
         """Whether a lap leads through the gates as they are now."""
@@ -62,21 +74,30 @@ class MinSnapLaps:
         if passed.shape != self._midpoints.shape:
             return False
         distances = pylon_distances(circuit.sample(sample_times(circuit)), self._problem.pylons)
-        return bool(np.linalg.norm(passed - self._midpoints, axis=1).max() <= _SLACK
-                    and np.all(distances >= self._options["clearance"] - _SLACK))
+        return bool(
+            np.linalg.norm(passed - self._midpoints, axis=1).max() <= _SLACK
+            and np.all(distances >= self._options["clearance"] - _SLACK)
+        )
 
     def way(self, circuit: Circuit, start, remaining) -> tuple[FlatTrajectory, float]:
         """Returns a way onto a lap, and when on the lap it joins (s): see OptimalLaps.way()."""
         limits = self._limits_of(circuit)
         if remaining is not None:
-            way = plan_change(start, circuit, remaining, self._problem.pylons, **limits,
-                              **self._options)
+            way = plan_change(
+                start, circuit, remaining, self._problem.pylons, **limits, **self._options
+            )
             return way, 0.0
         for share in _SHARES:
             scaled = {name: share * limit for name, limit in limits.items()}
             try:
-                return plan_start(start, circuit, self._dimensions, self._problem.pylons,
-                                  **scaled, **self._options)
+                return plan_start(
+                    start,
+                    circuit,
+                    self._dimensions,
+                    self._problem.pylons,
+                    **scaled,
+                    **self._options,
+                )
             except TrajectoryOptimizationError as e:
                 fault = e
         raise fault
@@ -87,5 +108,7 @@ class MinSnapLaps:
         problem = self._problem
         return dict(
             max_speed=problem.max_speed if np.isfinite(problem.max_speed) else 1.01 * speed,
-            max_acceleration=problem.max_acceleration if np.isfinite(problem.max_acceleration)
-            else 1.01 * acceleration)
+            max_acceleration=problem.max_acceleration
+            if np.isfinite(problem.max_acceleration)
+            else 1.01 * acceleration,
+        )

@@ -135,8 +135,17 @@ def ground_clearance(plant, scene_graph) -> float:
     return -min(heights)
 
 
-def AddMultirotor(builder, plant, scene_graph, vehicle: Vehicle, *, rate: float | None = None,
-                  failures=(), forces=(), visible: bool = True) -> RotorBank:
+def AddMultirotor(
+    builder,
+    plant,
+    scene_graph,
+    vehicle: Vehicle,
+    *,
+    rate: float | None = None,
+    failures=(),
+    forces=(),
+    visible: bool = True,
+) -> RotorBank:
     """Connects rotors to the drone of a finalized plant.
 
     Args:
@@ -165,8 +174,7 @@ def AddMultirotor(builder, plant, scene_graph, vehicle: Vehicle, *, rate: float 
     rotors = builder.AddNamedSystem(
         "rotor_bank",
         RotorBank(
-            vehicle=vehicle, period=1.0 / rate if rate else plant.time_step(),
-            failures=failures,
+            vehicle=vehicle, period=1.0 / rate if rate else plant.time_step(), failures=failures
         ),
     )
     propellers = builder.AddNamedSystem(

@@ -41,13 +41,19 @@ class OptimalLaps:
         self._clearance = clearance_of(problem.vehicle.radius, problem.margins)
         gates = problem.gates
         # Of a gate's two pylons the one that is known less says how near to come.
-        each = self._clearance[:2 * len(gates)].reshape(-1, 2).max(axis=1)
+        each = self._clearance[: 2 * len(gates)].reshape(-1, 2).max(axis=1)
         self._gates = GateRegions.windows(
-            [g.p_WG for g in gates], [g.heading for g in gates],
-            [g.spacing / 2 - clearance for g, clearance in zip(gates, each)], _HALF_HEIGHT)
+            [g.p_WG for g in gates],
+            [g.heading for g in gates],
+            [g.spacing / 2 - clearance for g, clearance in zip(gates, each)],
+            _HALF_HEIGHT,
+        )
         self.limits = FlightLimits(
-            problem.vehicle, thrust_share=problem.thrust_share, max_speed=problem.max_speed,
-            max_acceleration=problem.max_acceleration)
+            problem.vehicle,
+            thrust_share=problem.thrust_share,
+            max_speed=problem.max_speed,
+            max_acceleration=problem.max_acceleration,
+        )
         self.limits.check()
 
     def bound(self) -> float:
@@ -56,14 +62,18 @@ class OptimalLaps:
 
     @functools.cached_property
     def _bound(self) -> PointMassBound:
-        return quickest_point_mass(
-            self._gates, self.limits, self._problem.pylons, self._clearance)
+        return quickest_point_mass(self._gates, self.limits, self._problem.pylons, self._clearance)
 
     def lap(self, previous: Circuit | None) -> Circuit:
         """Returns a lap, sought from a previous one if there is one; or raises."""
         return plan_optimal_circuit(
-            self._gates, self._problem.pylons, self.limits.scaled(_SHARE),
-            clearance=self._clearance, previous=previous, bound=self._bound)
+            self._gates,
+            self._problem.pylons,
+            self.limits.scaled(_SHARE),
+            clearance=self._clearance,
+            previous=previous,
+            bound=self._bound,
+        )
 
     def fits(self, circuit: Circuit) -> bool:
         """Whether a lap leads through the gates as they are now."""
@@ -85,8 +95,11 @@ class OptimalLaps:
         Raises:
             TrajectoryOptimizationError: if there is none.
         """
-        joins = [k for k in (_STARTS if remaining is None else _CHANGES)
-                 if k < len(circuit.gate_times) - 1]
+        joins = [
+            k
+            for k in (_STARTS if remaining is None else _CHANGES)
+            if k < len(circuit.gate_times) - 1
+        ]
         first = remaining
         if first is None:
             gate = circuit.derivatives(0.0)
@@ -99,11 +112,18 @@ class OptimalLaps:
         tries = [(k, old) for k in joins] + ([(joins[0], None)] if old else [])
         found = []  # with what is lost on them (s)
         for k, old in tries:
-            legs = np.diff(circuit.gate_times)[:k - 1]
+            legs = np.diff(circuit.gate_times)[: k - 1]
             with contextlib.suppress(TrajectoryOptimizationError):
                 way, phase = plan_optimal_way(
-                    start, [first, *legs], self._gates, circuit, self._problem.pylons,
-                    self.limits, clearance=clearance, old=old)
+                    start,
+                    [first, *legs],
+                    self._gates,
+                    circuit,
+                    self._problem.pylons,
+                    self.limits,
+                    clearance=clearance,
+                    old=old,
+                )
                 found.append((way.duration - phase - first, way, phase))
                 # A search may end with a loop before a gate: no way near it is quicker.
                 if found[-1][0] <= _MOST_LOST:

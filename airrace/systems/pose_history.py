@@ -46,7 +46,7 @@ def last_two(history, newest, time):
         count = 1
     for k in range(0, len(history), _SIZE):
         if count < 2 and 0.0 <= history[k] <= latest:
-            result[count] = history[k:k + _SIZE]
+            result[count] = history[k : k + _SIZE]
             count += 1
     return result
 
@@ -59,7 +59,7 @@ def is_sound(estimate):
             return False
     norm = 0.0
     for k in range(4):
-        norm += estimate[_QUATERNION + k]**2
+        norm += estimate[_QUATERNION + k] ** 2
     return abs(math.sqrt(norm) - 1.0) < 0.1
 
 
@@ -70,7 +70,7 @@ def jumps(before, after):
     expected, actual = moved(before, dt), moved(after, 0.0)
     distance, cosine = 0.0, 0.0  # of half the angle between the attitudes
     for k in range(3):
-        distance += (expected[4 + k] - actual[4 + k])**2
+        distance += (expected[4 + k] - actual[4 + k]) ** 2
     for k in range(4):
         cosine += expected[k] * actual[k]
     limit = _LEAST_JUMP + _MOST_ACCELERATION * dt**2
@@ -85,15 +85,19 @@ def moved(estimate, dt):
     b = dt * estimate[_TURNING] / 2
     c = dt * estimate[_TURNING + 1] / 2
     d = dt * estimate[_TURNING + 2] / 2
-    w, x, y, z = (estimate[_QUATERNION], estimate[_QUATERNION + 1], estimate[_QUATERNION + 2],
-                  estimate[_QUATERNION + 3])
+    w, x, y, z = (
+        estimate[_QUATERNION],
+        estimate[_QUATERNION + 1],
+        estimate[_QUATERNION + 2],
+        estimate[_QUATERNION + 3],
+    )
     pose, norm = np.empty(7), 0.0
     pose[0] = w - b * x - c * y - d * z
     pose[1] = x + b * w + c * z - d * y
     pose[2] = y - b * z + c * w + d * x
     pose[3] = z + b * y - c * x + d * w
     for k in range(4):
-        norm += pose[k]**2
+        norm += pose[k] ** 2
     for k in range(4):
         pose[k] /= math.sqrt(norm)
     for k in range(3):

@@ -61,8 +61,14 @@ def best_pose(points, corners, covariances, camera, seeds):
             best, pose = pose, best
         if not math.isnan(pose.cost) and np.sum(pose.R * best.R) < _SAME:
             other = min(other, pose.cost)
-    return Pose(best.R, best.t, best.cost, best.residual, best.covariance,
-                math.sqrt(best.cost / max(other, 1e-12)))
+    return Pose(
+        best.R,
+        best.t,
+        best.cost,
+        best.residual,
+        best.covariance,
+        math.sqrt(best.cost / max(other, 1e-12)),
+    )
 
 
 @compiled
@@ -74,8 +80,9 @@ def carried_along(pose, p):
     J[4, 0], J[5, 0], J[5, 1] = -z, y, -x
     t = np.empty(3)
     t[0], t[1], t[2] = pose.t[0] + x, pose.t[1] + y, pose.t[2] + z
-    return Pose(pose.R, t, pose.cost, pose.residual, transformed(J, pose.covariance),
-                pose.ambiguity)
+    return Pose(
+        pose.R, t, pose.cost, pose.residual, transformed(J, pose.covariance), pose.ambiguity
+    )
 
 
 @compiled
@@ -124,7 +131,7 @@ def _linearized(points, corners, informations, camera, R, t):
     """
     residual, J = np.empty(corners.shape), np.empty((corners.size, 6))
     for k in range(len(points)):
-        pixel = _project(_turned(R, points[k]), t, camera, J[2 * k:2 * k + 2])
+        pixel = _project(_turned(R, points[k]), t, camera, J[2 * k : 2 * k + 2])
         residual[k] = corners[k, 0] - pixel[0], corners[k, 1] - pixel[1]
     H, g, cost = np.zeros((6, 6)), np.zeros(6), 0.0
     r = residual.ravel()
@@ -182,7 +189,7 @@ def rotation(vector):
     angle = math.sqrt(x * x + y * y + z * z)
     # sin(a) / a and (1 - cos(a)) / a^2
     s = math.sin(angle) / angle if angle > 1e-9 else 1.0
-    c = 0.5 * (math.sin(angle / 2) / (angle / 2))**2 if angle > 1e-9 else 0.5
+    c = 0.5 * (math.sin(angle / 2) / (angle / 2)) ** 2 if angle > 1e-9 else 0.5
     w = 1 - c * angle * angle
     R = np.empty((3, 3))
     R[0] = w + c * x * x, c * x * y - s * z, c * x * z + s * y

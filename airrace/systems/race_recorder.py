@@ -56,8 +56,17 @@ class RaceRecorder(LeafSystem):
     depends on it: it only publishes, and what it remembers is what the file holds already.
     """
 
-    def __init__(self, *, log: RaceLog, config: RecordingConfig, track: Track,
-                 vehicle: Vehicle, fps: float, max_speed: float, moving_gates: bool = False):
+    def __init__(
+        self,
+        *,
+        log: RaceLog,
+        config: RecordingConfig,
+        track: Track,
+        vehicle: Vehicle,
+        fps: float,
+        max_speed: float,
+        moving_gates: bool = False,
+    ):
         """Constructs the recorder.
 
         Args:
@@ -76,23 +85,34 @@ class RaceRecorder(LeafSystem):
         n = len(vehicle.rotors)
         pictures = config.content == "full"
         sizes = {
-            "truth.state": se.SIZE - 1, "state_estimate": se.SIZE, "filtered_estimate": se.SIZE,
-            "disturbance": 3, "reference": ref.SIZE, "rotor_speeds": n, "rotor_speed_command": n,
+            "truth.state": se.SIZE - 1,
+            "state_estimate": se.SIZE,
+            "filtered_estimate": se.SIZE,
+            "disturbance": 3,
+            "reference": ref.SIZE,
+            "rotor_speeds": n,
+            "rotor_speed_command": n,
         }
         if moving_gates:
             sizes["truth.gate_shifts"] = 2 * len(track.gates)
         values = {
-            "camera_info": None, "detections": Detections(), "gate_map": GateMap(),
-            "lap_plan": NO_PLAN, "explorer_status": ExplorerStatus(),
+            "camera_info": None,
+            "detections": Detections(),
+            "gate_map": GateMap(),
+            "lap_plan": NO_PLAN,
+            "explorer_status": ExplorerStatus(),
             "truth.referee_report": RefereeReport((), False, None, None, 0),
         }
         if pictures:
             values["camera_view"] = None
             sizes["camera_image_time"] = 1
-        self._ports = {name: self.DeclareVectorInputPort(name, size)
-                       for name, size in sizes.items()}
-        self._ports |= {name: self.DeclareAbstractInputPort(name, _Model(value))
-                        for name, value in values.items()}
+        self._ports = {
+            name: self.DeclareVectorInputPort(name, size) for name, size in sizes.items()
+        }
+        self._ports |= {
+            name: self.DeclareAbstractInputPort(name, _Model(value))
+            for name, value in values.items()
+        }
         # Of what was written last. It is output, not state: see the class.
         self._written, self._map_time, self._image_time = {}, -np.inf, -np.inf
         self._path, self._plans = [], []
@@ -104,7 +124,8 @@ class RaceRecorder(LeafSystem):
         if pictures:
             self.DeclarePeriodicPublishEvent(1 / fps, 0.0, self._WriteImage)
         self.DeclarePeriodicPublishEvent(
-            config.flush_period, 0.0, lambda context: self._log.flush())
+            config.flush_period, 0.0, lambda context: self._log.flush()
+        )
 
     def Close(self) -> None:
         """Ends the file.
@@ -162,10 +183,11 @@ class RaceRecorder(LeafSystem):
         state, time = self._Value(context, "truth.state"), context.get_time()
         if state is None:
             return
-        self._path = [*self._path[1 - _PATH_POINTS:], (state[4:7], np.linalg.norm(state[10:13]))]
+        self._path = [*self._path[1 - _PATH_POINTS :], (state[4:7], np.linalg.norm(state[10:13]))]
         if round(time * _LOOKS) % round(_PATH_PERIOD * _LOOKS) == 0:
             self._log.write(
-                "/path", time, scene.path_scene(time, *zip(*self._path), self._max_speed))
+                "/path", time, scene.path_scene(time, *zip(*self._path), self._max_speed)
+            )
 
     def _WriteNews(self, context):
         time, write = context.get_time(), self._log.write
@@ -199,7 +221,7 @@ class RaceRecorder(LeafSystem):
             self._log.write("/scene", time, scene.track_scene(time, track, self._vehicle))
 
     def _WriteEvents(self, time, status):
-        for event in status.events[self._events:]:
+        for event in status.events[self._events :]:
             message = messages.log(event.time, event.state, event.reason)
             self._log.write("/explorer", time, message)
         if not status.events and (status.state, status.since) != self._start:
@@ -211,19 +233,24 @@ class RaceRecorder(LeafSystem):
 
     def _WriteReport(self, time, report) -> bool:
         """Writes what the referee saw; returns whether that ended a lap."""
-        new = report.crossings[self._crossings:]
+        new = report.crossings[self._crossings :]
         self._crossings = len(report.crossings)
         for crossing in new:
             message = messages.log(
-                crossing.time, "gate",
+                crossing.time,
+                "gate",
                 f"gate {crossing.gate} of lap {crossing.lap}, {crossing.offset:.2f} m from its "
-                f"midpoint, at most {crossing.max_speed:.1f} m/s since the one before")
+                f"midpoint, at most {crossing.max_speed:.1f} m/s since the one before",
+            )
             self._log.write("/referee", time, message)
             self._log.write("/referee/crossings", time, data.crossing_data(crossing))
         if report.over:
-            message = messages.log(report.end_time, "over",
-                                   "finished" if report.finished else report.dnf_reason,
-                                   bad=not report.finished)
+            message = messages.log(
+                report.end_time,
+                "over",
+                "finished" if report.finished else report.dnf_reason,
+                bad=not report.finished,
+            )
             self._log.write("/referee", time, message)
         return any(crossing.gate == 1 for crossing in new)
 
@@ -240,7 +267,7 @@ class RaceRecorder(LeafSystem):
         self._image_time = time
         scale = min(1.0, self._config.image_width / info.width)
         jpeg = messages.jpeg(view.whole(), scale, self._config.jpeg_quality)
-        image_time, = self._Value(context, "camera_image_time")
+        (image_time,) = self._Value(context, "camera_image_time")
         write = self._log.write
         write("/camera/image", time, messages.image(image_time, jpeg))
         write("/camera/calibration", time, messages.calibration(image_time, info, scale))

@@ -63,7 +63,9 @@ class Rectifier(LeafSystem):
             )
         self._view = self.DeclareAbstractInputPort("camera_view", Value[object]())
         self.DeclareAbstractOutputPort(
-            "camera_view", lambda: Value[object](), self._CalcView,
+            "camera_view",
+            lambda: Value[object](),
+            self._CalcView,
             {self._view.ticket(), self._info.ticket()},
         )
         self.DeclareAbstractOutputPort(
@@ -93,9 +95,11 @@ class Rectifier(LeafSystem):
 
 def _map(info: CameraInfo) -> PixelMap:
     """Returns where in the raw image to look for every pixel."""
-    return PixelMap(*cv2.initUndistortRectifyMap(
-        info.K, info.D, info.R, info.P[:, :3], (info.width, info.height), cv2.CV_32FC1
-    ))
+    return PixelMap(
+        *cv2.initUndistortRectifyMap(
+            info.K, info.D, info.R, info.P[:, :3], (info.width, info.height), cv2.CV_32FC1
+        )
+    )
 
 
 def rectified_info(info: CameraInfo) -> CameraInfo:

@@ -73,9 +73,19 @@ class Referee(LeafSystem):
     what was touched.
     """
 
-    def __init__(self, *, track: Track, laps: int, period: float, time_limit: float,
-                 arena_margin: float, standing_height: float, body_names: dict,
-                 rotor_failures=(), moving_gates: bool = False):
+    def __init__(
+        self,
+        *,
+        track: Track,
+        laps: int,
+        period: float,
+        time_limit: float,
+        arena_margin: float,
+        standing_height: float,
+        body_names: dict,
+        rotor_failures=(),
+        moving_gates: bool = False,
+    ):
         """Constructs the referee.
 
         Args:
@@ -94,9 +104,15 @@ class Referee(LeafSystem):
         LeafSystem.__init__(self)
         self._gates = np.array([GateOpening(gate).numbers for gate in track.gates])
         feet = track.pylons()[:, :2]
-        self._bounds = np.array([
-            standing_height + 0.4, time_limit,
-            *(feet.min(0) - arena_margin), *(feet.max(0) + arena_margin), arena_margin])
+        self._bounds = np.array(
+            [
+                standing_height + 0.4,
+                time_limit,
+                *(feet.min(0) - arena_margin),
+                *(feet.max(0) + arena_margin),
+                arena_margin,
+            ]
+        )
         self._names = body_names
         self._failures = rotor_failures
         self._touchable = sorted(set(body_names.values()) - set(_FLOOR))
@@ -126,8 +142,14 @@ class Referee(LeafSystem):
         m = discrete_state.get_mutable_value(self._memory)
         shifts = self._stay if self._shifts is None else peek(self._shifts, context)
         crossing, offset, pushed, where = _look(
-            m, context.get_time(), peek(self._state, context), peek(self._impulse, context),
-            self._gates, shifts, self._bounds)
+            m,
+            context.get_time(),
+            peek(self._state, context),
+            peek(self._impulse, context),
+            self._gates,
+            shifts,
+            self._bounds,
+        )
         if where == _OVER:
             return
         # What it touched since the last look is held to have come before a gate.
@@ -140,8 +162,11 @@ class Referee(LeafSystem):
             m[_VERDICT], m[_THING] = TOUCHED, self._touchable.index(name)
         elif crossing >= 0.0 and self._explorer.Eval(context).done:
             row = 3 * int(m[_CROSSINGS])
-            discrete_state.get_mutable_value(self._table)[row:row + 3] = (
-                crossing, offset, m[_FASTEST])
+            discrete_state.get_mutable_value(self._table)[row : row + 3] = (
+                crossing,
+                offset,
+                m[_FASTEST],
+            )
             m[_CROSSINGS] += 1
             m[_FASTEST] = 0.0
             if m[_CROSSINGS] == self._total:
@@ -152,8 +177,10 @@ class Referee(LeafSystem):
     def _Touched(self, context, airborne) -> str | None:
         """Returns the name of what pushed the drone, now or between two looks."""
         contacts = self._contacts.Eval(context)
-        pairs = [contacts.point_pair_contact_info(i).point_pair()
-                 for i in range(contacts.num_point_pair_contacts())]
+        pairs = [
+            contacts.point_pair_contact_info(i).point_pair()
+            for i in range(contacts.num_point_pair_contacts())
+        ]
         if airborne and not pairs:
             distances = self._query.Eval(context).ComputeSignedDistancePairwiseClosestPoints()
             pairs = sorted(distances, key=lambda pair: pair.distance)
@@ -166,7 +193,7 @@ class Referee(LeafSystem):
     def _CalcReport(self, context, output):
         m = context.get_discrete_state(self._memory).value()
         table = context.get_discrete_state(self._table).value()
-        crossings = _crossings(table[:3 * int(m[_CROSSINGS])].tobytes(), len(self._gates))
+        crossings = _crossings(table[: 3 * int(m[_CROSSINGS])].tobytes(), len(self._gates))
         verdict = int(m[_VERDICT])
         reason = None
         end_time = float(m[_END])
@@ -175,21 +202,28 @@ class Referee(LeafSystem):
             reason = VERDICTS[verdict].format(what=what)
             if verdict in (GROUND, TOUCHED, ARENA):
                 reason += failures_clause(self._failures, end_time)
-        output.set_value(RefereeReport(
-            crossings=crossings,
-            finished=verdict == FINISHED,
-            dnf_reason=reason,
-            end_time=end_time if verdict else None,
-            collisions=int(verdict in (GROUND, TOUCHED)),
-        ))
+        output.set_value(
+            RefereeReport(
+                crossings=crossings,
+                finished=verdict == FINISHED,
+                dnf_reason=reason,
+                end_time=end_time if verdict else None,
+                collisions=int(verdict in (GROUND, TOUCHED)),
+            )
+        )
 
 
 @functools.lru_cache(maxsize=4)  # asked for again and again, while there is no new one
 def _crossings(table: bytes, gates: int) -> tuple:
     """Returns the GateCrossings of the rows of a table, on a track of so many gates."""
     return tuple(
-        GateCrossing(time=row[_TIME], gate=i % gates + 1, lap=i // gates + 1,
-                     offset=row[_OFFSET], max_speed=row[_MAX_SPEED])
+        GateCrossing(
+            time=row[_TIME],
+            gate=i % gates + 1,
+            lap=i // gates + 1,
+            offset=row[_OFFSET],
+            max_speed=row[_MAX_SPEED],
+        )
         for i, row in enumerate(np.frombuffer(table).reshape(-1, 3).tolist())
     )
 
@@ -221,8 +255,7 @@ def _look(m, time, state, impulse, gates, shifts, bounds):
     crossing, offset = -1.0, 0.0
     if m[_AIRBORNE]:
         gate = int(m[_CROSSINGS]) % len(gates)
-        share, offset = find(
-            gates[gate], m[_PLACE], p, shifts[2 * gate], shifts[2 * gate + 1])
+        share, offset = find(gates[gate], m[_PLACE], p, shifts[2 * gate], shifts[2 * gate + 1])
         if not math.isnan(share):
             crossing = m[_LOOK] + share * (time - m[_LOOK])
     pushed = False

@@ -67,11 +67,16 @@ class RotorBank(LeafSystem):
         context.SetDiscreteState(self._report, [context.get_time(), *speeds, *speeds])
 
     def _UpdateSpeeds(self, context, discrete_state):
-        _update(discrete_state.get_mutable_value(self._speeds),
-                discrete_state.get_mutable_value(self._thrusts),
-                discrete_state.get_mutable_value(self._report),
-                peek(self._command, context), self._table, context.get_time(), self._period,
-                self._blend)
+        _update(
+            discrete_state.get_mutable_value(self._speeds),
+            discrete_state.get_mutable_value(self._thrusts),
+            discrete_state.get_mutable_value(self._report),
+            peek(self._command, context),
+            self._table,
+            context.get_time(),
+            self._period,
+            self._blend,
+        )
 
 
 @compiled

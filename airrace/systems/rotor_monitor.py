@@ -45,9 +45,13 @@ class RotorMonitor(LeafSystem):
         self.DeclareStateOutputPort("rotor_losses", self._losses)
 
     def _Compare(self, context, discrete_state):
-        _compare(discrete_state.get_mutable_value(self._slow_since),
-                 discrete_state.get_mutable_value(self._losses),
-                 peek(self._report, context), self._least, context.get_time())
+        _compare(
+            discrete_state.get_mutable_value(self._slow_since),
+            discrete_state.get_mutable_value(self._losses),
+            peek(self._report, context),
+            self._least,
+            context.get_time(),
+        )
 
 
 @compiled

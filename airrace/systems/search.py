@@ -54,35 +54,59 @@ class _Move:
 
 def _looks(along, *angles, **where):
     return [
-        _Move("LOOK_AROUND", f"no gate ahead, looking {abs(angle):.0f} degrees "
-              f"{'left' if angle > 0 else 'right'}", along, look=angle, **where)
+        _Move(
+            "LOOK_AROUND",
+            f"no gate ahead, looking {abs(angle):.0f} degrees {'left' if angle > 0 else 'right'}",
+            along,
+            look=angle,
+            **where,
+        )
         for angle in angles
     ]
 
 
 def _forward(*along):
-    return [_Move("STEP_FORWARD", "still no gate in sight" if k else "no gate in sight", k_along)
-            for k, k_along in enumerate(along)]
+    return [
+        _Move("STEP_FORWARD", "still no gate in sight" if k else "no gate in sight", k_along)
+        for k, k_along in enumerate(along)
+    ]
 
 
 _ALL_ROUND = (60.0, -60.0, -120.0, 180.0, 120.0)
 # The next gate is straight ahead of the last one, at up to 70 m, and can be read
 # from 30 m: three steps do, unless something hides it.
-_AFTER_A_GATE = [
-    *_forward(1, 2, 3), *_looks(3, 60, -60), *_forward(4, 5), *_looks(5, 60, -60),
-]
+_AFTER_A_GATE = [*_forward(1, 2, 3), *_looks(3, 60, -60), *_forward(4, 5), *_looks(5, 60, -60)]
 _AT_THE_START = [
-    *_looks(0, *_ALL_ROUND), *_forward(1), *_looks(1, 60, -60), *_forward(2), *_looks(2, 60, -60),
+    *_looks(0, *_ALL_ROUND),
+    *_forward(1),
+    *_looks(1, 60, -60),
+    *_forward(2),
+    *_looks(2, 60, -60),
 ]
 _LOST = [
-    _Move("GO_BACK", "lost"), *_looks(0, *_ALL_ROUND),
+    _Move("GO_BACK", "lost"),
+    *_looks(0, *_ALL_ROUND),
     _Move("LOOK_FROM_ABOVE", "lost, looking from above the pylons", above=True),
     *_looks(0, *_ALL_ROUND, above=True),
     *itertools.chain.from_iterable(
-        [_Move("LOOK_FROM_ABOVE", "lost, on above the pylons", k, bearing, above=True),
-         *_looks(k, 60, -60, bearing=bearing, above=True)]
-        for bearing, k in ((0, 1), (0, 2), (0, 3), (0, 4), (0, 5), (50, 2), (50, 4), (-50, 2),
-                           (-50, 4), (110, 2), (-110, 2), (180, 2))
+        [
+            _Move("LOOK_FROM_ABOVE", "lost, on above the pylons", k, bearing, above=True),
+            *_looks(k, 60, -60, bearing=bearing, above=True),
+        ]
+        for bearing, k in (
+            (0, 1),
+            (0, 2),
+            (0, 3),
+            (0, 4),
+            (0, 5),
+            (50, 2),
+            (50, 4),
+            (-50, 2),
+            (-50, 4),
+            (110, 2),
+            (-110, 2),
+            (180, 2),
+        )
     ),
 ]
 
@@ -129,8 +153,13 @@ def _steps_on(now: Now, config):
         going_back = move.state == "GO_BACK"
         reason = f"{move.reason}, back to {back_to}" if going_back else move.reason
         goal = _pose(move, base, config.step_length)
-        yield Step(move.state, reason, _routes(move, memory.goal, goal), steps + 1,
-                   0 if going_back else memory.arounds)
+        yield Step(
+            move.state,
+            reason,
+            _routes(move, memory.goal, goal),
+            steps + 1,
+            0 if going_back else memory.arounds,
+        )
 
 
 def _steps_around(now: Now, config, gate: GateEstimate | None):
@@ -163,12 +192,14 @@ def _pose(move: _Move, base, step_length) -> np.ndarray:
     """Returns x, y, z and yaw, (4,)."""
     bearing = base[3] + np.deg2rad(move.bearing)
     far = move.along * step_length
-    return np.array([
-        base[0] + far * np.cos(bearing),
-        base[1] + far * np.sin(bearing),
-        ABOVE_PYLONS if move.above else base[2],
-        bearing + np.deg2rad(move.look),
-    ])
+    return np.array(
+        [
+            base[0] + far * np.cos(bearing),
+            base[1] + far * np.sin(bearing),
+            ABOVE_PYLONS if move.above else base[2],
+            bearing + np.deg2rad(move.look),
+        ]
+    )
 
 
 def _routes(move: _Move, start, goal) -> list:

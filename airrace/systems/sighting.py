@@ -81,8 +81,9 @@ def refusal(marker: Detection, max_id: int, max_range: float) -> str | None:
     return None
 
 
-def make_sighting(marker: Detection, X_WC: RigidTransform, info: CameraInfo,
-                  time: float) -> Sighting:
+def make_sighting(
+    marker: Detection, X_WC: RigidTransform, info: CameraInfo, time: float
+) -> Sighting:
     """Returns a detection in the world.
 
     The position's covariance is the detector's, turned into the world, and
@@ -133,10 +134,10 @@ def _in_world(R_WC, p_CM, covariance, size):
     result = transformed(J, covariance)
     ray, squared = np.zeros(3), 0.0
     for i in range(3):
-        squared += p_CM[i]**2
+        squared += p_CM[i] ** 2
         for j in range(3):
             ray[i] += R_WC[i, j] * p_CM[j]
-    pull = (_PULL * squared / size)**2 / squared
+    pull = (_PULL * squared / size) ** 2 / squared
     for i in range(3):
         result[i, i] += _POSITION**2 + _ATTITUDE**2 * squared
         for j in range(3):

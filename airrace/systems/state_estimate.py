@@ -38,8 +38,7 @@ class StateEstimate(LeafSystem):
     goes back from there to the time of the sample.
     """
 
-    def __init__(self, *, rate, position_sigma=0.0, velocity_sigma=0.0, seed=0,
-                 state_period=0.0):
+    def __init__(self, *, rate, position_sigma=0.0, velocity_sigma=0.0, seed=0, state_period=0.0):
         """Constructs the estimate.
 
         Args:
@@ -64,9 +63,15 @@ class StateEstimate(LeafSystem):
 
     def _Sample(self, context, discrete_state):
         time = context.get_time()
-        _sample(discrete_state.get_mutable_value(), time, peek(self._state, context),
-                lead(time, self._state_period), self._noise[round(time * self._rate)],
-                self._position_sigma, self._velocity_sigma)
+        _sample(
+            discrete_state.get_mutable_value(),
+            time,
+            peek(self._state, context),
+            lead(time, self._state_period),
+            self._noise[round(time * self._rate)],
+            self._position_sigma,
+            self._velocity_sigma,
+        )
 
 
 @compiled

@@ -74,15 +74,21 @@ class StateFilter(LeafSystem):
         self.DeclareStateOutputPort("disturbance", self._disturbance)
 
     def _Update(self, context, discrete_state):
-        _update(discrete_state.get_mutable_value(self._memory),
-                discrete_state.get_mutable_value(self._disturbance),
-                peek(self._estimate, context), peek(self._speeds, context),
-                self._thrust_per_mass, self._gain, context.get_time())
+        _update(
+            discrete_state.get_mutable_value(self._memory),
+            discrete_state.get_mutable_value(self._disturbance),
+            peek(self._estimate, context),
+            peek(self._speeds, context),
+            self._thrust_per_mass,
+            self._gain,
+            context.get_time(),
+        )
 
     def _CalcEstimate(self, context, output):
         estimate = self._estimate.Eval(context)
         _carry_forward(
-            estimate, context.get_discrete_state(self._memory).value(), context.get_time())
+            estimate, context.get_discrete_state(self._memory).value(), context.get_time()
+        )
         output.set_value(estimate)
 
 
@@ -147,8 +153,9 @@ def _update(memory, disturbance, estimate, speeds, coefficients, gain, now):
         motion[:3], motion[3:] = estimate[se.POSITION], estimate[se.VELOCITY]
     else:
         until = time if is_new else now
-        _move(motion, predict_quaternion(estimate, until), thrust, disturbance,
-              until - memory[_NOW])
+        _move(
+            motion, predict_quaternion(estimate, until), thrust, disturbance, until - memory[_NOW]
+        )
         if is_new:
             _correct(motion, disturbance, estimate, thrust >= _FLYING * GRAVITY, gain)
     memory[_THRUST], memory[_PUSH] = thrust, disturbance

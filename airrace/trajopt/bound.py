@@ -39,9 +39,17 @@ class PointMassBound:
     iterations: int
 
 
-def point_mass_bound(gates: GateRegions, *, max_speed=None, max_acceleration=None,
-                     max_specific_force=None, pylons=(), clearance=0.0, intervals: int = 32,
-                     tolerance: float = 1e-4) -> PointMassBound:
+def point_mass_bound(
+    gates: GateRegions,
+    *,
+    max_speed=None,
+    max_acceleration=None,
+    max_specific_force=None,
+    pylons=(),
+    clearance=0.0,
+    intervals: int = 32,
+    tolerance: float = 1e-4,
+) -> PointMassBound:
     """Returns the quickest periodic lap of a point mass without drag.
 
     In time normalised to the leg, with w = T v, the acceleration u = T^2 a is
@@ -68,8 +76,9 @@ def point_mass_bound(gates: GateRegions, *, max_speed=None, max_acceleration=Non
     """
     limits = [x for x in (max_speed, max_acceleration, max_specific_force) if x is not None]
     if max_acceleration is None and max_specific_force is None:
-        raise TrajectoryOptimizationError("Without a limit of acceleration or thrust, "
-                                          "there is no quickest lap.")
+        raise TrajectoryOptimizationError(
+            "Without a limit of acceleration or thrust, there is no quickest lap."
+        )
     if not all(np.isfinite(x) and x > 0.0 for x in limits):
         raise TrajectoryOptimizationError("The limits must be positive.")
     if max_specific_force is not None and max_specific_force <= GRAVITY:
@@ -95,8 +104,11 @@ def point_mass_bound(gates: GateRegions, *, max_speed=None, max_acceleration=Non
             continue
         new_T, new_V, P, w = found
         # How far both legs at a gate disagree on its velocity.
-        mismatch = np.linalg.norm(w[:, [0, -1]] - new_T[:, None, None] * np.stack(
-            [new_V, np.roll(new_V, -1, axis=0)], axis=1), axis=2)
+        mismatch = np.linalg.norm(
+            w[:, [0, -1]]
+            - new_T[:, None, None] * np.stack([new_V, np.roll(new_V, -1, axis=0)], axis=1),
+            axis=2,
+        )
         new_merit = new_T.sum() + _MISMATCH_COST * np.sum(mismatch / new_T[:, None]) / speed
         if best is None:  # it did not know of the pylons yet
             T, V, best = new_T, new_V, (w, P)
@@ -153,9 +165,15 @@ class _Pylons:
             normal = away[leg, which, pylon] / distance[leg, which, pylon][:, None]
             along = self._integrals[which]
             least = np.broadcast_to(self._clearance, len(self._axes))[pylon] + np.sum(
-                normal * self._axes[pylon], axis=1)
-            yield leg, np.hstack([normal, normal[:, :1] * along, normal[:, 1:] * along,
-                                  np.ones((len(which), 1))]), least
+                normal * self._axes[pylon], axis=1
+            )
+            yield (
+                leg,
+                np.hstack(
+                    [normal, normal[:, :1] * along, normal[:, 1:] * along, np.ones((len(which), 1))]
+                ),
+                least,
+            )
 
 
 class _Problem:
@@ -181,8 +199,11 @@ class _Problem:
             w, T, s = self._w[i], self._T[i], self._s[i]
             for j in range(3):
                 add_equal_rows(
-                    program, np.array([[*weights, 1.0, -1.0]]), np.zeros(1),
-                    [*w[:, j], self._P[i, j], self._P[(i + 1) % n, j]])
+                    program,
+                    np.array([[*weights, 1.0, -1.0]]),
+                    np.zeros(1),
+                    [*w[:, j], self._P[i, j], self._P[(i + 1) % n, j]],
+                )
             if max_speed is not None:
                 A = np.diag([max_speed, 1.0, 1.0, 1.0])
                 for k in range(N + 1):
@@ -206,26 +227,42 @@ class _Problem:
             program.RemoveConstraint(binding)
         add = []
         for i in range(n):
-            add.append(add_rows(
-                program, np.array([[1.0, -2.0 * T[i]]]), [-np.inf], [-T[i] ** 2],
-                [self._s[i], self._T[i]]))
+            add.append(
+                add_rows(
+                    program,
+                    np.array([[1.0, -2.0 * T[i]]]),
+                    [-np.inf],
+                    [-(T[i] ** 2)],
+                    [self._s[i], self._T[i]],
+                )
+            )
             for k, g in ((0, i), (-1, (i + 1) % n)):
                 A = np.hstack([np.eye(3), -T[i] * np.eye(3), -V[g][:, None]])
-                add.append(add_equal_rows(
-                    program, A, -T[i] * V[g], [*self._w[i, k], *self._V[g], self._T[i]]))
-        add.append(program.AddBoundingBoxConstraint(
-            T * (1 - min(trust, 0.9)), T * (1 + trust), self._T))
-        add.append(program.AddBoundingBoxConstraint(
-            V - trust * speed, V + trust * speed, self._V))
+                add.append(
+                    add_equal_rows(
+                        program, A, -T[i] * V[g], [*self._w[i, k], *self._V[g], self._T[i]]
+                    )
+                )
+        add.append(
+            program.AddBoundingBoxConstraint(T * (1 - min(trust, 0.9)), T * (1 + trust), self._T)
+        )
+        add.append(program.AddBoundingBoxConstraint(V - trust * speed, V + trust * speed, self._V))
         for leg, rows, least in near.rows(*last) if last is not None else ():
-            variables = [*self._P[leg, :2], *self._w[leg, :, 0], *self._w[leg, :, 1],
-                         self._slack[leg]]
-            add.append(add_rows(
-                program, rows, least, np.full(len(least), np.inf), variables))
+            variables = [
+                *self._P[leg, :2],
+                *self._w[leg, :, 0],
+                *self._w[leg, :, 1],
+                self._slack[leg],
+            ]
+            add.append(add_rows(program, rows, least, np.full(len(least), np.inf), variables))
         self._linearized = add
         result = solve_cones(program)
         if not result.is_success():
             return None
         get = result.GetSolution
-        return get(self._T), get(self._V), get(self._P), get(self._w.reshape(-1, 3)).reshape(
-            self._w.shape)
+        return (
+            get(self._T),
+            get(self._V),
+            get(self._P),
+            get(self._w.reshape(-1, 3)).reshape(self._w.shape),
+        )

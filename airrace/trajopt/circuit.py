@@ -55,9 +55,18 @@ class Circuit(FlatTrajectory):
         return self.breaks
 
 
-def plan_circuit(midpoints, headings, pylons, dimensions, *, clearance, max_speed,
-                 max_acceleration, rotors: FlightLimits | None = None,
-                 previous: Circuit | None = None) -> Circuit:
+def plan_circuit(
+    midpoints,
+    headings,
+    pylons,
+    dimensions,
+    *,
+    clearance,
+    max_speed,
+    max_acceleration,
+    rotors: FlightLimits | None = None,
+    previous: Circuit | None = None,
+) -> Circuit:
     """Returns the lap through the gates that is shortest within the limits.
 
     Section V of the Student AirRace report, as a closed loop: nobody stops at
@@ -97,7 +106,7 @@ def plan_circuit(midpoints, headings, pylons, dimensions, *, clearance, max_spee
     for distance in _APPROACHES:
         # A waypoint in front of one gate may lead to another minimum, with faults elsewhere.
         for _ in range(_MOST_ROUNDS):
-            approach = {} if distance is None else {i: distance for i in sorted(faults)}
+            approach = {} if distance is None else dict.fromkeys(sorted(faults), distance)
             try:
                 circuit = _solve(gates, approach, dimensions, None, limits)
             except TrajectoryOptimizationError:
@@ -151,8 +160,12 @@ def _solve(gates, approach, dimensions, durations, limits) -> Circuit:
         constraints = [DerivativeConstraint(i, 2, LEVEL) for i in indices]
     problem = dict(constraints=constraints, periodic=True, period_offset=offset)
     durations = allocate_times(
-        waypoints, initial_durations=durations, max_speed=_MARGIN * limits["max_speed"],
-        max_acceleration=_MARGIN * limits["max_acceleration"], **problem)
+        waypoints,
+        initial_durations=durations,
+        max_speed=_MARGIN * limits["max_speed"],
+        max_acceleration=_MARGIN * limits["max_acceleration"],
+        **problem,
+    )
 
     def lap(factor):
         path = solve_min_snap(waypoints, factor * durations, **problem)

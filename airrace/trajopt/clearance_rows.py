@@ -32,10 +32,9 @@ def keep_clear(step: LapStep, pylons, clearance, cost: float) -> None:
         normal = away[which, pylon] / distance[which, pylon][:, None]
         low = np.flatnonzero(place[:, 2] < LOWEST + _REACH)[::_SPARSE]
         gradients = np.zeros((len(which) + len(low), 1, 4))
-        gradients[:len(which), 0, :2] = -normal
-        gradients[len(which):, 0, 2] = -1.0
-        rooms = np.concatenate([room[which, pylon] - _MARGIN,
-                                place[low, 2] - LOWEST - _MARGIN])
+        gradients[: len(which), 0, :2] = -normal
+        gradients[len(which) :, 0, 2] = -1.0
+        rooms = np.concatenate([room[which, pylon] - _MARGIN, place[low, 2] - LOWEST - _MARGIN])
         rows = step.rows(leg, np.concatenate([which, low]), gradients, 0.0, matrices)
         step.at_most(leg, rows, rooms, slack_cost=cost)
 
@@ -85,4 +84,5 @@ def cross_forward(step: LapStep, gates: GateRegions, cost: float) -> None:
         A[0, :3], A[0, 3], A[1:, :3] = most * unit * forward, 1.0, unit * np.eye(3)
         v = step.lap.gates[i, 1, :3]
         step.program.AddLorentzConeConstraint(
-            A, np.array([most * forward @ v, *v]), [*variables, *slack])
+            A, np.array([most * forward @ v, *v]), [*variables, *slack]
+        )

@@ -22,13 +22,21 @@ def limit_dynamics(step: LapStep, reach: float) -> None:
         _rotors(step, leg, reach)
         lift = dynamics.force[2, here]
         which = np.flatnonzero(lift < (1.0 + 2.0 * reach) * limits.min_lift * T**2)
-        rows = step.rows(leg, which, dynamics.d_force[2, here][which],
-                         dynamics.force_by_T[2, here][which] - 2.0 * T * limits.min_lift)
+        rows = step.rows(
+            leg,
+            which,
+            dynamics.d_force[2, here][which],
+            dynamics.force_by_T[2, here][which] - 2.0 * T * limits.min_lift,
+        )
         step.at_most(leg, -rows, lift[which] - limits.min_lift * T**2, limit=GRAVITY * T**2)
         rate = dynamics.rate[0, here]
         which = np.flatnonzero(rate > (1.0 - reach) * limits.max_rate * T)
-        rows = step.rows(leg, which, dynamics.d_rate[0, here][which],
-                         dynamics.rate_by_T[0, here][which] - limits.max_rate)
+        rows = step.rows(
+            leg,
+            which,
+            dynamics.d_rate[0, here][which],
+            dynamics.rate_by_T[0, here][which] - limits.max_rate,
+        )
         step.at_most(leg, rows, limits.max_rate * T - rate[which], limit=limits.max_rate * T)
 
 
@@ -72,30 +80,53 @@ def _rotors(step, leg, reach):
     if len(which):
         norms = step.program.NewContinuousVariables(len(which))
         rows = [step.rows(leg, which, d_force[d, which], force_by_T[d, which]) for d in range(3)]
-        step.in_cones(leg, np.stack([np.zeros_like(rows[0]), *rows], axis=1),
-                      np.column_stack([np.zeros(len(which)), force.T[which]]), norms)
+        step.in_cones(
+            leg,
+            np.stack([np.zeros_like(rows[0]), *rows], axis=1),
+            np.column_stack([np.zeros(len(which)), force.T[which]]),
+            norms,
+        )
         # What torques do, as variables of their own: rotors outnumber torques.
-        shares = step.samples.limits.from_wrench[:, 0 if step.samples.limits.drag else 1:]
+        shares = step.samples.limits.from_wrench[:, 0 if step.samples.limits.drag else 1 :]
         from_rest = np.linalg.pinv(shares)
         torques = step.program.NewContinuousVariables(len(shares.T) * len(which)).reshape(
-            len(shares.T), -1)
+            len(shares.T), -1
+        )
         for torque, row in zip(torques, from_rest):
-            step.equal(leg, torque, step.rows(
-                leg, which, np.tensordot(row, d_rest[:, which], 1), row @ rest_by_T[:, which]),
-                row @ rest[:, which])
+            step.equal(
+                leg,
+                torque,
+                step.rows(
+                    leg, which, np.tensordot(row, d_rest[:, which], 1), row @ rest_by_T[:, which]
+                ),
+                row @ rest[:, which],
+            )
         rotor, k = np.nonzero(high[:, which])
         rows = np.zeros((len(k), step.size(leg)))
         rows[:, -1] = -2.0 * T**2 * most[rotor]
         of_wrench = np.zeros((len(k), 1 + len(torques), len(which)))
         of_wrench[np.arange(len(k)), :, k] = np.column_stack([share[rotor], shares[rotor]])
-        step.at_most(leg, np.hstack([rows, of_wrench.reshape(len(k), -1)]), T**2 * most[rotor],
-                     extra=[*norms, *torques.ravel()], limit=T**2 * most[rotor])
+        step.at_most(
+            leg,
+            np.hstack([rows, of_wrench.reshape(len(k), -1)]),
+            T**2 * most[rotor],
+            extra=[*norms, *torques.ravel()],
+            limit=T**2 * most[rotor],
+        )
 
     rotor, sample = np.nonzero(low)
     along = (force / amount)[:, sample]
     gradients = d_rest[rotor, sample] + share[rotor][:, None, None] * np.einsum(
-        "dr,drox->rox", along, d_force[:, sample])
-    by_T = rest_by_T[rotor, sample] + share[rotor] * np.sum(
-        along * force_by_T[:, sample], axis=0) - 2.0 * T * least[rotor]
-    step.at_most(leg, -step.rows(leg, sample, gradients, by_T),
-                 thrust[rotor, sample] - T**2 * least[rotor], limit=T**2 * most[rotor])
+        "dr,drox->rox", along, d_force[:, sample]
+    )
+    by_T = (
+        rest_by_T[rotor, sample]
+        + share[rotor] * np.sum(along * force_by_T[:, sample], axis=0)
+        - 2.0 * T * least[rotor]
+    )
+    step.at_most(
+        leg,
+        -step.rows(leg, sample, gradients, by_T),
+        thrust[rotor, sample] - T**2 * least[rotor],
+        limit=T**2 * most[rotor],
+    )

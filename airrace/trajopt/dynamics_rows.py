@@ -10,8 +10,13 @@ from airrace.trajopt.lap_samples import LapSamples, twisted_dynamics
 _STEP = 1e-30  # of the complex-step derivative: no digits cancel
 # What the inverse dynamics depend on: (derivative, dimension), and then the unit of time.
 _INPUTS = [(k, d) for k in (1, 2, 3, 4) for d in range(3)] + [(k, 3) for k in range(3)]
-_ROWS = [*range(18)[VELOCITY], *range(18)[ACCELERATION], *range(18)[JERK], *range(18)[SNAP],
-         *range(18)[YAW:]]
+_ROWS = [
+    *range(18)[VELOCITY],
+    *range(18)[ACCELERATION],
+    *range(18)[JERK],
+    *range(18)[SNAP],
+    *range(18)[YAW:],
+]
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -52,7 +57,8 @@ class DynamicsRows:
         T[-1] += 1j * _STEP
         axes = [np.tile(axis, count) for axis in samples.axes]
         thrusts, force, w, _ = twisted_dynamics(
-            flat.reshape(18, -1), T.ravel(), axes, samples.limits)
+            flat.reshape(18, -1), T.ravel(), axes, samples.limits
+        )
         share = samples.limits.from_wrench[:, :1] * vehicle.mass
         rest = thrusts - share * np.sqrt(np.sum(force * force, axis=0))
         rate = np.sqrt(np.sum(w * w, axis=0) + 1e-12)[None]

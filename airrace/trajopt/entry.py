@@ -23,9 +23,17 @@ _LEAST_DISTANCE = 0.01  # m, from waypoint to waypoint
 _LEAST_CHANGE = 0.1  # s, no polynomial changes laps in less
 
 
-def plan_start(start, circuit: Circuit, dimensions, pylons, *, clearance, max_speed,
-               max_acceleration, rotors: FlightLimits | None = None
-               ) -> tuple[FlatTrajectory, float]:
+def plan_start(
+    start,
+    circuit: Circuit,
+    dimensions,
+    pylons,
+    *,
+    clearance,
+    max_speed,
+    max_acceleration,
+    rotors: FlightLimits | None = None,
+) -> tuple[FlatTrajectory, float]:
     """Returns the quickest flight from hover through gate 1 and onto a circuit.
 
     It joins the circuit at gate 2, 3 or 4, whichever saves most time. From
@@ -52,8 +60,9 @@ def plan_start(start, circuit: Circuit, dimensions, pylons, *, clearance, max_sp
             with contextlib.suppress(TrajectoryOptimizationError):
                 entry, times = _solve_start(start, circuit, gates, approach, dimensions, limits)
                 forward = passes_forward(entry, times, circuit.headings[:gates])
-                if forward.all() and is_flyable(entry, pylons, clearance=clearance, rotors=rotors,
-                                                **limits):
+                if forward.all() and is_flyable(
+                    entry, pylons, clearance=clearance, rotors=rotors, **limits
+                ):
                     starts.append((entry, circuit.gate_times[gates]))
         if starts:
             return min(starts, key=lambda s: s[0].duration - s[1])
@@ -71,7 +80,7 @@ def _solve_start(start, circuit: Circuit, gates, approach, dimensions, limits):
         knots.append(circuit.derivatives(0.0)[0] - approach * forward)
     # The circuit's own waypoints in front of gates are passed as well.
     indices = []
-    for t in circuit.waypoint_times[:circuit.waypoint_times.index(phase)]:
+    for t in circuit.waypoint_times[: circuit.waypoint_times.index(phase)]:
         if t in circuit.gate_times:
             indices.append(len(knots))
         knots.append(circuit.derivatives(t)[0])
@@ -85,15 +94,22 @@ def _solve_start(start, circuit: Circuit, gates, approach, dimensions, limits):
     guess = trapezoid_durations(
         knots[:, :3], 0.0, 0.75 * limits["max_speed"], 0.5 * limits["max_acceleration"]
     )
-    durations = allocate_times(
-        knots, constraints=constraints, initial_durations=guess, **limits
-    )
+    durations = allocate_times(knots, constraints=constraints, initial_durations=guess, **limits)
     entry = FlatTrajectory(solve_min_snap(knots, durations, constraints=constraints))
     return entry, np.array(entry.breaks)[indices]
 
 
-def plan_change(start, circuit: Circuit, duration, pylons, *, clearance, max_speed,
-                max_acceleration, rotors: FlightLimits | None = None) -> FlatTrajectory:
+def plan_change(
+    start,
+    circuit: Circuit,
+    duration,
+    pylons,
+    *,
+    clearance,
+    max_speed,
+    max_acceleration,
+    rotors: FlightLimits | None = None,
+) -> FlatTrajectory:
     """Returns a flight from one lap's last leg onto another lap at its gate 1.
 
     It is the smoothest between the two states, continuous through the snap,
@@ -115,7 +131,8 @@ def plan_change(start, circuit: Circuit, duration, pylons, *, clearance, max_spe
         raise TrajectoryOptimizationError("It is too late for a change to the new lap.")
     goal = circuit.derivatives(0.0)
     between = [
-        t for t in circuit.waypoint_times
+        t
+        for t in circuit.waypoint_times
         if circuit.gate_times[-2] < t < circuit.duration
         and circuit.duration - t < duration - _LEAST_CHANGE  # else it lies behind
     ]
@@ -128,8 +145,12 @@ def plan_change(start, circuit: Circuit, duration, pylons, *, clearance, max_spe
             solve_min_snap(knots, factor * np.diff(times), constraints=constraints)
         )
         if is_flyable(
-            change, pylons, clearance=clearance, max_speed=max_speed,
-            max_acceleration=max_acceleration, rotors=rotors,
+            change,
+            pylons,
+            clearance=clearance,
+            max_speed=max_speed,
+            max_acceleration=max_acceleration,
+            rotors=rotors,
         ):
             return change
     raise TrajectoryOptimizationError("No change to the new lap is within the limits.")

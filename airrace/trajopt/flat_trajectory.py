@@ -65,13 +65,15 @@ class FlatTrajectory(Immutable):
 
 def _coefficients(polynomial: PiecewisePolynomial) -> np.ndarray:
     """Returns those of all segments, in time since their start, constants first, (n, 4, k)."""
-    pieces = [[p.GetCoefficients() for p in polynomial.getPolynomialMatrix(i).ravel()]
-              for i in range(polynomial.get_number_of_segments())]
+    pieces = [
+        [p.GetCoefficients() for p in polynomial.getPolynomialMatrix(i).ravel()]
+        for i in range(polynomial.get_number_of_segments())
+    ]
     most = max(len(each) for piece in pieces for each in piece)
     result = np.zeros((len(pieces), len(pieces[0]), most))
     for i, piece in enumerate(pieces):
         for d, each in enumerate(piece):
-            result[i, d, :len(each)] = each
+            result[i, d, : len(each)] = each
     return result
 
 

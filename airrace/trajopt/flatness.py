@@ -155,7 +155,8 @@ def thrust_vectors(flat_outputs, vehicle, gravity, drag=0.0, unit=1.0):
     speed = (dot(v, v) + 1e-12) ** 0.5
     linear, quadratic = (
         [drag * c / vehicle.mass for c in ((k[0] + k[1]) / 2, k[2])]
-        for k in (vehicle.drag.linear, vehicle.drag.quadratic))
+        for k in (vehicle.drag.linear, vehicle.drag.quadratic)
+    )
     c, c_z = (k * unit + q * speed for k, q in zip(linear, quadratic))
     dc = quadratic[0] * dot(v, a) / speed
     ddc = quadratic[0] * ((dot(a, a) + dot(v, j)) / speed - dot(v, a) ** 2 / speed**3)

@@ -37,13 +37,18 @@ class FlightLimits:
     def scaled(self, share: float) -> "FlightLimits":
         """Returns limits of which a share is left, from below as well for rotors."""
         names = ("thrust_share", "max_speed", "max_acceleration", "max_rate")
-        return dc.replace(self, idle_share=self.idle_share + (1.0 - share),
-                          **{name: share * getattr(self, name) for name in names})
+        return dc.replace(
+            self,
+            idle_share=self.idle_share + (1.0 - share),
+            **{name: share * getattr(self, name) for name in names},
+        )
 
     def check(self) -> None:
         """Raises TrajectoryOptimizationError if nothing can fly within them."""
-        numbers = {name: getattr(self, name) for name in (
-            "thrust_share", "max_speed", "max_acceleration", "max_rate")}
+        numbers = {
+            name: getattr(self, name)
+            for name in ("thrust_share", "max_speed", "max_acceleration", "max_rate")
+        }
         for name, value in numbers.items():
             if not value > 0.0:
                 raise TrajectoryOptimizationError(f"{name} must be positive, not {value}.")
@@ -53,7 +58,8 @@ class FlightLimits:
         if np.any(hover >= self.max_thrusts) or np.any(hover <= self.min_thrusts):
             raise TrajectoryOptimizationError(
                 f"At {self.thrust_share:.0%} of their limits, the rotors of {self.vehicle.name} "
-                "cannot hold a hover.")
+                "cannot hold a hover."
+            )
 
     @functools.cached_property
     def from_wrench(self) -> np.ndarray:

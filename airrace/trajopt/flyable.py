@@ -26,8 +26,15 @@ def clearance_of(radius: float, margin=MARGIN):
     return _BOARD_REACH + radius + margin
 
 
-def is_flyable(trajectory: FlatTrajectory, pylons, *, clearance, max_speed,
-               max_acceleration, rotors: FlightLimits | None = None) -> bool:
+def is_flyable(
+    trajectory: FlatTrajectory,
+    pylons,
+    *,
+    clearance,
+    max_speed,
+    max_acceleration,
+    rotors: FlightLimits | None = None,
+) -> bool:
     """Whether a trajectory keeps its limits, its height, and clear of pylons.
 
     Args:
@@ -76,7 +83,8 @@ def pylon_distances(samples, pylons) -> np.ndarray:
     """
     return _pylon_distances(
         np.ascontiguousarray(samples[:3], float),
-        np.ascontiguousarray(np.reshape(pylons, (-1, 2)), float))
+        np.ascontiguousarray(np.reshape(pylons, (-1, 2)), float),
+    )
 
 
 @compiled

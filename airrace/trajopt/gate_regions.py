@@ -44,7 +44,8 @@ class GateRegions:
         for i in np.flatnonzero(~(sizes >= 0.0).all(axis=1)):
             raise TrajectoryOptimizationError(
                 f"Gate {i + 1} leaves no room between its pylons; the vehicle is too large "
-                "or its clearance is.")
+                "or its clearance is."
+            )
         return cls(*_checked(midpoints, headings), sizes, 0.0)
 
     @classmethod
@@ -86,7 +87,8 @@ class GateRegions:
             add_rows(program, axes, -room - axes @ offset, room - axes @ offset, step)
         elif self.radius > 0.0:
             program.AddLorentzConeConstraint(
-                np.vstack([np.zeros(3), np.eye(3)]), np.array([self.radius, *offset]), step)
+                np.vstack([np.zeros(3), np.eye(3)]), np.array([self.radius, *offset]), step
+            )
         else:
             add_equal_rows(program, np.eye(3), -offset, step)
 

@@ -20,8 +20,7 @@ def stay_near(step: LapStep, weight: float) -> None:
     n, samples = y.shape[1:3]
     orders = np.arange(5)
     powers = T[:, None] ** -orders
-    rms = np.sqrt(np.mean(np.sum(
-        (y * powers.T[:, :, None, None]) ** 2, axis=3), axis=(1, 2)))
+    rms = np.sqrt(np.mean(np.sum((y * powers.T[:, :, None, None]) ** 2, axis=3), axis=(1, 2)))
     share = np.sqrt(weight * step.lap.duration / (n * samples))
     for leg in range(n):
         blocks = []

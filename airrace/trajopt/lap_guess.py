@@ -19,8 +19,9 @@ _FIT_SAMPLES, _FIT_WEIGHTS = 48, (1.0, 0.1, 0.01)  # of a leg; of value, velocit
 _VIEW_COST = 1e3  # against radians per second squared
 
 
-def first_lap(bound: PointMassBound, gates: GateRegions, grid: Grid, limits: FlightLimits,
-              half_view) -> LapSamples:
+def first_lap(
+    bound: PointMassBound, gates: GateRegions, grid: Grid, limits: FlightLimits, half_view
+) -> LapSamples:
     """Returns a lap that crosses gates where and when a point mass does.
 
     Of several, smoother and nearer to it, this is the one that is the quickest when
@@ -36,8 +37,13 @@ def first_lap(bound: PointMassBound, gates: GateRegions, grid: Grid, limits: Fli
     """
     laps = []
     for smoothness in _SMOOTHNESS:
-        lap = LapSpline.through(bound.positions, bound.velocities, bound.durations, grid.pieces,
-                                _smoothness(smoothness, bound.durations))
+        lap = LapSpline.through(
+            bound.positions,
+            bound.velocities,
+            bound.durations,
+            grid.pieces,
+            _smoothness(smoothness, bound.durations),
+        )
         # What turns too fast for the limit will have to take another way.
         laps.append(slowed(lap, grid, dc.replace(limits, max_rate=1e3), gates.turn, 1e-2))
     samples = min(laps, key=lambda samples: samples.lap.duration)
@@ -62,10 +68,14 @@ def moved_lap(lap: LapSpline, gates: GateRegions, grid: Grid, limits: FlightLimi
     """
     place = lap.gates[:, 0, :3]
     rest = np.zeros((len(place), grid.samples, 3))
-    change = LapSpline.through(gates.nearest(place) - place, rest, lap.durations, grid.pieces,
-                               _smoothness(_MOVE_SMOOTHNESS, lap.durations))
-    lap = dc.replace(
-        lap, gates=lap.gates + change.gates, interior=lap.interior + change.interior)
+    change = LapSpline.through(
+        gates.nearest(place) - place,
+        rest,
+        lap.durations,
+        grid.pieces,
+        _smoothness(_MOVE_SMOOTHNESS, lap.durations),
+    )
+    lap = dc.replace(lap, gates=lap.gates + change.gates, interior=lap.interior + change.interior)
     return slowed(lap, grid, limits, gates.turn)
 
 

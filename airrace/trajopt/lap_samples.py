@@ -97,10 +97,19 @@ class LapSamples:
         least = limits.idle_share / limits.thrust_share
         rate = np.linalg.norm(w, axis=0) / units
         lift = force[2] / units**2
-        return float(max(
-            speed.max() / limits.max_speed, acceleration.max() / limits.max_acceleration,
-            rate.max() / limits.max_rate, shares.max(), 1.0 + least - shares.min(),
-            1.0 + (_LIFT_SHARE * limits.min_lift - lift.min()) / GRAVITY)) - 1.0
+        return (
+            float(
+                max(
+                    speed.max() / limits.max_speed,
+                    acceleration.max() / limits.max_acceleration,
+                    rate.max() / limits.max_rate,
+                    shares.max(),
+                    1.0 + least - shares.min(),
+                    1.0 + (_LIFT_SHARE * limits.min_lift - lift.min()) / GRAVITY,
+                )
+            )
+            - 1.0
+        )
 
 
 def slowed(lap, grid, limits, turn, tolerance=2e-5) -> LapSamples:
@@ -111,6 +120,7 @@ def slowed(lap, grid, limits, turn, tolerance=2e-5) -> LapSamples:
     Raises:
         TrajectoryOptimizationError: if no factor does.
     """
+
     def at(factor):
         samples = LapSamples.of(lap.dilated(factor), grid, limits, turn)
         value = samples.excess()
@@ -172,8 +182,13 @@ def twisted_dynamics(flat, units, axes, limits: FlightLimits):
     # The thrust's axis may be off the one that belongs to the axes, a little.
     x, y = x - np.sum(x * b, axis=0) * b, y - np.sum(y * b, axis=0) * b
     w = np.array([-np.sum(y * db, axis=0), np.sum(x * db, axis=0), rate])
-    alpha = np.array([-np.sum(y * ddb, axis=0) + w[1] * w[2],
-                      np.sum(x * ddb, axis=0) - w[0] * w[2], acceleration])
+    alpha = np.array(
+        [
+            -np.sum(y * ddb, axis=0) + w[1] * w[2],
+            np.sum(x * ddb, axis=0) - w[0] * w[2],
+            acceleration,
+        ]
+    )
     force = np.array(force[0])
     thrust = np.sqrt(np.sum(force * force, axis=0))
     if limits.drag > 0.0:

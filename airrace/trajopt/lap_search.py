@@ -60,8 +60,17 @@ class LapSearch:
     be slowed: it may exceed limits while the search goes on, at a cost.
     """
 
-    def __init__(self, gates: GateRegions, turn: float, pylons, limits: FlightLimits, clearance,
-                 half_view, samples: int, pieces: int = PIECES):
+    def __init__(
+        self,
+        gates: GateRegions,
+        turn: float,
+        pylons,
+        limits: FlightLimits,
+        clearance,
+        half_view,
+        samples: int,
+        pieces: int = PIECES,
+    ):
         """Constructs a search.
 
         Args:
@@ -158,4 +167,5 @@ class LapSearch:
         if lack > _TOO_NEAR:
             raise TrajectoryOptimizationError(
                 f"No lap found keeps {np.min(self.clearance):.2f} m clear of all pylons and of "
-                f"the ground; the best lacks {lack:.2f} m.")
+                f"the ground; the best lacks {lack:.2f} m."
+            )

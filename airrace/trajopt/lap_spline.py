@@ -54,7 +54,7 @@ class LapSpline:
             start, after = i * size, (i + 1) % n * size
             columns = [*range(start, start + size), *range(after, after + ORDERS)]
             powers = np.array([*T ** np.arange(ORDERS), *np.ones(m), *T ** np.arange(ORDERS)])
-            for order, share, wanted in ((1, 1.0, velocities[i]), (4, smoothness ** 0.5, 0.0)):
+            for order, share, wanted in ((1, 1.0, velocities[i]), (4, smoothness**0.5, 0.0)):
                 block = np.zeros((len(fractions), n * size))
                 np.add.at(block.T, columns, (matrices[order] * powers).T * share / T**order)
                 rows.append(block)
@@ -97,7 +97,7 @@ class LapSpline:
 
         Returns: (n, 10 + m, 4); derivative k at a gate times duration^k.
         """
-        before, after = self.gates[:len(self.durations)], self.gates[self.after]
+        before, after = self.gates[: len(self.durations)], self.gates[self.after]
         if self.is_closed:
             after[-1, 0, 3] += self.turn
         powers = self.durations[:, None, None] ** np.arange(ORDERS)[:, None]
@@ -152,8 +152,10 @@ class LapSpline:
     def dilated(self, factor: float) -> "LapSpline":
         """Returns the same path, flown in `factor` times the time, its ends included."""
         return dc.replace(
-            self, durations=self.durations * factor,
-            gates=self.gates / factor ** np.arange(ORDERS)[:, None])
+            self,
+            durations=self.durations * factor,
+            gates=self.gates / factor ** np.arange(ORDERS)[:, None],
+        )
 
     def taylor(self, count: int) -> np.ndarray:
         """Returns polynomials of x, y and z, (n count, 3, 6).
@@ -164,7 +166,8 @@ class LapSpline:
         starts = tuple(np.arange(count) / count)
         orders = np.arange(DEGREE + 1)
         scale = np.array([1.0 / factorial(k) for k in orders])[:, None] * (
-            self.durations ** -orders[:, None])
+            self.durations ** -orders[:, None]
+        )
         values = self.evaluate(basis(self.pieces, starts, DEGREE + 1))[..., :3]
         return np.moveaxis(values * scale[:, :, None, None], 0, -1).reshape(-1, 3, DEGREE + 1)
 
@@ -177,7 +180,7 @@ class LapSpline:
 def _averages(pieces) -> np.ndarray:
     """Returns the control points of the function f(x) = x, (pieces + 5,)."""
     t = _knots(pieces)
-    return np.array([t[i + 1:i + 1 + DEGREE].mean() for i in range(pieces + DEGREE)])
+    return np.array([t[i + 1 : i + 1 + DEGREE].mean() for i in range(pieces + DEGREE)])
 
 
 def _knots(pieces) -> np.ndarray:
@@ -219,17 +222,16 @@ def _bspline(pieces, fractions, order) -> np.ndarray:
     values = (np.arange(len(t) - 1) == span[:, None]).astype(float)
 
     def over(a, b):
-        return np.divide(a, b, out=np.zeros(np.broadcast_shapes(np.shape(a), b.shape)),
-                         where=b > 0)
+        return np.divide(a, b, out=np.zeros(np.broadcast_shapes(np.shape(a), b.shape)), where=b > 0)
 
     for d in range(1, DEGREE - order + 1):
         count = len(t) - 1 - d
-        left = over(x[:, None] - t[:count], t[d:d + count] - t[:count])
-        right = over(t[d + 1:] - x[:, None], t[d + 1:] - t[1:count + 1])
+        left = over(x[:, None] - t[:count], t[d : d + count] - t[:count])
+        right = over(t[d + 1 :] - x[:, None], t[d + 1 :] - t[1 : count + 1])
         values = left * values[:, :-1] + right * values[:, 1:]
     for d in range(DEGREE - order + 1, DEGREE + 1):
         count = len(t) - 1 - d
-        left = over(np.full(count, float(d)), t[d:d + count] - t[:count])
-        right = over(np.full(count, float(d)), t[d + 1:] - t[1:count + 1])
+        left = over(np.full(count, float(d)), t[d : d + count] - t[:count])
+        right = over(np.full(count, float(d)), t[d + 1 :] - t[1 : count + 1])
         values = left * values[:, :-1] - right * values[:, 1:]
     return values

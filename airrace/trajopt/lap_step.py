@@ -50,9 +50,18 @@ class LapStep:
         self._interior = new(n * m * 4).reshape(n, m, 4) if m else np.zeros((n, 0, 4), object)
         self._stretch = new(n)
         self._turns = new(n + 1)  # of the transported axes, up to each gate
-        self._variables = [np.concatenate([
-            self._gates[i].ravel(), self._interior[i].ravel(), self._gates[after[i]].ravel(),
-            self._turns[i:i + 1], self._stretch[i:i + 1]]) for i in range(n)]
+        self._variables = [
+            np.concatenate(
+                [
+                    self._gates[i].ravel(),
+                    self._interior[i].ravel(),
+                    self._gates[after[i]].ravel(),
+                    self._turns[i : i + 1],
+                    self._stretch[i : i + 1],
+                ]
+            )
+            for i in range(n)
+        ]
         if self.lap.is_closed:
             # The twist has another value where the lap ends.
             last_twist, passed = new(1)[0], range(n)
@@ -60,18 +69,30 @@ class LapStep:
             self._units = np.sqrt(T * np.roll(T, 1))
         else:
             last_twist, passed = self._gates[-1, 0, 3], range(1, n)
-            self._fix(self._gates[0, :, :3], self._gates[0, :3, 3],
-                      self._gates[-1, :, :3], self._gates[-1, 1:3, 3])
+            self._fix(
+                self._gates[0, :, :3],
+                self._gates[0, :3, 3],
+                self._gates[-1, :, :3],
+                self._gates[-1, 1:3, 3],
+            )
             self._units = np.array([T[0], *np.sqrt(T[1:] * T[:-1]), T[-1]])
         self.passed = passed
         add_equal_rows(
-            self.program, np.array([[1.0, -1.0, -1.0]]), [0.0],
-            [last_twist, self._gates[0, 0, 3], self._turns[-1]])
+            self.program,
+            np.array([[1.0, -1.0, -1.0]]),
+            [0.0],
+            [last_twist, self._gates[0, 0, 3], self._turns[-1]],
+        )
         self._fix(self._turns[:1])
         orders = np.arange(ORDERS)
-        self._scale = np.concatenate([
-            (T / self._units[:n])[:, None] ** orders, np.ones((n, m)),
-            (T / self._units[after])[:, None] ** orders], axis=1)
+        self._scale = np.concatenate(
+            [
+                (T / self._units[:n])[:, None] ** orders,
+                np.ones((n, m)),
+                (T / self._units[after])[:, None] ** orders,
+            ],
+            axis=1,
+        )
         exponents = np.array([*orders, *np.zeros(m), *orders])
         self._by_stretch = exponents[:, None] * self.lap.coefficients()
         self.program.AddLinearCost(T, self._stretch)
@@ -83,7 +104,8 @@ class LapStep:
         grid, lap, dynamics = self.grid, self.lap, self.dynamics
         between = lap.evaluate(grid.matrices_between)
         gradients, by_T, sums = turn_gradients(
-            between, lap.durations, grid.fractions, self.samples.limits)
+            between, lap.durations, grid.fractions, self.samples.limits
+        )
         nodes, every = np.arange(between.shape[2]), np.arange(grid.samples)
         amount = np.linalg.norm(dynamics.force, axis=0)
         b = dynamics.force / amount
@@ -100,8 +122,7 @@ class LapStep:
             own = self.rows(leg, every, d_own[here], own_by_T[here], grid.matrices)
             self._axis_turns.append(own - way[:-1])
             row = np.append(way[-1], -1.0)[None]
-            add_equal_rows(
-                self.program, row, [0.0], [*self._variables[leg], self._turns[leg + 1]])
+            add_equal_rows(self.program, row, [0.0], [*self._variables[leg], self._turns[leg + 1]])
 
     def of(self, leg: int) -> slice:
         """Returns where the samples of a leg are among all."""
@@ -156,8 +177,7 @@ class LapStep:
         basis = (self.grid.matrices if matrices is None else matrices)[:orders, which]
         result = np.zeros((len(which), self.size(leg)))
         by_z = basis.transpose(1, 2, 0) @ gradients  # (rows, coefficients, 4)
-        result[:, :-2] = (by_z * self._scale[leg][:, None]).reshape(
-            len(which), 4 * basis.shape[2])
+        result[:, :-2] = (by_z * self._scale[leg][:, None]).reshape(len(which), 4 * basis.shape[2])
         result[:, -1] = np.einsum("rcd,cd->r", by_z, self._by_stretch[leg])
         result[:, -1] += by_T * self.lap.durations[leg]
         if matrices is None:
@@ -197,8 +217,11 @@ class LapStep:
             rows: (rows, variables). values: where there is no step, (rows,).
         """
         add_equal_rows(
-            self.program, np.hstack([rows, -np.eye(len(rows))]), -values,
-            np.concatenate([self._variables[leg], variables]))
+            self.program,
+            np.hstack([rows, -np.eye(len(rows))]),
+            -values,
+            np.concatenate([self._variables[leg], variables]),
+        )
 
     def in_cones(self, leg, rows, values, extra=None, limit=None) -> None:
         """Constrains vectors of rows to Lorentz cones.
@@ -224,7 +247,8 @@ class LapStep:
     def least_squares(self, leg, rows, values) -> None:
         """Adds |rows x + values|^2 to the cost, over a leg's variables."""
         self.program.AddQuadraticCost(
-            2.0 * rows.T @ rows, 2.0 * rows.T @ values, self._variables[leg], is_convex=True)
+            2.0 * rows.T @ rows, 2.0 * rows.T @ values, self._variables[leg], is_convex=True
+        )
 
     def at_gate(self, i: int, order: int):
         """Returns the variables of a derivative of the path at a gate, (3,), and their unit."""

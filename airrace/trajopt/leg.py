@@ -64,11 +64,15 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
         for share in _FIRST_SHARES if len(guess) > 1 else (1.0,):
             shared = np.concatenate([[share * guess[0]], guess[1:]])
             with contextlib.suppress(TrajectoryOptimizationError):
-                durations = stretched(shared, times_slower, excess * limits,
-                                      min_factor=_LEAST_FACTOR, max_factor=_MOST_FACTOR)
+                durations = stretched(
+                    shared,
+                    times_slower,
+                    excess * limits,
+                    min_factor=_LEAST_FACTOR,
+                    max_factor=_MOST_FACTOR,
+                )
                 if np.all(durations >= (1.0 - 1e-9) * turns):
-                    return FlatTrajectory(
-                        solve_min_snap(knots, durations, constraints=constraints))
+                    return FlatTrajectory(solve_min_snap(knots, durations, constraints=constraints))
     raise TrajectoryOptimizationError("No leg from this start leads through the waypoints.")
 
 
@@ -101,10 +105,12 @@ def trapezoid_durations(points, start_speed, cruise_speed, acceleration) -> np.n
     total = max(knots[-1], 1e-3)
     s = np.linspace(0.0, total, 401)
     middle = (s[1:] + s[:-1]) / 2
-    speed = np.minimum.reduce([
-        np.full_like(middle, max(cruise_speed, start_speed)),
-        np.sqrt(start_speed**2 + 2 * acceleration * middle),
-        np.sqrt(2 * acceleration * (total - middle)),
-    ])
+    speed = np.minimum.reduce(
+        [
+            np.full_like(middle, max(cruise_speed, start_speed)),
+            np.sqrt(start_speed**2 + 2 * acceleration * middle),
+            np.sqrt(2 * acceleration * (total - middle)),
+        ]
+    )
     times = np.concatenate([[0.0], np.cumsum(np.diff(s) / speed)])
     return np.maximum(np.diff(np.interp(knots, s, times)), 0.2)

@@ -40,9 +40,15 @@ class LimitExcess:
         _check_unique(problem, count)
         self.problem = problem
         self._arguments = (
-            problem.values[:, :count].T.copy(), problem.fixed[:, :count].T.copy(), problem.rows,
-            problem.order, unit_hessian, basis, problem.offset[:count].copy(),
-            1 - 2 * problem.minimized_derivative)
+            problem.values[:, :count].T.copy(),
+            problem.fixed[:, :count].T.copy(),
+            problem.rows,
+            problem.order,
+            unit_hessian,
+            basis,
+            problem.offset[:count].copy(),
+            1 - 2 * problem.minimized_derivative,
+        )
 
     def __call__(self, durations, limits) -> float:
         """Returns the greatest of speed / limit and sqrt(acceleration / limit).
@@ -59,7 +65,8 @@ class LimitExcess:
         excess = _excess(durations, *self._arguments, np.asarray(limits, float))
         if not math.isfinite(excess):
             raise TrajectoryOptimizationError(
-                "The minimum-snap trajectory is not unique; even out the durations.")
+                "The minimum-snap trajectory is not unique; even out the durations."
+            )
         return excess
 
 
@@ -71,8 +78,8 @@ def _check_unique(problem, count):
         scale = 1.0 / np.sqrt(np.diag(part))
         if free.any() and is_singular(part * scale[:, None] * scale):
             raise TrajectoryOptimizationError(
-                "The minimum-snap trajectory is not unique; add waypoints or "
-                "DerivativeConstraints.")
+                "The minimum-snap trajectory is not unique; add waypoints or DerivativeConstraints."
+            )
 
 
 @compiled
@@ -92,7 +99,8 @@ def _excess(durations, values, fixed, rows, order, unit_hessian, basis, offset, 
     solved = values.copy()
     for k in range(d):
         free, matrix, linear = equations(
-            values[k], fixed[k], hessian, scale, segments[-1], rows[-1], offset[k])
+            values[k], fixed[k], hessian, scale, segments[-1], rows[-1], offset[k]
+        )
         solved[k][free] = scale[free] * solve_cholesky(cholesky(matrix), linear)
         if not all_finite(solved[k]):
             return math.nan
@@ -200,8 +208,11 @@ def _peak(coefficients, durations, derivative):
         for i in range(_SAMPLES + 1):
             here = norms[s, i]
             # A peak, as far as this segment knows.
-            if not (here >= _NEAR * most and (i == 0 or here >= norms[s, i - 1])
-                    and (i == _SAMPLES or here >= norms[s, i + 1])):
+            if not (
+                here >= _NEAR * most
+                and (i == 0 or here >= norms[s, i - 1])
+                and (i == _SAMPLES or here >= norms[s, i + 1])
+            ):
                 continue
             low, high = max(i - 1, 0) / _SAMPLES, min(i + 1, _SAMPLES) / _SAMPLES
             for _ in range(_ROUNDS):

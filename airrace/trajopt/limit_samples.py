@@ -27,11 +27,23 @@ class LimitSamples:
         p = problem
         basis, unit_hessian = unit_segment(p.degree, p.minimized_derivative)
         fractions, powers = np.linspace(0, 1, samples), range(len(basis))
-        self.maps = np.array([
-            np.array([[perm(j, k) * t ** max(j - k, 0) for j in powers] for t in fractions])
-            @ basis / limits[k - 1] for k in (1, 2)])
-        self._arguments = (p.values.T.copy(), p.fixed.T.copy(), p.rows, p.order, unit_hessian,
-                           p.offset, 1 - 2 * p.minimized_derivative)
+        self.maps = np.array(
+            [
+                np.array([[perm(j, k) * t ** max(j - k, 0) for j in powers] for t in fractions])
+                @ basis
+                / limits[k - 1]
+                for k in (1, 2)
+            ]
+        )
+        self._arguments = (
+            p.values.T.copy(),
+            p.fixed.T.copy(),
+            p.rows,
+            p.order,
+            unit_hessian,
+            p.offset,
+            1 - 2 * p.minimized_derivative,
+        )
 
     def __call__(self, durations):
         """Returns the samples, (count,), and their Jacobian, (count, segments).
@@ -86,7 +98,8 @@ def _ends(durations, values, fixed, rows, order, unit_hessian, offset, power):
     by_time = np.zeros((count, width, d, count))
     for m in range(d):
         free, matrix, linear = equations(
-            values[m], fixed[m], hessian, scale, segments[-1], rows[-1], offset[m])
+            values[m], fixed[m], hessian, scale, segments[-1], rows[-1], offset[m]
+        )
         factor = cholesky(matrix)
         solved = values[m].copy()
         solved[free] = scale[free] * solve_cholesky(factor, linear)
@@ -97,8 +110,12 @@ def _ends(durations, values, fixed, rows, order, unit_hessian, offset, power):
             change = np.zeros(size)
             for i in range(width):
                 for j in range(width):
-                    change[rows[s, i]] -= (segments[s, i, j] * (power + order[i] + order[j])
-                                           / durations[s] * ends[s, j, m])
+                    change[rows[s, i]] -= (
+                        segments[s, i, j]
+                        * (power + order[i] + order[j])
+                        / durations[s]
+                        * ends[s, j, m]
+                    )
             moved = np.zeros(size)
             moved[free] = scale[free] * solve_cholesky(factor, scale[free] * change[free])
             for r in range(count):

@@ -22,4 +22,5 @@ def add_rows(program, A, lower, upper, variables):
 def add_equal_rows(program, A, values, variables):
     """Adds A x = values, (m,); returns the Binding. Args: see add_rows()."""
     return program.AddConstraint(
-        LinearEqualityConstraint(A, np.asarray(values, float)), np.asarray(variables))
+        LinearEqualityConstraint(A, np.asarray(values, float)), np.asarray(variables)
+    )

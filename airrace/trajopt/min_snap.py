@@ -46,8 +46,16 @@ def turn_per_lap(headings) -> float:
     return float(2 * np.pi * np.round((closed[-1] - closed[0]) / (2 * np.pi)))
 
 
-def solve_min_snap(waypoints, durations, *, constraints=(), periodic=False, period_offset=None,
-                   degree=9, minimized_derivative=4) -> PiecewisePolynomial:
+def solve_min_snap(
+    waypoints,
+    durations,
+    *,
+    constraints=(),
+    periodic=False,
+    period_offset=None,
+    degree=9,
+    minimized_derivative=4,
+) -> PiecewisePolynomial:
     """Returns the smoothest piecewise polynomial through the waypoints.
 
     It minimises the integral of the squared norm of a derivative, snap by
@@ -82,8 +90,13 @@ def solve_min_snap(waypoints, durations, *, constraints=(), periodic=False, peri
         TrajectoryOptimizationError: if the minimum is not unique.
     """
     problem = MinSnapProblem.build(
-        waypoints, constraints=constraints, periodic=periodic, period_offset=period_offset,
-        degree=degree, minimized_derivative=minimized_derivative)
+        waypoints,
+        constraints=constraints,
+        periodic=periodic,
+        period_offset=period_offset,
+        degree=degree,
+        minimized_derivative=minimized_derivative,
+    )
     durations = problem.check_durations(durations)
     _, hessian, gradient = problem.assemble(durations)
     scale = 1.0 / np.sqrt(np.diag(hessian))
@@ -111,7 +124,8 @@ def _minimize(hessian, linear):
     if is_singular(hessian) or not exact:
         raise TrajectoryOptimizationError(
             "The minimum-snap trajectory is not unique, or its segment durations are too unlike "
-            "each other; add waypoints or DerivativeConstraints, or even out the durations.")
+            "each other; add waypoints or DerivativeConstraints, or even out the durations."
+        )
     return size * solution
 
 

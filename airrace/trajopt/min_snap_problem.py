@@ -29,21 +29,38 @@ class MinSnapProblem:
     minimized_derivative: int
 
     @classmethod
-    def build(cls, waypoints, *, constraints=(), periodic=False, period_offset=None, degree=9,
-              minimized_derivative=4):
+    def build(
+        cls,
+        waypoints,
+        *,
+        constraints=(),
+        periodic=False,
+        period_offset=None,
+        degree=9,
+        minimized_derivative=4,
+    ):
         """Checks the arguments of solve_min_snap(); raises ValueError."""
         waypoints = np.array(waypoints, float)
-        _require(waypoints.ndim == 2 and len(waypoints) >= 2 and np.all(np.isfinite(waypoints)),
-                 f"waypoints must be finite and of shape (m >= 2, d), not {waypoints.shape}")
-        _require(degree in range(1, MAX_DEGREE + 1, 2),
-                 f"degree must be odd and at most {MAX_DEGREE}, not {degree}")
+        _require(
+            waypoints.ndim == 2 and len(waypoints) >= 2 and np.all(np.isfinite(waypoints)),
+            f"waypoints must be finite and of shape (m >= 2, d), not {waypoints.shape}",
+        )
+        _require(
+            degree in range(1, MAX_DEGREE + 1, 2),
+            f"degree must be odd and at most {MAX_DEGREE}, not {degree}",
+        )
         (m, d), n = waypoints.shape, (degree + 1) // 2
-        _require(minimized_derivative in range(1, n + 1), "minimized_derivative must lie in "
-                 f"1 ... {n} for degree {degree}, not {minimized_derivative}")
+        _require(
+            minimized_derivative in range(1, n + 1),
+            "minimized_derivative must lie in "
+            f"1 ... {n} for degree {degree}, not {minimized_derivative}",
+        )
         _require(periodic or period_offset is None, "period_offset needs periodic=True")
         offset = np.zeros(d) if period_offset is None else np.array(period_offset, float)
-        _require(offset.shape == (d,) and np.all(np.isfinite(offset)),
-                 f"period_offset must be {d} finite numbers, not {offset}")
+        _require(
+            offset.shape == (d,) and np.all(np.isfinite(offset)),
+            f"period_offset must be {d} finite numbers, not {offset}",
+        )
         path = np.vstack([waypoints, waypoints[:1] + offset]) if periodic else waypoints
         for i in np.flatnonzero(np.all(np.abs(np.diff(path, axis=0)) < 1e-9, axis=1)):
             _require(False, f"waypoints {i} and {(i + 1) % m} coincide; remove one of them")
@@ -55,8 +72,16 @@ class MinSnapProblem:
         fixed = ~np.isnan(values)
         start = np.arange(len(path) - 1)
         rows = np.hstack([i[:, None] * n + np.arange(n) for i in (start, (start + 1) % m)])
-        return cls(np.where(fixed, values, 0.0), fixed, waypoints[0], offset, rows,
-                   np.tile(np.arange(n), 2), degree, minimized_derivative)
+        return cls(
+            np.where(fixed, values, 0.0),
+            fixed,
+            waypoints[0],
+            offset,
+            rows,
+            np.tile(np.arange(n), 2),
+            degree,
+            minimized_derivative,
+        )
 
     def by_waypoint(self) -> np.ndarray:
         """Returns the fixed values, the others zero, (m, n, d)."""
@@ -73,10 +98,14 @@ class MinSnapProblem:
     def check_durations(self, durations) -> np.ndarray:
         """Returns them as an array; raises ValueError."""
         durations = np.array(durations, float)
-        _require(durations.shape == (len(self.rows),),
-                 f"durations must be {len(self.rows)}, one a segment, not {durations.shape}")
-        _require(np.all(np.isfinite(durations) & (durations > 0)),
-                 "durations must be positive and finite")
+        _require(
+            durations.shape == (len(self.rows),),
+            f"durations must be {len(self.rows)}, one a segment, not {durations.shape}",
+        )
+        _require(
+            np.all(np.isfinite(durations) & (durations > 0)),
+            "durations must be positive and finite",
+        )
         return durations
 
     def assemble(self, durations):
@@ -107,7 +136,8 @@ class MinSnapProblem:
         coefficients[:, 0] += self.origin
         return PiecewisePolynomial(
             [np.array([[Polynomial(c)] for c in segment.T]) for segment in coefficients],
-            np.concatenate([[0.0], np.cumsum(durations)]))
+            np.concatenate([[0.0], np.cumsum(durations)]),
+        )
 
 
 @functools.cache
@@ -125,12 +155,22 @@ def unit_segment(degree: int, minimized_derivative: int):
     n, r = (degree + 1) // 2, minimized_derivative
     t, u = (np.polynomial.Polynomial(c) for c in ([0.0, 1.0], [1.0, -1.0]))
     # In rational numbers: rounding would cost the Hessian its null space.
-    basis = np.array([
-        [Fraction(int(c), factorial(k)) for c in (
-            a**k * b**n * sum(comb(n + s - 1, s) * c**s for s in range(n - k))).coef]
-        for a, b, c in ((t, u, t), (-u, t, u)) for k in range(n)]).T
-    cost = np.array([[Fraction(perm(i, r) * perm(j, r), max(i + j - 2 * r, 0) + 1)
-                      for j in range(2 * n)] for i in range(2 * n)])
+    basis = np.array(
+        [
+            [
+                Fraction(int(c), factorial(k))
+                for c in (a**k * b**n * sum(comb(n + s - 1, s) * c**s for s in range(n - k))).coef
+            ]
+            for a, b, c in ((t, u, t), (-u, t, u))
+            for k in range(n)
+        ]
+    ).T
+    cost = np.array(
+        [
+            [Fraction(perm(i, r) * perm(j, r), max(i + j - 2 * r, 0) + 1) for j in range(2 * n)]
+            for i in range(2 * n)
+        ]
+    )
     return basis.astype(float), (basis.T @ cost @ basis).astype(float)
 
 
@@ -139,12 +179,17 @@ def _apply(constraint, values, periodic):
     i, k, value = constraint.waypoint, constraint.order, constraint.value
     first = 0 if periodic else -1
     _require(i in range(first, m), f"waypoint {i} of a constraint is not in {first} ... {m - 1}")
-    _require(k in range(1, n), f"a constraint's order must lie in 1 ... {n - 1}, not {k}; "
-             f"raise the degree, now {2 * n - 1}, for higher ones")
+    _require(
+        k in range(1, n),
+        f"a constraint's order must lie in 1 ... {n - 1}, not {k}; "
+        f"raise the degree, now {2 * n - 1}, for higher ones",
+    )
     if value.shape != (d,) or np.isinf(value).any():  # printing an array takes its time
         raise ValueError(f"A constraint's value must be {d} numbers or NaNs, not {value}.")
-    _require(not np.any(np.abs(value - values[i, k]) > 1e-6 * (1 + np.abs(value))),
-             f"two constraints fix derivative {k} at waypoint {i} differently")
+    _require(
+        not np.any(np.abs(value - values[i, k]) > 1e-6 * (1 + np.abs(value))),
+        f"two constraints fix derivative {k} at waypoint {i} differently",
+    )
     values[i, k] = np.where(np.isnan(value), values[i, k], value)
 
 

@@ -22,11 +22,12 @@ class OptimalCircuit(Circuit):
         report: LapReport.
     """
 
-    def __init__(self, polynomial: PiecewisePolynomial, headings, spline: LapSpline,
-                 report: LapReport | None):
+    def __init__(
+        self, polynomial: PiecewisePolynomial, headings, spline: LapSpline, report: LapReport | None
+    ):
         """Args: polynomial: of flat_polynomial(). The others: see Circuit and above."""
         breaks = polynomial.get_segment_times()
-        gate_times = breaks[::(len(breaks) - 1) // len(headings)]
+        gate_times = breaks[:: (len(breaks) - 1) // len(headings)]
         super().__init__(polynomial, gate_times, headings, approach={})
         self.spline = spline
         self.report = report
@@ -37,8 +38,9 @@ class OptimalCircuit(Circuit):
         return self.gate_times
 
 
-def flat_polynomial(lap: LapSpline, limits: FlightLimits, turn: float, refinement: int,
-                    end=None) -> PiecewisePolynomial:
+def flat_polynomial(
+    lap: LapSpline, limits: FlightLimits, turn: float, refinement: int, end=None
+) -> PiecewisePolynomial:
     """Returns a lap as a trajectory of x, y, z (m) and yaw (rad), from time 0.
 
     The path is the lap's. Yaw, its rate and its acceleration are exact at the
@@ -68,7 +70,8 @@ def flat_polynomial(lap: LapSpline, limits: FlightLimits, turn: float, refinemen
     coefficients = np.concatenate([path, (yaw / h ** np.arange(DEGREE + 1))[:, None]], axis=1)
     return PiecewisePolynomial(
         [np.array([[Polynomial(c)] for c in piece]) for piece in coefficients],
-        np.concatenate([[0.0], np.cumsum(h)]))
+        np.concatenate([[0.0], np.cumsum(h)]),
+    )
 
 
 def _yaw(samples: LapSamples) -> np.ndarray:

@@ -15,11 +15,7 @@ from airrace.trajopt.lap_samples import LapSamples
 from airrace.trajopt.lap_search import PIECES, Effort, LapSearch
 from airrace.trajopt.lap_spline import ORDERS, LapSpline, basis
 from airrace.trajopt.leg import end_constraints
-from airrace.trajopt.min_snap import (
-    TrajectoryOptimizationError,
-    solve_min_snap,
-    unwrap_headings,
-)
+from airrace.trajopt.min_snap import TrajectoryOptimizationError, solve_min_snap, unwrap_headings
 from airrace.trajopt.optimal_circuit import flat_polynomial
 from airrace.trajopt.plan_report import check_flight, check_times
 from airrace.vehicle import GRAVITY
@@ -35,10 +31,19 @@ _LEAST_DURATION = 0.1  # s
 _AIMS, _AIMS_FROM_NOTHING = (0.998, 0.994, 0.988), (0.995, 0.988)
 
 
-def plan_optimal_way(start, durations, gates: GateRegions, circuit: Circuit, pylons,
-                     limits: FlightLimits, *, clearance, half_view=np.deg2rad(40.0),
-                     old=None, effort: Effort = _EFFORT
-                     ) -> tuple[FlatTrajectory, float]:
+def plan_optimal_way(
+    start,
+    durations,
+    gates: GateRegions,
+    circuit: Circuit,
+    pylons,
+    limits: FlightLimits,
+    *,
+    clearance,
+    half_view=np.deg2rad(40.0),
+    old=None,
+    effort: Effort = _EFFORT,
+) -> tuple[FlatTrajectory, float]:
     """Returns the quickest flight from a state through gates 1, ..., k - 1 onto a lap at gate k.
 
     The search is that of plan_optimal_circuit(), with both ends given: position to
@@ -66,20 +71,26 @@ def plan_optimal_way(start, durations, gates: GateRegions, circuit: Circuit, pyl
     phase = circuit.gate_times[k - 1]
     goal = circuit.derivatives(phase)
     passed = _gates_of(gates, start, k)
-    yaws = unwrap_headings([start[0, 3], *gates.headings[:k - 1], goal[0, 3]])
+    yaws = unwrap_headings([start[0, 3], *gates.headings[: k - 1], goal[0, 3]])
     ends = [_Attitude.of(state, limits) for state in (start, goal)]
     turn = ends[1].angle - ends[0].angle
     turn += 2 * np.pi * np.round((yaws[-1] - yaws[0] - turn) / (2 * np.pi))
     search = LapSearch(passed, turn, pylons, limits, clearance, half_view, effort.samples)
     if old is None:
-        points = [circuit.derivatives(t)[0] for t in circuit.gate_times[:k - 1]]
-        paths = [_smoothest(start, points, goal, factor * np.asarray(durations))
-                 for factor in _SLOWER]
+        points = [circuit.derivatives(t)[0] for t in circuit.gate_times[: k - 1]]
+        paths = [
+            _smoothest(start, points, goal, factor * np.asarray(durations)) for factor in _SLOWER
+        ]
     else:
-        paths = [(np.asarray(durations), [old, *(functools.partial(_on, circuit, t)
-                                     for t in circuit.gate_times[:k - 1])])]
-    now = min((search.settled(_guess(*path, start, goal, ends)) for path in paths),
-              key=search.merit)
+        paths = [
+            (
+                np.asarray(durations),
+                [old, *(functools.partial(_on, circuit, t) for t in circuit.gate_times[: k - 1])],
+            )
+        ]
+    now = min(
+        (search.settled(_guess(*path, start, goal, ends)) for path in paths), key=search.merit
+    )
     near = old is not None
     for aim in _AIMS if near else _AIMS_FROM_NOTHING:
         search.limits = limits.scaled(aim)
@@ -90,7 +101,8 @@ def plan_optimal_way(start, durations, gates: GateRegions, circuit: Circuit, pyl
             break
     else:
         raise TrajectoryOptimizationError(
-            f"No way onto the lap keeps the limits; the best exceeds them by {excess:.1%}.")
+            f"No way onto the lap keeps the limits; the best exceeds them by {excess:.1%}."
+        )
     search.require_clear(now)
     times = np.cumsum(now.lap.durations)[:-1]
     if not passes_forward(way, times, search.gates.headings[1:-1]).all():
@@ -113,7 +125,8 @@ class _Attitude:
         *force, _ = thrust_vectors(flat, limits.vehicle, GRAVITY, limits.drag)
         yaw, rate, acceleration = flat[YAW:]
         axes, w, alpha = attitude_from_force(
-            *force, heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration))
+            *force, heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
+        )
         (x, _, b), scale = axes, 1.0 / (1.0 + axes[2][2])
         e1 = np.array([1.0 - scale * b[0] ** 2, -scale * b[0] * b[1], -b[0]])
         e2 = np.array([-scale * b[0] * b[1], 1.0 - scale * b[1] ** 2, -b[1]])
@@ -124,9 +137,11 @@ def _gates_of(gates: GateRegions, start, k: int) -> GateRegions:
     """Returns the start, as a gate, and the first k gates."""
     sizes = gates.half_sizes
     return dc.replace(
-        gates, midpoints=np.vstack([start[0, :3], gates.midpoints[:k]]),
+        gates,
+        midpoints=np.vstack([start[0, :3], gates.midpoints[:k]]),
         headings=np.append(start[0, 3], gates.headings[:k]),
-        half_sizes=None if sizes is None else np.vstack([[0.0, 0.0], sizes[:k]]))
+        half_sizes=None if sizes is None else np.vstack([[0.0, 0.0], sizes[:k]]),
+    )
 
 
 def _on(circuit: Circuit, start, time):
@@ -138,8 +153,9 @@ def _smoothest(start, points, goal, durations):
     """Returns durations and legs, see _guess(), of the smoothest path in some time."""
     durations = np.maximum(durations, _LEAST_DURATION)
     knots = np.array([start[0], *points, goal[0]])[:, :3]
-    path = solve_min_snap(knots, durations, constraints=end_constraints(
-        start[:, :3], goal[:, :3], (1, 2, 3, 4)))
+    path = solve_min_snap(
+        knots, durations, constraints=end_constraints(start[:, :3], goal[:, :3], (1, 2, 3, 4))
+    )
     orders = [path.derivative(order) for order in range(ORDERS)]
 
     def leg(begin, time):
@@ -167,8 +183,12 @@ def _guess(durations, legs, start, goal, ends) -> LapSpline:
     # Twists between are those of an even turn, until the first step.
     share = (breaks / breaks[-1])[1:-1]
     gates[1:-1, 0, 3] = ends[0].angle + share * (ends[1].angle - ends[0].angle)
-    lap = LapSpline(gates, np.zeros((len(durations), PIECES - ORDERS, 4)), durations,
-                    ends[1].angle - ends[0].angle)
+    lap = LapSpline(
+        gates,
+        np.zeros((len(durations), PIECES - ORDERS, 4)),
+        durations,
+        ends[1].angle - ends[0].angle,
+    )
     fractions = np.linspace(0.0, 1.0, _FIT_SAMPLES)
     matrices = basis(PIECES, tuple(fractions))
     left = lap.evaluate(matrices)
@@ -184,5 +204,6 @@ def _guess(durations, legs, start, goal, ends) -> LapSpline:
 def _finished(now: LapSamples, search: LapSearch, limits: FlightLimits, goal):
     """Returns the way as a trajectory, and by which share it exceeds limits at 1 kHz."""
     way = FlatTrajectory(
-        flat_polynomial(now.lap, search.limits, search.turn, _REFINEMENT, goal[:3, 3]))
+        flat_polynomial(now.lap, search.limits, search.turn, _REFINEMENT, goal[:3, 3])
+    )
     return way, check_flight(way.sample(check_times(way)), search.pylons, limits).excess

@@ -6,13 +6,7 @@ import numpy as np
 
 from airrace.immutable import Immutable
 from airrace.trajopt.circuit import Circuit
-from airrace.trajopt.flat_trajectory import (
-    ACCELERATION,
-    POSITION,
-    VELOCITY,
-    YAW,
-    FlatTrajectory,
-)
+from airrace.trajopt.flat_trajectory import ACCELERATION, POSITION, VELOCITY, YAW, FlatTrajectory
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import pylon_distances
@@ -79,8 +73,9 @@ class LapReport(Immutable):
         return self.duration / self.bound - 1.0
 
 
-def check_lap(lap: Circuit, gates: GateRegions, pylons, limits: FlightLimits,
-              least_range: float) -> FlightCheck:
+def check_lap(
+    lap: Circuit, gates: GateRegions, pylons, limits: FlightLimits, least_range: float
+) -> FlightCheck:
     """Checks a lap from its flat outputs alone.
 
     Args:
@@ -116,12 +111,16 @@ def check_flight(samples, pylons, limits: FlightLimits, max_bearing: float = 0.0
     acceleration = float(np.linalg.norm(samples[ACCELERATION], axis=0).max())
     rate = float(np.linalg.norm(w, axis=0).max())
     shares = {
-        "speed": speed / limits.max_speed, "acceleration": acceleration / limits.max_acceleration,
-        "rate": rate / limits.max_rate, "thrust": float((thrusts / most).max()),
+        "speed": speed / limits.max_speed,
+        "acceleration": acceleration / limits.max_acceleration,
+        "rate": rate / limits.max_rate,
+        "thrust": float((thrusts / most).max()),
         "idle": 1.0 - float(((thrusts - limits.min_thrusts[:, None]) / most).min()),
     }
     return FlightCheck(
-        max_speed=speed, max_acceleration=acceleration, max_rate=rate,
+        max_speed=speed,
+        max_acceleration=acceleration,
+        max_rate=rate,
         max_thrusts=tuple(thrusts.max(axis=1).tolist()),
         min_thrusts=tuple(thrusts.min(axis=1).tolist()),
         min_height=float(samples[2].min()),

@@ -36,8 +36,9 @@ def _peak(derivative, times):
 
     norms = np.pad(norm(times), 1, constant_values=-np.inf)
     middle = norms[1:-1]
-    peaks = np.flatnonzero((middle >= norms[:-2]) & (middle >= norms[2:])
-                           & (middle >= 0.95 * middle.max()))
+    peaks = np.flatnonzero(
+        (middle >= norms[:-2]) & (middle >= norms[2:]) & (middle >= 0.95 * middle.max())
+    )
     low, high = times[np.maximum(peaks - 1, 0)], times[np.minimum(peaks + 1, len(times) - 1)]
     for _ in range(4):
         grid = np.linspace(low, high, 17, axis=1)
@@ -48,8 +49,15 @@ def _peak(derivative, times):
 
 
 def durations_within_limits(
-    waypoints, durations, *, max_speed, max_acceleration, constraints=(), min_factor=0.7,
-    max_factor=4.0, **options,
+    waypoints,
+    durations,
+    *,
+    max_speed,
+    max_acceleration,
+    constraints=(),
+    min_factor=0.7,
+    max_factor=4.0,
+    **options,
 ) -> np.ndarray:
     """Returns the shortest multiple of the durations that meets the limits.
 
@@ -66,8 +74,13 @@ def durations_within_limits(
         TrajectoryOptimizationError: if no factor meets the limits.
     """
     problem = MinSnapProblem.build(waypoints, constraints=constraints, **options)
-    return stretched(durations, LimitExcess(problem), [max_speed, max_acceleration],
-                     min_factor=min_factor, max_factor=max_factor)
+    return stretched(
+        durations,
+        LimitExcess(problem),
+        [max_speed, max_acceleration],
+        min_factor=min_factor,
+        max_factor=max_factor,
+    )
 
 
 def stretched(durations, times_slower: LimitExcess, limits, *, min_factor, max_factor=4.0):
@@ -94,7 +107,8 @@ def stretched(durations, times_slower: LimitExcess, limits, *, min_factor, max_f
         if high > max_factor:
             raise TrajectoryOptimizationError(
                 f"No {min_factor:g} to {max_factor:g} fold of these durations meets "
-                f"{_in_words(limits)}; relax them or the fixed derivatives.")
+                f"{_in_words(limits)}; relax them or the fixed derivatives."
+            )
         at_high = excess(high)
     bisect = False
     while at_high < -1e-7 and high - low > 1e-7 * high:
@@ -112,8 +126,15 @@ def stretched(durations, times_slower: LimitExcess, limits, *, min_factor, max_f
 
 
 def allocate_times(
-    waypoints, *, max_speed, max_acceleration, constraints=(), periodic=False, period_offset=None,
-    initial_durations=None, **options,
+    waypoints,
+    *,
+    max_speed,
+    max_acceleration,
+    constraints=(),
+    periodic=False,
+    period_offset=None,
+    initial_durations=None,
+    **options,
 ) -> np.ndarray:
     """Returns the segment durations (s) that make the trajectory the fastest.
 
@@ -165,7 +186,8 @@ def allocate_times(
         found = found or solve(start, times_slower)
     if not found:
         raise TrajectoryOptimizationError(
-            f"No durations found meet {_in_words(limits)}; relax them or the fixed derivatives.")
+            f"No durations found meet {_in_words(limits)}; relax them or the fixed derivatives."
+        )
     relaxed = [c for c in constraints if not periodic and c.waypoint in (0, -1, len(chords))]
     if not warm and len(relaxed) < len(constraints):
         loose = LimitExcess(MinSnapProblem.build(positions, constraints=relaxed, **options))
@@ -180,6 +202,7 @@ def allocate_times(
 
 def _minimize_total(samples, rows, bound, start, shortest):
     """Returns durations (s) of a local minimum, or where the solver got stuck."""
+
     def constraint(T):
         if T.dtype != object:
             return samples(T)[0][rows]
@@ -200,9 +223,10 @@ def _checked(limits, problem: MinSnapProblem) -> np.ndarray:
         raise ValueError(f"max_speed and max_acceleration must be positive, not {limits}.")
     amounts = np.linalg.norm(problem.by_waypoint()[:, 1:3, :3], axis=2)
     # Polynomials of a low degree may have no acceleration to fix.
-    for waypoint, k in np.argwhere(amounts > (1.0 + 1e-12) * limits[:amounts.shape[1]]):
+    for waypoint, k in np.argwhere(amounts > (1.0 + 1e-12) * limits[: amounts.shape[1]]):
         raise TrajectoryOptimizationError(
-            f"Derivative {k + 1} at waypoint {waypoint} is fixed above its limit.")
+            f"Derivative {k + 1} at waypoint {waypoint} is fixed above its limit."
+        )
     return limits
 
 

@@ -27,11 +27,17 @@ _SLOWING, _LEAST_SLOWING, _MOST_SLOWINGS = 0.6, 2e-5, 8
 _REFINEMENTS, _NEGLIGIBLE = (4, 8, 16), 2e-3
 
 
-def plan_optimal_circuit(gates: GateRegions, pylons, limits: FlightLimits, *, clearance: float,
-                         half_view: float | None = np.deg2rad(40.0),
-                         previous: OptimalCircuit | None = None,
-                         bound: PointMassBound | None = None,
-                         effort: Effort | None = None) -> OptimalCircuit:
+def plan_optimal_circuit(
+    gates: GateRegions,
+    pylons,
+    limits: FlightLimits,
+    *,
+    clearance: float,
+    half_view: float | None = np.deg2rad(40.0),
+    previous: OptimalCircuit | None = None,
+    bound: PointMassBound | None = None,
+    effort: Effort | None = None,
+) -> OptimalCircuit:
     """Returns the quickest lap through the gates that the vehicle can fly.
 
     Sequential convex programming. Unknown are the derivatives through snap at the
@@ -63,9 +69,9 @@ def plan_optimal_circuit(gates: GateRegions, pylons, limits: FlightLimits, *, cl
         raise TrajectoryOptimizationError("The place of a pylon is not finite.")
     if half_view is not None and not 0.0 < half_view <= np.pi:
         raise TrajectoryOptimizationError("half_view must be positive, and 180 degrees at most.")
+
     def search(samples, pieces=PIECES):
-        return LapSearch(
-            gates, gates.turn, pylons, limits, clearance, half_view, samples, pieces)
+        return LapSearch(gates, gates.turn, pylons, limits, clearance, half_view, samples, pieces)
 
     now = None
     if previous is not None and len(previous.headings) == len(gates.headings):
@@ -90,23 +96,47 @@ def plan_optimal_circuit(gates: GateRegions, pylons, limits: FlightLimits, *, cl
         iterations += more
         fine = problem.slowed(now, _FINE)
     problem.require_clear(now)
-    return _finish(fine.lap, problem, lambda circuit, check: LapReport(
-        duration=circuit.duration, bound=bound.duration, check=check, solver="Clarabel",
-        iterations=iterations, solve_time=time.perf_counter() - clock, warm=warm))
+    return _finish(
+        fine.lap,
+        problem,
+        lambda circuit, check: LapReport(
+            duration=circuit.duration,
+            bound=bound.duration,
+            check=check,
+            solver="Clarabel",
+            iterations=iterations,
+            solve_time=time.perf_counter() - clock,
+            warm=warm,
+        ),
+    )
 
 
-def quickest_point_mass(gates: GateRegions, limits: FlightLimits, pylons, clearance,
-                        intervals: int = _QUICK_INTERVALS, tolerance: float = 1e-3
-                        ) -> PointMassBound:
+def quickest_point_mass(
+    gates: GateRegions,
+    limits: FlightLimits,
+    pylons,
+    clearance,
+    intervals: int = _QUICK_INTERVALS,
+    tolerance: float = 1e-3,
+) -> PointMassBound:
     """Returns the quickest lap of a point mass within the limits of a flight.
 
     Args: gates, limits: see there. the others: see point_mass_bound().
     """
-    limited = {name: getattr(limits, name) for name in ("max_speed", "max_acceleration")
-               if np.isfinite(getattr(limits, name))}
-    return point_mass_bound(gates, max_specific_force=limits.max_specific_force,
-                            pylons=pylons, clearance=clearance, intervals=intervals,
-                            tolerance=tolerance, **limited)
+    limited = {
+        name: getattr(limits, name)
+        for name in ("max_speed", "max_acceleration")
+        if np.isfinite(getattr(limits, name))
+    }
+    return point_mass_bound(
+        gates,
+        max_specific_force=limits.max_specific_force,
+        pylons=pylons,
+        clearance=clearance,
+        intervals=intervals,
+        tolerance=tolerance,
+        **limited,
+    )
 
 
 def _finish(lap: LapSpline, problem: LapSearch, make_report) -> OptimalCircuit:

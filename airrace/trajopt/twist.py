@@ -78,7 +78,8 @@ def turn_gradients(between, durations, fractions, limits: FlightLimits):
     T[-1] += 1j * _STEP
     T = T.ravel()
     *force, _ = thrust_vectors(
-        copies.reshape(18, -1), limits.vehicle, GRAVITY * T**2, limits.drag, T)
+        copies.reshape(18, -1), limits.vehicle, GRAVITY * T**2, limits.drag, T
+    )
     b, db, _ = unit_vector(*force)
     rate = ((b[1] * db[0] - b[0] * db[1]) / (1.0 + b[2])).imag.reshape(-1, n, count) / _STEP
     gradients = np.zeros((n, count, 5, 4))
@@ -111,10 +112,11 @@ def heading_of_twist(axes, w, alpha):
     x, y, z = axes
     # The y axis turns: its derivatives are R (w x e_y) and so on.
     dy = w[0] * z - w[2] * x
-    ddy = alpha[0] * z - alpha[2] * x + w[1] * (w[0] * x + w[2] * z) - (w[0]**2 + w[2]**2) * y
+    ddy = alpha[0] * z - alpha[2] * x + w[1] * (w[0] * x + w[2] * z) - (w[0] ** 2 + w[2] ** 2) * y
     square = y[0] ** 2 + y[1] ** 2
     cross = y[0] * dy[1] - y[1] * dy[0]
     rate = cross / square
     acceleration = (y[0] * ddy[1] - y[1] * ddy[0]) / square - rate * 2.0 * (
-        y[0] * dy[0] + y[1] * dy[1]) / square
+        y[0] * dy[0] + y[1] * dy[1]
+    ) / square
     return np.array([np.unwrap(np.arctan2(-y[0], y[1])), rate, acceleration])

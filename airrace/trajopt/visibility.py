@@ -51,7 +51,7 @@ def _to_next_gate(samples, gates, margin=0.0):
     With a margin of one, so is the first sample that is nearer than LEAST_RANGE.
     """
     places = samples.derivatives[0, ..., :3]
-    target = np.roll(gates.midpoints, -1, axis=0)[:len(places), None]
+    target = np.roll(gates.midpoints, -1, axis=0)[: len(places), None]
     to_gate = (target - places)[..., :2]
     step = np.linalg.norm(samples.derivatives[1, ..., :2], axis=2) / to_gate.shape[1]
     seen = np.linalg.norm(to_gate, axis=2) > LEAST_RANGE - margin * step
@@ -61,14 +61,16 @@ def _to_next_gate(samples, gates, margin=0.0):
 def _seen_from_axes(to_gate, turn, b, axes):
     """Returns what the body's x axis has along two axes, if it heads off a gate by a turn."""
     c, s = np.cos(turn), np.sin(turn)
-    h = np.array([c * to_gate[0] - s * to_gate[1], s * to_gate[0] + c * to_gate[1],
-                  0.0 * to_gate[0]])
+    h = np.array(
+        [c * to_gate[0] - s * to_gate[1], s * to_gate[0] + c * to_gate[1], 0.0 * to_gate[0]]
+    )
     x_B = h - np.sum(h * b, axis=0) * b
     return np.sum(x_B * axes[0], axis=0), np.sum(x_B * axes[1], axis=0)
 
 
-def keep_in_view(step: LapStep, gates: GateRegions, half_view: float, cost: float,
-                 reach: float = np.inf) -> None:
+def keep_in_view(
+    step: LapStep, gates: GateRegions, half_view: float, cost: float, reach: float = np.inf
+) -> None:
     """Adds bounds on the twist, see twist_bounds().
 
     Args:

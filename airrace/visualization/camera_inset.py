@@ -59,9 +59,18 @@ class CameraInset(LeafSystem):
     is drawn if nobody watches, but for the camera's frustum, once.
     """
 
-    def __init__(self, *, meshcat: Meshcat, small: CameraInfo, scale: float, renderer: Renderer,
-                 body_path: str, moving_gates: int = 0, audience: Audience | None = None,
-                 period: float = 0.1):
+    def __init__(
+        self,
+        *,
+        meshcat: Meshcat,
+        small: CameraInfo,
+        scale: float,
+        renderer: Renderer,
+        body_path: str,
+        moving_gates: int = 0,
+        audience: Audience | None = None,
+        period: float = 0.1,
+    ):
         """Constructs the inset.
 
         Args:
@@ -118,8 +127,9 @@ class CameraInset(LeafSystem):
         for marker in markers:
             # Integers are pixel centres, in both pictures.
             corners = (marker.corners + 0.5) * self._scale - 0.5
-            cv2.polylines(image, [np.int32(np.round(8 * corners))], True, _MARKED, 1,
-                          cv2.LINE_AA, 3)
+            cv2.polylines(
+                image, [np.int32(np.round(8 * corners))], True, _MARKED, 1, cv2.LINE_AA, 3
+            )
         return image
 
     def _DrawRays(self, X_WC, markers):

@@ -28,8 +28,10 @@ class Frame:
         self.page, self.height = page, height
 
     def _repr_html_(self):
-        return (f'<iframe srcdoc="{html.escape(self.page)}" '
-                f'style="width: 100%; height: {self.height}px; border: 0"></iframe>')
+        return (
+            f'<iframe srcdoc="{html.escape(self.page)}" '
+            f'style="width: 100%; height: {self.height}px; border: 0"></iframe>'
+        )
 
 
 def show_page(page, height: int = 480) -> Frame:

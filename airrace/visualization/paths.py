@@ -35,8 +35,14 @@ class PathVisualizer(LeafSystem):
     is too small to see.
     """
 
-    def __init__(self, *, meshcat: Meshcat, max_speed: float = 20.0,
-                 audience: Audience | None = None, period: float = 0.1):
+    def __init__(
+        self,
+        *,
+        meshcat: Meshcat,
+        max_speed: float = 20.0,
+        audience: Audience | None = None,
+        period: float = 0.1,
+    ):
         """Constructs the visualizer.
 
         Args:

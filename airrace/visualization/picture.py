@@ -49,8 +49,14 @@ class FixedPicture:
         """
         right = self._left + self._width
         bottom = self._top - self._width * image.shape[0] / image.shape[1]
-        corners = np.array([[self._left, bottom, 0.0], [right, bottom, 0.0],
-                            [right, self._top, 0.0], [self._left, self._top, 0.0]])
+        corners = np.array(
+            [
+                [self._left, bottom, 0.0],
+                [right, bottom, 0.0],
+                [right, self._top, 0.0],
+                [self._left, self._top, 0.0],
+            ]
+        )
         k = self._count
         self._count += 1
         file = MemoryFile(picture_gltf(corners, image), ".gltf", self._path)
@@ -83,34 +89,52 @@ def picture_gltf(corners, image) -> str:
         "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0},
         "extensions": {"KHR_materials_unlit": {}},
     }
-    return json.dumps({
-        "asset": {"version": "2.0"},
-        "extensionsUsed": ["KHR_materials_unlit"],
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{
-            "attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0,
-        }]}],
-        "materials": [material],
-        "textures": [{"source": 0, "sampler": 0}],
-        "samplers": [{"wrapS": _CLAMP, "wrapT": _CLAMP, "minFilter": _LINEAR}],
-        "images": [{"uri": _data_uri("image/jpeg", jpeg)}],
-        "accessors": [
-            {"bufferView": 0, "componentType": _FLOAT, "count": 4, "type": "VEC3",
-             "min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()},
-            {"bufferView": 1, "componentType": _FLOAT, "count": 4, "type": "VEC2"},
-            {"bufferView": 2, "componentType": _SHORT, "count": 6, "type": "SCALAR"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": offset, "byteLength": len(part)}
-            for offset, part in zip(offsets, parts)
-        ],
-        "buffers": [{
-            "byteLength": offsets[-1],
-            "uri": _data_uri("application/octet-stream", b"".join(parts)),
-        }],
-    })
+    return json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "extensionsUsed": ["KHR_materials_unlit"],
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0}],
+            "meshes": [
+                {
+                    "primitives": [
+                        {
+                            "attributes": {"POSITION": 0, "TEXCOORD_0": 1},
+                            "indices": 2,
+                            "material": 0,
+                        }
+                    ]
+                }
+            ],
+            "materials": [material],
+            "textures": [{"source": 0, "sampler": 0}],
+            "samplers": [{"wrapS": _CLAMP, "wrapT": _CLAMP, "minFilter": _LINEAR}],
+            "images": [{"uri": _data_uri("image/jpeg", jpeg)}],
+            "accessors": [
+                {
+                    "bufferView": 0,
+                    "componentType": _FLOAT,
+                    "count": 4,
+                    "type": "VEC3",
+                    "min": points.min(axis=0).tolist(),
+                    "max": points.max(axis=0).tolist(),
+                },
+                {"bufferView": 1, "componentType": _FLOAT, "count": 4, "type": "VEC2"},
+                {"bufferView": 2, "componentType": _SHORT, "count": 6, "type": "SCALAR"},
+            ],
+            "bufferViews": [
+                {"buffer": 0, "byteOffset": offset, "byteLength": len(part)}
+                for offset, part in zip(offsets, parts)
+            ],
+            "buffers": [
+                {
+                    "byteLength": offsets[-1],
+                    "uri": _data_uri("application/octet-stream", b"".join(parts)),
+                }
+            ],
+        }
+    )
 
 
 def _data_uri(kind: str, data: bytes) -> str:

@@ -61,8 +61,9 @@ class RotorVisualizer(LeafSystem):
     that would be most of the file.
     """
 
-    def __init__(self, *, meshcat: Meshcat, vehicle: Vehicle, path: str, blades,
-                 period: float = 1 / 15):
+    def __init__(
+        self, *, meshcat: Meshcat, vehicle: Vehicle, path: str, blades, period: float = 1 / 15
+    ):
         """Constructs the visualizer.
 
         Args:
@@ -76,8 +77,10 @@ class RotorVisualizer(LeafSystem):
         self._meshcat = meshcat
         self._path = path
         self._blades = blades
-        self._step = SLOW_MOTION * period * np.array(
-            [1.0 if r.direction == "ccw" else -1.0 for r in vehicle.rotors]
+        self._step = (
+            SLOW_MOTION
+            * period
+            * np.array([1.0 if r.direction == "ccw" else -1.0 for r in vehicle.rotors])
         )
         self._angles = np.zeros(len(vehicle.rotors))  # see PathVisualizer
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))

@@ -18,8 +18,9 @@ _LAPS = 6  # the last so many are shown
 _NONE = RefereeReport((), False, None, None, 0)
 
 
-def scoreboard_lines(time: float, speed: float, gates: int, laps: int, report: RefereeReport,
-                     status: ExplorerStatus) -> list[str]:
+def scoreboard_lines(
+    time: float, speed: float, gates: int, laps: int, report: RefereeReport, status: ExplorerStatus
+) -> list[str]:
     """Returns what to say about a race, line by line.
 
     Args:
@@ -96,8 +97,15 @@ class Scoreboard(LeafSystem):
     RefereeReport and an ExplorerStatus. Nothing is drawn if nobody watches.
     """
 
-    def __init__(self, *, meshcat: Meshcat, gates: int, laps: int,
-                 audience: Audience | None = None, period: float = 0.1):
+    def __init__(
+        self,
+        *,
+        meshcat: Meshcat,
+        gates: int,
+        laps: int,
+        audience: Audience | None = None,
+        period: float = 0.1,
+    ):
         """Constructs the board.
 
         Args:
@@ -122,7 +130,11 @@ class Scoreboard(LeafSystem):
             return
         speed = float(np.linalg.norm(self._state.Eval(context)[10:13]))
         lines = scoreboard_lines(
-            context.get_time(), speed, self._gates, self._laps, self._report.Eval(context),
+            context.get_time(),
+            speed,
+            self._gates,
+            self._laps,
+            self._report.Eval(context),
             self._status.Eval(context),
         )
         self._picture.show(draw_lines(lines))

@@ -10,8 +10,11 @@ from airrace.visualization.paths import HERE
 
 OVERVIEW, CHASE, ONBOARD = "overview", "chase", "onboard"
 # The buttons of the page, and the keys that click them.
-BUTTONS = {OVERVIEW: ("Overview (O)", "KeyO"), CHASE: ("Chase (C)", "KeyC"),
-           ONBOARD: ("On board (B)", "KeyB")}
+BUTTONS = {
+    OVERVIEW: ("Overview (O)", "KeyO"),
+    CHASE: ("Chase (C)", "KeyC"),
+    ONBOARD: ("On board (B)", "KeyB"),
+}
 _BEHIND, _ABOVE = 5.0, 1.8  # m
 _LAG = 0.5  # s, of the chasing camera's turns
 _AHEAD = 10.0  # m
@@ -31,8 +34,15 @@ class ViewDirector(LeafSystem):
     horizon.
     """
 
-    def __init__(self, *, meshcat: Meshcat, overview, body_path: str, X_BC: RigidTransform,
-                 period: float = 1 / 30):
+    def __init__(
+        self,
+        *,
+        meshcat: Meshcat,
+        overview,
+        body_path: str,
+        X_BC: RigidTransform,
+        period: float = 1 / 30,
+    ):
         """Constructs the director, and the buttons.
 
         Args:

@@ -22,17 +22,24 @@ from benchmarks.peers import circle
 from benchmarks.peers import environments as env
 
 OURS = "airrace"
-_NOTE = ("gym-pybullet-drones is not among the peers: it is installed from a clone of its "
-         "repository, not from a package index.")
+_NOTE = (
+    "gym-pybullet-drones is not among the peers: it is installed from a clone of its "
+    "repository, not from a package index."
+)
 
 
 def main(argv=None) -> int:
     """Flies all and prints the table; exit code 1 if one did not fly."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0],
-                                     epilog=" ".join(__doc__.split("\n\n")[2].split()))
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0], epilog=" ".join(__doc__.split("\n\n")[2].split())
+    )
     parser.add_argument("--install", action="store_true", help="install the peers if need be")
-    parser.add_argument("--folder", type=Path, default=env.default_folder(),
-                        help="of the peers' environments (default: %(default)s)")
+    parser.add_argument(
+        "--folder",
+        type=Path,
+        default=env.default_folder(),
+        help="of the peers' environments (default: %(default)s)",
+    )
     parser.add_argument("--runs", type=int, default=5, help="of each simulator (default: 5)")
     parser.add_argument("--json", type=Path, help="also write the numbers here")
     args = parser.parse_args(argv)
@@ -49,8 +56,9 @@ def main(argv=None) -> int:
         console.print(f"{name}: {reason}.", soft_wrap=True)
     console.print(_NOTE, soft_wrap=True)
     if args.json is not None:
-        args.json.write_text(json.dumps(
-            {"rows": rows, "failures": failures, "flights": flights}, indent=1))
+        args.json.write_text(
+            json.dumps({"rows": rows, "failures": failures, "flights": flights}, indent=1)
+        )
     return 1 if failures else 0
 
 
@@ -98,8 +106,10 @@ def medians(results) -> list[dict]:
     rows = []
     for runs in zip(*(result["rows"] for result in results)):
         row = {"simulator": results[0]["simulator"]} | runs[0]
-        rates = {key: [run["simulated_s"] / run.pop(f"{key}_s") for run in map(dict, runs)]
-                 for key in ("wall", "cpu")}
+        rates = {
+            key: [run["simulated_s"] / run.pop(f"{key}_s") for run in map(dict, runs)]
+            for key in ("wall", "cpu")
+        }
         for key in ("wall", "cpu"):
             del row[f"{key}_s"]
             row[f"x_{key}"] = float(np.median(rates[key]))
@@ -128,18 +138,28 @@ def _is_ours(row) -> bool:
 
 def make_table(rows) -> Table:
     """Returns the table of the rows of medians(), after compare()."""
-    table = Table(title=f"One drone on a circle of {circle.RADIUS:g} m, {circle.PERIOD:g} s a lap, "
-                        "no camera, one core; speeds as multiples of real time")
+    table = Table(
+        title=f"One drone on a circle of {circle.RADIUS:g} m, {circle.PERIOD:g} s a lap, "
+        "no camera, one core; speeds as multiples of real time"
+    )
     table.add_column("simulator", no_wrap=True)
     table.add_column("with")
-    for name in ("position, attitude,\nphysics (Hz)", "error,\nRMS (cm)", "speed,\nwall",
-                 "speed,\nCPU", "airrace,\nsame rate"):
+    for name in (
+        "position, attitude,\nphysics (Hz)",
+        "error,\nRMS (cm)",
+        "speed,\nwall",
+        "speed,\nCPU",
+        "airrace,\nsame rate",
+    ):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(
-            row["simulator"], f"{row['controller']}, {row['integrator']}; {row['besides']}",
+            row["simulator"],
+            f"{row['controller']}, {row['integrator']}; {row['besides']}",
             f"{row['position_hz']}, {row['attitude_hz']}, {row['physics_hz']}",
-            f"{100 * row['rms_m']:.1f}", f"{row['x_wall']:.1f}", f"{row['x_cpu']:.1f}",
+            f"{100 * row['rms_m']:.1f}",
+            f"{row['x_wall']:.1f}",
+            f"{row['x_cpu']:.1f}",
             "-" if row["ours"] is None else f"{row['ours']:.2g} times",
         )
     return table
@@ -149,8 +169,11 @@ def shares_sentence(results) -> str:
     """Returns a sentence on what takes our time, from what our report() printed."""
     names = results[0]["shares"]
     shares = {name: np.median([result["shares"][name] for result in results]) for name in names}
-    parts = ", ".join(f"{name} {share:.0%}" for name, share
-                      in sorted(shares.items(), key=lambda item: -item[1]) if share >= 0.005)
+    parts = ", ".join(
+        f"{name} {share:.0%}"
+        for name, share in sorted(shares.items(), key=lambda item: -item[1])
+        if share >= 0.005
+    )
     return f"airrace's CPU time at {results[0]['rows'][-1]['attitude_hz']} Hz: {parts}."
 
 

@@ -23,10 +23,15 @@ def derivatives(time: float) -> np.ndarray:
     """Returns position (m) and its four derivatives on the circle, (5, 3)."""
     c, s = RADIUS * math.cos(_RATE * time), RADIUS * math.sin(_RATE * time)
     w = _RATE
-    return np.array([
-        [c, s, HEIGHT], [-w * s, w * c, 0.0], [-w**2 * c, -w**2 * s, 0.0],
-        [w**3 * s, -w**3 * c, 0.0], [w**4 * c, w**4 * s, 0.0],
-    ])
+    return np.array(
+        [
+            [c, s, HEIGHT],
+            [-w * s, w * c, 0.0],
+            [-(w**2) * c, -(w**2) * s, 0.0],
+            [w**3 * s, -(w**3) * c, 0.0],
+            [w**4 * c, w**4 * s, 0.0],
+        ]
+    )
 
 
 def tracking_rms(times, positions) -> float:
@@ -59,7 +64,10 @@ def timed(fly, *, laps: int = LAPS, **what) -> dict:
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     times, positions = (np.concatenate(part) for part in zip(*flown))
     return {
-        **what, "simulated_s": laps * PERIOD, "wall_s": wall, "cpu_s": cpu,
+        **what,
+        "simulated_s": laps * PERIOD,
+        "wall_s": wall,
+        "cpu_s": cpu,
         "rms_m": tracking_rms(times, positions),
     }
 

@@ -15,11 +15,7 @@ ROOT = Path(__file__).parents[2]
 _STAMP = "airrace-requirement"  # in an environment that is complete
 _TIME_LIMIT = 900  # s, of one program
 # One core for each. PYTHONPATH also keeps out what the shell has sourced.
-_ENVIRONMENT = {
-    "PYTHONPATH": str(ROOT),
-    **ONE_THREAD,
-    "JAX_PLATFORMS": "cpu", "MPLBACKEND": "Agg",
-}
+_ENVIRONMENT = {"PYTHONPATH": str(ROOT), **ONE_THREAD, "JAX_PLATFORMS": "cpu", "MPLBACKEND": "Agg"}
 
 
 class PeerError(Exception):
@@ -35,8 +31,10 @@ def default_folder() -> Path:
 def requirements() -> dict[str, str]:
     """Returns name to requirement of the peers: pyproject's extra of that name."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    return {re.match(r"[\w-]+", requirement)[0]: requirement
-            for requirement in project["optional-dependencies"]["peers"]}
+    return {
+        re.match(r"[\w-]+", requirement)[0]: requirement
+        for requirement in project["optional-dependencies"]["peers"]
+    }
 
 
 def python_of(folder: Path, name: str, requirement: str) -> Path:
@@ -64,8 +62,9 @@ def install(folder: Path, name: str, requirement: str) -> None:
         pass
     python = folder / name / "bin" / "python"
     _run([sys.executable, "-m", "venv", "--clear", str(folder / name)])
-    _run([str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
-          requirement])
+    _run(
+        [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", requirement]
+    )
     (folder / name / _STAMP).write_text(requirement)
 
 
@@ -86,8 +85,13 @@ def _run(command) -> str:
     try:
         with tempfile.TemporaryDirectory() as scratch:  # MuJoCo leaves a log where it is run
             done = subprocess.run(
-                command, cwd=scratch, env=os.environ | _ENVIRONMENT, capture_output=True,
-                text=True, stdin=subprocess.DEVNULL, timeout=_TIME_LIMIT,
+                command,
+                cwd=scratch,
+                env=os.environ | _ENVIRONMENT,
+                capture_output=True,
+                text=True,
+                stdin=subprocess.DEVNULL,
+                timeout=_TIME_LIMIT,
             )
     except OSError as e:
         raise PeerError(f"{command[0]} cannot be run: {e.strerror}") from None

@@ -1,6 +1,6 @@
 """The Default drone on the circle, under its geometric controller.
 
-    .venv/bin/python -m benchmarks.peers.fly_airrace
+.venv/bin/python -m benchmarks.peers.fly_airrace
 """
 
 from importlib.metadata import version
@@ -30,10 +30,13 @@ def row(rate: float) -> dict:
     """Returns what circle.timed() says of a flight at a rate of the controller (Hz)."""
     scenario = _scenario(rate)
     return circle.timed(
-        flight(scenario), controller="GeometricController",
+        flight(scenario),
+        controller="GeometricController",
         besides="contact, referee, noise of the state, filter, rotor monitor",
-        position_hz=rate, attitude_hz=rate,
-        physics_hz=round(1.0 / scenario.plant_config.time_step), integrator="MultibodyPlant",
+        position_hz=rate,
+        attitude_hz=rate,
+        physics_hz=round(1.0 / scenario.plant_config.time_step),
+        integrator="MultibodyPlant",
     )
 
 

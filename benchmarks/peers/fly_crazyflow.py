@@ -1,6 +1,6 @@
 """crazyflow's Crazyflie on the circle, under crazyflow's Mellinger controller, on the CPU.
 
-    PYTHON_WITH_CRAZYFLOW -m benchmarks.peers.fly_crazyflow
+PYTHON_WITH_CRAZYFLOW -m benchmarks.peers.fly_crazyflow
 """
 
 from importlib.metadata import version
@@ -24,11 +24,18 @@ def main() -> None:
         (compiled, 100, "all compiled, commands known beforehand"),
     ):
         sim = on_the_circle()
-        rows.append(circle.timed(
-            fly(sim), laps=laps, controller="Mellinger", besides=besides,
-            position_hz=sim.control_freq, attitude_hz=sim.data.controls.attitude.freq,
-            physics_hz=sim.freq, integrator=f"{sim.integrator}",
-        ))
+        rows.append(
+            circle.timed(
+                fly(sim),
+                laps=laps,
+                controller="Mellinger",
+                besides=besides,
+                position_hz=sim.control_freq,
+                attitude_hz=sim.data.controls.attitude.freq,
+                physics_hz=sim.freq,
+                integrator=f"{sim.integrator}",
+            )
+        )
     circle.report(f"crazyflow {version('crazyflow')}", rows)
 
 
@@ -37,16 +44,19 @@ def on_the_circle() -> Sim:
     sim = Sim(control=Control.state)
     position, velocity = (jnp.array(row)[None, None] for row in circle.derivatives(0.0)[:2])
     states = sim.data.states
-    sim.data = sim.data.replace(states=states.replace(
-        pos=position.astype(states.pos.dtype), vel=velocity.astype(states.vel.dtype)))
+    sim.data = sim.data.replace(
+        states=states.replace(
+            pos=position.astype(states.pos.dtype), vel=velocity.astype(states.vel.dtype)
+        )
+    )
     return sim
 
 
 def command(time: float) -> np.ndarray:
     """Returns the state to be in at a time (s), of one world and one drone, (1, 1, 16)."""
-    return np.concatenate([
-        *circle.derivatives(time)[:3], [0.0, 0.0, 0.0, 1.0], np.zeros(3),
-    ]).astype(np.float32)[None, None]
+    return np.concatenate(
+        [*circle.derivatives(time)[:3], [0.0, 0.0, 0.0, 1.0], np.zeros(3)]
+    ).astype(np.float32)[None, None]
 
 
 def stepped(sim: Sim):
@@ -82,7 +92,8 @@ def compiled(sim: Sim):
     def fly(start, end):
         times = np.arange(round(start * rate), round(end * rate)) / rate
         sim.data, seen = jax.block_until_ready(
-            laps(sim.data, np.array([command(time) for time in times])))
+            laps(sim.data, np.array([command(time) for time in times]))
+        )
         return times + 1.0 / rate, np.array(seen)
 
     return fly

@@ -1,6 +1,6 @@
 """rotorpy's Hummingbird on the circle, under rotorpy's SE(3) controller.
 
-    PYTHON_WITH_ROTORPY -m benchmarks.peers.fly_rotorpy
+PYTHON_WITH_ROTORPY -m benchmarks.peers.fly_rotorpy
 """
 
 from importlib.metadata import version
@@ -19,24 +19,39 @@ from benchmarks.peers import circle
 def main() -> None:
     """Flies at rotorpy's own rate and at five times that, with sensors and without."""
     circle.on_one_core()
-    circle.report(f"rotorpy {version('rotorpy')}", [
-        circle.timed(
-            fly(rate), controller="SE3Control", besides=besides, position_hz=rate,
-            attitude_hz=rate, physics_hz=rate, integrator="RK45",
-        )
-        for rate in (100, 500)
-        for fly, besides in ((with_sensors, "drag, IMU, motion capture, log"), (alone, "drag"))
-    ])
+    circle.report(
+        f"rotorpy {version('rotorpy')}",
+        [
+            circle.timed(
+                fly(rate),
+                controller="SE3Control",
+                besides=besides,
+                position_hz=rate,
+                attitude_hz=rate,
+                physics_hz=rate,
+                integrator="RK45",
+            )
+            for rate in (100, 500)
+            for fly, besides in ((with_sensors, "drag, IMU, motion capture, log"), (alone, "drag"))
+        ],
+    )
 
 
 def parts():
     """Returns vehicle, controller, trajectory, and the state on the circle at its start."""
     hover = np.sqrt(quad_params["mass"] * 9.81 / 4.0 / quad_params["k_eta"])
     position, velocity = circle.derivatives(0.0)[:2]
-    state = {"x": position, "v": velocity, "q": np.array([0.0, 0.0, 0.0, 1.0]),
-             "w": np.zeros(3), "wind": np.zeros(3), "rotor_speeds": np.full(4, hover)}
+    state = {
+        "x": position,
+        "v": velocity,
+        "q": np.array([0.0, 0.0, 0.0, 1.0]),
+        "w": np.zeros(3),
+        "wind": np.zeros(3),
+        "rotor_speeds": np.full(4, hover),
+    }
     trajectory = ThreeDCircularTraj(
-        center=np.array([0.0, 0.0, circle.HEIGHT]), freq=np.full(3, 1.0 / circle.PERIOD),
+        center=np.array([0.0, 0.0, circle.HEIGHT]),
+        freq=np.full(3, 1.0 / circle.PERIOD),
         radius=np.array([circle.RADIUS, circle.RADIUS, 0.0]),
     )
     return Multirotor(quad_params, state), SE3Control(quad_params), trajectory, state
@@ -51,8 +66,20 @@ def with_sensors(rate: float):
         # Time starts anew in each part: the circle, whole laps later, is the same.
         nonlocal state
         times, states, *_ = simulate(
-            e.world, state, vehicle, controller, trajectory, e.wind_profile, e.imu, e.mocap,
-            e.estimator, end - start, 1.0 / rate, e.safety_margin, False, terminate=False,
+            e.world,
+            state,
+            vehicle,
+            controller,
+            trajectory,
+            e.wind_profile,
+            e.imu,
+            e.mocap,
+            e.estimator,
+            end - start,
+            1.0 / rate,
+            e.safety_margin,
+            False,
+            terminate=False,
         )
         state = {name: values[-1] for name, values in states.items()}
         return times, states["x"]

@@ -31,28 +31,58 @@ def flight(time):
 def crossings(laps):
     """GateCrossings at even times."""
     step = LAP / GATES
-    return [GateCrossing(time=FIRST + k * step, gate=k % GATES + 1, lap=k // GATES + 1,
-                         offset=0.1, max_speed=20.0) for k in range(laps * GATES + 1)]
+    return [
+        GateCrossing(
+            time=FIRST + k * step,
+            gate=k % GATES + 1,
+            lap=k // GATES + 1,
+            offset=0.1,
+            max_speed=20.0,
+        )
+        for k in range(laps * GATES + 1)
+    ]
 
 
 def race_json(laps, finished=True):
     """What race.json holds of the run."""
     flown = crossings(laps)
     return {
-        "track": "student-airrace", "drone": "Default", "trajectory": "6",
-        "seed": 0, "rotor_failures": [], "finished": finished,
+        "track": "student-airrace",
+        "drone": "Default",
+        "trajectory": "6",
+        "seed": 0,
+        "rotor_failures": [],
+        "finished": finished,
         "dnf_reason": None if finished else "touched <pylon_3_left>",
-        "exploration": {"success": True, "time_s": 1.5, "gates_found": GATES, "events": [
-            {"time_s": 0.0, "state": "CALIBRATE", "reason": "power on"},
-            {"time_s": 0.5, "state": "TAKE_OFF", "reason": "level"}]},
-        "laps": [{
-            "lap": k + 1, "start_s": flown[GATES * k].time, "time_s": LAP,
-            "gate_times_s": [LAP / GATES * i for i in range(GATES)],
-            "gate_offsets_m": [0.1] * GATES, "max_speed": 20.0, "map_rms_m": MAP_ERROR,
-            "plan": {"duration_s": LAP - 0.2, "max_speed": 20.0,
-                     "max_acceleration": 10.0, "max_rotor_thrust": 5.0},
-        } for k in range(laps)],
-        "mean_lap_s": LAP if laps else None, "best_lap_s": LAP if laps else None,
+        "exploration": {
+            "success": True,
+            "time_s": 1.5,
+            "gates_found": GATES,
+            "events": [
+                {"time_s": 0.0, "state": "CALIBRATE", "reason": "power on"},
+                {"time_s": 0.5, "state": "TAKE_OFF", "reason": "level"},
+            ],
+        },
+        "laps": [
+            {
+                "lap": k + 1,
+                "start_s": flown[GATES * k].time,
+                "time_s": LAP,
+                "gate_times_s": [LAP / GATES * i for i in range(GATES)],
+                "gate_offsets_m": [0.1] * GATES,
+                "max_speed": 20.0,
+                "map_rms_m": MAP_ERROR,
+                "plan": {
+                    "duration_s": LAP - 0.2,
+                    "max_speed": 20.0,
+                    "max_acceleration": 10.0,
+                    "max_rotor_thrust": 5.0,
+                },
+            }
+            for k in range(laps)
+        ],
+        "mean_lap_s": LAP if laps else None,
+        "best_lap_s": LAP if laps else None,
         "collisions": 0,
         "wall": {"simulation": "SITL", "seconds": 1.0, "real_time_factor": 1.0},
     }
@@ -60,11 +90,20 @@ def race_json(laps, finished=True):
 
 def made_up_map(time):
     """A GateMap of all boards, each off by MAP_ERROR."""
-    return GateMap(time, tuple(
-        MarkerEstimate(id=board.id, count=7, outliers=1, normal=np.array([1.0, 0, 0]),
-                       p_WM=board.X_WM.translation() + [MAP_ERROR, 0, 0],
-                       variance=np.full(3, 1e-4))
-        for board in load_track("student-airrace").boards()))
+    return GateMap(
+        time,
+        tuple(
+            MarkerEstimate(
+                id=board.id,
+                count=7,
+                outliers=1,
+                normal=np.array([1.0, 0, 0]),
+                p_WM=board.X_WM.translation() + [MAP_ERROR, 0, 0],
+                variance=np.full(3, 1e-4),
+            )
+            for board in load_track("student-airrace").boards()
+        ),
+    )
 
 
 def write_log(log, laps):
@@ -82,19 +121,34 @@ def write_log(log, laps):
         log.write("/reference/acceleration", time, messages.vector3([1.0, 2.0, 3.0]))
         log.write("/rotors/measured", time, messages.rotors(time, [40.0] * 4, [1e-3] * 4))
         log.write("/rotors/command", time, messages.rotors(time, [50.0] * 4, [1e-3] * 4))
-    marker = Detection(id=5, corners=np.zeros((4, 2)), X_CM=RigidTransform([0.0, 3.0, 4.0]),
-                       reprojection_error=0.1)
-    log.write("/detections", 1.04, data.detections_data(
-        Detections(1.0, (marker,), (("image too dark", None),))))
+    marker = Detection(
+        id=5, corners=np.zeros((4, 2)), X_CM=RigidTransform([0.0, 3.0, 4.0]), reprojection_error=0.1
+    )
+    log.write(
+        "/detections",
+        1.04,
+        data.detections_data(Detections(1.0, (marker,), (("image too dark", None),))),
+    )
     for crossing in crossings(laps):
         log.write("/referee/crossings", crossing.time, data.crossing_data(crossing))
         if crossing.gate == 1:
             log.write("/map", crossing.time + 0.01, data.full_map_data(made_up_map(crossing.time)))
     samples = {name: [0.0, 1.0] for name in data.PLAN_COLUMNS}
-    log.write("/plan", 1.0, {
-        "lap": 1, "start_time": 1.0, "entry_duration": 1.0, "phase": 0.0, "duration": LAP - 0.2,
-        "gate_times": np.linspace(0.0, LAP - 0.2, GATES + 1).tolist(), "step": 0.02,
-        "entry": samples, "circuit": samples})
+    log.write(
+        "/plan",
+        1.0,
+        {
+            "lap": 1,
+            "start_time": 1.0,
+            "entry_duration": 1.0,
+            "phase": 0.0,
+            "duration": LAP - 0.2,
+            "gate_times": np.linspace(0.0, LAP - 0.2, GATES + 1).tolist(),
+            "step": 0.02,
+            "entry": samples,
+            "circuit": samples,
+        },
+    )
     log.write("/explorer", 0.0, messages.log(0.0, "CALIBRATE", "power on"))
     log.write("/explorer", 0.5, messages.log(0.5, "TAKE_OFF", "level: taking off"))
 

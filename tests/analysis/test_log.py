@@ -32,17 +32,21 @@ def test_all_of_it(log):
 def test_a_file_that_ends_anywhere_is_read_up_to_there(log, tmp_path_factory, share):
     whole = log.read_bytes()
     cut = tmp_path_factory.mktemp("cut") / "race.mcap"
-    cut.write_bytes(whole[:max(8, int(share * len(whole)))])
+    cut.write_bytes(whole[: max(8, int(share * len(whole)))])
     times = [time for _, time, _ in read_log(cut)]
     assert times == list(range(len(times)))
     assert len(times) >= 20 * share - 10  # the rest is the index
     assert is_complete(cut) == (share == 1.0)
 
 
-@pytest.mark.parametrize("content, words", [
-    (None, "cannot be read .No such file.*--record light or full"),
-    (b"", "is no MCAP file"), (b"PNG", "is no MCAP file"),
-])
+@pytest.mark.parametrize(
+    "content, words",
+    [
+        (None, "cannot be read .No such file.*--record light or full"),
+        (b"", "is no MCAP file"),
+        (b"PNG", "is no MCAP file"),
+    ],
+)
 def test_what_is_no_log(tmp_path, content, words):
     if content is not None:
         (tmp_path / "race.mcap").write_bytes(content)

@@ -12,8 +12,16 @@ from airrace.analysis.report import main, make_report, write_report
 from airrace.errors import UserError
 from tests.analysis.made_up_run import FIRST, GATES, LAP, MAP_ERROR, make_run
 
-SECTIONS = ["Laps", "The track from above", "Where time was lost", "Gates", "The map", "Tracking",
-            "Rotors", "What the explorer did"]
+SECTIONS = [
+    "Laps",
+    "The track from above",
+    "Where time was lost",
+    "Gates",
+    "The map",
+    "Tracking",
+    "Rotors",
+    "What the explorer did",
+]
 
 
 @pytest.fixture(scope="module")

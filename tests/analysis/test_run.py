@@ -40,8 +40,9 @@ def test_states_are_in_the_world_frame(run):
         assert row.time == pytest.approx(3.0)
         np.testing.assert_allclose(row[["x", "y", "z"]].astype(float), p, atol=1e-5)
         np.testing.assert_allclose(row[["vx", "vy", "vz"]].astype(float), v, atol=1e-4)
-        np.testing.assert_allclose(row[["wx", "wy", "wz"]].astype(float), [0, 0, TURN_RATE],
-                                   atol=1e-6)
+        np.testing.assert_allclose(
+            row[["wx", "wy", "wz"]].astype(float), [0, 0, TURN_RATE], atol=1e-6
+        )
         assert row.speed == pytest.approx(RADIUS * TURN_RATE)
         assert (row.roll, row.pitch) == pytest.approx((0, 0), abs=1e-6)
         turn = TURN_RATE * (3.0 - FIRST) + np.pi / 2 - row.yaw
@@ -64,7 +65,8 @@ def test_tracking_is_the_distance_from_the_reference(run):
     assert run.reference[["ax", "ay", "az"]].iloc[0].tolist() == [1.0, 2.0, 3.0]
     at = np.abs(run.reference.time - 3.0).idxmin()
     np.testing.assert_allclose(
-        run.reference.loc[at, ["vx", "vy", "vz"]].astype(float), flight(3.0)[1], atol=1e-4)
+        run.reference.loc[at, ["vx", "vy", "vz"]].astype(float), flight(3.0)[1], atol=1e-4
+    )
 
 
 def test_rotors_are_tidy(run):
@@ -97,10 +99,12 @@ def test_the_rest(run):
 def test_export_and_back(run, folder, tmp_path, capsys, format, read):
     assert main([str(folder), "--export", str(tmp_path / "out"), "--format", format]) == 0
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
-        f"{name}.{format}" for name in run.columns}
+        f"{name}.{format}" for name in run.columns
+    }
     for name in ("state", "map", "events", "laps"):
-        pd.testing.assert_frame_equal(read(tmp_path / "out" / f"{name}.{format}"),
-                                      run.tables[name], check_dtype=False)
+        pd.testing.assert_frame_equal(
+            read(tmp_path / "out" / f"{name}.{format}"), run.tables[name], check_dtype=False
+        )
     assert "tables" in capsys.readouterr().out
 
 
@@ -131,7 +135,8 @@ def test_what_was_raced_is_in_the_log(tmp_path):
     (tmp_path / "gone.yaml").write_text(text)
     scenario = (folder / "scenario.yaml").read_text()
     (folder / "scenario.yaml").write_text(
-        scenario.replace("student-airrace", str(tmp_path / "gone.yaml")))
+        scenario.replace("student-airrace", str(tmp_path / "gone.yaml"))
+    )
     log = RaceLog(folder / "race.mcap")
     log.attach("track.yaml", text)
     log.close()
@@ -142,13 +147,16 @@ def test_what_was_raced_is_in_the_log(tmp_path):
         load_run(folder)
 
 
-@pytest.mark.parametrize("name, text, words", [
-    ("race.json", None, "race.json cannot be read .No such file.*; name the folder"),
-    ("race.json", "{}", "is no race.json; name the folder"),
-    ("race.json", "[", "is no race.json; name the folder"),
-    ("scenario.yaml", None, "scenario.yaml"),
-    ("race.mcap", "nothing", "race.mcap is no MCAP file"),
-])
+@pytest.mark.parametrize(
+    "name, text, words",
+    [
+        ("race.json", None, "race.json cannot be read .No such file.*; name the folder"),
+        ("race.json", "{}", "is no race.json; name the folder"),
+        ("race.json", "[", "is no race.json; name the folder"),
+        ("scenario.yaml", None, "scenario.yaml"),
+        ("race.mcap", "nothing", "race.mcap is no MCAP file"),
+    ],
+)
 def test_bad_folders(tmp_path, capsys, name, text, words):
     folder = make_run(tmp_path / "run", laps=1)
     (folder / name).unlink()

@@ -21,15 +21,28 @@ async def serve(folder: str, home: str, path: str) -> None:
 
     async def run(process):
         child = await asyncio.create_subprocess_shell(
-            process.command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE, env=environment, cwd=home, start_new_session=True)
+            process.command,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            env=environment,
+            cwd=home,
+            start_new_session=True,
+        )
         await process.redirect(stdin=child.stdin, stdout=child.stdout, stderr=child.stderr)
         process.exit(await child.wait())
 
     await asyncssh.listen(
-        "", 22, server_host_keys=[f"{folder}/host_key"],
-        authorized_client_keys=f"{folder}/authorized_keys", password_auth=False,
-        process_factory=run, sftp_factory=True, encoding=None, allow_scp=False)
+        "",
+        22,
+        server_host_keys=[f"{folder}/host_key"],
+        authorized_client_keys=f"{folder}/authorized_keys",
+        password_auth=False,
+        process_factory=run,
+        sftp_factory=True,
+        encoding=None,
+        allow_scp=False,
+    )
     await asyncio.Event().wait()
 
 

@@ -37,8 +37,7 @@ def open_tap(namespace: str, device: str) -> int:
     """Returns a file descriptor of a tap device that a namespace has."""
     with in_namespace(namespace):
         tap = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
-        fcntl.ioctl(tap, _TUNSETIFF,
-                    struct.pack("16sH", device.encode(), _IFF_TAP | _IFF_NO_PI))
+        fcntl.ioctl(tap, _TUNSETIFF, struct.pack("16sH", device.encode(), _IFF_TAP | _IFF_NO_PI))
     return tap
 
 

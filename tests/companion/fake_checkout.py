@@ -43,15 +43,16 @@ for i in range(6000):
 '''
 
 
-def make_wheel(folder: Path, name: str, version: str, files: dict[str, str],
-               tag: str = "py3-none-any") -> Path:
+def make_wheel(
+    folder: Path, name: str, version: str, files: dict[str, str], tag: str = "py3-none-any"
+) -> Path:
     """Makes a wheel of some files, and returns it."""
     info = f"{name}-{version}.dist-info"
     files = {
         **files,
         f"{info}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n",
         f"{info}/WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\n"
-                         f"Tag: {tag}\n",
+        f"Tag: {tag}\n",
     }
     record = "".join(f"{path},sha256={_digest(text)},{len(text)}\n" for path, text in files.items())
     files[f"{info}/RECORD"] = f"{record}{info}/RECORD,,\n"
@@ -84,9 +85,9 @@ def make_checkout(folder: Path, drake: str = "") -> tuple[Path, Path]:
     """
     checkout, wheels = folder / "checkout", folder / "wheels"
     wheels.mkdir(parents=True)
-    wheel = make_wheel(wheels, "drake", "1.58.0", {
-        "pydrake/__init__.py": "", "pydrake/common.py": drake,
-    })
+    wheel = make_wheel(
+        wheels, "drake", "1.58.0", {"pydrake/__init__.py": "", "pydrake/common.py": drake}
+    )
     (checkout / "airrace" / "diagrams").mkdir(parents=True)
     (checkout / "models").mkdir()
     for name in ("pyproject.toml", "README.md", "LICENSE", "models/package.xml"):

@@ -31,7 +31,7 @@ def listen(bus: lcm.LCM, channels) -> dict:
 def spoil(data: bytes, rng: random.Random) -> bytes:
     """Returns a message with an end torn off, or some bytes of another value."""
     if rng.random() < 0.5:
-        return data[:rng.randrange(len(data))]
+        return data[: rng.randrange(len(data))]
     spoilt = bytearray(data)
     for _ in range(rng.randint(1, 4)):
         spoilt[rng.randrange(len(data))] ^= rng.randint(1, 255)

@@ -8,15 +8,18 @@ from airrace.companion.address import Address, parse_address
 from airrace.errors import UserError
 
 
-@pytest.mark.parametrize("text, user, host, port", [
-    ("pilot@10.0.0.2", "pilot", "10.0.0.2", None),
-    ("pilot@jetson.local:2222", "pilot", "jetson.local", 2222),
-    ("pilot@fe80::2", "pilot", "fe80::2", None),
-    ("pilot@fe80::2%eth0", "pilot", "fe80::2%eth0", None),
-    ("pilot@[fe80::2%eth0]:22", "pilot", "fe80::2%eth0", 22),
-    ("pilot@[::1]", "pilot", "::1", None),
-    ("p.i-l_ot@board_1", "p.i-l_ot", "board_1", None),
-])
+@pytest.mark.parametrize(
+    "text, user, host, port",
+    [
+        ("pilot@10.0.0.2", "pilot", "10.0.0.2", None),
+        ("pilot@jetson.local:2222", "pilot", "jetson.local", 2222),
+        ("pilot@fe80::2", "pilot", "fe80::2", None),
+        ("pilot@fe80::2%eth0", "pilot", "fe80::2%eth0", None),
+        ("pilot@[fe80::2%eth0]:22", "pilot", "fe80::2%eth0", 22),
+        ("pilot@[::1]", "pilot", "::1", None),
+        ("p.i-l_ot@board_1", "p.i-l_ot", "board_1", None),
+    ],
+)
 def test_parses(text, user, host, port):
     address = parse_address(text)
     assert address == Address(user, host, port)
@@ -27,13 +30,37 @@ def test_local():
     assert parse_address("local") is None
 
 
-@pytest.mark.parametrize("text", [
-    "", "10.0.0.2", "@10.0.0.2", "pilot@", "pilot@:22", "pilot@host:", "pilot@host:0",
-    "pilot@host:65536", "pilot@host:ssh", "pilot@host:-1", "pilot@-oProxyCommand=x",
-    "-l@host", "pilot@ho st", "pilot@host;id", "pilot@$(id)", "pi'lot@host", "pilot@[host]:22",
-    "pilot@[::1]22", "pilot@[::1", "pilot@fe80::zz", "pilot@a@b@", "LOCAL", "pilot@host\n",
-    "pilot@fe80::1%a b", "pilot@..", "pilot@host:٢٢",
-])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "10.0.0.2",
+        "@10.0.0.2",
+        "pilot@",
+        "pilot@:22",
+        "pilot@host:",
+        "pilot@host:0",
+        "pilot@host:65536",
+        "pilot@host:ssh",
+        "pilot@host:-1",
+        "pilot@-oProxyCommand=x",
+        "-l@host",
+        "pilot@ho st",
+        "pilot@host;id",
+        "pilot@$(id)",
+        "pi'lot@host",
+        "pilot@[host]:22",
+        "pilot@[::1]22",
+        "pilot@[::1",
+        "pilot@fe80::zz",
+        "pilot@a@b@",
+        "LOCAL",
+        "pilot@host\n",
+        "pilot@fe80::1%a b",
+        "pilot@..",
+        "pilot@host:٢٢",
+    ],
+)
 def test_refuses_in_one_sentence(text):
     with pytest.raises(UserError) as e:
         parse_address(text)

@@ -23,8 +23,10 @@ def index(tmp_path, monkeypatch):
 
 def wheels(index, tags):
     """Makes wheels of a package for each tag of {name: [tag, ...]}; returns them."""
-    return {name: [make_wheel(index, name, "1.0", {f"{name}.py": ""}, tag) for tag in its]
-            for name, its in tags.items()}
+    return {
+        name: [make_wheel(index, name, "1.0", {f"{name}.py": ""}, tag) for tag in its]
+        for name, its in tags.items()
+    }
 
 
 def write_lock(path, made, marker=None):
@@ -47,10 +49,14 @@ def row(output, name):
 
 
 def test_all_there(index, tmp_path, capsys):
-    made = wheels(index, {
-        "pure": ["py3-none-any"], "stable": ["cp37-abi3-manylinux2014_aarch64"],
-        "compiled": [ARM, INTEL],
-    })
+    made = wheels(
+        index,
+        {
+            "pure": ["py3-none-any"],
+            "stable": ["cp37-abi3-manylinux2014_aarch64"],
+            "compiled": [ARM, INTEL],
+        },
+    )
     write_lock(tmp_path / "lock", made)
     assert main(["--lock", str(tmp_path / "lock"), "--python", "3.12"]) == 0
     output = capsys.readouterr().out
@@ -60,16 +66,23 @@ def test_all_there(index, tmp_path, capsys):
 
 
 def test_missing_ones_are_named(index, tmp_path, capsys):
-    made = wheels(index, {
-        "pure": ["py3-none-any"], "intel": [INTEL],
-        "young": ["cp312-cp312-manylinux_2_39_aarch64"],
-        "old": ["cp311-cp311-manylinux_2_28_aarch64"],
-        "muslc": ["cp312-cp312-musllinux_1_2_aarch64"],
-        "elsewhere": [INTEL], "windows": ["cp312-cp312-win_amd64"],
-    })
-    write_lock(tmp_path / "lock", made, {
-        "elsewhere": "platform_machine != 'aarch64'", "windows": "sys_platform == 'win32'",
-    })
+    made = wheels(
+        index,
+        {
+            "pure": ["py3-none-any"],
+            "intel": [INTEL],
+            "young": ["cp312-cp312-manylinux_2_39_aarch64"],
+            "old": ["cp311-cp311-manylinux_2_28_aarch64"],
+            "muslc": ["cp312-cp312-musllinux_1_2_aarch64"],
+            "elsewhere": [INTEL],
+            "windows": ["cp312-cp312-win_amd64"],
+        },
+    )
+    write_lock(
+        tmp_path / "lock",
+        made,
+        {"elsewhere": "platform_machine != 'aarch64'", "windows": "sys_platform == 'win32'"},
+    )
     assert main(["--lock", str(tmp_path / "lock"), "--python", "3.12"]) == 1
     output = capsys.readouterr().out
     assert "No wheel for aarch64: intel, muslc, old, young\n" in output
@@ -97,7 +110,9 @@ def test_download(index, tmp_path, capsys):
     folder = tmp_path / "wheels"
     assert main(["--lock", str(tmp_path / "lock"), "--download", str(folder)]) == 0
     assert {path.name for path in folder.iterdir()} == {
-        "pure-1.0-py3-none-any.whl", f"compiled-1.0-{ARM}.whl"}
+        "pure-1.0-py3-none-any.whl",
+        f"compiled-1.0-{ARM}.whl",
+    }
     made["compiled"][0].unlink()
     assert main(["--lock", str(tmp_path / "lock"), "--download", str(folder / "2")]) == 2
     assert "compiled has no wheel" in capsys.readouterr().err
@@ -120,6 +135,10 @@ def test_requirements_lock_is_read():
 
 
 def test_help_teaches():
-    done = subprocess.run([sys.executable, "-m", "airrace.companion.arm_wheels", "--help"],
-                          capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-m", "airrace.companion.arm_wheels", "--help"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     assert done.returncode == 0 and "--download wheels" in done.stdout

@@ -14,7 +14,7 @@ from airrace.errors import UserError
 from tests.companion.conftest import ADDRESS
 from tests.companion.tiny_autonomy import start
 
-LOST = ("airrace: the ssh connection was lost; the race goes on as long as its messages come")
+LOST = "airrace: the ssh connection was lost; the race goes on as long as its messages come"
 
 
 @pytest.fixture
@@ -26,8 +26,9 @@ def impatient(monkeypatch):
 
 def programs(hosts, word):
     """Returns the processes on the companion that have a word in their command line."""
-    pids = subprocess.run(["ip", "netns", "pids", hosts.companion], capture_output=True,
-                          text=True).stdout.split()
+    pids = subprocess.run(
+        ["ip", "netns", "pids", hosts.companion], capture_output=True, text=True
+    ).stdout.split()
     return [int(pid) for pid in pids if word in _command_line(pid)]
 
 
@@ -42,7 +43,6 @@ def cut_connections(hosts):
     """Kills the server's side of all ssh connections, but not the server."""
     for pid in programs(hosts, "sshd: root"):
         os.kill(pid, signal.SIGKILL)
-
 
 
 def test_runs_on_and_is_stopped_through_another_connection(hosts, companion, tmp_path):

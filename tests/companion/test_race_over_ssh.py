@@ -27,7 +27,8 @@ from tests.companion.fake_checkout import ROOT
 from tests.diagrams.conftest import hexagon  # noqa: F401  # a fixture
 
 long_test = pytest.mark.skipif(
-    not os.environ.get("AIRRACE_LONG_TESTS"), reason="takes minutes: set AIRRACE_LONG_TESTS=1")
+    not os.environ.get("AIRRACE_LONG_TESTS"), reason="takes minutes: set AIRRACE_LONG_TESTS=1"
+)
 PATIENCE = 600.0  # s
 # s into the second lap: there it may go straight on, as it does when it is alone and brakes,
 # without meeting a pylon. (When the first begins, depends on how long its plan takes.)
@@ -59,9 +60,22 @@ def race(output, *options, meanwhile=lambda said: None):
     """
     said = []
     with subprocess.Popen(
-            [sys.executable, "-m", "airrace.diagrams.race", "--no-meshcat", "--laps", "1",
-             "--output", str(output), *options], stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, text=True, env={**ENVIRONMENT, "HOME": _home()}) as program:
+        [
+            sys.executable,
+            "-m",
+            "airrace.diagrams.race",
+            "--no-meshcat",
+            "--laps",
+            "1",
+            "--output",
+            str(output),
+            *options,
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**ENVIRONMENT, "HOME": _home()},
+    ) as program:
         patience = threading.Timer(PATIENCE, program.kill)
         patience.start()
         try:
@@ -73,24 +87,32 @@ def race(output, *options, meanwhile=lambda said: None):
             program.terminate()
     file = output / "race.json"
     return types.SimpleNamespace(returncode=program.returncode, said="".join(said)), (
-        json.loads(file.read_text()) if file.exists() else None)
+        json.loads(file.read_text()) if file.exists() else None
+    )
 
 
 def _home():
     return os.environ["HOME"]  # the workstation's, which has the key
 
 
-@pytest.mark.parametrize("time_limit", [
-    5.0, pytest.param(600.0, marks=long_test),
-], ids=["start", "whole"])
+@pytest.mark.parametrize(
+    "time_limit", [5.0, pytest.param(600.0, marks=long_test)], ids=["start", "whole"]
+)
 def test_race_in_lockstep(board, hexagon, tmp_path, time_limit):  # noqa: F811
     """As SITL to the last bit, however busy the machine is."""
-    options = ["-t", "3", "--track", hexagon,
-               "--scenario_text", f"{{referee: {{time_limit: {time_limit}}}}}"]
+    options = [
+        "-t",
+        "3",
+        "--track",
+        hexagon,
+        "--scenario_text",
+        f"{{referee: {{time_limit: {time_limit}}}}}",
+    ]
     done, sitl = race(tmp_path / "sitl", *options)
     assert sitl is not None, done.said
-    done, result = race(tmp_path / "hitl", *options, "-s", "HITL", "--lockstep",
-                        "--companion", str(ADDRESS))
+    done, result = race(
+        tmp_path / "hitl", *options, "-s", "HITL", "--lockstep", "--companion", str(ADDRESS)
+    )
     assert sitl["finished"] == (time_limit > 5.0)
     assert done.returncode == (0 if sitl["finished"] else 1), done.said
     for each in (sitl, result):
@@ -100,15 +122,28 @@ def test_race_in_lockstep(board, hexagon, tmp_path, time_limit):  # noqa: F811
     (package,) = (board.home / ".cache/airrace/packages").iterdir()
     assert package.name == source_digest(ROOT)
     assert not list((board.home / ".cache/airrace/runs").iterdir())
-    logs = [path for path in Path(tmp_path / "hitl").rglob("autonomy.log")]
+    logs = list(Path(tmp_path / "hitl").rglob("autonomy.log"))
     assert len(logs) == 1 and "airrace: autonomy ready" in logs[0].read_text()
 
 
 def test_interrupted_race_leaves_nothing_running(board, tmp_path):
     with subprocess.Popen(
-        [sys.executable, "-m", "airrace.diagrams.race", "--no-meshcat", "-s", "HITL", "--lockstep",
-         "--companion", str(ADDRESS), "--output", str(tmp_path / "out")],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        [
+            sys.executable,
+            "-m",
+            "airrace.diagrams.race",
+            "--no-meshcat",
+            "-s",
+            "HITL",
+            "--lockstep",
+            "--companion",
+            str(ADDRESS),
+            "--output",
+            str(tmp_path / "out"),
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
         env={**ENVIRONMENT, "HOME": _home()},
     ) as program:
         said = []
@@ -122,10 +157,10 @@ def test_interrupted_race_leaves_nothing_running(board, tmp_path):
         program.stdout.read()
         assert program.wait(60) == 1
     assert "interrupted" in json.loads((tmp_path / "out/race.json").read_text())["dnf_reason"]
-    listed = subprocess.run(["ip", "netns", "pids", board.companion], capture_output=True,
-                            text=True).stdout.split()
-    assert not [pid for pid in listed
-                if b"airrace" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    listed = subprocess.run(
+        ["ip", "netns", "pids", board.companion], capture_output=True, text=True
+    ).stdout.split()
+    assert not [pid for pid in listed if b"airrace" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
 
 @pytest.fixture(scope="module")
@@ -135,9 +170,9 @@ def reference_lap(tmp_path_factory):
 
 
 @long_test
-@pytest.mark.parametrize("bad", [
-    None, {"delay": 20, "jitter": 5, "loss": 1},
-], ids=["cable", "bad-cable"])
+@pytest.mark.parametrize(
+    "bad", [None, {"delay": 20, "jitter": 5, "loss": 1}], ids=["cable", "bad-cable"]
+)
 def test_reference_race(board, reference_lap, tmp_path, bad):
     with board.bad_cable(**bad) if bad else contextlib.nullcontext():
         done, result = race(tmp_path / "hitl", "-s", "HITL", "--companion", str(ADDRESS))
@@ -151,6 +186,7 @@ def test_reference_race(board, reference_lap, tmp_path, bad):
 @pytest.mark.parametrize("pulled", [0.2, 1.0, 5.0])
 def test_a_cable_that_is_pulled_in_mid_lap(board, hexagon, tmp_path, pulled):  # noqa: F811
     """For a moment: nothing but a hold. For a second: a hover, and on. For good: down."""
+
     def meanwhile(line):
         if "lap 1:" in line:
             time.sleep(LAPPING)
@@ -158,8 +194,18 @@ def test_a_cable_that_is_pulled_in_mid_lap(board, hexagon, tmp_path, pulled):  #
             time.sleep(pulled)
             board.cable(plugged=True)
 
-    done, result = race(tmp_path / "hitl", "-s", "HITL", "--companion", str(ADDRESS),
-                        "--track", hexagon, "--laps", "3", meanwhile=meanwhile)
+    done, result = race(
+        tmp_path / "hitl",
+        "-s",
+        "HITL",
+        "--companion",
+        str(ADDRESS),
+        "--track",
+        hexagon,
+        "--laps",
+        "3",
+        meanwhile=meanwhile,
+    )
     assert result["finished"] == (pulled < 2.0), done.said[-3000:]
     assert result["collisions"] == 0 and result["exploration"]["success"]
     watchdog = result["wall"]["link"]["watchdog"]
@@ -175,12 +221,22 @@ def test_a_flood_changes_nothing(board, hexagon, tmp_path):  # noqa: F811
     calm = race(tmp_path / "sitl", "--track", hexagon)[1]
     names = [row.channel for row in make_channels(Scenario(track=hexagon))]
     flood = subprocess.Popen(
-        [sys.executable, str(Path(__file__).with_name("flood.py")),
-         default_url(str(ADDRESS)), ",".join(names), str(EACH), "1000"],
-        stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
+        [
+            sys.executable,
+            str(Path(__file__).with_name("flood.py")),
+            default_url(str(ADDRESS)),
+            ",".join(names),
+            str(EACH),
+            "1000",
+        ],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=ENVIRONMENT,
+    )
     with flood:
-        done, result = race(tmp_path / "hitl", "-s", "HITL", "--companion", str(ADDRESS),
-                            "--track", hexagon)
+        done, result = race(
+            tmp_path / "hitl", "-s", "HITL", "--companion", str(ADDRESS), "--track", hexagon
+        )
         flood.kill()
         assert flood.stdout.read() == "heard\nsent\n"
     assert done.returncode == 0, done.said[-3000:]

@@ -18,8 +18,12 @@ class Job(subprocess.Popen):
     """A job of airrace.companion.remote, started with nothing but the standard library."""
 
     def __init__(self, **job):
-        super().__init__([sys.executable, "-I", "-S", "-c", _START, str(_TOOLS.parent)],
-                         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        super().__init__(
+            [sys.executable, "-I", "-S", "-c", _START, str(_TOOLS.parent)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
         self.stdin.write(json.dumps(job) + "\n")
         self.stdin.flush()
 
@@ -44,9 +48,16 @@ def cache(tmp_path):
 def run(cache, source, **more):
     """Starts the job that runs an autonomy of this source."""
     (cache / "packages/p/airrace/diagrams/hitl.py").write_text(source)
-    return Job(do="run", cache=str(cache), environment="e", package="p",
-               folder=str(cache / "runs/r"), udp_port=None,
-               arguments=["-S", "-m", "airrace.diagrams.hitl"], **more)
+    return Job(
+        do="run",
+        cache=str(cache),
+        environment="e",
+        package="p",
+        folder=str(cache / "runs/r"),
+        udp_port=None,
+        arguments=["-S", "-m", "airrace.diagrams.hitl"],
+        **more,
+    )
 
 
 def test_autonomy_is_run_and_told_to_end(cache):
@@ -96,25 +107,28 @@ def test_output_that_is_no_text(cache):
         assert job.event() == {"event": "exit", "code": 0}
 
 
-@pytest.mark.parametrize("damage, environment, package", [
-    ([], False, False),
-    (["environments/e/complete"], True, False),
-    (["packages/p/complete"], False, True),
-    (["environments/e/bin/python"], True, False),
-])
+@pytest.mark.parametrize(
+    "damage, environment, package",
+    [
+        ([], False, False),
+        (["environments/e/complete"], True, False),
+        (["packages/p/complete"], False, True),
+        (["environments/e/bin/python"], True, False),
+    ],
+)
 def test_looks_for_what_is_missing(cache, damage, environment, package):
     for name in damage:
         (cache / name).unlink()
     with Job(do="look", cache=str(cache), environment="e", package="p") as job:
-        assert job.event() == {
-            "event": "missing", "environment": environment, "package": package}
+        assert job.event() == {"event": "missing", "environment": environment, "package": package}
 
 
 def test_set_ups_wait_for_one_another_and_end_with_the_connection(cache):
     with open(cache / "set-up.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        with Job(do="set-up", cache=str(cache), environment="e", package="p", room=0,
-                 offline=False) as job:
+        with Job(
+            do="set-up", cache=str(cache), environment="e", package="p", room=0, offline=False
+        ) as job:
             assert "waiting" in job.event()["text"]
             job.stdin.close()
             assert job.wait(5.0) == 1
@@ -122,12 +136,16 @@ def test_set_ups_wait_for_one_another_and_end_with_the_connection(cache):
 
 
 def test_set_up_takes_its_programs_along(tmp_path):
-    source = ("import sys; sys.path.insert(0, sys.argv[1]); from remote.set_up import _run; "
-              "from remote import set_up, events; "
-              "events.in_background(set_up.die_with_the_connection); "
-              "_run(['sh', '-c', 'echo $$ >' + sys.argv[2] + '; sleep 60'])")
-    with subprocess.Popen([sys.executable, "-I", "-c", source, str(_TOOLS.parent),
-                           str(tmp_path / "pid")], stdin=subprocess.PIPE) as job:
+    source = (
+        "import sys; sys.path.insert(0, sys.argv[1]); from remote.set_up import _run; "
+        "from remote import set_up, events; "
+        "events.in_background(set_up.die_with_the_connection); "
+        "_run(['sh', '-c', 'echo $$ >' + sys.argv[2] + '; sleep 60'])"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-I", "-c", source, str(_TOOLS.parent), str(tmp_path / "pid")],
+        stdin=subprocess.PIPE,
+    ) as job:
         wait_for(lambda: (tmp_path / "pid").exists() and (tmp_path / "pid").read_text())
         group = int((tmp_path / "pid").read_text())
         job.stdin.close()

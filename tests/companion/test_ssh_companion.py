@@ -27,8 +27,11 @@ def runs(hosts):
 
 
 def test_runs_and_brings_its_files_back(companion, hosts, tmp_path):
-    files = {"scenario.yaml": b"laps: 1\n", "my_team.py": b"WORD = 'ours'\n",
-             "drone/vehicle.yaml": bytes(range(256)) * 10_000}
+    files = {
+        "scenario.yaml": b"laps: 1\n",
+        "my_team.py": b"WORD = 'ours'\n",
+        "drone/vehicle.yaml": bytes(range(256)) * 10_000,
+    }
     autonomy, log = start(companion, "module", files=files)
     log.wait(autonomy, "ours")
     (folder,) = runs(hosts)
@@ -140,10 +143,14 @@ def test_one_race_at_a_time(companion, checkout):
 
 
 def test_port_in_use(companion, hosts):
-    script = ("import socket, time; s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM);"
-              "s.bind(('', 7667)); print(flush=True); time.sleep(60)")
-    with subprocess.Popen(["ip", "netns", "exec", hosts.companion, sys.executable, "-c", script],
-                          stdout=subprocess.PIPE) as program:
+    script = (
+        "import socket, time; s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM);"
+        "s.bind(('', 7667)); print(flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen(
+        ["ip", "netns", "exec", hosts.companion, sys.executable, "-c", script],
+        stdout=subprocess.PIPE,
+    ) as program:
         program.stdout.readline()
         words = ["--lcm_url", "udpm://239.255.76.67:7667?ttl=1"]
         with pytest.raises(UserError, match="UDP port 7667 is in use on 10.0.0.2 .*--lcm_url"):

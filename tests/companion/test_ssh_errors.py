@@ -73,8 +73,9 @@ def test_what_is_no_ssh_server(hosts, refusal):
 
 
 def test_refused_key(hosts, refusal, tmp_path):
-    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", tmp_path / "other key"],
-                   check=True)
+    subprocess.run(
+        ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", tmp_path / "other key"], check=True
+    )
     sentence = refusal(identity=tmp_path / "other key")
     assert "10.0.0.2 refuses your ssh key for the user root" in sentence
     assert f"ssh-copy-id -i '{tmp_path}/other key' root@10.0.0.2" in sentence
@@ -98,8 +99,9 @@ def test_no_key_at_all(hosts, refusal, tmp_path, monkeypatch):
 def test_keys_that_cannot_be_used(hosts, refusal, tmp_path):
     (tmp_path / "key").write_text("no key")
     assert f"--identity {tmp_path}/key cannot be used" in refusal(identity=tmp_path / "key")
-    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "secret", "-f", tmp_path / "locked"],
-                   check=True)
+    subprocess.run(
+        ["ssh-keygen", "-q", "-t", "ed25519", "-N", "secret", "-f", tmp_path / "locked"], check=True
+    )
     assert "ssh-add" in refusal(identity=tmp_path / "locked")
 
 
@@ -118,8 +120,9 @@ def test_changed_host_key(hosts, refusal, tmp_path, kind):
     sentence = refusal()
     assert "host key of 10.0.0.2 has CHANGED" in sentence
     assert "ssh-keygen -R 10.0.0.2" in sentence
-    subprocess.run(["ssh-keygen", "-q", "-H", "-f", hosts.ssh / "known_hosts"], check=True,
-                   capture_output=True)
+    subprocess.run(
+        ["ssh-keygen", "-q", "-H", "-f", hosts.ssh / "known_hosts"], check=True, capture_output=True
+    )
     assert COMPANION not in (hosts.ssh / "known_hosts").read_text()
     assert refusal() == sentence
 
@@ -201,7 +204,8 @@ def test_wheels_that_are_not_the_locked_ones(hosts, refusal, tmp_path):
     lock.write_text(f"{lock.read_text()}numpy==1.0 --hash=sha256:{'0' * 64}\n")
     (tmp_path / "empty").mkdir()
     assert "holds no wheel of requirements.lock" in refusal(
-        checkout=checkout, wheels=tmp_path / "empty")
+        checkout=checkout, wheels=tmp_path / "empty"
+    )
     sentence = refusal(checkout=checkout, wheels=wheels)
     assert "No matching distribution found for numpy==1.0" in sentence and "--wheels" in sentence
 
@@ -213,8 +217,10 @@ def test_drake_that_cannot_be_imported(hosts, refusal, tmp_path):
 
 
 def test_shell_that_runs_nothing(hosts, monkeypatch, refusal):
-    monkeypatch.setattr("airrace.companion.ssh.SshConnection.run",
-                        lambda *_: (1, "", "This account is currently not available.\n"))
+    monkeypatch.setattr(
+        "airrace.companion.ssh.SshConnection.run",
+        lambda *_: (1, "", "This account is currently not available.\n"),
+    )
     assert "This account is currently not available" in refusal()
 
 
@@ -241,6 +247,8 @@ def test_errors_without_words():
     options = types.SimpleNamespace(port=2222)
     several = OSError("Multiple exceptions: [Errno 111] Connect call failed, [Errno 111] ...")
     assert "Nothing listens on port 2222 of board" in str(
-        connect_error(several, address, None, options))
+        connect_error(several, address, None, options)
+    )
     assert "board cannot be reached (no answer)" in str(
-        connect_error(TimeoutError(), address, None, options))
+        connect_error(TimeoutError(), address, None, options)
+    )

@@ -22,7 +22,8 @@ def _one_way(hosts):
         receiver.recv(100)
         delays, sent = [], 0
         while select.select([receiver], [], [], 0.002 if sent < _PACKETS else 0.2)[0] or (
-                sent < _PACKETS):
+            sent < _PACKETS
+        ):
             if select.select([receiver], [], [], 0.0)[0]:
                 delays.append(time.monotonic() - float(receiver.recv(100)))
             if sent < _PACKETS:

@@ -17,8 +17,11 @@ def test_wheel_of_this_checkout_has_all_that_a_race_needs(tmp_path):
     modules = {path.relative_to(ROOT).as_posix() for path in (ROOT / "airrace").rglob("*.py")}
     assert modules <= set(names)
     assert "airrace/companion/find_python.sh" in names
-    models = {f"airrace/{path.relative_to(ROOT).as_posix()}"
-              for path in (ROOT / "models").rglob("*") if path.is_file()}
+    models = {
+        f"airrace/{path.relative_to(ROOT).as_posix()}"
+        for path in (ROOT / "models").rglob("*")
+        if path.is_file()
+    }
     assert models <= set(names)
     assert digest(ROOT / "airrace", ROOT / "models") == before
     assert not (ROOT / "build").exists() and not list(ROOT.glob("*.egg-info"))

@@ -76,8 +76,20 @@ class TwoHosts(contextlib.ExitStack):
         return self
 
     def _lay_cable(self):
-        _ip("link", "add", "veth0", "netns", self.workstation, "type", "veth",
-            "peer", "name", "veth0", "netns", self.companion)
+        _ip(
+            "link",
+            "add",
+            "veth0",
+            "netns",
+            self.workstation,
+            "type",
+            "veth",
+            "peer",
+            "name",
+            "veth0",
+            "netns",
+            self.companion,
+        )
         self._connect()
 
     def _connect(self):
@@ -102,8 +114,11 @@ class TwoHosts(contextlib.ExitStack):
         start = {"sshd": self._sshd, "asyncssh": self._asyncssh}[self.server]()
         with (self.folder / "server.log").open("ab") as log:
             process = subprocess.Popen(
-                ["ip", "netns", "exec", self.companion, *start], stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL, stderr=log, start_new_session=True,
+                ["ip", "netns", "exec", self.companion, *start],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=log,
+                start_new_session=True,
             )
         with self.on_workstation():
             deadline = time.monotonic() + 10.0
@@ -128,8 +143,7 @@ Subsystem sftp internal-sftp
 SetEnv HOME={self.home} PATH={self.path}:/usr/bin:/bin
 """)
         # sshd wants a folder below /run: it gets a /run of its own.
-        script = ('mount -t tmpfs tmpfs /run && mkdir /run/sshd && '
-                  f'exec {SSHD} -D -e -f "$0"')
+        script = f'mount -t tmpfs tmpfs /run && mkdir /run/sshd && exec {SSHD} -D -e -f "$0"'
         return ["unshare", "--mount", "sh", "-c", script, str(config)]
 
     def _asyncssh(self):
@@ -141,8 +155,9 @@ SetEnv HOME={self.home} PATH={self.path}:/usr/bin:/bin
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
-        listed = subprocess.run(["ip", "netns", "pids", self.companion], capture_output=True,
-                                text=True).stdout.split()
+        listed = subprocess.run(
+            ["ip", "netns", "pids", self.companion], capture_output=True, text=True
+        ).stdout.split()
         for pid in map(int, listed):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
@@ -164,8 +179,13 @@ SetEnv HOME={self.home} PATH={self.path}:/usr/bin:/bin
         """
         netem = ["netem", "delay", f"{delay}ms", f"{jitter}ms", "loss", f"{loss}%"]
         names = (self.workstation, self.companion)
-        tc = [subprocess.run(["tc", "-n", name, "qdisc", "add", "dev", "veth0", "root", *netem],
-                             capture_output=True).returncode for name in names]
+        tc = [
+            subprocess.run(
+                ["tc", "-n", name, "qdisc", "add", "dev", "veth0", "root", *netem],
+                capture_output=True,
+            ).returncode
+            for name in names
+        ]
         if not any(tc):
             try:
                 yield
@@ -178,8 +198,10 @@ SetEnv HOME={self.home} PATH={self.path}:/usr/bin:/bin
             _ip("-n", name, "tuntap", "add", "dev", "veth0", "mode", "tap")
         program = Path(__file__).with_name("bad_cable.py")
         with subprocess.Popen(
-                [sys.executable, str(program), *names, "veth0", *map(str, (delay, jitter, loss))],
-                stdout=subprocess.PIPE, text=True) as relay:
+            [sys.executable, str(program), *names, "veth0", *map(str, (delay, jitter, loss))],
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as relay:
             try:
                 assert relay.stdout.readline() == "here\n"
                 self._connect()

@@ -130,16 +130,16 @@ def test_every_input_of_every_box_is_fed():
 def test_a_students_box_flies(tmp_path):
     import student_boxes
 
-    scenario = Scenario(boxes={
-        "geometric_controller": "student_boxes:MyController",
-        "trajectory_tracker": "student_boxes:as_diagram",
-    })
+    scenario = Scenario(
+        boxes={
+            "geometric_controller": "student_boxes:MyController",
+            "trajectory_tracker": "student_boxes:as_diagram",
+        }
+    )
     scenario.referee.time_limit = 3.0
     heights = []
     student_boxes.updates = 0
-    result = run_race(
-        scenario, tmp_path, show=lambda record, look: heights.append(look.state[6])
-    )
+    result = run_race(scenario, tmp_path, show=lambda record, look: heights.append(look.state[6]))
     assert result["dnf_reason"].startswith("ran out of time")
     assert student_boxes.updates == pytest.approx(250 * 0.1 * len(heights), abs=2)
     assert 4.5 < heights[-1] < 5.5
@@ -156,8 +156,11 @@ def test_a_box_may_look_at_all_that_autonomy_has():
 
 BAD = {
     "no such box": ({"pilot": "a:b"}, "boxes.pilot is not a box; the boxes are: aruco_detector, "),
-    "no module": ({"explorer": "nobody:Box"}, "boxes.explorer: 'nobody:Box' cannot be imported as "
-                  r"module:callable \(ModuleNotFoundError: No module named 'nobody'\)"),
+    "no module": (
+        {"explorer": "nobody:Box"},
+        "boxes.explorer: 'nobody:Box' cannot be imported as "
+        r"module:callable \(ModuleNotFoundError: No module named 'nobody'\)",
+    ),
     "no attribute": ({"explorer": "student_boxes:Box"}, "has no attribute 'Box'"),
     "no colon": ({"explorer": "student_boxes"}, "module:callable"),
     "empty": ({"explorer": ""}, "module:callable"),
@@ -166,19 +169,31 @@ BAD = {
     "crash": ({"explorer": "crash:make"}, r"ValueError: .*, at .*/crash.py:3\)"),
     "no callable": ({"explorer": "student_boxes:number"}, "cannot be called .*not callable"),
     "no system": ({"explorer": "builtins:str"}, "builtins:str must return a System, not a str"),
-    "broken": ({"explorer": "student_boxes:broken"},
-               r"AttributeError: .*no_such_field.*, at .*student_boxes.py:\d+\)"),
-    "no arguments": ({"trajectory_tracker": "student_boxes:NoArguments"},
-                     "cannot be called with the scenario .*TypeError"),
-    "unknown input": ({"trajectory_tracker": "student_boxes:Hungry"},
-                      "trajectory_tracker has an input port 'wind', which nothing provides; "
-                      "there are: camera_image, "),
-    "no output": ({"trajectory_tracker": "student_boxes:Mute"},
-                  "trajectory_tracker must have an output port 'reference'"),
-    "wrong size": ({"trajectory_tracker": "student_boxes:WrongSize"},
-                   "do not fit together: .*sizes.* reference"),
-    "wrong speeds": ({"geometric_controller": "student_boxes:WrongSpeeds"},
-                     "do not fit: .*rotor_speed_command.*size"),
+    "broken": (
+        {"explorer": "student_boxes:broken"},
+        r"AttributeError: .*no_such_field.*, at .*student_boxes.py:\d+\)",
+    ),
+    "no arguments": (
+        {"trajectory_tracker": "student_boxes:NoArguments"},
+        "cannot be called with the scenario .*TypeError",
+    ),
+    "unknown input": (
+        {"trajectory_tracker": "student_boxes:Hungry"},
+        "trajectory_tracker has an input port 'wind', which nothing provides; "
+        "there are: camera_image, ",
+    ),
+    "no output": (
+        {"trajectory_tracker": "student_boxes:Mute"},
+        "trajectory_tracker must have an output port 'reference'",
+    ),
+    "wrong size": (
+        {"trajectory_tracker": "student_boxes:WrongSize"},
+        "do not fit together: .*sizes.* reference",
+    ),
+    "wrong speeds": (
+        {"geometric_controller": "student_boxes:WrongSpeeds"},
+        "do not fit: .*rotor_speed_command.*size",
+    ),
     "loop": ({"trajectory_tracker": "student_boxes:Loop"}, "do not fit together: .*loop"),
 }
 

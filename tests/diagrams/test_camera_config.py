@@ -75,20 +75,26 @@ def test_the_seed_is_that_of_the_noise():
     assert not np.array_equal(pictures[0], pictures[2])
 
 
-@pytest.mark.parametrize("text, words", [
-    ("{preset: dreamy}", "camera.preset must be one of clean, realistic, harsh, not 'dreamy'"),
-    ("{effects: {shutter: -0.001}}", "camera.effects.shutter must be at least 0"),
-    ("{effects: {shutter: 0.04}}", "camera.effects.shutter must be shorter than one frame"),
-    ("{effects: {latency: 0.04}}", "camera.effects.latency must be shorter than one frame"),
-    ("{preset: harsh, fps: 90}", "camera.effects.latency must be shorter .* it is 0.02 s"),
-    ("{effects: {gain: 0}}", "camera.effects.gain must be at least 0.05, not 0"),
-    ("{effects: {vignetting: 1.5}}", "camera.effects.vignetting must be at most 1"),
-    ("{effects: {read_noise: .nan}}", "camera.effects.read_noise must be a finite number"),
-    ("{effects: {distortion: [0.1]}}", "camera.effects.distortion must be five finite"),
-    ("{effects: {distortion: [.inf, 0, 0, 0, 0]}}", r"distortion\[0\] must be a finite number, not inf"),
-    ("{effects: {distortion: 0.1}}", "camera.effects.distortion must be a list"),
-    ("{effects: {blur: 1}}", "camera.effects.blur is unknown; there are: shutter, gain"),
-])
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("{preset: dreamy}", "camera.preset must be one of clean, realistic, harsh, not 'dreamy'"),
+        ("{effects: {shutter: -0.001}}", "camera.effects.shutter must be at least 0"),
+        ("{effects: {shutter: 0.04}}", "camera.effects.shutter must be shorter than one frame"),
+        ("{effects: {latency: 0.04}}", "camera.effects.latency must be shorter than one frame"),
+        ("{preset: harsh, fps: 90}", "camera.effects.latency must be shorter .* it is 0.02 s"),
+        ("{effects: {gain: 0}}", "camera.effects.gain must be at least 0.05, not 0"),
+        ("{effects: {vignetting: 1.5}}", "camera.effects.vignetting must be at most 1"),
+        ("{effects: {read_noise: .nan}}", "camera.effects.read_noise must be a finite number"),
+        ("{effects: {distortion: [0.1]}}", "camera.effects.distortion must be five finite"),
+        (
+            "{effects: {distortion: [.inf, 0, 0, 0, 0]}}",
+            r"distortion\[0\] must be a finite number, not inf",
+        ),
+        ("{effects: {distortion: 0.1}}", "camera.effects.distortion must be a list"),
+        ("{effects: {blur: 1}}", "camera.effects.blur is unknown; there are: shutter, gain"),
+    ],
+)
 def test_bad_values_are_named(text, words):
     with pytest.raises(UserError, match=words) as e:
         loaded(text)
@@ -112,8 +118,16 @@ def test_a_rectifier_stands_before_every_box_if_the_lens_distorts():
             fed.add((box.get_name(), name))
     assert {("aruco_detector", "camera_view"), ("aruco_detector", "camera_info")} <= fed
     inputs = {autonomy.get_input_port(i).get_name() for i in range(autonomy.num_input_ports())}
-    assert inputs == {"camera_image", "camera_grey", "camera_view", "camera_image_time",
-                      "camera_info", "state_estimate", "rotor_speeds", "rotor_report"}
+    assert inputs == {
+        "camera_image",
+        "camera_grey",
+        "camera_view",
+        "camera_image_time",
+        "camera_info",
+        "state_estimate",
+        "rotor_speeds",
+        "rotor_report",
+    }
     assert not any(
         system.get_name() == "rectifier" for system in MakeAutonomy(Scenario()).GetSystems()
     )

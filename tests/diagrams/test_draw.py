@@ -32,7 +32,10 @@ def test_all_boxes_and_wires_are_found(loop):
     boxes, wires = boxes_and_wires(loop)
     assert set(boxes) == {"inputs", "adder", "integrator", "gain", "outputs"}
     assert {(w.source, w.sink) for w in wires} == {
-        ("inputs", "adder"), ("adder", "integrator"), ("integrator", "gain"), ("gain", "adder"),
+        ("inputs", "adder"),
+        ("adder", "integrator"),
+        ("integrator", "gain"),
+        ("gain", "adder"),
         ("integrator", "outputs"),
     }
 
@@ -59,7 +62,8 @@ def test_boxes_do_not_overlap():
     picture = ET.fromstring(diagram_svg([MakeAutonomy(Scenario())]))
     boxes = [
         tuple(float(rect.get(k)) for k in ("x", "y", "width", "height"))
-        for rect in picture.iter(f"{SVG}rect") if rect.get("class")
+        for rect in picture.iter(f"{SVG}rect")
+        if rect.get("class")
     ]
     assert len(boxes) == len(BOXES) + 2
     for i, (x0, y0, w0, h0) in enumerate(boxes):

@@ -33,12 +33,16 @@ BAD = [
     (["-d", "Nimbus"], "no drone named 'Nimbus'"),
     (["--track", "none"], "no track named 'none'"),
     (["--track", "student-airrace", "--scheduler", "here"], "must be tcp://HOST:PORT, not 'here'"),
-    (["--track", "student-airrace", "--scheduler", "tcp://127.0.0.1:1"],
-     "tcp://127.0.0.1:1 cannot be reached .*'dask scheduler'"),
+    (
+        ["--track", "student-airrace", "--scheduler", "tcp://127.0.0.1:1"],
+        "tcp://127.0.0.1:1 cannot be reached .*'dask scheduler'",
+    ),
     (["--track", "student-airrace", "--output", "file"], "--output file cannot be written to"),
     (["--track", "student-airrace", "--output", "full"], "full already holds an evaluation"),
-    (["--track", "student-airrace", "--output", "full", "--resume"],
-     "full/evaluation.json is not the settings"),
+    (
+        ["--track", "student-airrace", "--output", "full", "--resume"],
+        "full/evaluation.json is not the settings",
+    ),
 ]
 
 
@@ -54,8 +58,13 @@ def folder(tmp_path, monkeypatch):
 def start(*args, module_="airrace.diagrams.evaluate", env=ENVIRONMENT, **kwargs):
     """Starts a program as a group of processes of its own."""
     return subprocess.Popen(
-        [sys.executable, "-m", module_, *map(str, args)], env=env, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, **kwargs,
+        [sys.executable, "-m", module_, *map(str, args)],
+        env=env,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        **kwargs,
     )
 
 
@@ -179,13 +188,15 @@ class TestOptions:
 def test_the_results(reference):
     data = json.loads((reference / "evaluation.json").read_text())
     assert data["complete"] and data["summary"]["dnf_reasons"] == {
-        "ran out of time in state CALIBRATE": 3}
+        "ran out of time in state CALIBRATE": 3
+    }
     assert [race["seed"] for race in data["races"]] == [1000, 1001, 1002]
     assert len({race["length_m"] for race in data["races"]}) == 3
     assert data["settings"]["scenario"]["laps"] == 1
     text = (reference / "evaluation.md").read_text()
     assert text.startswith(
-        "# Default, optimal, races Defaults: 3 races of 1 laps, generated tracks")
+        "# Default, optimal, races Defaults: 3 races of 1 laps, generated tracks"
+    )
 
 
 def test_a_killed_worker(reference, tmp_path):
@@ -208,8 +219,11 @@ def test_ctrl_c_then_a_crash(reference, tmp_path, capsys):
     family = psutil.Process(process.pid).children(recursive=True)
     os.killpg(process.pid, signal.SIGINT)  # as the terminal does
     out, err = finish(process, 1)
-    assert re.fullmatch(r"airrace: interrupted; [12] of 3 races are in .*--resume flies the "
-                        r"others\.", err.splitlines()[-1]), err
+    assert re.fullmatch(
+        r"airrace: interrupted; [12] of 3 races are in .*--resume flies the "
+        r"others\.",
+        err.splitlines()[-1],
+    ), err
     assert "Traceback" not in err
     wait_until(lambda: gone(family), 10)
     flown = (tmp_path / "races.jsonl").read_text()
@@ -253,21 +267,41 @@ def dask_by_hand(folder, workers=2):
     folder.mkdir()
     file = folder / "scheduler.json"
     with contextlib.ExitStack() as stack:
-        scheduler = stack.enter_context(running(
-            "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0",
-            "--no-dashboard", "--dashboard-address", "127.0.0.1:0", "--scheduler-file", file,
-            # It needs no airrace.
-            cwd=folder, env={k: v for k, v in ENVIRONMENT.items() if k != "PYTHONPATH"},
-        ))
+        scheduler = stack.enter_context(
+            running(
+                "distributed.cli.dask_scheduler",
+                "--host",
+                "127.0.0.1",
+                "--port",
+                "0",
+                "--no-dashboard",
+                "--dashboard-address",
+                "127.0.0.1:0",
+                "--scheduler-file",
+                file,
+                # It needs no airrace.
+                cwd=folder,
+                env={k: v for k, v in ENVIRONMENT.items() if k != "PYTHONPATH"},
+            )
+        )
         wait_until(file.exists)
         address = wait_until(lambda: json.loads(file.read_text() or "{}").get("address"))
         for _ in range(workers):
-            stack.enter_context(running(
-                "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard",
-                "--host", "127.0.0.1", "--local-directory", folder,
-                # Killed together with its race, it leaves the race's files behind.
-                env={**ENVIRONMENT, "TMPDIR": str(folder)},
-            ))
+            stack.enter_context(
+                running(
+                    "distributed.cli.dask_worker",
+                    address,
+                    "--nthreads",
+                    "1",
+                    "--no-dashboard",
+                    "--host",
+                    "127.0.0.1",
+                    "--local-directory",
+                    folder,
+                    # Killed together with its race, it leaves the race's files behind.
+                    env={**ENVIRONMENT, "TMPDIR": str(folder)},
+                )
+            )
         yield address, scheduler
 
 
@@ -288,8 +322,22 @@ def test_a_dask_cluster_started_by_hand(reference, tmp_path):
 
 def test_workers_that_differ_do_not_fly(folder, monkeypatch, capsys):
     monkeypatch.setattr("airrace.evaluation.jobs.versions", lambda boxes: {"airrace": "another"})
-    assert main([*SHORT, "--track", "student-airrace", "--tracks", "1", "--workers", "1",
-                 "--output", "out"]) == 2
+    assert (
+        main(
+            [
+                *SHORT,
+                "--track",
+                "student-airrace",
+                "--tracks",
+                "1",
+                "--workers",
+                "1",
+                "--output",
+                "out",
+            ]
+        )
+        == 2
+    )
     err = capsys.readouterr().err.splitlines()[-1]
     assert re.search(r"The worker tcp://127.0.0.1:\d+ has airrace .* instead of another;", err)
     assert not (folder / "out").exists()
@@ -297,8 +345,25 @@ def test_workers_that_differ_do_not_fly(folder, monkeypatch, capsys):
 
 def test_a_race_that_is_refused_ends_the_evaluation(folder, capsys):
     text = "{referee: {time_limit: 0.2}, boxes: {explorer: 'nobody:Box'}}"
-    assert main(["--scenario_file", "races", "--scenario_text", text, "--track",
-                 "student-airrace", "--tracks", "2", "--workers", "1", "--output", "out"]) == 2
+    assert (
+        main(
+            [
+                "--scenario_file",
+                "races",
+                "--scenario_text",
+                text,
+                "--track",
+                "student-airrace",
+                "--tracks",
+                "2",
+                "--workers",
+                "1",
+                "--output",
+                "out",
+            ]
+        )
+        == 2
+    )
     err = capsys.readouterr().err.splitlines()[-1]
     assert err.startswith("airrace: The race with seed 100") and "No module named 'nobody'" in err
     assert not (folder / "out").exists()

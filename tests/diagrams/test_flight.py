@@ -43,8 +43,9 @@ def fly(flown, reference, seconds, R=None, until=lambda state: False):
         axes, w, _ = attitude_from_force(force, start[JERK], start[SNAP], heading)
         R = RotationMatrix(np.array(axes).T)
         w_W = R @ np.array(w)
-    start_in_flight(flight, flown, context, X_WB=RigidTransform(R, start[:3]), w_WB=w_W,
-                    v_WB=start[VELOCITY])
+    start_in_flight(
+        flight, flown, context, X_WB=RigidTransform(R, start[:3]), w_WB=w_W, v_WB=start[VELOCITY]
+    )
     simulator.Initialize()
     states = []
     while len(states) < round(seconds / STEP):
@@ -63,8 +64,13 @@ def lap():
     """The reference track's, from a straight part of it."""
     track = load_track("student-airrace")
     circuit = plan_circuit(
-        [gate.p_WG for gate in track.gates], [gate.heading for gate in track.gates],
-        track.pylons()[:, :2], 3, max_speed=20.0, max_acceleration=10.0, clearance=2.0,
+        [gate.p_WG for gate in track.gates],
+        [gate.heading for gate in track.gates],
+        track.pylons()[:, :2],
+        3,
+        max_speed=20.0,
+        max_acceleration=10.0,
+        clearance=2.0,
     )
     return lambda time: flat_outputs(circuit.derivatives(time % circuit.duration))
 
@@ -90,8 +96,11 @@ def sources(flight, box):
     """Yields the input ports of a box, and the names of producer and output port."""
     for (consumer, i), (producer, o) in flight.connection_map().items():
         if consumer.get_name() == box:
-            yield (consumer.get_input_port(i).get_name(), producer.get_name(),
-                   producer.get_output_port(o).get_name())
+            yield (
+                consumer.get_input_port(i).get_name(),
+                producer.get_name(),
+                producer.get_output_port(o).get_name(),
+            )
 
 
 def test_what_controls_never_sees_the_truth():
@@ -104,7 +113,8 @@ def test_what_controls_never_sees_the_truth():
             assert port == output
             assert producer in ("reference_source", *CONTROL) or (
                 producer == "simulation"
-                and port in ("state_estimate", "rotor_speeds", "rotor_report"))
+                and port in ("state_estimate", "rotor_speeds", "rotor_report")
+            )
     simulation = flight.GetSubsystemByName("simulation")
     estimate = simulation.GetOutputPort("state_estimate").get_index()
     system, _ = simulation.get_output_port_locator(estimate)
@@ -112,7 +122,8 @@ def test_what_controls_never_sees_the_truth():
 
 
 def test_a_box_cannot_ask_for_the_truth(tmp_path, monkeypatch):
-    (tmp_path / "curious_box.py").write_text(textwrap.dedent("""
+    (tmp_path / "curious_box.py").write_text(
+        textwrap.dedent("""
         from airrace.systems.state_filter import StateFilter
         from airrace.vehicle import load_vehicle
 
@@ -121,7 +132,8 @@ def test_a_box_cannot_ask_for_the_truth(tmp_path, monkeypatch):
                 vehicle, _ = load_vehicle(scenario.drone)
                 super().__init__(vehicle=vehicle, state_rate=200.0, rate=500.0)
                 self.DeclareVectorInputPort("truth.state", 13)
-    """))
+    """)
+    )
     monkeypatch.syspath_prepend(tmp_path)
     flight = MakeFlight(scenario(boxes={"state_filter": "curious_box:Curious"}), hover(5.0))
     assert "truth.state" not in [port for port, _, _ in sources(flight, "state_filter")]
@@ -136,8 +148,11 @@ def test_a_hover_stays(drone):
 
 
 def test_the_same_flight_twice():
-    flown = scenario(state_noise="reference", seed=3,
-                     disturbances=DisturbancesConfig(thrust_coefficient_error=0.1))
+    flown = scenario(
+        state_noise="reference",
+        seed=3,
+        disturbances=DisturbancesConfig(thrust_coefficient_error=0.1),
+    )
     one, _ = fly(flown, hover(8.0), 0.3)
     other, _ = fly(flown, hover(8.0), 0.3)
     np.testing.assert_array_equal(one, other)

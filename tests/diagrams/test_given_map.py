@@ -27,8 +27,21 @@ def test_a_race_without_a_camera_and_another_on_its_map(hexagon, tmp_path):  # n
     assert not len(run.detections)
     # The same without the truth, by the map that it has left, and the same file again.
     output = tmp_path / "two"
-    code = main(["--track", hexagon, "--laps", "1", "--no-meshcat", "--renderer", "none",
-                 "--map", str(tmp_path / "one" / "map.json"), "--output", str(output)])
+    code = main(
+        [
+            "--track",
+            hexagon,
+            "--laps",
+            "1",
+            "--no-meshcat",
+            "--renderer",
+            "none",
+            "--map",
+            str(tmp_path / "one" / "map.json"),
+            "--output",
+            str(output),
+        ]
+    )
     assert code == 0
     two = json.loads((output / "race.json").read_text())
     assert two["mean_lap_s"] == pytest.approx(one["mean_lap_s"], abs=0.05)
@@ -39,15 +52,19 @@ def test_a_race_without_a_camera_and_another_on_its_map(hexagon, tmp_path):  # n
 def test_with_a_camera_nobody_looks(hexagon):  # noqa: F811
     race = MakeRace(Scenario(track=hexagon, map="track"))
     autonomy = race.GetSubsystemByName("autonomy")
-    assert not [i for i in range(autonomy.num_input_ports())
-                if autonomy.get_input_port(i).get_name().startswith("camera")]
+    assert not [
+        i
+        for i in range(autonomy.num_input_ports())
+        if autonomy.get_input_port(i).get_name().startswith("camera")
+    ]
 
 
 def test_without_a_camera_no_lens_bends():
     harsh = load_scenario(filename="levels", scenario_name="Level3")
     assert any(harsh.camera.resolved().distortion)
-    race = MakeRace(dc.replace(
-        harsh, map="track", camera=dc.replace(harsh.camera, renderer="none")))
+    race = MakeRace(
+        dc.replace(harsh, map="track", camera=dc.replace(harsh.camera, renderer="none"))
+    )
     assert not race.GetSubsystemByName("autonomy").HasSubsystemNamed("rectifier")
 
 

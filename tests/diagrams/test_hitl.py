@@ -14,25 +14,52 @@ from airrace.companion import OUTPUT, READY
 from airrace.resources import models_path
 
 pytestmark = pytest.mark.skipif(
-    os.geteuid() != 0 or subprocess.run(
-        ["unshare", "-n", "ip", "link"], capture_output=True, check=False).returncode != 0,
-    reason="a network of one's own (unshare -n) takes root")
+    os.geteuid() != 0
+    or subprocess.run(["unshare", "-n", "ip", "link"], capture_output=True, check=False).returncode
+    != 0,
+    reason="a network of one's own (unshare -n) takes root",
+)
 # LCM goes over the loopback of a namespace that nobody else is in.
-NETWORK = ["unshare", "-n", "bash", "-c",
-           "ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo && \"$@\"", "--"]
+NETWORK = [
+    "unshare",
+    "-n",
+    "bash",
+    "-c",
+    'ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo && "$@"',
+    "--",
+]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(models_path().parent), "OMP_NUM_THREADS": "1"}
 SMALL = "{camera: {width: 640, height: 360}, referee: {time_limit: 2.5}}"
 
 
 def start(*command, **options):
     return subprocess.Popen(
-        [*NETWORK, *command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env=ENVIRONMENT, start_new_session=True, **options)
+        [*NETWORK, *command],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=ENVIRONMENT,
+        start_new_session=True,
+        **options,
+    )
 
 
 def race(output, hexagon, *options, text=SMALL):
-    return [sys.executable, "-m", "airrace.diagrams.race", "--no-meshcat", "--laps", "1",
-            "--track", hexagon, "--output", str(output), "--scenario_text", text, *options]
+    return [
+        sys.executable,
+        "-m",
+        "airrace.diagrams.race",
+        "--no-meshcat",
+        "--laps",
+        "1",
+        "--track",
+        hexagon,
+        "--output",
+        str(output),
+        "--scenario_text",
+        text,
+        *options,
+    ]
 
 
 def hitl(*options):
@@ -55,8 +82,10 @@ def test_lockstep_equals_sitl_to_the_last_bit(hexagon, tmp_path):
     assert results[0]["exploration"]["events"][-1]["state"] == "TAKE_OFF"
     assert [wall["simulation"] for wall in walls] == ["SITL", "HITL"]
     assert walls[1]["link"]["mode"] == "lockstep"
-    maps = [(tmp_path / path / "map_statistics.json").read_text()
-            for path in ("sitl", "hitl", "hitl/autonomy")]
+    maps = [
+        (tmp_path / path / "map_statistics.json").read_text()
+        for path in ("sitl", "hitl", "hitl/autonomy")
+    ]
     assert maps[0] == maps[1] == maps[2]
 
 
@@ -77,8 +106,9 @@ def test_in_real_time_slowed_down(hexagon, tmp_path):
 
 def test_an_autonomy_that_is_killed_ends_the_race_and_says_so(hexagon, tmp_path):
     text = "{camera: {width: 640, height: 360}, referee: {time_limit: 60.0}}"
-    process = start(*race(tmp_path / "out", hexagon, "-s", "HITL", "--realtime_rate", "0.5",
-                          text=text))
+    process = start(
+        *race(tmp_path / "out", hexagon, "-s", "HITL", "--realtime_rate", "0.5", text=text)
+    )
     try:
         for line in process.stdout:
             if "TAKE_OFF" in line:
@@ -112,8 +142,9 @@ def test_doctor_and_the_simulations_death(tmp_path):
     script = tmp_path / "both.sh"
     autonomy = hitl("--role", "autonomy", "--patience", "8", "--output", tmp_path / OUTPUT)
     doctor = hitl("--doctor", "--duration", "2")
-    script.write_text(f"{' '.join(autonomy)} & {' '.join(doctor)}; echo doctor $?; wait $!; "
-                      "echo autonomy $?\n")
+    script.write_text(
+        f"{' '.join(autonomy)} & {' '.join(doctor)}; echo doctor $?; wait $!; echo autonomy $?\n"
+    )
     process = start("bash", str(script))
     text = process.communicate(timeout=90)[0]
     assert "round trip" in text and "pictures lost" in text
@@ -121,16 +152,28 @@ def test_doctor_and_the_simulations_death(tmp_path):
     assert "autonomy 2" in text and "No simulation answered within 8 s" in text
 
 
-@pytest.mark.parametrize("options, sentence", [
-    (("--lockstep",), "--lockstep and --lcm_url are for HITL"),
-    (("-s", "HITL", "--companion", "nobody"), "--companion 'nobody' names no user"),
-    (("-s", "HITL", "--lcm_url", "nonsense"), "--lcm_url nonsense cannot be opened"),
-    (("-s", "HITL", "--scenario_text", "{boxes: {explorer: 'nothing:here'}}"),
-     "boxes.explorer: 'nothing:here' cannot be imported"),
-])
+@pytest.mark.parametrize(
+    "options, sentence",
+    [
+        (("--lockstep",), "--lockstep and --lcm_url are for HITL"),
+        (("-s", "HITL", "--companion", "nobody"), "--companion 'nobody' names no user"),
+        (("-s", "HITL", "--lcm_url", "nonsense"), "--lcm_url nonsense cannot be opened"),
+        (
+            ("-s", "HITL", "--scenario_text", "{boxes: {explorer: 'nothing:here'}}"),
+            "boxes.explorer: 'nothing:here' cannot be imported",
+        ),
+    ],
+)
 def test_bad_input_is_one_sentence(options, sentence, tmp_path):
-    process = start(sys.executable, "-m", "airrace.diagrams.race", "--no-meshcat", "--output",
-                    str(tmp_path / "out"), *options)
+    process = start(
+        sys.executable,
+        "-m",
+        "airrace.diagrams.race",
+        "--no-meshcat",
+        "--output",
+        str(tmp_path / "out"),
+        *options,
+    )
     text = process.communicate(timeout=60)[0]
     assert process.returncode == 2 and f"airrace: {sentence}" in text, text
     assert not (tmp_path / "out").exists()
@@ -141,12 +184,26 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     text = "{camera: {width: 640, height: 360}, referee: {time_limit: 7.0}, link_delay: 0.2}"
     scenario = ["--scenario_text", text.replace("{camera", f"{{track: {hexagon}, laps: 1, camera")]
     first, second = (
-        " ".join(f"'{word}'" for word in hitl(
-            "--role", "autonomy", "--output", tmp_path / name, *scenario, *options))
-        for name, options in (("first", ()), ("second", ("--resume", tmp_path / "first"))))
-    simulation = " ".join(f"'{word}'" for word in race(
-        tmp_path / "out", hexagon, "-s", "HITL", "--companion", "none", "--realtime_rate", "0.08",
-        text=text))
+        " ".join(
+            f"'{word}'"
+            for word in hitl("--role", "autonomy", "--output", tmp_path / name, *scenario, *options)
+        )
+        for name, options in (("first", ()), ("second", ("--resume", tmp_path / "first")))
+    )
+    simulation = " ".join(
+        f"'{word}'"
+        for word in race(
+            tmp_path / "out",
+            hexagon,
+            "-s",
+            "HITL",
+            "--companion",
+            "none",
+            "--realtime_rate",
+            "0.08",
+            text=text,
+        )
+    )
     script = tmp_path / "all.sh"
     script.write_text(f"""
         {first} & first=$!

@@ -13,8 +13,14 @@ from airrace.diagrams.runner import MakeRace
 from airrace.diagrams.scenario import Scenario
 from airrace.errors import UserError
 
-INPUTS = {"camera_view", "camera_image_time", "camera_info", "state_estimate", "rotor_speeds",
-          "rotor_report"}
+INPUTS = {
+    "camera_view",
+    "camera_image_time",
+    "camera_info",
+    "state_estimate",
+    "rotor_speeds",
+    "rotor_report",
+}
 # The only systems of Simulation whose outputs Autonomy may see.
 SENSORS = {"camera", "state_estimate", "rotor_bank"}
 
@@ -77,12 +83,16 @@ def test_the_race_is_isolated(tmp_path):
     ports = (simulation.get_output_port(i) for i in range(simulation.num_output_ports()))
     outputs = {port.get_name() for port in ports}
     assert {name for name in outputs if not name.startswith("truth.")} == (
-        INPUTS | {"camera_image", "camera_grey"})  # for boxes of one's own
+        INPUTS | {"camera_image", "camera_grey"}
+    )  # for boxes of one's own
     assert {"truth.state", "truth.referee_report"} <= outputs
     assert len(list(leaves(race.GetSubsystemByName("autonomy")))) == len(autonomy_module.BOXES)
     # What comes back is rotor speeds, and the team's word that it races.
-    back = {sink.get_name() for consumer, sink, producer, _ in feeds(race)
-            if producer.get_name() == "autonomy" and consumer is simulation}
+    back = {
+        sink.get_name()
+        for consumer, sink, producer, _ in feeds(race)
+        if producer.get_name() == "autonomy" and consumer is simulation
+    }
     assert back == {"rotor_speed_command", "explorer_status"}
 
 
@@ -96,7 +106,8 @@ def test_the_race_is_isolated_with_spectators(tmp_path):
 @pytest.fixture
 def cheat(tmp_path, monkeypatch):
     """A scenario whose tracker asks for an input port of the name that is set."""
-    (tmp_path / "cheat_box.py").write_text(textwrap.dedent("""
+    (tmp_path / "cheat_box.py").write_text(
+        textwrap.dedent("""
         from airrace.systems.trajectory_tracker import TrajectoryTracker
 
         class Cheat(TrajectoryTracker):
@@ -105,7 +116,8 @@ def cheat(tmp_path, monkeypatch):
             def __init__(self, scenario):
                 TrajectoryTracker.__init__(self)
                 self.DeclareVectorInputPort(self.port, 13)
-    """))
+    """)
+    )
     monkeypatch.syspath_prepend(tmp_path)
     return Scenario(boxes={"trajectory_tracker": "cheat_box:Cheat"})
 

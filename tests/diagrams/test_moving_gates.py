@@ -16,7 +16,11 @@ N, LAPS = 6, 1
 def race(hexagon, tmp_path_factory):
     """race.json and all looks at a race."""
     scenario = Scenario(
-        track=hexagon, laps=LAPS, trajectory="4", seed=1, camera=CameraConfig(preset="clean"),
+        track=hexagon,
+        laps=LAPS,
+        trajectory="4",
+        seed=1,
+        camera=CameraConfig(preset="clean"),
         disturbances=DisturbancesConfig(gate_shift=1.0),
     )
     scenario.referee.time_limit = 120.0

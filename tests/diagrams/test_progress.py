@@ -28,8 +28,9 @@ class Race:
         self.display = RaceDisplay(scenario, track, meshcat, console)
 
     def look(self, time, crossings=0, rotor_losses=(), **status):
-        seen = tuple(GateCrossing(10.0 + k, k % N + 1, k // N + 1, 0.1, 9.0)
-                     for k in range(crossings))
+        seen = tuple(
+            GateCrossing(10.0 + k, k % N + 1, k // N + 1, 0.1, 9.0) for k in range(crossings)
+        )
         finished = crossings == 2 * N + 1
         report = RefereeReport(seen, finished, None, seen[-1].time if finished else None, 0)
         ended = self.record.observe(
@@ -151,20 +152,25 @@ def laps(*times, start=100.0):
 FAILURES = {
     "none": ((20.0, 21.0), (), ""),
     "before the first lap": (
-        (20.0, 21.0), [(3, 60.0)], "* rotor 3 failed at 60.0 s: mean lap - before, 20.50 s after."
+        (20.0, 21.0),
+        [(3, 60.0)],
+        "* rotor 3 failed at 60.0 s: mean lap - before, 20.50 s after.",
     ),
     "in the second lap": (
-        (20.0, 30.0, 25.0, 26.0), [(3, 120.0)],
+        (20.0, 30.0, 25.0, 26.0),
+        [(3, 120.0)],
         "* rotor 3 failed at 120.0 s: mean lap 20.00 s before, 25.50 s after.",
     ),
     "in the last lap": (
-        (20.0, 22.0, 30.0), [(3, 142.5)],
+        (20.0, 22.0, 30.0),
+        [(3, 142.5)],
         "* rotor 3 failed at 142.5 s: mean lap 21.00 s before, - after.",
     ),
     "after the last lap": ((20.0, 21.0), [(3, 141.0)], ""),
     "no laps": ((), [(3, 60.0)], ""),
     "two": (
-        (20.0, 30.0, 30.0, 30.0, 26.0), [(1, 190.0), (3, 130.0), (2, 999.0)],
+        (20.0, 30.0, 30.0, 30.0, 26.0),
+        [(1, 190.0), (3, 130.0), (2, 999.0)],
         "* rotor 3 failed at 130.0 s, rotor 1 failed at 190.0 s: "
         "mean lap 20.00 s before, 26.00 s after.",
     ),
@@ -188,10 +194,13 @@ def test_the_lap_of_a_failure_is_marked():
     assert lines[-3] == "* rotor 2 failed at 25.0 s: mean lap 10.00 s before, - after."
 
 
-@pytest.mark.parametrize("drone, n, words", [
-    ("Default", 4, "rotor 2 lost: the others cannot hold the yaw, coming down"),
-    ("StarOne", 8, "rotor 2 lost: flying on with the other 7"),
-])
+@pytest.mark.parametrize(
+    "drone, n, words",
+    [
+        ("Default", 4, "rotor 2 lost: the others cannot hold the yaw, coming down"),
+        ("StarOne", 8, "rotor 2 lost: flying on with the other 7"),
+    ],
+)
 def test_a_rotor_that_is_noticed_is_told_once(drone, n, words):
     console = plain()
     race = Race(console, drone=drone)

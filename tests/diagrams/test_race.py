@@ -41,7 +41,7 @@ def rotors_with(change):
 
 
 def twice(sdf):
-    model = sdf[sdf.index("<model"):sdf.index("</sdf>")]
+    model = sdf[sdf.index("<model") : sdf.index("</sdf>")]
     other = model.replace('"drone"', '"two"')
     return f'<sdf version="1.9"><world name="both">{model}{other}</world></sdf>'
 
@@ -101,14 +101,20 @@ FILES = {
     "file": "mine",
     "flown/race.json": "{}",
     "aborted/scenario.yaml": "",
-    **{f"{drone}/{name}": text for drone, (files, _) in DRONES.items()
-       for name, text in files.items()},
+    **{
+        f"{drone}/{name}": text
+        for drone, (files, _) in DRONES.items()
+        for name, text in files.items()
+    },
 }
 
 # Arguments, and what the one sentence on standard error must say.
 BAD = [
-    (["-d", "Nimbus"], "no drone named 'Nimbus' and no file Nimbus/vehicle.yaml; choose from "
-     "Default, StarOne, or name the folder"),
+    (
+        ["-d", "Nimbus"],
+        "no drone named 'Nimbus' and no file Nimbus/vehicle.yaml; choose from "
+        "Default, StarOne, or name the folder",
+    ),
     (["--scenario_text", "drone: flown"], "no file flown/vehicle.yaml"),
     (["-d", "x" * 300], "no drone named"),
     *((["-d", drone], words) for drone, (_, words) in DRONES.items()),
@@ -131,8 +137,10 @@ BAD = [
     (["--scenario_file", "scenario.yaml"], "no 'Defaults' at its top level, only: Mine"),
     (["--scenario_file", "races", "--scenario_name", "None"], "only: Defaults, NoNoise, "),
     (["--limits", "fast"], r"The limits \(--limits, planner.limits\) .fast. are not understood"),
-    (["--scenario_text", "{planner: {thrust_share: 0.2}}", "--no-meshcat"],
-     "rotors of Default cannot hold a hover. Raise planner.thrust_share."),
+    (
+        ["--scenario_text", "{planner: {thrust_share: 0.2}}", "--no-meshcat"],
+        "rotors of Default cannot hold a hover. Raise planner.thrust_share.",
+    ),
     (["--scenario_file", "nan_scenario.yaml"], "explorer.max_speed must be a finite number"),
     (["--scenario_file", "bad_scenario.yaml"], "bad_scenario.yaml .*camera.lens is unknown"),
     (["--scenario_name", "Vtk"], "--scenario_name needs --scenario_file"),
@@ -144,10 +152,14 @@ BAD = [
     (["--scenario_text", "laps: 3\nseed: [\n"], "not valid YAML"),
     (["--scenario_text", "boxes: {explorer: nobody:Box}"], "boxes.explorer: .*No module named"),
     (["--scenario_text", "boxes: {pilot: a:b}"], "boxes.pilot is not a box"),
-    (["--scenario_text", "rotor_failures: [{rotor: 9, time: 1.0}]"],
-     "rotor_failures: there is no rotor 9; the Default has rotors 1 to 4"),
-    (["--scenario_text", "disturbances: {wind: {gust_rms: 1.0}}"],
-     "wind acts through drag: set disturbances.drag, e.g. to 1"),
+    (
+        ["--scenario_text", "rotor_failures: [{rotor: 9, time: 1.0}]"],
+        "rotor_failures: there is no rotor 9; the Default has rotors 1 to 4",
+    ),
+    (
+        ["--scenario_text", "disturbances: {wind: {gust_rms: 1.0}}"],
+        "wind acts through drag: set disturbances.drag, e.g. to 1",
+    ),
     (["--output", "file"], "--output file cannot be written to .File exists.; name another"),
     (["--output", "file/below"], "--output file/below cannot be written to"),
     (["--output", "/proc/none/out"], "--output /proc/none/out cannot be written to"),
@@ -179,8 +191,12 @@ def airrace(*args, **kwargs):
     # Beside airrace/ whatever the working directory is.
     environment = {**os.environ, "PYTHONPATH": str(models_path().parent)}
     return subprocess.run(
-        [sys.executable, "-m", "airrace.diagrams.race", *args], capture_output=True, text=True,
-        timeout=60, env=environment, **kwargs,
+        [sys.executable, "-m", "airrace.diagrams.race", *args],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=environment,
+        **kwargs,
     )
 
 
@@ -203,8 +219,12 @@ class TestBadInput:
 
     def test_the_process(self, folder):
         before = tree(folder)
-        for args in (["--laps", "0"], ["--track", "overlap.yaml"], ["-d", "not_finite"],
-                     ["--scenario_text", "boxes: {explorer: nobody:Box}"]):
+        for args in (
+            ["--laps", "0"],
+            ["--track", "overlap.yaml"],
+            ["-d", "not_finite"],
+            ["--scenario_text", "boxes: {explorer: nobody:Box}"],
+        ):
             process = airrace(*args, cwd=folder)
             assert process.returncode == 2 and process.stdout == ""
             assert process.stderr.startswith("airrace: ") and process.stderr.count("\n") == 1
@@ -274,8 +294,20 @@ class TestOptions:
         scenario = self.resolve(*mine, *text)
         assert (scenario.laps, scenario.seed, scenario.trajectory) == (2, 5, "4")
         assert scenario.camera.renderer == "vtk"
-        scenario = self.resolve(*mine, *text, "-t", "6", "--seed", "0", "--renderer", "planar",
-                                "--realtime_rate", "1.5", "--laps", "3")
+        scenario = self.resolve(
+            *mine,
+            *text,
+            "-t",
+            "6",
+            "--seed",
+            "0",
+            "--renderer",
+            "planar",
+            "--realtime_rate",
+            "1.5",
+            "--laps",
+            "3",
+        )
         assert (scenario.laps, scenario.seed, scenario.trajectory) == (3, 0, "6")
         assert scenario.camera.renderer == "planar" and scenario.state_noise == "none"
         assert scenario.simulator_config.target_realtime_rate == 1.5
@@ -301,21 +333,62 @@ class TestOptions:
         options = re.findall(r"^  (-.*?)(?:  |$)", text, re.M)
         listed = {word for option in options for word in re.findall(r"--?[a-z_-]+", option)}
         assert listed == {
-            "-h", "--help", "-d", "--drone", "-s", "--simulation", "-t", "--trajectory", "--track",
-            "--companion", "--identity", "--wheels", "--lcm_url", "--lockstep", "--limits",
-            "--laps", "--seed", "--level", "--renderer", "--map", "--output", "--meshcat",
-            "--no-meshcat", "--record", "--report", "--no-report",
-            "--realtime_rate", "--graphviz", "--scenario_file", "--scenario_name",
+            "-h",
+            "--help",
+            "-d",
+            "--drone",
+            "-s",
+            "--simulation",
+            "-t",
+            "--trajectory",
+            "--track",
+            "--companion",
+            "--identity",
+            "--wheels",
+            "--lcm_url",
+            "--lockstep",
+            "--limits",
+            "--laps",
+            "--seed",
+            "--level",
+            "--renderer",
+            "--map",
+            "--output",
+            "--meshcat",
+            "--no-meshcat",
+            "--record",
+            "--report",
+            "--no-report",
+            "--realtime_rate",
+            "--graphviz",
+            "--scenario_file",
+            "--scenario_name",
             "--scenario_text",
         }
         # Every default, and it is the one that the scenario has.
         text = " ".join(text.replace("student-\n", "student-").split())
         text = text.replace("student- airrace", "student-airrace")
-        for default in ("Default", "SITL,", "optimal", "student-airrace", "10", "0", "planar,",
-                        "runs/<UTC time>-<track>-<drone>-<t>", "yes", "Defaults"):
+        for default in (
+            "Default",
+            "SITL,",
+            "optimal",
+            "student-airrace",
+            "10",
+            "0",
+            "planar,",
+            "runs/<UTC time>-<track>-<drone>-<t>",
+            "yes",
+            "Defaults",
+        ):
             assert f"(default: {default}" in text
-        for word in ("examples:", "race.json", "map.json", "scenario.yaml", "race.html",
-                     "Exit codes: 0 finished, 1 did not finish, 2 bad input."):
+        for word in (
+            "examples:",
+            "race.json",
+            "map.json",
+            "scenario.yaml",
+            "race.html",
+            "Exit codes: 0 finished, 1 did not finish, 2 bad input.",
+        ):
             assert word in text
 
     def test_the_examples_of_the_help_are_good(self):
@@ -374,7 +447,7 @@ class TestOutput:
         for name, text in drone_with({"name": "../my Drone"}).items():
             (folder / "my_drone" / name).write_text(text)
         assert main(["-d", "my_drone/", *SHORT]) == 1
-        path, = (folder / "runs").iterdir()
+        (path,) = (folder / "runs").iterdir()
         assert path.name.endswith("-student-airrace-..-my-Drone-optimal")
         assert json.loads((path / "race.json").read_text())["drone"] == "../my Drone"
         left = path / "scenario.yaml"
@@ -387,7 +460,12 @@ class TestOutput:
         (folder / "mine" / "notes").mkdir(parents=True)
         assert main(["--output", "mine", *SHORT]) == 1
         assert {p.name for p in (folder / "mine").iterdir()} == {
-            "notes", "scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap",
+            "notes",
+            "scenario.yaml",
+            "map.json",
+            "map_statistics.json",
+            "race.json",
+            "race.mcap",
             "report.html",
         }
         assert not (folder / "runs").exists()
@@ -414,8 +492,12 @@ class TestOutput:
             f' --scenario_text "referee: {{time_limit: 1.0}}" {reader}'
         )
         process = subprocess.run(
-            ["bash", "-c", command, sys.executable], capture_output=True, text=True, timeout=60,
-            cwd=folder, env={**os.environ, "PYTHONPATH": str(models_path().parent)},
+            ["bash", "-c", command, sys.executable],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": str(models_path().parent)},
         )
         assert process.stderr == ""
         assert process.returncode == 1
@@ -436,9 +518,20 @@ class TestOutput:
             "        super()._CalcReference(context, output)\n"
         )
         process = subprocess.run(
-            [sys.executable, "-m", "airrace.diagrams.race", "--output", "out", "--no-meshcat",
-             "--scenario_text", "boxes: {trajectory_tracker: my_boxes:Tracker}"],
-            capture_output=True, text=True, timeout=60, cwd=folder,
+            [
+                sys.executable,
+                "-m",
+                "airrace.diagrams.race",
+                "--output",
+                "out",
+                "--no-meshcat",
+                "--scenario_text",
+                "boxes: {trajectory_tracker: my_boxes:Tracker}",
+            ],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            cwd=folder,
             env={**os.environ, "PYTHONPATH": f"{models_path().parent}:{folder / 'boxes'}"},
         )
         assert process.returncode == 1

@@ -28,8 +28,9 @@ def races(tmp_path_factory):
     result = {}
     for content in ("none", "light", "full"):
         folder, states = tmp_path_factory.mktemp(content), []
-        data = run_race(short(content), folder,
-                        show=lambda record, look: states.append(look.state.tolist()))
+        data = run_race(
+            short(content), folder, show=lambda record, look: states.append(look.state.tolist())
+        )
         del data["wall"]
         result[content] = folder, data, states
     return result
@@ -41,8 +42,7 @@ def test_recording_changes_nothing(races):
         assert races[content][1] == data
         assert races[content][2] == states
         for name in ("map.json", "map_statistics.json"):
-            assert (races[content][0] / name).read_bytes() == (
-                races["none"][0] / name).read_bytes()
+            assert (races[content][0] / name).read_bytes() == (races["none"][0] / name).read_bytes()
 
 
 def test_none_leaves_no_log(races):
@@ -53,8 +53,19 @@ def test_a_real_race_has_every_signal(races):
     folder, _, states = races["full"]
     run = load_run(folder)
     assert run.complete
-    for name in ("state", "estimate", "filtered", "reference", "tracking", "rotors",
-                 "detections", "map", "gates", "events", "disturbance"):
+    for name in (
+        "state",
+        "estimate",
+        "filtered",
+        "reference",
+        "tracking",
+        "rotors",
+        "detections",
+        "map",
+        "gates",
+        "events",
+        "disturbance",
+    ):
         assert len(run.tables[name]) > 0, name
     end = run.state.iloc[-1]
     assert end.time == pytest.approx(TIME_LIMIT, abs=0.11)
@@ -95,8 +106,11 @@ run_race(Scenario(), Path(sys.argv[1]), show=lambda record, look: print(look.tim
 
 
 def test_a_race_that_is_killed_can_be_read_to_the_last_second(tmp_path):
-    process = subprocess.Popen([sys.executable, "-c", textwrap.dedent(KILLED), str(tmp_path)],
-                               stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(KILLED), str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     try:
         for line in process.stdout:
             if float(line) > 4.75:
@@ -113,6 +127,8 @@ def test_a_race_that_is_killed_can_be_read_to_the_last_second(tmp_path):
     assert run.state.time.max() > max(times) - 1.0
     assert run.detections.time.max() > max(times) - 1.0
     assert [e for e in run.events.name if e in ("CALIBRATE", "TAKE_OFF")] == [
-        "CALIBRATE", "TAKE_OFF"]
+        "CALIBRATE",
+        "TAKE_OFF",
+    ]
     assert json.loads((tmp_path / "map.json").read_text())["time_s"] > max(times) - 1.2
     assert "The recording ends at" in write_report(tmp_path).read_text()

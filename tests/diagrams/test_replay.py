@@ -23,8 +23,9 @@ def runs(folder):
     return [load_run(folder / name) for name in ("one", "two")]
 
 
-@pytest.mark.parametrize("align, lap, start", [
-    ("start", 1, 0.0), ("lap", 1, FIRST), ("lap", 2, FIRST + LAP)])
+@pytest.mark.parametrize(
+    "align, lap, start", [("start", 1, 0.0), ("lap", 1, FIRST), ("lap", 2, FIRST + LAP)]
+)
 def test_a_ghost_is_where_the_run_was(runs, align, lap, start):
     for ghost in make_ghosts(runs, align, lap):
         assert ghost.start == pytest.approx(start)
@@ -63,16 +64,18 @@ def test_a_page_that_opens_offline(folder, tmp_path, capsys):
     assert out == [f"blue: {folder / 'one'}", f"orange: {folder / 'two'}", f"Replay: {page}"]
 
 
-@pytest.mark.parametrize("args, words", [
-    (["one", "none"], "none/race.json cannot be read"),
-    (["silent"], "has no flight in its race.mcap; name a race that was recorded"),
-    (["one", "--lap", "2"], "--lap needs --align lap"),
-    (["two", "one", "--align", "lap", "--lap", "3"], "one has no lap 3, it began 2"),
-    (["one"] * 7, "at most 6 runs, not 7"),
-])
+@pytest.mark.parametrize(
+    "args, words",
+    [
+        (["one", "none"], "none/race.json cannot be read"),
+        (["silent"], "has no flight in its race.mcap; name a race that was recorded"),
+        (["one", "--lap", "2"], "--lap needs --align lap"),
+        (["two", "one", "--align", "lap", "--lap", "3"], "one has no lap 3, it began 2"),
+        (["one"] * 7, "at most 6 runs, not 7"),
+    ],
+)
 def test_bad_input(folder, capsys, args, words):
-    args = [str(folder / arg) if (folder / arg).exists() or arg == "none" else arg
-            for arg in args]
+    args = [str(folder / arg) if (folder / arg).exists() or arg == "none" else arg for arg in args]
     assert main([*args, "--html", "/none/a.html"]) == 2
     err = capsys.readouterr().err
     assert err.count("\n") == 1 and words in err

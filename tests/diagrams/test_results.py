@@ -22,8 +22,13 @@ RACING = ExplorerStatus(state="DONE", gates=tuple(range(N)), closed_at=60.5, don
 def crossings(count, start=100.0, pace=2.0):
     """The first so many crossings: a lap takes N * pace seconds."""
     return tuple(
-        GateCrossing(time=start + pace * k, gate=k % N + 1, lap=k // N + 1,
-                     offset=0.01 * k, max_speed=10.0 + k)
+        GateCrossing(
+            time=start + pace * k,
+            gate=k % N + 1,
+            lap=k // N + 1,
+            offset=0.01 * k,
+            max_speed=10.0 + k,
+        )
         for k in range(count)
     )
 
@@ -33,21 +38,49 @@ def report(count, finished=False, dnf_reason=None, end_time=None, collisions=0):
 
 
 def plan(lap, duration):
-    return LapPlan(lap=lap, start_time=0.0, entry=None, circuit=None, phase=0.0,
-                   report=PlanReport(
-                       0.25, duration, 19.0, 9.5, 4.5, max_thrusts=(4.0, 4.5),
-                       min_thrusts=(1.0, 1.5), max_rate=6.0, clearance=2.0, margin=0.4,
-                       reached=("speed",), bound=16.0, solver="Clarabel", iterations=3, warm=True))
+    return LapPlan(
+        lap=lap,
+        start_time=0.0,
+        entry=None,
+        circuit=None,
+        phase=0.0,
+        report=PlanReport(
+            0.25,
+            duration,
+            19.0,
+            9.5,
+            4.5,
+            max_thrusts=(4.0, 4.5),
+            min_thrusts=(1.0, 1.5),
+            max_rate=6.0,
+            clearance=2.0,
+            margin=0.4,
+            reached=("speed",),
+            bound=16.0,
+            solver="Clarabel",
+            iterations=3,
+            warm=True,
+        ),
+    )
 
 
 def gate_map(error=0.0, ids=range(4 * N)):
     """A map whose markers are all off by the same distance (m)."""
     boards = {board.id: board.X_WM.translation() for board in TRACK.boards()}
-    return GateMap(time=1.0, markers=tuple(
-        MarkerEstimate(id=id, count=9, outliers=0, variance=np.zeros(3), normal=np.eye(3)[0],
-                       p_WM=boards.get(id, np.zeros(3)) + [0.0, error, 0.0])
-        for id in ids
-    ))
+    return GateMap(
+        time=1.0,
+        markers=tuple(
+            MarkerEstimate(
+                id=id,
+                count=9,
+                outliers=0,
+                variance=np.zeros(3),
+                normal=np.eye(3)[0],
+                p_WM=boards.get(id, np.zeros(3)) + [0.0, error, 0.0],
+            )
+            for id in ids
+        ),
+    )
 
 
 def test_before_the_first_look():
@@ -68,7 +101,9 @@ def test_before_the_first_look():
         "best_lap_s": None,
         "collisions": 0,
         "wall": {
-            "simulation": "SITL", "seconds": 0.5, "real_time_factor": 0.0,
+            "simulation": "SITL",
+            "seconds": 0.5,
+            "real_time_factor": 0.0,
             "plan_solve_times_s": [],
         },
     }
@@ -93,7 +128,9 @@ def test_exploring():
     assert record.observe(12.5, report(0), status, gate_map(), NO_PLAN) == 0
     data = record.data(5.0, "interrupted")
     assert data["exploration"] == {
-        "success": False, "time_s": 12.5, "gates_found": 3,
+        "success": False,
+        "time_s": 12.5,
+        "gates_found": 3,
         "events": [{"time_s": 0.0, "state": "HOVER", "reason": "power on"}],
     }
     assert (data["wall"]["seconds"], data["wall"]["real_time_factor"]) == (5.0, 2.5)
@@ -137,10 +174,12 @@ def test_a_search_in_vain_ends_with_what_it_tried_last():
     status = ExplorerStatus(state="LOOK_AROUND", reason="lost, looking left", gates=(0,))
     record.observe(600.0, over, status, GateMap(), NO_PLAN)
     assert record.data(1.0)["dnf_reason"] == (
-        "ran out of time in state LOOK_AROUND: lost, looking left")
+        "ran out of time in state LOOK_AROUND: lost, looking left"
+    )
     record.observe(600.0, over, RACING, GateMap(), NO_PLAN)
     assert record.data(1.0)["dnf_reason"] == (
-        "ran out of time: no lap through the map's gates was found")
+        "ran out of time: no lap through the map's gates was found"
+    )
     record.observe(600.0, over, RACING, GateMap(), plan(1, 19.0))
     assert record.data(1.0)["dnf_reason"] == "ran out of time"
 
@@ -175,11 +214,21 @@ def test_a_whole_race():
     assert second["map_rms_m"] == pytest.approx(0.2)
     assert first["plan"]["duration_s"] == 19.0
     said = {
-        "duration_s": 18.0, "max_speed": 19.0, "max_acceleration": 9.5,
-        "max_rotor_thrust": 4.5, "max_rate": 6.0, "max_rotor_thrusts": [4.0, 4.5],
-        "min_rotor_thrusts": [1.0, 1.5], "limits_reached": ["speed"], "pylon_clearance_m": 2.0,
-        "margin_m": 0.4, "bound_s": 16.0, "over_bound": 0.125, "solver": "Clarabel",
-        "iterations": 3, "warm": True,
+        "duration_s": 18.0,
+        "max_speed": 19.0,
+        "max_acceleration": 9.5,
+        "max_rotor_thrust": 4.5,
+        "max_rate": 6.0,
+        "max_rotor_thrusts": [4.0, 4.5],
+        "min_rotor_thrusts": [1.0, 1.5],
+        "limits_reached": ["speed"],
+        "pylon_clearance_m": 2.0,
+        "margin_m": 0.4,
+        "bound_s": 16.0,
+        "over_bound": 0.125,
+        "solver": "Clarabel",
+        "iterations": 3,
+        "warm": True,
     }
     assert second["plan"] == said
     assert data["mean_lap_s"] == data["best_lap_s"] == 20.0
@@ -200,16 +249,21 @@ def test_a_lap_without_a_plan():
     """A student's planner may not say what it promises."""
     record = RaceRecord(Scenario(), TRACK)
     record.observe(199.0, report(N + 1), RACING, GateMap(), NO_PLAN)
-    lap, = record.data(1.0)["laps"]
+    (lap,) = record.data(1.0)["laps"]
     assert lap["plan"] is None and lap["map_rms_m"] is None
 
 
 def test_laps_of_different_length():
     record = RaceRecord(Scenario(), TRACK)
     slow = crossings(N + 1, pace=3.0)
-    fast = crossings(2 * N + 1, start=slow[-1].time - 2.0 * N)[N + 1:]
-    record.observe(1e3, RefereeReport(slow + fast, False, "ran out of time", 9e2, 0), RACING,
-                   gate_map(), NO_PLAN)
+    fast = crossings(2 * N + 1, start=slow[-1].time - 2.0 * N)[N + 1 :]
+    record.observe(
+        1e3,
+        RefereeReport(slow + fast, False, "ran out of time", 9e2, 0),
+        RACING,
+        gate_map(),
+        NO_PLAN,
+    )
     data = record.data(1.0)
     assert [lap["time_s"] for lap in data["laps"]] == [30.0, 20.0]
     assert (data["mean_lap_s"], data["best_lap_s"]) == (25.0, 20.0)

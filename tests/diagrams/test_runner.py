@@ -30,12 +30,18 @@ def read_race(folder):
     scenario.check()
     data = {
         name: json.loads((folder / name).read_text(), parse_constant=refuse)
-        for name in FILES if name.endswith(".json")
+        for name in FILES
+        if name.endswith(".json")
     }
     check_schema(data["race.json"], len(load_track(scenario.track).gates), scenario.laps)
     assert data["map.json"].keys() == {"time_s", "gates", "markers"}
     assert data["map_statistics.json"].keys() == {
-        "time_s", "detections", "out_of_range_ids", "error_rate", "refused", "markers"
+        "time_s",
+        "detections",
+        "out_of_range_ids",
+        "error_rate",
+        "refused",
+        "markers",
     }
     return data["race.json"]
 
@@ -68,39 +74,71 @@ def check_schema(data, gates, laps):
     def numbers(value):
         return type(value) is list and len(value) == gates and all(map(is_number, value))
 
-    plan = matches({
-        "duration_s": is_number, "bound_s": is_number,
-        "over_bound": is_number, "max_speed": is_number, "max_acceleration": is_number,
-        "max_rate": is_number, "max_rotor_thrust": is_number,
-        "max_rotor_thrusts": is_a(list), "min_rotor_thrusts": is_a(list),
-        "limits_reached": is_a(list), "pylon_clearance_m": is_number, "margin_m": is_number,
-        "solver": is_a(str), "iterations": optional(is_a(int)), "warm": is_a(bool),
-    })
-    lap = matches({
-        "lap": is_a(int), "start_s": is_number, "time_s": is_number,
-        "gate_times_s": numbers, "gate_offsets_m": numbers,
-        "max_speed": is_number, "map_rms_m": optional(is_number), "plan": optional(plan),
-    })
+    plan = matches(
+        {
+            "duration_s": is_number,
+            "bound_s": is_number,
+            "over_bound": is_number,
+            "max_speed": is_number,
+            "max_acceleration": is_number,
+            "max_rate": is_number,
+            "max_rotor_thrust": is_number,
+            "max_rotor_thrusts": is_a(list),
+            "min_rotor_thrusts": is_a(list),
+            "limits_reached": is_a(list),
+            "pylon_clearance_m": is_number,
+            "margin_m": is_number,
+            "solver": is_a(str),
+            "iterations": optional(is_a(int)),
+            "warm": is_a(bool),
+        }
+    )
+    lap = matches(
+        {
+            "lap": is_a(int),
+            "start_s": is_number,
+            "time_s": is_number,
+            "gate_times_s": numbers,
+            "gate_offsets_m": numbers,
+            "max_speed": is_number,
+            "map_rms_m": optional(is_number),
+            "plan": optional(plan),
+        }
+    )
     event = matches({"time_s": is_number, "state": is_a(str), "reason": is_a(str)})
     failure = matches({"rotor": is_a(int), "time_s": is_number, "noticed_s": optional(is_number)})
-    matches({
-        "track": is_a(str), "drone": is_a(str),
-        "trajectory": lambda value: value in ("3", "4", "6", "optimal"),
-        "limits": is_a(str), "seed": is_a(int),
-        "rotor_failures": lambda value: type(value) is list and all(map(failure, value)),
-        "finished": is_a(bool), "dnf_reason": optional(is_a(str)),
-        "exploration": matches({
-            "success": is_a(bool), "time_s": is_number, "gates_found": is_a(int),
-            "events": lambda value: type(value) is list and all(map(event, value)),
-        }),
-        "laps": lambda value: type(value) is list and all(map(lap, value)),
-        "mean_lap_s": optional(is_number), "best_lap_s": optional(is_number),
-        "collisions": is_a(int),
-        "wall": matches({
-            "simulation": is_a(str), "seconds": is_number, "real_time_factor": is_number,
-            "plan_solve_times_s": is_a(list),
-        }),
-    })(data)
+    matches(
+        {
+            "track": is_a(str),
+            "drone": is_a(str),
+            "trajectory": lambda value: value in ("3", "4", "6", "optimal"),
+            "limits": is_a(str),
+            "seed": is_a(int),
+            "rotor_failures": lambda value: type(value) is list and all(map(failure, value)),
+            "finished": is_a(bool),
+            "dnf_reason": optional(is_a(str)),
+            "exploration": matches(
+                {
+                    "success": is_a(bool),
+                    "time_s": is_number,
+                    "gates_found": is_a(int),
+                    "events": lambda value: type(value) is list and all(map(event, value)),
+                }
+            ),
+            "laps": lambda value: type(value) is list and all(map(lap, value)),
+            "mean_lap_s": optional(is_number),
+            "best_lap_s": optional(is_number),
+            "collisions": is_a(int),
+            "wall": matches(
+                {
+                    "simulation": is_a(str),
+                    "seconds": is_number,
+                    "real_time_factor": is_number,
+                    "plan_solve_times_s": is_a(list),
+                }
+            ),
+        }
+    )(data)
     assert data["finished"] == (data["dnf_reason"] is None) == (len(data["laps"]) == laps)
     assert [lap["lap"] for lap in data["laps"]] == list(range(1, len(data["laps"]) + 1))
     times = [lap["time_s"] for lap in data["laps"]]
@@ -203,7 +241,8 @@ class TestShortFlights:
         for name, seed in (("a", 3), ("b", 3), ("c", 4)):
             (tmp_path / name).mkdir()
             result = run_race(
-                short(seed=seed), tmp_path / name,
+                short(seed=seed),
+                tmp_path / name,
                 show=lambda record, look: states.setdefault(name, []).append(look.state.tolist()),
             )
             assert result == read_race(tmp_path / name)
@@ -212,7 +251,9 @@ class TestShortFlights:
             states_entered = [e["state"] for e in result["exploration"].pop("events")]
             assert states_entered == ["CALIBRATE", "TAKE_OFF"]
             assert result["exploration"] == {
-                "success": False, "time_s": pytest.approx(2.0), "gates_found": 0
+                "success": False,
+                "time_s": pytest.approx(2.0),
+                "gates_found": 0,
             }
         assert states["a"] == states["b"] != states["c"]
         same = [comparable(read_race(tmp_path / name)) for name in "ab"]
@@ -235,9 +276,13 @@ class TestShortFlights:
     def test_signal_handlers_are_given_back(self, tmp_path):
         before = [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)]
         during = []
-        run_race(short(0.2), tmp_path, show=lambda record, look: during.append(
-            [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)]
-        ))
+        run_race(
+            short(0.2),
+            tmp_path,
+            show=lambda record, look: during.append(
+                [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)]
+            ),
+        )
         assert [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)] == before
         assert all(handlers != before for handlers in during)
 
@@ -254,6 +299,7 @@ class TestShortFlights:
 
     def test_ctrl_c_before_the_first_look(self, tmp_path, monkeypatch):
         """The files are written with no flight at all."""
+
         def interrupted_write(*args):
             os.kill(os.getpid(), signal.SIGINT)
             write_map(*args)
@@ -339,6 +385,7 @@ class TestFaults:
 
     def test_a_disk_that_is_full_at_the_end(self, tmp_path, monkeypatch):
         """What was written before stays, and one sentence says what is wrong."""
+
         def show(record, look):
             if look.time > 1.45:
                 monkeypatch.setattr("pathlib.Path.write_bytes", full)
@@ -352,9 +399,7 @@ class TestFaults:
         assert read_race(tmp_path)["dnf_reason"] == "not over yet"
 
     def test_a_disk_that_is_full_in_flight(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(
-            "airrace.systems.gate_map_writer.write_map", self._fail_with_user_error
-        )
+        monkeypatch.setattr("airrace.systems.gate_map_writer.write_map", self._fail_with_user_error)
         with pytest.raises(UserError, match="map.json cannot be written"):
             run_race(short(1.5), tmp_path)
         assert read_race(tmp_path)["dnf_reason"] == "stopped by an error"
@@ -375,9 +420,17 @@ def test_a_signal_in_mid_flight(tmp_path, signum, replay):
     log = tmp_path / "log"
     with open(log, "w") as file:
         process = subprocess.Popen(
-            [sys.executable, "-m", "airrace.diagrams.race", "--output", str(tmp_path / "out"),
-             "--meshcat" if replay else "--no-meshcat"],
-            stdout=file, stderr=subprocess.STDOUT, cwd=os.getcwd(),
+            [
+                sys.executable,
+                "-m",
+                "airrace.diagrams.race",
+                "--output",
+                str(tmp_path / "out"),
+                "--meshcat" if replay else "--no-meshcat",
+            ],
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            cwd=os.getcwd(),
             # A shell that started the tests in the background may ignore SIGINT.
             preexec_fn=lambda: signal.signal(signum, signal.SIG_DFL),
         )
@@ -407,7 +460,11 @@ def test_a_race_has_the_outputs_of_a_recorder():
     assert [system.get_name() for system in race.GetSystems()] == ["simulation", "autonomy"]
     names = [race.get_output_port(i).get_name() for i in range(race.num_output_ports())]
     assert names == [
-        "truth.referee_report", "truth.state", "explorer_status", "gate_map", "lap_plan",
+        "truth.referee_report",
+        "truth.state",
+        "explorer_status",
+        "gate_map",
+        "lap_plan",
         "rotor_losses",
     ]
     assert race.num_input_ports() == 0

@@ -98,9 +98,7 @@ def test_shipped_scenarios_fly(tmp_path, filename, name):
         except UserError as e:
             pytest.skip(str(e))
     heights = []
-    result = run_race(
-        scenario, tmp_path, show=lambda record, look: heights.append(look.state[6])
-    )
+    result = run_race(scenario, tmp_path, show=lambda record, look: heights.append(look.state[6]))
     assert result["dnf_reason"].startswith("ran out of time")
     assert result["track"] == "student-airrace"
     assert heights[-1] > 0.3  # it stands at 0.1
@@ -115,8 +113,13 @@ def test_a_level_is_the_one_before_and_a_little_more():
     """Each makes what the one before left out worse, and nothing better."""
     levels = [load_scenario(filename="levels", scenario_name=f"Level{n}") for n in range(5)]
     noises = [(s.state_noise, list(PRESETS).index(s.camera.preset)) for s in levels]
-    assert noises == [("none", 0), ("reference", 1), ("reference", 1), ("reference", 2),
-                      ("reference", 2)]
+    assert noises == [
+        ("none", 0),
+        ("reference", 1),
+        ("reference", 1),
+        ("reference", 2),
+        ("reference", 2),
+    ]
     numbers = [disturbances(scenario) for scenario in levels]
     assert numbers[0] == numbers[1] == disturbances(Scenario())
     for easier, harder in zip(numbers[1:], numbers[2:]):
@@ -143,9 +146,9 @@ def test_a_levels_table_tells_its_values():
         table, _, body = part.partition(f"Level{level}:")
         rows = re.findall(r"^#   \(?((?:state_noise|camera|disturbances)\S*) +(.*)$", table, re.M)
         told |= {name.removeprefix("disturbances.") for name, _ in rows}
-        scenario = yaml.safe_load(as_yaml(
-            load_scenario(filename="levels", scenario_name=f"Level{level}")
-        ))
+        scenario = yaml.safe_load(
+            as_yaml(load_scenario(filename="levels", scenario_name=f"Level{level}"))
+        )
         for name, words in rows:
             value = scenario
             for key in name.split("."):
@@ -173,7 +176,8 @@ def test_defaults_then_file_then_text(tmp_path):
     assert scenario.explorer.step_length == Scenario().explorer.step_length
     assert load_scenario(filename=str(path), scenario_name="Other").laps == 5
     scenario = load_scenario(
-        filename=str(path), scenario_name="Other",
+        filename=str(path),
+        scenario_name="Other",
         scenario_text="{laps: 7, boxes: {gate_mapper: c:d}, explorer: {rate: 5}}",
     )
     assert scenario.laps == 7 and scenario.seed == 0
@@ -184,11 +188,13 @@ def test_defaults_then_file_then_text(tmp_path):
 
 
 def test_drakes_own_structs_can_be_set():
-    scenario = load_scenario(scenario_text="""
+    scenario = load_scenario(
+        scenario_text="""
         simulator_config: {integration_scheme: runge_kutta2, max_step_size: 0.05,
                            target_realtime_rate: 1}
         plant_config: {time_step: 0.002, discrete_contact_approximation: sap}
-    """)
+    """
+    )
     scenario.check()
     assert isinstance(scenario.simulator_config, SimulatorConfig)
     assert isinstance(scenario.plant_config, MultibodyPlantConfig)
@@ -228,35 +234,25 @@ BAD = {
     "disturbances: {drag: 11}": "disturbances.drag must be at most 10, not 11",
     "disturbances: {mass_error: 0.6}": "disturbances.mass_error must be at most 0.5",
     "disturbances: {actuator_delay: 1}": "disturbances.actuator_delay must be at most 0.1",
-    "disturbances: {drag: 1, wind: {mean: [1, 2, 31]}}":
-        r"disturbances.wind.mean\[2\] must be at most 30, not 31",
-    "disturbances: {drag: 1, wind: {mean: [4, 3]}}":
-        "disturbances.wind.mean needs three numbers, x, y and z, not 2",
+    "disturbances: {drag: 1, wind: {mean: [1, 2, 31]}}": r"disturbances.wind.mean\[2\] must be at most 30, not 31",
+    "disturbances: {drag: 1, wind: {mean: [4, 3]}}": "disturbances.wind.mean needs three numbers, x, y and z, not 2",
     "disturbances: {drag: 1, wind: {mean: []}}": "wind.mean needs three numbers",
     "disturbances: {drag: 1, wind: {mean: 4}}": "disturbances.wind.mean must be a list",
-    "disturbances: {drag: 1, wind: {mean: [1, 2, up]}}":
-        r"disturbances.wind.mean\[2\] must be a number, not 'up'",
-    "disturbances: {wind: {mean: [0, 0, 1]}}":
-        "disturbances.wind acts through drag: set disturbances.drag, e.g. to 1",
+    "disturbances: {drag: 1, wind: {mean: [1, 2, up]}}": r"disturbances.wind.mean\[2\] must be a number, not 'up'",
+    "disturbances: {wind: {mean: [0, 0, 1]}}": "disturbances.wind acts through drag: set disturbances.drag, e.g. to 1",
     "disturbances: {wind: {gust_rms: 1}}": "disturbances.wind acts through drag",
-    "disturbances: {wind: {speed: 1}}":
-        "disturbances.wind.speed is unknown; there are: mean, gust_rms, gust_time, mean_speed",
+    "disturbances: {wind: {speed: 1}}": "disturbances.wind.speed is unknown; there are: mean, gust_rms, gust_time, mean_speed",
     "disturbances: {wind: {mean_speed: 4}}": "disturbances.wind acts through drag",
-    "disturbances: {drag: 1, wind: {mean_speed: -1}}":
-        "disturbances.wind.mean_speed must be at least 0, not -1",
+    "disturbances: {drag: 1, wind: {mean_speed: -1}}": "disturbances.wind.mean_speed must be at least 0, not -1",
     "disturbances: {gate_shift: 3}": "disturbances.gate_shift must be at most 2, not 3",
     "controller: {feed_forward: 1}": "controller.feed_forward must be true or false, not 1",
     "rotor_failures: {rotor: 1, time: 1}": "rotor_failures must be a list",
     "rotor_failures: [3]": r"rotor_failures\[0\] must be a mapping",
     "rotor_failures: [{rotor: 1.5, time: 1}]": r"rotor_failures\[0\].rotor must be a whole number",
-    "rotor_failures: [{number: 1}]":
-        r"rotor_failures\[0\].number is unknown; there are: rotor, time",
-    "rotor_failures: [{rotor: 1}, {time: 3}]":
-        r"rotor_failures\[1\].rotor must be at least 1, not 0",
-    "rotor_failures: [{rotor: 1, time: -1}]":
-        r"rotor_failures\[0\].time must be at least 0, not -1",
-    "rotor_failures: [{rotor: 2, time: 1}, {rotor: 1}, {rotor: 2, time: 3}]":
-        "rotor_failures has rotor 2 twice; name each rotor once",
+    "rotor_failures: [{number: 1}]": r"rotor_failures\[0\].number is unknown; there are: rotor, time",
+    "rotor_failures: [{rotor: 1}, {time: 3}]": r"rotor_failures\[1\].rotor must be at least 1, not 0",
+    "rotor_failures: [{rotor: 1, time: -1}]": r"rotor_failures\[0\].time must be at least 0, not -1",
+    "rotor_failures: [{rotor: 2, time: 1}, {rotor: 1}, {rotor: 2, time: 3}]": "rotor_failures has rotor 2 twice; name each rotor once",
     "perception: {estimator: best}": "perception.estimator must be one of robust, report, not",
     "perception: {latency: 0.04}": "perception.latency must be shorter than one frame",
     "referee: {time_limit: 0.0}": "referee.time_limit must be positive",
@@ -281,7 +277,10 @@ def test_every_number_must_be_finite():
     floats = [path for path, value in leaves(document()) if type(value) is float]
     assert len(floats) > 40
     assert {path[0] for path in floats} >= {
-        "disturbances", "rotor_failures", "simulator_config", "plant_config"
+        "disturbances",
+        "rotor_failures",
+        "simulator_config",
+        "plant_config",
     }
     for path in floats:
         for value in (math.nan, math.inf):
@@ -291,18 +290,26 @@ def test_every_number_must_be_finite():
 
 # The numbers of ours that zero is good for.
 ZERO = (
-    "seed", "state_estimate.position_sigma", "state_estimate.velocity_sigma",
-    "disturbances.wind.mean_speed", "disturbances.wind.gust_rms", "disturbances.drag",
-    "disturbances.mass_error", "disturbances.inertia_error",
+    "seed",
+    "state_estimate.position_sigma",
+    "state_estimate.velocity_sigma",
+    "disturbances.wind.mean_speed",
+    "disturbances.wind.gust_rms",
+    "disturbances.drag",
+    "disturbances.mass_error",
+    "disturbances.inertia_error",
     "disturbances.thrust_coefficient_error",
-    "disturbances.actuator_delay", "disturbances.gate_shift", "rotor_failures[0].time",
+    "disturbances.actuator_delay",
+    "disturbances.gate_shift",
+    "rotor_failures[0].time",
     "link_delay",
 )
 
 
 def test_every_number_of_ours_but_noise_and_errors_must_be_positive():
     numbers = {
-        dotted(path): path for path, value in leaves(document())
+        dotted(path): path
+        for path, value in leaves(document())
         if type(value) in (int, float) and path[0] not in ("simulator_config", "plant_config")
     }
     assert set(ZERO) < set(numbers)
@@ -317,8 +324,11 @@ def test_every_number_of_ours_but_noise_and_errors_must_be_positive():
 
 
 def test_switches_are_no_numbers():
-    switches = [path for path, value in leaves(document())
-                if type(value) is bool and path[0] not in ("simulator_config", "plant_config")]
+    switches = [
+        path
+        for path, value in leaves(document())
+        if type(value) is bool and path[0] not in ("simulator_config", "plant_config")
+    ]
     assert len(switches) >= 2
     for path in switches:
         for value in (False, True):
@@ -363,22 +373,33 @@ _errors = st.floats(0.0, 0.5)
 _disturbances = st.builds(
     DisturbancesConfig,
     wind=st.builds(
-        WindConfig, mean=st.lists(st.floats(-30, 30), min_size=3, max_size=3),
-        mean_speed=st.floats(0, 30), gust_rms=st.floats(0, 20), gust_time=_positive,
+        WindConfig,
+        mean=st.lists(st.floats(-30, 30), min_size=3, max_size=3),
+        mean_speed=st.floats(0, 30),
+        gust_rms=st.floats(0, 20),
+        gust_time=_positive,
     ),
-    drag=st.floats(1e-6, 10), mass_error=_errors, inertia_error=_errors,
-    thrust_coefficient_error=_errors, actuator_delay=st.floats(0, 0.1),
+    drag=st.floats(1e-6, 10),
+    mass_error=_errors,
+    inertia_error=_errors,
+    thrust_coefficient_error=_errors,
+    actuator_delay=st.floats(0, 0.1),
     gate_shift=st.floats(0, 2),
 )
 _recordings = st.builds(
-    RecordingConfig, content=st.sampled_from(CONTENTS), state_rate=st.floats(1, 1000),
-    pose_rate=st.floats(1, 1000), image_rate=st.floats(0.1, 30),
-    image_width=st.integers(16, 8192), jpeg_quality=st.integers(1, 100),
+    RecordingConfig,
+    content=st.sampled_from(CONTENTS),
+    state_rate=st.floats(1, 1000),
+    pose_rate=st.floats(1, 1000),
+    image_rate=st.floats(0.1, 30),
+    image_width=st.integers(16, 8192),
+    jpeg_quality=st.integers(1, 100),
     flush_period=st.floats(0.01, 60),
 )
 _failures = st.lists(
     st.builds(RotorFailure, rotor=st.integers(1, 8), time=st.floats(0, 1e6)),
-    max_size=3, unique_by=lambda failure: failure.rotor,
+    max_size=3,
+    unique_by=lambda failure: failure.rotor,
 )
 
 
@@ -442,15 +463,30 @@ def test_a_left_scenario_finds_its_track_from_any_folder(tmp_path, monkeypatch, 
 
 
 _values = st.recursive(
-    st.none() | st.booleans() | st.integers(-3, 2000) | st.floats()
+    st.none()
+    | st.booleans()
+    | st.integers(-3, 2000)
+    | st.floats()
     | st.sampled_from(["3", "vtk", "none", "x", ""]),
-    lambda inner: st.lists(inner, max_size=2)
-    | st.dictionaries(
-        st.sampled_from([
-            *yaml.safe_load(as_yaml(Scenario())), "rate", "max_speed", "width", "wind", "mean",
-            "drag", "rotor", "time",
-        ]),
-        inner, max_size=3,
+    lambda inner: (
+        st.lists(inner, max_size=2)
+        | st.dictionaries(
+            st.sampled_from(
+                [
+                    *yaml.safe_load(as_yaml(Scenario())),
+                    "rate",
+                    "max_speed",
+                    "width",
+                    "wind",
+                    "mean",
+                    "drag",
+                    "rotor",
+                    "time",
+                ]
+            ),
+            inner,
+            max_size=3,
+        )
     ),
     max_leaves=6,
 )
@@ -466,6 +502,7 @@ def test_anything_loads_or_is_refused_in_a_sentence(data):
     else:
         assert scenario.laps >= 1
         assert all(
-            math.isfinite(value) for _, value in leaves(yaml.safe_load(as_yaml(scenario)))
+            math.isfinite(value)
+            for _, value in leaves(yaml.safe_load(as_yaml(scenario)))
             if isinstance(value, float)
         )

@@ -30,21 +30,15 @@ class Flight:
     def __init__(self, speeds, start=None, racing=False, scenario=None, meshcat=None):
         builder = DiagramBuilder()
         self.simulation = builder.AddSystem(MakeSimulation(scenario or Scenario(), meshcat))
-        status = builder.AddSystem(
-            ConstantValueSource(Value[object](ExplorerStatus(done=racing)))
-        )
-        builder.Connect(
-            status.get_output_port(), self.simulation.GetInputPort("explorer_status")
-        )
+        status = builder.AddSystem(ConstantValueSource(Value[object](ExplorerStatus(done=racing))))
+        builder.Connect(status.get_output_port(), self.simulation.GetInputPort("explorer_status"))
         command = builder.AddSystem(ConstantVectorSource(speeds)).get_output_port()
         builder.Connect(command, self.simulation.GetInputPort("rotor_speed_command"))
         self.simulator = Simulator(builder.Build())
         self.context = self.simulation.GetMyContextFromRoot(self.simulator.get_mutable_context())
         plant = self.simulation.GetSubsystemByName("plant")
         if start is not None:
-            plant_context = plant.GetMyMutableContextFromRoot(
-                self.simulator.get_mutable_context()
-            )
+            plant_context = plant.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
             plant.SetPositionsAndVelocities(plant_context, start)
         self.simulator.Initialize()
 
@@ -84,11 +78,18 @@ def test_stands_on_its_pad(drone, height):
 def test_a_drone_on_long_legs_is_not_in_the_air(tmp_path):
     shutil.copytree(find_vehicle("Default").parent, tmp_path / "mine")
     sdf = tmp_path / "mine" / "default.sdf"
-    sdf.write_text(sdf.read_text().replace(
-        "</link>", "".join(
-            f'<collision name="foot_{x}_{y}"><pose>{x} {y} -0.8 0 0 0</pose>'
-            "<geometry><sphere><radius>0.1</radius></sphere></geometry></collision>"
-            for x in (-0.15, 0.15) for y in (-0.15, 0.15)) + "</link>"))
+    sdf.write_text(
+        sdf.read_text().replace(
+            "</link>",
+            "".join(
+                f'<collision name="foot_{x}_{y}"><pose>{x} {y} -0.8 0 0 0</pose>'
+                "<geometry><sphere><radius>0.1</radius></sphere></geometry></collision>"
+                for x in (-0.15, 0.15)
+                for y in (-0.15, 0.15)
+            )
+            + "</link>",
+        )
+    )
     flight = Flight(speeds=np.zeros(4), scenario=Scenario(drone=str(tmp_path / "mine")))
     flight.advance(0.5)
     np.testing.assert_allclose(flight.state[4:7], [0, 0, 0.9], atol=2e-3)
@@ -117,18 +118,23 @@ def test_free_rotation_conserves_momentum_and_energy():
 
 def quaternion_matrix(q):
     w, x, y, z = q
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
-@pytest.mark.parametrize("faster, axis, sign", [
-    ((2, 3), 0, 1),  # the left rotors: roll to the right
-    ((0, 3), 1, 1),  # the rear ones: pitch down
-    ((1, 3), 2, 1),  # those that turn clockwise: yaw to the left
-])
+@pytest.mark.parametrize(
+    "faster, axis, sign",
+    [
+        ((2, 3), 0, 1),  # the left rotors: roll to the right
+        ((0, 3), 1, 1),  # the rear ones: pitch down
+        ((1, 3), 2, 1),  # those that turn clockwise: yaw to the left
+    ],
+)
 def test_rotors_turn_the_drone_the_right_way(faster, axis, sign):
     speeds = np.full(4, HOVER_SPEED)
     speeds[list(faster)] *= 1.05
@@ -156,11 +162,14 @@ def test_noise_off():
     np.testing.assert_array_equal(flight.state_estimate[1:], flight.state)
 
 
-@pytest.mark.parametrize("p, v, reason", [
-    ([14.0, 5.0, 6.25], [15, 0, 0], "touched board_0"),
-    ([14.0, -5.0, 2.0], [15, 0, 0], "touched pylon_1_right"),
-    ([0.0, 0.0, 3.0], [0, 0, -8], "hit the ground"),
-])
+@pytest.mark.parametrize(
+    "p, v, reason",
+    [
+        ([14.0, 5.0, 6.25], [15, 0, 0], "touched board_0"),
+        ([14.0, -5.0, 2.0], [15, 0, 0], "touched pylon_1_right"),
+        ([0.0, 0.0, 3.0], [0, 0, -8], "hit the ground"),
+    ],
+)
 def test_crashes_end_the_race(p, v, reason):
     flight = Flight(speeds=np.full(4, HOVER_SPEED), start=start_at(p, v)).advance(1.0)
     assert flight.report.dnf_reason == reason
@@ -177,8 +186,11 @@ def test_a_touch_of_a_single_step_ends_the_race(step):
     plant = flight.simulation.GetSubsystemByName("plant")
     contacts = plant.get_contact_results_output_port()
     context = plant.GetMyContextFromRoot(flight.simulator.get_context())
-    touched = [k for k in range(1, 13)
-               if flight.advance(0.001 * k) and contacts.Eval(context).num_point_pair_contacts()]
+    touched = [
+        k
+        for k in range(1, 13)
+        if flight.advance(0.001 * k) and contacts.Eval(context).num_point_pair_contacts()
+    ]
     assert len(touched) == 1
     assert flight.report.dnf_reason == "touched board_0"
     assert flight.report.end_time <= 0.001 * touched[0] + 0.005
@@ -203,8 +215,12 @@ def test_the_start_pose_is_the_tracks(tmp_path):
 
 class TestDisturbances:
     ALL = DisturbancesConfig(
-        wind=WindConfig([4.0, 3.0, 0.5], gust_rms=2.0), drag=1.0, mass_error=0.1,
-        inertia_error=0.1, thrust_coefficient_error=0.1, actuator_delay=0.01,
+        wind=WindConfig([4.0, 3.0, 0.5], gust_rms=2.0),
+        drag=1.0,
+        mass_error=0.1,
+        inertia_error=0.1,
+        thrust_coefficient_error=0.1,
+        actuator_delay=0.01,
     )
 
     @staticmethod
@@ -215,14 +231,22 @@ class TestDisturbances:
         times = np.arange(round(seconds / 0.001)) * 0.001 + 0.0005
         return np.array([flight.advance(time).rotor_speeds for time in times])
 
-    @pytest.mark.parametrize("rate, delay, steps", [
-        (1e3, 0.001, 1), (1e3, 0.01, 10), (1e3, 0.0304, 30), (1e3, 0.0306, 31), (1e3, 0.0001, 1),
-        (500.0, 0.01, 10), (500.0, 0.006, 6), (500.0, 0.001, 2),
-    ])
+    @pytest.mark.parametrize(
+        "rate, delay, steps",
+        [
+            (1e3, 0.001, 1),
+            (1e3, 0.01, 10),
+            (1e3, 0.0304, 30),
+            (1e3, 0.0306, 31),
+            (1e3, 0.0001, 1),
+            (500.0, 0.01, 10),
+            (500.0, 0.006, 6),
+            (500.0, 0.001, 2),
+        ],
+    )
     def test_a_delay_is_exact(self, rate, delay, steps):
         prompt = self.history(rate=rate)
-        late = self.history(
-            rate=rate, disturbances=DisturbancesConfig(actuator_delay=delay))
+        late = self.history(rate=rate, disturbances=DisturbancesConfig(actuator_delay=delay))
         assert np.all(prompt[0] > 0.0)
         np.testing.assert_array_equal(late[:steps], 0.0)
         np.testing.assert_array_equal(late[steps:], prompt[:-steps])
@@ -254,17 +278,18 @@ class TestDisturbances:
         assert body.default_mass() == pytest.approx(truth.mass, rel=1e-12)
         flight.advance(1.0)
         bank = flight.simulation.GetSubsystemByName("rotor_bank")
-        thrusts = bank.GetOutputPort("thrusts").Eval(bank.GetMyContextFromRoot(
-            flight.simulator.get_context()
-        ))
+        thrusts = bank.GetOutputPort("thrusts").Eval(
+            bank.GetMyContextFromRoot(flight.simulator.get_context())
+        )
         np.testing.assert_allclose(thrusts, truth.thrust_coefficients * 2500.0)
 
     def test_the_wind_carries_the_drone_and_needs_drag(self):
         start = start_at([0, 0, 50.0])
         for drag in (0.0, 1.0):
             config = DisturbancesConfig(wind=WindConfig([5.0, 0.0, 0.0]), drag=drag)
-            flight = Flight(speeds=np.full(4, HOVER_SPEED), start=start,
-                            scenario=Scenario(disturbances=config)).advance(1.0)
+            flight = Flight(
+                speeds=np.full(4, HOVER_SPEED), start=start, scenario=Scenario(disturbances=config)
+            ).advance(1.0)
             # (linear + quadratic |v|) v, on 1 kg, with v falling a little.
             force = drag * (0.1 + 0.006 * 5.0) * 5.0
             assert flight.state[10] == pytest.approx(force, rel=0.1, abs=1e-9)
@@ -315,14 +340,17 @@ class TestMovingGates:
         assert context.get_time() == 0.0
         return flight.camera_image.data.copy()
 
-    @pytest.mark.parametrize("p, v, shift, reason", [
-        ([14.0, 5.0, 6.25], [15, 0, 0], [0.0, 0.0], "touched board_0"),
-        ([14.0, 5.0, 6.25], [15, 0, 0], [0.0, -3.0], None),
-        ([14.0, 2.0, 6.25], [15, 0, 0], [0.0, 0.0], None),
-        ([14.0, 2.0, 6.25], [15, 0, 0], [0.0, -3.0], "touched board_0"),
-        ([14.0, -2.0, 2.0], [15, 0, 0], [0.0, 0.0], None),
-        ([14.0, -2.0, 2.0], [15, 0, 0], [0.0, 3.0], "touched pylon_1_right"),
-    ])
+    @pytest.mark.parametrize(
+        "p, v, shift, reason",
+        [
+            ([14.0, 5.0, 6.25], [15, 0, 0], [0.0, 0.0], "touched board_0"),
+            ([14.0, 5.0, 6.25], [15, 0, 0], [0.0, -3.0], None),
+            ([14.0, 2.0, 6.25], [15, 0, 0], [0.0, 0.0], None),
+            ([14.0, 2.0, 6.25], [15, 0, 0], [0.0, -3.0], "touched board_0"),
+            ([14.0, -2.0, 2.0], [15, 0, 0], [0.0, 0.0], None),
+            ([14.0, -2.0, 2.0], [15, 0, 0], [0.0, 3.0], "touched pylon_1_right"),
+        ],
+    )
     def test_it_is_touched_where_it_stands(self, p, v, shift, reason):
         flight = self.flight(shift, start_at(p, v)).advance(0.6)
         assert flight.report.dnf_reason == reason
@@ -359,10 +387,13 @@ class TestMovingGates:
             self.camera_image(self.flight(shift, start, camera=camera))
             for shift in ([0.0, 0.0], shifts[0])
         )
-        there = self.camera_image(Flight(
-            np.zeros(4), start, scenario=Scenario(
-                track=str(tmp_path / "moved.yaml"), camera=camera)
-        ))
+        there = self.camera_image(
+            Flight(
+                np.zeros(4),
+                start,
+                scenario=Scenario(track=str(tmp_path / "moved.yaml"), camera=camera),
+            )
+        )
         assert np.mean(moved != still) > 0.01
         np.testing.assert_array_equal(moved, there)
         plain = Flight(np.zeros(4), start, scenario=Scenario(camera=camera))
@@ -393,14 +424,20 @@ class TestMovingGates:
         assert flight.simulation.GetSubsystemByName("plant").num_bodies() == 2
         before = flight.simulator.get_context().Clone()
         FollowGates(flight.simulation, flight.simulator.get_mutable_context())
-        np.testing.assert_array_equal(flight.state, flight.simulation.GetOutputPort(
-            "truth.state").Eval(flight.simulation.GetMyContextFromRoot(before)))
+        np.testing.assert_array_equal(
+            flight.state,
+            flight.simulation.GetOutputPort("truth.state").Eval(
+                flight.simulation.GetMyContextFromRoot(before)
+            ),
+        )
 
     def test_it_flies_as_before(self):
         """Bodies that can be moved, and are not, change nothing."""
         start = start_at([0.0, 0.0, 5.0], [3.0, 1.0, 0.0], [0.1, 0.2, 0.3])
         rows = [
             Flight(np.full(4, HOVER_SPEED), start, scenario=Scenario(disturbances=config))
-            .advance(0.5).state for config in (self.MOVING, DisturbancesConfig())
+            .advance(0.5)
+            .state
+            for config in (self.MOVING, DisturbancesConfig())
         ]
         np.testing.assert_allclose(*rows, rtol=0, atol=1e-9)

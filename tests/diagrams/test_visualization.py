@@ -43,10 +43,21 @@ def test_a_race_that_is_watched_is_the_same_race(run, hexagon, text):
     live = []
 
     def look(record, look):
-        live.append(tuple(map(meshcat.HasPath, (
-            f"{HUD}/camera", f"{HUD}/scoreboard", "rays", "flown/0", "map/0",
-            "visualizer/drone/body/frustum",
-        ))))
+        live.append(
+            tuple(
+                map(
+                    meshcat.HasPath,
+                    (
+                        f"{HUD}/camera",
+                        f"{HUD}/scoreboard",
+                        "rays",
+                        "flown/0",
+                        "map/0",
+                        "visualizer/drone/body/frustum",
+                    ),
+                )
+            )
+        )
 
     folders = [run("alone", text=text), run("watched", meshcat, text, look)]
     results = [json.loads((folder / "race.json").read_text()) for folder in folders]

@@ -36,16 +36,17 @@ print(*sorted(compiled() - before), sep="\\n")
 
 
 def test_nothing_is_left_to_compile_in_the_race(tmp_path):
-    done = subprocess.run([sys.executable, "-c", PROGRAM, str(tmp_path)],
-                          capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(tmp_path)], capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     assert not done.stdout.strip(), done.stdout
 
 
-@pytest.mark.parametrize("on_disk, renderer", [
-    (False, "none"), (False, "planar"), (True, "planar")])
-def test_another_process_compiles_the_first_time(
-        monkeypatch, tmp_path, capsys, on_disk, renderer):
+@pytest.mark.parametrize(
+    "on_disk, renderer", [(False, "none"), (False, "planar"), (True, "planar")]
+)
+def test_another_process_compiles_the_first_time(monkeypatch, tmp_path, capsys, on_disk, renderer):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     (tmp_path / "of_a_module").mkdir()  # Numba makes it before it compiles
     if on_disk:
@@ -53,9 +54,12 @@ def test_another_process_compiles_the_first_time(
     assert compiled.is_on_disk() == on_disk
     ran, run = [], subprocess.run
     monkeypatch.setattr(subprocess, "run", lambda *args, **kwargs: ran.append(run(*args, **kwargs)))
-    warm_up.compile_apart(load_scenario(
-        scenario_text=f"{{map: track, camera: {{renderer: {renderer}}}, boxes: "
-        "{trajectory_tracker: 'tests.diagrams.test_warm_up:make_tracker'}}"))
+    warm_up.compile_apart(
+        load_scenario(
+            scenario_text=f"{{map: track, camera: {{renderer: {renderer}}}, boxes: "
+            "{trajectory_tracker: 'tests.diagrams.test_warm_up:make_tracker'}}"
+        )
+    )
     assert [each.returncode for each in ran] == ([] if on_disk else [0]), ran[0].stderr
     assert capsys.readouterr() == ("", "")  # a clock is for terminals
 

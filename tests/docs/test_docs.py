@@ -28,8 +28,19 @@ def pages(extension, tmp_path_factory):
     conf = folder / "docs" / "conf.py"
     conf.write_text(conf.read_text().replace("_HERE.parent", repr(str(ROOT))))
     build = subprocess.run(
-        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", folder / "docs",
-         folder / "html"], capture_output=True, text=True, timeout=300,
+        [
+            sys.executable,
+            "-m",
+            "sphinx",
+            "-W",
+            "--keep-going",
+            "-q",
+            folder / "docs",
+            folder / "html",
+        ],
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
     assert build.returncode == 0, build.stderr[-4000:]
     return folder / "html"
@@ -48,14 +59,22 @@ def test_systems_are_drawn_with_their_ports(pages):
 
 
 def test_a_block_of_ports_is_read(extension):
-    name, ports = extension.parse_system([
-        "name: Camera", "input_ports:", "- state",
-        "- gate_shifts (only if gates move,", "  and so on)",
-        "output_ports:", "- camera_view",
-    ])
+    name, ports = extension.parse_system(
+        [
+            "name: Camera",
+            "input_ports:",
+            "- state",
+            "- gate_shifts (only if gates move,",
+            "  and so on)",
+            "output_ports:",
+            "- camera_view",
+        ]
+    )
     assert name == "Camera"
-    assert ports == {"input_ports": ["state", "gate_shifts (only if gates move, and so on)"],
-                     "output_ports": ["camera_view"]}
+    assert ports == {
+        "input_ports": ["state", "gate_shifts (only if gates move, and so on)"],
+        "output_ports": ["camera_view"],
+    }
 
 
 def test_formulas_stay_as_they_are(extension):

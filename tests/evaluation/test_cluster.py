@@ -47,9 +47,14 @@ def client(monkeypatch):
     # What other tests left, such as a Meshcat, must not be destroyed in a thread of Dask's.
     gc.collect()
     with (
-        LocalCluster(n_workers=1, threads_per_worker=2, processes=False, protocol="inproc",
-                     dashboard_address=None,
-                     scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}) as local,
+        LocalCluster(
+            n_workers=1,
+            threads_per_worker=2,
+            processes=False,
+            protocol="inproc",
+            dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+        ) as local,
         Client(local, set_as_default=False) as client,
     ):
         yield client
@@ -94,8 +99,12 @@ def test_workers_are_compared(client):
 def test_a_cluster_without_workers(monkeypatch):
     gc.collect()  # see client()
     monkeypatch.setattr(cluster, "_WORKERS_TIMEOUT", 0.2)
-    with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None,
-                      scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}) as local:
+    with LocalCluster(
+        n_workers=0,
+        host="127.0.0.1",
+        dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+    ) as local:
         address = local.scheduler_address
         with pytest.raises(UserError, match=f"{address} has no workers; start some with 'dask"):
             with running_cluster(address):

@@ -45,8 +45,9 @@ class TestFly:
     def test_as_if_flown_alone(self, folder):
         text = "{referee: {time_limit: 0.2}, laps: 2}"
         row = fly(job(text), "e")
-        assert race(["--seed", "3", "--scenario_text", text, "--no-meshcat",
-                     "--output", "alone"]) == 1
+        assert (
+            race(["--seed", "3", "--scenario_text", text, "--no-meshcat", "--output", "alone"]) == 1
+        )
         alone = json.loads((folder / "alone" / "race.json").read_text())
         del alone["wall"]
         assert row["result"] == alone
@@ -67,9 +68,7 @@ class TestFly:
 
     def test_crashes_cost_one_race_and_leave_their_reason(self, folder):
         (folder / "my_boxes.py").write_text(
-            "import os, signal\n"
-            "def crash(scenario):\n"
-            "    os.kill(os.getpid(), signal.SIGSEGV)\n"
+            "import os, signal\ndef crash(scenario):\n    os.kill(os.getpid(), signal.SIGSEGV)\n"
         )
         row = fly(job("boxes: {explorer: my_boxes:crash}"), "e")
         assert row["result"]["dnf_reason"] == "crashed (SIGSEGV)"
@@ -107,8 +106,9 @@ class TestFly:
 
     def test_stopped(self, folder):
         """What flies ends, and nothing more begins."""
-        threading.Thread(target=lambda: (wait_until(lambda: flight._running["stop"]),
-                                         stop_races("stop"))).start()
+        threading.Thread(
+            target=lambda: (wait_until(lambda: flight._running["stop"]), stop_races("stop"))
+        ).start()
         for _ in range(2):
             with pytest.raises(RaceKilled):
                 fly(job("referee: {time_limit: 60.0}"), "stop")
@@ -118,7 +118,7 @@ def kill_the_race(name):
     import signal
 
     wait_until(lambda: flight._running[name])
-    process, = flight._running[name]
+    (process,) = flight._running[name]
     if name == "SIGTERM":  # of which a race in the air makes the best
         wait_until(lambda: list(Path("tmp").glob("*/results/map.json")))
     process.send_signal(getattr(signal, name))
@@ -131,8 +131,10 @@ def test_a_race_dies_with_who_waits_for_it(tmp_path):
     (folder / "track.yaml").write_text(given.track)
     (folder / "scenario.yaml").write_text(given.scenario)
     process = subprocess.Popen(
-        [sys.executable, "-m", "airrace.evaluation.race_process", folder], stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL, cwd=tmp_path,
+        [sys.executable, "-m", "airrace.evaluation.race_process", folder],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(models_path().parent)},
     )
     try:

@@ -47,8 +47,12 @@ def test_the_picture_shows_the_numbers(tmp_path):
     figure = make_figure(write_report(tmp_path, SETTINGS, ROWS))
     titles = [axes.get_title() for axes in figure.axes]
     assert titles == [
-        "rates, with 95 % intervals", "exploration time (s)", "lap time (s)",
-        "map error, RMS (cm)", "mean lap against the track's length", "why races did not finish",
+        "rates, with 95 % intervals",
+        "exploration time (s)",
+        "lap time (s)",
+        "map error, RMS (cm)",
+        "mean lap against the track's length",
+        "why races did not finish",
     ]
     rates = [round(bar.get_height(), 1) for bar in figure.axes[0].patches]
     assert rates == [33.3, 66.7, 33.3]

@@ -99,8 +99,10 @@ class TestResume:
         "change, words",
         [
             ({"tracks": 5}, "with tracks 4, not 5"),
-            ({"scenario": {**SETTINGS["scenario"], "referee": {"margin": 1.0}}},
-             "with scenario.referee.margin 60.0, not 1.0"),
+            (
+                {"scenario": {**SETTINGS["scenario"], "referee": {"margin": 1.0}}},
+                "with scenario.referee.margin 60.0, not 1.0",
+            ),
             ({"new": 1}, "with new nothing, not 1"),
         ],
     )
@@ -137,7 +139,10 @@ def test_one_process_at_a_time(tmp_path):
     def other():
         root = str(models_path().parent)
         return subprocess.run(
-            [sys.executable, "-c", code, tmp_path], capture_output=True, text=True, cwd=root,
+            [sys.executable, "-c", code, tmp_path],
+            capture_output=True,
+            text=True,
+            cwd=root,
             env={**os.environ, "PYTHONPATH": root},
         )
 
@@ -160,6 +165,7 @@ def test_nothing_is_left_of_an_evaluation_that_could_not_begin(tmp_path):
 
 def test_a_full_disk(tmp_path, monkeypatch):
     """What cannot be written whole is not there, and is not counted."""
+
     def full(descriptor):
         raise OSError(28, "No space left on device")
 

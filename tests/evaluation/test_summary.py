@@ -53,19 +53,25 @@ def test_numbers_of_races():
     assert summary["finish_rate_95"] == list(wilson_interval(1, 4))
     # Only closed loops count as explored; their times are 70, 71 and 73 s.
     assert summary["exploration_s"] == {
-        "n": 3, "mean": pytest.approx(214 / 3), "median": 71.0, "min": 70.0, "max": 73.0
+        "n": 3,
+        "mean": pytest.approx(214 / 3),
+        "median": 71.0,
+        "min": 70.0,
+        "max": 73.0,
     }
     # All complete laps count, also of races that did not finish.
     assert summary["lap_s"]["n"] == 3 and summary["lap_s"]["max"] == 30.0
     assert summary["lap_speed"]["max"] == 400.0 / 20.0
     # Of the last lap.
     assert summary["map_rms_m"] == {
-        "n": 2, "mean": 0.015, "median": 0.015, "min": 0.01, "max": 0.02
+        "n": 2,
+        "mean": 0.015,
+        "median": 0.015,
+        "min": 0.01,
+        "max": 0.02,
     }
     assert summary["collisions"] == 2
-    assert list(summary["dnf_reasons"].items()) == [
-        ("touched a pylon", 2), ("ran out of time", 1)
-    ]
+    assert list(summary["dnf_reasons"].items()) == [("touched a pylon", 2), ("ran out of time", 1)]
 
 
 def test_no_races():

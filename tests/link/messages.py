@@ -36,34 +36,61 @@ def scenario():
 def polynomial(segments=3):
     breaks = np.concatenate([[0.0], np.cumsum(_noise.uniform(0.3, 2.0, segments))])
     return PiecewisePolynomial.CubicShapePreserving(
-        breaks, _noise.normal(size=(4, segments + 1)), zero_end_point_derivatives=True)
+        breaks, _noise.normal(size=(4, segments + 1)), zero_end_point_derivatives=True
+    )
 
 
 def lap_plan():
     lap = polynomial(6)
     circuit = Circuit(lap, [0.0, 1.0, lap.end_time()], (0.1, 1 / 3), {1: 2.5})
-    return LapPlan(2, 1 / 7, FlatTrajectory(polynomial()), circuit, 0.25,
-                   PlanReport(0.5, lap.end_time(), 19.0, 9.5, 4.5, (4.5, 3.0), (0.5, 1.0), 6.0,
-                              None, 0.3, ("speed",), 17.5, "Clarabel", 3, True))
+    return LapPlan(
+        2,
+        1 / 7,
+        FlatTrajectory(polynomial()),
+        circuit,
+        0.25,
+        PlanReport(
+            0.5,
+            lap.end_time(),
+            19.0,
+            9.5,
+            4.5,
+            (4.5, 3.0),
+            (0.5, 1.0),
+            6.0,
+            None,
+            0.3,
+            ("speed",),
+            17.5,
+            "Clarabel",
+            3,
+            True,
+        ),
+    )
 
 
 def values():
     """Returns a dict of the values of all ports of the link."""
     picture = _noise.integers(0, 256, (64, 96), np.uint8)
     estimate = np.array([1 / 3, 1.0, 0.0, 0.0, 0.0, *_noise.normal(size=9)])
-    markers = tuple(
-        MarkerEstimate(i, 5 * i, i, *_noise.normal(size=(3, 3))) for i in range(4))
+    markers = tuple(MarkerEstimate(i, 5 * i, i, *_noise.normal(size=(3, 3))) for i in range(4))
     gates = (GateEstimate(0, _noise.normal(size=3), 0.1, 10.0),)
     events = (ExplorerEvent(0.0, "CALIBRATE", "power on"), ExplorerEvent(1 / 3, "DONE", "über"))
     crossings = (GateCrossing(1 / 3, 1, 1, 0.1, 12.5), GateCrossing(2 / 3, 2, 1, 0.2, 13.5))
     rotors = _noise.uniform(0, 90, 8)
     return {
-        "camera_image_time": np.array([1 / 3]), "camera_view": CameraView.of(picture),
+        "camera_image_time": np.array([1 / 3]),
+        "camera_view": CameraView.of(picture),
         "camera_info": make_camera_info(
-            width=96, height=64, fov_y=1.0, D=(0.1, 0.2, 0.3, 0.4, 0.5),
-            X_BC=RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [1.0, 2.0, 3.0])),
+            width=96,
+            height=64,
+            fov_y=1.0,
+            D=(0.1, 0.2, 0.3, 0.4, 0.5),
+            X_BC=RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [1.0, 2.0, 3.0]),
+        ),
         "state_estimate": estimate,
-        "rotor_speeds": rotors[:4], "rotor_report": np.array([1 / 3, *rotors]),
+        "rotor_speeds": rotors[:4],
+        "rotor_report": np.array([1 / 3, *rotors]),
         "rotor_speed_command": _noise.uniform(0, 90, 4),
         "rotor_losses": np.array([np.inf, 2.5, np.inf, np.inf]),
         "explorer_status": ExplorerStatus("DONE", "über", 1 / 3, (2, 0, 1), 1 / 7, True, events),
@@ -85,7 +112,8 @@ def message_of(row, given=None):
 def packed():
     """Returns channel to (bytes, message type, decode) of all types, the heartbeat included."""
     result = {
-        row.channel: (pack(message_of(row), STAMP), row.message_type, row.decode) for row in ROWS}
+        row.channel: (pack(message_of(row), STAMP), row.message_type, row.decode) for row in ROWS
+    }
     for kind in (lcmtypes.lcmt_heartbeat, lcmtypes.lcmt_link_report):
         result[kind.__name__] = (pack(kind(), STAMP), kind, lambda message: message)
     return result

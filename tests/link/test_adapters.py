@@ -20,14 +20,21 @@ def same(a, b):
         return np.array_equal(a.GetAsMatrix34(), b.GetAsMatrix34())
     if isinstance(a, FlatTrajectory):
         times = np.linspace(0.0, a.duration, 50)
-        return a.breaks == b.breaks and np.array_equal(a.sample(times), b.sample(times)) and all(
-            same(vars(a)[name], vars(b)[name]) for name in ("gate_times", "headings", "approach")
-            if name in vars(a))
+        return (
+            a.breaks == b.breaks
+            and np.array_equal(a.sample(times), b.sample(times))
+            and all(
+                same(vars(a)[name], vars(b)[name])
+                for name in ("gate_times", "headings", "approach")
+                if name in vars(a)
+            )
+        )
     if hasattr(a, "whole"):
         return np.array_equal(a.whole(), b.whole())
     if dc.is_dataclass(a):
         return type(a) is type(b) and all(
-            same(getattr(a, f.name), getattr(b, f.name)) for f in dc.fields(a))
+            same(getattr(a, f.name), getattr(b, f.name)) for f in dc.fields(a)
+        )
     if isinstance(a, np.ndarray):
         return np.array_equal(a, b) and a.dtype == b.dtype
     if isinstance(a, (tuple, list)):
@@ -50,7 +57,8 @@ def test_round_trip(channel):
 def test_no_plan_stays_the_one_that_there_is():
     row = BY_CHANNEL["AIRRACE_LAP_PLAN"]
     message, _ = unpack(
-        pack(message_of(row, {"lap_plan": NO_PLAN}), STAMP), row.message_type, row.max_size)
+        pack(message_of(row, {"lap_plan": NO_PLAN}), STAMP), row.message_type, row.max_size
+    )
     assert row.decode(message)["lap_plan"] is NO_PLAN
 
 
@@ -117,7 +125,7 @@ def malformed(data, k, noise):
 
     kind = k % 5
     if kind == 0:
-        return data[:noise.integers(len(data))]
+        return data[: noise.integers(len(data))]
     if kind == 1:
         return data + noise.bytes(int(noise.integers(1, 50)))
     if kind == 2:

@@ -30,13 +30,18 @@ def test_what_was_saved_comes_back(tmp_path):
     save(tmp_path, first, context)
     second, other = autonomy()
     restore(tmp_path, second, other)
-    memory = second.GetSubsystemByName("lap_planner").GetMyContextFromRoot(
-        other).get_abstract_state(0).get_value()
+    memory = (
+        second.GetSubsystemByName("lap_planner")
+        .GetMyContextFromRoot(other)
+        .get_abstract_state(0)
+        .get_value()
+    )
     assert memory.plan.lap == 2 and memory.plan.circuit.headings == plan.circuit.headings
     np.testing.assert_array_equal(memory.plan.derivatives(3.0), plan.derivatives(3.0))
     again = second.GetSubsystemByName("rotor_monitor").GetMyContextFromRoot(other)
     np.testing.assert_array_equal(
-        again.get_discrete_state(0).value(), monitor.get_discrete_state(0).value())
+        again.get_discrete_state(0).value(), monitor.get_discrete_state(0).value()
+    )
 
 
 def test_no_plan_is_the_same_object_again(tmp_path):

@@ -12,8 +12,10 @@ OURS, OFFSET = 100.0, 1000.0  # s: our clock starts there, theirs is ahead
 def heartbeat(sent, there, back):
     """Ours was sent at a time, arrived, and this one went back (s of our clock)."""
     return types.SimpleNamespace(
-        peer_sent=round(sent * 1e9), peer_received=round((there + OFFSET) * 1e9),
-        sent=round((back + OFFSET) * 1e9))
+        peer_sent=round(sent * 1e9),
+        peer_received=round((there + OFFSET) * 1e9),
+        sent=round((back + OFFSET) * 1e9),
+    )
 
 
 def test_round_trip_and_offset_come_from_the_quickest_exchange():

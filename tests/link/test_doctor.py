@@ -26,12 +26,22 @@ def findings(**changes):
     commands = ChannelStatistics()
     commands.received = 5000
     good = LinkFindings(
-        duration=10.0, commands=commands, ages=np.full(5000, 0.002), round_trip=0.001,
-        offset=12.5, encode_time=0.001, picture_rate=30.0, state_rate=500.0,
-        receive_buffer=4 << 20, fragment_time=30, fragment_memory=4 << 20,
-        pictures=statistics(received=300, rate=30.0, jitter=0.002, age_p99=0.01, bytes=5e4,
-                            decode_time=0.001),
-        states=statistics(received=5000))
+        duration=10.0,
+        commands=commands,
+        ages=np.full(5000, 0.002),
+        round_trip=0.001,
+        offset=12.5,
+        encode_time=0.001,
+        picture_rate=30.0,
+        state_rate=500.0,
+        receive_buffer=4 << 20,
+        fragment_time=30,
+        fragment_memory=4 << 20,
+        pictures=statistics(
+            received=300, rate=30.0, jitter=0.002, age_p99=0.01, bytes=5e4, decode_time=0.001
+        ),
+        states=statistics(received=5000),
+    )
     return dc.replace(good, **changes)
 
 
@@ -41,20 +51,36 @@ def test_a_good_link():
     assert make_table(rows).row_count == len(rows) > 12
 
 
-@pytest.mark.parametrize("changes, verdict, what, remedy", [
-    (dict(pictures=statistics(received=200, rate=20.0)), "weak", "pictures lost", "rmem_max"),
-    (dict(pictures=statistics(received=30, rate=3.0)), "bad", "pictures that arrive", "programs"),
-    (dict(states=statistics(received=4000, missing=1000)), "bad", "states lost", "cable"),
-    (dict(round_trip=0.05), "weak", "round trip", "cable"),
-    (dict(round_trip=0.3), "bad", "round trip", "cable"),
-    (dict(ages=np.array([])), "bad", "age of a command's state, median", "cable"),
-    (dict(receive_buffer=212992), "weak", "receive buffer there, at most", "sysctl"),
-    (dict(encode_time=0.02), "weak", "encoding a picture here", "programs"),
-    (dict(pictures=statistics(received=200, rate=20.0, bytes=1e5)), "bad",
-     "memory for torn pictures there", "ipfrag_time=1"),
-    (dict(pictures=statistics(received=150, rate=15.0, bytes=1e5), fragment_time=1), "weak",
-     "memory for torn pictures there", "ipfrag_time=1"),
-])
+@pytest.mark.parametrize(
+    "changes, verdict, what, remedy",
+    [
+        (dict(pictures=statistics(received=200, rate=20.0)), "weak", "pictures lost", "rmem_max"),
+        (
+            dict(pictures=statistics(received=30, rate=3.0)),
+            "bad",
+            "pictures that arrive",
+            "programs",
+        ),
+        (dict(states=statistics(received=4000, missing=1000)), "bad", "states lost", "cable"),
+        (dict(round_trip=0.05), "weak", "round trip", "cable"),
+        (dict(round_trip=0.3), "bad", "round trip", "cable"),
+        (dict(ages=np.array([])), "bad", "age of a command's state, median", "cable"),
+        (dict(receive_buffer=212992), "weak", "receive buffer there, at most", "sysctl"),
+        (dict(encode_time=0.02), "weak", "encoding a picture here", "programs"),
+        (
+            dict(pictures=statistics(received=200, rate=20.0, bytes=1e5)),
+            "bad",
+            "memory for torn pictures there",
+            "ipfrag_time=1",
+        ),
+        (
+            dict(pictures=statistics(received=150, rate=15.0, bytes=1e5), fragment_time=1),
+            "weak",
+            "memory for torn pictures there",
+            "ipfrag_time=1",
+        ),
+    ],
+)
 def test_what_falls_short_is_named_with_a_remedy(changes, verdict, what, remedy):
     rows = diagnose(findings(**changes))
     row = next(row for row in rows if row.what == what)

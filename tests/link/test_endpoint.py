@@ -25,8 +25,9 @@ def link():
     sent = []
     send = air.send
     air.send = lambda channel, data: (sent.append((channel, data)), send(channel, data))
-    ends = types.SimpleNamespace(air=air, sent=sent, simulation=end("simulation", air),
-                                 autonomy=end("autonomy", air))
+    ends = types.SimpleNamespace(
+        air=air, sent=sent, simulation=end("simulation", air), autonomy=end("autonomy", air)
+    )
     greet(ends)
     return ends
 
@@ -102,6 +103,7 @@ def test_old_times_are_stale_and_skipped_numbers_are_missing(link):
 def test_what_cannot_be_sent_is_lost(link, monkeypatch):
     send(link, MAP, 0.1)
     with monkeypatch.context() as pulled:
+
         def refuse(channel, data):
             raise OSError(errno.ENETUNREACH, "Network is unreachable")
 
@@ -122,7 +124,11 @@ def test_nan_oversized_torn_and_foreign(link):
     stranger.publish(COMMAND.channel, message_of(COMMAND), 0.0)
     link.simulation.drain()
     assert dropped(link) == {
-        wire.NOT_FINITE: 1, wire.MALFORMED: 2, wire.OVERSIZED: 1, wire.FOREIGN: 1}
+        wire.NOT_FINITE: 1,
+        wire.MALFORMED: 2,
+        wire.OVERSIZED: 1,
+        wire.FOREIGN: 1,
+    }
     assert link.simulation.statistics[COMMAND.channel].received == 1
 
 

@@ -30,8 +30,9 @@ def test_nothing_happens_in_a_race_but_at_a_tick(preset):
 
     simulator.set_monitor(see)
     simulator.AdvanceTo(0.35)
-    ticks = set(itertools.takewhile(
-        lambda time: time <= 0.35, lockstep_times(scenario, LOOK_PERIOD)))
+    ticks = set(
+        itertools.takewhile(lambda time: time <= 0.35, lockstep_times(scenario, LOOK_PERIOD))
+    )
     assert len(steps) > 350
     assert sorted(steps - {0.35} - ticks) == []
 
@@ -48,8 +49,9 @@ class Side:
     def __init__(self, role, link):
         other = "autonomy" if role == "simulation" else "simulation"
         self.out, self.into = f"FROM_{role}", f"FROM_{other}"
-        channel = Channel(self.into, lcmtypes.lcmt_rotors, other,
-                          lambda message: message.value[0], 1000)
+        channel = Channel(
+            self.into, lcmtypes.lcmt_rotors, other, lambda message: message.value[0], 1000
+        )
         self.endpoint = Endpoint(role, [channel], link.bus(), clock=link.clock)
         self.value, self.shown = 0, []
         self.exchange = None
@@ -133,7 +135,8 @@ def test_a_peer_that_never_comes():
 def test_a_doctor_may_measure_for_longer_than_the_patience(comes):
     link = SimulatedLink(LinkConfig())
     simulation, autonomy = (
-        Endpoint(role, [], link.bus(), link.clock) for role in ("simulation", "autonomy"))
+        Endpoint(role, [], link.bus(), link.clock) for role in ("simulation", "autonomy")
+    )
     begun = link.time
 
     def pass_time(seconds):

@@ -22,8 +22,10 @@ def through(found, lossless, time=1 / 3):
 @given(seed=st.integers(0, 1000), time=st.floats(0.0, 1e6))
 def test_lossless_is_exact(seed, time):
     noise = np.random.Generator(np.random.PCG64(seed))
-    found = {pictures.GREY: noise.integers(0, 256, SHAPE, np.uint8),
-             pictures.COLOUR: noise.integers(0, 256, (*SHAPE, 4), np.uint8)}
+    found = {
+        pictures.GREY: noise.integers(0, 256, SHAPE, np.uint8),
+        pictures.COLOUR: noise.integers(0, 256, (*SHAPE, 4), np.uint8),
+    }
     again, when = through(found, lossless=True, time=time)
     assert when == time and set(again) == set(found)
     for name, picture in found.items():
@@ -54,10 +56,18 @@ def test_as_the_ports_have_them():
 
 
 @pytest.mark.parametrize("lossless", [True, False])
-@pytest.mark.parametrize("change", [
-    {"width": 81}, {"height": 0}, {"width": 100_000}, {"size": 3}, {"compression_method": 0},
-    {"data": b"", "size": 0}, {"data": b"\xff\xd8\xff\xc0", "size": 4},
-])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"width": 81},
+        {"height": 0},
+        {"width": 100_000},
+        {"size": 3},
+        {"compression_method": 0},
+        {"data": b"", "size": 0},
+        {"data": b"\xff\xd8\xff\xc0", "size": 4},
+    ],
+)
 def test_what_a_message_claims_must_be_so(change, lossless):
     message = pictures.encode_pictures({pictures.GREY: texture(*SHAPE)}, 0.0, lossless)
     for name, value in change.items():

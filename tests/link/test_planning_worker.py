@@ -42,7 +42,8 @@ def test_the_same_plan_as_here_and_another_one_after_it():
             for part in ("entry", "circuit"):
                 times = np.linspace(0.0, getattr(here, part).duration, 100)
                 np.testing.assert_array_equal(
-                    getattr(there, part).sample(times), getattr(here, part).sample(times))
+                    getattr(there, part).sample(times), getattr(here, part).sample(times)
+                )
 
 
 def test_a_worker_that_dies_finds_no_plan():
@@ -96,8 +97,10 @@ def test_a_planner_waits_without_blocking(late, moves):
         bench.plan_at(bench.context.get_time() + seconds)
         jobs[-1].is_done = True
         assert jobs[-1].plan is not None
-        return [bench.plan_at(bench.context.get_time() + wait)
-                for wait in (0.1, plan.circuit.duration / 2)]
+        return [
+            bench.plan_at(bench.context.get_time() + wait)
+            for wait in (0.1, plan.circuit.duration / 2)
+        ]
 
     # One that comes too late to go on from is not flown: the old one is repeated.
     assert next_job_takes(3.0) == [plan, plan]

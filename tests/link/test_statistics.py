@@ -26,7 +26,8 @@ def test_a_steady_channel():
     timing = statistics_of(np.arange(300) / 30, np.full(300, 0.02)).timing()
     assert timing["rate"] == pytest.approx(30.0)
     assert (timing["age_median"], timing["age_p99"], timing["jitter"]) == pytest.approx(
-        (0.02, 0.02, 0.0))
+        (0.02, 0.02, 0.0)
+    )
     assert (timing["bytes"], timing["decode_time"]) == pytest.approx((100, 0.001))
 
 
@@ -41,7 +42,8 @@ def test_loss_is_no_jitter():
 def test_delays_that_differ_are():
     ages = 0.02 + 0.005 * np.random.default_rng(0).uniform(-1, 1, 3000)
     assert statistics_of(np.arange(3000) / 30, ages).timing()["jitter"] == pytest.approx(
-        0.005, rel=0.05)
+        0.005, rel=0.05
+    )
 
 
 def test_who_is_late_is_not_lost():

@@ -22,9 +22,12 @@ def test_a_stamp_is_the_time(time):
     assert 0 <= stamp.nanos < 1_000_000_000
 
 
-@given(q=st.tuples(numbers, numbers, numbers, numbers).filter(lambda q: np.linalg.norm(q) > 1e-2),
-       p=st.tuples(numbers, numbers, numbers), v=st.tuples(numbers, numbers, numbers),
-       w=st.tuples(numbers, numbers, numbers))
+@given(
+    q=st.tuples(numbers, numbers, numbers, numbers).filter(lambda q: np.linalg.norm(q) > 1e-2),
+    p=st.tuples(numbers, numbers, numbers),
+    v=st.tuples(numbers, numbers, numbers),
+    w=st.tuples(numbers, numbers, numbers),
+)
 def test_velocities_are_in_the_body_frame(q, p, v, w):
     q = np.array(q) / np.linalg.norm(q)
     R_WB = RotationMatrix(Quaternion(q))
@@ -68,9 +71,7 @@ def test_a_smaller_picture_has_a_calibration_that_fits(x, y, z):
     info = make_camera_info(width=64, height=48, fov_y=1.0, X_BC=RigidTransform())
     message = decoded(messages.calibration(0.0, info, 0.5))
     assert (message.width, message.height) == (32, 24)
-    full, half = (
-        (K.reshape(3, 3) @ [x, y, z])[:2] / z for K in (info.K, np.array(message.K))
-    )
+    full, half = ((K.reshape(3, 3) @ [x, y, z])[:2] / z for K in (info.K, np.array(message.K)))
     np.testing.assert_allclose(half + 0.5, (full + 0.5) / 2, atol=1e-9)
     assert len(message.P) == 12 and len(message.D) == 5
 

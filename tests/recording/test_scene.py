@@ -19,7 +19,9 @@ def test_the_track_and_the_drone(drone, rotors):
     feet = [vector(c.pose.position)[:2] for c in gates.cylinders]
     np.testing.assert_allclose(feet, track.pylons()[:, :2])
     assert {t.text for t in gates.texts} == {
-        *map(str, range(40)), *(f"gate {n}" for n in range(1, 11))}
+        *map(str, range(40)),
+        *(f"gate {n}" for n in range(1, 11)),
+    }
     assert len(body.cylinders) == rotors
     # The black square lies in front of the white board.
     white, black = gates.cubes[0].pose.position, gates.cubes[1].pose.position
@@ -28,8 +30,14 @@ def test_the_track_and_the_drone(drone, rotors):
 
 
 def test_the_map_shows_its_uncertainty():
-    marker = MarkerEstimate(id=0, count=9, outliers=0, p_WM=np.array([1.0, 2.0, 6.0]),
-                            variance=np.array([0.04, 0.01, 0.0]), normal=np.array([-1.0, 0, 0]))
+    marker = MarkerEstimate(
+        id=0,
+        count=9,
+        outliers=0,
+        p_WM=np.array([1.0, 2.0, 6.0]),
+        variance=np.array([0.04, 0.01, 0.0]),
+        normal=np.array([-1.0, 0, 0]),
+    )
     gate = GateEstimate(number=0, p_WG=np.array([1.0, 2.0, 6.0]), heading=0.0, spacing=10.0)
     (entity,) = decoded(scene.map_scene(1.0, GateMap(1.0, (marker,), (gate,)))).entities
     (ellipsoid,), (line,) = entity.spheres, entity.lines
@@ -44,8 +52,9 @@ def test_a_path_is_coloured_by_speed():
 
 
 def test_rays_go_from_the_camera_to_the_markers():
-    marker = Detection(id=8, corners=np.zeros((4, 2)), X_CM=RigidTransform([1.0, 2.0, 9.0]),
-                       reprojection_error=0.1)
+    marker = Detection(
+        id=8, corners=np.zeros((4, 2)), X_CM=RigidTransform([1.0, 2.0, 9.0]), reprojection_error=0.1
+    )
     (entity,) = decoded(scene.detection_rays(Detections(2.0, (marker,)))).entities
     assert entity.frame_id == "camera"
     assert [vector(p) for p in entity.lines[0].points] == [[0, 0, 0], [1, 2, 9]]

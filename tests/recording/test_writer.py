@@ -27,13 +27,12 @@ def test_any_reader_understands_it(path):
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         rows = list(reader.iter_decoded_messages(topics=["/explorer"]))
-        (schema, channel, message, line), = rows
+        ((schema, channel, message, line),) = rows
         assert (schema.name, schema.encoding) == ("foxglove.Log", "protobuf")
         assert channel.topic == "/explorer" and message.log_time == 1_250_000_000
         assert (line.name, line.message) == ("HOVER", "at 1.25")
-        assert [(a.name, a.data) for a in reader.iter_attachments()] == [
-            ("track.yaml", b"name: x")]
-        (schema, channel, message), = reader.iter_messages(topics=["/referee/crossings"])
+        assert [(a.name, a.data) for a in reader.iter_attachments()] == [("track.yaml", b"name: x")]
+        ((schema, channel, message),) = reader.iter_messages(topics=["/referee/crossings"])
         assert schema.encoding == "jsonschema" and channel.message_encoding == "json"
         assert schema.name == "airrace.GateCrossing"
 

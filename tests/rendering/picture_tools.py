@@ -77,9 +77,7 @@ def measure_corners(image, expected) -> np.ndarray:
         across = np.arange(-reach, reach + 0.01, 0.1)
         t = np.linspace(0.18, 0.82, 60) * length
         points = a + t[:, None, None] * along + across[None, :, None] * normal
-        profile = cv2.remap(
-            image, points.astype(np.float32), None, cv2.INTER_LINEAR
-        ).astype(float)
+        profile = cv2.remap(image, points.astype(np.float32), None, cv2.INTER_LINEAR).astype(float)
         gradient = np.diff(profile, axis=1)
         middle = (across[1:] + across[:-1]) / 2
         offset = gradient @ middle / gradient.sum(axis=1)

@@ -30,17 +30,20 @@ def drawn(H, box):
     x0, y0, x1, y1 = box
     anchor, scratch = np.array([x0, (x0 + x1) / 2]), np.empty((5, x1 - x0), np.float32)
     crossings = marker_crossings(BOARD.id)
-    return np.array([
-        face_levels(scratch, x1 - x0, to_modules, crossings, anchor, 0, y, samples).copy()
-        for y in range(y0, y1)
-    ])
+    return np.array(
+        [
+            face_levels(scratch, x1 - x0, to_modules, crossings, anchor, 0, y, samples).copy()
+            for y in range(y0, y1)
+        ]
+    )
 
 
 def supersampled(H, box):
     x0, y0, x1, y1 = box
     fine = (np.arange(FINE) + 0.5) / FINE - 0.5
-    x, y = np.meshgrid(np.add.outer(np.arange(x0, x1), fine).ravel(),
-                       np.add.outer(np.arange(y0, y1), fine).ravel())
+    x, y = np.meshgrid(
+        np.add.outer(np.arange(x0, x1), fine).ravel(), np.add.outer(np.arange(y0, y1), fine).ravel()
+    )
     X, Y, W = np.tensordot(np.linalg.inv(H), np.stack([x, y, np.ones_like(x)]), 1)
     j = np.floor((X / W / MARKER_SIZE + 0.5) * 7).astype(int)
     i = np.floor((0.5 - Y / W / MARKER_SIZE) * 7).astype(int)

@@ -14,7 +14,11 @@ from tests.rendering.picture_tools import CAMERA_INFO, new_picture, one_gate
 X_WB = RigidTransform(RollPitchYaw(0.05, 0.1, 0.2), [6.0, 0.0, 5.0])
 W, V = np.array([0.4, -0.8, 1.5]), np.array([12.0, 4.0, -2.0])
 EVERYTHING = CameraEffects(
-    shutter=0.006, gain=0.9, vignetting=0.3, read_noise=2.0, shot_noise=0.05,
+    shutter=0.006,
+    gain=0.9,
+    vignetting=0.3,
+    read_noise=2.0,
+    shot_noise=0.05,
     distortion=(-0.2, 0.05, 0.001, 0.0, 0.0),
 )
 
@@ -34,8 +38,9 @@ def test_no_effects_draw_the_renderers_picture():
     assert np.array_equal(take(CameraEffects()), ideal)
 
 
-@pytest.mark.parametrize("name", ["shutter", "gain", "vignetting", "read_noise", "shot_noise",
-                                  "distortion"])
+@pytest.mark.parametrize(
+    "name", ["shutter", "gain", "vignetting", "read_noise", "shot_noise", "distortion"]
+)
 def test_each_effect_shows_alone(name):
     one = dc.replace(CameraEffects(), **{name: getattr(EVERYTHING, name)})
     difference = np.abs(take(one).astype(int) - take(CameraEffects()))

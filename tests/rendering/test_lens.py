@@ -60,13 +60,16 @@ def test_the_pinhole_picture_holds_all_that_the_lens_sees():
     assert Lens(make_info(PINCUSHION)).pinhole.width < 1280
 
 
-@pytest.mark.parametrize("D, fov_y_deg", [
-    ((-0.6, 0.0, 0.0, 0.0, 0.0), 55.95),
-    ((0.0, 0.0, 0.0, 0.0, -3.0), 55.95),
-    ((1e300, 1e300, 0.0, 0.0, 1e300), 55.95),
-    ((-0.0035, 0.0, 0.0, 0.0, 0.0), 150),
-    ((-0.12, 0.0066, 0.0, 0.0, 0.0), 75),
-])
+@pytest.mark.parametrize(
+    "D, fov_y_deg",
+    [
+        ((-0.6, 0.0, 0.0, 0.0, 0.0), 55.95),
+        ((0.0, 0.0, 0.0, 0.0, -3.0), 55.95),
+        ((1e300, 1e300, 0.0, 0.0, 1e300), 55.95),
+        ((-0.0035, 0.0, 0.0, 0.0, 0.0), 150),
+        ((-0.12, 0.0066, 0.0, 0.0, 0.0), 75),
+    ],
+)
 def test_impossible_lenses_are_refused(D, fov_y_deg):
     with pytest.raises(UserError, match="camera.effects.distortion folds .*smaller"):
         Lens(make_info(D, fov_y_deg))

@@ -31,9 +31,7 @@ def draw_points(points):
 
 def blurred_spot(point, w, v, X_WB=RigidTransform(), columns=slice(None)):
     """Returns the centre of a spot, and its variances without blur, [u, v] px."""
-    chain = ImagingChain(
-        effects=CameraEffects(shutter=SHUTTER), camera_info=CAMERA_INFO, seed=0
-    )
+    chain = ImagingChain(effects=CameraEffects(shutter=SHUTTER), camera_info=CAMERA_INFO, seed=0)
     picture = new_picture()
     chain.take(draw_points([point]), X_WB, np.array(w, float), np.array(v, float), 0, picture)
     light = picture[:, columns, 0].astype(float)
@@ -102,9 +100,7 @@ def test_more_blur_takes_more_poses_up_to_a_limit():
 
 def test_a_slow_camera_draws_the_ideal_picture():
     renderer = PlanarRenderer(one_gate(), CAMERA_INFO)
-    chain = ImagingChain(
-        effects=CameraEffects(shutter=SHUTTER), camera_info=CAMERA_INFO, seed=0
-    )
+    chain = ImagingChain(effects=CameraEffects(shutter=SHUTTER), camera_info=CAMERA_INFO, seed=0)
     X_WB = RigidTransform(RollPitchYaw(0.0, 0.1, 0.1), [5.0, 0.0, 5.0])
     picture, ideal = new_picture(), new_picture()
     chain.take(renderer.render, X_WB, np.array([0, 0, 0.05]), np.array([0.3, 0, 0]), 0, picture)

@@ -53,8 +53,9 @@ def test_it_can_be_hit_and_is_drawn_but_not_for_the_camera():
     assert [len(found[role]) for role in found] == [1, 1, 0]
     assert inspector.GetName(found[Role.kProximity][0]).endswith("pad")
     box = inspector.GetObbInGeometryFrame(found[Role.kProximity][0])
-    lowest = (box.pose().translation()[2]
-              - np.abs(box.pose().rotation().matrix()[2]) @ box.half_width())
+    lowest = (
+        box.pose().translation()[2] - np.abs(box.pose().rotation().matrix()[2]) @ box.half_width()
+    )
     assert lowest < 0.05  # it stands on the ground
 
 

@@ -9,7 +9,8 @@ from airrace.rendering.pixel_maps import PixelMap
 V, U = np.mgrid[:60, :80].astype(float)
 # Turned, stretched, and bent outwards.
 BENT = PixelMap(
-    20 + 0.9 * U - 0.3 * V + 2e-3 * (U - 40) ** 2, 5 + 0.2 * U + 1.1 * V + 1e-3 * (V - 30) ** 2)
+    20 + 0.9 * U - 0.3 * V + 2e-3 * (U - 40) ** 2, 5 + 0.2 * U + 1.1 * V + 1e-3 * (V - 30) ** 2
+)
 SOURCE = np.random.default_rng(0).integers(0, 256, (110, 130), np.uint8)
 
 
@@ -22,7 +23,7 @@ def test_a_box_needs_no_more_than_its_source(x0, y0, w, h):
     hidden = np.zeros_like(SOURCE)
     hidden[b0:b1, a0:a1] = SOURCE[b0:b1, a0:a1]
     BENT.bend(hidden, piece, box)
-    inside = np.s_[box[1]:box[3], box[0]:box[2]]
+    inside = np.s_[box[1] : box[3], box[0] : box[2]]
     np.testing.assert_array_equal(piece[inside], whole[inside])
     piece[inside] = 0
     assert not piece.any()

@@ -164,8 +164,10 @@ def test_grey_levels_are_those_of_the_colours():
 
 
 @settings(max_examples=300)
-@given(st.tuples(*2 * [st.floats(-np.pi, np.pi)], st.floats(-1.4, 1.4)),
-       st.tuples(*2 * [st.floats(-40, 40)], st.floats(-2, 20)))
+@given(
+    st.tuples(*2 * [st.floats(-np.pi, np.pi)], st.floats(-1.4, 1.4)),
+    st.tuples(*2 * [st.floats(-40, 40)], st.floats(-2, 20)),
+)
 def test_what_is_left_out_as_out_of_sight_is(turn, p_WC):
     """Neither a pylon nor a point where a board may be is in the picture then."""
     roll, yaw, pitch = turn

@@ -65,15 +65,25 @@ def test_either_way_round(x, y, side, angle):
     np.testing.assert_array_equal(drawn(corners, True), drawn(corners[::-1], True))
 
 
-@given(coordinates, coordinates, st.floats(0.5, 30.0), angles,
-       st.booleans(),
-       st.integers(1, SIZE - 1), st.integers(1, SIZE - 1))
+@given(
+    coordinates,
+    coordinates,
+    st.floats(0.5, 30.0),
+    angles,
+    st.booleans(),
+    st.integers(1, SIZE - 1),
+    st.integers(1, SIZE - 1),
+)
 def test_pieces_are_those_of_the_whole(x, y, side, angle, exact, column, row):
     corners = square(x, y, side, angle)
-    boxes = np.array([
-        [0, 0, column, row], [column, 0, SIZE, row], [0, row, column, SIZE],
-        [column, row, SIZE, SIZE],
-    ])
+    boxes = np.array(
+        [
+            [0, 0, column, row],
+            [column, 0, SIZE, row],
+            [0, row, column, SIZE],
+            [column, row, SIZE, SIZE],
+        ]
+    )
     np.testing.assert_array_equal(drawn(corners, exact, boxes), drawn(corners, exact))
     assert not drawn(corners, exact, boxes[:1])[row:].any()
 
@@ -120,8 +130,14 @@ def test_channels_have_their_colours():
         assert not picture[5, 5].any()
 
 
-@given(coordinates, coordinates, coordinates, coordinates, st.integers(1, WHOLE - 1),
-       st.sampled_from([1, 4]))
+@given(
+    coordinates,
+    coordinates,
+    coordinates,
+    coordinates,
+    st.integers(1, WHOLE - 1),
+    st.sampled_from([1, 4]),
+)
 def test_mean_of_pictures(x, y, u, v, share, channels):
     """It is as if they were painted one by one, to half a grey level of rounding."""
     behind = np.random.default_rng(3).integers(0, 256, (SIZE, SIZE, channels), dtype=np.uint8)
@@ -159,8 +175,10 @@ def test_what_the_near_plane_leaves(depths, x, y):
         np.testing.assert_allclose(clipped[k], point[:2] / point[2])
 
 
-@given(st.lists(st.integers(0, 5), min_size=4, max_size=4),
-       st.lists(st.lists(st.integers(0, 5), min_size=4, max_size=4), max_size=3))
+@given(
+    st.lists(st.integers(0, 5), min_size=4, max_size=4),
+    st.lists(st.lists(st.integers(0, 5), min_size=4, max_size=4), max_size=3),
+)
 def test_boxes_touch_if_they_share_a_pixel(box, others):
     def pixels(box):
         x0, y0, x1, y1 = box

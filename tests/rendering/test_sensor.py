@@ -48,8 +48,9 @@ def test_vignetting_follows_the_cosine_law():
         assert image[v, u] == pytest.approx(250 * (1 - share), abs=1.5)
 
 
-@pytest.mark.parametrize("read, shot", [(1.0, 0.0), (4.0, 0.0), (0.0, 0.15), (1.0, 0.02),
-                                        (4.0, 0.15)])
+@pytest.mark.parametrize(
+    "read, shot", [(1.0, 0.0), (4.0, 0.0), (0.0, 0.15), (1.0, 0.02), (4.0, 0.15)]
+)
 @pytest.mark.parametrize("level", [40, 120, 210])
 def test_variance_of_noise(read, shot, level):
     noise = expose(level, read_noise=read, shot_noise=shot)[..., :3].astype(float) - level

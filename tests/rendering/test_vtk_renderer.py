@@ -110,10 +110,7 @@ def test_renderers_show_the_same_scene(vtk):
         X_WC = look_at(p_WC, target, roll)
         pictures = [render(X_WC)[..., :3].astype(int) for render in (vtk, render_planar)]
         # What is orange (pylons), and what is nearly black (markers).
-        for is_part in (
-            lambda p: p[..., 0] - p[..., 2] > 75,
-            lambda p: p.max(axis=2) < 35,
-        ):
+        for is_part in (lambda p: p[..., 0] - p[..., 2] > 75, lambda p: p.max(axis=2) < 35):
             a, b = (is_part(p) for p in pictures)
             assert a.sum() > 500
             assert (a & b).sum() > 0.7 * (a | b).sum()

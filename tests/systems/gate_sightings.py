@@ -16,8 +16,9 @@ def make_gate(x=20.0, y=5.0, heading_deg=0.0, spacing=10.0) -> Gate:
     return gate
 
 
-def see(gate: Gate, id: int, time: float, rng, sigma=SIGMA, error=(0.0, 0.0, 0.0),
-        p_WC=None) -> Sighting:
+def see(
+    gate: Gate, id: int, time: float, rng, sigma=SIGMA, error=(0.0, 0.0, 0.0), p_WC=None
+) -> Sighting:
     """Returns a sighting of a board of gate number id // 4, by default from where it is seen."""
     board = gate.boards(id // 4)[id % 4]
     normal = board.X_WM.rotation().col(2)
@@ -25,7 +26,8 @@ def see(gate: Gate, id: int, time: float, rng, sigma=SIGMA, error=(0.0, 0.0, 0.0
     turn = 0.02 * rng.standard_normal()
     c, s = np.cos(turn), np.sin(turn)
     return Sighting(
-        id=id, time=time,
+        id=id,
+        time=time,
         p_WC=read_only(p_WM + 10.0 * normal if p_WC is None else p_WC),
         p_WM=read_only(p_WM + sigma * rng.standard_normal(3) + error),
         covariance=read_only(sigma**2 * np.eye(3)),

@@ -128,8 +128,9 @@ def watch(pictures, **kwargs):
 
 
 def test_tracking_finds_the_same_in_less_of_the_image():
-    pictures = [picture({id: pose(0.1 * k, 0, 15 - 0.3 * k, yaw=0.2)}) for id in (7,)
-                for k in range(7)]
+    pictures = [
+        picture({id: pose(0.1 * k, 0, 15 - 0.3 * k, yaw=0.2)}) for id in (7,) for k in range(7)
+    ]
     tracked, calls = watch(pictures)
     assert calls == ["everywhere", *6 * ["around"]]
     searched, calls = watch(pictures, full_search_periods=(1, 1))

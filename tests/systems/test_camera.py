@@ -54,7 +54,12 @@ def test_ports():
     assert inputs == ["state"]
     outputs = [camera.get_output_port(i).get_name() for i in range(camera.num_output_ports())]
     assert outputs == [
-        "camera_image", "camera_grey", "camera_view", "camera_image_time", "camera_info"]
+        "camera_image",
+        "camera_grey",
+        "camera_view",
+        "camera_image_time",
+        "camera_info",
+    ]
     # Nothing feeds through, so that the camera closes no algebraic loop.
     assert not camera.HasAnyDirectFeedthrough()
 
@@ -111,9 +116,7 @@ def make_flight(**kwargs):
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    plant.SetPositionsAndVelocities(
-        context, [1, 0, 0, 0, 5.0, 6.0, 7.0, 0, 0, 0, 1.0, 0, 0]
-    )
+    plant.SetPositionsAndVelocities(context, [1, 0, 0, 0, 5.0, 6.0, 7.0, 0, 0, 0, 1.0, 0, 0])
     return simulator, camera, renderer, time_log
 
 
@@ -232,9 +235,7 @@ def test_geometry_query_reaches_a_renderer_that_needs_it():
 
     builder = DiagramBuilder()
     scene_graph = builder.AddSystem(SceneGraph())
-    camera = builder.AddSystem(
-        Camera(camera_info=INFO, fps=FPS, renderer=QueryingRenderer())
-    )
+    camera = builder.AddSystem(Camera(camera_info=INFO, fps=FPS, renderer=QueryingRenderer()))
     builder.Connect(scene_graph.get_query_output_port(), camera.GetInputPort("geometry_query"))
     builder.ExportInput(camera.GetInputPort("state"), "state")
     diagram = builder.Build()
@@ -265,9 +266,7 @@ def test_camera_info_port_holds_the_calibration():
 
 def test_gates_are_drawn_where_they_stood_when_the_picture_was_taken():
     track = Track(gates=[Gate([20.0, 5.0], 0.0), Gate([40.0, 5.0], 0.0)])
-    camera = Camera(
-        camera_info=INFO, fps=FPS, renderer=PlanarRenderer(track, INFO), moving_gates=2
-    )
+    camera = Camera(camera_info=INFO, fps=FPS, renderer=PlanarRenderer(track, INFO), moving_gates=2)
     assert not camera.HasAnyDirectFeedthrough()
     context = camera.CreateDefaultContext()
     X_WB = RigidTransform([0.0, 0.0, 5.0])

@@ -27,11 +27,17 @@ BOXES = [(600, 300, 700, 380), (0, 0, 1, 1), (1279, 719, 1280, 720), (100, 0, 10
 def look(preset, w_WB=(0.3, -0.5, 1.0), size=(1280, 720)):
     """Returns grey picture and view of one sample, in two contexts, and the info."""
     effects = PRESETS[preset]
-    info = make_camera_info(width=size[0], height=size[1], fov_y=np.deg2rad(55.95),
-                            X_BC=CAMERA_INFO.X_BC, D=effects.distortion)
+    info = make_camera_info(
+        width=size[0],
+        height=size[1],
+        fov_y=np.deg2rad(55.95),
+        X_BC=CAMERA_INFO.X_BC,
+        D=effects.distortion,
+    )
     imaging = ImagingChain(effects=effects, camera_info=info, seed=0)
-    camera = Camera(camera_info=info, fps=FPS, imaging=imaging,
-                    renderer=PlanarRenderer(TRACK, imaging.pinhole))
+    camera = Camera(
+        camera_info=info, fps=FPS, imaging=imaging, renderer=PlanarRenderer(TRACK, imaging.pinhole)
+    )
     values = []
     for name in ("camera_grey", "camera_view"):
         context = camera.CreateDefaultContext()
@@ -44,11 +50,16 @@ def look(preset, w_WB=(0.3, -0.5, 1.0), size=(1280, 720)):
     return values[0].data[..., 0].copy(), values[1], info
 
 
-@pytest.mark.parametrize("preset, w_WB, size", [
-    ("clean", (0, 0, 0), (1280, 720)), ("realistic", (0.3, -0.5, 1.0), (1280, 720)),
-    ("realistic", (0.3, -0.5, 8.0), (1280, 720)), ("harsh", (0.3, -0.5, 1.0), (1280, 720)),
-    ("realistic", (0.3, -0.5, 1.0), (333, 501)),
-])
+@pytest.mark.parametrize(
+    "preset, w_WB, size",
+    [
+        ("clean", (0, 0, 0), (1280, 720)),
+        ("realistic", (0.3, -0.5, 1.0), (1280, 720)),
+        ("realistic", (0.3, -0.5, 8.0), (1280, 720)),
+        ("harsh", (0.3, -0.5, 1.0), (1280, 720)),
+        ("realistic", (0.3, -0.5, 1.0), (333, 501)),
+    ],
+)
 def test_regions_are_those_of_the_whole_picture(preset, w_WB, size):
     picture, view, _ = look(preset, w_WB, size)
     assert view.shape == picture.shape
@@ -98,8 +109,10 @@ def test_nothing_is_drawn_twice_or_in_vain():
     assert len(calls) == 4
 
 
-regions = st.lists(st.tuples(st.integers(-9, 210), st.integers(-9, 110),
-                             st.integers(0, 210), st.integers(0, 110)), max_size=6)
+regions = st.lists(
+    st.tuples(st.integers(-9, 210), st.integers(-9, 110), st.integers(0, 210), st.integers(0, 110)),
+    max_size=6,
+)
 
 
 @given(st.lists(regions, max_size=3))
@@ -115,7 +128,7 @@ def test_any_regions_are_drawn_once(lots):
     for lot in lots:
         view.drawn(*((x, y, x + w, y + h) for x, y, w, h in lot))
         for x, y, w, h in lot:  # as far as it is in the picture
-            asked[max(y, 0):max(y + h, 0), max(x, 0):max(x + w, 0)] = True
+            asked[max(y, 0) : max(y + h, 0), max(x, 0) : max(x + w, 0)] = True
         assert np.all(times[asked] == 1) and times.max() <= 1
     assert len(calls) <= sum(map(bool, lots))  # all of a lot at once
     # No more than the tiles that they touch.

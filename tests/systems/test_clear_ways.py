@@ -23,8 +23,10 @@ def straight(y, x=(0.0, 30.0), z=6.0):
     return fly([x[0], y, z, 0.0], [x[1], y, z, 0.0])
 
 
-@pytest.mark.parametrize("y, clearance, clear", [
-    (7.2, 2.1, True), (7.2, 2.3, False), (-12.0, 2.3, True), (5.0, 0.5, False)])
+@pytest.mark.parametrize(
+    "y, clearance, clear",
+    [(7.2, 2.1, True), (7.2, 2.3, False), (-12.0, 2.3, True), (5.0, 0.5, False)],
+)
 def test_a_larger_drone_needs_more_room(y, clearance, clear):
     """Outside of gate 1, whose pylons are at y = 5 and -5."""
     assert clear_ways.is_clear(straight(y), GATE_MAP, clearance) is clear
@@ -65,8 +67,10 @@ def test_above_the_tips_is_no_gap_and_near_the_ground_no_way():
 
 
 def test_over_the_top_is_free():
-    leg = fly([0.0, 0.0, 5.0, 0.0], *clear_ways.over_the_top([0.0, 0.0, 5.0, 0.0],
-                                                            np.array([48.0, 12.0, 6.0, 1.0])))
+    leg = fly(
+        [0.0, 0.0, 5.0, 0.0],
+        *clear_ways.over_the_top([0.0, 0.0, 5.0, 0.0], np.array([48.0, 12.0, 6.0, 1.0])),
+    )
     assert clear_ways.is_clear(leg, GATE_MAP, 2.0)
     np.testing.assert_allclose(leg.derivatives(leg.duration, 1)[0], [48.0, 12.0, 6.0, 1.0])
 
@@ -77,8 +81,9 @@ HEIGHTS = st.one_of(st.floats(2.0, 8.0), st.floats(12.0, 15.0))  # of gates, and
 @settings(max_examples=40, deadline=None)
 @given(st.floats(0.0, 200.0), st.floats(-3.1, 3.1), HEIGHTS, HEIGHTS, st.floats(-3.1, 3.1))
 def test_over_the_top_swings_out_nowhere(far, bearing, start_height, goal_height, yaw):
-    forward, left = np.array([[np.cos(bearing), np.sin(bearing)],
-                              [-np.sin(bearing), np.cos(bearing)]])
+    forward, left = np.array(
+        [[np.cos(bearing), np.sin(bearing)], [-np.sin(bearing), np.cos(bearing)]]
+    )
     start, goal = [0.0, 0.0, start_height, 0.0], [*far * forward, goal_height, yaw]
     leg = fly(start, *clear_ways.over_the_top(start, goal))
     x, y, z = leg.positions(np.linspace(0.0, leg.duration, 500))
@@ -101,8 +106,11 @@ def test_passages_are_in_order_with_their_times():
 def test_a_gate_is_approached_from_the_front_from_anywhere():
     """Some way through gate 2 is free from before, beside, and behind it."""
     gate = GATES[1]
-    for pose in (gate_pose(gate, -20.0), gate_pose(gate, 15.0),
-                 gate_pose(gate) + [-9.0, 9.0, 0.0, 0.0]):
+    for pose in (
+        gate_pose(gate, -20.0),
+        gate_pose(gate, 15.0),
+        gate_pose(gate) + [-9.0, 9.0, 0.0, 0.0],
+    ):
         routes = clear_ways.ways_through(pose, [gate], approach=8.0, beyond=5.0)
         legs = [fly(pose, *route) for route in routes]
         assert any(clear_ways.is_clear(leg, GATE_MAP, 2.0, [1]) for leg in legs)

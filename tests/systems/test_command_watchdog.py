@@ -6,11 +6,7 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import (
-    ConstantValueSource,
-    ConstantVectorSource,
-    VectorLogSink,
-)
+from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, VectorLogSink
 
 from airrace.diagrams.scenario import Scenario
 from airrace.diagrams.simulation import MakeSimulation
@@ -67,8 +63,16 @@ class Bench:
 def test_follows_holds_hovers_and_lands():
     bench = Bench()
     sent = 1.0
-    for age, mode in ((0.05, FOLLOW), (0.099, FOLLOW), (0.11, HOLD), (0.49, HOLD), (0.51, HOVER),
-                      (1.99, HOVER), (2.01, LAND), (4.0, LAND)):
+    for age, mode in (
+        (0.05, FOLLOW),
+        (0.099, FOLLOW),
+        (0.11, HOLD),
+        (0.49, HOLD),
+        (0.51, HOVER),
+        (1.99, HOVER),
+        (2.01, LAND),
+        (4.0, LAND),
+    ):
         found, command = bench.at(sent + age, sent)
         assert found == mode
         assert command == (REMOTE if mode < HOVER else OWN).tolist()
@@ -146,8 +150,10 @@ def fly(silent, until):
     status = builder.AddSystem(ConstantValueSource(Value[object](ExplorerStatus())))
     builder.Connect(status.get_output_port(), simulation.GetInputPort("explorer_status"))
     link = DiagramBuilder()
-    for name, value in (("rotor_speed_command", np.full(4, np.sqrt(9.81 / 4 / 1e-3)) * 1.02),
-                        ("rotor_speed_command_time", [silent])):
+    for name, value in (
+        ("rotor_speed_command", np.full(4, np.sqrt(9.81 / 4 / 1e-3)) * 1.02),
+        ("rotor_speed_command_time", [silent]),
+    ):
         link.ExportOutput(link.AddSystem(ConstantVectorSource(value)).get_output_port(), name)
     link = builder.AddSystem(link.Build())
     watchdog = AddCommandWatchdog(builder, scenario, simulation, link)
@@ -167,7 +173,8 @@ def fly(silent, until):
     simulator.AdvanceTo(until)
     data = log.FindLog(context)
     report = simulation.GetOutputPort("truth.referee_report").Eval(
-        simulation.GetMyContextFromRoot(context))
+        simulation.GetMyContextFromRoot(context)
+    )
     return data.sample_times(), data.data().T, watchdog, report
 
 

@@ -8,7 +8,12 @@ from tests.systems.marker_pictures import picture, pose, project
 
 angles = st.floats(-0.78, 0.78)
 poses = st.builds(
-    pose, st.floats(-4, 4), st.floats(-2, 2), st.floats(10, 32), st.floats(-0.3, 0.3), angles,
+    pose,
+    st.floats(-4, 4),
+    st.floats(-2, 2),
+    st.floats(10, 32),
+    st.floats(-0.3, 0.3),
+    angles,
     st.floats(-3, 3),
 )
 
@@ -45,8 +50,9 @@ def test_unbiased_and_as_sure_as_it_says(distance, blur):
     rng = np.random.default_rng(4)
     radial, errors, misfits = [], [], []
     for k in range(25):
-        X_CM = pose(*rng.uniform(-2.5, 2.5, 2), distance, *rng.uniform(-0.6, 0.6, 2),
-                    rng.uniform(-3, 3))
+        X_CM = pose(
+            *rng.uniform(-2.5, 2.5, 2), distance, *rng.uniform(-0.6, 0.6, 2), rng.uniform(-3, 3)
+        )
         corners = project(X_CM)
         image = picture({int(rng.integers(80)): X_CM}, blur, 3.0, seed=k)
         found, covariance = refit(image, [rough(corners, k)])

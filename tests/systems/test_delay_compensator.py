@@ -17,13 +17,18 @@ def fixed(estimate, speeds, command, delay, until=0.3):
     box = DelayCompensator(vehicle=VEHICLE, rate=500.0)
     simulator = Simulator(box)
     context = simulator.get_mutable_context()
-    for name, value in (("state_estimate", estimate), ("rotor_speeds", speeds),
-                        ("rotor_speed_command", command)):
+    for name, value in (
+        ("state_estimate", estimate),
+        ("rotor_speeds", speeds),
+        ("rotor_speed_command", command),
+    ):
         box.GetInputPort(name).FixValue(context, value)
     box.SetDelay(context, delay)
     simulator.AdvanceTo(until)
-    return (box.GetOutputPort("state_estimate").Eval(context),
-            box.GetOutputPort("rotor_speeds").Eval(context))
+    return (
+        box.GetOutputPort("state_estimate").Eval(context),
+        box.GetOutputPort("rotor_speeds").Eval(context),
+    )
 
 
 def estimate(velocity=(8.0, 0.0, 0.0)):

@@ -24,7 +24,7 @@ def drag(q=(1, 0, 0, 0), w=(0, 0, 0), v=(0, 0, 0), wind=(0, 0, 0), p=(0, 0, 0), 
     context = system.CreateDefaultContext()
     system.GetInputPort("state").FixValue(context, np.concatenate([q, p, w, v]).astype(float))
     system.GetInputPort("wind").FixValue(context, np.array(wind, float))
-    force, = system.GetOutputPort("spatial_forces").Eval(context)
+    (force,) = system.GetOutputPort("spatial_forces").Eval(context)
     assert force.body_index == BodyIndex(7)
     np.testing.assert_array_equal(force.p_BoBq_B, 0.0)
     return force.F_Bq_W.rotational(), force.F_Bq_W.translational()
@@ -34,8 +34,8 @@ def vectors(size):
     return st.tuples(*[st.floats(-size, size)] * 3).map(np.array)
 
 
-quaternions = st.tuples(*[st.floats(-1, 1)] * 4).map(np.array).filter(
-    lambda q: np.linalg.norm(q) > 0.1
+quaternions = (
+    st.tuples(*[st.floats(-1, 1)] * 4).map(np.array).filter(lambda q: np.linalg.norm(q) > 0.1)
 )
 
 
@@ -92,5 +92,6 @@ def test_only_the_velocity_through_the_air_counts(v, wind, p):
 @pytest.mark.parametrize("share", [0.0, 0.5, 2.0])
 def test_share(share):
     whole = drag(v=[1, 2, 3], w=[3, 2, 1])
-    np.testing.assert_allclose(drag(v=[1, 2, 3], w=[3, 2, 1], share=share),
-                               share * np.array(whole), rtol=1e-12)
+    np.testing.assert_allclose(
+        drag(v=[1, 2, 3], w=[3, 2, 1], share=share), share * np.array(whole), rtol=1e-12
+    )

@@ -22,8 +22,12 @@ def mapped(counts, track=TRACK):
     boards = {board.id: board.X_WM for board in track.boards()}
     statistics = {
         id: MarkerStatistics(
-            n, 0, boards[id].translation() if id in boards else np.zeros(3), np.zeros(3),
-            n * boards[id].rotation().col(2) if id in boards else np.ones(3))
+            n,
+            0,
+            boards[id].translation() if id in boards else np.zeros(3),
+            np.zeros(3),
+            n * boards[id].rotation().col(2) if id in boards else np.ones(3),
+        )
         for id, n in counts.items()
     }
     return make_map(statistics, min_sightings=5, time=0.0, detections=0, out_of_range=0)
@@ -34,15 +38,17 @@ def situation(counts, in_image, last=None, p=(0.0, 0.0, 5.0), steps=0, track=TRA
     gate_map = mapped(counts, track)
     gates = {gate.number: gate for gate in gate_map.gates}
     memory = types.SimpleNamespace(
-        last=None if last is None else gates[last], steps=steps,
+        last=None if last is None else gates[last],
+        steps=steps,
         status=ExplorerStatus(gates=() if last is None else tuple(range(last + 1))),
     )
-    markers = tuple(
-        Detection(id, np.zeros((4, 2)), RigidTransform(), 0.0) for id in in_image
-    )
+    markers = tuple(Detection(id, np.zeros((4, 2)), RigidTransform(), 0.0) for id in in_image)
     q = RollPitchYaw(0, 0, 0.3).ToQuaternion().wxyz()
     return exploration.Now(
-        memory=memory, time=1.0, detections=Detections(1.0, markers), gate_map=gate_map,
+        memory=memory,
+        time=1.0,
+        detections=Detections(1.0, markers),
+        gate_map=gate_map,
         estimate=np.array([1.0, *q, *p, *np.zeros(6)]),
     )
 
@@ -92,12 +98,19 @@ def test_only_the_gate_that_comes_next_obeys_the_rule(seed):
     track = generate_track(seed)
     gates = mapped({b.id: 9 for b in track.boards()}, track).gates
     n = len(gates)
-    follows = [(i, j) for i in range(n) for j in range(n)
-               if i != j and exploration.obeys_rule(gates[i], gates[j])]
+    follows = [
+        (i, j)
+        for i in range(n)
+        for j in range(n)
+        if i != j and exploration.obeys_rule(gates[i], gates[j])
+    ]
     assert {(i, (i + 1) % n) for i in range(n)} <= set(follows)
     # Some other gate may happen to stand on the line, but never gate 1 nearby.
-    assert all(np.linalg.norm(gates[i].p_WG - gates[0].p_WG) > 40.0
-               for i, j in follows if j == 0 and i != n - 1)
+    assert all(
+        np.linalg.norm(gates[i].p_WG - gates[0].p_WG) > 40.0
+        for i, j in follows
+        if j == 0 and i != n - 1
+    )
 
 
 @pytest.mark.parametrize("y, heading_deg, closes", [(-10.0, 15.0, True), (10.0, 260.0, False)])
@@ -105,10 +118,10 @@ def test_off_the_rule_gate_1_closes_the_loop_if_it_is_ahead(y, heading_deg, clos
     gates = {0: (30.0, 0.0, 0.0), 1: (30.0, 40.0, 120.0), 2: (0.0, y, heading_deg)}
     made = tuple(
         GateEstimate(k, np.array([x, y, 6.25]), float(np.deg2rad(h)), 10.0)
-        for k, (x, y, h) in gates.items())
+        for k, (x, y, h) in gates.items()
+    )
     now = situation({}, [0, 2], p=(15.0, 0.0, 6.0))
-    memory = types.SimpleNamespace(
-        last=made[2], steps=0, status=ExplorerStatus(gates=(0, 1, 2)))
+    memory = types.SimpleNamespace(last=made[2], steps=0, status=ExplorerStatus(gates=(0, 1, 2)))
     looking = types.SimpleNamespace(gates=made, markers=())
     now = exploration.Now(memory, 1.0, now.detections, looking, now.estimate)
     assert exploration.next_gate(now, 40.0) is (made[0] if closes else None)
@@ -130,26 +143,41 @@ def test_a_stray_id_tells_nothing():
 
 def test_pylons_and_gates_of_which_one_board_was_seen_are_known():
     gate_map = mapped({0: 9, 2: 9, 6: 9, 9: 9, 12: 1})
-    expected = [p[:2] for p in (TRACK.gates[0].p_WL, TRACK.gates[0].p_WR,
-                                TRACK.gates[1].p_WR, TRACK.gates[2].p_WL)]
+    expected = [
+        p[:2]
+        for p in (
+            TRACK.gates[0].p_WL,
+            TRACK.gates[0].p_WR,
+            TRACK.gates[1].p_WR,
+            TRACK.gates[2].p_WL,
+        )
+    ]
     np.testing.assert_allclose(exploration.known_pylons(gate_map), expected, atol=1e-9)
     assert [gate.number for gate in exploration.known_gates(gate_map)] == [0, 1, 2]
     assert exploration.known_pylons(mapped({})).shape == (0, 2)
 
 
-@pytest.mark.parametrize("counts, in_image, words", [
-    ({2: 9}, [2], "only marker 2 of gate 1 is in sight"),
-    ({2: 9}, [], "marker 2 of gate 1 was seen"),
-    ({1: 9, 3: 4}, [1], "only markers 1 and 3 of gate 1 are in sight from behind"),
-])
+@pytest.mark.parametrize(
+    "counts, in_image, words",
+    [
+        ({2: 9}, [2], "only marker 2 of gate 1 is in sight"),
+        ({2: 9}, [], "marker 2 of gate 1 was seen"),
+        ({1: 9, 3: 4}, [1], "only markers 1 and 3 of gate 1 are in sight from behind"),
+    ],
+)
 def test_sightings_in_words(counts, in_image, words):
     assert exploration.described_sighting(situation(counts, in_image), 0) == words
 
 
-@pytest.mark.parametrize("yaw, error, words", [
-    (0.0, 0.0, "0 degrees left"), (0.5, -0.5, "29 degrees right"),
-    (-3.0, 3.0, "172 degrees left"), (3.5, 2 * np.pi - 3.5, "159 degrees left"),
-])
+@pytest.mark.parametrize(
+    "yaw, error, words",
+    [
+        (0.0, 0.0, "0 degrees left"),
+        (0.5, -0.5, "29 degrees right"),
+        (-3.0, 3.0, "172 degrees left"),
+        (3.5, 2 * np.pi - 3.5, "159 degrees left"),
+    ],
+)
 def test_the_heading_is_checked_against_a_gate(yaw, error, words):
     """Gate 1 is straight along +x."""
     now = situation({0: 9, 2: 9}, [])

@@ -63,7 +63,10 @@ def test_states_follow_the_flow_chart(reference_run):
     times = [event.time for event in status.events]
     assert times == sorted(times)
     assert (status.state, status.reason, status.since) == (
-        status.events[-1].state, status.events[-1].reason, status.events[-1].time)
+        status.events[-1].state,
+        status.events[-1].reason,
+        status.events[-1].time,
+    )
 
 
 def test_legs_keep_to_the_limits(reference_run):
@@ -86,7 +89,7 @@ def test_does_not_stop_between_gates_in_sight():
     flown = run(REFERENCE, seconds=30.0, perception=PerceptionConfig(max_range=45.0))
     times = {e.reason[:6]: e.time for e in flown.status.events if e.state == "FLY_TO_GATE"}
     speed = np.linalg.norm(np.diff(flown.path, axis=0), axis=1) * RATE
-    assert speed[int((times["gate 1"] + 2) * RATE):int(times["gate 4"] * RATE)].min() > 1.0
+    assert speed[int((times["gate 1"] + 2) * RATE) : int(times["gate 4"] * RATE)].min() > 1.0
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -105,7 +108,7 @@ def test_turns_to_gate_1_before_it_flies(off):
     ahead = flown.status.events[states(flown).index("TURN_TO_GATE") + 2]
     assert ahead.state == "HOVER" and ahead.reason.startswith("gate 1 is ahead, 0 degrees")
     assert states(flown)[-1] == "FLY_TO_GATE"
-    turning = flown.path[int(turn.time * RATE):int(ahead.time * RATE)]
+    turning = flown.path[int(turn.time * RATE) : int(ahead.time * RATE)]
     assert np.ptp(turning[:, :2], axis=0).max() < 0.05  # on the spot
 
 
@@ -115,8 +118,8 @@ def test_a_start_that_sees_no_gate_turns_before_it_steps(off):
     flown = run(track)
     check_explored(flown, track)
     entered = states(flown)
-    assert "LOOK_AROUND" in entered[:entered.index("FLY_TO_GATE")]
-    assert not {"STEP_FORWARD", "STEP_AROUND"} & set(entered[:entered.index("FLY_TO_GATE")])
+    assert "LOOK_AROUND" in entered[: entered.index("FLY_TO_GATE")]
+    assert not {"STEP_FORWARD", "STEP_AROUND"} & set(entered[: entered.index("FLY_TO_GATE")])
 
 
 def test_other_gates_that_it_sees_while_turning_are_not_flown():
@@ -184,9 +187,14 @@ def test_gate_1_seen_across_the_track_does_not_close_the_loop():
 def test_any_heading_of_the_track(turned):
     c, s = np.cos(np.deg2rad(turned)), np.sin(np.deg2rad(turned))
     gates = [
-        dc.replace(g, heading_deg=g.heading_deg + turned, left_pylon=[
-            c * g.left_pylon[0] - s * g.left_pylon[1],
-            s * g.left_pylon[0] + c * g.left_pylon[1]])
+        dc.replace(
+            g,
+            heading_deg=g.heading_deg + turned,
+            left_pylon=[
+                c * g.left_pylon[0] - s * g.left_pylon[1],
+                s * g.left_pylon[0] + c * g.left_pylon[1],
+            ],
+        )
         for g in REFERENCE.gates
     ]
     track = dc.replace(REFERENCE, gates=gates, start=Start([0.0, 0.0, 0.0], turned))
@@ -260,7 +268,12 @@ def test_stays_on_a_pad_that_is_too_steep_and_says_so():
 def test_takes_off_once_it_is_level_and_at_rest():
     status, _ = standing([on_pad(20), on_pad(8, v=1.0), on_pad(8)], [1.0, 2.0, 4.0])
     assert [event.reason.split()[0] for event in status.events] == [
-        "power", "tilted", "moving,", "level", "level"]
+        "power",
+        "tilted",
+        "moving,",
+        "level",
+        "level",
+    ]
     assert status.state == "TAKE_OFF" and status.since == pytest.approx(2.5)
     assert status.reason == "level within 8.0 degrees, taking off"
 

@@ -29,8 +29,9 @@ def flying(start, goal, time, counts):
 def test_a_leg_goes_on_from_the_motion_of_the_last():
     now = flying([0, 0, 6, 0], [40, 12, 6, 0], 2.0, {})
     leg = LEGS.plan(now, [[[60.0, 20.0, 6.0, 0.0]]])
-    np.testing.assert_allclose(leg.derivatives(0.0, 4), now.memory.leg.derivatives(2.0, 4),
-                               atol=1e-6)
+    np.testing.assert_allclose(
+        leg.derivatives(0.0, 4), now.memory.leg.derivatives(2.0, 4), atol=1e-6
+    )
     np.testing.assert_allclose(leg.derivatives(leg.duration, 1)[0], [60, 20, 6, 0], atol=1e-9)
 
 
@@ -50,8 +51,11 @@ def test_gates_are_passed_in_order_at_known_times():
     assert 0.0 < times[0] < times[1] < leg.duration
     for gate, time in zip(gates, times):
         np.testing.assert_allclose(leg.derivatives(time, 1)[0, :3], gate.p_WG, atol=0.1)
-    np.testing.assert_allclose(leg.derivatives(leg.duration, 1)[0, :3],
-                               gate_pose(gates[-1], CONFIG.passing_distance)[:3], atol=1e-6)
+    np.testing.assert_allclose(
+        leg.derivatives(leg.duration, 1)[0, :3],
+        gate_pose(gates[-1], CONFIG.passing_distance)[:3],
+        atol=1e-6,
+    )
 
 
 def test_a_stop_is_soon_and_before_what_is_in_the_way():

@@ -35,10 +35,12 @@ def test_boards_are_where_the_track_has_them(gate, id):
 @given(poses, st.integers(0, 3))
 def test_the_derivative_of_a_boards_position(pose, id):
     _, J = gf.board_position(pose, id)
-    numerical = np.column_stack([
-        (gf.board_position(pose + h, id)[0] - gf.board_position(pose - h, id)[0]) / 2e-6
-        for h in 1e-6 * np.eye(5)
-    ])
+    numerical = np.column_stack(
+        [
+            (gf.board_position(pose + h, id)[0] - gf.board_position(pose - h, id)[0]) / 2e-6
+            for h in 1e-6 * np.eye(5)
+        ]
+    )
     np.testing.assert_allclose(J, numerical, atol=1e-6)
 
 
@@ -83,9 +85,13 @@ def test_turning_the_world_turns_the_belief(gate, seed, turn, shift):
 
     def moved(sighting):
         return type(sighting)(
-            id=sighting.id, time=sighting.time, p_WC=R @ sighting.p_WC + t,
-            p_WM=R @ sighting.p_WM + t, covariance=R @ sighting.covariance @ R.T,
-            normal=R @ sighting.normal, heading_variance=sighting.heading_variance,
+            id=sighting.id,
+            time=sighting.time,
+            p_WC=R @ sighting.p_WC + t,
+            p_WM=R @ sighting.p_WM + t,
+            covariance=R @ sighting.covariance @ R.T,
+            normal=R @ sighting.normal,
+            heading_variance=sighting.heading_variance,
         )
 
     rng = np.random.default_rng(seed)
@@ -100,12 +106,14 @@ def test_turning_the_world_turns_the_belief(gate, seed, turn, shift):
     here, there = believe(sightings), believe([moved(s) for s in sightings])
     np.testing.assert_allclose(R @ here.pose[:3] + t, there.pose[:3], atol=1e-6)
     np.testing.assert_allclose(R @ here.forward, there.forward, atol=1e-6)
-    np.testing.assert_allclose(R @ here.covariance[:3, :3] @ R.T, there.covariance[:3, :3],
-                               atol=1e-8)
+    np.testing.assert_allclose(
+        R @ here.covariance[:3, :3] @ R.T, there.covariance[:3, :3], atol=1e-8
+    )
 
 
-@pytest.mark.parametrize("spacing, by_the_rules", [(10.0, True), (10.1, True), (10.4, False),
-                                                   (8.0, False)])
+@pytest.mark.parametrize(
+    "spacing, by_the_rules", [(10.0, True), (10.1, True), (10.4, False), (8.0, False)]
+)
 def test_only_gates_that_look_so_are_by_the_rules(spacing, by_the_rules):
     rng = np.random.default_rng(0)
     gate = make_gate(spacing=spacing)
@@ -124,8 +132,9 @@ def test_only_gates_that_look_so_are_by_the_rules(spacing, by_the_rules):
 
 def test_a_gate_that_moves_is_still_as_wide():
     rng = np.random.default_rng(0)
-    belief = gb.fit([see(make_gate(), id, 0.1 * k, rng, sigma=0.01)
-                     for k, id in enumerate((0, 2, 0, 2))])
+    belief = gb.fit(
+        [see(make_gate(), id, 0.1 * k, rng, sigma=0.01) for k, id in enumerate((0, 2, 0, 2))]
+    )
     known = belief.knowing_the_rules()
     assert known.by_the_rules
     pair = [see(make_gate(x=25.0), 0, time, rng) for time in (1.0, 1.1)]

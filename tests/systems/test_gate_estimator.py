@@ -16,9 +16,7 @@ def mapped(sightings, records=None):
     records = records or {}
     for sighting in sightings:
         records = ESTIMATOR.updated(records, sighting)
-    return records, ESTIMATOR.make_map(
-        records, time=1.0, detections=0, out_of_range=0, refused={}
-    )
+    return records, ESTIMATOR.make_map(records, time=1.0, detections=0, out_of_range=0, refused={})
 
 
 def flight(gate, rng, ids=(0, 2), start=0.0, images=15, **kwargs):
@@ -28,9 +26,7 @@ def flight(gate, rng, ids=(0, 2), start=0.0, images=15, **kwargs):
 
 def worst(gate_map, gate):
     boards = gate.boards(0)
-    return max(
-        np.linalg.norm(m.p_WM - boards[m.id].X_WM.translation()) for m in gate_map.markers
-    )
+    return max(np.linalg.norm(m.p_WM - boards[m.id].X_WM.translation()) for m in gate_map.markers)
 
 
 @given(gates, seeds)
@@ -157,7 +153,8 @@ def test_records_do_not_grow():
     records, _ = mapped(flight(make_gate(), rng))
     scattered = [
         see(make_gate(), id, 2.0 + k, rng, error=rng.normal(0, 30, 3))
-        for k in range(200) for id in (0, 2)
+        for k in range(200)
+        for id in (0, 2)
     ]
     records, gate_map = mapped(scattered, records)
     assert len(records[0].doubted) <= 8

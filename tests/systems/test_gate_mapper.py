@@ -28,16 +28,28 @@ def sight(X_WB, board, time):
     return Detection(board.id, np.zeros((4, 2)), X_CM, 0.0)
 
 
-def run(images, seconds, pose=lambda t: estimate(t, [0, 0, 5]), max_range=1e3,
-        estimator="robust", seen=lambda t: None):
+def run(
+    images,
+    seconds,
+    pose=lambda t: estimate(t, [0, 0, 5]),
+    max_range=1e3,
+    estimator="robust",
+    seen=lambda t: None,
+):
     """Shows a mapper images {time: markers(X_WB)} and returns its map.
 
     As in flight: estimates come at 200 Hz, an image's detections a latency
     after its exposure. What is `seen` of a time replaces the estimate.
     """
     mapper = GateMapper(
-        fps=30.0, latency=LATENCY, state_rate=200.0, max_range=max_range, max_gates=20,
-        estimator=estimator, outlier_sigma=3.0, min_sightings=5,
+        fps=30.0,
+        latency=LATENCY,
+        state_rate=200.0,
+        max_range=max_range,
+        max_gates=20,
+        estimator=estimator,
+        outlier_sigma=3.0,
+        min_sightings=5,
     )
     simulator = Simulator(mapper)
     context = simulator.get_mutable_context()
@@ -105,6 +117,7 @@ def test_gates_appear_with_enough_sightings(estimator):
         k / 30: lambda X_WB: [sight(X_WB, boards[4], 0), sight(X_WB, boards[6], 0)]
         for k in range(1, 5)
     }
+
     def pose(t):
         return estimate(t, [25, -3, 5])
 
@@ -134,10 +147,15 @@ def looks(times):
     return {t: lambda X_WB: [sight(X_WB, BOARD, 0)] for t in times}
 
 
-@pytest.mark.parametrize("broken", [
-    np.full(14, np.nan), np.zeros(14), np.r_[np.inf, estimate(0, [0, 0, 5])[1:]],
-    np.r_[0.105, np.zeros(4), estimate(0, [0, 0, 5])[5:]],
-])
+@pytest.mark.parametrize(
+    "broken",
+    [
+        np.full(14, np.nan),
+        np.zeros(14),
+        np.r_[np.inf, estimate(0, [0, 0, 5])[1:]],
+        np.r_[0.105, np.zeros(4), estimate(0, [0, 0, 5])[5:]],
+    ],
+)
 def test_broken_poses_do_no_harm(broken):
     gate_map = run(looks([0.05, 0.1, 0.15]), 0.3, seen=lambda t: broken if t > 0.08 else None)
     assert gate_map.detections == 3
@@ -160,8 +178,14 @@ def test_a_drone_that_jumps_maps_nothing_from_mid_air():
 def test_times_that_cannot_be():
     """NaN, the future, and before the first estimate: counted, and the next image is mapped."""
     mapper = GateMapper(
-        fps=30.0, latency=LATENCY, state_rate=200.0, max_range=1e3, max_gates=20,
-        estimator="robust", outlier_sigma=3.0, min_sightings=5,
+        fps=30.0,
+        latency=LATENCY,
+        state_rate=200.0,
+        max_range=1e3,
+        max_gates=20,
+        estimator="robust",
+        outlier_sigma=3.0,
+        min_sightings=5,
     )
     simulator = Simulator(mapper)
     context = simulator.get_mutable_context()
@@ -171,7 +195,8 @@ def test_times_that_cannot_be():
         t = LATENCY + k / 30
         mapper.GetInputPort("filtered_estimate").FixValue(context, estimate(t - 0.001, [0, 0, 5]))
         mapper.GetInputPort("detections").FixValue(
-            context, Value[object](Detections(t - 0.001 if time is None else time, (marker,))))
+            context, Value[object](Detections(t - 0.001 if time is None else time, (marker,)))
+        )
         simulator.AdvanceTo(t + 0.001)
     gate_map = mapper.get_output_port().Eval(context)
     assert gate_map.detections == 6

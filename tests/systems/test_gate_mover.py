@@ -30,7 +30,8 @@ def through(gates, side=0.0):
     """Two positions for each gate, before and behind it."""
     return [
         gate.p_WG + side * gate.rightward + step * gate.forward
-        for gate in gates for step in (-2.0, 2.0)
+        for gate in gates
+        for step in (-2.0, 2.0)
     ]
 
 
@@ -69,8 +70,10 @@ def test_a_gate_is_passed_where_it_stands_now():
 
 def test_no_gate_moves_near_the_drone():
     """On a small triangle, the gate half a lap back is near: it waits for the drone to go."""
-    gates = [Gate([x, y], heading) for x, y, heading in
-             ((0.0, 5.0, 0.0), (11.0, 6.0, 120.0), (0.0, 15.0, 240.0))]
+    gates = [
+        Gate([x, y], heading)
+        for x, y, heading in ((0.0, 5.0, 0.0), (11.0, 6.0, 120.0), (0.0, 15.0, 240.0))
+    ]
     track = Track(name="small", gates=gates)
     path = through(gates[:2])
     near = watch(path, track)
@@ -85,7 +88,7 @@ def test_no_gate_moves_near_the_drone():
 def test_places_are_uniform_and_no_step_is_longer_than_allowed():
     laps = 40
     for max_shift in (MAX, 0.25):
-        shifts = watch(through(TRACK.gates * laps), max_shift=max_shift)[2 * N::2 * N]
+        shifts = watch(through(TRACK.gates * laps), max_shift=max_shift)[2 * N :: 2 * N]
         lengths = np.linalg.norm(shifts, axis=2)
         steps = np.linalg.norm(np.diff(shifts, axis=0), axis=2)
         for values in (lengths, steps):

@@ -62,8 +62,11 @@ class Bench:
         self.context = self.controller.CreateDefaultContext()
         n = len(vehicle.rotors)
         self.fix(
-            reference=hold(P, 0.0), filtered_estimate=estimate(), disturbance=np.zeros(3),
-            rotor_speeds=hover_speeds(vehicle), rotor_losses=np.full(n, np.inf),
+            reference=hold(P, 0.0),
+            filtered_estimate=estimate(),
+            disturbance=np.zeros(3),
+            rotor_speeds=hover_speeds(vehicle),
+            rotor_losses=np.full(n, np.inf),
         )
 
     def fix(self, **inputs):
@@ -126,7 +129,8 @@ def test_upside_down_it_rights_itself_with_all_its_might(drone, heading, angle, 
     allocate = Allocator(vehicle.allocation, vehicle.max_thrusts).allocate
     produced = vehicle.allocation @ allocate(wrench)
     assert produced[1:3] @ wrench[1:3] > 0.5 * np.linalg.norm(wrench[1:3]) * np.linalg.norm(
-        vehicle.allocation[1:3] @ np.where(wrench[1:3] @ vehicle.allocation[1:3] > 0, 8.5, 0.0))
+        vehicle.allocation[1:3] @ np.where(wrench[1:3] @ vehicle.allocation[1:3] > 0, 8.5, 0.0)
+    )
 
 
 @both_drones
@@ -176,7 +180,8 @@ def test_it_turns_with_the_world(drone, p, v, w, tilt, angle, a):
     one[ACCELERATION], other[ACCELERATION] = a, T @ a
     np.testing.assert_allclose(
         calc(other, estimate(T @ (P + p), T @ R, T @ (5 * w), T @ v)),
-        calc(one, estimate(P + p, R, 5 * w, v)), atol=1e-6,
+        calc(one, estimate(P + p, R, 5 * w, v)),
+        atol=1e-6,
     )
 
 
@@ -219,8 +224,7 @@ def test_a_spin_does_not_turn_the_damping_of_the_others(drone, w, spin):
     acceleration = (moment - np.cross(w, J * w)) / J
     across = np.array([w[0], w[1], 0.0])
     seen = acceleration + np.cross([0.0, 0.0, spin], across)
-    np.testing.assert_allclose(
-        seen[:2], -vehicle.gains.angular_velocity * across[:2], atol=1e-6)
+    np.testing.assert_allclose(seen[:2], -vehicle.gains.angular_velocity * across[:2], atol=1e-6)
 
 
 @both_drones
@@ -238,7 +242,8 @@ def test_errors_in_yaw_take_no_more_than_the_rotors_have(drone):
     gains, J = vehicle.gains, vehicle.inertia[2]
     assert k_R / J < gains.attitude
     assert k_w / J / np.sqrt(k_R / J) == pytest.approx(
-        gains.angular_velocity / np.sqrt(gains.attitude), rel=1e-4)
+        gains.angular_velocity / np.sqrt(gains.attitude), rel=1e-4
+    )
 
 
 def test_commands_are_held_at_the_control_rate_and_within_limits():
@@ -266,8 +271,7 @@ def test_rotors_are_driven_to_look_faster(drone, lag, seen):
     bench.fix(filtered_estimate=estimate(p))
     speeds, command = hover_speeds(vehicle), bench.update()
     wrench = CONTROLLERS[drone].CalcWrench(hold(P, 0.0), estimate(p))
-    desired = np.sqrt(
-        np.linalg.pinv(vehicle.allocation) @ wrench / vehicle.thrust_coefficients)
+    desired = np.sqrt(np.linalg.pinv(vehicle.allocation) @ wrench / vehicle.thrust_coefficients)
     moved = (1 - np.exp(-1 / RATE / lag)) * (command - speeds)
     np.testing.assert_allclose(moved, (1 - np.exp(-1 / RATE / seen)) * (desired - speeds))
 
@@ -277,8 +281,9 @@ BAD = [np.nan, np.inf, -np.inf]
 
 @both_drones
 @pytest.mark.parametrize("bad", BAD)
-@pytest.mark.parametrize("port, size", [
-    ("filtered_estimate", 14), ("reference", 18), ("disturbance", 3)])
+@pytest.mark.parametrize(
+    "port, size", [("filtered_estimate", 14), ("reference", 18), ("disturbance", 3)]
+)
 def test_what_is_not_finite_keeps_the_last_command(drone, port, size, bad):
     vehicle = VEHICLES[drone]
     bench = Bench(vehicle)
@@ -374,7 +379,8 @@ def test_a_lost_rotor_is_not_driven(case, p, tilt, w, share):
     times = np.full(len(vehicle.rotors), np.inf)
     times[list(lost)] = 1.0
     bench.fix(
-        rotor_losses=times, rotor_speeds=share * vehicle.max_speeds,
+        rotor_losses=times,
+        rotor_speeds=share * vehicle.max_speeds,
         filtered_estimate=estimate(P + 10 * p, tilted(tilt, tilt), 20 * w),
     )
     command = bench.update()
@@ -417,6 +423,7 @@ def test_a_quadrotor_that_lost_a_rotor_forgets_the_reference():
 @st.composite
 def hexacopters(draw):
     """Of any size, shape and motors, with the gains that every drone has."""
+
     def between(low, high):
         return draw(st.floats(low, high))
 
@@ -424,15 +431,23 @@ def hexacopters(draw):
     x, y, z = (between(0.02, 0.15) * mass * arm**2 for _ in range(3))
     angles = start + np.pi / 3 * np.arange(6)
     rotor = Rotor(
-        thrust_coefficient=10.0 ** between(-6.0, -3.0), torque_ratio=between(0.005, 0.03),
-        max_thrust=between(1.8, 4.0) * mass * GRAVITY / 6, radius=arm / 3,
+        thrust_coefficient=10.0 ** between(-6.0, -3.0),
+        torque_ratio=between(0.005, 0.03),
+        max_thrust=between(1.8, 4.0) * mass * GRAVITY / 6,
+        radius=arm / 3,
     )
     vehicle = Vehicle(
-        name="hexacopter", model="none", mass=mass, rotor_lag=between(0.01, 0.04),
+        name="hexacopter",
+        model="none",
+        mass=mass,
+        rotor_lag=between(0.01, 0.04),
         inertia=[y + z, x + z, x + y],  # of second moments, so that any will do
         rotors=[
-            dc.replace(rotor, position=[arm * np.cos(a), arm * np.sin(a), between(-0.1, 0.1)],
-                       direction=("ccw", "cw")[i % 2])
+            dc.replace(
+                rotor,
+                position=[arm * np.cos(a), arm * np.sin(a), between(-0.1, 0.1)],
+                direction=("ccw", "cw")[i % 2],
+            )
             for i, a in enumerate(angles)
         ],
     )

@@ -14,8 +14,9 @@ INFO = make_camera_info(width=1280, height=720, fov_y=1.0, X_BC=CameraMount().X_
 
 
 def make_mapper(estimator):
-    return ImageMapper(max_range=30.0, max_gates=10, estimator=estimator, outlier_sigma=3.0,
-                       min_sightings=5)
+    return ImageMapper(
+        max_range=30.0, max_gates=10, estimator=estimator, outlier_sigma=3.0, min_sightings=5
+    )
 
 
 def fuzzed(rng) -> Detection:
@@ -26,15 +27,24 @@ def fuzzed(rng) -> Detection:
     if rng.random() < 0.2:
         p[rng.integers(3)] = rng.choice([np.nan, np.inf, -np.inf, 0.0, 1e300, -1e300, 1e-300])
     covariance = [
-        None, np.eye(6) * 10.0 ** rng.uniform(-30, 30), np.full((6, 6), np.nan), np.zeros((6, 6)),
-        -np.eye(6), rng.normal(size=(6, 6)),
+        None,
+        np.eye(6) * 10.0 ** rng.uniform(-30, 30),
+        np.full((6, 6), np.nan),
+        np.zeros((6, 6)),
+        -np.eye(6),
+        rng.normal(size=(6, 6)),
     ][rng.choice(6, p=[0.4, 0.4, 0.05, 0.05, 0.05, 0.05])]
     id = int(rng.integers(40))
     if rng.random() < 0.2:
         id = int(rng.choice([-1, 40, 1023, 2**40, -(2**40)]))
     return Detection(
-        id, np.full((4, 2), np.nan), RigidTransform(R_CM, p), np.nan,
-        covariance=covariance, joint=bool(rng.random() < 0.5), ambiguity=rng.random(),
+        id,
+        np.full((4, 2), np.nan),
+        RigidTransform(R_CM, p),
+        np.nan,
+        covariance=covariance,
+        joint=bool(rng.random() < 0.5),
+        ambiguity=rng.random(),
     )
 
 
@@ -72,17 +82,23 @@ def test_the_memory_before_is_not_touched(estimator, seeds):
     for k, seed in enumerate(seeds):
         markers = (fuzzed(np.random.default_rng(seed)),)
         memories.append(
-            mapper.updated(memories[-1], Detections(float(k), markers), RigidTransform(), INFO))
+            mapper.updated(memories[-1], Detections(float(k), markers), RigidTransform(), INFO)
+        )
     assert [m.gate_map.detections for m in memories] == list(range(len(seeds) + 1))
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_an_image_counts_once(estimator):
     mapper = make_mapper(estimator)
-    marker = Detection(2, np.zeros((4, 2)), RigidTransform(
-        RotationMatrix(np.diag([1.0, -1.0, -1.0])), [0, 0, 5.0]), 0.0)
+    marker = Detection(
+        2,
+        np.zeros((4, 2)),
+        RigidTransform(RotationMatrix(np.diag([1.0, -1.0, -1.0])), [0, 0, 5.0]),
+        0.0,
+    )
     once = mapper.updated(
-        MapperMemory(), Detections(1.0, (marker,), (("tiny quad", 4),)), RigidTransform(), INFO)
+        MapperMemory(), Detections(1.0, (marker,), (("tiny quad", 4),)), RigidTransform(), INFO
+    )
     assert once.gate_map.refused["tiny quad"] == 1
     for time in (1.0, 0.5):
         again = mapper.updated(once, Detections(time, (marker,)), RigidTransform(), INFO)

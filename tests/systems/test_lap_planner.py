@@ -26,8 +26,7 @@ from airrace.trajopt.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import GRAVITY, load_vehicle
 
 VEHICLE, _ = load_vehicle("Default")
-LIMITS = dict(
-    clearance=clearance_of(VEHICLE.radius), max_speed=20.0, max_acceleration=10.0)
+LIMITS = dict(clearance=clearance_of(VEHICLE.radius), max_speed=20.0, max_acceleration=10.0)
 GATES = tuple(
     GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.pylon_spacing)
     for n, gate in enumerate(load_track("student-airrace").gates)
@@ -44,8 +43,9 @@ def moved(step):
 class Bench:
     """A LapPlanner whose inputs are constants that a test may change."""
 
-    def __init__(self, trajectory="3", gates=GATES, status=DONE, solve=plan_lap, laps=np.inf,
-                 **config):
+    def __init__(
+        self, trajectory="3", gates=GATES, status=DONE, solve=plan_lap, laps=np.inf, **config
+    ):
         config = PlannerConfig(**{"latency": 0.5, "first_lap_move": 0.05} | config)
         self.problems = []  # that it was given to solve
 
@@ -54,12 +54,14 @@ class Bench:
             return solve(problem)
 
         self.planner = LapPlanner(
-            vehicle=VEHICLE, trajectory=str(trajectory), config=config, laps=laps, solve=noted)
+            vehicle=VEHICLE, trajectory=str(trajectory), config=config, laps=laps, solve=noted
+        )
         self.simulator = Simulator(self.planner)
         self.context = self.simulator.get_mutable_context()
         self.fix(gate_map=GateMap(gates=gates), explorer_status=status)
         self.planner.GetInputPort("exploration_reference").FixValue(
-            self.context, hold([0, 0, 5], 0.0))
+            self.context, hold([0, 0, 5], 0.0)
+        )
         self.simulator.Initialize()
 
     def fix(self, **inputs):
@@ -88,18 +90,24 @@ def test_optimal_laps_are_faster_and_within_the_limits_and_followed_by_the_next(
     plans += bench.follow(until=30.0, every=0.5)[0][1:]
     assert [plan.lap for plan in plans] == [1, 2]
     snap = plan_circuit(
-        [g.p_WG for g in GATES], [g.heading for g in GATES],
-        np.array([g.pylons for g in GATES]).reshape(-1, 2), 4, **LIMITS)
+        [g.p_WG for g in GATES],
+        [g.heading for g in GATES],
+        np.array([g.pylons for g in GATES]).reshape(-1, 2),
+        4,
+        **LIMITS,
+    )
     for plan in plans:
         assert plan.report.duration < 0.9 * snap.duration
         assert plan.report.max_speed <= 20.0 and plan.report.max_acceleration <= 10.0
         # It goes on from where the one before ends, and onto its own lap.
         t = plan.start_time + plan.entry.duration
         np.testing.assert_allclose(
-            plan.derivatives(t - 1e-7)[:4, :3], plan.derivatives(t + 1e-7)[:4, :3], atol=1e-3)
+            plan.derivatives(t - 1e-7)[:4, :3], plan.derivatives(t + 1e-7)[:4, :3], atol=1e-3
+        )
     t = plans[1].start_time
     np.testing.assert_allclose(
-        plans[0].derivatives(t)[:4, :3], plans[1].derivatives(t)[:4, :3], atol=1e-3)
+        plans[0].derivatives(t)[:4, :3], plans[1].derivatives(t)[:4, :3], atol=1e-3
+    )
 
 
 def test_ticks_at_which_nothing_happens_change_nothing():
@@ -119,7 +127,10 @@ def test_no_plan_for_after_the_race():
 def test_ports():
     planner = Bench().planner
     assert [planner.get_input_port(i).get_name() for i in range(planner.num_input_ports())] == [
-        "gate_map", "explorer_status", "exploration_reference"]
+        "gate_map",
+        "explorer_status",
+        "exploration_reference",
+    ]
     assert planner.GetInputPort("exploration_reference").size() == SIZE
     assert planner.num_output_ports() == 1
     # Or a diagram with it would have an algebraic loop through the explorer.
@@ -175,8 +186,12 @@ def test_a_plan_a_lap_from_the_map_as_it_then_stands(dimensions):
         gate_1 = plan.circuit.derivatives(0.0)[0, :3]
         np.testing.assert_allclose(gate_1, GATES[0].p_WG + step, atol=1e-8)
         expected = plan_circuit(
-            [g.p_WG for g in moved(step)], [g.heading for g in GATES],
-            [p for g in moved(step) for p in g.pylons], dimensions, **LIMITS)
+            [g.p_WG for g in moved(step)],
+            [g.heading for g in GATES],
+            [p for g in moved(step) for p in g.pylons],
+            dimensions,
+            **LIMITS,
+        )
         tolerance = 1e-4 if dimensions < 6 else 0.03  # of many local minima
         assert plan.circuit.duration == pytest.approx(expected.duration, rel=tolerance)
     for old, new in zip(plans, plans[1:]):
@@ -195,7 +210,8 @@ def test_an_entry_is_not_replanned(x):
     """Not even one longer than a lap: only the lap behind it has a last gate."""
     bench = Bench()
     bench.planner.GetInputPort("exploration_reference").FixValue(
-        bench.context, hold([x, 0, 5], 0.0))
+        bench.context, hold([x, 0, 5], 0.0)
+    )
     first = bench.plan_at(1.0)
     joined = first.start_time + first.entry.duration
     lap = first.circuit.duration
@@ -250,8 +266,10 @@ def test_it_does_not_search_twice_for_a_lap_through_the_same_gates():
     assert len(bench.problems) == 3
     assert dc.replace(second, old=plans[-1], start_time=9.0).asks_for_the_same(second)
     for other in (
-        dict(gates=second.gates[1:] + second.gates[:1]), dict(margins=second.margins + 1e-9),
-        dict(gates=moved([0.0, 0.0, 1e-9])), dict(pylons=second.pylons[:-2]),
+        dict(gates=second.gates[1:] + second.gates[:1]),
+        dict(margins=second.margins + 1e-9),
+        dict(gates=moved([0.0, 0.0, 1e-9])),
+        dict(pylons=second.pylons[:-2]),
     ):
         assert not dc.replace(second, **other).asks_for_the_same(second)
 
@@ -259,8 +277,16 @@ def test_it_does_not_search_twice_for_a_lap_through_the_same_gates():
 def test_the_problem_says_how_well_pylons_are_known_and_starts_on_the_old_lap():
     def known(sigma):
         return tuple(
-            MarkerEstimate(id=id, count=9, outliers=0, p_WM=np.zeros(3), normal=np.eye(3)[0],
-                           variance=np.full(3, sigma**2)) for id in range(40))
+            MarkerEstimate(
+                id=id,
+                count=9,
+                outliers=0,
+                p_WM=np.zeros(3),
+                normal=np.eye(3)[0],
+                variance=np.full(3, sigma**2),
+            )
+            for id in range(40)
+        )
 
     bench = Bench()
     problems = bench.problems
@@ -273,8 +299,7 @@ def test_the_problem_says_how_well_pylons_are_known_and_starts_on_the_old_lap():
         np.testing.assert_allclose(problem.margins, problems[1].margins[0] + 3 * (sigma - 0.01))
         assert problem.pylons.shape == (20, 2) and len(problem.margins) == 20
     assert problems[1].old is first
-    np.testing.assert_array_equal(
-        problems[1].start, first.derivatives(problems[1].start_time))
+    np.testing.assert_array_equal(problems[1].start, first.derivatives(problems[1].start_time))
 
 
 def test_the_first_lap_expects_gates_that_move():
@@ -353,15 +378,20 @@ def test_the_report_is_true(dimensions):
     second = bench.follow(1.0 + 1.2 * first.circuit.duration)[0][-1]
     assert second.lap == 2
     for plan in (first, second):
-        samples = np.hstack([
-            part.sample(np.linspace(0, part.duration, int(1000 * part.duration)))
-            for part in (plan.entry, plan.circuit)])
+        samples = np.hstack(
+            [
+                part.sample(np.linspace(0, part.duration, int(1000 * part.duration)))
+                for part in (plan.entry, plan.circuit)
+            ]
+        )
         report = plan.report
         assert report.duration == plan.circuit.duration
         assert report.max_speed == pytest.approx(
-            np.linalg.norm(samples[VELOCITY], axis=0).max(), rel=1e-3)
+            np.linalg.norm(samples[VELOCITY], axis=0).max(), rel=1e-3
+        )
         assert report.max_acceleration == pytest.approx(
-            np.linalg.norm(samples[ACCELERATION], axis=0).max(), rel=1e-3)
+            np.linalg.norm(samples[ACCELERATION], axis=0).max(), rel=1e-3
+        )
         thrusts = rotor_thrusts(samples, VEHICLE, GRAVITY)
         assert report.max_rotor_thrust == pytest.approx(thrusts.max(), rel=0.01)
         assert report.max_speed <= 20.0 and report.max_acceleration <= 10.0
@@ -381,12 +411,18 @@ def test_two_runs_are_the_same():
 @functools.cache
 def make_plan(dimensions, phase_zero):
     circuit = plan_circuit(
-        [g.p_WG for g in GATES], [g.heading for g in GATES],
-        [p for g in GATES for p in g.pylons], dimensions, **LIMITS)
+        [g.p_WG for g in GATES],
+        [g.heading for g in GATES],
+        [p for g in GATES for p in g.pylons],
+        dimensions,
+        **LIMITS,
+    )
     if phase_zero:
         at = circuit.gate_times[-2]
-        entry, phase = plan_change(
-            circuit.derivatives(at), circuit, circuit.duration - at, [], **LIMITS), 0.0
+        entry, phase = (
+            plan_change(circuit.derivatives(at), circuit, circuit.duration - at, [], **LIMITS),
+            0.0,
+        )
     else:
         start = np.zeros((5, 4))
         start[0] = 0, 0, 5, 0.5
@@ -425,7 +461,9 @@ def test_a_plan_repeats_its_lap(plan, t, laps):
     # Rounding may put one of the two beyond a gate, where yaw starts again.
     np.testing.assert_allclose(shift, 0.0, atol=1e-5)
     assert plan.lap_at(t + laps * plan.circuit.duration + 1e-9) in (
-        plan.lap_at(t + 1e-9) + laps, plan.lap_at(t - 1e-6) + laps)
+        plan.lap_at(t + 1e-9) + laps,
+        plan.lap_at(t - 1e-6) + laps,
+    )
 
 
 @few

@@ -25,7 +25,8 @@ from airrace.vehicle import GRAVITY, load_vehicle
 VEHICLE = load_vehicle("Default")[0]
 GATES = tuple(
     GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.pylon_spacing)
-    for n, gate in enumerate(load_track("student-airrace").gates))
+    for n, gate in enumerate(load_track("student-airrace").gates)
+)
 HOVER = np.zeros((5, 4))
 HOVER[0] = 0.0, 0.0, 5.0, 0.0
 
@@ -37,10 +38,22 @@ def problem(trajectory="optimal", limits="original", gates=GATES, extra=0.0, old
         time = old.next_start(old.start_time + old.entry.duration + 1.0)
         time -= old.circuit.duration - old.circuit.gate_times[-2] - 0.02
         start = old.derivatives(time)
-    return LapProblem(**dict(
-        trajectory=trajectory, vehicle=VEHICLE, max_speed=speed, max_acceleration=acceleration,
-        thrust_share=0.9, gates=gates, pylons=np.array([g.pylons for g in gates]).reshape(-1, 2),
-        margins=pylon_margins(gates, ()) + extra, start_time=time, start=start, old=old) | changes)
+    return LapProblem(
+        **dict(
+            trajectory=trajectory,
+            vehicle=VEHICLE,
+            max_speed=speed,
+            max_acceleration=acceleration,
+            thrust_share=0.9,
+            gates=gates,
+            pylons=np.array([g.pylons for g in gates]).reshape(-1, 2),
+            margins=pylon_margins(gates, ()) + extra,
+            start_time=time,
+            start=start,
+            old=old,
+        )
+        | changes
+    )
 
 
 @functools.cache
@@ -50,16 +63,20 @@ def first(trajectory="optimal", limits="original"):
 
 def moved(distance, seed=0):
     rng = np.random.default_rng(seed)
-    return tuple(dc.replace(g, p_WG=g.p_WG + rng.normal(scale=distance / np.sqrt(3), size=3))
-                 for g in GATES)
+    return tuple(
+        dc.replace(g, p_WG=g.p_WG + rng.normal(scale=distance / np.sqrt(3), size=3)) for g in GATES
+    )
 
 
 def assert_same(one, other):
     assert one.lap == other.lap and one.phase == other.phase
     for t in np.linspace(one.start_time, one.start_time + 25.0, 50):
         np.testing.assert_array_equal(one.derivatives(t), other.derivatives(t))
-    assert dc.replace(one.report, solve_time=0.0) == dc.replace(other.report, solve_time=0.0) or \
-        str(dc.replace(one.report, solve_time=0.0)) == str(dc.replace(other.report, solve_time=0.0))
+    assert dc.replace(one.report, solve_time=0.0) == dc.replace(
+        other.report, solve_time=0.0
+    ) or str(dc.replace(one.report, solve_time=0.0)) == str(
+        dc.replace(other.report, solve_time=0.0)
+    )
 
 
 @pytest.mark.parametrize("trajectory", ["3", "optimal"])
@@ -81,7 +98,7 @@ def test_no_way_onto_a_lap_loops_before_a_gate(seed):
     assert plan.entry.duration - plan.phase < 2.5
     # It passes the plane of each gate just once.
     times = np.linspace(0.0, plan.entry.duration, 2000)
-    for gate in gates[:np.searchsorted(plan.circuit.gate_times, plan.phase)]:
+    for gate in gates[: np.searchsorted(plan.circuit.gate_times, plan.phase)]:
         forward = [np.cos(gate.heading), np.sin(gate.heading), 0.0]
         ahead = forward @ (plan.entry.positions(times) - gate.p_WG[:, None])
         assert np.count_nonzero(np.diff(ahead > 0.0)) == 1
@@ -92,8 +109,9 @@ def test_no_way_onto_a_lap_loops_before_a_gate(seed):
 def test_limits_are_kept_and_used_and_the_report_is_true(trajectory, limits):
     plan = first(trajectory, limits)
     samples = np.hstack([part.sample(check_times(part)) for part in (plan.entry, plan.circuit)])
-    speed, acceleration = (np.linalg.norm(samples[rows], axis=0) for rows in (
-        VELOCITY, slice(6, 9)))
+    speed, acceleration = (
+        np.linalg.norm(samples[rows], axis=0) for rows in (VELOCITY, slice(6, 9))
+    )
     thrusts, w = inverse_dynamics(samples, VEHICLE, GRAVITY)
     report, most = plan.report, 0.9 * VEHICLE.max_thrusts[0]
     v, a = parse_limits(limits)
@@ -107,7 +125,8 @@ def test_limits_are_kept_and_used_and_the_report_is_true(trajectory, limits):
     assert report.max_rotor_thrust == max(report.max_thrusts)
     assert report.max_rate == pytest.approx(np.linalg.norm(w, axis=0).max())
     assert report.clearance == pytest.approx(
-        pylon_distances(samples, problem().pylons).min(), abs=1e-9)
+        pylon_distances(samples, problem().pylons).min(), abs=1e-9
+    )
     # No lap beats a point mass; an optimal one comes near it.
     assert 0.0 < report.gap < {"optimal": 0.03, "3": 0.6, "4": 0.6, "6": 1.4}[trajectory]
     assert report.duration == plan.circuit.duration
@@ -158,14 +177,17 @@ class Laps:
         return self._fits
 
 
-@pytest.mark.parametrize("warm, cold, fits, asked, kind", [
-    (18.4, 18.3, False, ["warm"], "warm"),  # as good as before: no need for more
-    (25.0, 19.0, False, ["warm", "cold"], "cold"),  # stalled
-    (25.0, None, False, ["warm", "cold"], "warm"),  # slow, but the gates have moved
-    (25.0, 24.0, True, ["warm", "cold"], None),  # never flown
-    (None, 19.0, False, ["warm", "cold"], "cold"),
-    (None, None, True, ["warm", "cold"], None),
-])
+@pytest.mark.parametrize(
+    "warm, cold, fits, asked, kind",
+    [
+        (18.4, 18.3, False, ["warm"], "warm"),  # as good as before: no need for more
+        (25.0, 19.0, False, ["warm", "cold"], "cold"),  # stalled
+        (25.0, None, False, ["warm", "cold"], "warm"),  # slow, but the gates have moved
+        (25.0, 24.0, True, ["warm", "cold"], None),  # never flown
+        (None, 19.0, False, ["warm", "cold"], "cold"),
+        (None, None, True, ["warm", "cold"], None),
+    ],
+)
 def test_a_stalled_search_starts_anew_and_the_best_is_kept(warm, cold, fits, asked, kind):
     laps = Laps(warm, cold, fits)
     found, bound = lap_planning._best_lap(laps, first())
@@ -177,12 +199,17 @@ def test_a_stalled_search_starts_anew_and_the_best_is_kept(warm, cold, fits, ask
 @pytest.mark.parametrize("fault", ["narrow", "coincide", "behind a pylon", "no hover", "no gates"])
 def test_what_cannot_be_flown_gives_no_plan(trajectory, fault):
     given = {
-        "narrow": lambda: problem(trajectory, gates=tuple(
-            dc.replace(g, spacing=3.0) for g in GATES)),
+        "narrow": lambda: problem(
+            trajectory, gates=tuple(dc.replace(g, spacing=3.0) for g in GATES)
+        ),
         "coincide": lambda: problem(trajectory, gates=(GATES[0], GATES[0], *GATES[2:])),
-        "behind a pylon": lambda: problem(trajectory, pylons=np.vstack([
-            problem().pylons, GATES[3].p_WG[:2] + [[0, 0], [1.5, 1.5], [-1.5, -1.5]]]),
-            margins=np.full(23, 0.3)),
+        "behind a pylon": lambda: problem(
+            trajectory,
+            pylons=np.vstack(
+                [problem().pylons, GATES[3].p_WG[:2] + [[0, 0], [1.5, 1.5], [-1.5, -1.5]]]
+            ),
+            margins=np.full(23, 0.3),
+        ),
         "no hover": lambda: problem(trajectory, thrust_share=0.2),
         "no gates": lambda: problem(trajectory, gates=()),
     }[fault]()

@@ -94,8 +94,7 @@ def test_a_picture_is_drawn_only_when_there_is_a_new_one():
     assert bench.at(0.0) == 1
     drawn = []
     encode = bench.row.encode
-    object.__setattr__(
-        bench.row, "encode", lambda **all: (drawn.append(1), encode(**all))[1])
+    object.__setattr__(bench.row, "encode", lambda **all: (drawn.append(1), encode(**all))[1])
     assert [bench.at(0.01), bench.at(0.02, np.array([0.5]))] == [0, 1] and len(drawn) == 1
 
 

@@ -12,14 +12,21 @@ from airrace.systems.types import GateEstimate, MarkerEstimate
 
 GATES = tuple(
     GateEstimate(number=n, p_WG=np.array([20.0 * n, 0.0, 6.0]), heading=0.3 * n, spacing=10.0)
-    for n in (0, 1, 5))
+    for n in (0, 1, 5)
+)
 LEAST = pylon_margins(GATES, ())[0]
 sigmas = st.floats(0.0, 0.5)
 
 
 def marker(id, sigma):
-    return MarkerEstimate(id=id, count=9, outliers=0, p_WM=np.zeros(3), normal=np.eye(3)[0],
-                          variance=np.array([sigma**2, sigma**2 / 4, 9.0]))
+    return MarkerEstimate(
+        id=id,
+        count=9,
+        outliers=0,
+        p_WM=np.zeros(3),
+        normal=np.eye(3)[0],
+        variance=np.array([sigma**2, sigma**2 / 4, 9.0]),
+    )
 
 
 def test_without_markers_it_is_what_the_controller_needs():
@@ -45,7 +52,8 @@ def test_there_is_always_a_way_through(sigma):
 def test_narrow_gates_leave_a_way_through():
     narrow = dc.replace(GATES[0], spacing=4.0)
     np.testing.assert_allclose(
-        pylon_margins((narrow, GATES[1]), (), moved=1.0), LEAST + np.array([0.5, 0.5, 1.0, 1.0]))
+        pylon_margins((narrow, GATES[1]), (), moved=1.0), LEAST + np.array([0.5, 0.5, 1.0, 1.0])
+    )
 
 
 def test_gates_that_move_may_move_again():

@@ -69,8 +69,11 @@ def test_covariance_is_that_of_the_errors(joint, yaw):
         else:
             marker = locate(2, noisy[1], COVARIANCE, INFO)
         turn = (marker.X_CM.rotation() @ truth[1].rotation().inverse()).ToAngleAxis()
-        errors.append(np.concatenate([
-            turn.angle() * turn.axis(), marker.X_CM.translation() - truth[1].translation()]))
+        errors.append(
+            np.concatenate(
+                [turn.angle() * turn.axis(), marker.X_CM.translation() - truth[1].translation()]
+            )
+        )
         joints.append(marker.covariance)
     predicted = np.mean(joints, axis=0)
     ratios = np.std(errors, axis=0) / np.sqrt(np.diag(predicted))

@@ -60,8 +60,11 @@ def test_two_boards_in_one_place_are_no_gate():
 
 def test_the_map_is_read_only():
     gate_map = make_map(
-        {0: EMPTY.updated(np.ones(3), np.ones(3), 3.0, 5)}, min_sightings=1, time=0.0,
-        detections=1, out_of_range=0,
+        {0: EMPTY.updated(np.ones(3), np.ones(3), 3.0, 5)},
+        min_sightings=1,
+        time=0.0,
+        detections=1,
+        out_of_range=0,
     )
     with pytest.raises(ValueError):
         gate_map.markers[0].p_WM[0] = 2.0
@@ -76,8 +79,13 @@ def test_section_iii_to_the_letter(errors, data):
         far = data.draw(st.booleans())
         p = np.array([20.0, 5, 6]) + error + [3.0 * far, 0, 0]
         sighting = Sighting(
-            id=4, time=k / 30, p_WC=np.zeros(3), p_WM=p, covariance=np.eye(3),
-            normal=np.array([-1.0, 0, 0]), heading_variance=1.0,
+            id=4,
+            time=k / 30,
+            p_WC=np.zeros(3),
+            p_WM=p,
+            covariance=np.eye(3),
+            normal=np.array([-1.0, 0, 0]),
+            heading_variance=1.0,
         )
         statistics = estimator.updated(statistics, sighting)
         if len(counted) >= 5 and np.any(

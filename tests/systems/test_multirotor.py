@@ -33,9 +33,7 @@ class Drone:
         self.body = self.plant.GetBodyByName("body")
         forces = []
         if wind is not None:
-            drag = builder.AddSystem(
-                Drag(vehicle=vehicle, share=1.0, body_index=self.body.index())
-            )
+            drag = builder.AddSystem(Drag(vehicle=vehicle, share=1.0, body_index=self.body.index()))
             air = builder.AddSystem(ConstantVectorSource(wind))
             builder.Connect(self.plant.get_state_output_port(), drag.GetInputPort("state"))
             builder.Connect(air.get_output_port(), drag.GetInputPort("wind"))
@@ -120,9 +118,13 @@ SHAPES = {
 class TestGroundClearance:
     def clearance(self, tmp_path, *collisions):
         text = re.sub("<collision.*</collision>", "%s", SDF.read_text(), flags=re.S)
-        (tmp_path / "mine.sdf").write_text(text % "".join(
-            f'<collision name="c{i}"><pose>{pose}</pose><geometry>{shape}</geometry></collision>'
-            for i, (pose, shape) in enumerate(collisions)))
+        (tmp_path / "mine.sdf").write_text(
+            text
+            % "".join(
+                f'<collision name="c{i}"><pose>{pose}</pose><geometry>{shape}</geometry></collision>'
+                for i, (pose, shape) in enumerate(collisions)
+            )
+        )
         plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), DT)
         AddMultirotorModel(plant, VEHICLE, tmp_path / "mine.sdf")
         plant.Finalize()
@@ -140,8 +142,11 @@ class TestGroundClearance:
     def test_the_lowest_counts(self, tmp_path):
         sphere, box, cylinder = list(SHAPES)[:3]
         assert self.clearance(
-            tmp_path, ("0 0 0.5 0 0 0", sphere), ("1 0 -0.3 0 1.57079632679 0", box),
-            ("0 0 1 0 0 0", cylinder)) == pytest.approx(0.6)
+            tmp_path,
+            ("0 0 0.5 0 0 0", sphere),
+            ("1 0 -0.3 0 1.57079632679 0", box),
+            ("0 0 1 0 0 0", cylinder),
+        ) == pytest.approx(0.6)
 
     def test_of_a_slanted_leg(self, tmp_path):
         leg = "<cylinder><radius>0.01</radius><length>0.4</length></cylinder>"
@@ -197,13 +202,15 @@ def integrate(vehicle, start, duration, dt, wind):
             u = R.T @ (v - wind)
             force -= (drag.linear + np.multiply(drag.quadratic, np.linalg.norm(u))) * u
             moment -= np.multiply(drag.angular, w)
-        return np.concatenate([
-            0.5 * np.array([-q[1:] @ w, *(q[0] * w + np.cross(q[1:], w))]),
-            v,
-            moment / J,
-            R @ force / vehicle.mass - [0.0, 0.0, GRAVITY],
-            (command(vehicle, time) - speeds) / vehicle.rotor_lag,
-        ])
+        return np.concatenate(
+            [
+                0.5 * np.array([-q[1:] @ w, *(q[0] * w + np.cross(q[1:], w))]),
+                v,
+                moment / J,
+                R @ force / vehicle.mass - [0.0, 0.0, GRAVITY],
+                (command(vehicle, time) - speeds) / vehicle.rotor_lag,
+            ]
+        )
 
     w = matrix(start[:4]).T @ start[7:10]
     y = np.concatenate([start[:7], w, start[10:], np.zeros(len(vehicle.rotors))])
@@ -218,11 +225,13 @@ def integrate(vehicle, start, duration, dt, wind):
 
 def matrix(q):
     w, x, y, z = q / np.linalg.norm(q)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def distances(state, other):
@@ -270,9 +279,7 @@ def test_terminal_velocity(drone, wind):
 class TestTruth:
     """The drone that flies may differ from its file."""
 
-    CONFIG = DisturbancesConfig(
-        mass_error=0.3, inertia_error=0.3, thrust_coefficient_error=0.3
-    )
+    CONFIG = DisturbancesConfig(mass_error=0.3, inertia_error=0.3, thrust_coefficient_error=0.3)
 
     @pytest.mark.parametrize("drone", DRONES)
     def test_the_plant_has_the_true_mass_and_inertia(self, drone):
@@ -285,12 +292,16 @@ class TestTruth:
         np.testing.assert_allclose(
             M.CalcRotationalInertia().CopyToFullMatrix3(), np.diag(truth.inertia), atol=1e-15
         )
+
         # Nothing else of the model has changed.
         def shapes(drone):
             inspector = drone.scene_graph.model_inspector()
             return [
-                (inspector.GetName(i), str(inspector.GetShape(i)),
-                 inspector.GetPoseInFrame(i).GetAsMatrix4().tolist())
+                (
+                    inspector.GetName(i),
+                    str(inspector.GetShape(i)),
+                    inspector.GetPoseInFrame(i).GetAsMatrix4().tolist(),
+                )
                 for i in inspector.GetAllGeometryIds()
             ]
 
@@ -310,7 +321,7 @@ class TestTruth:
         monkeypatch.chdir(tmp_path)
         mesh = "<mesh><uri>hull shape.obj</uri></mesh>"
         text = SDF.read_text()
-        ellipsoid = text[text.index("<ellipsoid>"):text.index("</ellipsoid>")] + "</ellipsoid>"
+        ellipsoid = text[text.index("<ellipsoid>") : text.index("</ellipsoid>")] + "</ellipsoid>"
         model = tmp_path / "models" / "mine.sdf"
         model.parent.mkdir()
         model.write_text(text.replace(ellipsoid, mesh))
@@ -319,7 +330,8 @@ class TestTruth:
         drone = Drone(sdf=model.relative_to(tmp_path), truth=truth)
         inspector = drone.scene_graph.model_inspector()
         sources = [
-            inspector.GetShape(i).source().path() for i in inspector.GetAllGeometryIds()
+            inspector.GetShape(i).source().path()
+            for i in inspector.GetAllGeometryIds()
             if type(inspector.GetShape(i)).__name__ == "Mesh"
         ]
         assert sources == [model.parent / "hull shape.obj"]

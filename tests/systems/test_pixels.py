@@ -19,8 +19,12 @@ def grey_level(x, y):
 @given(st.floats(-3, 20), st.floats(-3, 15))
 def test_bilinear(x, y):
     expected = cv2.remap(
-        IMAGE.astype(np.float32), np.float32([[x]]), np.float32([[y]]), cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE)
+        IMAGE.astype(np.float32),
+        np.float32([[x]]),
+        np.float32([[y]]),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
     # OpenCV rounds to 1/32 px.
     assert grey_level(x, y) == pytest.approx(float(expected[0, 0]), abs=255 / 32 + 1e-3)
 

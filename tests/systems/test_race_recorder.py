@@ -38,22 +38,37 @@ class Recording:
         self.path = path
         vehicle = load_vehicle("Default")[0]
         self.recorder = RaceRecorder(
-            log=RaceLog(path), config=RecordingConfig(**config), track=TRACK, vehicle=vehicle,
-            fps=30.0, max_speed=20.0, moving_gates=moving_gates)
+            log=RaceLog(path),
+            config=RecordingConfig(**config),
+            track=TRACK,
+            vehicle=vehicle,
+            fps=30.0,
+            max_speed=20.0,
+            moving_gates=moving_gates,
+        )
         self.simulator = Simulator(self.recorder)
         picture = np.tile(np.arange(64, dtype=np.uint8), (36, 1))
-        self.fix(**{
-            "truth.state": STATE, "state_estimate": [0.5, *STATE], "filtered_estimate":
-            [0.5, *STATE], "disturbance": [0, 0, 1], "reference": np.zeros(18),
-            "rotor_speeds": [1, 2, 3, 4], "rotor_speed_command": [4, 3, 2, 1],
-            "camera_image_time": [0.25], "truth.gate_shifts": np.zeros(20),
-            "camera_view": CameraView.of(picture),
-            "camera_info": make_camera_info(width=64, height=36, fov_y=1.0,
-                                            X_BC=RigidTransform()),
-            "detections": Detections(), "gate_map": GateMap(),
-            "explorer_status": ExplorerStatus(),
-            "truth.referee_report": RefereeReport((), False, None, None, 0),
-        })
+        self.fix(
+            **{
+                "truth.state": STATE,
+                "state_estimate": [0.5, *STATE],
+                "filtered_estimate": [0.5, *STATE],
+                "disturbance": [0, 0, 1],
+                "reference": np.zeros(18),
+                "rotor_speeds": [1, 2, 3, 4],
+                "rotor_speed_command": [4, 3, 2, 1],
+                "camera_image_time": [0.25],
+                "truth.gate_shifts": np.zeros(20),
+                "camera_view": CameraView.of(picture),
+                "camera_info": make_camera_info(
+                    width=64, height=36, fov_y=1.0, X_BC=RigidTransform()
+                ),
+                "detections": Detections(),
+                "gate_map": GateMap(),
+                "explorer_status": ExplorerStatus(),
+                "truth.referee_report": RefereeReport((), False, None, None, 0),
+            }
+        )
 
     def fix(self, **values):
         context = self.simulator.get_mutable_context()
@@ -74,8 +89,11 @@ class Recording:
         with open(self.path, "rb") as file:
             reader, factory = make_reader(file), DecoderFactory()
             for schema, channel, message in reader.iter_messages():
-                decode = json.loads if channel.message_encoding == "json" else (
-                    factory.decoder_for("protobuf", schema))
+                decode = (
+                    json.loads
+                    if channel.message_encoding == "json"
+                    else (factory.decoder_for("protobuf", schema))
+                )
                 result[channel.topic].append((message.log_time / 1e9, decode(message.data)))
         return result
 
@@ -89,9 +107,16 @@ def test_states_are_written_at_their_rate(path):
     recording = Recording(path, state_rate=20.0, pose_rate=10.0)
     recording.fly(1.01)
     messages = recording.messages()
-    for topic in ("/state/truth", "/state/estimate", "/state/filtered", "/state/disturbance",
-                  "/reference", "/reference/acceleration", "/rotors/measured",
-                  "/rotors/command"):
+    for topic in (
+        "/state/truth",
+        "/state/estimate",
+        "/state/filtered",
+        "/state/disturbance",
+        "/reference",
+        "/reference/acceleration",
+        "/rotors/measured",
+        "/rotors/command",
+    ):
         assert [time for time, _ in messages[topic]] == pytest.approx(np.arange(21) / 20), topic
     assert len(messages["/tf"]) == 11
     truth, estimate = messages["/state/truth"][5][1], messages["/state/estimate"][5][1]
@@ -164,9 +189,12 @@ def test_what_is_new_is_written_once(path):
     recording.fly(0.05)
     event = ExplorerEvent(0.01, "HOVER", "looking")
     rest = FlatTrajectory.resting([1.0, 2.0, 3.0, 0.5])
-    recording.fix(detections=Detections(time=0.04), gate_map=GateMap(time=0.04),
-                  explorer_status=ExplorerStatus(events=(event,)),
-                  lap_plan=LapPlan(1, 0.0, rest, rest, 0.0, None))
+    recording.fix(
+        detections=Detections(time=0.04),
+        gate_map=GateMap(time=0.04),
+        explorer_status=ExplorerStatus(events=(event,)),
+        lap_plan=LapPlan(1, 0.0, rest, rest, 0.0, None),
+    )
     recording.fly(2.5)
     messages = recording.messages()
     for topic in ("/scene", "/detections", "/detections/rays", "/plan", "/plan/scene"):
@@ -190,8 +218,12 @@ def test_the_map_is_written_when_a_lap_ends(path):
     recording = Recording(path)
     recording.fly(0.1)
     crossing = GateCrossing(time=0.15, gate=1, lap=2, offset=0.1, max_speed=9.0)
-    recording.fix(**{"truth.referee_report": RefereeReport((crossing,), True, None, 0.15, 0),
-                     "gate_map": GateMap(time=0.1)})
+    recording.fix(
+        **{
+            "truth.referee_report": RefereeReport((crossing,), True, None, 0.15, 0),
+            "gate_map": GateMap(time=0.1),
+        }
+    )
     recording.fly(0.3)
     messages = recording.messages()
     times = [time for time, _ in messages["/map"]]
@@ -208,14 +240,22 @@ def test_gates_that_move_are_drawn_anew(path):
     shifts[0] = 1.0
     recording.fix(**{"truth.gate_shifts": shifts})
     recording.fly(0.4)
-    feet = [scene.entities[0].cylinders[0].pose.position.x
-            for _, scene in recording.messages()["/scene"]]
+    feet = [
+        scene.entities[0].cylinders[0].pose.position.x
+        for _, scene in recording.messages()["/scene"]
+    ]
     assert feet == [20.0, 21.0]
 
 
 def test_what_is_not_connected_is_not_recorded(path):
-    recorder = RaceRecorder(log=RaceLog(path), config=RecordingConfig(), track=TRACK,
-                            vehicle=load_vehicle("Default")[0], fps=30.0, max_speed=20.0)
+    recorder = RaceRecorder(
+        log=RaceLog(path),
+        config=RecordingConfig(),
+        track=TRACK,
+        vehicle=load_vehicle("Default")[0],
+        fps=30.0,
+        max_speed=20.0,
+    )
     Simulator(recorder).AdvanceTo(0.5)
     recorder.Close()
     with open(path, "rb") as file:
@@ -227,6 +267,7 @@ def test_a_crash_costs_no_more_than_a_flush_period(path):
     recording = Recording(path, flush_period=0.25)
     recording.fly(1.1)
     from airrace.analysis.log import is_complete, read_log
+
     assert not is_complete(path)
     times = [time for topic, time, _ in read_log(path) if topic == "/state/truth"]
     assert 0.96 <= max(times) <= 1.1

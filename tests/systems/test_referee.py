@@ -13,19 +13,31 @@ TRACK = load_track("student-airrace")
 DT = 0.01
 
 
-def judge(path, velocity=(1.0, 2.0, 2.0), laps=1, racing=True, time_limit=1e3, contacts=None,
-          rotor_failures=(), gate_shifts=None):
+def judge(
+    path,
+    velocity=(1.0, 2.0, 2.0),
+    laps=1,
+    racing=True,
+    time_limit=1e3,
+    contacts=None,
+    rotor_failures=(),
+    gate_shifts=None,
+):
     """Shows the referee a path, one position a step, and returns its report."""
     referee = Referee(
-        track=TRACK, laps=laps, period=DT, time_limit=time_limit, arena_margin=60.0,
-        standing_height=TRACK.start.position[2] + 0.1, body_names={}, rotor_failures=rotor_failures,
+        track=TRACK,
+        laps=laps,
+        period=DT,
+        time_limit=time_limit,
+        arena_margin=60.0,
+        standing_height=TRACK.start.position[2] + 0.1,
+        body_names={},
+        rotor_failures=rotor_failures,
         moving_gates=gate_shifts is not None,
     )
     simulator = Simulator(referee)
     context = simulator.get_mutable_context()
-    referee.GetInputPort("contact_results").FixValue(
-        context, Value(contacts or ContactResults())
-    )
+    referee.GetInputPort("contact_results").FixValue(context, Value(contacts or ContactResults()))
     referee.GetInputPort("contact_impulse").FixValue(context, np.zeros(6))
     referee.GetInputPort("explorer_status").FixValue(
         context, Value[object](ExplorerStatus(done=racing))
@@ -63,9 +75,7 @@ def test_a_lap_runs_from_gate_1_to_gate_1():
     assert report.collisions == 0
 
 
-@pytest.mark.parametrize(
-    "kwargs", [dict(side=5.01), dict(side=-5.01), dict(height=12.01)]
-)
+@pytest.mark.parametrize("kwargs", [dict(side=5.01), dict(side=-5.01), dict(height=12.01)])
 def test_beside_and_above_do_not_count(kwargs):
     assert judge(lap_path(**kwargs)).crossings == ()
 

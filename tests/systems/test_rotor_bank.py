@@ -50,9 +50,7 @@ def test_a_rotor_that_fails_spins_down():
 
 
 def test_a_rotor_that_has_not_failed_yet_is_healthy():
-    np.testing.assert_array_equal(
-        run([50.0] * 4, 0.5, failures=[(1, 0.5)]), run([50.0] * 4, 0.5)
-    )
+    np.testing.assert_array_equal(run([50.0] * 4, 0.5, failures=[(1, 0.5)]), run([50.0] * 4, 0.5))
     speeds, _ = run([50.0] * 4, 0.5, failures=[(1, 0.0)])
     assert speeds[1] == 0.0 and np.all(speeds[[0, 2, 3]] > 49)
 
@@ -78,4 +76,5 @@ def test_speeds_that_are_set_are_those_expected():
     context.SetTime(0.5)
     bank.SetSpeeds(context, [10.0, 20.0, 30.0, 40.0])
     np.testing.assert_array_equal(
-        bank.GetOutputPort("rotor_report").Eval(context), [0.5, *2 * [10.0, 20.0, 30.0, 40.0]])
+        bank.GetOutputPort("rotor_report").Eval(context), [0.5, *2 * [10.0, 20.0, 30.0, 40.0]]
+    )

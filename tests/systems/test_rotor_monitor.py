@@ -61,7 +61,7 @@ def watch(commands, *, report=lambda time, speeds: speeds, vehicle=DEFAULT, **ot
     reports = reports_of(commands, vehicle=vehicle, **others)
     n = len(vehicle.rotors)
     for r in reports:
-        r[1:1 + n] = report(r[0], r[1:1 + n])
+        r[1 : 1 + n] = report(r[0], r[1 : 1 + n])
     return judge(reports, vehicle)
 
 
@@ -89,8 +89,11 @@ def test_a_rotor_that_stops_is_noticed_within_20_ms(drone, data):
 def command_histories(draw):
     """Of steps of any height, as bold as those of a controller."""
     heights = st.sampled_from([0.0, 1.0]) | st.floats(0.0, 1.0)
-    steps = draw(st.lists(
-        st.tuples(st.lists(heights, min_size=4, max_size=4), st.integers(1, 60)), max_size=12))
+    steps = draw(
+        st.lists(
+            st.tuples(st.lists(heights, min_size=4, max_size=4), st.integers(1, 60)), max_size=12
+        )
+    )
     rows = [row for row, periods in steps for _ in range(periods)]
     return GREATEST * np.array(rows).reshape(-1, 4)
 
@@ -106,8 +109,14 @@ def test_healthy_rotors_never_give_an_alarm(commands, data):
     if data:
         random = np.random.Generator(np.random.PCG64(data.draw(st.integers(0, 99))))
         arrivals, arrived = (
-            newest_arrived(len(commands), random, data.draw(st.integers(0, 300)),
-                           data.draw(st.floats(0.0, 0.98))) for _ in range(2))
+            newest_arrived(
+                len(commands),
+                random,
+                data.draw(st.integers(0, 300)),
+                data.draw(st.floats(0.0, 0.98)),
+            )
+            for _ in range(2)
+        )
     reports = reports_of(commands, arrivals=arrivals)
     assert np.all(np.isinf(judge(reports if arrived is None else reports[arrived])))
 
@@ -154,6 +163,7 @@ def test_one_bad_reading_is_no_loss(value):
 
 def test_a_loss_is_for_good():
     """And its time is the first, whatever the rotor reports later."""
+
     def report(time, speeds):
         return np.where((np.arange(4) == 1) & (0.3 <= time < 0.33), 0.0, speeds)
 

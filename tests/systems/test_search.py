@@ -18,8 +18,14 @@ HOME = np.array([0.0, 0.0, 5.0, 0.3])
 def steps(counts, in_image=(), last=None, goal=HOME, count=1, **memory):
     now = situation(counts, in_image, last)
     status = now.memory.status
-    made = dc.replace(first_memory(), status=status, last=now.memory.last, home=HOME,
-                      leg=FlatTrajectory.resting(goal), **memory)
+    made = dc.replace(
+        first_memory(),
+        status=status,
+        last=now.memory.last,
+        home=HOME,
+        leg=FlatTrajectory.resting(goal),
+        **memory,
+    )
     now = dc.replace(now, memory=made)
     return list(itertools.islice(search.next_steps(now, CONFIG), count))
 
@@ -40,8 +46,7 @@ def test_after_a_gate_it_steps_forward_along_its_heading():
     first, second, third, left, right = steps({0: 9, 2: 9}, last=0, count=5)
     for k, step in enumerate((first, second, third), 1):
         assert step.state == "STEP_FORWARD" and step.steps == k
-        np.testing.assert_allclose(step.routes[0][-1], [25.0 + 15.0 * k, 0.0, 6.25, 0.0],
-                                   atol=1e-9)
+        np.testing.assert_allclose(step.routes[0][-1], [25.0 + 15.0 * k, 0.0, 6.25, 0.0], atol=1e-9)
     assert first.reason == "no gate in sight" and third.reason == "still no gate in sight"
     assert left.state == right.state == "LOOK_AROUND"
     np.testing.assert_allclose(left.routes[0][-1], [70.0, 0.0, 6.25, np.pi / 3])

@@ -17,23 +17,26 @@ def detection(id=0, R=FACING, p=(1.0, 0.5, 10.0), **kwargs):
     return Detection(id, np.zeros((4, 2)), RigidTransform(R, p), 0.1, **kwargs)
 
 
-@pytest.mark.parametrize("marker, reason", [
-    (detection(), None),
-    (detection(id=39), None),
-    (detection(covariance=np.zeros((6, 6))), None),
-    (detection(id=40), "foreign ID"),
-    (detection(id=-1), "foreign ID"),
-    (detection(p=[np.nan, 0, 5]), "pose or covariance makes no sense"),
-    (detection(p=[0, 0, np.inf]), "pose or covariance makes no sense"),
-    (detection(covariance=np.full((6, 6), np.nan)), "pose or covariance makes no sense"),
-    (detection(covariance=-np.eye(6)), "pose or covariance makes no sense"),
-    (detection(covariance=1e200 * np.eye(6)), "pose or covariance makes no sense"),
-    (detection(p=[0, 0, 31.0]), "beyond the range"),
-    (detection(p=[0, 0, 1e300]), "beyond the range"),
-    (detection(R=RotationMatrix()), "seen from behind"),
-    (detection(p=[0, 0, -5.0]), "seen from behind"),
-    (detection(p=[0, 0, 0]), "seen from behind"),
-])
+@pytest.mark.parametrize(
+    "marker, reason",
+    [
+        (detection(), None),
+        (detection(id=39), None),
+        (detection(covariance=np.zeros((6, 6))), None),
+        (detection(id=40), "foreign ID"),
+        (detection(id=-1), "foreign ID"),
+        (detection(p=[np.nan, 0, 5]), "pose or covariance makes no sense"),
+        (detection(p=[0, 0, np.inf]), "pose or covariance makes no sense"),
+        (detection(covariance=np.full((6, 6), np.nan)), "pose or covariance makes no sense"),
+        (detection(covariance=-np.eye(6)), "pose or covariance makes no sense"),
+        (detection(covariance=1e200 * np.eye(6)), "pose or covariance makes no sense"),
+        (detection(p=[0, 0, 31.0]), "beyond the range"),
+        (detection(p=[0, 0, 1e300]), "beyond the range"),
+        (detection(R=RotationMatrix()), "seen from behind"),
+        (detection(p=[0, 0, -5.0]), "seen from behind"),
+        (detection(p=[0, 0, 0]), "seen from behind"),
+    ],
+)
 def test_refusal(marker, reason):
     assert refusal(marker, 39, 30.0) == reason
 

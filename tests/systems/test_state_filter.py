@@ -96,7 +96,8 @@ def noise_like_the_races(seed, position=0.005, velocity=0.3):
 
 @both_drones
 @pytest.mark.parametrize(
-    "period, look", [(1 / 200, 0.9), (1 / 200, 0.5), (1 / 100, 0.99), (0.03, 0.7)])
+    "period, look", [(1 / 200, 0.9), (1 / 200, 0.5), (1 / 100, 0.99), (0.03, 0.7)]
+)
 def test_what_the_rotors_explain_is_tracked_without_lag(vehicle, period, look):
     bench = Bench(vehicle=vehicle)
     errors = bench.run(1.0, period, look=look)
@@ -149,7 +150,8 @@ def test_an_estimate_counts_once():
     np.testing.assert_allclose(moved[se.POSITION], expected, atol=1e-12)
     np.testing.assert_array_equal(fast.disturbance, found)
     np.testing.assert_allclose(
-        slow.at(0.00985)[se.POSITION], fast.at(0.00985)[se.POSITION], atol=1e-12)
+        slow.at(0.00985)[se.POSITION], fast.at(0.00985)[se.POSITION], atol=1e-12
+    )
 
 
 def test_an_error_is_corrected_by_the_gain():
@@ -188,9 +190,12 @@ def angle_between(q, R):
 
 numbers = st.floats(-1.0, 1.0)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)
-rotations = st.tuples(*[numbers] * 4).map(np.array).filter(
-    lambda q: np.linalg.norm(q) > 0.1
-).map(lambda q: RotationMatrix(Quaternion(q / np.linalg.norm(q))))
+rotations = (
+    st.tuples(*[numbers] * 4)
+    .map(np.array)
+    .filter(lambda q: np.linalg.norm(q) > 0.1)
+    .map(lambda q: RotationMatrix(Quaternion(q / np.linalg.norm(q))))
+)
 
 
 @given(rotations, vectors, st.floats(0.0, 0.05), st.floats(0.0, 100.0))
@@ -255,8 +260,12 @@ def test_noise_is_reduced_as_much_as_theory_says():
 @pytest.mark.parametrize("thrust, found", [(0.0, False), (0.49, False), (0.51, True)])
 def test_the_ground_is_no_push(thrust, found):
     """Without half of the weight in thrust, whatever carries the drone is not learnt."""
-    at_rest = Motion(push=np.array([0.0, 0.0, (1 - thrust) * GRAVITY]), thrust=thrust * GRAVITY,
-                     tilt=0.0, spin=0.0)
+    at_rest = Motion(
+        push=np.array([0.0, 0.0, (1 - thrust) * GRAVITY]),
+        thrust=thrust * GRAVITY,
+        tilt=0.0,
+        spin=0.0,
+    )
     bench = Bench(at_rest)
     bench.run(0.5)
     assert np.any(bench.disturbance != 0.0) == found
@@ -324,7 +333,8 @@ def covariances(dt):
     nodes, weights = np.polynomial.legendre.leggauss(6)
     Q = sum(
         dt / 2 * weight * (transition(t) @ noise) @ (transition(t) @ noise).T
-        for t, weight in zip(dt / 2 * (1 + nodes), weights))
+        for t, weight in zip(dt / 2 * (1 + nodes), weights)
+    )
     R = np.diag([state_filter._POSITION_SIGMA**2, state_filter._VELOCITY_SIGMA**2])
     return transition(dt), Q, R
 
@@ -358,7 +368,8 @@ def test_sizes_and_feedthrough():
     names = ("state_estimate", "rotor_speeds")
     estimate, speeds = (ours.GetInputPort(name).get_index() for name in names)
     filtered, disturbance = (
-        ours.GetOutputPort(n).get_index() for n in ("filtered_estimate", "disturbance"))
+        ours.GetOutputPort(n).get_index() for n in ("filtered_estimate", "disturbance")
+    )
     assert ours.HasDirectFeedthrough(estimate, filtered)  # attitude must not wait for a tick
     assert not ours.HasDirectFeedthrough(estimate, disturbance)
     assert not ours.HasDirectFeedthrough(speeds, disturbance)

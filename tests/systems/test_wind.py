@@ -42,12 +42,15 @@ def test_statistics():
     assert np.abs(between).max() < 3 * np.sqrt(1 / n)
 
 
-@pytest.mark.parametrize("config, time", [
-    (GUSTY, PERIOD),
-    (WindConfig(MEAN, RMS, 50.0), PERIOD),
-    (WindConfig(MEAN, RMS, 50.0), 0.5),
-    (WindConfig(MEAN, RMS, 1e-300), 0.5),  # white
-])
+@pytest.mark.parametrize(
+    "config, time",
+    [
+        (GUSTY, PERIOD),
+        (WindConfig(MEAN, RMS, 50.0), PERIOD),
+        (WindConfig(MEAN, RMS, 50.0), 0.5),
+        (WindConfig(MEAN, RMS, 1e-300), 0.5),  # white
+    ],
+)
 def test_it_is_stationary_from_the_first_sample(config, time):
     gusts = np.array([blow(time, config, seed)[-1] for seed in range(300)]) - MEAN
     assert gusts.std(axis=0) == pytest.approx(RMS, rel=3 * np.sqrt(0.5 / 300))

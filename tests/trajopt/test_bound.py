@@ -46,23 +46,34 @@ def test_it_keeps_its_limits_and_its_gates():
     middle = (found.velocities[:, 1:] + found.velocities[:, :-1]) / 2
     way = np.sum(middle * step, axis=1)
     np.testing.assert_allclose(
-        found.positions + way, np.roll(found.positions, -1, axis=0), atol=1e-4)
+        found.positions + way, np.roll(found.positions, -1, axis=0), atol=1e-4
+    )
     np.testing.assert_allclose(
-        found.velocities[:, -1], np.roll(found.velocities[:, 0], -1, axis=0), atol=0.01)
+        found.velocities[:, -1], np.roll(found.velocities[:, 0], -1, axis=0), atol=0.01
+    )
 
 
 def test_more_room_and_higher_limits_never_cost_time():
     durations = [
-        point_mass_bound(regions(kind, MIDPOINTS, HEADINGS), max_speed=20.0,
-                         max_acceleration=a).duration
-        for kind, a in (("midpoints", 10.0), ("balls", 10.0), ("windows", 10.0),
-                        ("windows", 15.0))]
+        point_mass_bound(
+            regions(kind, MIDPOINTS, HEADINGS), max_speed=20.0, max_acceleration=a
+        ).duration
+        for kind, a in (("midpoints", 10.0), ("balls", 10.0), ("windows", 10.0), ("windows", 15.0))
+    ]
     assert np.all(np.diff(durations) < 0.0)
 
 
-@pytest.mark.parametrize("limits", [
-    {}, {"max_speed": 20.0}, {"max_acceleration": 0.0}, {"max_acceleration": np.nan},
-    {"max_speed": -1.0, "max_acceleration": 10.0}, {"max_specific_force": 9.0}])
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {},
+        {"max_speed": 20.0},
+        {"max_acceleration": 0.0},
+        {"max_acceleration": np.nan},
+        {"max_speed": -1.0, "max_acceleration": 10.0},
+        {"max_specific_force": 9.0},
+    ],
+)
 def test_impossible_limits_are_refused(limits):
     with pytest.raises(TrajectoryOptimizationError):
         point_mass_bound(circle(), **limits)

@@ -143,7 +143,8 @@ def test_roll_and_pitch_are_zero_at_the_gates_in_six_dimensions_only():
 
 def test_three_and_four_dimensions_fly_the_same_path():
     np.testing.assert_allclose(
-        dense(reference(3))[POSITION], dense(reference(4))[POSITION], atol=1e-6)
+        dense(reference(3))[POSITION], dense(reference(4))[POSITION], atol=1e-6
+    )
 
 
 @few
@@ -183,7 +184,7 @@ def test_full_turns_of_a_heading_do_not_matter(turns):
     circuit = plan(MIDPOINTS, HEADINGS + 2 * np.pi * np.array(turns), 4)
     ours, expected = dense(circuit), dense(reference(4))
     np.testing.assert_allclose(ours[:YAW], expected[:YAW], atol=1e-4)
-    np.testing.assert_allclose(ours[YAW + 1:], expected[YAW + 1:], atol=1e-4)
+    np.testing.assert_allclose(ours[YAW + 1 :], expected[YAW + 1 :], atol=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -211,11 +212,13 @@ def test_a_lap_from_one_of_another_track_is_as_short():
     for other in (square(), square(0, 1.4)):  # fewer gates, and one that asks for an approach
         previous = plan(*other, 4)
         assert plan(MIDPOINTS, HEADINGS, 4, previous=previous).duration == pytest.approx(
-            reference(4).duration, rel=1e-4)
+            reference(4).duration, rel=1e-4
+        )
     # As many gates, but no use at all.
     far = plan(*square(side=4000.0), 4)
     assert plan(*square(), 4, previous=far).duration == pytest.approx(
-        plan(*square(), 4).duration, rel=1e-3)
+        plan(*square(), 4).duration, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("turned", range(4))
@@ -241,7 +244,8 @@ def test_a_larger_drone_takes_a_turned_gate_straighter():
     pylons = pylons_of(midpoints, headings)
     laps = {
         clearance: plan_circuit(
-            midpoints, headings, pylons, 3, **{**LIMITS, "clearance": clearance})
+            midpoints, headings, pylons, 3, **{**LIMITS, "clearance": clearance}
+        )
         for clearance in (2.0, 2.4)
     }
     for clearance, lap in laps.items():
@@ -255,7 +259,8 @@ def test_a_larger_drone_takes_a_turned_gate_straighter():
 def test_a_wide_gate_is_crossed_forward_although_no_pylon_says_so(dimensions):
     midpoints, headings = square(2, 1.4, side=80.0)
     circuit = plan_circuit(
-        midpoints, headings, pylons_of(midpoints, headings, 40.0), dimensions, **LIMITS)
+        midpoints, headings, pylons_of(midpoints, headings, 40.0), dimensions, **LIMITS
+    )
     velocity = np.array([circuit.derivatives(t)[1, :3] for t in circuit.gate_times[:-1]])
     along = velocity[:, 0] * np.cos(headings) + velocity[:, 1] * np.sin(headings)
     assert np.all(along > 0.5 * np.linalg.norm(velocity, axis=1))
@@ -301,20 +306,42 @@ def test_impossible_laps_are_refused_in_time(case, dimensions):
 @given(st.floats(0.3, 3.0))
 def test_limits_scale(s):
     """Slower by s, at accelerations less by s squared, a lap takes s as long."""
-    circuit = plan_circuit(MIDPOINTS, HEADINGS, pylons_of(MIDPOINTS, HEADINGS), 3,
-                           clearance=2.0, max_speed=20 / s, max_acceleration=10 / s**2)
+    circuit = plan_circuit(
+        MIDPOINTS,
+        HEADINGS,
+        pylons_of(MIDPOINTS, HEADINGS),
+        3,
+        clearance=2.0,
+        max_speed=20 / s,
+        max_acceleration=10 / s**2,
+    )
     assert circuit.duration == pytest.approx(s * reference(3).duration, rel=1e-4)
 
 
 def test_faults_that_move_from_gate_to_gate():
     """With a waypoint in front of the faulty gates, another one becomes faulty here."""
-    gates = np.array([
-        [12.99, -19.89, 75], [18.8, 7.76, 120], [10.22, 19.69, 75], [15.13, 43.67, 30],
-        [33.15, 55.76, -15], [67.07, 48.19, -60], [75.35, 36.77, -105], [61.76, -19.63, -60],
-        [78.84, -46.29, -105], [72.6, -75.22, -60], [89.24, -101.12, -105],
-        [80.23, -140.39, -150], [43.18, -163.48, 165], [25.92, -160.37, 120],
-        [13.76, -142.25, 75], [25.5, -92.78, 120], [14.24, -76.19, 75], [23.83, -34.74, 120],
-    ])
+    gates = np.array(
+        [
+            [12.99, -19.89, 75],
+            [18.8, 7.76, 120],
+            [10.22, 19.69, 75],
+            [15.13, 43.67, 30],
+            [33.15, 55.76, -15],
+            [67.07, 48.19, -60],
+            [75.35, 36.77, -105],
+            [61.76, -19.63, -60],
+            [78.84, -46.29, -105],
+            [72.6, -75.22, -60],
+            [89.24, -101.12, -105],
+            [80.23, -140.39, -150],
+            [43.18, -163.48, 165],
+            [25.92, -160.37, 120],
+            [13.76, -142.25, 75],
+            [25.5, -92.78, 120],
+            [14.24, -76.19, 75],
+            [23.83, -34.74, 120],
+        ]
+    )
     midpoints = np.column_stack([gates[:, :2], np.full(len(gates), 6.25)])
     circuit = plan(midpoints, np.deg2rad(gates[:, 2]), 6)
     assert 50.0 < circuit.duration < 60.0 and len(circuit.approach) > 2

@@ -9,8 +9,11 @@ from pydrake.solvers import MathematicalProgram
 from airrace.trajopt.cone_solver import solve_cones
 
 
-@given(st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=6)
-       .filter(lambda slope: np.linalg.norm(slope) > 0.1))
+@given(
+    st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=6).filter(
+        lambda slope: np.linalg.norm(slope) > 0.1
+    )
+)
 def test_the_lowest_point_of_a_ball(slope):
     slope = np.array(slope) / np.linalg.norm(slope)
     program = MathematicalProgram()

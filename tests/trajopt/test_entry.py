@@ -41,8 +41,9 @@ def moved(dimensions, seed, distance=0.3):
     step *= distance / np.linalg.norm(step, axis=1, keepdims=True)
     midpoints, headings = MIDPOINTS + step, HEADINGS + rng.normal(scale=0.03, size=len(HEADINGS))
     pylons = pylons_of(midpoints, headings)
-    return plan_circuit(midpoints, headings, pylons, dimensions,
-                        previous=reference(dimensions), **LIMITS), pylons
+    return plan_circuit(
+        midpoints, headings, pylons, dimensions, previous=reference(dimensions), **LIMITS
+    ), pylons
 
 
 def assert_same(ours, theirs, tolerances):
@@ -51,7 +52,8 @@ def assert_same(ours, theirs, tolerances):
         np.testing.assert_allclose(ours[order, :3], theirs[order, :3], atol=tolerance)
     assert np.cos(ours[0, 3] - theirs[0, 3]) == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(
-        ours[1:len(tolerances), 3], theirs[1:len(tolerances), 3], atol=max(tolerances))
+        ours[1 : len(tolerances), 3], theirs[1 : len(tolerances), 3], atol=max(tolerances)
+    )
 
 
 def assert_flyable(trajectory, pylons=PYLONS):
@@ -113,8 +115,10 @@ def test_start(name, dimensions):
     assert 1 <= joined <= 3
     for i in range(joined):
         passing = [
-            d for d in map(entry.derivatives, entry.breaks)
-            if np.allclose(d[0, :3], MIDPOINTS[i], atol=1e-7)][-1]
+            d
+            for d in map(entry.derivatives, entry.breaks)
+            if np.allclose(d[0, :3], MIDPOINTS[i], atol=1e-7)
+        ][-1]
         v = passing[1, :3]
         assert v @ TRACK.gates[i].forward > 0.5 * np.linalg.norm(v)
         assert crossings(entry, TRACK.gates[i])[-1] == 1
@@ -171,7 +175,8 @@ def test_a_change_to_the_same_lap_is_its_last_leg(dimensions, late):
     circuit = reference(dimensions)
     start = circuit.gate_times[-2] + late * (circuit.duration - circuit.gate_times[-2])
     change = plan_change(
-        circuit.derivatives(start), circuit, circuit.duration - start, PYLONS, **LIMITS)
+        circuit.derivatives(start), circuit, circuit.duration - start, PYLONS, **LIMITS
+    )
     assert change.duration == pytest.approx(circuit.duration - start, abs=1e-12)
     for t in np.linspace(0.0, change.duration, 20):
         # Once the lap's waypoint in front of gate 1 is behind, so is its corner in snap.

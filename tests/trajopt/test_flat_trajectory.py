@@ -10,7 +10,8 @@ from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs, hold
 from airrace.trajopt.min_snap import solve_min_snap
 
 POINTS = np.array(
-    [[0, 0, 5, 0], [10, 2, 6, 1], [15, 12, 4, 2.5], [3, 20, 5, 4], [-9, 4, 6, 6]], float)
+    [[0, 0, 5, 0], [10, 2, 6, 1], [15, 12, 4, 2.5], [3, 20, 5, 4], [-9, 4, 6, 6]], float
+)
 DURATIONS = [1.5, 1.0, 2.0, 1.8]
 POLYNOMIAL = solve_min_snap(POINTS, DURATIONS)
 TRAJECTORY = FlatTrajectory(POLYNOMIAL)
@@ -20,8 +21,9 @@ few = settings(max_examples=30)
 
 def test_the_layout_covers_the_vector_once():
     indices = np.arange(flat.SIZE)
-    parts = [indices[s] for s in (
-        flat.POSITION, flat.VELOCITY, flat.ACCELERATION, flat.JERK, flat.SNAP)]
+    parts = [
+        indices[s] for s in (flat.POSITION, flat.VELOCITY, flat.ACCELERATION, flat.JERK, flat.SNAP)
+    ]
     yaw = [flat.YAW, flat.YAW_RATE, flat.YAW_ACCELERATION]
     np.testing.assert_array_equal(np.concatenate([*parts, yaw]), indices)
 
@@ -62,10 +64,11 @@ def test_samples_references_and_derivatives_agree(many):
         np.testing.assert_allclose(TRAJECTORY.reference(t), sample, rtol=1e-12, atol=1e-12)
         d = TRAJECTORY.derivatives(t)
         np.testing.assert_allclose(flat_outputs(d), sample, rtol=1e-12, atol=1e-12)
-        for order, part in enumerate((
-            flat.POSITION, flat.VELOCITY, flat.ACCELERATION, flat.JERK, flat.SNAP)):
+        for order, part in enumerate(
+            (flat.POSITION, flat.VELOCITY, flat.ACCELERATION, flat.JERK, flat.SNAP)
+        ):
             np.testing.assert_allclose(sample[part], d[order, :3], rtol=1e-12)
-        np.testing.assert_allclose(sample[flat.YAW:], d[:3, 3], rtol=1e-12)
+        np.testing.assert_allclose(sample[flat.YAW :], d[:3, 3], rtol=1e-12)
 
 
 @few

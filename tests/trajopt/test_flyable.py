@@ -106,7 +106,8 @@ def test_passing_forward(heading, off, climb, speed):
     assume(abs(angle - MAX_CROSSING_ANGLE) > 1e-6)
     course = heading + off
     velocity = speed * np.array(
-        [np.cos(climb) * np.cos(course), np.cos(climb) * np.sin(course), np.sin(climb)])
+        [np.cos(climb) * np.cos(course), np.cos(climb) * np.sin(course), np.sin(climb)]
+    )
     forward = passes_forward(steady([0, 0, 5], velocity), [0.2, 0.7], [heading, heading + np.pi])
     back = np.pi - angle < MAX_CROSSING_ANGLE
     assert forward.tolist() == [angle < MAX_CROSSING_ANGLE, back]

@@ -39,13 +39,21 @@ def test_windows_are_across_the_heading():
     np.testing.assert_allclose(ahead, MIDPOINTS, atol=1e-9)
     beside = gates.nearest(MIDPOINTS + 50.0 * gates.rightward + [0, 0, 50.0])
     np.testing.assert_allclose(
-        beside, MIDPOINTS + np.array([[1.0], [2.0], [3.0]]) * gates.rightward + [0, 0, 2.5])
+        beside, MIDPOINTS + np.array([[1.0], [2.0], [3.0]]) * gates.rightward + [0, 0, 2.5]
+    )
 
 
-@pytest.mark.parametrize("midpoints, headings, width", [
-    (MIDPOINTS[:1], [0.0], 1.0), (MIDPOINTS, [0.0, np.nan, 0.0], 1.0),
-    (MIDPOINTS[[0, 1, 1]], HEADINGS, 1.0), (MIDPOINTS[[0, 1, 0]], HEADINGS, 1.0),
-    (MIDPOINTS, HEADINGS, [1.0, -0.1, 1.0]), (MIDPOINTS * np.inf, HEADINGS, 1.0)])
+@pytest.mark.parametrize(
+    "midpoints, headings, width",
+    [
+        (MIDPOINTS[:1], [0.0], 1.0),
+        (MIDPOINTS, [0.0, np.nan, 0.0], 1.0),
+        (MIDPOINTS[[0, 1, 1]], HEADINGS, 1.0),
+        (MIDPOINTS[[0, 1, 0]], HEADINGS, 1.0),
+        (MIDPOINTS, HEADINGS, [1.0, -0.1, 1.0]),
+        (MIDPOINTS * np.inf, HEADINGS, 1.0),
+    ],
+)
 def test_impossible_gates_are_refused(midpoints, headings, width):
     with pytest.raises(TrajectoryOptimizationError):
         GateRegions.windows(midpoints, headings, width, 2.5)

@@ -58,8 +58,9 @@ def test_dilation_keeps_the_path(lap):
 def test_another_turn_is_spread_evenly(lap):
     fractions = (0.0, 0.4, 0.9)
     turned = lap.with_turn(lap.turn + 0.8)
-    difference = (turned.evaluate(basis(lap.pieces, fractions))
-                  - lap.evaluate(basis(lap.pieces, fractions)))
+    difference = turned.evaluate(basis(lap.pieces, fractions)) - lap.evaluate(
+        basis(lap.pieces, fractions)
+    )
     expected = 0.8 * lap.sample_times(fractions) / lap.duration
     np.testing.assert_allclose(difference[0, ..., 3], expected, atol=1e-9)
     np.testing.assert_allclose(difference[2:], 0.0, atol=1e-6)
@@ -79,8 +80,12 @@ def test_a_path_through_velocities_of_its_own(lap):
 def open_spline():
     rng = np.random.default_rng(3)
     gates = rng.normal(size=(4, 5, 4))
-    return LapSpline(gates, rng.normal(size=(3, 1, 4)), np.array([0.8, 1.1, 1.4]),
-                     float(gates[-1, 0, 3] - gates[0, 0, 3]))
+    return LapSpline(
+        gates,
+        rng.normal(size=(3, 1, 4)),
+        np.array([0.8, 1.1, 1.4]),
+        float(gates[-1, 0, 3] - gates[0, 0, 3]),
+    )
 
 
 def test_an_open_one_leads_from_gate_to_gate():
@@ -91,7 +96,8 @@ def test_an_open_one_leads_from_gate_to_gate():
     for leg in range(3):
         for end in (0, 1):
             np.testing.assert_allclose(
-                ends[:, leg, end] / powers[:, leg, None], way.gates[leg + end], atol=1e-9)
+                ends[:, leg, end] / powers[:, leg, None], way.gates[leg + end], atol=1e-9
+            )
 
 
 def test_another_turn_of_an_open_one_is_at_its_end():

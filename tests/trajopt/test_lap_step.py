@@ -13,8 +13,10 @@ from airrace.trajopt.visibility import keep_in_view
 from airrace.vehicle import load_vehicle
 
 GRID, TURN = Grid(6, 12), 2 * np.pi
-LIMITS = {drag: FlightLimits(load_vehicle("StarOne" if drag else "Default")[0], drag=drag)
-          for drag in (0.0, 1.0)}
+LIMITS = {
+    drag: FlightLimits(load_vehicle("StarOne" if drag else "Default")[0], drag=drag)
+    for drag in (0.0, 1.0)
+}
 
 
 def samples(limits, seed=0):
@@ -40,19 +42,25 @@ def test_gradients_of_the_dynamics(drag):
 
     def after(h):
         thrusts, force, w, _ = twisted_dynamics(
-            pack(y + h * change), now.units + h * change_T, now.axes, now.limits)
+            pack(y + h * change), now.units + h * change_T, now.axes, now.limits
+        )
         vehicle = now.limits.vehicle
         share = np.linalg.pinv(vehicle.allocation)[:, :1] * vehicle.mass
         return force, thrusts - share * np.linalg.norm(force, axis=0), np.linalg.norm(w, axis=0)
 
     h = 1e-6
-    for i, (d, by_T) in enumerate((
-            (rows.d_force, rows.force_by_T), (rows.d_rest, rows.rest_by_T),
-            (rows.d_rate, rows.rate_by_T))):
+    for i, (d, by_T) in enumerate(
+        (
+            (rows.d_force, rows.force_by_T),
+            (rows.d_rest, rows.rest_by_T),
+            (rows.d_rate, rows.rate_by_T),
+        )
+    ):
         expected = (after(h)[i] - after(-h)[i]) / (2 * h)
         found = np.einsum("rnod,ond->rn", d, change) + by_T * change_T
         np.testing.assert_allclose(
-            found.reshape(expected.shape), expected, atol=1e-5 * np.abs(expected).max())
+            found.reshape(expected.shape), expected, atol=1e-5 * np.abs(expected).max()
+        )
 
 
 @pytest.mark.parametrize("drag", LIMITS)
@@ -69,8 +77,10 @@ def test_rows_say_what_a_step_does(drag, quantity):
             step.least_squares(leg, 1e3 * np.eye(len(wish)), -1e3 * size * wish)
         d = step.dynamics
         rows, by_T, values = (
-            (d.d_force, d.force_by_T, d.force) if quantity == "force"
-            else (d.d_rest, d.rest_by_T, d.rest))
+            (d.d_force, d.force_by_T, d.force)
+            if quantity == "force"
+            else (d.d_rest, d.rest_by_T, d.rest)
+        )
         promised = []
         for leg in range(4):
             here, variables = step.of(leg), step.program.NewContinuousVariables(GRID.samples)
@@ -89,13 +99,16 @@ def test_rows_say_what_a_step_does(drag, quantity):
 def test_only_samples_near_a_bound_of_the_view_are_kept_in_it(monkeypatch):
     now = samples(LIMITS[0.0])
     gates = GateRegions.windows(
-        now.lap.gates[:, 0, :3], np.pi / 2 * np.arange(4), np.full(4, 2.0), 1.0)
+        now.lap.gates[:, 0, :3], np.pi / 2 * np.arange(4), np.full(4, 2.0), 1.0
+    )
     found = {}
     for reach in (np.inf, 0.3):
         found[reach] = []
         monkeypatch.setattr(
-            LapStep, "at_most",
-            lambda step, leg, rows, room, **k: found[reach].extend(zip(rows.tolist(), room)))
+            LapStep,
+            "at_most",
+            lambda step, leg, rows, room, **k: found[reach].extend(zip(rows.tolist(), room)),
+        )
         keep_in_view(LapStep(now, GRID), gates, np.deg2rad(40.0), 1.0, reach)
     assert found[0.3] == [each for each in found[np.inf] if each[1] < 0.3]
     assert 0 < len(found[0.3]) < len(found[np.inf]) / 2

@@ -91,9 +91,12 @@ def test_a_leg_is_planned_with_few_trials(seed):
     start = state(velocity=(rng.uniform(2, 8), 0, 0, 0))
     start[2:4] = rng.normal(scale=2.0, size=(2, 4))
     waypoints = random_waypoints(rng)
-    with mock.patch.object(LimitExcess, "__call__", autospec=True,
-                           side_effect=LimitExcess.__call__) as trials, \
-            contextlib.suppress(TrajectoryOptimizationError):
+    with (
+        mock.patch.object(
+            LimitExcess, "__call__", autospec=True, side_effect=LimitExcess.__call__
+        ) as trials,
+        contextlib.suppress(TrajectoryOptimizationError),
+    ):
         plan_leg(start, waypoints, **LIMITS)
     assert 0 < trials.call_count < 800  # of a tenth of a millisecond
 
@@ -225,8 +228,9 @@ def test_trapezoid_on_one_line(distance, cruise, acceleration):
     durations = trapezoid_durations(points, 0.0, cruise, acceleration)
     # The first and last bits of the way take longest and are sampled coarsely.
     assert durations == pytest.approx([max(expected, 0.2)], rel=0.1)
-    halves = trapezoid_durations(np.array([[0, 0, 0], [0, distance / 2, 0], [0, distance, 0]]),
-                                 0.0, cruise, acceleration)
+    halves = trapezoid_durations(
+        np.array([[0, 0, 0], [0, distance / 2, 0], [0, distance, 0]]), 0.0, cruise, acceleration
+    )
     assert halves.sum() == pytest.approx(max(durations[0], 0.4), rel=1e-6)
     assert halves[0] == pytest.approx(halves[1])
 

@@ -32,7 +32,9 @@ def problems(draw):
     else:
         options["constraints"] = [
             DerivativeConstraint(i, order, size * random.normal(size=dimensions))
-            for i, size in ((0, 3.0), (-1, 0.0)) for order in (1, 2, 3)]
+            for i, size in ((0, 3.0), (-1, 0.0))
+            for order in (1, 2, 3)
+        ]
     durations = random.uniform(0.5, 3.0, count if options["periodic"] else count - 1)
     return waypoints, durations, options
 
@@ -41,10 +43,12 @@ def problems(draw):
 def test_excess_is_that_of_the_trajectory(problem):
     waypoints, durations, options = problem
     speed, acceleration = peak_speed_and_acceleration(
-        solve_min_snap(waypoints, durations, **options))
+        solve_min_snap(waypoints, durations, **options)
+    )
     excess = LimitExcess(MinSnapProblem.build(waypoints, **options))
     assert excess(durations, LIMITS) == pytest.approx(
-        max(speed / LIMITS[0], np.sqrt(acceleration / LIMITS[1])), rel=1e-8)
+        max(speed / LIMITS[0], np.sqrt(acceleration / LIMITS[1])), rel=1e-8
+    )
 
 
 def test_where_there_are_many_minima_there_is_no_answer():
@@ -55,13 +59,17 @@ def test_where_there_are_many_minima_there_is_no_answer():
         LimitExcess(MinSnapProblem.build(waypoints))
 
 
-@pytest.mark.parametrize("durations, error, words", [
-    ([1.0, 1.0], ValueError, "durations must be 1"),
-    ([0.0], ValueError, "positive and finite"),
-    ([1e-300], TrajectoryOptimizationError, "even out"),
-])
+@pytest.mark.parametrize(
+    "durations, error, words",
+    [
+        ([1.0, 1.0], ValueError, "durations must be 1"),
+        ([0.0], ValueError, "positive and finite"),
+        ([1e-300], TrajectoryOptimizationError, "even out"),
+    ],
+)
 def test_durations_that_cannot_be(durations, error, words):
     problem = MinSnapProblem.build(
-        [[0.0], [5.0]], constraints=[DerivativeConstraint(i, 1, [0.0]) for i in (0, -1)])
+        [[0.0], [5.0]], constraints=[DerivativeConstraint(i, 1, [0.0]) for i in (0, -1)]
+    )
     with pytest.raises(error, match=f"(?i){words}"):
         LimitExcess(problem)(durations, LIMITS)

@@ -48,8 +48,10 @@ def jump(trajectory, i, order):
     """Returns the jump of a derivative at break i, which lies inside."""
     before = trajectory.getPolynomialMatrix(i - 1)[:, 0]
     after = trajectory.getPolynomialMatrix(i)[:, 0]
+
     def value(p, t):
         return p.Derivative(order).EvaluateUnivariate(t) if order else p.EvaluateUnivariate(t)
+
     duration = trajectory.duration(i - 1)
     return np.array([value(b, 0.0) - value(a, duration) for a, b in zip(before, after)])
 
@@ -65,8 +67,16 @@ def cost(trajectory, order):
     return total
 
 
-def independent_solution(waypoints, durations, *, constraints=(), periodic=False,
-                         period_offset=None, degree=9, minimized_derivative=4):
+def independent_solution(
+    waypoints,
+    durations,
+    *,
+    constraints=(),
+    periodic=False,
+    period_offset=None,
+    degree=9,
+    minimized_derivative=4,
+):
     """Returns samples (segments, 9, d) of the minimiser, by other means.
 
     Legendre coefficients of every segment, explicit constraints for waypoints
@@ -87,9 +97,13 @@ def independent_solution(waypoints, durations, *, constraints=(), periodic=False
         return full.ravel()
 
     nodes, weights = legendre.leggauss(degree + 1)
-    root = np.vstack([  # its squared norm is the cost
-        place((i, np.sqrt(w * T / 2) * row(x, r, i)))
-        for i, T in enumerate(durations) for x, w in zip(nodes, weights)])
+    root = np.vstack(
+        [  # its squared norm is the cost
+            place((i, np.sqrt(w * T / 2) * row(x, r, i)))
+            for i, T in enumerate(durations)
+            for x, w in zip(nodes, weights)
+        ]
+    )
     result = []
     for j in range(d):
         rows, right = [], []
@@ -111,8 +125,8 @@ def independent_solution(waypoints, durations, *, constraints=(), periodic=False
         rows, right = np.array(rows), np.array(right)
         size = np.linalg.norm(rows, axis=1)
         U, S, Vt = np.linalg.svd(rows / size[:, None])
-        feasible = Vt[:len(S)].T @ (U.T @ (right / size) / S)
-        null = Vt[len(S):].T
+        feasible = Vt[: len(S)].T @ (U.T @ (right / size) / S)
+        null = Vt[len(S) :].T
         coefficients = feasible - null @ np.linalg.lstsq(root @ null, root @ feasible)[0]
         coefficients = coefficients.reshape(s, degree + 1)
         result.append(legendre.legval(np.linspace(-1, 1, 9), coefficients.T))
@@ -175,8 +189,13 @@ def test_every_other_feasible_trajectory_costs_more(seed, order):
         i, k = int(rng.integers(len(waypoints))), int(rng.integers(1, 5))
         time = best.get_segment_times()[i]
         value = derivative(best, time, k) + size * rng.normal(size=4)
-        other = solve_min_snap(waypoints, durations, minimized_derivative=order,
-                               constraints=[DerivativeConstraint(i, k, value)], **options)
+        other = solve_min_snap(
+            waypoints,
+            durations,
+            minimized_derivative=order,
+            constraints=[DerivativeConstraint(i, k, value)],
+            **options,
+        )
         assert np.all(cost(other, order) > cost(best, order) * (1 - rounding))
 
 
@@ -185,7 +204,8 @@ def test_periodic_minimum_acceleration_is_the_cubic_spline():
     p = solve_min_snap(waypoints, durations, periodic=True, degree=3, minimized_derivative=2)
     breaks = np.concatenate([[0.0], np.cumsum(durations)])
     spline = PiecewisePolynomial.CubicWithContinuousSecondDerivatives(
-        breaks, list(np.vstack([waypoints, waypoints[:1]])[:, :, None]), periodic_end=True)
+        breaks, list(np.vstack([waypoints, waypoints[:1]])[:, :, None]), periodic_end=True
+    )
     times = np.linspace(0.0, breaks[-1], 100)
     np.testing.assert_allclose(p.vector_values(times), spline.vector_values(times), atol=1e-9)
 
@@ -202,7 +222,8 @@ def test_minimum_snap_splines_have_degree_seven(seed):
     times = np.linspace(0.0, durations.sum(), 50)
     nine, seven = (
         solve_min_snap(waypoints, durations, degree=degree, **options).vector_values(times)
-        for degree in (9, 7))
+        for degree in (9, 7)
+    )
     np.testing.assert_allclose(nine, seven, atol=1e-8 * np.abs(seven).max())
 
 
@@ -228,12 +249,18 @@ def test_rotating_and_moving_the_waypoints_does_so_to_the_trajectory(seed, rpy):
     R, p = RollPitchYaw(rpy).ToRotationMatrix().matrix(), np.array([1e3, -2e3, 10.0])
     velocity = np.array([3.0, -4.0, 1.0])
     times = np.linspace(0.0, durations.sum(), 50)
-    plain = solve_min_snap(waypoints, durations, periodic=True,
-                           constraints=[DerivativeConstraint(1, 1, velocity)])
-    moved = solve_min_snap(waypoints @ R.T + p, durations, periodic=True,
-                           constraints=[DerivativeConstraint(1, 1, R @ velocity)])
+    plain = solve_min_snap(
+        waypoints, durations, periodic=True, constraints=[DerivativeConstraint(1, 1, velocity)]
+    )
+    moved = solve_min_snap(
+        waypoints @ R.T + p,
+        durations,
+        periodic=True,
+        constraints=[DerivativeConstraint(1, 1, R @ velocity)],
+    )
     np.testing.assert_allclose(
-        moved.vector_values(times), R @ plain.vector_values(times) + p[:, None], atol=1e-8)
+        moved.vector_values(times), R @ plain.vector_values(times) + p[:, None], atol=1e-8
+    )
 
 
 @few
@@ -246,8 +273,7 @@ def test_a_lap_may_start_at_any_waypoint(seed, shift):
     q = solve_min_snap(later, np.roll(durations, -shift), **options)
     start = durations[:shift].sum()
     times = np.linspace(0.0, p.end_time() - start, 30)
-    np.testing.assert_allclose(
-        q.vector_values(times), p.vector_values(times + start), atol=1e-8)
+    np.testing.assert_allclose(q.vector_values(times), p.vector_values(times + start), atol=1e-8)
 
 
 @few
@@ -261,7 +287,8 @@ def test_constraints_hold_and_nan_is_free(seed):
         fixed = ~np.isnan(c.value)
         np.testing.assert_allclose(value[fixed], c.value[fixed], atol=1e-8)
     only_x = [
-        DerivativeConstraint(c.waypoint, c.order, [c.value[0], NAN, NAN, NAN]) for c in constraints]
+        DerivativeConstraint(c.waypoint, c.order, [c.value[0], NAN, NAN, NAN]) for c in constraints
+    ]
     free = solve_min_snap(waypoints, durations, **options)
     q = solve_min_snap(waypoints, durations, constraints=only_x, **options)
     times = np.linspace(0.0, p.end_time(), 30)
@@ -281,7 +308,8 @@ def test_rest_to_rest_polynomial():
     p = solve_min_snap([[0.0], [1.0]], [1.0], constraints=rest)
     t = np.linspace(0, 1, 11)
     np.testing.assert_allclose(
-        p.vector_values(t)[0], 35 * t**4 - 84 * t**5 + 70 * t**6 - 20 * t**7, atol=1e-12)
+        p.vector_values(t)[0], 35 * t**4 - 84 * t**5 + 70 * t**6 - 20 * t**7, atol=1e-12
+    )
 
 
 def test_headings():
@@ -300,7 +328,8 @@ BAD = {
     "m >= 2": dict(waypoints=[[0.0, 1.0]]),
     "waypoints 1 and 2 coincide; remove": dict(waypoints=POINTS[[0, 1, 1, 2]]),
     "waypoints 3 and 0 coincide": dict(
-        waypoints=POINTS[[0, 1, 2, 0]], durations=np.ones(4), periodic=True),
+        waypoints=POINTS[[0, 1, 2, 0]], durations=np.ones(4), periodic=True
+    ),
     "Durations must be 3": dict(durations=np.ones(4)),
     "Durations must be 4": dict(periodic=True),
     "positive": dict(durations=[1.0, 0.0, 1.0]),

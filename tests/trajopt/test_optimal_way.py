@@ -21,9 +21,10 @@ TRACK, VEHICLE = load_track("student-airrace"), load_vehicle("Default")[0]
 MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
 HEADINGS = np.array([gate.heading for gate in TRACK.gates])
 PYLONS, CLEARANCE = TRACK.pylons()[:, :2], 1.9
-LIMITS = {"original": FlightLimits(VEHICLE, thrust_share=0.9, max_speed=20.0,
-                                   max_acceleration=10.0),
-          "rotor": FlightLimits(VEHICLE, thrust_share=0.9)}
+LIMITS = {
+    "original": FlightLimits(VEHICLE, thrust_share=0.9, max_speed=20.0, max_acceleration=10.0),
+    "rotor": FlightLimits(VEHICLE, thrust_share=0.9),
+}
 each = pytest.mark.parametrize("limits", LIMITS)
 
 
@@ -34,12 +35,19 @@ def windows(step=0.0):
 @functools.cache
 def lap(limits, seed=None):
     """Returns a lap through the gates, or through gates some 10 cm elsewhere, and these."""
-    step = 0.0 if seed is None else np.random.default_rng(seed).normal(
-        scale=0.06, size=MIDPOINTS.shape)
+    step = (
+        0.0
+        if seed is None
+        else np.random.default_rng(seed).normal(scale=0.06, size=MIDPOINTS.shape)
+    )
     gates = windows(step)
     return plan_optimal_circuit(
-        gates, PYLONS, LIMITS[limits].scaled(0.99), clearance=CLEARANCE,
-        previous=None if seed is None else lap(limits)[0]), gates
+        gates,
+        PYLONS,
+        LIMITS[limits].scaled(0.99),
+        clearance=CLEARANCE,
+        previous=None if seed is None else lap(limits)[0],
+    ), gates
 
 
 def hover(x=0.0, y=0.0, z=5.0, yaw=0.0):
@@ -49,15 +57,25 @@ def hover(x=0.0, y=0.0, z=5.0, yaw=0.0):
 
 
 def way(start, first, k, limits, circuit, gates, **options):
-    legs = np.diff(circuit.gate_times)[:k - 1]
-    return plan_optimal_way(start, [first, *legs], gates, circuit, PYLONS, LIMITS[limits],
-                            clearance=CLEARANCE, **options)
+    legs = np.diff(circuit.gate_times)[: k - 1]
+    return plan_optimal_way(
+        start,
+        [first, *legs],
+        gates,
+        circuit,
+        PYLONS,
+        LIMITS[limits],
+        clearance=CLEARANCE,
+        **options,
+    )
 
 
 def assert_sound(found, phase, start, circuit, gates, k, limits):
     """Checks both ends, the limits at 1 kHz, the room, and the gates on the way."""
-    for ours, theirs in ((found.derivatives(0.0), start),
-                         (found.derivatives(found.duration), circuit.derivatives(phase))):
+    for ours, theirs in (
+        (found.derivatives(0.0), start),
+        (found.derivatives(found.duration), circuit.derivatives(phase)),
+    ):
         np.testing.assert_allclose(ours[:, :3], theirs[:, :3], atol=1e-6)
         assert np.cos(ours[0, 3] - theirs[0, 3]) == pytest.approx(1.0, abs=1e-12)
         np.testing.assert_allclose(ours[1:3, 3], theirs[1:3, 3], atol=1e-6)
@@ -72,11 +90,16 @@ def assert_sound(found, phase, start, circuit, gates, k, limits):
     for i in range(k - 1):
         ahead = (samples[POSITION].T - gates.midpoints[i]) @ gates.forward[i]
         at = np.flatnonzero((ahead[:-1] < 0.0) & (ahead[1:] >= 0.0))
-        missed = [np.linalg.norm(gates.nearest(
-            np.tile(samples[:3, j], (len(gates.midpoints), 1)))[i] - samples[:3, j]) for j in at]
+        missed = [
+            np.linalg.norm(
+                gates.nearest(np.tile(samples[:3, j], (len(gates.midpoints), 1)))[i]
+                - samples[:3, j]
+            )
+            for j in at
+        ]
         assert min(missed) < 0.05
         times = check_times(found)[at[int(np.argmin(missed))]]
-        assert passes_forward(found, [times], gates.headings[i:i + 1]).all()
+        assert passes_forward(found, [times], gates.headings[i : i + 1]).all()
 
 
 @each
@@ -91,8 +114,9 @@ def test_from_hover(limits, k):
 def test_it_is_quicker_than_minimum_snap():
     circuit, gates = lap("original")
     found, phase = way(hover(), 2.0, 3, "original", circuit, gates)
-    snap, joined = plan_start(hover(), circuit, 4, PYLONS, clearance=CLEARANCE, max_speed=20.0,
-                              max_acceleration=10.0)
+    snap, joined = plan_start(
+        hover(), circuit, 4, PYLONS, clearance=CLEARANCE, max_speed=20.0, max_acceleration=10.0
+    )
     assert found.duration - phase < 0.7 * (snap.duration - joined)
     # Nothing gets 20 m from rest to gate 1 in less than 2 s, nor to 20 m/s.
     assert found.duration - phase > 1.9
@@ -136,5 +160,12 @@ def test_none_is_one_clear_error(fault):
         start = hover(17.0, 4.0)
         start[1, :3] = 0.0, 20.0, 0.0
     with pytest.raises(TrajectoryOptimizationError):
-        plan_optimal_way(start, [1.0, circuit.gate_times[1]], gates, circuit, pylons,
-                         LIMITS["original"], clearance=CLEARANCE)
+        plan_optimal_way(
+            start,
+            [1.0, circuit.gate_times[1]],
+            gates,
+            circuit,
+            pylons,
+            LIMITS["original"],
+            clearance=CLEARANCE,
+        )

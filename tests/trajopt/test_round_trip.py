@@ -10,14 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from airrace.systems.multirotor import AddMultirotor, AddMultirotorModel
 from airrace.track import load_track
 from airrace.trajopt.circuit import plan_circuit
-from airrace.trajopt.flat_trajectory import (
-    ACCELERATION,
-    JERK,
-    POSITION,
-    SNAP,
-    VELOCITY,
-    YAW,
-)
+from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, POSITION, SNAP, VELOCITY, YAW
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, rotor_thrusts
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
@@ -34,18 +27,26 @@ STEP, SPAN = 0.0005, 1.0  # s
 def lap(kind, vehicle):
     if kind == "optimal":
         return plan_optimal_circuit(
-            GateRegions.windows(MIDPOINTS, HEADINGS, 3.0, 2.5), PYLONS,
-            FlightLimits(vehicle, thrust_share=0.9), clearance=2.0)
-    return plan_circuit(MIDPOINTS, HEADINGS, PYLONS, kind, clearance=2.0, max_speed=20.0,
-                        max_acceleration=10.0)
+            GateRegions.windows(MIDPOINTS, HEADINGS, 3.0, 2.5),
+            PYLONS,
+            FlightLimits(vehicle, thrust_share=0.9),
+            clearance=2.0,
+        )
+    return plan_circuit(
+        MIDPOINTS, HEADINGS, PYLONS, kind, clearance=2.0, max_speed=20.0, max_acceleration=10.0
+    )
 
 
 def pose_and_rates(sample):
     """Returns R_WB, and w and v in the world, of a sample (18,)."""
     force = sample[ACCELERATION] + [0.0, 0.0, GRAVITY]
     yaw, rate, acceleration = sample[YAW:]
-    axes, w, _ = attitude_from_force(force, sample[JERK], sample[SNAP], heading_vectors(
-        np.cos(yaw), np.sin(yaw), rate, acceleration))
+    axes, w, _ = attitude_from_force(
+        force,
+        sample[JERK],
+        sample[SNAP],
+        heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration),
+    )
     R = np.column_stack(axes)
     return R, R @ w, sample[VELOCITY]
 
@@ -63,8 +64,10 @@ def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
-    own, of_rotors = plant.GetMyMutableContextFromRoot(context), (
-        rotors.GetMyMutableContextFromRoot(context))
+    own, of_rotors = (
+        plant.GetMyMutableContextFromRoot(context),
+        (rotors.GetMyMutableContextFromRoot(context)),
+    )
     trajectory = lap(kind, vehicle)
     begin = 0.3 * trajectory.duration
     times = begin + STEP * np.arange(int(SPAN / STEP))
@@ -73,7 +76,8 @@ def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
     samples = trajectory.sample(np.append(times, times[-1] + STEP))
     R, w, v = pose_and_rates(samples[:, 0])
     plant.SetFloatingBaseBodyPoseInWorldFrame(
-        own, plant.GetBodyByName("body"), RigidTransform(RotationMatrix(R), samples[POSITION, 0]))
+        own, plant.GetBodyByName("body"), RigidTransform(RotationMatrix(R), samples[POSITION, 0])
+    )
     plant.SetVelocities(own, np.concatenate([w, v]))
     simulator.Initialize()
     for k, thrust in enumerate(thrusts.T):

@@ -87,10 +87,17 @@ def test_exact_scaling(seed, max_speed, max_acceleration):
     np.testing.assert_allclose(durations / guess, durations[0] / guess[0])
     assert_touches(solve_min_snap(waypoints, durations, periodic=True), **limits)
     # A time that is long enough is shortened, but not below min_factor.
-    np.testing.assert_allclose(durations_within_limits(
-        waypoints, 1.2 * durations, periodic=True, **limits), durations, rtol=1e-7)
-    np.testing.assert_allclose(durations_within_limits(
-        waypoints, 1.2 * durations, periodic=True, min_factor=0.95, **limits), 1.14 * durations)
+    np.testing.assert_allclose(
+        durations_within_limits(waypoints, 1.2 * durations, periodic=True, **limits),
+        durations,
+        rtol=1e-7,
+    )
+    np.testing.assert_allclose(
+        durations_within_limits(
+            waypoints, 1.2 * durations, periodic=True, min_factor=0.95, **limits
+        ),
+        1.14 * durations,
+    )
 
 
 @few
@@ -98,8 +105,11 @@ def test_exact_scaling(seed, max_speed, max_acceleration):
 def test_searched_scaling(seed, speed):
     waypoints = make_waypoints(seed)
     ahead = (waypoints[1] - waypoints[0]) / np.linalg.norm(waypoints[1] - waypoints[0])
-    constraints = [DerivativeConstraint(0, 1, speed * ahead),
-                   DerivativeConstraint(0, 2, 0.1 * ahead), *rest()[3:]]
+    constraints = [
+        DerivativeConstraint(0, 1, speed * ahead),
+        DerivativeConstraint(0, 2, 0.1 * ahead),
+        *rest()[3:],
+    ]
     guess = chords(waypoints)[:-1] / 10
     options = dict(constraints=constraints, **LIMITS)
     durations = durations_within_limits(waypoints, guess, min_factor=0.3, **options)
@@ -119,7 +129,8 @@ def test_no_scale_is_enough():
 
 def test_reference_track(midpoints):
     equal_speeds = durations_within_limits(
-        midpoints, chords(midpoints) / 20, periodic=True, **LIMITS)
+        midpoints, chords(midpoints) / 20, periodic=True, **LIMITS
+    )
     assert equal_speeds.sum() == pytest.approx(27.23, abs=0.01)
     durations = allocate_times(midpoints, periodic=True, **LIMITS)
     assert durations.sum() < 21.99
@@ -179,10 +190,12 @@ def test_scaled_and_rotated_limits_and_tracks(seed, s, angle):
     durations = allocate_times(waypoints, periodic=True, **LIMITS)
     R = RollPitchYaw(angle, angle / 2, -angle).ToRotationMatrix().matrix()
     slower = allocate_times(
-        waypoints @ R.T, max_speed=20 / s, max_acceleration=10 / s**2, periodic=True)
+        waypoints @ R.T, max_speed=20 / s, max_acceleration=10 / s**2, periodic=True
+    )
     np.testing.assert_allclose(slower.sum(), s * durations.sum(), rtol=1e-4)
     larger = allocate_times(
-        s * waypoints + 7.0, max_speed=20 * s, max_acceleration=10 * s, periodic=True)
+        s * waypoints + 7.0, max_speed=20 * s, max_acceleration=10 * s, periodic=True
+    )
     np.testing.assert_allclose(larger.sum(), durations.sum(), rtol=1e-4)
 
 
@@ -213,7 +226,8 @@ def test_open_trajectory_from_flight_to_rest(seed):
     durations = allocate_times(waypoints, constraints=constraints, **LIMITS)
     assert_touches(solve_min_snap(waypoints, durations, constraints=constraints))
     guess = durations_within_limits(
-        waypoints, chords(waypoints)[:-1] / 10, constraints=constraints, min_factor=0.2, **LIMITS)
+        waypoints, chords(waypoints)[:-1] / 10, constraints=constraints, min_factor=0.2, **LIMITS
+    )
     assert durations.sum() < guess.sum()
 
 
@@ -227,7 +241,9 @@ def test_hand_over_from_lap_to_lap_is_as_fast_as_the_lap(midpoints, first):
     waypoints[1:-1] += np.random.default_rng(first).normal(scale=0.2, size=(2, 3))
     constraints = [
         DerivativeConstraint(i, k, lap.EvalDerivative(lap.get_segment_times()[gates[i]], k).ravel())
-        for i in (0, -1) for k in (1, 2, 3)]
+        for i in (0, -1)
+        for k in (1, 2, 3)
+    ]
     durations = allocate_times(waypoints, constraints=constraints, **LIMITS)
     assert durations.sum() < 1.01 * lap_durations[gates[:-1]].sum()
     assert_touches(solve_min_snap(waypoints, durations, constraints=constraints))
@@ -261,8 +277,11 @@ BAD = {
     "degree must be odd": dict(degree=6),
     "shape": dict(waypoints=[1.0, 2.0, 3.0]),
     "not unique": dict(waypoints=SQUARE[:2], periodic=False),
-    "unique": dict(waypoints=SQUARE[:2], periodic=False,
-                   constraints=[DerivativeConstraint(0, 1, [1.0, 0.0, 0.0])]),
+    "unique": dict(
+        waypoints=SQUARE[:2],
+        periodic=False,
+        constraints=[DerivativeConstraint(0, 1, [1.0, 0.0, 0.0])],
+    ),
 }
 
 

@@ -85,8 +85,10 @@ def off_axis(lap, midpoints):
     return off[np.linalg.norm(to_gate, axis=0) > LEAST_RANGE].max()
 
 
-@pytest.mark.parametrize("limits, kind, longest", [
-    ("original", "balls", 21.0), ("original", "windows", 19.3), ("rotor", "windows", 10.0)])
+@pytest.mark.parametrize(
+    "limits, kind, longest",
+    [("original", "balls", 21.0), ("original", "windows", 19.3), ("rotor", "windows", 10.0)],
+)
 def test_the_reference_track(limits, kind, longest):
     lap = reference(limits, kind)
     assert lap.report.bound < lap.duration < longest
@@ -156,8 +158,13 @@ def test_it_does_not_matter_where_the_track_lies(angle, mirrored):
 
 def test_limits_cost_time():
     free = small()
-    for name, value in (("thrust_share", 0.8), ("max_rate", 1.2), ("drag", 1.0),
-                        ("max_speed", 12.0), ("max_acceleration", 15.0)):
+    for name, value in (
+        ("thrust_share", 0.8),
+        ("max_rate", 1.2),
+        ("drag", 1.0),
+        ("max_speed", 12.0),
+        ("max_acceleration", 15.0),
+    ):
         limits = dc.replace(FlightLimits(VEHICLES["Default"]), **{name: value})
         lap = plan(*square(), limits)
         assert lap.duration > 1.005 * free.duration, name
@@ -168,8 +175,10 @@ def test_limits_cost_time():
 
 
 def test_the_view_costs_time_if_it_must_be_narrow():
-    durations = [plan(*square(), half_view=None if h is None else np.deg2rad(h)).duration
-                 for h in (None, 40.0, 15.0)]
+    durations = [
+        plan(*square(), half_view=None if h is None else np.deg2rad(h)).duration
+        for h in (None, 40.0, 15.0)
+    ]
     assert durations[0] < durations[1] * 1.002 < durations[2] * 1.002
 
 
@@ -220,15 +229,27 @@ def impossible():
         "not a number": ((nan, headings), {"pylons": pylons}, "finite"),
         "pylon not a number": ((midpoints, headings), {"pylons": [[np.nan, 0.0]]}, "finite"),
         "a gate below ground": ((low, headings), {}, "ground"),
-        "pylons in a gate": ((midpoints, headings), {
-            "pylons": [*pylons, *(midpoints[3, :2] + [[0, 0], [2, 0], [-2, 0]])]}, "clear"),
+        "pylons in a gate": (
+            (midpoints, headings),
+            {"pylons": [*pylons, *(midpoints[3, :2] + [[0, 0], [2, 0], [-2, 0]])]},
+            "clear",
+        ),
         "a wall of pylons": ((midpoints, headings), {"pylons": wall}, "clear"),
-        "no hover": ((midpoints, headings), {
-            "limits": dc.replace(base, thrust_share=0.25)}, "hover"),
-        "no speed": ((midpoints, headings), {
-            "limits": dc.replace(base, max_speed=0.0)}, "max_speed"),
-        "rotors not a number": ((midpoints, headings), {
-            "limits": dc.replace(base, thrust_share=np.nan)}, "thrust_share"),
+        "no hover": (
+            (midpoints, headings),
+            {"limits": dc.replace(base, thrust_share=0.25)},
+            "hover",
+        ),
+        "no speed": (
+            (midpoints, headings),
+            {"limits": dc.replace(base, max_speed=0.0)},
+            "max_speed",
+        ),
+        "rotors not a number": (
+            (midpoints, headings),
+            {"limits": dc.replace(base, thrust_share=np.nan)},
+            "thrust_share",
+        ),
         "no view": ((midpoints, headings), {"half_view": 0.0}, "half_view"),
     }
 

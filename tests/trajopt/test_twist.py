@@ -12,8 +12,10 @@ from airrace.trajopt.optimal_circuit import flat_polynomial
 from airrace.trajopt.twist import heading_of_twist
 from airrace.vehicle import GRAVITY, load_vehicle
 
-LIMITS = [FlightLimits(load_vehicle("Default")[0]),
-          FlightLimits(load_vehicle("StarOne")[0], drag=1.0)]
+LIMITS = [
+    FlightLimits(load_vehicle("Default")[0]),
+    FlightLimits(load_vehicle("StarOne")[0], drag=1.0),
+]
 TURN = 2 * np.pi
 
 
@@ -43,8 +45,13 @@ def test_axes_do_not_turn_about_the_thrust_and_close_with_the_lap(limits):
     twist = samples.derivatives[0, ..., 3].ravel()
     body = np.cos(twist) * x + np.sin(twist) * y
     np.testing.assert_allclose(body[:, -1], body[:, 0], atol=0.1)
-    assert abs(np.sum((body[:, 0] - body[:, -1]) * y[:, 0]) - np.sum(
-        (body[:, -1] - body[:, -2]) * y[:, -1])) < 1e-3
+    assert (
+        abs(
+            np.sum((body[:, 0] - body[:, -1]) * y[:, 0])
+            - np.sum((body[:, -1] - body[:, -2]) * y[:, -1])
+        )
+        < 1e-3
+    )
 
 
 @pytest.mark.parametrize("limits", LIMITS)
@@ -75,8 +82,11 @@ def test_heading_of_twist_inverts_attitude_from_force():
     yaw = np.sort(rng.uniform(-3, 3, 50))
     yaw_rate, yaw_acceleration = rng.normal(size=(2, 50)) * 2.0
     axes, w, alpha = attitude_from_force(
-        tuple(force), tuple(rates[0]), tuple(rates[1]),
-        heading_vectors(np.cos(yaw), np.sin(yaw), yaw_rate, yaw_acceleration))
+        tuple(force),
+        tuple(rates[0]),
+        tuple(rates[1]),
+        heading_vectors(np.cos(yaw), np.sin(yaw), yaw_rate, yaw_acceleration),
+    )
     found = heading_of_twist([np.array(a) for a in axes], np.array(w), np.array(alpha))
     np.testing.assert_allclose(found[0], yaw, atol=1e-9)
     np.testing.assert_allclose(found[1], yaw_rate, atol=1e-9)

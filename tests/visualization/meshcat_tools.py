@@ -17,8 +17,9 @@ def slide(meshcat, slider: str, value: float) -> None:
 
 def drawn(meshcat, path: str) -> dict:
     """Returns what a page is told to draw at a path."""
-    return msgpack.unpackb(meshcat._GetPackedObject(path), strict_map_key=False,
-                           ext_hook=lambda code, data: data)
+    return msgpack.unpackb(
+        meshcat._GetPackedObject(path), strict_map_key=False, ext_hook=lambda code, data: data
+    )
 
 
 def transform(meshcat, path: str) -> list:

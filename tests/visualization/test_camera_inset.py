@@ -26,7 +26,10 @@ def run(meshcat, info):
 
     def run(detections, watching=True):
         inset = CameraInset(
-            meshcat=meshcat, small=info, scale=0.25, body_path="body",
+            meshcat=meshcat,
+            small=info,
+            scale=0.25,
+            body_path="body",
             renderer=PlanarRenderer(load_track("student-airrace"), info),
             audience=Watching(watching),
         )

@@ -48,9 +48,23 @@ class LiveRace:
     def __init__(self, track, folder):
         self.folder, self.url, self.events, self._said = folder, None, [], []
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "airrace.diagrams.race", "--track", track, "--laps", "9",
-             "--output", str(folder), "--realtime_rate", "1"],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+            [
+                sys.executable,
+                "-m",
+                "airrace.diagrams.race",
+                "--track",
+                track,
+                "--laps",
+                "9",
+                "--output",
+                str(folder),
+                "--realtime_rate",
+                "1",
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self):
@@ -188,8 +202,9 @@ def test_replay(browser, count, tmp_path):
     assert replay([*map(str, folders), "--html", str(page)]) == 0
     open_offline(browser, page)
     browser.evaluate(TOOLS)
-    browser.wait_for(f"[...Array({count}).keys()].every("
-                     "k => meshes(`drake/visualizer/run_${k}/body`) > 0)")
+    browser.wait_for(
+        f"[...Array({count}).keys()].every(k => meshes(`drake/visualizer/run_${{k}}/body`) > 0)"
+    )
     look(browser, tmp_path / "replay.png")
     moves(browser, GHOST, 1.0, lambda: browser.evaluate("control('play').click()"))
     assert browser.errors == []
@@ -198,8 +213,10 @@ def test_replay(browser, count, tmp_path):
 def test_replay_that_is_served(browser, tmp_path):
     make_run(tmp_path / "run", laps=2)
     with subprocess.Popen(
-            [sys.executable, "-u", "-m", "airrace.diagrams.replay", str(tmp_path / "run")],
-            stdout=subprocess.PIPE, text=True) as program:
+        [sys.executable, "-u", "-m", "airrace.diagrams.replay", str(tmp_path / "run")],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as program:
         try:
             line = next(line for line in program.stdout if line.startswith("Watch it at "))
             browser.open(line.split()[3].rstrip(";"))
@@ -217,6 +234,11 @@ def test_replay_that_is_served(browser, tmp_path):
 def test_report_html(browser, folder, tmp_path):
     open_offline(browser, folder / "report.html")
     look(browser, tmp_path / "report.png")
-    assert browser.evaluate("[...document.querySelectorAll('svg')].filter("
-                            "each => each.getBoundingClientRect().height > 50).length") >= 3
+    assert (
+        browser.evaluate(
+            "[...document.querySelectorAll('svg')].filter("
+            "each => each.getBoundingClientRect().height > 50).length"
+        )
+        >= 3
+    )
     assert browser.errors == []

@@ -8,7 +8,11 @@ from tests.visualization.meshcat_tools import fix, transform
 
 def _map(variance, x=10.0):
     marker = MarkerEstimate(
-        id=4, count=9, outliers=0, p_WM=np.array([x, 2.0, 3.0]), variance=np.array(variance),
+        id=4,
+        count=9,
+        outliers=0,
+        p_WM=np.array([x, 2.0, 3.0]),
+        variance=np.array(variance),
         normal=np.array([1.0, 0.0, 0.0]),
     )
     return GateMap(time=1.0, markers=(marker,))

@@ -33,8 +33,7 @@ def test_who_looks_sees_the_path_grow(meshcat):
 def test_the_path_is_coloured_by_speed(meshcat):
     colors = []
     for speed in (0.0, 20.0):
-        paths = PathVisualizer(meshcat=meshcat, max_speed=20.0, period=0.1,
-                               audience=Watching())
+        paths = PathVisualizer(meshcat=meshcat, max_speed=20.0, period=0.1, audience=Watching())
         simulator = Simulator(paths)
         state = np.zeros(13)
         state[10] = speed

@@ -7,12 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from airrace.systems.multirotor import AddMultirotorModel
 from airrace.vehicle import DRONES, load_vehicle
-from airrace.visualization.rotors import (
-    SLOW_MOTION,
-    RotorVisualizer,
-    body_path,
-    find_blades,
-)
+from airrace.visualization.rotors import SLOW_MOTION, RotorVisualizer, body_path, find_blades
 from tests.visualization.meshcat_tools import fix, transform
 
 

@@ -15,10 +15,16 @@ def _report(times, **fields):
         GateCrossing(time=t, gate=k % 3 + 1, lap=k // 3 + 1, offset=0.0, max_speed=9.0)
         for k, t in enumerate(times)
     )
-    return RefereeReport(**{
-        "crossings": crossings, "finished": False, "dnf_reason": None, "end_time": None,
-        "collisions": 0, **fields,
-    })
+    return RefereeReport(
+        **{
+            "crossings": crossings,
+            "finished": False,
+            "dnf_reason": None,
+            "end_time": None,
+            "collisions": 0,
+            **fields,
+        }
+    )
 
 
 def _lines(times, status=RACING, time=100.0, **fields):
@@ -53,14 +59,19 @@ def test_the_text_can_be_read():
     image = draw_lines(["racing", "10.0 s"])
     assert image.dtype == np.uint8 and image.shape[2] == 3
     bright = (image > 200).all(axis=2)
-    assert bright[: len(image) // 2].sum() > 100 and bright[len(image) // 2:].sum() > 50
+    assert bright[: len(image) // 2].sum() > 100 and bright[len(image) // 2 :].sum() > 50
 
 
 def test_it_is_drawn_only_for_somebody(meshcat):
     for watching in (False, True):
         board = Scoreboard(meshcat=meshcat, gates=3, laps=2, audience=Watching(watching))
         simulator = Simulator(board)
-        fix(board, simulator.get_mutable_context(), truth__state=np.zeros(13),
-            truth__referee_report=_report([]), explorer_status=RACING)
+        fix(
+            board,
+            simulator.get_mutable_context(),
+            truth__state=np.zeros(13),
+            truth__referee_report=_report([]),
+            explorer_status=RACING,
+        )
         simulator.AdvanceTo(0.05)
         assert meshcat.HasPath(f"{HUD}/scoreboard") == watching

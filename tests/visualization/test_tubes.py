@@ -4,9 +4,7 @@ from hypothesis import strategies as st
 
 from airrace.visualization.tubes import speed_colors, tube
 
-_points = st.lists(
-    st.tuples(*3 * [st.floats(-100.0, 100.0)]), min_size=2, max_size=12
-)
+_points = st.lists(st.tuples(*3 * [st.floats(-100.0, 100.0)]), min_size=2, max_size=12)
 
 
 @given(_points)

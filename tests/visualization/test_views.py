@@ -13,7 +13,9 @@ _CAMERA = "/Cameras/default/rotated/<object>"
 @pytest.fixture
 def director(meshcat):
     return ViewDirector(
-        meshcat=meshcat, overview=(np.array([0.0, -50, 30]), np.zeros(3)), body_path="body",
+        meshcat=meshcat,
+        overview=(np.array([0.0, -50, 30]), np.zeros(3)),
+        body_path="body",
         X_BC=load_vehicle("Default")[0].camera.X_BC,
     )
 

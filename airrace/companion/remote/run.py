@@ -15,8 +15,14 @@ _PATIENCE = 5.0  # s from SIGTERM to SIGKILL, unless the workstation says otherw
 _ALONE = 3600.0  # s that an autonomy may run on after the connection was lost
 
 
-def run(cache: str, environment: str, package: str, folder: str, arguments: list[str],
-        udp_port: int | None) -> None:
+def run(
+    cache: str,
+    environment: str,
+    package: str,
+    folder: str,
+    arguments: list[str],
+    udp_port: int | None,
+) -> None:
     """Runs the autonomy until it ends by itself or is told to.
 
     A line on standard input ends it: the time (s) from SIGTERM to SIGKILL. When
@@ -35,8 +41,10 @@ def run(cache: str, environment: str, package: str, folder: str, arguments: list
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             lock.seek(0)
-            raise Refused("Another race's autonomy is running on {host}; end that race, or run "
-                          f"there 'kill {lock.read().strip() or '?'}'.") from None
+            raise Refused(
+                "Another race's autonomy is running on {host}; end that race, or run "
+                f"there 'kill {lock.read().strip() or '?'}'."
+            ) from None
         lock.truncate(0)
         print(os.getpid(), file=lock, flush=True)
         if udp_port is not None:
@@ -45,10 +53,17 @@ def run(cache: str, environment: str, package: str, folder: str, arguments: list
         (folder / "pid").write_text(str(os.getpid()))
         # -P is not given: modules brought along lie in the working directory.
         process = subprocess.Popen(
-            [cache / "environments" / environment / "bin" / "python", *arguments], cwd=folder,
-            env={**os.environ, "PYTHONPATH": str(cache / "packages" / package),
-                 "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1"},
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            [cache / "environments" / environment / "bin" / "python", *arguments],
+            cwd=folder,
+            env={
+                **os.environ,
+                "PYTHONPATH": str(cache / "packages" / package),
+                "PYTHONUNBUFFERED": "1",
+                "PYTHONDONTWRITEBYTECODE": "1",
+            },
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
             start_new_session=True,
         )
         signal.signal(signal.SIGTERM, lambda *_: in_background(_end, process))
@@ -67,8 +82,10 @@ def _check_port(port):
         try:
             s.bind(("", port))
         except OSError as e:
-            raise Refused(f"UDP port {port} is in use on {{host}} ({e.strerror}); end what uses "
-                          "it there, or name another port in --lcm_url.") from None
+            raise Refused(
+                f"UDP port {port} is in use on {{host}} ({e.strerror}); end what uses "
+                "it there, or name another port in --lcm_url."
+            ) from None
 
 
 def _listen(process):

@@ -15,8 +15,17 @@ from .events import Refused, emit, kill_group
 
 _STALE = 60 * 24 * 3600  # s; what was not used for so long is removed
 _LITTLE = 20_000_000  # bytes
-_PIP = ("-I", "-m", "pip", "install", "--no-input", "--disable-pip-version-check",
-        "--no-cache-dir", "--only-binary", ":all:")
+_PIP = (
+    "-I",
+    "-m",
+    "pip",
+    "install",
+    "--no-input",
+    "--disable-pip-version-check",
+    "--no-cache-dir",
+    "--only-binary",
+    ":all:",
+)
 
 
 def look(cache: str, environment: str, package: str) -> None:
@@ -51,8 +60,17 @@ def set_up(cache: str, environment: str, package: str, room: int, offline: bool)
                 emit("step", text="installing this airrace")
                 _empty(code)
                 [wheel] = (cache / "wheels" / package).glob("*.whl")
-                _run([venv / "bin" / "python", *_PIP, "--no-deps", "--no-index",
-                      "--target", code, wheel])
+                _run(
+                    [
+                        venv / "bin" / "python",
+                        *_PIP,
+                        "--no-deps",
+                        "--no-index",
+                        "--target",
+                        code,
+                        wheel,
+                    ]
+                )
             _use(code)
             for kept in ("environments", "packages", "runs"):
                 _prune(cache / kept)
@@ -72,8 +90,10 @@ def _make_environment(cache, venv, room, offline):
     code, output = _run([sys.executable, "-I", "-m", "venv", "--clear", venv], check=False)
     if code:
         _refuse_full_disk(cache, room, output)
-        raise Refused(f"Python on {{host}} cannot make virtual environments ({_last(output)}); "
-                      "run there 'sudo apt-get install python3-venv'.")
+        raise Refused(
+            f"Python on {{host}} cannot make virtual environments ({_last(output)}); "
+            "run there 'sudo apt-get install python3-venv'."
+        )
     emit("step", text="installing requirements.lock")
     lock = cache / "locks" / f"{venv.name}.txt"
     total = sum(bool(line.strip()) and line[0] not in " #" for line in lock.open())
@@ -88,19 +108,37 @@ def _make_environment(cache, venv, room, offline):
             emit("step", text="unpacking the wheels")
 
     source = ["--no-index", "--find-links", cache / "wheelhouse" / venv.name] if offline else []
-    code, output = _run([venv / "bin" / "python", *_PIP, "--progress-bar", "off",
-                         "--require-hashes", *source, "--requirement", lock], count, check=False)
+    code, output = _run(
+        [
+            venv / "bin" / "python",
+            *_PIP,
+            "--progress-bar",
+            "off",
+            "--require-hashes",
+            *source,
+            "--requirement",
+            lock,
+        ],
+        count,
+        check=False,
+    )
     if code:
         _refuse_full_disk(cache, room, output)
-        raise Refused(f"Installing requirements.lock on {{host}} failed ({_last(output)}); " + (
-            "have a wheel of every locked package for it in the folder of --wheels." if offline
-            else "connect it to the internet, or bring the wheels along with --wheels."))
-    code, output = _run([venv / "bin" / "python", "-I", "-c", "import pydrake.common"],
-                        check=False)
+        raise Refused(
+            f"Installing requirements.lock on {{host}} failed ({_last(output)}); "
+            + (
+                "have a wheel of every locked package for it in the folder of --wheels."
+                if offline
+                else "connect it to the internet, or bring the wheels along with --wheels."
+            )
+        )
+    code, output = _run([venv / "bin" / "python", "-I", "-c", "import pydrake.common"], check=False)
     if code:
         package = "libglib2.0-0" if "libglib-2.0" in output else "what the message names"
-        raise Refused(f"Drake cannot be imported on {{host}} ({_last(output)}); install "
-                      f"{package} there with 'sudo apt-get install'.")
+        raise Refused(
+            f"Drake cannot be imported on {{host}} ({_last(output)}); install "
+            f"{package} there with 'sudo apt-get install'."
+        )
 
 
 def _last(output: str) -> str:
@@ -119,8 +157,10 @@ def _refuse_full_disk(cache, room, output):
 
 def _disk_full(cache, room):
     free = shutil.disk_usage(cache).free
-    return Refused(f"The disk of {{host}} is full: {free / 1e9:.1f} GB are free in {cache}, and "
-                   f"airrace takes {room / 1e9:.1f} GB; make room there.")
+    return Refused(
+        f"The disk of {{host}} is full: {free / 1e9:.1f} GB are free in {cache}, and "
+        f"airrace takes {room / 1e9:.1f} GB; make room there."
+    )
 
 
 def _is_complete(folder: Path) -> bool:
@@ -169,8 +209,13 @@ def _run(command, on_line=lambda line: None, check=True):
     output = []
     try:
         process = subprocess.Popen(
-            list(map(str, command)), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, text=True, errors="replace", start_new_session=True,
+            list(map(str, command)),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,
         )
     except OSError as e:
         if check:

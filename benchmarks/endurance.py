@@ -20,8 +20,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import TRAJECTORIES, Scenario
 from airrace.diagrams.warm_up import compile_apart
+from airrace.scenario import TRAJECTORIES, Scenario
 from benchmarks.fresh import in_fresh_processes
 
 _SETTLED = 10  # laps, after which every buffer has its size

@@ -13,11 +13,11 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import load_scenario
-from airrace.disturbances import RotorFailure
-from airrace.random import make_generator
-from airrace.rotor_loss import Remaining
+from airrace.math.random import make_generator
+from airrace.scenario import load_scenario
 from airrace.vehicle import load_vehicle
+from airrace.vehicle.disturbances import RotorFailure
+from airrace.vehicle.rotor_loss import Remaining
 from benchmarks.flights import (
     PERIOD,
     deviations,

@@ -16,10 +16,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from airrace.diagrams.scenario import Scenario
-from airrace.random import make_generator
+from airrace.math.random import make_generator
+from airrace.scenario import Scenario
 from airrace.track import BOARD_HEIGHT, BOARD_SIZE, PYLON_BASE_RADIUS, PYLON_HEIGHT, Track
-from airrace.track_generator import generate_track
+from airrace.track.generator import generate_track
 from airrace.vehicle import load_vehicle
 from benchmarks.control import run
 from benchmarks.exploration_world import SightWorld, explore, make_explorer

@@ -8,12 +8,12 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from airrace.diagrams.scenario import PerceptionConfig, Scenario, StateEstimateConfig
-from airrace.random import make_generator
-from airrace.systems import state_estimate as se
-from airrace.systems.explorer import Explorer
-from airrace.systems.gate_mapper import extrapolate
-from airrace.systems.image_mapper import ImageMapper, MapperMemory
+from airrace.math.random import make_generator
+from airrace.scenario import PerceptionConfig, Scenario, StateEstimateConfig
+from airrace.systems.exploring.explorer import Explorer
+from airrace.systems.mapping.gate_mapper import extrapolate
+from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.sensing import state_estimate as se
 from airrace.systems.types import Detection, Detections, ExplorerStatus, GateMap, make_camera_info
 from airrace.track import BOARD_OFFSET, BOARD_SIZE, MARKER_SIZE, Track
 from airrace.trajopt import flat_trajectory as ref

@@ -9,15 +9,15 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
-from airrace.attitude import rotation_matrix
 from airrace.diagrams.flight import MakeFlight, start_in_flight
-from airrace.diagrams.scenario import Scenario, load_scenario
+from airrace.scenario import Scenario, load_scenario
+from airrace.systems.control.attitude_error import rotation_matrix
 from airrace.systems.referee_report import RefereeReport
 from airrace.track import load_track
 from airrace.trajopt import flat_trajectory as ref
-from airrace.trajopt.circuit import Circuit, plan_circuit
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.min_snap.circuit import Circuit, plan_circuit
 from airrace.vehicle import GRAVITY, load_vehicle
 
 LIMITS = dict(max_speed=20.0, max_acceleration=10.0)  # of the lap (m/s, m/s^2)

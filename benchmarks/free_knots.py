@@ -9,10 +9,10 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
-from airrace.trajopt.limit_samples import LimitSamples
-from airrace.trajopt.min_snap import solve_min_snap
-from airrace.trajopt.min_snap_problem import MinSnapProblem
-from airrace.trajopt.time_allocation import (
+from airrace.trajopt.min_snap.limit_samples import LimitSamples
+from airrace.trajopt.min_snap.min_snap import solve_min_snap
+from airrace.trajopt.min_snap.problem import MinSnapProblem
+from airrace.trajopt.min_snap.time_allocation import (
     allocate_times,
     durations_within_limits,
     peak_speed_and_acceleration,

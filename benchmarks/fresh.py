@@ -4,7 +4,7 @@ import multiprocessing
 import os
 from concurrent.futures import ProcessPoolExecutor
 
-from airrace.children import ONE_THREAD
+from airrace.common.processes import ONE_THREAD
 
 
 def one_thread_each() -> None:

@@ -18,8 +18,8 @@ from rich.console import Console
 from rich.progress import track as progress
 from rich.table import Table
 
-from airrace.diagrams.scenario import load_scenario
 from airrace.evaluation.jobs import generated_track
+from airrace.scenario import load_scenario
 from benchmarks.timed_race import time_race
 
 GATES = 10, 20

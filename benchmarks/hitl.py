@@ -14,12 +14,12 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from airrace.common.errors import exit_code
+from airrace.common.files import write_json
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import LINK_DELAY, Scenario
 from airrace.diagrams.simulated_link import SimulatedRemote
-from airrace.errors import exit_code
-from airrace.files import write_json
-from airrace.link.simulated_bus import LinkConfig
+from airrace.hitl.link.simulated_bus import LinkConfig
+from airrace.scenario import LINK_DELAY, Scenario
 
 DELAYS = (0.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # ms, there and back each half
 LOSSES = (0.0, 0.5, 1.0, 2.0, 5.0)  # % of the packets

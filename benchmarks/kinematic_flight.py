@@ -3,14 +3,14 @@
 import numpy as np
 from pydrake.math import RotationMatrix
 
-from airrace.random import make_generator
-from airrace.systems import state_estimate as se
-from airrace.systems.state_filter import StateFilter
+from airrace.math.random import make_generator
+from airrace.systems.control.state_filter import StateFilter
+from airrace.systems.sensing import state_estimate as se
 from airrace.track import Track
-from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, POSITION, SNAP, VELOCITY, YAW
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.vehicle import GRAVITY, load_vehicle
 
 

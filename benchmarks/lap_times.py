@@ -19,9 +19,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from airrace.diagrams.progress import ORIGINAL_MEAN_LAP
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import TRAJECTORIES, Scenario, trajectory_name
+from airrace.scenario import TRAJECTORIES, Scenario, trajectory_name
+from airrace.visualization.terminal import ORIGINAL_MEAN_LAP
 
 
 def main(argv=None) -> int:

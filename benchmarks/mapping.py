@@ -18,8 +18,8 @@ from rich.console import Console
 from rich.progress import track as progress
 from rich.table import Table
 
-from airrace.diagrams.camera_config import CameraConfig
-from airrace.diagrams.scenario import ESTIMATORS, Scenario
+from airrace.scenario import ESTIMATORS, Scenario
+from airrace.scenario.camera import CameraConfig
 from benchmarks.mapping_world import CORNERS, World
 
 _OFFSET = 0.010  # s, between image and pose

@@ -8,18 +8,18 @@ import numpy as np
 from pydrake.math import RigidTransform
 from rich.progress import track as progress
 
-from airrace.diagrams.scenario import Scenario
-from airrace.limits import parse_limits
-from airrace.random import make_generator
-from airrace.rendering.camera_effects import ImagingChain
-from airrace.rendering.planar import PlanarRenderer
-from airrace.systems import state_estimate as se
-from airrace.systems.camera_view import CameraView
-from airrace.systems.gate_mapper import extrapolate
-from airrace.systems.image_mapper import ImageMapper, MapperMemory
-from airrace.systems.marker_measurement import measure
-from airrace.systems.marker_pose import locate
-from airrace.systems.marker_search import MarkerSearch, make_detector
+from airrace.math.random import make_generator
+from airrace.rendering.imaging.camera_effects import ImagingChain
+from airrace.rendering.planar.renderer import PlanarRenderer
+from airrace.scenario import Scenario
+from airrace.scenario.limits import parse_limits
+from airrace.systems.mapping.gate_mapper import extrapolate
+from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.perception.marker_measurement import measure
+from airrace.systems.perception.marker_pose import locate
+from airrace.systems.perception.marker_search import MarkerSearch, make_detector
+from airrace.systems.sensing import state_estimate as se
+from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import Detections, make_camera_info
 from airrace.track import load_track
 from airrace.vehicle import CameraMount

@@ -20,13 +20,13 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from airrace.diagrams.camera_config import PRESETS
-from airrace.errors import UserError
-from airrace.rendering.vtk import check_vtk_available
-from airrace.systems.aruco_detector import Sight, look
-from airrace.systems.camera_view import CameraView
-from airrace.systems.marker_measurement import measure
-from airrace.systems.marker_search import MarkerSearch
+from airrace.common.errors import UserError
+from airrace.rendering.vtk.vtk_renderer import check_vtk_available
+from airrace.scenario.camera import PRESETS
+from airrace.systems.perception.aruco_detector import Sight, look
+from airrace.systems.perception.marker_measurement import measure
+from airrace.systems.perception.marker_search import MarkerSearch
+from airrace.systems.sensing.camera_view import CameraView
 from airrace.track import load_track
 from benchmarks.perception_scenes import (
     INFO,

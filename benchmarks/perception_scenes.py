@@ -10,10 +10,10 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.rendering.camera_effects import CameraEffects, ImagingChain
-from airrace.rendering.planar import PlanarRenderer
-from airrace.rendering.scenery import AddScenery
-from airrace.rendering.vtk import AddVtkRenderer
+from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
+from airrace.rendering.planar.renderer import PlanarRenderer
+from airrace.rendering.scene.scenery import AddScenery
+from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.systems.types import make_camera_info
 from airrace.track import MARKER_SIZE, Board, Gate, Track
 from airrace.vehicle import CameraMount

@@ -24,13 +24,13 @@ from rich.console import Console
 from rich.progress import Progress, TextColumn
 from rich.table import Table
 
-from airrace.diagrams.camera_config import NO_CAMERA, RENDERERS
+from airrace.common.errors import exit_code
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import load_scenario
 from airrace.diagrams.warm_up import compile_apart
-from airrace.errors import exit_code
-from airrace.map_files import TRACK
-from airrace.recording.config import CONTENTS
+from airrace.scenario import load_scenario
+from airrace.scenario.camera import NO_CAMERA, RENDERERS
+from airrace.scenario.recording import CONTENTS
+from airrace.track.map_files import TRACK
 from benchmarks import vtk_frame
 from benchmarks.fresh import in_fresh_processes, one_thread_each
 from benchmarks.stopwatch import Stopwatch, watching
@@ -39,14 +39,14 @@ SET_UP, EXPLORATION, LAPS = "set-up", "exploration", "laps"
 REST = "runner: looks, files, set-up"
 # Parts of boxes, and what is no box.
 PARTS = {
-    "airrace.rendering.exposure:Exposure.draw": "Camera: drawing",
-    "airrace.rendering.vtk:VtkRenderer.render": "Camera: drawing",
-    "airrace.rendering.pixel_maps:PixelMap.bend": "lens and Rectifier: bending",
-    "airrace.rendering.sensor:Sensor.expose": "Camera: sensor",
-    "airrace.systems.marker_search:MarkerSearch.everywhere": "ArucoDetector: whole images",
-    "airrace.systems.marker_search:MarkerSearch.around": "ArucoDetector: regions",
-    "airrace.systems.marker_measurement:refit": "ArucoDetector: corners",
-    "airrace.systems.aruco_detector:measure": "ArucoDetector: checks, poses",
+    "airrace.rendering.planar.exposure:Exposure.draw": "Camera: drawing",
+    "airrace.rendering.vtk.vtk_renderer:VtkRenderer.render": "Camera: drawing",
+    "airrace.rendering.imaging.pixel_maps:PixelMap.bend": "lens and Rectifier: bending",
+    "airrace.rendering.imaging.sensor:Sensor.expose": "Camera: sensor",
+    "airrace.systems.perception.marker_search:MarkerSearch.everywhere": "ArucoDetector: all of it",
+    "airrace.systems.perception.marker_search:MarkerSearch.around": "ArucoDetector: regions",
+    "airrace.systems.perception.marker_measurement:refit": "ArucoDetector: corners",
+    "airrace.systems.perception.aruco_detector:measure": "ArucoDetector: checks, poses",
     "pydrake.systems.analysis:Simulator.AdvanceTo": "Drake: plant step, Simulator",
 }
 

@@ -16,13 +16,13 @@ from rich.console import Console
 from rich.progress import track as progress
 from rich.table import Table
 
-from airrace.errors import UserError
-from airrace.resources import load_yaml
+from airrace.common.errors import UserError
+from airrace.common.resources import load_yaml
 from airrace.track import Track
-from airrace.track_generator import DIRECTIONS, generate_track
-from airrace.track_layout import Layout
-from airrace.track_rules import check_rules
-from airrace.track_tool import to_yaml
+from airrace.track.__main__ import to_yaml
+from airrace.track.generator import DIRECTIONS, generate_track
+from airrace.track.layout import Layout
+from airrace.track.rules import check_rules
 
 
 def main(argv=None) -> int:

@@ -20,21 +20,21 @@ from rich.console import Console
 from rich.progress import track as progress
 
 from airrace.track import load_track
-from airrace.track_generator import generate_track
-from airrace.trajopt.bound import point_mass_bound
-from airrace.trajopt.circuit import LEVEL, plan_circuit
+from airrace.track.generator import generate_track
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import clearance_of
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.lap_search import Effort
-from airrace.trajopt.min_snap import (
+from airrace.trajopt.min_snap.circuit import LEVEL, plan_circuit
+from airrace.trajopt.min_snap.min_snap import (
     DerivativeConstraint,
     TrajectoryOptimizationError,
     solve_min_snap,
     turn_per_lap,
     unwrap_headings,
 )
-from airrace.trajopt.time_optimal import plan_optimal_circuit
+from airrace.trajopt.time_optimal.lap_search import Effort
+from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
+from airrace.trajopt.time_optimal.point_mass import point_mass_bound
 from airrace.vehicle import DRONES, load_vehicle
 from benchmarks.free_knots import free_knot_lap
 from benchmarks.numerical_check import rotor_shares

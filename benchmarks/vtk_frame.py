@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from airrace.errors import exit_code
+from airrace.common.errors import exit_code
 from airrace.track import load_track
 from benchmarks.perception_scenes import INFO, add_vtk_scene, look_at
 

@@ -23,9 +23,9 @@ from rich.console import Console
 from rich.progress import track as progress
 from rich.table import Table
 
-from airrace.diagrams.scenario import load_scenario
-from airrace.diagrams.visualization import MakeMeshcat
+from airrace.scenario import load_scenario
 from airrace.track import load_track
+from airrace.visualization.race_view import MakeMeshcat
 from benchmarks.timed_race import time_race
 
 # Takes all that the page of the live view gets, as a browser would.

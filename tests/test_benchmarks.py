@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from airrace.children import ONE_THREAD
-from airrace.errors import UserError
-from airrace.rendering.vtk import check_vtk_available
+from airrace.common.errors import UserError
+from airrace.common.processes import ONE_THREAD
+from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.track import load_track
 from airrace.vehicle import DRONES, load_vehicle
 from benchmarks import (

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airrace.diagrams.scenario import Scenario
+from airrace.scenario import Scenario
 from benchmarks.peers import __main__ as peers
 from benchmarks.peers import circle, fly_airrace
 from benchmarks.peers import environments as env

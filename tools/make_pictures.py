@@ -20,14 +20,14 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from rich.progress import track as progress
 
+from airrace.common.errors import exit_code
 from airrace.diagrams.diagram_svg import diagram_svg
-from airrace.errors import exit_code
-from airrace.rendering.planar import PlanarRenderer
-from airrace.rendering.scenery import AddScenery
-from airrace.rendering.vtk import AddVtkRenderer
+from airrace.rendering.planar.renderer import PlanarRenderer
+from airrace.rendering.scene.scenery import AddScenery
+from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.systems.types import ExplorerStatus, make_camera_info
 from airrace.vehicle import CameraMount, load_vehicle
-from airrace.visualization.page import overview
+from airrace.visualization.meshcat_page import overview
 from airrace.visualization.scoreboard import draw_lines, scoreboard_lines
 from airrace.visualization.tubes import speed_colors, tube
 
@@ -43,7 +43,7 @@ def fly(folder: Path):
     """Flies the race; returns its Run."""
     from airrace.analysis import load_run
     from airrace.diagrams.runner import run_race
-    from airrace.diagrams.scenario import load_scenario
+    from airrace.scenario import load_scenario
 
     scenario = load_scenario(scenario_text="{laps: 1}")
     with progress_bar("Flying") as show:

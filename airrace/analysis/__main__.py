@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from airrace.errors import exit_code
+from airrace.common.errors import exit_code
 
 EPILOG = """\
 examples:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from airrace.math.vec3 import columns as axes_of
+from airrace.math.vec3 import sum3
 from airrace.track import Track
-from airrace.triples import columns as axes_of
-from airrace.triples import sum3
 
 _STATES = ("state", "estimate", "filtered")
 

@@ -6,7 +6,7 @@ from matplotlib.ticker import MaxNLocator
 
 from airrace.analysis.svg import FAINT, INK, SPEED_COLORS, add_colorbar, lap_style, make_figure
 from airrace.track import PYLON_BASE_RADIUS
-from airrace.track_layout import Layout
+from airrace.track.layout import Layout
 
 _STEP = 2.5  # m of a piece of a lap, which has one colour
 

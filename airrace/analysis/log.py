@@ -10,7 +10,7 @@ from mcap.records import Attachment, Chunk
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
-from airrace.errors import UserError
+from airrace.common.errors import UserError
 
 _MAGIC = b"\x89MCAP0\r\n"  # at both ends of the file
 

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from airrace.errors import exit_code
+from airrace.common.errors import exit_code
 
 FILE = "report.html"
 # Topics that it says nothing of.
@@ -21,21 +21,21 @@ def make_report(run) -> str:
     """Returns the report of a Run, a page that needs nothing else."""
     from matplotlib import rc_context
 
-    from airrace.analysis import page
+    from airrace.analysis import html
     from airrace.analysis.report_head import head, lap_table
     from airrace.analysis.svg import STYLE
 
     body = head(run)
     if run.result["laps"]:
-        body += [page.heading("Laps"), lap_table(run)]
+        body += [html.heading("Laps"), lap_table(run)]
     with rc_context(STYLE):
         body += _figures(run)
-    return page.page(f"{run.result['track']}, {run.result['drone']}", body)
+    return html.page(f"{run.result['track']}, {run.result['drone']}", body)
 
 
 def _figures(run) -> list:
     """Returns the sections with a picture that this run has data for."""
-    from airrace.analysis import figures_laps, figures_signals, figures_track, page
+    from airrace.analysis import figures_laps, figures_signals, figures_track, html
     from airrace.analysis.svg import inline_svg
 
     laps, columns = run.result["laps"], run.columns
@@ -45,7 +45,7 @@ def _figures(run) -> list:
     def add(name, title, wanted, draw, caption):
         if wanted:
             svg = inline_svg(draw(run), name, f"{title}. {caption}")
-            parts.extend([page.heading(title), page.figure(svg, caption)])
+            parts.extend([html.heading(title), html.figure(svg, caption)])
 
     add(
         "track",
@@ -114,7 +114,7 @@ def write_report(folder) -> Path:
         UserError: if it holds no race, or the file cannot be written.
     """
     from airrace.analysis.run import Run
-    from airrace.files import write_text
+    from airrace.common.files import write_text
 
     run = Run(folder, without=_WITHOUT)
     path = run.folder / FILE

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from airrace.analysis import page
+from airrace.analysis import html
 from airrace.analysis.figures_signals import rotor_usage
-from airrace.diagrams.scenario import trajectory_name
+from airrace.scenario import trajectory_name
 
 # Mean laps of the original system on student-airrace, from rest to rest (s).
 ORIGINAL = (("3-D", 40.60), ("4-D", 41.52), ("6-D", 41.21))
@@ -18,16 +18,16 @@ def head(run) -> list:
     planned = run.scenario.laps
     outcome = "Finished." if result["finished"] else f"Did not finish: {result['dnf_reason']}."
     body = [
-        f"<h1>{page.escaped(result['drone'])} on {page.escaped(result['track'])}</h1>",
-        f'<p class="faint">{page.escaped(kind)}, seed {result["seed"]}, '
-        f"{len(result['laps'])} of {planned} laps, {page.escaped(result['wall']['simulation'])}; "
-        f"{page.escaped(run.folder.resolve().name)}</p>",
-        f"<p><strong>{page.escaped(outcome)}</strong></p>",
-        page.facts(_facts(run)),
+        f"<h1>{html.escaped(result['drone'])} on {html.escaped(result['track'])}</h1>",
+        f'<p class="faint">{html.escaped(kind)}, seed {result["seed"]}, '
+        f"{len(result['laps'])} of {planned} laps, {html.escaped(result['wall']['simulation'])}; "
+        f"{html.escaped(run.folder.resolve().name)}</p>",
+        f"<p><strong>{html.escaped(outcome)}</strong></p>",
+        html.facts(_facts(run)),
     ]
     if not run.recorded:
         body.append(
-            page.note(
+            html.note(
                 "This race was not recorded (--record none), so that there is nothing here on "
                 "where it flew, how well it kept to its plan, and its rotors."
             )
@@ -36,11 +36,11 @@ def head(run) -> list:
         times = run.columns["state"]["time"]
         until = f"{times[-1]:.1f} s" if len(times) else "before it began"
         body.append(
-            page.note(f"The recording ends at {until}: the race was killed, or it still goes on.")
+            html.note(f"The recording ends at {until}: the race was killed, or it still goes on.")
         )
     if run.scenario.disturbances.gate_shift > 0.0:
         body.append(
-            page.note(
+            html.note(
                 "The gates moved during this race; the map's errors and the track "
                 "shown are against where they stood when it began."
             )
@@ -100,4 +100,4 @@ def lap_table(run) -> str:
         caption += (
             " Original: mean lap of the Student AirRace system on this track, from rest to rest."
         )
-    return page.table(columns, rows, caption)
+    return html.table(columns, rows, caption)

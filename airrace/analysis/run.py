@@ -8,9 +8,9 @@ import numpy as np
 from airrace.analysis.columns import empty_columns, read_columns
 from airrace.analysis.derived import derive, lap_starts
 from airrace.analysis.log import is_complete, read_attachments, read_log
-from airrace.errors import UserError
+from airrace.common.errors import UserError
+from airrace.common.resources import load_yaml
 from airrace.recording.writer import FILE
-from airrace.resources import load_yaml
 from airrace.track import Track, load_track
 from airrace.vehicle import Vehicle, load_vehicle
 
@@ -68,7 +68,7 @@ class Run:
         Raises:
             UserError: if it holds no race, or something of it cannot be read.
         """
-        from airrace.diagrams.scenario import load_scenario
+        from airrace.scenario import load_scenario
 
         folder = Path(folder)
         self.folder = folder.parent if folder.is_file() else folder

@@ -8,7 +8,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from airrace.analysis.page import escaped
+from airrace.analysis.html import escaped
 
 # Laps are told apart by marker and line style as well as by colour.
 LINE_STYLES = ("-", "--", "-.", ":")

@@ -5,23 +5,23 @@ import traceback
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from airrace.diagrams.camera_config import NO_CAMERA
-from airrace.diagrams.scenario import Scenario
-from airrace.errors import UserError
-from airrace.map_files import read_map
-from airrace.systems.aruco_detector import ArucoDetector
-from airrace.systems.explorer import Explorer
-from airrace.systems.gate_mapper import GateMapper
-from airrace.systems.geometric_controller import GeometricController
-from airrace.systems.known_map import KnownMap, NoDetector
-from airrace.systems.lap_planner import LapPlanner
-from airrace.systems.rectifier import Rectifier
-from airrace.systems.rotor_monitor import RotorMonitor
-from airrace.systems.state_filter import StateFilter
-from airrace.systems.trajectory_tracker import TrajectoryTracker
+from airrace.common.errors import UserError
+from airrace.scenario import Scenario
+from airrace.scenario.camera import NO_CAMERA
+from airrace.systems.control.geometric_controller import GeometricController
+from airrace.systems.control.rotor_monitor import RotorMonitor
+from airrace.systems.control.state_filter import StateFilter
+from airrace.systems.exploring.explorer import Explorer
+from airrace.systems.mapping.gate_mapper import GateMapper
+from airrace.systems.mapping.known_map import KnownMap, NoDetector
+from airrace.systems.perception.aruco_detector import ArucoDetector
+from airrace.systems.perception.rectifier import Rectifier
+from airrace.systems.planning.lap_planner import LapPlanner
+from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
 from airrace.track import load_track
+from airrace.track.map_files import read_map
 from airrace.trajopt.flyable import clearance_of
-from airrace.trajopt.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import load_vehicle
 
 

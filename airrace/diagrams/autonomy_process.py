@@ -6,17 +6,17 @@ import time
 from pydrake.systems.analysis import InitializeParams, Simulator
 
 from airrace.diagrams.autonomy import MakeAutonomy
-from airrace.diagrams.channels import AUTONOMY, make_channels
-from airrace.diagrams.lcm_bridge import MakeAutonomySide, pictures_wanted
-from airrace.diagrams.partner import LOOK_PERIOD
-from airrace.diagrams.remote import LOCKSTEP
-from airrace.link import phases
-from airrace.link.checkpoint import CHECKPOINT_PERIOD, restore, save
-from airrace.link.endpoint import HEARTBEAT_PERIOD, Endpoint
-from airrace.link.link_test import CHANNELS, Responder
-from airrace.link.lockstep import Exchange, PeerLost, hear_peer, lockstep_times
-from airrace.link.planning_worker import PlanningWorker
-from airrace.systems.lap_planner import LapPlanner
+from airrace.diagrams.transport import LOOK_PERIOD
+from airrace.hitl.channels import AUTONOMY, make_channels
+from airrace.hitl.checkpoint import CHECKPOINT_PERIOD, restore, save
+from airrace.hitl.lcm_bridge import MakeAutonomySide, pictures_wanted
+from airrace.hitl.link import phases
+from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, Endpoint
+from airrace.hitl.link.lockstep import Exchange, PeerLost, hear_peer, lockstep_times
+from airrace.hitl.link.probe import CHANNELS, Responder
+from airrace.hitl.planning_worker import PlanningWorker
+from airrace.hitl.remote_autonomy import LOCKSTEP
+from airrace.systems.planning.lap_planner import LapPlanner
 
 LEFT, STOPPED, LOST = 0, 1, 3  # exit codes
 _PATIENCE = 5.0  # s without a heartbeat in a race

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from airrace.errors import UserError, exit_code
+from airrace.common.errors import UserError, exit_code
 
 EPILOG = """\
 examples:
@@ -61,8 +61,8 @@ def draw(scenario, part: str) -> str:
 
 def run(args) -> int:
     """Draws as parsed arguments ask for; returns the exit code."""
-    from airrace.diagrams.scenario import load_scenario
-    from airrace.files import write_text
+    from airrace.common.files import write_text
+    from airrace.scenario import load_scenario
 
     if not args.output.parent.is_dir():
         raise UserError(

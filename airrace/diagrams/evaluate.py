@@ -7,13 +7,13 @@ import re
 import sys
 from pathlib import Path
 
+from airrace.common.errors import UserError, exit_code
 from airrace.diagrams.race import (
     add_drone_options,
     add_level_option,
     add_scenario_options,
     resolve_scenario,
 )
-from airrace.errors import UserError, exit_code
 from airrace.evaluation.interrupts import interrupts_held, sigterm_as_ctrl_c
 
 EPILOG = """\
@@ -193,8 +193,8 @@ def default_output_dir(drone: str) -> Path:
 @sigterm_as_ctrl_c()
 def run(args) -> int:
     """Evaluates by parsed arguments; returns the exit code."""
+    from airrace.common.files import results_folder
     from airrace.evaluation.store import RaceStore
-    from airrace.files import results_folder
 
     jobs, settings = resolve(args)
     output = args.output or default_output_dir(settings["scenario"]["drone"])
@@ -243,8 +243,8 @@ def evaluate(args, jobs, settings, folder, store) -> int:
 
 def report(folder, settings, rows, display) -> None:
     """Writes evaluation.json, evaluation.md and evaluation.png, and prints the tables."""
-    from airrace.evaluation.picture import draw_picture
-    from airrace.evaluation.report import write_report
+    from airrace.evaluation.plot import draw_picture
+    from airrace.evaluation.tables import write_report
 
     evaluation = write_report(folder, settings, rows)
     draw_picture(folder, evaluation)

@@ -6,8 +6,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource
 
 from airrace.diagrams.autonomy import make_box
-from airrace.diagrams.scenario import Scenario
 from airrace.diagrams.simulation import MakeSimulation
+from airrace.scenario import Scenario
 from airrace.systems.types import ExplorerStatus
 from airrace.trajopt import flat_trajectory as ref
 from airrace.vehicle import GRAVITY, load_vehicle

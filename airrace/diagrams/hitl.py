@@ -6,9 +6,9 @@ import sys
 import types
 from pathlib import Path
 
-from airrace.companion import READY
+from airrace.common.errors import exit_code
 from airrace.diagrams.race import add_scenario_options, make_parser
-from airrace.errors import exit_code
+from airrace.hitl.companion import READY
 
 _DOCTOR_TIME = 10.0  # s
 EPILOG = """\
@@ -76,11 +76,11 @@ def make_hitl_parser() -> argparse.ArgumentParser:
 
 def run_autonomy(args) -> int:
     """Runs the autonomy; returns the exit code."""
+    from airrace.common.files import results_folder
     from airrace.diagrams.autonomy_process import AutonomyProcess
-    from airrace.diagrams.scenario import load_scenario
     from airrace.diagrams.warm_up import warm_up
-    from airrace.files import results_folder
-    from airrace.link.endpoint import DEFAULT_URL, open_lcm
+    from airrace.hitl.link.endpoint import DEFAULT_URL, open_lcm
+    from airrace.scenario import load_scenario
 
     scenario = load_scenario(
         filename=args.scenario_file,
@@ -110,10 +110,10 @@ def run_doctor(args) -> int:
     from rich.console import Console
     from rich.progress import Progress
 
-    from airrace.diagrams.scenario import load_scenario
-    from airrace.link.doctor import diagnose, make_table, refusal
-    from airrace.link.endpoint import DEFAULT_URL, open_lcm
-    from airrace.link.link_test import measure
+    from airrace.hitl.link.doctor import diagnose, make_table, refusal
+    from airrace.hitl.link.endpoint import DEFAULT_URL, open_lcm
+    from airrace.hitl.link.probe import measure
+    from airrace.scenario import load_scenario
 
     scenario = load_scenario(
         filename=args.scenario_file,

@@ -6,22 +6,22 @@ import importlib.util
 import time
 from pathlib import Path
 
-from airrace.companion import OUTPUT
-from airrace.companion.address import parse_address
-from airrace.companion.local import LocalCompanion
+from airrace.common.errors import UserError
+from airrace.common.resources import find_yaml, models_path
 from airrace.diagrams.autonomy import MakeAutonomy
-from airrace.diagrams.channels import SIMULATION, make_channels
-from airrace.diagrams.lcm_bridge import pictures_wanted
-from airrace.diagrams.remote import LockstepRemote, RealTimeRemote
-from airrace.diagrams.scenario import LINK_DELAY, Scenario, scenario_yaml
 from airrace.diagrams.warm_up import warm_up
-from airrace.errors import UserError
-from airrace.link import phases
-from airrace.link.doctor import diagnose, refusal
-from airrace.link.endpoint import DEFAULT_URL, Endpoint, open_lcm
-from airrace.link.link_test import measure
-from airrace.link.lockstep import hear_peer
-from airrace.resources import find_yaml, models_path
+from airrace.hitl.channels import SIMULATION, make_channels
+from airrace.hitl.companion import OUTPUT
+from airrace.hitl.companion.address import parse_address
+from airrace.hitl.companion.local import LocalCompanion
+from airrace.hitl.lcm_bridge import pictures_wanted
+from airrace.hitl.link import phases
+from airrace.hitl.link.doctor import diagnose, refusal
+from airrace.hitl.link.endpoint import DEFAULT_URL, Endpoint, open_lcm
+from airrace.hitl.link.lockstep import hear_peer
+from airrace.hitl.link.probe import measure
+from airrace.hitl.remote_autonomy import LockstepRemote, RealTimeRemote
+from airrace.scenario import LINK_DELAY, Scenario, scenario_yaml
 from airrace.vehicle import DRONES, find_vehicle
 
 BY_HAND = "none"  # --companion, if somebody starts the autonomy by hand

@@ -8,8 +8,8 @@ import re
 import sys
 from pathlib import Path
 
-from airrace.companion.options import add_ssh_options, ssh_companions
-from airrace.errors import UserError, exit_code
+from airrace.common.errors import UserError, exit_code
+from airrace.hitl.companion.options import add_ssh_options, ssh_companions
 
 LEVELS = range(5)  # of models/scenarios/levels.yaml
 
@@ -178,7 +178,7 @@ def add_drone_options(group) -> None:
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options that load_scenario() needs to a parser."""
     scenario = parser.add_argument_group(
-        "the scenario", "Fields of airrace/diagrams/scenario.py; options above win over them."
+        "the scenario", "Fields of airrace/scenario/scenario.py; options above win over them."
     )
     scenario.add_argument(
         "--scenario_file",
@@ -199,7 +199,7 @@ def resolve_scenario(args):
     Raises:
         UserError: naming the option or the field and the remedy.
     """
-    from airrace.diagrams.scenario import load_scenario
+    from airrace.scenario import load_scenario
 
     filename, name = args.scenario_file, args.scenario_name
     if args.level is not None:
@@ -256,7 +256,7 @@ def write_graphviz(path: Path, scenario) -> None:
 
 def make_meshcat(track):
     """Returns a Meshcat that looks at the track."""
-    from airrace.diagrams.visualization import MakeMeshcat
+    from airrace.visualization.race_view import MakeMeshcat
 
     logging.getLogger("drake").setLevel(logging.WARNING)  # the display says where to look
     try:
@@ -315,12 +315,12 @@ def make_partner(args, scenario, output_dir: Path, note):
 
 def run(args) -> int:
     """Runs the race of parsed arguments; returns the exit code."""
-    from airrace.diagrams.progress import RaceDisplay
+    from airrace.common.files import results_folder
     from airrace.diagrams.runner import RESULTS, run_race
     from airrace.diagrams.warm_up import compile_apart
-    from airrace.files import results_folder
     from airrace.track import load_track
     from airrace.vehicle import load_vehicle
+    from airrace.visualization.terminal import RaceDisplay
 
     scenario = resolve_scenario(args)
     track = load_track(scenario.track)

@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from airrace.errors import exit_code
+from airrace.common.errors import exit_code
 
 EPILOG = """\
 examples:
@@ -53,10 +53,10 @@ def run(args) -> int:
     from rich.progress import Progress
 
     from airrace.analysis.run import load_run
-    from airrace.diagrams.ghosts import legend_html, make_ghosts, show_ghosts
-    from airrace.diagrams.visualization import MakeMeshcat
-    from airrace.errors import UserError
-    from airrace.files import write_text
+    from airrace.common.errors import UserError
+    from airrace.common.files import write_text
+    from airrace.visualization.ghosts import legend_html, make_ghosts, show_ghosts
+    from airrace.visualization.race_view import MakeMeshcat
 
     if args.lap is not None and args.align != "lap":
         raise UserError("--lap needs --align lap.")

@@ -9,19 +9,19 @@ from pathlib import Path
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from airrace.diagrams.partner import LOOK_PERIOD, InProcess
-from airrace.diagrams.recorder import AddRecorder, close_recording
-from airrace.diagrams.results import RaceRecord
-from airrace.diagrams.scenario import Scenario, scenario_yaml
+from airrace.common.errors import UserError
+from airrace.common.files import write_json, write_text
 from airrace.diagrams.simulation import FollowGates, MakeSimulation
-from airrace.diagrams.visualization import AddVisualization, end_live_view, view_director
-from airrace.errors import UserError
-from airrace.files import write_json, write_text
-from airrace.map_files import write_map
-from airrace.systems.gate_map_writer import GateMapWriter
+from airrace.diagrams.transport import LOOK_PERIOD, InProcess
+from airrace.recording.race_record import RaceRecord
+from airrace.recording.wiring import AddRecorder, close_recording
+from airrace.scenario import Scenario, scenario_yaml
+from airrace.systems.mapping.gate_map_writer import GateMapWriter
 from airrace.systems.types import GateMap
 from airrace.track import load_track
+from airrace.track.map_files import write_map
 from airrace.visualization.controls import RaceControls
+from airrace.visualization.race_view import AddVisualization, end_live_view, view_director
 
 # What a race may leave in its folder.
 RESULTS = (
@@ -49,7 +49,7 @@ def MakeRace(
         scenario: the race.
         output_dir: where the map and the recording are kept on disk; None: nowhere.
         meshcat: a Meshcat to show the race in, or None.
-        partner: where the autonomy is, see partner.py; by default, in the diagram.
+        partner: where the autonomy is, see transport.py; by default, in the diagram.
 
     Raises:
         UserError: if something the scenario names cannot be had, or the recording

@@ -1,11 +1,11 @@
 """HITL without hardware: both sides in one process, in simulated time, on a simulated link."""
 
 from airrace.diagrams.autonomy_process import AutonomyProcess
-from airrace.diagrams.channels import SIMULATION
-from airrace.diagrams.remote import RealTimeRemote
-from airrace.link import phases
-from airrace.link.endpoint import Endpoint
-from airrace.link.simulated_bus import LinkConfig, SimulatedLink
+from airrace.hitl.channels import SIMULATION
+from airrace.hitl.link import phases
+from airrace.hitl.link.endpoint import Endpoint
+from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
+from airrace.hitl.remote_autonomy import RealTimeRemote
 
 _TICK = 0.001  # s
 
@@ -14,7 +14,7 @@ class SimulatedRemote(RealTimeRemote):
     """Races over a link that is as bad as declared; the same race every time.
 
     It is the code of a race in real time but for the waiting: whatever either
-    side computes takes no time. See airrace/diagrams/partner.py.
+    side computes takes no time. See airrace/diagrams/transport.py.
     """
 
     def __init__(self, scenario, link: LinkConfig, output_dir):

@@ -8,24 +8,24 @@ from pydrake.multibody.plant import AddMultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import DiscreteTimeDelay, DiscreteTimeIntegrator
 
-from airrace.diagrams.camera_config import NO_CAMERA
-from airrace.diagrams.scenario import Scenario
-from airrace.disturbances import check_rotors_exist, true_vehicle
-from airrace.rendering.camera_effects import CameraEffects, ImagingChain
-from airrace.rendering.pad import AddPad, start_pose
-from airrace.rendering.planar import PlanarRenderer
-from airrace.rendering.scenery import AddScenery, MoveGates
-from airrace.rendering.vtk import AddVtkRenderer
-from airrace.systems.camera import Camera
-from airrace.systems.drag import Drag
-from airrace.systems.gate_mover import GateMover
-from airrace.systems.multirotor import AddMultirotor, AddMultirotorModel, ground_clearance
+from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
+from airrace.rendering.planar.renderer import PlanarRenderer
+from airrace.rendering.scene.pad import AddPad, start_pose
+from airrace.rendering.scene.scenery import AddScenery, MoveGates
+from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
+from airrace.scenario import Scenario
+from airrace.scenario.camera import NO_CAMERA
+from airrace.systems.plant.drag import Drag
+from airrace.systems.plant.gate_mover import GateMover
+from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, ground_clearance
+from airrace.systems.plant.wind import Wind
 from airrace.systems.referee import Referee
-from airrace.systems.state_estimate import StateEstimate
+from airrace.systems.sensing.camera import Camera
+from airrace.systems.sensing.state_estimate import StateEstimate
 from airrace.systems.types import make_camera_info
-from airrace.systems.wind import Wind
 from airrace.track import load_track
 from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle.disturbances import check_rotors_exist, true_vehicle
 
 
 def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:

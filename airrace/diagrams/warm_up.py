@@ -10,13 +10,13 @@ from pydrake.systems.analysis import Simulator
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from airrace import compiled
-from airrace.children import child_environment
-from airrace.diagrams.camera_config import NO_CAMERA, CameraConfig
+from airrace.common import jit
+from airrace.common.processes import child_environment
 from airrace.diagrams.runner import MakeRace
-from airrace.diagrams.scenario import LINK_DELAY, Scenario, load_scenario, scenario_yaml
 from airrace.diagrams.simulated_link import SimulatedRemote
-from airrace.link.simulated_bus import LinkConfig
+from airrace.hitl.link.simulated_bus import LinkConfig
+from airrace.scenario import LINK_DELAY, Scenario, load_scenario, scenario_yaml
+from airrace.scenario.camera import NO_CAMERA, CameraConfig
 
 _TIME = 0.6  # s: it has seen, measured and mapped, and takes off by then
 _BRIEF = 0.3  # s: it has seen by then
@@ -27,7 +27,7 @@ def warm_up(scenario: Scenario, briefly: bool = False) -> None:
     """Flies the first moment of a race over a link, all in this process, and forgets it.
 
     The machine code of the inner loops is compiled, or read from the disk, when it is
-    first called (see airrace/compiled.py).
+    first called (see airrace/common/jit.py).
 
     Args:
         scenario: of the race.
@@ -53,8 +53,9 @@ def compile_apart(scenario: Scenario) -> None:
     Args:
         scenario: of the race.
     """
-    if compiled.is_on_disk():
+    if jit.is_on_disk():
         return
+    jit.remove_stale()
     blind = scenario.camera.renderer == NO_CAMERA
     # A link is for races that look for themselves.
     scenario = dc.replace(scenario, map="", camera=CameraConfig() if blind else scenario.camera)

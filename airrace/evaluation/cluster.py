@@ -13,9 +13,9 @@ from concurrent.futures import CancelledError
 import dask
 from distributed import Client, LocalCluster, WorkerPlugin, as_completed
 
-from airrace.errors import UserError
-from airrace.evaluation.flight import RaceJob, fly, stop_races
+from airrace.common.errors import UserError
 from airrace.evaluation.versions import mismatch, versions
+from airrace.evaluation.worker import RaceJob, fly, stop_races
 
 _ATTEMPTS = 3  # at a race whose worker or process is killed
 _LOCAL = {

@@ -7,11 +7,11 @@ import numpy as np
 import yaml
 from pydrake.common.yaml import yaml_dump_typed
 
-from airrace.diagrams.scenario import Scenario
-from airrace.errors import UserError
-from airrace.evaluation.flight import RaceJob
+from airrace.common.errors import UserError
+from airrace.common.resources import find_yaml
 from airrace.evaluation.versions import versions
-from airrace.resources import find_yaml
+from airrace.evaluation.worker import RaceJob
+from airrace.scenario import Scenario
 from airrace.track import Track, load_track
 from airrace.vehicle import DRONES, find_vehicle
 
@@ -60,7 +60,7 @@ def generated_track(seed: int, gates: int | None = None) -> tuple[Track, str]:
     Raises:
         UserError: if there is none.
     """
-    from airrace.track_generator import generate_track
+    from airrace.track.generator import generate_track
 
     track = generate_track(seed, gates)
     return track, yaml_dump_typed(track, schema=Track)

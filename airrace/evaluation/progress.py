@@ -13,8 +13,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from airrace.evaluation.report import finish_line, terminal_tables, title
 from airrace.evaluation.summary import race_line
+from airrace.evaluation.tables import finish_line, terminal_tables, title
 
 
 class EvaluationDisplay(contextlib.AbstractContextManager):

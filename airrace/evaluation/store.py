@@ -5,8 +5,8 @@ import json
 import os
 from pathlib import Path
 
-from airrace.errors import UserError
-from airrace.files import write_json
+from airrace.common.errors import UserError
+from airrace.common.files import write_json
 
 # What an evaluation leaves in its folder.
 RACES, SUMMARY, TABLE, PICTURE = (

@@ -8,7 +8,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 
 import airrace
-from airrace.resources import models_path
+from airrace.common.resources import models_path
 
 _MISSING = "missing"
 

@@ -1,12 +1,12 @@
 """The topics of race.mcap, and what each carries.
 
 Those whose schema is one of Foxglove's are shown by its panels as they are. The
-others are JSON, with schemas of ours in data.py.
+others are JSON, with schemas of ours in json_topics.py.
 """
 
 from foxglove import channels as fg
 
-from airrace.recording import data
+from airrace.recording import json_topics
 
 TOPICS = {
     "/scene": fg.SceneUpdateChannel,  # pylons and boards where they truly stand; the drone
@@ -23,14 +23,14 @@ TOPICS = {
     "/camera/image": fg.CompressedImageChannel,
     "/camera/calibration": fg.CameraCalibrationChannel,
     "/camera/annotations": fg.ImageAnnotationsChannel,
-    "/detections": data.DETECTIONS,
+    "/detections": json_topics.DETECTIONS,
     "/detections/rays": fg.SceneUpdateChannel,
-    "/map": data.MAP,
+    "/map": json_topics.MAP,
     "/map/scene": fg.SceneUpdateChannel,
-    "/plan": data.PLAN,
+    "/plan": json_topics.PLAN,
     "/plan/scene": fg.SceneUpdateChannel,
     "/explorer": fg.LogChannel,
     "/referee": fg.LogChannel,
-    "/referee/crossings": data.CROSSING,
+    "/referee/crossings": json_topics.CROSSING,
 }
 WORLD, BODY, CAMERA = "world", "body", "camera"  # frames

@@ -5,8 +5,8 @@ from pathlib import Path
 import foxglove
 from foxglove.mcap import MCAPWriteOptions
 
-from airrace.errors import UserError
-from airrace.recording.messages import nanoseconds
+from airrace.common.errors import UserError
+from airrace.recording.foxglove_messages import nanoseconds
 from airrace.recording.topics import TOPICS
 
 FILE = "race.mcap"

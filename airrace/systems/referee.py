@@ -9,10 +9,8 @@ from pydrake.geometry import QueryObject
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import LeafSystem
 
-from airrace.compiled import compilable, compiled
-from airrace.disturbances import failures_clause
-from airrace.systems.gate_opening import GateOpening, find
-from airrace.systems.peek import peek
+from airrace.common.jit import compilable, compiled
+from airrace.systems.ports import peek
 from airrace.systems.referee_report import (
     ARENA,
     DIVERGED,
@@ -26,6 +24,8 @@ from airrace.systems.referee_report import (
 )
 from airrace.systems.types import ExplorerStatus
 from airrace.track import Track
+from airrace.track.gate_opening import GateOpening, find
+from airrace.vehicle.disturbances import failures_clause
 
 # Columns of the table of crossings.
 _TIME, _OFFSET, _MAX_SPEED = range(3)

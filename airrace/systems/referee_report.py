@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 
-from airrace.immutable import Immutable
+from airrace.common.immutable import Immutable
 
 OUT_OF_TIME = "ran out of time"
 # Why a race ended; the index into this tuple is the referee's verdict.

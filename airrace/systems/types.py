@@ -5,7 +5,7 @@ import dataclasses as dc
 import numpy as np
 from pydrake.math import RigidTransform
 
-from airrace.immutable import Immutable, read_only
+from airrace.common.immutable import Immutable, read_only
 
 
 @dc.dataclass(frozen=True, eq=False)

@@ -3,8 +3,8 @@
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
-from airrace.compiled import compilable, compiled
-from airrace.immutable import Immutable
+from airrace.common.immutable import Immutable
+from airrace.common.jit import compilable, compiled
 
 # A sample of the flat outputs and their derivatives: the vector `reference`.
 SIZE = 18

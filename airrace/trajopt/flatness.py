@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from airrace.compiled import compilable
+from airrace.common.jit import compilable
+from airrace.math.vec3 import cross, dot, sum2, sum3
 from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SNAP, VELOCITY, YAW
-from airrace.triples import cross, dot, sum2, sum3
 
 
 @compilable

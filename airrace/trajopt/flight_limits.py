@@ -6,7 +6,7 @@ import functools
 import numpy as np
 
 from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SIZE, SNAP, VELOCITY, YAW
-from airrace.trajopt.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import GRAVITY, Vehicle
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from airrace.compiled import compiled
+from airrace.common.jit import compiled
 from airrace.track import BOARD_OFFSET, BOARD_SIZE, PYLON_HEIGHT
 from airrace.trajopt.flat_trajectory import ACCELERATION, VELOCITY, FlatTrajectory
 from airrace.trajopt.flatness import inverse_dynamics

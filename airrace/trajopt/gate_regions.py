@@ -4,8 +4,12 @@ import dataclasses as dc
 
 import numpy as np
 
-from airrace.trajopt.linear import add_equal_rows, add_rows
-from airrace.trajopt.min_snap import TrajectoryOptimizationError, turn_per_lap, unwrap_headings
+from airrace.trajopt.linear_constraints import add_equal_rows, add_rows
+from airrace.trajopt.min_snap.min_snap import (
+    TrajectoryOptimizationError,
+    turn_per_lap,
+    unwrap_headings,
+)
 
 _LEAST_DISTANCE = 0.1  # m, from gate to gate
 

@@ -4,13 +4,13 @@ import dataclasses as dc
 
 import numpy as np
 
-from airrace.immutable import Immutable
-from airrace.trajopt.circuit import Circuit
+from airrace.common.immutable import Immutable
 from airrace.trajopt.flat_trajectory import ACCELERATION, POSITION, VELOCITY, YAW, FlatTrajectory
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import pylon_distances
 from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.vehicle import GRAVITY
 
 _RATE = 1000.0  # Hz

@@ -8,10 +8,10 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 
-from airrace.rendering.motion_blur import moved
-from airrace.systems.camera import Renderer
+from airrace.rendering.imaging.motion_blur import moved
+from airrace.systems.sensing.camera import Renderer
 from airrace.systems.types import CameraInfo, Detections
-from airrace.visualization.page import LEFT, Audience
+from airrace.visualization.meshcat_page import LEFT, Audience
 from airrace.visualization.picture import FixedPicture
 
 RAYS = "rays"

@@ -9,8 +9,8 @@ from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.rendering.scenery import AddScenery
-from airrace.visualization.page import MakeMeshcat
+from airrace.rendering.scene.scenery import AddScenery
+from airrace.visualization.meshcat_page import MakeMeshcat
 from airrace.visualization.tubes import speed_colors, tube
 
 _RADIUS = 0.12  # m
@@ -55,7 +55,7 @@ def show_runs(*runs, align: str = "start", height: int = 480) -> Frame:
     Raises:
         UserError: if they cannot be shown together.
     """
-    from airrace.diagrams.ghosts import legend_html, make_ghosts, show_ghosts
+    from airrace.visualization.ghosts import legend_html, make_ghosts, show_ghosts
 
     ghosts = make_ghosts(runs, align)
     meshcat = _quiet_meshcat(runs[0].track)

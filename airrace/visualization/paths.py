@@ -6,8 +6,8 @@ from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 
-from airrace.systems.lap_plan import NO_PLAN
-from airrace.visualization.page import Audience
+from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.visualization.meshcat_page import Audience
 from airrace.visualization.tubes import speed_colors, tube
 
 HERE = "here"

@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.common import MemoryFile
 from pydrake.geometry import InMemoryMesh, Mesh, Meshcat
 
-from airrace.visualization.page import HUD
+from airrace.visualization.meshcat_page import HUD
 
 # Before the camera: beyond its near plane, but before anything in the scene.
 _DISTANCE = 0.03  # m

@@ -8,7 +8,7 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.systems.referee_report import RefereeReport
 from airrace.systems.types import ExplorerStatus
-from airrace.visualization.page import LEFT, Audience
+from airrace.visualization.meshcat_page import LEFT, Audience
 from airrace.visualization.picture import FixedPicture
 
 _WIDTH, _LINE, _SIZE, _MARGIN = 420, 27, 18, 14  # px

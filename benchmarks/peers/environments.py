@@ -9,7 +9,7 @@ import tempfile
 import tomllib
 from pathlib import Path
 
-from airrace.children import ONE_THREAD
+from airrace.common.processes import ONE_THREAD
 
 ROOT = Path(__file__).parents[2]
 _STAMP = "airrace-requirement"  # in an environment that is complete

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from airrace.diagrams.flight import MakeFlight, start_in_flight
-from airrace.diagrams.scenario import Scenario
+from airrace.scenario import Scenario
 from benchmarks.flights import PERIOD as LOOK
 from benchmarks.flights import start_on
 from benchmarks.peers import circle

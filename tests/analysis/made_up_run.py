@@ -5,9 +5,9 @@ import json
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
-from airrace.diagrams.scenario import Scenario, scenario_yaml
-from airrace.recording import data, messages
+from airrace.recording import foxglove_messages, json_topics
 from airrace.recording.writer import FILE, RaceLog
+from airrace.scenario import Scenario, scenario_yaml
 from airrace.systems.referee_report import GateCrossing
 from airrace.systems.types import Detection, Detections, GateMap, MarkerEstimate
 from airrace.track import load_track
@@ -113,27 +113,29 @@ def write_log(log, laps):
         p, v, q = flight(time)
         state = [*q.tolist(), *p.tolist(), 0.0, 0.0, TURN_RATE, *v.tolist()]
         for name in ("truth", "estimate", "filtered"):
-            log.write(f"/state/{name}", time, messages.odometry(time, state))
+            log.write(f"/state/{name}", time, foxglove_messages.odometry(time, state))
         left = OFF * np.array([-v[1], v[0], 0.0]) / np.linalg.norm(v)
         yaw = TURN_RATE * (time - FIRST) + np.pi / 2
         reference = [*(p - left), *v, *np.zeros(9), yaw, TURN_RATE, 0.0]
-        log.write("/reference", time, messages.reference_odometry(time, reference))
-        log.write("/reference/acceleration", time, messages.vector3([1.0, 2.0, 3.0]))
-        log.write("/rotors/measured", time, messages.rotors(time, [40.0] * 4, [1e-3] * 4))
-        log.write("/rotors/command", time, messages.rotors(time, [50.0] * 4, [1e-3] * 4))
+        log.write("/reference", time, foxglove_messages.reference_odometry(time, reference))
+        log.write("/reference/acceleration", time, foxglove_messages.vector3([1.0, 2.0, 3.0]))
+        log.write("/rotors/measured", time, foxglove_messages.rotors(time, [40.0] * 4, [1e-3] * 4))
+        log.write("/rotors/command", time, foxglove_messages.rotors(time, [50.0] * 4, [1e-3] * 4))
     marker = Detection(
         id=5, corners=np.zeros((4, 2)), X_CM=RigidTransform([0.0, 3.0, 4.0]), reprojection_error=0.1
     )
     log.write(
         "/detections",
         1.04,
-        data.detections_data(Detections(1.0, (marker,), (("image too dark", None),))),
+        json_topics.detections_data(Detections(1.0, (marker,), (("image too dark", None),))),
     )
     for crossing in crossings(laps):
-        log.write("/referee/crossings", crossing.time, data.crossing_data(crossing))
+        log.write("/referee/crossings", crossing.time, json_topics.crossing_data(crossing))
         if crossing.gate == 1:
-            log.write("/map", crossing.time + 0.01, data.full_map_data(made_up_map(crossing.time)))
-    samples = {name: [0.0, 1.0] for name in data.PLAN_COLUMNS}
+            log.write(
+                "/map", crossing.time + 0.01, json_topics.full_map_data(made_up_map(crossing.time))
+            )
+    samples = {name: [0.0, 1.0] for name in json_topics.PLAN_COLUMNS}
     log.write(
         "/plan",
         1.0,
@@ -149,8 +151,8 @@ def write_log(log, laps):
             "circuit": samples,
         },
     )
-    log.write("/explorer", 0.0, messages.log(0.0, "CALIBRATE", "power on"))
-    log.write("/explorer", 0.5, messages.log(0.5, "TAKE_OFF", "level: taking off"))
+    log.write("/explorer", 0.0, foxglove_messages.log(0.0, "CALIBRATE", "power on"))
+    log.write("/explorer", 0.5, foxglove_messages.log(0.5, "TAKE_OFF", "level: taking off"))
 
 
 def make_run(folder, laps=2, finished=True, recorded=True, closed=True, **fields):

@@ -3,8 +3,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airrace.analysis.log import is_complete, read_log
-from airrace.errors import UserError
-from airrace.recording import messages
+from airrace.common.errors import UserError
+from airrace.recording import foxglove_messages
 from airrace.recording.writer import RaceLog
 
 
@@ -13,7 +13,7 @@ def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("log") / "race.mcap"
     log = RaceLog(path)
     for k in range(20):
-        log.write("/explorer", float(k), messages.log(float(k), "HOVER", "looking"))
+        log.write("/explorer", float(k), foxglove_messages.log(float(k), "HOVER", "looking"))
         log.flush()
     log.close()
     return path

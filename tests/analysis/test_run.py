@@ -7,9 +7,9 @@ import pytest
 
 from airrace.analysis import load_run
 from airrace.analysis.__main__ import main
-from airrace.errors import UserError
+from airrace.common.errors import UserError
+from airrace.common.resources import find_yaml
 from airrace.recording.writer import RaceLog
-from airrace.resources import find_yaml
 from tests.analysis.made_up_run import (
     FIRST,
     GATES,

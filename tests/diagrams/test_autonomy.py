@@ -3,16 +3,16 @@ import textwrap
 import pytest
 from pydrake.systems.framework import Diagram, InputPortIndex
 
+from airrace.common.errors import UserError
 from airrace.diagrams.autonomy import BOXES, INPUTS, OUTPUTS, MakeAutonomy
 from airrace.diagrams.runner import MakeRace, run_race
-from airrace.diagrams.scenario import Scenario
-from airrace.errors import UserError
+from airrace.scenario import Scenario
 
 STUDENT = """
     from pydrake.systems.framework import DiagramBuilder, LeafSystem
     from airrace.diagrams.autonomy import BOXES
-    from airrace.systems.geometric_controller import GeometricController
-    from airrace.systems.trajectory_tracker import TrajectoryTracker
+    from airrace.systems.control.geometric_controller import GeometricController
+    from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
     from airrace.vehicle import load_vehicle
 
     updates = 0

@@ -8,7 +8,7 @@ from airrace.diagrams.autonomy import BOXES, OUTPUTS, MakeAutonomy
 from airrace.diagrams.diagram_layout import boxes_and_wires, layers
 from airrace.diagrams.diagram_svg import diagram_svg
 from airrace.diagrams.draw import main
-from airrace.diagrams.scenario import Scenario
+from airrace.scenario import Scenario
 
 SVG = "{http://www.w3.org/2000/svg}"
 

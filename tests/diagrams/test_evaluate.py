@@ -12,11 +12,11 @@ import time
 import psutil
 import pytest
 
+from airrace.common.errors import UserError
+from airrace.common.resources import models_path
 from airrace.diagrams import evaluate as module
 from airrace.diagrams.evaluate import EPILOG, check_options, main, make_parser
-from airrace.errors import UserError
 from airrace.evaluation import cluster
-from airrace.resources import models_path
 
 SHORT = ["--scenario_file", "races", "--scenario_text", "referee: {time_limit: 0.2}"]
 RACES = [*SHORT, "--tracks", "3", "--laps", "1"]
@@ -88,7 +88,7 @@ def racing(process):
     with contextlib.suppress(psutil.Error):
         for child in psutil.Process(process.pid).children(recursive=True):
             with contextlib.suppress(psutil.Error):
-                if "airrace.evaluation.race_process" in child.cmdline():
+                if "airrace.diagrams.race_process" in child.cmdline():
                     return child
     return None
 
@@ -169,7 +169,7 @@ class TestOptions:
             asked.update(kwargs)
             raise InterruptedError
 
-        monkeypatch.setattr("airrace.diagrams.scenario.load_scenario", load_scenario)
+        monkeypatch.setattr("airrace.scenario.load_scenario", load_scenario)
         for args, name in (([], "Level1"), (["--level", "3"], "Level3")):
             with pytest.raises(InterruptedError):
                 module.resolve(make_parser().parse_args(args))

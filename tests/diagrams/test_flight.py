@@ -7,15 +7,15 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.systems.analysis import Simulator
 
-from airrace.attitude import rotation_matrix
 from airrace.diagrams.flight import CONTROL, MakeFlight, start_in_flight
-from airrace.diagrams.scenario import ControllerConfig, Scenario
-from airrace.disturbances import DisturbancesConfig, RotorFailure, WindConfig
+from airrace.scenario import ControllerConfig, Scenario
+from airrace.systems.control.attitude_error import rotation_matrix
 from airrace.track import load_track
-from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SNAP, VELOCITY, flat_outputs, hold
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
+from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.vehicle import DRONES, GRAVITY
+from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig
 
 LEVEL = RotationMatrix()
 STEP = 0.02  # s, between two looks
@@ -124,7 +124,7 @@ def test_what_controls_never_sees_the_truth():
 def test_a_box_cannot_ask_for_the_truth(tmp_path, monkeypatch):
     (tmp_path / "curious_box.py").write_text(
         textwrap.dedent("""
-        from airrace.systems.state_filter import StateFilter
+        from airrace.systems.control.state_filter import StateFilter
         from airrace.vehicle import load_vehicle
 
         class Curious(StateFilter):

@@ -6,12 +6,12 @@ import json
 import pytest
 
 from airrace.analysis import load_run
-from airrace.diagrams.camera_config import CameraConfig
+from airrace.common.errors import UserError
 from airrace.diagrams.hitl_race import prepared
 from airrace.diagrams.race import main
 from airrace.diagrams.runner import MakeRace, run_race
-from airrace.diagrams.scenario import Scenario, load_scenario
-from airrace.errors import UserError
+from airrace.scenario import Scenario, load_scenario
+from airrace.scenario.camera import CameraConfig
 from tests.diagrams.conftest import hexagon  # noqa: F401  # a fixture
 
 BLIND = CameraConfig(renderer="none")

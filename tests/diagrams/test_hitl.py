@@ -10,8 +10,8 @@ import time
 
 import pytest
 
-from airrace.companion import OUTPUT, READY
-from airrace.resources import models_path
+from airrace.common.resources import models_path
+from airrace.hitl.companion import OUTPUT, READY
 
 pytestmark = pytest.mark.skipif(
     os.geteuid() != 0

@@ -7,11 +7,11 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
+from airrace.common.errors import UserError
 from airrace.diagrams import autonomy as autonomy_module
 from airrace.diagrams import runner
 from airrace.diagrams.runner import MakeRace
-from airrace.diagrams.scenario import Scenario
-from airrace.errors import UserError
+from airrace.scenario import Scenario
 
 INPUTS = {
     "camera_view",
@@ -108,7 +108,7 @@ def cheat(tmp_path, monkeypatch):
     """A scenario whose tracker asks for an input port of the name that is set."""
     (tmp_path / "cheat_box.py").write_text(
         textwrap.dedent("""
-        from airrace.systems.trajectory_tracker import TrajectoryTracker
+        from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
 
         class Cheat(TrajectoryTracker):
             port = "truth.state"

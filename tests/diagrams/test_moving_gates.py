@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from airrace.diagrams.camera_config import CameraConfig
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import Scenario
-from airrace.disturbances import DisturbancesConfig
+from airrace.scenario import Scenario
+from airrace.scenario.camera import CameraConfig
 from airrace.track import load_track
+from airrace.vehicle.disturbances import DisturbancesConfig
 
 N, LAPS = 6, 1
 

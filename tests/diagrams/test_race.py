@@ -11,10 +11,10 @@ import pytest
 import yaml
 
 from airrace import vehicle
-from airrace.diagrams import race, runner, visualization, warm_up
+from airrace.common.resources import models_path
+from airrace.diagrams import race, runner, warm_up
 from airrace.diagrams.race import main, make_parser, resolve_scenario
-from airrace.diagrams.scenario import load_scenario, scenario_yaml
-from airrace.resources import models_path
+from airrace.scenario import load_scenario, scenario_yaml
 
 SHORT = ["--no-meshcat", "--scenario_text", "referee: {time_limit: 0.2}"]
 
@@ -256,7 +256,7 @@ class TestBadInput:
         def no_port(track):
             raise RuntimeError("Meshcat failed to open a websocket port.")
 
-        monkeypatch.setattr(visualization, "MakeMeshcat", no_port)
+        monkeypatch.setattr("airrace.visualization.race_view.MakeMeshcat", no_port)
         before = tree(folder)
         assert main([]) == 2
         out, err = capsys.readouterr()
@@ -508,7 +508,7 @@ class TestOutput:
         """It is the student's bug: the place matters."""
         (folder / "boxes").mkdir()
         (folder / "boxes" / "my_boxes.py").write_text(
-            "from airrace.systems.trajectory_tracker import TrajectoryTracker\n"
+            "from airrace.systems.planning.trajectory_tracker import TrajectoryTracker\n"
             "class Tracker(TrajectoryTracker):\n"
             "    def __init__(self, scenario):\n"
             "        super().__init__()\n"

@@ -3,9 +3,9 @@ import pytest
 from pydrake.geometry import Meshcat
 
 from airrace.analysis import load_run
-from airrace.diagrams.ghosts import make_ghosts, show_ghosts
+from airrace.common.errors import UserError
 from airrace.diagrams.replay import main
-from airrace.errors import UserError
+from airrace.visualization.ghosts import make_ghosts, show_ghosts
 from tests.analysis.made_up_run import FIRST, LAP, flight, make_run
 
 

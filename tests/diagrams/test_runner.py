@@ -9,11 +9,11 @@ import time
 import numpy as np
 import pytest
 
+from airrace.common.errors import UserError
 from airrace.diagrams import race as command_line
 from airrace.diagrams import runner
 from airrace.diagrams.runner import RESULTS, MakeRace, run_race
-from airrace.diagrams.scenario import Scenario, load_scenario
-from airrace.errors import UserError
+from airrace.scenario import Scenario, load_scenario
 from airrace.track import load_track
 
 FILES = {"scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap"}
@@ -312,9 +312,9 @@ class TestShortFlights:
 
 
 FAULTY = """
-    from airrace.errors import UserError
-    from airrace.systems.gate_mapper import GateMapper
-    from airrace.systems.trajectory_tracker import TrajectoryTracker
+    from airrace.common.errors import UserError
+    from airrace.systems.mapping.gate_mapper import GateMapper
+    from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
 
     class Crash(Exception):
         pass
@@ -399,7 +399,9 @@ class TestFaults:
         assert read_race(tmp_path)["dnf_reason"] == "not over yet"
 
     def test_a_disk_that_is_full_in_flight(self, tmp_path, monkeypatch):
-        monkeypatch.setattr("airrace.systems.gate_map_writer.write_map", self._fail_with_user_error)
+        monkeypatch.setattr(
+            "airrace.systems.mapping.gate_map_writer.write_map", self._fail_with_user_error
+        )
         with pytest.raises(UserError, match="map.json cannot be written"):
             run_race(short(1.5), tmp_path)
         assert read_race(tmp_path)["dnf_reason"] == "stopped by an error"

@@ -5,9 +5,9 @@ import json
 import pytest
 
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import LINK_DELAY, Scenario
 from airrace.diagrams.simulated_link import SimulatedRemote
-from airrace.link.simulated_bus import LinkConfig, SimulatedLink
+from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
+from airrace.scenario import LINK_DELAY, Scenario
 
 
 def race(hexagon, tmp_path, link, time_limit, stall=(0.0, 0.0), **fields):

@@ -9,16 +9,16 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
-from airrace.diagrams.camera_config import RENDERERS, CameraConfig
-from airrace.diagrams.scenario import RotorsConfig, Scenario
+from airrace.common.errors import UserError
 from airrace.diagrams.simulation import FollowGates, MakeSimulation
-from airrace.disturbances import DisturbancesConfig, RotorFailure, WindConfig, true_vehicle
-from airrace.errors import UserError
-from airrace.rendering.vtk import check_vtk_available
-from airrace.systems import state_estimate as se
+from airrace.rendering.vtk.vtk_renderer import check_vtk_available
+from airrace.scenario import RotorsConfig, Scenario
+from airrace.scenario.camera import RENDERERS, CameraConfig
+from airrace.systems.sensing import state_estimate as se
 from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
 from airrace.vehicle import GRAVITY, find_vehicle, load_vehicle
+from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig, true_vehicle
 
 VEHICLE, _ = load_vehicle("Default")
 HOVER_SPEED = np.sqrt(GRAVITY / 4 / 1e-3)

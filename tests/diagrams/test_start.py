@@ -8,7 +8,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.analysis import Simulator
 
 from airrace.diagrams.flight import MakeFlight
-from airrace.diagrams.scenario import Scenario
+from airrace.scenario import Scenario
 from airrace.track import Track, load_track
 from airrace.trajopt.flat_trajectory import hold
 from airrace.vehicle import DRONES

@@ -6,15 +6,15 @@ import sys
 import numba
 import pytest
 
-from airrace import compiled
+from airrace.common import jit
 from airrace.diagrams import warm_up
-from airrace.diagrams.scenario import load_scenario
+from airrace.scenario import load_scenario
 
 PROGRAM = """
 import gc, pathlib, sys
 from numba.core.dispatcher import Dispatcher
 from airrace.diagrams.runner import run_race
-from airrace.diagrams.scenario import LINK_DELAY, Scenario
+from airrace.scenario import LINK_DELAY, Scenario
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.diagrams.warm_up import LINK, warm_up
 
@@ -51,7 +51,7 @@ def test_another_process_compiles_the_first_time(monkeypatch, tmp_path, capsys, 
     (tmp_path / "of_a_module").mkdir()  # Numba makes it before it compiles
     if on_disk:
         (tmp_path / "of_a_module" / "function.nbc").touch()
-    assert compiled.is_on_disk() == on_disk
+    assert jit.is_on_disk() == on_disk
     ran, run = [], subprocess.run
     monkeypatch.setattr(subprocess, "run", lambda *args, **kwargs: ran.append(run(*args, **kwargs)))
     warm_up.compile_apart(
@@ -66,6 +66,6 @@ def test_another_process_compiles_the_first_time(monkeypatch, tmp_path, capsys, 
 
 def make_tracker(scenario):
     """A box of the tests, which only this process's path leads to."""
-    from airrace.systems.trajectory_tracker import TrajectoryTracker
+    from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
 
     return TrajectoryTracker()

@@ -8,11 +8,11 @@ import types
 import pytest
 from distributed import Client, LocalCluster
 
-from airrace.errors import UserError
+from airrace.common.errors import UserError
 from airrace.evaluation import cluster
 from airrace.evaluation.cluster import EvaluationStopped, check_workers, fly_races, running_cluster
-from airrace.evaluation.flight import RaceKilled
 from airrace.evaluation.versions import versions
+from airrace.evaluation.worker import RaceKilled
 
 FLOWN = collections.Counter()
 STOPPED = threading.Event()

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airrace.errors import UserError
+from airrace.common.errors import UserError
+from airrace.common.resources import models_path
 from airrace.evaluation.store import RaceStore, first_difference
-from airrace.resources import models_path
 from tests.evaluation.rows import SETTINGS, row
 
 

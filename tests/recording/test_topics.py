@@ -1,8 +1,8 @@
 import json
 import re
 
+from airrace.common.resources import models_path
 from airrace.recording.topics import TOPICS
-from airrace.resources import models_path
 
 
 def test_the_layout_shows_topics_that_there_are():

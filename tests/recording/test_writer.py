@@ -2,8 +2,8 @@ import pytest
 from mcap.reader import NonSeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from airrace.errors import UserError
-from airrace.recording import messages
+from airrace.common.errors import UserError
+from airrace.recording import foxglove_messages
 from airrace.recording.topics import TOPICS
 from airrace.recording.writer import RaceLog
 
@@ -14,7 +14,7 @@ def path(tmp_path):
 
 
 def write_line(log, time):
-    log.write("/explorer", time, messages.log(time, "HOVER", f"at {time}"))
+    log.write("/explorer", time, foxglove_messages.log(time, "HOVER", f"at {time}"))
 
 
 def test_any_reader_understands_it(path):

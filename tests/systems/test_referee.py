@@ -4,10 +4,10 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.analysis import Simulator
 
-from airrace.disturbances import RotorFailure
 from airrace.systems.referee import Referee
 from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
+from airrace.vehicle.disturbances import RotorFailure
 
 TRACK = load_track("student-airrace")
 DT = 0.01

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from airrace.trajopt import flat_trajectory as flat
 from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs, hold
-from airrace.trajopt.min_snap import solve_min_snap
+from airrace.trajopt.min_snap.min_snap import solve_min_snap
 
 POINTS = np.array(
     [[0, 0, 5, 0], [10, 2, 6, 1], [15, 12, 4, 2.5], [3, 20, 5, 4], [-9, 4, 6, 6]], float

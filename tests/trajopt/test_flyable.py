@@ -18,7 +18,7 @@ from airrace.trajopt.flyable import (
     pylon_distances,
     sample_times,
 )
-from airrace.trajopt.min_snap import DerivativeConstraint, solve_min_snap
+from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
 from airrace.vehicle import load_vehicle
 
 LIMITS = dict(clearance=2.0, max_speed=20.0, max_acceleration=10.0)

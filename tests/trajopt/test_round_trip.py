@@ -7,14 +7,14 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.systems.multirotor import AddMultirotor, AddMultirotorModel
+from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
 from airrace.track import load_track
-from airrace.trajopt.circuit import plan_circuit
 from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, POSITION, SNAP, VELOCITY, YAW
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, rotor_thrusts
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.time_optimal import plan_optimal_circuit
+from airrace.trajopt.min_snap.circuit import plan_circuit
+from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.vehicle import DRONES, GRAVITY, load_vehicle
 
 TRACK = load_track("student-airrace")

@@ -1,7 +1,7 @@
 import pytest
 
 from airrace.track import load_track
-from airrace.visualization.page import MakeMeshcat
+from airrace.visualization.meshcat_page import MakeMeshcat
 
 
 @pytest.fixture(scope="session")

@@ -3,12 +3,12 @@ import pytest
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from airrace.rendering.planar import PlanarRenderer
+from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.systems.types import Detection, Detections, make_camera_info
 from airrace.track import load_track
 from airrace.vehicle import load_vehicle
 from airrace.visualization.camera_inset import RAYS, CameraInset
-from airrace.visualization.page import HUD
+from airrace.visualization.meshcat_page import HUD
 from tests.visualization.meshcat_tools import Watching, drawn, fix
 
 STATE = np.array([1.0, 0, 0, 0, 0, 0, 3.0, *6 * [0.0]])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from airrace.systems.lap_plan import NO_PLAN, LapPlan
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.visualization.paths import PathVisualizer, PlanVisualizer
 from tests.visualization.meshcat_tools import Watching, drawn, fix
 

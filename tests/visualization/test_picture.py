@@ -4,7 +4,7 @@ import json
 import cv2
 import numpy as np
 
-from airrace.visualization.page import HUD
+from airrace.visualization.meshcat_page import HUD
 from airrace.visualization.picture import FixedPicture, picture_gltf
 from tests.visualization.meshcat_tools import transform
 

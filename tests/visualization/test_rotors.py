@@ -5,7 +5,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.systems.multirotor import AddMultirotorModel
+from airrace.systems.plant.multirotor import AddMultirotorModel
 from airrace.vehicle import DRONES, load_vehicle
 from airrace.visualization.rotors import SLOW_MOTION, RotorVisualizer, body_path, find_blades
 from tests.visualization.meshcat_tools import fix, transform

@@ -3,7 +3,7 @@ from pydrake.systems.analysis import Simulator
 
 from airrace.systems.referee_report import GateCrossing, RefereeReport
 from airrace.systems.types import ExplorerStatus
-from airrace.visualization.page import HUD
+from airrace.visualization.meshcat_page import HUD
 from airrace.visualization.scoreboard import Scoreboard, draw_lines, scoreboard_lines
 from tests.visualization.meshcat_tools import Watching, fix
 

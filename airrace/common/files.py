@@ -1,0 +1,97 @@
+"""Writing results so that a reader never sees half a file."""
+
+import contextlib
+import itertools
+import json
+import math
+import os
+import tempfile
+from pathlib import Path
+
+from airrace.common.errors import UserError
+
+
+def write_text(path: Path, text: str) -> None:
+    """Replaces a file at once: readers see the old text or the new one.
+
+    Raises:
+        UserError: if it cannot be written; the old text stays.
+    """
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Like write_text(), of bytes."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    except BaseException as e:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        if isinstance(e, OSError):
+            raise UserError(
+                f"{path} cannot be written ({e.strerror}); make room there or write elsewhere."
+            ) from None
+        raise
+
+
+def write_json(path: Path, data) -> None:
+    """Writes JSON for people and programs; NaN and infinity, which JSON lacks, as null."""
+    write_text(path, json.dumps(finite(data), indent=1, allow_nan=False) + "\n")
+
+
+def finite(data):
+    """Returns plain data with None in place of NaN and infinity."""
+    if isinstance(data, dict):
+        return {key: finite(value) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [finite(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
+
+
+@contextlib.contextmanager
+def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()):
+    """Creates a folder for the results of the ``with`` block, and yields its path.
+
+    If the block is left by an exception before it has left anything in the folder,
+    whatever was created is removed again.
+
+    Args:
+        path: the folder.
+        numbered: whether to take path-2, path-3, ... if it exists already, so
+            that two runs started at once never share a folder.
+        refuse: names of files that must not be in the folder yet.
+
+    Raises:
+        UserError: if it cannot be written to or holds one of those files.
+    """
+    for copy in itertools.count(1):
+        folder = path if copy == 1 else path.with_name(f"{path.name}-{copy}")
+        created = [p for p in (folder, *folder.parents) if not os.path.exists(p)]
+        try:
+            folder.mkdir(parents=True, exist_ok=not numbered)
+            tempfile.TemporaryFile(dir=folder).close()
+            break
+        except OSError as e:
+            if numbered and isinstance(e, FileExistsError):
+                continue
+            _remove_empty(created)
+            raise UserError(
+                f"--output {folder} cannot be written to ({e.strerror}); name another folder."
+            ) from None
+    if any(os.path.lexists(folder / name) for name in refuse):
+        raise UserError(
+            f"--output {folder} already holds a race; name another folder or remove it."
+        )
+    try:
+        yield folder
+    except BaseException:
+        _remove_empty(created)
+        raise
+
+
+def _remove_empty(folders):
+    for folder in folders:
+        with contextlib.suppress(OSError):
+            folder.rmdir()

@@ -1,0 +1,151 @@
+"""Finds the files under ``models/`` and loads YAML into dataclasses."""
+
+import functools
+import os
+import typing
+from pathlib import Path
+
+import yaml
+from pydrake.common.yaml import yaml_load, yaml_load_typed
+
+from airrace.common.errors import UserError
+
+
+@functools.cache
+def models_path() -> Path:
+    """Returns the folder of models, tracks and scenarios.
+
+    It lies inside the package in an installed airrace and beside it in a
+    checkout.
+    """
+    package = Path(__file__).resolve().parents[1]
+    for candidate in (package / "models", package.parent / "models"):
+        if (candidate / "package.xml").is_file():
+            return candidate
+    raise UserError(
+        f"airrace's models folder is missing beside {package}; clone or install airrace again."
+    )
+
+
+def find_yaml(kind: str, name_or_file: str) -> Path:
+    """Returns the path of a shipped YAML file by name, or of any by path.
+
+    Args:
+        kind: the folder below ``models/``: ``"tracks"`` or ``"scenarios"``.
+        name_or_file: a bare name such as ``student-airrace``, or a file.
+
+    Raises:
+        UserError: if there is neither.
+    """
+    folder = models_path() / kind
+    # os.path: pathlib's is_file() raises on names that are too long.
+    if "/" not in name_or_file and os.path.isfile(folder / f"{name_or_file}.yaml"):
+        return folder / f"{name_or_file}.yaml"
+    if os.path.isfile(name_or_file):
+        return Path(name_or_file)
+    names = ", ".join(sorted(p.stem for p in folder.glob("*.yaml")))
+    raise UserError(
+        f"There is no {kind.removesuffix('s')} named '{name_or_file}' and no "
+        f"such file; the shipped {kind} are: {names}."
+    )
+
+
+def load_yaml(schema, *, filename=None, data=None, what="the text", **kwargs):
+    """Loads YAML with Drake's ``yaml_load_typed``; bad files raise UserError.
+
+    Args:
+        schema: the dataclass to load.
+        filename: the file to read, or
+        data: the text to read.
+        what: to call that text.
+        kwargs: passed on (``child_name``, ``defaults``).
+
+    Raises:
+        UserError: naming the file and what is wrong with it.
+    """
+    source = str(filename) if data is None else f"{what} '{' '.join(data.split())}'"
+    try:
+        return yaml_load_typed(
+            schema=schema, filename=filename and str(filename), data=data, **kwargs
+        )
+    except UnicodeDecodeError:
+        raise UserError(f"{source} is not a text file; give a YAML file.") from None
+    except OSError as e:
+        raise UserError(f"{source} cannot be read: {e.strerror}.") from None
+    except yaml.YAMLError as e:
+        mark = getattr(e, "problem_mark", None)
+        where = f" at line {mark.line + 1}" if mark else ""
+        problem = getattr(e, "problem", None) or "it cannot be parsed"
+        raise UserError(f"{source} is not valid YAML{where}: {problem}.") from None
+    except RecursionError:
+        raise UserError(f"{source} is not valid YAML: it is nested too deeply.") from None
+    except Exception as e:  # Drake's loader raises bare RuntimeError, KeyError, ...
+        document = yaml_load(filename=filename and str(filename), data=data, private=True)
+        reason = _misfit(schema, document, kwargs.get("child_name")) or " ".join(str(e).split())
+        raise UserError(f"{source} does not fit its schema: {reason.rstrip('.')}.") from None
+
+
+def _misfit(schema, document, child_name):
+    """Returns a clause on the first thing that Drake's loader refuses, or None.
+
+    Drake's own messages leave out where that is, or what there is instead.
+    """
+    if child_name is not None:
+        if not isinstance(document, dict) or child_name not in document:
+            there = ", ".join(map(str, document)) if isinstance(document, dict) else "no keys"
+            return f"it has no '{child_name}' at its top level, only: {there}"
+        document = document[child_name]
+    elif isinstance(document, dict):  # the loader skips keys such as _defaults
+        document = {k: v for k, v in document.items() if not str(k).startswith("_")}
+    return _value_misfit("", schema, document)
+
+
+def _value_misfit(name, schema, value):
+    if schema in _WORDS:
+        fits = _fits(schema, value)
+        return None if fits else f"{name} must be {_WORDS[schema]}, not {value!r}"
+    args = typing.get_args(schema)
+    if type(None) in args:  # Optional
+        return None if value is None else _value_misfit(name, args[0], value)
+    if len(args) == 1:  # a list
+        if not isinstance(value, list):
+            return f"{name} must be a list, not {value!r}"
+        items = ((f"{name}[{i}]", args[0], item) for i, item in enumerate(value))
+    elif not isinstance(value, dict):
+        return f"{name or 'it'} must be a mapping from names to values, not {value!r}"
+    elif args:  # a dictionary
+        items = ((f"{name}.{key}", args[1], item) for key, item in value.items())
+    else:
+        prefix = f"{name}." if name else ""
+        types = _field_types(schema)
+        unknown = [key for key in value if key not in types]
+        if unknown:
+            return f"{prefix}{unknown[0]} is unknown; there are: {', '.join(types)}"
+        items = ((f"{prefix}{key}", types[key], item) for key, item in value.items())
+    return next(filter(None, (_value_misfit(*item) for item in items)), None)
+
+
+_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text in quotes"}
+
+
+def _fits(schema, value) -> bool:
+    """Whether Drake's loader takes a value for a field of a plain type."""
+    if type(value) is schema:
+        return True
+    if schema is bool:
+        return value in ("true", "false")
+    if type(value) is float:
+        return schema is int and value.is_integer()
+    if type(value) is int:
+        return schema is float
+    try:
+        return type(value) is str and schema(value) is not None
+    except ValueError:
+        return False
+
+
+def _field_types(schema) -> dict:
+    """Returns the types of the fields of a dataclass or of a struct of Drake's."""
+    if hasattr(schema, "__fields__"):
+        return {field.name: field.type for field in schema.__fields__}
+    return typing.get_type_hints(schema)

@@ -1,0 +1,182 @@
+"""Flies one race on a worker, in a process of its own.
+
+A Drake diagram with Python systems is never freed, and what crashes one race
+must not end the others. The process is what somebody who flies that race alone
+would start, so that the results are the same.
+"""
+
+import collections
+import dataclasses as dc
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+
+import airrace
+from airrace.common.processes import ONE_THREAD
+from airrace.diagrams.race_process import DRONE, RESULTS, SCENARIO, TRACK
+from airrace.evaluation.versions import mismatch, versions
+
+_KILLS = (signal.SIGHUP, signal.SIGINT, signal.SIGKILL, signal.SIGTERM)
+_TAIL = 4000  # characters kept of what a crashed race wrote
+_NO_RESULT = {
+    "finished": False,
+    "dnf_reason": None,
+    "exploration": {"success": False, "time_s": None, "gates_found": 0},
+    "laps": [],
+    "mean_lap_s": None,
+    "best_lap_s": None,
+    "collisions": 0,
+}
+
+_lock = threading.Lock()
+_running = collections.defaultdict(set)  # evaluation to the processes of its races here
+_stopped = set()  # evaluations
+
+
+@dc.dataclass(frozen=True)
+class RaceJob:
+    """One race, with all that a worker on another machine needs to fly it.
+
+    Attributes:
+        seed: of the race and, if it was generated, of the track.
+        track: YAML of the track.
+        gates: number of them.
+        length: of the polygon through the gates' midpoints (m).
+        scenario: a scenario file; its track is not used.
+        drone: contents of the files of the drone's folder by relative names;
+            empty for a shipped drone.
+        boxes: of the scenario.
+        versions: see versions(); a worker with others does not fly the race.
+    """
+
+    seed: int
+    track: str
+    gates: int
+    length: float
+    scenario: str
+    drone: dict
+    boxes: dict
+    versions: dict
+
+
+class RaceKilled(Exception):
+    """The race's process was killed from outside; the race is to be flown again."""
+
+
+def fly(job: RaceJob, evaluation: str) -> dict:
+    """Flies a race and returns its row of races.jsonl.
+
+    Args:
+        job: the race.
+        evaluation: a name for stop_races().
+
+    Returns:
+        ``seed``, ``gates``, ``length_m``, ``result`` (race.json without
+        ``wall``), ``stderr`` (the end of what a race that was stopped by an
+        error wrote, else None) and ``wall`` (of race.json, or None). Or
+        ``seed`` and ``refused``, why no such race can be flown here.
+
+    Raises:
+        RaceKilled: if it was killed from outside.
+    """
+    differs = mismatch(job.versions, versions(job.boxes))
+    if differs:
+        return {
+            "seed": job.seed,
+            "refused": f"a worker has {differs}; change no files while an "
+            "evaluation runs, and give all workers the same.",
+        }
+    with tempfile.TemporaryDirectory(prefix="airrace-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        (folder / TRACK).write_text(job.track, encoding="utf-8")
+        (folder / SCENARIO).write_text(job.scenario, encoding="utf-8")
+        for file, content in job.drone.items():
+            path = folder / DRONE / file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        code = _run(folder, evaluation)
+        stderr = (folder / "stderr").read_text("utf-8", errors="replace").strip()
+        return _row(job, code, stderr, folder / RESULTS / "race.json")
+
+
+def stop_races(evaluation: str) -> None:
+    """Ends the races of an evaluation on this worker, and begins no more of them."""
+    with _lock:
+        _stopped.add(evaluation)
+        for process in _running[evaluation]:
+            process.kill()
+
+
+def _run(folder: Path, evaluation: str) -> int:
+    """Runs the process of a race; returns its exit code."""
+    # Beside airrace/ wherever this Python found it.
+    path = [os.environ.get("PYTHONPATH"), str(Path(airrace.__file__).parents[1])]
+    environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, path))}
+    with open(folder / "stderr", "wb") as stderr:
+        with _lock:
+            if evaluation in _stopped:
+                raise RaceKilled("the evaluation was stopped")
+            process = subprocess.Popen(
+                [sys.executable, "-m", "airrace.diagrams.race_process", str(folder)],
+                # Its end tells the process that this one has died.
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=stderr,
+                env=environment,
+                start_new_session=True,  # Ctrl-C in the terminal is for the evaluation
+            )
+            _running[evaluation].add(process)
+        try:
+            return process.wait()
+        finally:
+            process.kill()
+            process.wait()
+            process.stdin.close()
+            with _lock:
+                _running[evaluation].discard(process)
+
+
+def _row(job: RaceJob, code: int, stderr: str, race_json: Path) -> dict:
+    """Returns the row of a race whose process has ended with an exit code."""
+    if code == 2:
+        return {"seed": job.seed, "refused": stderr.removeprefix("airrace: ") or "no reason given"}
+    try:
+        result = json.loads(race_json.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        result = dict(_NO_RESULT)
+    wall = result.pop("wall", None)
+    if -code in _KILLS or result["dnf_reason"] == "interrupted":
+        raise RaceKilled(f"its process was killed ({_signal(-code) if code < 0 else 'SIGTERM'})")
+    if code < 0:
+        error = f"crashed ({_signal(-code)})"
+    elif code > 1 or result["dnf_reason"] in (None, "stopped by an error", "not over yet"):
+        error = None if result["finished"] else f"stopped by an error: {_last_line(stderr)}"
+    else:
+        error = None
+    if error:
+        result.update(finished=False, dnf_reason=error)
+    return {
+        "seed": job.seed,
+        "gates": job.gates,
+        "length_m": job.length,
+        "result": result,
+        "stderr": stderr[-_TAIL:] if error else None,
+        "wall": wall,
+    }
+
+
+def _signal(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
+def _last_line(text: str) -> str:
+    """Returns where Python says what the error was."""
+    return text.splitlines()[-1].strip() if text else "nothing was said"

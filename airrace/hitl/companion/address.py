@@ -1,0 +1,76 @@
+"""Where the autonomy runs: ``--companion local`` or ``user@host[:port]``."""
+
+import dataclasses
+import ipaddress
+import re
+
+from airrace.common.errors import UserError
+
+_FORM = "local or user@host[:port], such as pilot@10.0.0.2 or pilot@[fe80::2%eth0]:2222"
+
+
+@dataclasses.dataclass(frozen=True)
+class Address:
+    """An ssh server and a user on it.
+
+    Attributes:
+        user: to log in as.
+        host: a name (also one of ~/.ssh/config) or an address, without brackets.
+        port: the TCP port; None: ssh's own, 22 or what ~/.ssh/config says.
+    """
+
+    user: str
+    host: str
+    port: int | None = None
+
+    def __str__(self):
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.user}@{host}" + (f":{self.port}" if self.port else "")
+
+    @property
+    def ssh_arguments(self) -> str:
+        """What follows ``ssh`` or ``ssh-copy-id`` on a command line to get there."""
+        return (f"-p {self.port} " if self.port else "") + f"{self.user}@{self.host}"
+
+
+def parse_address(text: str) -> Address | None:
+    """Returns the Address that --companion names; None for ``local``.
+
+    An IPv6 address stands in brackets if a port follows it.
+
+    Raises:
+        UserError: if it is neither.
+    """
+    if text == "local":
+        return None
+    user, at, rest = text.rpartition("@")
+    match = re.fullmatch(r"\[(?P<v6>[^\[\]]+)\](:(?P<port>.*))?", rest)
+    if match:
+        host, port = match["v6"], match["port"]
+    elif rest.count(":") > 1:
+        host, port = rest, None
+    else:
+        host, colon, port = rest.partition(":")
+        port = port if colon else None
+    if not at or not _is_user(user):
+        raise UserError(f"--companion '{text}' names no user; give {_FORM}.")
+    if not _is_host(host, bracketed=bool(match)):
+        raise UserError(f"--companion '{text}' names no host; give {_FORM}.")
+    if port is not None and not (re.fullmatch(r"[0-9]{1,5}", port) and 0 < int(port) < 65536):
+        raise UserError(f"--companion '{text}' has no port from 1 to 65535 in it; give {_FORM}.")
+    return Address(user, host, None if port is None else int(port))
+
+
+def _is_user(text: str) -> bool:
+    return re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.+-]*", text) is not None
+
+
+def _is_host(text: str, bracketed: bool) -> bool:
+    """Whether a text is an IP address or may be a name: nothing that a shell or ssh reads."""
+    if bracketed or ":" in text:
+        try:
+            address = ipaddress.IPv6Address(text)
+        except ValueError:
+            return False
+        return re.fullmatch(r"[\w.-]*", address.scope_id or "", re.ASCII) is not None
+    return re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", text) is not None and ".." not in text

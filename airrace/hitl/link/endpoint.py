@@ -1,0 +1,281 @@
+"""One side's end of the link: sends messages, and keeps the newest that came and are sound."""
+
+import collections
+import contextlib
+import dataclasses as dc
+import os
+import select
+import time
+
+import lcm
+
+from airrace.common.errors import UserError
+from airrace.hitl.link import packets
+from airrace.hitl.link.clock import PeerClock
+from airrace.hitl.link.statistics import ChannelStatistics
+from airrace.lcmtypes import lcmt_heartbeat
+
+HEARTBEAT = "AIRRACE_HEARTBEAT"
+HEARTBEAT_PERIOD = 0.05  # s
+# The loopback of this computer alone. Whoever wants more says so.
+DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
+_BUFFER = 4 << 20  # bytes; the usual 208 KiB lose most of the larger pictures
+_QUEUE = 4000  # messages that wait at most
+_LARGEST_HEARTBEAT = 16 << 10  # bytes
+_MOST_AHEAD = 1_000_000  # of the sequence number, beyond which it is made up
+_LONG_AGO = 1.0  # s, by which a message may be sent before the newest and still count
+_OLD_ECHO = 3.0  # s, since what a new session claims to have heard of us
+_DOUBT = 0.3  # s of silence, after which another session may be the other side
+
+
+@dc.dataclass(frozen=True)
+class Channel:
+    """What an endpoint must know of a channel to receive on it.
+
+    Attributes:
+        name: of the channel.
+        message_type: of airrace.lcmtypes, or lcmt_image_array.
+        sender: the role that sends on it, "simulation" or "autonomy".
+        decode: from a message to a value; may raise Dropped.
+        max_size: of a message (bytes).
+        timed: whether what comes early waits until the time of its stamp.
+    """
+
+    name: str
+    message_type: type
+    sender: str
+    decode: object
+    max_size: int
+    timed: bool = False
+
+
+@dc.dataclass(frozen=True)
+class Received:
+    """A value that came: with its Stamp, and when, by the endpoint's clock (s)."""
+
+    value: object
+    stamp: packets.Stamp
+    arrival: float
+
+
+def open_lcm(url: str) -> lcm.LCM:
+    """Returns an LCM at a URL; for UDP with a receive buffer large enough for pictures.
+
+    Raises:
+        UserError: if it cannot be opened.
+    """
+    if url.startswith("udpm://") and "recv_buf_size" not in url:
+        url += ("&" if "?" in url else "?") + f"recv_buf_size={_BUFFER}"
+    # What is wrong, LCM itself prints to standard error.
+    try:
+        return lcm.LCM(url)
+    except RuntimeError:
+        raise UserError(
+            f"--lcm_url {url} cannot be opened: it must be like udpm://239.255.76.67:7667?ttl=0, "
+            "and there must be a multicast route (ip route add 224.0.0.0/4 dev INTERFACE)."
+        ) from None
+
+
+class Endpoint:
+    """Sends and receives for one of the two roles."""
+
+    def __init__(self, role: str, channels, bus: lcm.LCM, clock=time.monotonic):
+        """Constructs the endpoint, which listens from now on.
+
+        Args:
+            role: "simulation" or "autonomy"; a "doctor" hears both.
+            channels: all Channels of the link; it receives on those of the other side.
+            bus: from open_lcm(); in tests, two endpoints may share a memq.
+            clock: of this computer (s).
+        """
+        self.role = role
+        self.session = int.from_bytes(os.urandom(7)) | 1
+        self.peer = 0  # session of the other side, 0 until it is heard
+        self.peer_heartbeat = None  # Received, the newest
+        self._stranger = None  # Received, a heartbeat of nobody known
+        self.clock = PeerClock()
+        self.statistics = {}  # name of a channel to ChannelStatistics
+        self._bus = bus
+        self.now = clock
+        self._sequences = {}  # of what was sent, by channel
+        self._last = {}  # sequence of what was received, by channel
+        self._newest = {}  # Received by channel
+        self._sim_time = float("inf")  # as newest() was last asked
+        self._early = {}  # deque of Received by channel
+        self._newest_time = -1.0
+        self._keep = None
+        self._subscriptions = []
+        for channel in channels:
+            if channel.sender != role:
+                self._subscribe(channel)
+        self._subscribe(
+            Channel(HEARTBEAT, lcmt_heartbeat, "", lambda message: message, _LARGEST_HEARTBEAT)
+        )
+
+    def _subscribe(self, channel: Channel):
+        self.statistics[channel.name] = ChannelStatistics()
+        subscription = self._bus.subscribe(
+            channel.name, lambda _, data: self._receive(channel, data)
+        )
+        subscription.set_queue_capacity(_QUEUE)
+        self._subscriptions.append(subscription)
+
+    def close(self) -> None:
+        """Hears nothing any more."""
+        for subscription in self._subscriptions:
+            self._bus.unsubscribe(subscription)
+        self._subscriptions.clear()
+
+    def publish(self, channel: str, message, sim_time: float) -> bytes:
+        """Sends a message, stamped with a simulated time (s); returns its bytes."""
+        sequence = self._sequences.get(channel, 0) + 1
+        self._sequences[channel] = sequence
+        data = packets.pack(message, packets.Stamp(self.session, sequence, sim_time))
+        self.republish(channel, data)
+        return data
+
+    def republish(self, channel: str, data: bytes) -> None:
+        """Sends the bytes of publish() once more."""
+        # A cable that is pulled takes its routes along: lost, as anything on a bad link.
+        with contextlib.suppress(OSError):
+            self._bus.publish(channel, data)
+
+    def sequence(self, channel: str) -> int:
+        """Returns the sequence number of what was last sent on a channel, 0 if nothing was."""
+        return self._sequences.get(channel, 0)
+
+    def beat(
+        self,
+        phase: str,
+        sim_time: float,
+        text: str = "",
+        step: int = 0,
+        belongs: dict | None = None,
+    ) -> bytes:
+        """Sends a heartbeat; see lcmt_heartbeat. ``belongs``: channel to sequence number."""
+        message = lcmt_heartbeat()
+        message.role, message.phase, message.text = self.role, phase, text
+        message.step = step
+        message.sent = round(self.now() * 1e9)
+        heard = self.peer_heartbeat
+        if self._stranger is not None and self.silence > _DOUBT:
+            heard, self._stranger = self._stranger, None
+        if heard is not None:
+            message.peer, message.peer_sent = heard.stamp.session, heard.value.sent
+            message.peer_received = round(heard.arrival * 1e9)
+        belongs = belongs or {}
+        message.num_channels = len(belongs)
+        message.channels, message.sequences = list(belongs), list(belongs.values())
+        return self.publish(HEARTBEAT, message, sim_time)
+
+    def wait(self, timeout: float) -> None:
+        """Waits until there is something to drain, at most some time (s)."""
+        if timeout > 0.0:
+            select.select([self._bus], [], [], timeout)
+
+    def drain(self) -> None:
+        """Takes in all that has come. Never raises."""
+        while self._bus.handle_timeout(0):
+            pass
+
+    def keep_all(self, keep) -> None:
+        """From now on hands everything sound to keep(channel, received), in any order."""
+        self._keep = keep
+
+    def show(self, channel: str, received: Received) -> None:
+        """Makes something that was kept the newest on its channel."""
+        self._newest[channel] = received
+
+    def newest(self, channel: str, sim_time: float = float("inf")) -> Received | None:
+        """Returns the newest sound value on a channel, None before the first.
+
+        Args:
+            channel: its name.
+            sim_time: of now (s): on a timed channel, later stamps do not count yet.
+        """
+        early, self._sim_time = self._early.get(channel), sim_time
+        while early and early[0].stamp.time <= sim_time:
+            self._newest[channel] = early.popleft()
+        return self._newest.get(channel)
+
+    @property
+    def silence(self) -> float:
+        """Since when the other side's heartbeats are missing (s); infinite before the first."""
+        if self.peer_heartbeat is None:
+            return float("inf")
+        return self.now() - self.peer_heartbeat.arrival
+
+    def _receive(self, channel: Channel, data: bytes):
+        arrival, clock = self.now(), time.perf_counter()
+        statistics = self.statistics[channel.name]
+        try:
+            message, stamp = packets.unpack(data, channel.message_type, channel.max_size)
+            if channel.name == HEARTBEAT:
+                if message.role == self.role:
+                    return  # one's own comes back, or a second one's
+                self._check_heartbeat(message, stamp, arrival)
+            last = self._check(channel.name, stamp)
+            if channel.timed and stamp.time > self._sim_time + _LONG_AGO:
+                raise packets.Dropped(packets.MALFORMED)  # it would block the way of all others
+            value = channel.decode(message)
+        except packets.Dropped as e:
+            statistics.drop(e.args[0])
+            return
+        except (Exception, SystemExit):  # the last is what Drake's assertions become
+            statistics.drop(packets.MALFORMED)
+            return
+        self._last[channel.name] = max(last, stamp.sequence)
+        self._newest_time = max(self._newest_time, stamp.time)
+        received = Received(value, stamp, arrival)
+        if self._keep is None and channel.timed:
+            waiting = self._early.setdefault(channel.name, collections.deque(maxlen=_QUEUE))
+            waiting.append(received)
+        elif self._keep is None:
+            self._newest[channel.name] = received
+        else:
+            self._keep(channel.name, received)
+        if channel.name == HEARTBEAT:
+            self.peer_heartbeat = received
+            self.clock.hear(value, arrival)
+        self.clock.stamp(stamp.time, arrival)
+        age = self.clock.age(stamp.time, arrival)
+        statistics.take(
+            max(stamp.sequence - last - 1, 0) if last else 0,
+            len(data),
+            age,
+            arrival,
+            time.perf_counter() - clock,
+        )
+
+    def _check(self, name, stamp) -> int:
+        """Returns the sequence number before on the channel; raises Dropped."""
+        if stamp.session != self.peer:
+            raise packets.Dropped(packets.FOREIGN)
+        last = self._last.get(name, 0)
+        if stamp.sequence <= last and self._keep is None:
+            raise packets.Dropped(packets.REPLAYED)
+        if stamp.sequence > last + _MOST_AHEAD:
+            raise packets.Dropped(packets.MALFORMED)
+        if stamp.time < self._newest_time - _LONG_AGO:
+            raise packets.Dropped(packets.STALE)
+        return last
+
+    def _check_heartbeat(self, message, stamp, arrival):
+        """Lets a new session of the other side in, if it proves that it is alive.
+
+        The proof is that it has just heard us: a recording of an earlier run
+        names another session of ours, one of this run an old time. Who has not
+        heard us yet is answered by a heartbeat of ours, unless the other side that
+        we know is alive.
+        """
+        if stamp.session == self.peer:
+            return
+        fresh = 0.0 <= arrival - message.peer_sent * 1e-9 < _OLD_ECHO
+        if message.peer != self.session or not fresh:
+            self._stranger = Received(message, stamp, arrival)
+        if message.peer != self.session or not fresh or self.silence < _DOUBT:
+            raise packets.Dropped(packets.FOREIGN)
+        self.peer = stamp.session
+        self._last.clear()
+        self._newest_time = -1.0
+        self.clock = PeerClock(self.clock.rate)

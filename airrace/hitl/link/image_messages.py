@@ -1,0 +1,159 @@
+"""Camera pictures as Drake's lcmt_image_array; see adapters.py."""
+
+import cv2
+import numpy as np
+from drake import lcmt_image, lcmt_image_array
+from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
+
+from airrace.hitl.link.packets import MALFORMED, NOT_FINITE, OVERSIZED, Dropped
+from airrace.systems.sensing.camera_view import CameraView
+
+JPEG_QUALITY = 80
+# How the pictures are called in the messages: grey levels and colour.
+GREY, COLOUR = "grey", "colour"
+
+
+def encode_pictures(pictures: dict, time: float, lossless: bool) -> lcmt_image_array:
+    """Returns the message of one frame.
+
+    Args:
+        pictures: GREY to (h, w), COLOUR to (h, w, 4) as RGBA, uint8; one or both.
+        time: when it was taken (s).
+        lossless: PNG in the place of JPEG.
+    """
+    message = lcmt_image_array()
+    for name, picture in pictures.items():
+        message.images.append(_encoded(name, picture, time, lossless))
+    message.num_images = len(message.images)
+    return message
+
+
+def decode_pictures(message: lcmt_image_array) -> tuple[dict, float]:
+    """Returns what encode_pictures() was given: pictures and time.
+
+    A JPEG's are a little different. Nothing is decompressed that claims to be
+    larger than any camera's picture.
+    """
+    if not 1 <= message.num_images <= 2:
+        raise Dropped(MALFORMED)
+    pictures, times = {}, set()
+    for image in message.images:
+        name, time = _name_and_time(image.header.frame_name)
+        pictures[name] = _decoded(image, name)
+        times.add(time)
+    if len(pictures) != message.num_images or len(times) != 1:
+        raise Dropped(MALFORMED)
+    return pictures, times.pop()
+
+
+def view_of(pictures: dict, shape) -> CameraView:
+    """Returns the grey picture as the port camera_view has it.
+
+    Args:
+        pictures: see encode_pictures().
+        shape: (h, w) that the picture must have, else Dropped is raised.
+    """
+    return CameraView.of(_picture(pictures, GREY, shape))
+
+
+def grey_of(pictures: dict, shape) -> ImageGrey8U:
+    """Returns the grey picture as the port camera_grey has it; see view_of()."""
+    image = ImageGrey8U(shape[1], shape[0])
+    image.mutable_data[..., 0] = _picture(pictures, GREY, shape)
+    return image
+
+
+def rgba_of(pictures: dict, shape) -> ImageRgba8U:
+    """Returns the colour picture as the port camera_image has it; see view_of()."""
+    image = ImageRgba8U(shape[1], shape[0])
+    image.mutable_data[:] = _picture(pictures, COLOUR, (*shape, 4))
+    return image
+
+
+def _picture(pictures, name, shape) -> np.ndarray:
+    picture = pictures.get(name)
+    if picture is None or picture.shape != tuple(shape):
+        raise Dropped(MALFORMED)
+    return picture
+
+
+def _encoded(name, picture, time, lossless) -> lcmt_image:
+    image = lcmt_image()
+    image.height, image.width = picture.shape[:2]
+    image.header.utime = round(time * 1e6)
+    image.header.frame_name = f"{name} {float(time).hex()}"
+    image.channel_type = lcmt_image.CHANNEL_TYPE_UINT8
+    image.pixel_format = lcmt_image.PIXEL_FORMAT_GRAY
+    pixels = picture
+    if name == COLOUR:  # OpenCV takes the bytes as BGR: what is in the file is right
+        image.pixel_format = (
+            lcmt_image.PIXEL_FORMAT_RGBA if lossless else lcmt_image.PIXEL_FORMAT_RGB
+        )
+        code = cv2.COLOR_RGBA2BGRA if lossless else cv2.COLOR_RGBA2BGR
+        pixels = cv2.cvtColor(picture, code)
+    if lossless:
+        image.compression_method = lcmt_image.COMPRESSION_METHOD_PNG
+        # Run lengths: noise does not get smaller, whatever the effort.
+        _, data = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    else:
+        image.compression_method = lcmt_image.COMPRESSION_METHOD_JPEG
+        _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    image.row_stride = picture.shape[1] * (picture.shape[2] if picture.ndim == 3 else 1)
+    image.data = data.tobytes()
+    image.size = len(image.data)
+    return image
+
+
+def _name_and_time(frame_name):
+    name, _, time = frame_name.partition(" ")
+    try:
+        time = float.fromhex(time)
+    except (ValueError, OverflowError):
+        raise Dropped(MALFORMED) from None
+    if not np.isfinite(time):
+        raise Dropped(NOT_FINITE)
+    if name not in (GREY, COLOUR):
+        raise Dropped(MALFORMED)
+    return name, time
+
+
+def _decoded(image: lcmt_image, name) -> np.ndarray:
+    if not (0 < image.width <= 8192 and 0 < image.height <= 8192):
+        raise Dropped(OVERSIZED)
+    if len(image.data) != image.size or image.compression_method not in (
+        lcmt_image.COMPRESSION_METHOD_PNG,
+        lcmt_image.COMPRESSION_METHOD_JPEG,
+    ):
+        raise Dropped(MALFORMED)
+    data = np.frombuffer(image.data, np.uint8)
+    if _real_size(image.data) != (image.width, image.height):
+        raise Dropped(MALFORMED)  # OpenCV would believe the file
+    flag = cv2.IMREAD_GRAYSCALE if name == GREY else cv2.IMREAD_UNCHANGED
+    try:
+        pixels = cv2.imdecode(data, flag)
+    except cv2.error:
+        pixels = None
+    if (
+        pixels is None
+        or pixels.dtype != np.uint8
+        or pixels.shape[:2] != (image.height, image.width)
+    ):
+        raise Dropped(MALFORMED)
+    if name == GREY:
+        return pixels
+    codes = {3: cv2.COLOR_BGR2RGBA, 4: cv2.COLOR_BGRA2RGBA}
+    if pixels.ndim != 3 or pixels.shape[2] not in codes:
+        raise Dropped(MALFORMED)
+    return cv2.cvtColor(pixels, codes[pixels.shape[2]])
+
+
+def _real_size(data: bytes) -> tuple[int, int] | None:
+    """Returns width and height that a PNG or JPEG file says it has, None if neither."""
+    if data[:8] == b"\x89PNG\r\n\x1a\n" and data[12:16] == b"IHDR":
+        return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
+    at = 2
+    while data[:2] == b"\xff\xd8" and at + 9 < len(data) and data[at] == 0xFF:
+        if data[at + 1] in (0xC0, 0xC1, 0xC2):  # start of frame
+            return int.from_bytes(data[at + 7 : at + 9]), int.from_bytes(data[at + 5 : at + 7])
+        at += 2 + int.from_bytes(data[at + 2 : at + 4])
+    return None

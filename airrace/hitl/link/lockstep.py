@@ -1,0 +1,188 @@
+"""Two processes tick by tick: what one computes never depends on how fast the other is."""
+
+import heapq
+import time
+
+from airrace.common.errors import UserError
+from airrace.hitl.link import phases
+from airrace.hitl.link.endpoint import HEARTBEAT, HEARTBEAT_PERIOD
+
+_RESEND = 0.05  # s without an answer, after which the last messages are sent again
+_PATIENCE = 120.0  # s: planning a lap takes its time
+
+
+class PeerLost(Exception):
+    """The other side does not answer any more; the argument says since when (s)."""
+
+
+def lockstep_times(scenario, look_period: float):
+    """Yields all times (s), from 0, at which one side may need what the other one has.
+
+    That is whenever a box of either side does something. Drake's own arithmetic,
+    so that they are the same to the last bit. A box of one's own with other
+    periods sees what was there at most one step of the plant before.
+
+    Args:
+        scenario: of the race.
+        look_period: between looks at the race (s).
+    """
+    fps = scenario.camera.fps
+    latency = scenario.camera.resolved().latency
+    periods = {
+        (scenario.plant_config.time_step, 0.0),
+        (1.0 / fps, 0.0),
+        (1.0 / fps, latency),
+        (1.0 / fps, scenario.perception.latency + latency),
+        (look_period, 0.0),
+    }
+    periods |= {
+        (1.0 / box.rate, 0.0)
+        for box in (
+            scenario.rotors,
+            scenario.state_estimate,
+            scenario.referee,
+            scenario.explorer,
+            scenario.planner,
+            scenario.state_filter,
+            scenario.rotor_monitor,
+            scenario.controller,
+        )
+    }
+    coming = [(offset, 0, period, offset) for period, offset in periods]
+    heapq.heapify(coming)
+    last = None
+    while True:
+        now, k, period, offset = coming[0]
+        # Looks are at k times the period, others at the offset and that: the same for 0.
+        heapq.heapreplace(coming, (offset + (k + 1) * period, k + 1, period, offset))
+        if now != last:
+            last = now
+            yield now
+
+
+class Exchange:
+    """Exchanges the messages of one tick after the other."""
+
+    def __init__(self, endpoint, receivers, senders):
+        """Constructs the exchange, which is at no tick yet.
+
+        Args:
+            endpoint: which takes messages in any order from now on.
+            receivers, senders: of diagrams/lcm_bridge.py.
+        """
+        self._endpoint, self._receivers, self._senders = endpoint, receivers, senders
+        self._sent = self._received = 0  # ticks
+        self._sequences = {}  # of what was sent so far, by channel
+        self._outgoing = ([], [])  # channels and bytes of the last two ticks
+        self._asked = 0.0  # when they were last sent, by time.monotonic() (s)
+        self._pending = {}  # (channel, sequence) to Received
+        self._beats = {}  # tick to heartbeat
+        self._used = {}  # channel to sequence
+        endpoint.keep_all(self._keep)
+
+    def _keep(self, channel, received):
+        if channel != HEARTBEAT:
+            self._pending[channel, received.stamp.sequence] = received
+        elif received.value.step > 0:
+            self._beats[received.value.step] = received.value
+
+    def send(self, root_context) -> None:
+        """Sends what changed, as the next tick."""
+        self._sent += 1
+        self._asked = time.monotonic()
+        sent = self._senders.Send(root_context)
+        for channel, _ in sent:
+            self._sequences[channel] = self._endpoint.sequence(channel)
+        beat = self._endpoint.beat(
+            phases.RACING, root_context.get_time(), step=self._sent, belongs=self._sequences
+        )
+        self._outgoing = (self._outgoing[1], [*sent, (HEARTBEAT, beat)])
+
+    def receive(self, root_context, stop=lambda: False, poll=lambda: None) -> bool:
+        """Waits for the other side's tick, and shows what it brought.
+
+        Args:
+            root_context: of the diagram that is simulated.
+            stop: asked now and then; whether to give up.
+            poll: called while it waits.
+
+        Returns:
+            whether the other side has said farewell, or stop() was true.
+
+        Raises:
+            PeerLost: if it does not answer.
+        """
+        start = time.monotonic()
+        tick = self._received + 1
+        while True:
+            self._endpoint.drain()
+            if self._is_complete(tick):
+                break
+            now = time.monotonic()
+            if self._endpoint.peer_heartbeat.value.phase == phases.OVER or stop():
+                return True
+            if now - start > _PATIENCE:
+                raise PeerLost(now - start)
+            if now - self._asked > _RESEND:
+                self._asked = now
+                for channel, data in (*self._outgoing[0], *self._outgoing[1]):
+                    self._endpoint.republish(channel, data)
+            poll()
+            self._endpoint.wait(_RESEND)
+        self._received = tick
+        beat = self._beats.pop(tick)
+        for channel, sequence in zip(beat.channels, beat.sequences):
+            if self._used.get(channel) != sequence:
+                self._used[channel] = sequence
+                self._endpoint.show(channel, self._pending.pop((channel, sequence)))
+        self._receivers.Receive(root_context, self._endpoint)
+        for stale in [key for key in self._pending if key[1] <= self._used.get(key[0], 0)]:
+            del self._pending[stale]
+        for old in [old for old in self._beats if old < tick]:
+            del self._beats[old]
+        return False
+
+    def _is_complete(self, tick) -> bool:
+        beat = self._beats.get(tick)
+        return beat is not None and all(
+            self._used.get(channel) == sequence or (channel, sequence) in self._pending
+            for channel, sequence in zip(beat.channels, beat.sequences)
+        )
+
+
+def hear_peer(endpoint, phase: str, text: str, until, timeout: float, poll=lambda: None) -> None:
+    """Sends heartbeats until the other side is there.
+
+    Args:
+        endpoint: of this side.
+        phase, text: of the heartbeats.
+        until: from the newest heartbeat of the other side, an lcmt_heartbeat, to
+            whether that is it.
+        timeout: (s), since a doctor was last there.
+        poll: called now and then; may raise.
+
+    Raises:
+        UserError: if it does not come.
+    """
+    start = beaten = endpoint.now() - HEARTBEAT_PERIOD
+    while True:
+        now = endpoint.now()
+        if now - beaten >= HEARTBEAT_PERIOD:
+            beaten = now
+            endpoint.beat(phase, 0.0, text)
+        endpoint.wait(HEARTBEAT_PERIOD / 5)
+        endpoint.drain()
+        poll()
+        heard = endpoint.peer_heartbeat
+        if heard is not None and endpoint.silence < 1.0:
+            if until(heard.value):
+                return
+            if heard.value.phase == phases.TESTING:
+                start = now  # the doctor's measurement may take longer than this side waits
+        if now - start > timeout:
+            other = "autonomy" if endpoint.role == "simulation" else "simulation"
+            raise UserError(
+                f"No {other} answered within {timeout:.0f} s: check that it runs, that both have "
+                "the same --lcm_url (ttl=1 between two computers), the cable, the multicast route "
+                "and the firewall; --doctor tells more."
+            )

@@ -1,0 +1,230 @@
+"""Measures a link before a race: messages like the race's, there and back."""
+
+import dataclasses as dc
+import time
+from pathlib import Path
+
+import numpy as np
+from drake import lcmt_image_array
+
+from airrace import lcmtypes
+from airrace.hitl.link import image_messages, messages, phases
+from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, Channel, Endpoint
+from airrace.hitl.link.lockstep import hear_peer
+
+_SIZE = 4 << 20  # bytes
+PICTURE, STATE, COMMAND, REPORT = (
+    f"AIRRACE_TEST_{name}" for name in ("PICTURE", "STATE", "COMMAND", "REPORT")
+)
+CHANNELS = (
+    Channel(PICTURE, lcmt_image_array, "simulation", image_messages.decode_pictures, _SIZE),
+    Channel(STATE, lcmtypes.lcmt_rotors, "simulation", messages.decode_rotors, _SIZE),
+    Channel(COMMAND, lcmtypes.lcmt_rotors, "autonomy", messages.decode_rotors, _SIZE),
+    Channel(REPORT, lcmtypes.lcmt_link_report, "autonomy", lambda message: message, _SIZE),
+)
+_REPORT_PERIOD = 0.2  # s
+_PAUSE = 1.0  # s, after which another test begins
+_DETAIL = 24  # px, of the picture's texture
+# Fields of the report, and where the kernel shows them.
+_OF_THE_KERNEL = {
+    "receive_buffer": "core/rmem_max",
+    "fragment_time": "ipv4/ipfrag_time",
+    "fragment_memory": "ipv4/ipfrag_high_thresh",
+}
+
+
+@dc.dataclass(frozen=True)
+class LinkFindings:
+    """What a test of a link has found.
+
+    Attributes:
+        duration: of the test (s).
+        pictures, states: lcmt_channel_statistics of what the autonomy has got.
+        commands: ChannelStatistics of what came back.
+        ages: of the commands: from the state that each answers to its arrival (s).
+        round_trip: the quickest heartbeat there and back (s).
+        offset: by how much the other computer's clock is ahead (s).
+        encode_time: of a picture here (s).
+        picture_rate, state_rate: at which they were sent (Hz).
+        receive_buffer: that the other side's kernel grants (bytes).
+        fragment_time: for which it keeps what came of a torn picture (s).
+        fragment_memory: that it has for them (bytes), 0 if unknown.
+    """
+
+    duration: float
+    pictures: object
+    states: object
+    commands: object
+    ages: np.ndarray
+    round_trip: float
+    offset: float
+    encode_time: float
+    picture_rate: float
+    state_rate: float
+    receive_buffer: int
+    fragment_time: float
+    fragment_memory: int
+
+
+def measure(
+    bus,
+    scenario,
+    duration: float,
+    poll=lambda: None,
+    show=lambda share: None,
+    patience: float = 60.0,
+) -> LinkFindings:
+    """Returns how a link does, with an autonomy that waits at its other end.
+
+    Args:
+        bus: from open_lcm().
+        scenario: whose rates and size of pictures to use.
+        duration: (s).
+        poll: called now and then; may raise.
+        show: called with the share of the test that is over.
+        patience: how long to wait for the autonomy (s).
+
+    Raises:
+        UserError: if there is no autonomy.
+    """
+    endpoint = Endpoint("simulation", CHANNELS, bus)
+    try:
+        hear_peer(
+            endpoint,
+            phases.TESTING,
+            "",
+            lambda heard: heard.phase == phases.WAITING,
+            patience,
+            poll,
+        )
+        return _Test(endpoint, scenario).run(duration, poll, show)
+    finally:
+        endpoint.close()
+
+
+class _Test:
+    """Sends what a race sends, and times what comes back."""
+
+    def __init__(self, endpoint, scenario):
+        self._endpoint = endpoint
+        self._rates = {PICTURE: scenario.camera.fps, STATE: scenario.controller.rate}
+        self._texture = texture(scenario.camera.height, scenario.camera.width)
+        self._ages, self._answered = [], 0
+        self._encode_time = self._pictures = 0
+
+    def run(self, duration, poll, show) -> LinkFindings:
+        start = beaten = time.monotonic()
+        due = dict.fromkeys(self._rates, start)
+        while (now := time.monotonic()) < start + duration:
+            for channel, rate in self._rates.items():
+                if now >= due[channel]:
+                    due[channel] = max(due[channel] + 1.0 / rate, now - 0.1)
+                    self._send(channel, now)
+            if now - beaten >= HEARTBEAT_PERIOD:
+                beaten = now
+                poll()
+                show((now - start) / duration)
+                self._endpoint.beat(phases.TESTING, now)
+            self._endpoint.wait(min(due.values()) - time.monotonic())
+            self._take()
+        end = now + 2 * _REPORT_PERIOD  # what is still on its way
+        while time.monotonic() < end:
+            self._endpoint.wait(0.01)
+            self._take()
+        return self._findings(duration)
+
+    def _send(self, channel, now):
+        if channel == STATE:
+            message = messages.encode_rotors(np.array([now]))
+        else:
+            clock = time.perf_counter()
+            shifted = np.roll(self._texture, self._pictures, axis=1)
+            message = image_messages.encode_pictures(
+                {image_messages.GREY: shifted}, now, lossless=False
+            )
+            self._encode_time += time.perf_counter() - clock
+            self._pictures += 1
+        self._endpoint.publish(channel, message, now)
+
+    def _take(self):
+        self._endpoint.drain()
+        answer = self._endpoint.newest(COMMAND)
+        if answer is not None and answer.stamp.sequence != self._answered:
+            self._answered = answer.stamp.sequence
+            self._ages.append(answer.arrival - float(answer.value[0]))
+
+    def _findings(self, duration):
+        report = self._endpoint.newest(REPORT)
+        got = {c.channel: c for c in report.value.channels} if report else {}
+        nothing = lcmtypes.lcmt_channel_statistics()
+        return LinkFindings(
+            duration=duration,
+            pictures=got.get(PICTURE, nothing),
+            states=got.get(STATE, nothing),
+            commands=self._endpoint.statistics[COMMAND],
+            ages=np.array(self._ages),
+            round_trip=self._endpoint.clock.round_trip,
+            offset=self._endpoint.clock.offset,
+            encode_time=self._encode_time / max(self._pictures, 1),
+            picture_rate=self._pictures / duration,
+            state_rate=self._endpoint.sequence(STATE) / duration,
+            **{name: getattr(report.value, name) if report else 0 for name in _OF_THE_KERNEL},
+        )
+
+
+def texture(height: int, width: int) -> np.ndarray:
+    """Returns a picture that is as hard to compress as the camera's, (h, w) uint8."""
+    noise = np.random.Generator(np.random.PCG64(0))
+    coarse = noise.integers(40, 215, (height // _DETAIL + 1, width // _DETAIL + 1), np.uint8)
+    picture = np.kron(coarse, np.ones((_DETAIL, _DETAIL), np.uint8))[:height, :width]
+    return (picture + noise.integers(-4, 5, picture.shape)).astype(np.uint8)
+
+
+class Responder:
+    """The autonomy's part of a test."""
+
+    def __init__(self, endpoint):
+        """Args: endpoint: of the autonomy, which hears CHANNELS."""
+        self._endpoint = endpoint
+        self._answered = (0, 0)
+        self._last, self._reported = -np.inf, 0.0
+
+    def respond(self) -> None:
+        """Answers what has come since the last call."""
+        received = self._endpoint.newest(STATE)
+        if received is None:
+            return
+        mark = (received.stamp.session, received.stamp.sequence)
+        now = time.monotonic()
+        if mark != self._answered:
+            self._answered = mark
+            self._last = now
+            self._endpoint.publish(
+                COMMAND, messages.encode_rotors(received.value), received.stamp.time
+            )
+        if now - self._last < _PAUSE and now - self._reported > _REPORT_PERIOD:
+            self._reported = now
+            self._endpoint.publish(REPORT, self._report(), received.stamp.time)
+
+    def _report(self):
+        message = lcmtypes.lcmt_link_report()
+        for name, path in _OF_THE_KERNEL.items():
+            setattr(message, name, _kernel_setting(path))
+        for channel in (PICTURE, STATE):
+            statistics = self._endpoint.statistics[channel]
+            each = lcmtypes.lcmt_channel_statistics()
+            each.channel, each.received = channel, statistics.received
+            each.missing, each.dropped = statistics.lost, statistics.dropped.total()
+            for name, value in statistics.timing().items():
+                setattr(each, name, value)
+            message.channels.append(each)
+        message.num_channels = len(message.channels)
+        return message
+
+
+def _kernel_setting(path) -> int:
+    """Returns a number that the kernel's networking works by, 0 if unknown."""
+    try:
+        return int(Path("/proc/sys/net", path).read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return 0

@@ -1,0 +1,80 @@
+"""What came on a channel, counted and timed."""
+
+import collections
+
+import numpy as np
+
+from airrace.hitl.link.packets import REPLAYED
+
+_RECENT = 4096  # messages that the timing is of
+
+
+class ChannelStatistics:
+    """Counts of one channel, and timing of its recent messages.
+
+    Attributes:
+        received: messages that were used.
+        missing: messages that should have come, by the sequence numbers, when a later one did.
+        dropped: reason (see wire.REASONS) to count.
+    """
+
+    def __init__(self):
+        self.received = self.missing = 0
+        self.dropped = collections.Counter()
+        # Arrival (s), age (s), size (bytes), time of decoding (s).
+        self._recent = collections.deque(maxlen=_RECENT)
+
+    def drop(self, reason: str) -> None:
+        """Counts a message that is not used."""
+        self.dropped[reason] += 1
+
+    def take(self, missing: int, size: int, age: float, arrival: float, decoding: float) -> None:
+        """Counts a message, and those between the one before and it that did not come.
+
+        Args:
+            missing: how many these are.
+            size: of the message (bytes).
+            age: when it came (s).
+            arrival: by our clock (s).
+            decoding: time that took (s).
+        """
+        self.received += 1
+        self.missing += missing
+        self._recent.append((arrival, age, size, decoding))
+
+    @property
+    def lost(self) -> int:
+        """Number of messages that never came: who comes after a later one is late, not lost."""
+        return max(self.missing - self.dropped[REPLAYED], 0)
+
+    @property
+    def loss(self) -> float:
+        """Share of the messages that never came."""
+        return self.lost / max(self.missing + self.received, 1)
+
+    def timing(self) -> dict:
+        """Returns rate (Hz), jitter, age_median, age_p99, decode_time (s), bytes.
+
+        ``jitter`` is the 99th percentile of how far an age is from their median: the delay
+        variation of RFC 5481, about the median. Messages that are lost do not add to it.
+        """
+        names = ("rate", "jitter", "age_median", "age_p99", "bytes", "decode_time")
+        if len(self._recent) < 2:
+            return dict.fromkeys(names, 0.0)
+        arrival, age, size, decoding = np.array(self._recent).T
+        return dict(
+            zip(
+                names,
+                map(
+                    float,
+                    (
+                        (len(arrival) - 1) / max(arrival[-1] - arrival[0], 1e-9),
+                        np.percentile(np.abs(age - np.median(age)), 99),
+                        np.median(age),
+                        np.percentile(age, 99),
+                        size.mean(),
+                        decoding.mean(),
+                    ),
+                ),
+            )
+        )

@@ -1,0 +1,96 @@
+"""Plans laps in a process of its own, so that control goes on meanwhile."""
+
+import contextlib
+import os
+import pickle
+import select
+import struct
+import subprocess
+import sys
+
+from airrace.common.immutable import Immutable
+from airrace.common.processes import child_environment
+
+_NICE = 15  # control comes first
+_LENGTH = struct.Struct(">Q")
+
+
+class PlanningWorker:
+    """Solves one LapProblem after the other, in another process that has started already."""
+
+    def __init__(self):
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "airrace.hitl.planning_worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=child_environment(),
+        )
+
+    def submit(self, problem) -> "PlanningJob":
+        """Starts to solve a LapProblem; the job before, if any, is done or given up."""
+        return PlanningJob(self._process, problem)
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            with contextlib.suppress(OSError):
+                pipe.close()
+
+
+class PlanningJob(Immutable):
+    """A problem that is being solved elsewhere."""
+
+    def __init__(self, process, problem):
+        self._process, self._received, self._plan, self._is_done = process, b"", None, False
+        try:
+            _write(process.stdin, problem)
+        except OSError:
+            self._is_done = True  # without a worker there is no plan
+
+    def __reduce__(self):
+        return (type(None), ())  # in a checkpoint: whoever goes on begins anew
+
+    def done(self) -> bool:
+        """Whether there is a result."""
+        pipe = self._process.stdout
+        while not self._is_done and select.select([pipe], [], [], 0.0)[0]:
+            data = os.read(pipe.fileno(), 1 << 20)
+            self._received += data
+            size = _LENGTH.size
+            if not data:  # the worker has died
+                self._is_done = True
+            elif len(self._received) >= size and (
+                len(self._received) - size == _LENGTH.unpack(self._received[:size])[0]
+            ):
+                self._plan, self._is_done = pickle.loads(self._received[size:]), True
+        return self._is_done
+
+    def result(self):
+        """Returns the LapPlan, or None if there is none."""
+        return self._plan
+
+
+def _write(pipe, value):
+    data = pickle.dumps(value)
+    pipe.write(_LENGTH.pack(len(data)) + data)
+    pipe.flush()
+
+
+def main() -> None:
+    """Solves what comes on standard input, until it ends."""
+    os.nice(_NICE)  # before the imports: they take seconds of a processor
+    from airrace.systems.planning.lap_planning import plan_lap
+
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what solvers print
+    problems = sys.stdin.buffer
+    with contextlib.suppress(KeyboardInterrupt):
+        while head := problems.read(_LENGTH.size):
+            problem = pickle.loads(problems.read(_LENGTH.unpack(head)[0]))
+            _write(answers, plan_lap(problem))
+
+
+if __name__ == "__main__":
+    main()

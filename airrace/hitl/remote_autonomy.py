@@ -1,0 +1,226 @@
+"""HITL: the autonomy of a race is at the other end of a link."""
+
+import dataclasses as dc
+import time
+
+from airrace.diagrams.transport import LOOK_PERIOD
+from airrace.hitl.channels import SIMULATION
+from airrace.hitl.lcm_bridge import Receivers, Senders
+from airrace.hitl.link import phases
+from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD
+from airrace.hitl.link.lockstep import Exchange, PeerLost, hear_peer, lockstep_times
+from airrace.systems.control.command_watchdog import HOVER, LAND, AddCommandWatchdog
+
+LOCKSTEP, REAL_TIME = "lockstep", "realtime"  # what the simulation's heartbeats say
+_TICK = 0.001  # s between looks at the link
+_BEHIND = 0.1  # s of the wall's clock that the simulation catches up; the rest is lost
+_FAREWELLS = 5
+_PATIENCE = 30.0  # s
+
+
+class Remote:
+    """What the two ways of racing over a link have in common; see InProcess for the methods."""
+
+    simulation = "HITL"
+    mode = ""
+
+    def __init__(self, rows, endpoint, poll=lambda: None):
+        """Constructs the partner.
+
+        Args:
+            rows: of diagrams/channels.py.
+            endpoint: that has heard the autonomy.
+            poll: called at every look, for the log of the autonomy's process; returns
+                its exit code if it has ended.
+        """
+        self._rows, self._endpoint, self._poll = rows, endpoint, poll
+        self._beaten = self._shown = -1.0
+
+    def AddTo(self, builder, scenario, simulation):
+        self._receivers = Receivers(self._rows, SIMULATION)
+        autonomy = builder.AddSystem(self._receivers.diagram)
+        autonomy.set_name("autonomy")
+        self._AddCommand(builder, scenario, simulation, autonomy)
+        builder.Connect(
+            autonomy.GetOutputPort("explorer_status"), simulation.GetInputPort("explorer_status")
+        )
+        self._senders = Senders(
+            builder,
+            simulation,
+            self._rows,
+            SIMULATION,
+            self._endpoint,
+            lossless=self.mode == LOCKSTEP,
+        )
+        return autonomy
+
+    def end(self, simulator):
+        for _ in range(_FAREWELLS):
+            self._endpoint.beat(phases.OVER, simulator.get_context().get_time())
+            time.sleep(HEARTBEAT_PERIOD / 5)
+
+    def wall(self, simulator):
+        return {
+            "link": {
+                "mode": self.mode,
+                "round_trip_s": self._endpoint.clock.round_trip,
+                "channels": {
+                    name: {
+                        "received": s.received,
+                        "missing": s.missing,
+                        "dropped": dict(s.dropped),
+                        **s.timing(),
+                    }
+                    for name, s in self._endpoint.statistics.items()
+                },
+            }
+        }
+
+    def judged(self, report, simulator):
+        return report
+
+
+class LockstepRemote(Remote):
+    """Tick by tick: the same race as SITL, to the last bit."""
+
+    mode = LOCKSTEP
+
+    def _AddCommand(self, builder, scenario, simulation, autonomy):
+        builder.Connect(
+            autonomy.GetOutputPort("rotor_speed_command"),
+            simulation.GetInputPort("rotor_speed_command"),
+        )
+        self._times = lockstep_times(scenario, LOOK_PERIOD)
+
+    def begin(self, simulator):
+        context = simulator.get_mutable_context()
+        hear_peer(
+            self._endpoint,
+            phases.READY,
+            LOCKSTEP,
+            lambda heard: heard.phase == phases.READY,
+            timeout=_PATIENCE,
+            poll=self._poll,
+        )
+        self._exchange = Exchange(self._endpoint, self._receivers, self._senders)
+        next(self._times)
+        self._exchange.send(context)
+        self._exchange.receive(context)
+        self._next = next(self._times)
+
+    def advance(self, simulator, end):
+        context = simulator.get_mutable_context()
+        ended = lambda: self._poll() is not None  # noqa: E731
+        while self._next <= end:
+            simulator.AdvanceTo(self._next)
+            self._exchange.send(context)
+            try:
+                if self._exchange.receive(context, stop=ended):
+                    return "the autonomy left the race"
+            except PeerLost as e:
+                return f"the autonomy fell silent for {e.args[0]:.0f} s"
+            self._next = next(self._times)
+        return None
+
+
+class RealTimeRemote(Remote):
+    """Paced by the wall's clock, with the flight controller's watchdog in between."""
+
+    mode = REAL_TIME
+
+    def __init__(self, rows, endpoint, poll=lambda: None, rate: float = 1.0):
+        """Args: rate: seconds of simulated time a second. The others: see Remote."""
+        super().__init__(rows, endpoint, poll)
+        self._rate = rate
+        self._start = self._late = 0.0  # by the endpoint's clock, s
+        self._ticks = 0
+
+    def _AddCommand(self, builder, scenario, simulation, autonomy):
+        self._watchdog = AddCommandWatchdog(builder, scenario, simulation, autonomy)
+
+    def begin(self, simulator):
+        context = simulator.get_mutable_context()
+        hear_peer(
+            self._endpoint,
+            phases.READY,
+            f"{REAL_TIME} {self._rate!r}",
+            lambda heard: heard.phase == phases.READY,
+            timeout=_PATIENCE,
+            poll=lambda: self._show_start(context),
+        )
+        self._endpoint.clock.rate = self._rate
+        self._endpoint.clock.restart()
+        self._start = self._endpoint.now()
+
+    def _show_start(self, context):
+        """Sends what the autonomy needs to begin, again and again: messages get lost."""
+        self._poll()
+        if self._endpoint.now() - self._shown > 2 * HEARTBEAT_PERIOD:
+            self._shown = self._endpoint.now()
+            self._senders.Forget()
+            self._senders.Send(context)
+
+    def advance(self, simulator, end):
+        self._poll()
+        context = simulator.get_mutable_context()
+        # Counted, not added up, so that the plant's own steps are not cut.
+        while context.get_time() < end:
+            tick = min((self._ticks + 1) * _TICK, end)
+            self._wait_for(tick, context.get_time())
+            self._receivers.Receive(context, self._endpoint)
+            simulator.AdvanceTo(tick)
+            self._senders.Send(context)
+            self._ticks += tick < end or tick == (self._ticks + 1) * _TICK
+        return self._given_up(context)
+
+    def _wait_for(self, tick, sim_time):
+        """Drains the link until the clock has come to a simulated time (s)."""
+        due = self._start + self._late + tick / self._rate
+        while True:
+            now = self._endpoint.now()
+            self._beat(now, sim_time)
+            self._endpoint.drain()
+            if now >= due:
+                self._late += max(now - due - _BEHIND, 0.0)
+                return
+            self._endpoint.wait(due - now)
+
+    def _beat(self, now, sim_time):
+        if now - self._beaten >= HEARTBEAT_PERIOD:
+            self._beaten = now
+            self._endpoint.beat(phases.RACING, sim_time, f"{REAL_TIME} {self._rate!r}")
+
+    def wall(self, simulator):
+        m = self._Watchdog(simulator.get_context())
+        result = super().wall(simulator)
+        result["link"] |= {
+            "late_s": self._late,
+            "watchdog": {
+                "oldest_command_s": m.oldest,
+                "holds": int(m.holds),
+                "hovers": int(m.hovers),
+                "landings": int(m.landings),
+            },
+        }
+        return result
+
+    def judged(self, report, simulator):
+        m = self._Watchdog(simulator.get_context())
+        if report.dnf_reason is None or m.mode < HOVER:
+            return report
+        silent = f"the autonomy fell silent at {m.last:.1f} s"
+        if m.mode == LAND and report.dnf_reason.startswith("hit the ground"):
+            return dc.replace(
+                report, dnf_reason=f"{silent}, and the drone landed by itself", collisions=0
+            )
+        return dc.replace(report, dnf_reason=f"{report.dnf_reason}: {silent}")
+
+    def _given_up(self, context) -> str | None:
+        """Returns why a drone that has not taken off never will, or None."""
+        m = self._Watchdog(context)
+        if m.mode == LAND and not m.airborne:
+            return f"the autonomy fell silent at {m.last:.1f} s, before the drone had taken off"
+        return None
+
+    def _Watchdog(self, context):
+        return self._watchdog.Recall(self._watchdog.GetMyContextFromRoot(context))

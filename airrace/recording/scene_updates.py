@@ -1,0 +1,189 @@
+"""What a 3-D view shows of a race, as Foxglove's SceneUpdates."""
+
+import numpy as np
+from foxglove import messages as fg
+
+from airrace.recording.foxglove_messages import stamp, vector3
+from airrace.recording.topics import BODY, CAMERA, WORLD
+from airrace.rendering.scene.meshes import BOARD_THICKNESS
+from airrace.systems.types import Detections, GateMap
+from airrace.track import (
+    BOARD_SIZE,
+    MARKER_SIZE,
+    PYLON_BASE_RADIUS,
+    PYLON_HEIGHT,
+    PYLON_TIP_RADIUS,
+    Track,
+)
+from airrace.vehicle import Vehicle
+
+
+def color(r, g, b, a=1.0) -> fg.Color:
+    """Returns a colour of numbers from 0 to 1."""
+    return fg.Color(r=r, g=g, b=b, a=a)
+
+
+_PYLON, _WHITE, _BLACK = color(0.9, 0.35, 0.1), color(1, 1, 1), color(0.05, 0.05, 0.05)
+_BODY, _ROTOR, _NOSE = color(0.25, 0.27, 0.3), color(0.3, 0.6, 0.9, 0.6), color(0.9, 0.3, 0.1)
+_SIGMA, _RAY, _PLAN = color(0.2, 0.7, 1.0, 0.45), color(0.2, 0.9, 0.3, 0.8), color(0.1, 0.4, 1.0)
+_OLD_PLAN = color(1.0, 0.55, 0.0, 0.5)  # orange, as in the report
+_SIGMAS, _LEAST = 3.0, 0.05  # of an ellipsoid; m, less could not be seen
+
+
+def _entity(time, name, frame=WORLD, **primitives) -> fg.SceneEntity:
+    return fg.SceneEntity(
+        timestamp=stamp(time), frame_id=frame, id=name, frame_locked=frame == BODY, **primitives
+    )
+
+
+def _pose(position, quaternion=None) -> fg.Pose:
+    turn = fg.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    if quaternion is not None:
+        turn = fg.Quaternion(x=quaternion.x(), y=quaternion.y(), z=quaternion.z(), w=quaternion.w())
+    return fg.Pose(position=vector3(np.asarray(position, float).tolist()), orientation=turn)
+
+
+def _text(position, words, size) -> fg.TextPrimitive:
+    return fg.TextPrimitive(
+        pose=_pose(position), billboard=True, font_size=size, color=_BLACK, text=words
+    )
+
+
+def _points(rows) -> list:
+    return [fg.Point3(x=x, y=y, z=z) for x, y, z in np.asarray(rows, float).tolist()]
+
+
+def track_scene(time: float, track: Track, vehicle: Vehicle) -> fg.SceneUpdate:
+    """Returns the gates with their boards and numbers, and the drone."""
+    pylons = [
+        fg.CylinderPrimitive(
+            pose=_pose(foot + [0.0, 0.0, PYLON_HEIGHT / 2]),
+            size=fg.Vector3(x=2 * PYLON_BASE_RADIUS, y=2 * PYLON_BASE_RADIUS, z=PYLON_HEIGHT),
+            bottom_scale=1.0,
+            top_scale=PYLON_TIP_RADIUS / PYLON_BASE_RADIUS,
+            color=_PYLON,
+        )
+        for foot in track.pylons()
+    ]
+    boards, texts = [], []
+    for board in track.boards():
+        turn = board.X_WM.rotation().ToQuaternion()
+        # The face is at z = 0 of the marker frame; the black square stands out a little.
+        for size, z, paint in (
+            (BOARD_SIZE, -BOARD_THICKNESS / 2, _WHITE),
+            (MARKER_SIZE, -BOARD_THICKNESS / 2 + 0.005, _BLACK),
+        ):
+            boards.append(
+                fg.CubePrimitive(
+                    pose=_pose(board.X_WM @ [0.0, 0.0, z], turn),
+                    color=paint,
+                    size=fg.Vector3(x=size, y=size, z=BOARD_THICKNESS),
+                )
+            )
+        texts.append(_text(board.X_WM @ [0.0, 1.0, 0.3], str(board.id), 0.5))
+    for n, gate in enumerate(track.gates):
+        above = gate.p_WG + [0.0, 0.0, PYLON_HEIGHT]
+        texts.append(_text(above, f"gate {n + 1}", 2.0))
+    gates = _entity(time, "gates", cylinders=pylons, cubes=boards, texts=texts)
+    return fg.SceneUpdate(entities=[gates, _entity(time, "drone", BODY, **_drone(vehicle))])
+
+
+def _drone(vehicle: Vehicle) -> dict:
+    """Returns the primitives of a drone in its body frame: arms, discs, and where it looks."""
+    hubs = [rotor.position for rotor in vehicle.rotors]
+    arms = fg.LinePrimitive(
+        type=fg.LinePrimitiveLineType.LineList,
+        thickness=0.03,
+        color=_BODY,
+        points=_points([p for hub in hubs for p in ([0.0, 0.0, 0.0], hub)]),
+    )
+    discs = [
+        fg.CylinderPrimitive(
+            pose=_pose(rotor.position),
+            bottom_scale=1.0,
+            top_scale=1.0,
+            color=_ROTOR,
+            size=fg.Vector3(x=2 * rotor.radius, y=2 * rotor.radius, z=0.01),
+        )
+        for rotor in vehicle.rotors
+    ]
+    nose = fg.ArrowPrimitive(
+        pose=_pose([0.0, 0.0, 0.0]),
+        shaft_length=0.2,
+        shaft_diameter=0.03,
+        head_length=0.1,
+        head_diameter=0.08,
+        color=_NOSE,
+    )
+    return dict(lines=[arms], cylinders=discs, arrows=[nose])
+
+
+def map_scene(time: float, gate_map: GateMap) -> fg.SceneUpdate:
+    """Returns the markers of a map as ellipsoids of three sigma, and its gates as lines."""
+    spheres = [
+        fg.SpherePrimitive(
+            pose=_pose(m.p_WM),
+            color=_SIGMA,
+            size=vector3(2 * np.maximum(_SIGMAS * np.sqrt(m.variance), _LEAST)),
+        )
+        for m in gate_map.markers
+    ]
+    ends = [[*foot, gate.p_WG[2]] for gate in gate_map.gates for foot in gate.pylons]
+    lines = fg.LinePrimitive(
+        type=fg.LinePrimitiveLineType.LineList, thickness=0.08, color=_SIGMA, points=_points(ends)
+    )
+    texts = [_text(gate.p_WG, str(gate.number + 1), 1.0) for gate in gate_map.gates]
+    return fg.SceneUpdate(
+        entities=[_entity(time, "map", spheres=spheres, lines=[lines], texts=texts)]
+    )
+
+
+def plan_scene(time: float, plans) -> fg.SceneUpdate:
+    """Returns the plan in force, and those before it in orange.
+
+    Args:
+        time: (s).
+        plans: LapPlans, the newest last.
+    """
+    entities = []
+    for age, plan in enumerate(reversed(plans)):
+        lines = [
+            fg.LinePrimitive(
+                type=fg.LinePrimitiveLineType.LineStrip,
+                color=_OLD_PLAN if age else _PLAN,
+                thickness=0.05 if age else 0.12,
+                points=_points(part.positions(np.linspace(0.0, part.duration, 300)).T),
+            )
+            for part in (plan.entry, plan.circuit)
+        ]
+        entities.append(_entity(time, f"plan {age}", lines=lines))
+    return fg.SceneUpdate(entities=entities)
+
+
+def path_scene(time: float, positions, speeds, max_speed: float) -> fg.SceneUpdate:
+    """Returns a flown way, from blue where it was slow to red where it was fast.
+
+    Args:
+        time: (s).
+        positions: rows of p_WB, (m). speeds: at them (m/s).
+        max_speed: which is red (m/s).
+    """
+    shares = np.clip(np.asarray(speeds) / max_speed, 0.0, 1.0).tolist()
+    line = fg.LinePrimitive(
+        type=fg.LinePrimitiveLineType.LineStrip,
+        thickness=0.15,
+        points=_points(positions),
+        colors=[color(s, 0.3 + 0.5 * min(s, 1 - s), 1 - s) for s in shares],
+    )
+    return fg.SceneUpdate(entities=[_entity(time, "path", lines=[line])])
+
+
+def detection_rays(detections: Detections) -> fg.SceneUpdate:
+    """Returns lines from the camera to the markers that it sees."""
+    ends = [
+        p for marker in detections.markers for p in ([0.0, 0.0, 0.0], marker.X_CM.translation())
+    ]
+    rays = fg.LinePrimitive(
+        type=fg.LinePrimitiveLineType.LineList, thickness=0.03, color=_RAY, points=_points(ends)
+    )
+    return fg.SceneUpdate(entities=[_entity(detections.time, "rays", CAMERA, lines=[rays])])

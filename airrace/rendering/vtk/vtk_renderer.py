@@ -1,0 +1,157 @@
+"""Draws the scene with Drake's RenderEngineVtk."""
+
+import ctypes
+import functools
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+from pydrake.geometry import (
+    ClippingRange,
+    ColorRenderCamera,
+    DepthRange,
+    DepthRenderCamera,
+    LightParameter,
+    MakeRenderEngineVtk,
+    RenderCameraCore,
+    RenderEngineVtkParams,
+    SceneGraph,
+)
+from pydrake.math import RigidTransform
+from pydrake.systems.sensors import CameraInfo as DrakeCameraInfo
+
+from airrace.common.errors import UserError
+from airrace.rendering.scene.textures import HORIZON, SUN_W
+from airrace.rendering.vtk.atmosphere import Atmosphere
+
+_NAME = "vtk"
+_CLIPPING = ClippingRange(0.05, 2000.0)
+_DEPTHS = DepthRange(0.05, 2000.0)
+
+# Draws one small picture. Without a driver VTK does not raise but crash.
+_PROBE = """
+from pydrake.geometry import *
+from pydrake.math import RigidTransform
+from pydrake.systems.sensors import CameraInfo
+scene_graph = SceneGraph()
+scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(RenderEngineVtkParams()))
+context = scene_graph.CreateDefaultContext()
+query_object = scene_graph.get_query_output_port().Eval(context)
+core = RenderCameraCore(
+    "vtk", CameraInfo(16, 16, 1.0), ClippingRange(0.1, 1.0), RigidTransform()
+)
+query_object.RenderColorImage(
+    ColorRenderCamera(core), SceneGraph.world_frame_id(), RigidTransform()
+)
+"""
+
+
+@functools.cache
+def check_vtk_available() -> None:
+    """Checks that this machine can render with VTK, by a picture on trial.
+
+    Raises:
+        UserError: which says what is missing.
+    """
+    try:
+        ctypes.CDLL("libEGL.so.1")
+    except OSError:
+        raise UserError(
+            "The vtk renderer needs libEGL.so.1, which is missing: install it "
+            "(`apt-get install libegl1`) or use `--renderer planar`."
+        ) from None
+    try:
+        trial = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, timeout=120)
+        works = trial.returncode == 0
+    except subprocess.TimeoutExpired:
+        works = False
+    if not works:
+        raise UserError(
+            "The vtk renderer found no usable graphics driver behind libEGL.so.1: "
+            "install one (`apt-get install libegl-mesa0 libgl1-mesa-dri`) or use "
+            "`--renderer planar`."
+        )
+
+
+def AddVtkRenderer(scene_graph: SceneGraph, camera_info, *, supersampling=1) -> "VtkRenderer":
+    """Adds a render engine to a scene graph.
+
+    Args:
+        scene_graph: the SceneGraph that AddScenery() filled.
+        camera_info: calibration of the pictures; distortion is not drawn.
+        supersampling: samples per pixel in either direction. Two take about
+            three times as long on a CPU and halve the noise of edges.
+
+    Returns:
+        The renderer, to be given the scene graph's query object.
+
+    Raises:
+        UserError: if this machine cannot render with VTK.
+    """
+    check_vtk_available()
+
+    def lamp(direction, intensity):
+        return LightParameter(
+            type="directional", frame="world", direction=direction, intensity=intensity
+        )
+
+    # Three lamps around and one above stand for the sky's light: what the
+    # first three give to an upright board differs by 15 % with its direction.
+    around = np.arctan2(SUN_W[1], SUN_W[0]) + np.deg2rad([60, 180, 300])
+    params = RenderEngineVtkParams(
+        default_clear_color=np.array(HORIZON) / 255,
+        lights=[
+            lamp(-SUN_W, 0.38),
+            lamp([0.0, 0.0, -1.0], 0.65),
+            *(lamp([np.cos(a), np.sin(a), 0.0], 0.72) for a in around),
+        ],
+    )
+    scene_graph.AddRenderer(_NAME, MakeRenderEngineVtk(params))
+    return VtkRenderer(camera_info, supersampling)
+
+
+class VtkRenderer:
+    """Draws what is in a SceneGraph; made by AddVtkRenderer().
+
+    Attributes:
+        color_camera, depth_camera: Drake's, with which it does.
+    """
+
+    needs_query_object = True
+
+    def __init__(self, camera_info, supersampling):
+        s = supersampling
+        self._size = (camera_info.width, camera_info.height)
+        # In OpenCV's convention pixel u covers samples s u to s u + s - 1, whose
+        # centre is s u + (s - 1) / 2.
+        to_samples = np.array([[s, 0, (s - 1) / 2], [0, s, (s - 1) / 2], [0, 0, 1]])
+        # Drake draws the principal point half a pixel up and left of where the
+        # intrinsics say, in that convention.
+        K = to_samples @ camera_info.K + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+        intrinsics = DrakeCameraInfo(s * camera_info.width, s * camera_info.height, K)
+        self.color_camera = ColorRenderCamera(
+            RenderCameraCore(_NAME, intrinsics, _CLIPPING, RigidTransform())
+        )
+        # Depths need no supersampling: haze is soft.
+        K = camera_info.K + [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+        intrinsics = DrakeCameraInfo(camera_info.width, camera_info.height, K)
+        self.depth_camera = DepthRenderCamera(
+            RenderCameraCore(_NAME, intrinsics, _CLIPPING, RigidTransform()), _DEPTHS
+        )
+        self._atmosphere = Atmosphere(camera_info)
+
+    def render(self, X_WC, out, query_object) -> None:
+        """Draws a picture.
+
+        Args:
+            X_WC: pose of the camera frame C: z forward, x right, y down.
+            out: RGBA or grey levels, see pixels.py; overwritten.
+            query_object: the SceneGraph's.
+        """
+        world = SceneGraph.world_frame_id()
+        picture = query_object.RenderColorImage(self.color_camera, world, X_WC).data
+        if picture.shape[1::-1] != self._size:
+            picture = cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
+        depth = query_object.RenderDepthImage(self.depth_camera, world, X_WC)
+        self._atmosphere.apply(X_WC, depth.data[..., 0], picture, out)

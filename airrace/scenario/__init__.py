@@ -1,0 +1,20 @@
+"""The race as data: everything that defines it, as one YAML file.
+
+scenario.py has its fields; checks.py says what their values may be.
+"""
+
+from airrace.scenario.scenario import (
+    ESTIMATORS,
+    LINK_DELAY,
+    TRAJECTORIES,
+    ControllerConfig,
+    ExplorerConfig,
+    PerceptionConfig,
+    PlannerConfig,
+    RotorsConfig,
+    Scenario,
+    StateEstimateConfig,
+    load_scenario,
+    scenario_yaml,
+    trajectory_name,
+)

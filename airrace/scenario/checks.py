@@ -1,0 +1,133 @@
+"""What a scenario's values must be. All raise UserError with one sentence."""
+
+import math
+import re
+
+from pydrake.multibody.plant import AddMultibodyPlant
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from airrace.common.errors import UserError
+from airrace.scenario.camera import RANGES as CAMERA_RANGES
+from airrace.scenario.recording import RANGES as RECORDING_RANGES
+from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
+
+# Least and greatest value of numbers for which "positive" does not say it all;
+# [] is any element of a list. The upper limits keep a slip of the pen from
+# filling the memory.
+_RANGES = {
+    "laps": (1, 1000),
+    "seed": (0, math.inf),
+    **CAMERA_RANGES,
+    **RECORDING_RANGES,
+    "rotors.rate": (1, 10000),
+    "referee.rate": (1, 10000),
+    "state_estimate.rate": (1, 10000),
+    "state_estimate.position_sigma": (0, math.inf),
+    "state_estimate.velocity_sigma": (0, math.inf),
+    "disturbances.wind.mean[]": (-30, 30),
+    "disturbances.wind.mean_speed": (0, 30),
+    "disturbances.wind.gust_rms": (0, 20),
+    "disturbances.drag": (0, 10),
+    "disturbances.mass_error": (0, 0.5),
+    "disturbances.inertia_error": (0, 0.5),
+    "disturbances.thrust_coefficient_error": (0, 0.5),
+    "disturbances.actuator_delay": (0, 0.1),
+    "disturbances.gate_shift": (0, 2),
+    "rotor_failures[].rotor": (1, math.inf),
+    "rotor_failures[].time": (0, math.inf),
+    "perception.max_gates": (1, 256),
+    "explorer.rate": (1, 10000),
+    "link_delay": (0, 0.5),
+    "planner.rate": (1, 10000),
+    "planner.thrust_share": (0.1, 1),
+    "state_filter.rate": (1, 10000),
+    "rotor_monitor.rate": (1, 10000),
+    "controller.rate": (1, 10000),
+}
+
+
+def check_numbers(scenario) -> None:
+    """Checks that all numbers are finite, and ours within their ranges."""
+    for name, value in _numbers(scenario):
+        if isinstance(value, float) and not math.isfinite(value):
+            raise UserError(f"{name} must be a finite number, not {value}.")
+        if not name.startswith(("simulator_config.", "plant_config.")):
+            _check_range(name, value)
+
+
+def _numbers(value, name=""):
+    """Yields the dotted names and the values of all numbers in a config."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        yield name, value
+    elif isinstance(value, list):
+        for i, item in enumerate(value):
+            yield from _numbers(item, f"{name}[{i}]")
+    elif not isinstance(value, (bool, str, dict, type(None))):
+        drakes_fields = getattr(value, "__fields__", None)
+        names = [field.name for field in drakes_fields] if drakes_fields else vars(value)
+        for each in names:
+            yield from _numbers(getattr(value, each), f"{name}.{each}" if name else each)
+
+
+def _check_range(name, value):
+    key = re.sub(r"\[\d+\]", "[]", name)
+    if key not in _RANGES and value <= 0:
+        raise UserError(f"{name} must be positive, not {value}.")
+    low, high = _RANGES.get(key, (0, math.inf))
+    if value < low:
+        raise UserError(f"{name} must be at least {low}, not {value}.")
+    if value > high:
+        raise UserError(f"{name} must be at most {high}, not {value}.")
+
+
+def check_choice(name, value, choices) -> None:
+    """Checks that a value is one of the choices."""
+    if value not in choices:
+        raise UserError(f"{name} must be one of {', '.join(choices)}, not '{value}'.")
+
+
+def check_disturbances(config: DisturbancesConfig) -> None:
+    """Checks what the ranges of the numbers leave open."""
+    wind = config.wind
+    if len(wind.mean) != 3:
+        raise UserError(
+            f"disturbances.wind.mean needs three numbers, x, y and z, not {len(wind.mean)}."
+        )
+    if (any(wind.mean) or wind.mean_speed or wind.gust_rms) and not config.drag:
+        raise UserError("disturbances.wind acts through drag: set disturbances.drag, e.g. to 1.")
+
+
+def check_rotor_failures(failures: list[RotorFailure]) -> None:
+    """Checks that no rotor fails twice; which there are, only the vehicle knows."""
+    rotors = [failure.rotor for failure in failures]
+    for rotor in rotors:
+        if rotors.count(rotor) > 1:
+            raise UserError(f"rotor_failures has rotor {rotor} twice; name each rotor once.")
+
+
+def check_drakes_own(simulator_config, plant_config) -> None:
+    """Lets Drake check its own structs, and adds what a race needs of them."""
+    rate = simulator_config.target_realtime_rate
+    if rate < 0:
+        raise UserError(f"target_realtime_rate (--realtime_rate) must be at least 0, not {rate}.")
+    if simulator_config.start_time != 0:
+        raise UserError("simulator_config.start_time must be 0: a race starts at time zero.")
+    for name in ("max_step_size", "accuracy"):
+        _check_range(f"simulator_config.{name}", getattr(simulator_config, name))
+    if not 0 < plant_config.time_step <= 0.01:
+        raise UserError("plant_config.time_step must be above 0 and at most 0.01 s.")
+    # The scene has no hydroelastic shapes, and the referee reads point contacts.
+    check_choice(
+        "plant_config.contact_model",
+        plant_config.contact_model,
+        ("point", "hydroelastic_with_fallback"),
+    )
+    name = "simulator_config"
+    try:
+        ApplySimulatorConfig(simulator_config, Simulator(ConstantVectorSource([0.0])))
+        name = "plant_config"
+        AddMultibodyPlant(plant_config, DiagramBuilder())
+    except (RuntimeError, SystemExit) as e:  # Drake's assertions arrive as SystemExit
+        raise UserError(f"Drake refuses {name}: {' '.join(str(e).split())}") from None

@@ -1,0 +1,244 @@
+"""The scenario: everything that defines a race, as one YAML file."""
+
+import dataclasses as dc
+from pathlib import Path
+
+from pydrake.common.yaml import yaml_dump_typed
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.analysis import SimulatorConfig
+
+from airrace.common.errors import UserError
+from airrace.common.resources import find_yaml, load_yaml, models_path
+from airrace.scenario.camera import NO_CAMERA, CameraConfig
+from airrace.scenario.checks import (
+    check_choice,
+    check_disturbances,
+    check_drakes_own,
+    check_numbers,
+    check_rotor_failures,
+)
+from airrace.scenario.limits import parse_limits
+from airrace.scenario.recording import RecordingConfig
+from airrace.track.map_files import TRACK
+from airrace.vehicle import DRONES, find_vehicle
+from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
+
+TRAJECTORIES = ("3", "4", "6", "optimal")
+ESTIMATORS = ("robust", "report")
+LINK_DELAY = 0.2  # s, of Scenario.link_delay in HITL
+
+
+def trajectory_name(trajectory: str) -> str:
+    """Returns what one of TRAJECTORIES is called in a text: ``6-D``, ``optimal``."""
+    return f"{trajectory}-D" if trajectory.isdigit() else trajectory
+
+
+@dc.dataclass
+class StateEstimateConfig:
+    """The noise of `state_noise: reference`, and the rate of the estimate."""
+
+    rate: float = 200.0  # Hz
+    position_sigma: float = 0.005  # m, on each coordinate
+    velocity_sigma: float = 0.03  # of the factor 1 + N(0, sigma) on v_x, v_y
+
+
+@dc.dataclass
+class RotorsConfig:
+    """The motor controllers."""
+
+    rate: float = 500.0  # Hz, of the commands that they take up and of their reports
+
+
+@dc.dataclass
+class RefereeConfig:
+    """When a race is over."""
+
+    rate: float = 200.0  # Hz, of looks; contacts between two looks are noticed, too
+    time_limit: float | None = None  # s; by default 600, and 120 a lap
+    arena_margin: float = 60.0  # m beyond the outermost pylons, and upwards
+
+
+@dc.dataclass
+class PerceptionConfig:
+    """From pixels to the map."""
+
+    latency: float = 0.010  # s, from an image to its detections
+    max_range: float = 30.0  # m, farther sightings do not enter the map
+    max_gates: int = 20  # the rule book's limit: higher IDs are out of range
+    estimator: str = "robust"  # or "report", section III to the letter
+    outlier_sigma: float = 3.0  # the rejection threshold of `report`
+    min_sightings: int = 5  # before a gate is known, and to `report` anything an outlier
+
+
+@dc.dataclass
+class ExplorerConfig:
+    """Section IV of the report."""
+
+    rate: float = 20.0  # Hz
+    max_speed: float = 8.0  # m/s
+    max_acceleration: float = 6.0  # m/s^2
+    max_level_error_deg: float = 15.0  # tilt on the pad that the calibration accepts
+    max_heading_error_deg: float = 5.0  # off gate 1, that it does not turn away
+    reached_distance: float = 1.0  # m, when a set-point counts as reached
+    hover_time: float = 0.5  # s, of looking before a search step
+    step_length: float = 15.0  # m, of one step forward
+    side_distance: float = 20.0  # m, in front of a gate when stepping around
+    side_offset: float = 5.0  # m, to the side, if straight in front did not help
+    closing_range: float = 40.0  # m, how near gate 1 must be to close the loop
+    approach_distance: float = 8.0  # m, before a gate, if the straight way is not free
+    passing_distance: float = 5.0  # m, beyond a gate before the drone stops
+    replan_distance: float = 0.3  # m, by which gates ahead move in the map
+
+
+@dc.dataclass
+class PlannerConfig:
+    """Section V of the report."""
+
+    rate: float = 20.0  # Hz
+    latency: float = 1.0  # s, declared: from the map to the plan in force
+    limits: str = "original"  # or "rotor", or such as "v=15,a=8"; see airrace/scenario/limits.py
+    thrust_share: float = 0.9  # of the rotors' limits: the rest is for the controller
+    first_lap_move: float = 1.0  # m, by which gates may have moved since they were explored
+
+
+@dc.dataclass
+class StateFilterConfig:
+    """What smooths the state estimate for the controller."""
+
+    rate: float = 250.0  # Hz, of its looks for new estimates; it carries them on to any time
+
+
+@dc.dataclass
+class RotorMonitorConfig:
+    """What notices rotors that have stopped."""
+
+    rate: float = 200.0  # Hz, of its looks
+
+
+@dc.dataclass
+class ControllerConfig:
+    """The geometric controller."""
+
+    rate: float = 500.0  # Hz
+    feed_forward: bool = True  # of the reference's jerk and snap, and of the rotors' lag
+    disturbance_rejection: bool = True  # against wind and drag: integral action
+
+
+@dc.dataclass
+class Scenario:
+    """Defines a race. Unknown keys in YAML are errors.
+
+    See hardware_sim in Drake's documentation for the idea.
+    """
+
+    # What is raced.
+    track: str = "student-airrace"  # name of a shipped track, or a file
+    drone: str = "Default"  # a shipped drone, or the folder of one
+    laps: int = 10
+    trajectory: str = "optimal"  # in time; or dimensions of minimum-snap laps, 3, 4 or 6
+    seed: int = 0
+
+    # The simulated world.
+    simulator_config: SimulatorConfig = dc.field(
+        default_factory=lambda: SimulatorConfig(target_realtime_rate=0.0)
+    )
+    plant_config: MultibodyPlantConfig = dc.field(
+        default_factory=lambda: MultibodyPlantConfig(
+            time_step=0.001,
+            contact_model="point",
+            discrete_contact_approximation="lagged",
+            # Sampled ports would show the state of one step later to whatever
+            # samples them at the time of a step.
+            use_sampled_output_ports=False,
+        )
+    )
+    # A map to race on without exploring or seeing: "track" for the truth, or the map.json of an
+    # earlier race. Without one, it is made in flight.
+    map: str = ""
+    camera: CameraConfig = dc.field(default_factory=CameraConfig)
+    rotors: RotorsConfig = dc.field(default_factory=RotorsConfig)
+    state_noise: str = "reference"  # or "none"
+    state_estimate: StateEstimateConfig = dc.field(default_factory=StateEstimateConfig)
+    disturbances: DisturbancesConfig = dc.field(default_factory=DisturbancesConfig)
+    rotor_failures: list[RotorFailure] = dc.field(default_factory=list)
+    referee: RefereeConfig = dc.field(default_factory=RefereeConfig)
+
+    # The autonomy.
+    perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
+    explorer: ExplorerConfig = dc.field(default_factory=ExplorerConfig)
+    planner: PlannerConfig = dc.field(default_factory=PlannerConfig)
+    state_filter: StateFilterConfig = dc.field(default_factory=StateFilterConfig)
+    rotor_monitor: RotorMonitorConfig = dc.field(default_factory=RotorMonitorConfig)
+    controller: ControllerConfig = dc.field(default_factory=ControllerConfig)
+    # s, from a command or picture to its effect or use, that the boxes allow for; HITL sets it.
+    link_delay: float = 0.0
+    # Your own boxes: a name from diagrams/autonomy.py to "module:callable",
+    # which is called with this scenario and returns a System.
+    boxes: dict[str, str] = dc.field(default_factory=dict)
+
+    recording: RecordingConfig = dc.field(default_factory=RecordingConfig)
+
+    def check(self) -> None:
+        """Raises UserError with one sentence on the first bad value."""
+        check_numbers(self)
+        check_choice("trajectory", self.trajectory, TRAJECTORIES)
+        parse_limits(self.planner.limits)
+        check_choice("state_noise", self.state_noise, ("reference", "none"))
+        if self.perception.latency >= 1.0 / self.camera.fps:
+            raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
+        self.camera.check()
+        if self.camera.renderer == NO_CAMERA and not self.map:
+            raise UserError("camera.renderer 'none' needs a map to race on: see --map.")
+        self.recording.check(self.camera.fps)
+        check_choice("perception.estimator", self.perception.estimator, ESTIMATORS)
+        check_disturbances(self.disturbances)
+        check_rotor_failures(self.rotor_failures)
+        check_drakes_own(self.simulator_config, self.plant_config)
+
+
+def load_scenario(*, filename=None, scenario_name=None, scenario_text=None) -> Scenario:
+    """Loads a scenario; what is given last wins.
+
+    Args:
+        filename: name of a shipped scenario file, or a path; None for the
+            defaults.
+        scenario_name: which top-level key of the file to take; by default
+            ``Defaults``.
+        scenario_text: YAML of a Scenario on top of that.
+
+    Raises:
+        UserError: naming the file and what is wrong.
+    """
+    result = Scenario()
+    if filename is not None:
+        result = load_yaml(
+            Scenario,
+            filename=find_yaml("scenarios", filename),
+            child_name=scenario_name or "Defaults",
+            defaults=result,
+        )
+    elif scenario_name is not None:
+        raise UserError("--scenario_name needs --scenario_file.")
+    if scenario_text:
+        result = load_yaml(Scenario, data=scenario_text, what="--scenario_text", defaults=result)
+    return result
+
+
+def scenario_yaml(scenario: Scenario, absolute: bool = True) -> str:
+    """Returns a scenario file that gives the same race again.
+
+    Args:
+        scenario: of the race.
+        absolute: so that it does from any folder.
+    """
+    if not absolute:
+        return yaml_dump_typed(scenario, schema=Scenario, child_name="Defaults")
+    track = find_yaml("tracks", scenario.track)
+    if track.parent != models_path() / "tracks":
+        scenario = dc.replace(scenario, track=str(track.resolve()))
+    if scenario.map not in ("", TRACK):
+        scenario = dc.replace(scenario, map=str(Path(scenario.map).resolve()))
+    if scenario.drone not in DRONES:
+        folder = find_vehicle(scenario.drone).parent
+        scenario = dc.replace(scenario, drone=str(folder.resolve()))
+    return yaml_dump_typed(scenario, schema=Scenario, child_name="Defaults")

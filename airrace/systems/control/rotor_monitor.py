@@ -1,0 +1,76 @@
+"""Notices rotors that have stopped."""
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from airrace.common.jit import compiled
+from airrace.systems.ports import peek
+from airrace.vehicle import Vehicle
+
+_SHARE = 0.8  # of the speed that it should have: a rotor below that does not follow
+_LEAST = 0.2  # of the greatest speed: below, there is nothing to tell by
+_PATIENCE = 0.004 - 1e-9  # s of not following
+
+
+class RotorMonitor(LeafSystem):
+    """Compares the speeds that the motor controllers report with those that they expect.
+
+    .. pydrake_system::
+
+        name: RotorMonitor
+        input_ports:
+        - rotor_report
+        output_ports:
+        - rotor_losses
+
+    ``rotor_report``, (1 + 2n,), is RotorBank's: time, speeds, and the speeds of
+    rotors that work. ``rotor_losses`` is the time at which each rotor was found to
+    be lost (s), infinite for those that work, (n,).
+
+    A rotor is lost for good once the reports of some milliseconds on end say that it
+    is clearly slower than it should be. Whose commands those are, and when they
+    arrived, makes no difference, nor how many reports got lost.
+    """
+
+    def __init__(self, *, vehicle: Vehicle, rate: float):
+        """Constructs the monitor. Args: vehicle: the rotor table. rate: of its looks (Hz)."""
+        LeafSystem.__init__(self)
+        n = len(vehicle.rotors)
+        self._least = _LEAST * vehicle.max_speeds
+        self._report = self.DeclareVectorInputPort("rotor_report", 1 + 2 * n)
+        # By the times of the reports (s), infinite for rotors that follow.
+        self._slow_since = self.DeclareDiscreteState(np.full(n, np.inf))
+        self._losses = self.DeclareDiscreteState(np.full(n, np.inf))
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Compare)
+        self.DeclareStateOutputPort("rotor_losses", self._losses)
+
+    def _Compare(self, context, discrete_state):
+        _compare(
+            discrete_state.get_mutable_value(self._slow_since),
+            discrete_state.get_mutable_value(self._losses),
+            peek(self._report, context),
+            self._least,
+            context.get_time(),
+        )
+
+
+@compiled
+def _compare(slow_since, losses, report, least, now):
+    """Notes which rotors do not follow, and which are lost since now.
+
+    Args:
+        slow_since: see RotorMonitor (s), (n,). losses: of the rotors (s), (n,).
+        report: see RotorMonitor, (1 + 2n,).
+        least: expected speeds up to which there is nothing to tell by (rad/s), (n,).
+        now: (s).
+    """
+    n = len(losses)
+    for i in range(n):
+        speed, expected = report[1 + i], report[1 + n + i]
+        # Written such that a speed that is not a number is too low.
+        if expected > least[i] and not speed >= _SHARE * expected:
+            slow_since[i] = min(slow_since[i], report[0])
+        else:
+            slow_since[i] = np.inf
+        if report[0] - slow_since[i] >= _PATIENCE:
+            losses[i] = min(losses[i], now)

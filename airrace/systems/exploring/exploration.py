@@ -1,0 +1,246 @@
+"""What the explorer knows, and what it makes of it: pure functions."""
+
+import dataclasses as dc
+import functools
+import typing
+
+import numpy as np
+
+from airrace.systems.perception.marker_pose import GATE_SPACING
+from airrace.systems.sensing import state_estimate as se
+from airrace.systems.types import Detections, GateEstimate, GateMap
+from airrace.track import BOARD_OFFSET
+
+_LEAST_SIGHTINGS = 3  # before a marker is believed: the dictionary has strays
+# Section II of the report: the next left pylon is straight ahead of the left
+# pylon, the next heading turned by 45 degrees to either side. With room for the
+# errors of the map, and for tracks that are nearly so:
+_TURN, _TURN_TOLERANCE = np.deg2rad(45.0), np.deg2rad(15.0)
+_SIDE_TOLERANCE = 2.5  # m
+_MOST_TURN = np.deg2rad(80.0)  # on the way to a next gate, and there, on any track
+_STILL = 0.3  # m/s and rad/s, of a drone that stands on its pad
+_STEPS_IN_VAIN = 9  # of a search, before the drone goes back
+_FEWEST_GATES = 3  # of a track
+
+
+@dc.dataclass(frozen=True)
+class Now:
+    """What the explorer knows at one tick.
+
+    Attributes:
+        memory: the explorer's own state.
+        time: (s).
+        detections, gate_map, estimate: its inputs.
+    """
+
+    memory: typing.Any
+    time: float
+    detections: Detections
+    gate_map: GateMap
+    estimate: np.ndarray
+
+    @functools.cached_property
+    def gates(self) -> dict:
+        """The gates of the map by their numbers."""
+        return {gate.number: gate for gate in self.gate_map.gates}
+
+    @functools.cached_property
+    def next_number(self) -> int:
+        """The number of the gate that is looked for."""
+        found = self.memory.status.gates
+        return found[-1] + 1 if found else 0
+
+    @functools.cached_property
+    def last(self) -> GateEstimate | None:
+        """The newest gate of the list as the map has it now, None before the first."""
+        last = self.memory.last
+        return last and self.gates.get(last.number, last)
+
+
+def yaw_of(estimate) -> float:
+    """Returns the heading of the body's x axis (rad)."""
+    w, x, y, z = estimate[se.QUATERNION]
+    return float(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
+
+
+def tilt(estimate) -> float:
+    """Returns the angle between the body's and the world's z axis (rad)."""
+    w, x, y, z = estimate[se.QUATERNION] / np.linalg.norm(estimate[se.QUATERNION])
+    return float(np.arccos(np.clip(1 - 2 * (x * x + y * y), -1.0, 1.0)))
+
+
+def fault_on_pad(estimate, max_tilt_deg: float) -> str | None:
+    """Returns why a drone on its pad must not take off, None if it may.
+
+    Args:
+        estimate: vector of state_estimate.py, (14,).
+        max_tilt_deg: that is accepted (degrees).
+    """
+    tilt_deg = np.rad2deg(tilt(estimate))
+    if tilt_deg > max_tilt_deg:
+        return f"tilted by {tilt_deg:.0f} degrees, more than {max_tilt_deg:.0f}: staying"
+    motion = max(np.linalg.norm(estimate[s]) for s in (se.VELOCITY, se.ANGULAR_VELOCITY))
+    return "moving, waiting for rest" if motion > _STILL else None
+
+
+def hover_pose(estimate) -> np.ndarray:
+    """Returns x, y, z (m) and yaw (rad) of an estimate, (4,)."""
+    return np.array([*estimate[se.POSITION], yaw_of(estimate)])
+
+
+def gate_pose(gate: GateEstimate, beyond: float = 0.0) -> np.ndarray:
+    """Returns x, y, z and yaw at, or a distance (m) beyond, a gate, (4,)."""
+    return np.array([*(gate.p_WG + beyond * gate.forward), gate.heading])
+
+
+def next_gate(now: Now, closing_range: float) -> GateEstimate | None:
+    """Returns the gate to fly to, if it has just been found.
+
+    That is the gate with the next number, once the map has it: both its pylons,
+    wherever they were seen from. It may also be gate 1 again, see _closes_loop().
+
+    Args:
+        now: what is known.
+        closing_range: how near gate 1 must be to close the loop (m).
+    """
+    if now.next_number in now.gates:
+        return now.gates[now.next_number]
+    return now.gates[0] if _closes_loop(now, closing_range) else None
+
+
+def both_in_image(now: Now, number: int) -> bool:
+    """Whether both front markers of a gate are in the newest image."""
+    return len(_front_markers(now, number)) == 2
+
+
+def _front_markers(now: Now, number: int) -> set:
+    """Returns the IDs of a gate's front markers in the newest image."""
+    return {4 * number, 4 * number + 2} & {marker.id for marker in now.detections.markers}
+
+
+def _closes_loop(now: Now, closing_range: float) -> bool:
+    """Whether gate 1 comes after the last gate.
+
+    Gate 1 can be seen across the track before that. So it must be near, with
+    a front marker in the image, and nothing may be known of a gate with the
+    next number; and it must stand where the layout rule has the gate after the
+    last one. If it does not, both its front markers must be in the image, it
+    must be ahead of the last gate, and the track is known to break the rule, or
+    the search for another gate was in vain.
+    """
+    last, first = now.last, now.gates.get(0)
+    if now.next_number < _FEWEST_GATES or first is None:
+        return False
+    if presumed_gate(now.gate_map, now.next_number) or not _front_markers(now, 0):
+        return False
+    if np.linalg.norm(first.p_WG - now.estimate[se.POSITION]) > closing_range:
+        return False
+    if obeys_rule(last, first):
+        return True
+    in_vain = now.memory.steps > _STEPS_IN_VAIN or not _is_by_the_rule(now)
+    return in_vain and both_in_image(now, 0) and _is_ahead(last, first)
+
+
+def _is_by_the_rule(now: Now) -> bool:
+    """Whether all gates found so far obey the layout rule."""
+    found = [now.gates[number] for number in now.memory.status.gates if number in now.gates]
+    return all(map(obeys_rule, found, found[1:]))
+
+
+def obeys_rule(gate: GateEstimate, following: GateEstimate) -> bool:
+    """Whether a gate stands where the layout rule has the one after a gate."""
+    to_left = following.pylons[0] - gate.pylons[0]
+    aside = gate.forward[0] * to_left[1] - gate.forward[1] * to_left[0]
+    turn = abs(_wrap(following.heading - gate.heading))
+    return bool(
+        to_left @ gate.forward[:2] > 0.0
+        and abs(aside) < _SIDE_TOLERANCE
+        and abs(turn - _TURN) < _TURN_TOLERANCE
+    )
+
+
+def _is_ahead(gate: GateEstimate, following: GateEstimate) -> bool:
+    """Whether one can fly from one gate straight to another, through both forward."""
+    way = following.p_WG - gate.p_WG
+    least = np.cos(_MOST_TURN) * np.linalg.norm(way)
+    return bool(way @ gate.forward > least and way @ following.forward > least)
+
+
+def presumed_gate(gate_map: GateMap, number: int) -> GateEstimate | None:
+    """Returns where a gate should be by the best known of its boards alone.
+
+    Args:
+        gate_map: with any of its four boards, or none.
+        number: of the gate.
+
+    Returns:
+        None if no board of it was seen, or too seldom to be no mistake.
+    """
+    seen = [m for m in gate_map.markers if m.id // 4 == number and m.count >= _LEAST_SIGHTINGS]
+    if not seen:
+        return None
+    board = min(seen, key=lambda m: (m.variance.sum(), m.id))
+    out = _horizontal(board.normal)
+    forward = out if board.id % 2 else -out
+    rightward = np.array([forward[1], -forward[0], 0.0])
+    inwards = -rightward if board.id & 2 else rightward
+    return GateEstimate(
+        number=number,
+        p_WG=board.p_WM - BOARD_OFFSET * out + GATE_SPACING / 2 * inwards,
+        heading=float(np.arctan2(forward[1], forward[0])),
+        spacing=GATE_SPACING,
+    )
+
+
+def known_gates(gate_map: GateMap) -> list[GateEstimate]:
+    """Returns the gates of the map, and where those should be of which less was seen."""
+    whole = {gate.number for gate in gate_map.gates}
+    rest = sorted({marker.id // 4 for marker in gate_map.markers} - whole)
+    presumed = (presumed_gate(gate_map, number) for number in rest)
+    return [*gate_map.gates, *(gate for gate in presumed if gate is not None)]
+
+
+def known_pylons(gate_map: GateMap) -> np.ndarray:
+    """Returns the axes of all pylons that were seen, (n, 2) m."""
+    pylons = [pylon for gate in gate_map.gates for pylon in gate.pylons]
+    whole = {gate.number for gate in gate_map.gates}
+    pylons += [
+        (marker.p_WM - BOARD_OFFSET * _horizontal(marker.normal))[:2]
+        for marker in gate_map.markers
+        if marker.id // 4 not in whole and marker.count >= _LEAST_SIGHTINGS
+    ]
+    return np.reshape(pylons, (-1, 2))
+
+
+def described_sighting(now: Now, number: int) -> str:
+    """Returns which boards of a gate were seen, in words."""
+    seen = [m for m in now.gate_map.markers if m.id // 4 == number and m.count > 0]
+    in_image = {marker.id for marker in now.detections.markers}
+    ids = " and ".join(str(m.id) for m in seen)
+    what, now_is, was = ("marker", "is", "was") if len(seen) == 1 else ("markers", "are", "were")
+    behind = " from behind" if seen and all(m.id % 2 for m in seen) else ""
+    if any(m.id in in_image for m in seen):
+        return f"only {what} {ids} of gate {number + 1} {now_is} in sight{behind}"
+    return f"{what} {ids} of gate {number + 1} {was} seen{behind}"
+
+
+def heading_error(now: Now, gate: GateEstimate) -> float:
+    """Returns how far to the left of where the drone looks a gate is (rad)."""
+    x, y, _ = gate.p_WG - now.estimate[se.POSITION]
+    return _wrap(np.arctan2(y, x) - yaw_of(now.estimate))
+
+
+def in_words(angle: float) -> str:
+    """Returns an angle (rad) to the left, e.g. "12 degrees right"."""
+    return f"{abs(np.rad2deg(angle)):.0f} degrees {'left' if angle >= 0 else 'right'}"
+
+
+def _horizontal(vector) -> np.ndarray:
+    """Returns the unit vector along the horizontal part of a vector, (3,)."""
+    flat = vector * [1.0, 1.0, 0.0]
+    return flat / max(np.linalg.norm(flat), 1e-9)
+
+
+def _wrap(angle) -> float:
+    """Returns the angle in [-pi, pi)."""
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)

@@ -1,0 +1,123 @@
+"""Finds the gates of a track that nobody has seen."""
+
+from pydrake.common.value import Value
+from pydrake.systems.framework import EventStatus, LeafSystem
+
+from airrace.systems.exploring import exploration
+from airrace.systems.exploring.explorer_memory import Memory, first_memory
+from airrace.systems.exploring.explorer_states import StateMachine
+from airrace.systems.sensing import state_estimate as se
+from airrace.systems.types import ExplorerStatus
+from airrace.trajopt.flat_trajectory import SIZE, hold
+
+_BELOW = 3.0  # m
+
+
+class Explorer(LeafSystem):
+    """Section IV of the Student AirRace report and its flow chart (fig. 8).
+
+    .. pydrake_system::
+
+        name: Explorer
+        input_ports:
+        - detections
+        - gate_map
+        - state_estimate
+        output_ports:
+        - exploration_reference
+        - explorer_status
+
+    ``detections`` is a Detections, ``gate_map`` a GateMap, ``state_estimate``
+    see state_estimate.py; ``exploration_reference`` see
+    trajopt/flat_trajectory.py, ``explorer_status`` an ExplorerStatus.
+
+    States, and what they wait for:
+
+    - CALIBRATE: nearly level and at rest on the pad; then takes off.
+    - TAKE_OFF: up to the hover height, levelling in the air.
+    - HOVER: the drone at its set-point, looking.
+    - TURN_TO_GATE: gate 1 is off the heading, so turn until it is ahead.
+    - STEP_FORWARD: nothing in sight, so on along the last gate's heading.
+    - LOOK_AROUND: steps forward did not help, so turn on the spot. At the
+      start, this comes before any step.
+    - STEP_AROUND: something of the gate was seen, so to where both of its front
+      markers should be.
+    - GO_BACK: all that did not help, so back to the last gate.
+    - LOOK_FROM_ABOVE: nor did a look around there, so search from above the
+      pylons, farther and farther.
+    - FLY_TO_GATE: through every gate found and not yet passed. Gates found on
+      the way extend the leg without a stop; after the last, the search goes on.
+    - AVOID: a pylon that just came into sight is in the way, so stop.
+    - RETURN: gate 1 showed up again, so through what is left and home.
+    - DONE: hovering there, ready to race.
+
+    From all states between TAKE_OFF and RETURN, FLY_TO_GATE follows as soon as
+    the next gate is in the map. A search ends when a gate is found, or with the
+    race.
+    """
+
+    def __init__(
+        self, *, config, hover_height: float, clearance: float, map_is_known: bool = False
+    ):
+        """Constructs the explorer.
+
+        Args:
+            config: an ExplorerConfig.
+            hover_height: of the first hover above the start (m).
+            clearance: to keep from pylons' axes (m).
+            map_is_known: whether there is nothing to explore: it takes off, and is done.
+        """
+        LeafSystem.__init__(self)
+        self._machine = StateMachine(
+            config=config, hover_height=hover_height, clearance=clearance, map_is_known=map_is_known
+        )
+        self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
+        self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
+        self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
+        self._memory = self.DeclareAbstractState(Value[object](first_memory()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._Update)
+        ticket = self.abstract_state_ticket(self._memory)
+        self.DeclareVectorOutputPort(
+            "exploration_reference",
+            SIZE,
+            self._CalcReference,
+            {ticket, self.time_ticket(), self._estimate.ticket()},
+        )
+        self.DeclareAbstractOutputPort(
+            "explorer_status",
+            lambda: Value[object](ExplorerStatus()),
+            lambda context, output: output.set_value(self._Recall(context).status),
+            {ticket},
+        )
+
+    def _Recall(self, context) -> Memory:
+        return context.get_abstract_state(int(self._memory)).get_value()
+
+    def _CalcReference(self, context, output):
+        memory = self._Recall(context)
+        if memory.leg is None:
+            # Far below the pad, so that the rotors idle: a drone that hovered on
+            # a tilted one would slide.
+            x, y, z, yaw = exploration.hover_pose(self._estimate.Eval(context))
+            output.set_value(hold([x, y, z - _BELOW], yaw))
+        else:
+            output.set_value(memory.leg.reference(context.get_time() - memory.leg_start))
+
+    def _Update(self, context, state):
+        memory = self._Recall(context)
+        if memory.status.done:
+            return EventStatus.DidNothing()  # for good
+        after = self._machine.next(
+            exploration.Now(
+                memory=memory,
+                time=context.get_time(),
+                detections=self._detections.Eval(context),
+                gate_map=self._map.Eval(context),
+                estimate=self._estimate.Eval(context),
+            )
+        )
+        if after is memory:
+            # So that nothing in the whole race need be computed anew.
+            return EventStatus.DidNothing()
+        state.get_mutable_abstract_state(int(self._memory)).set_value(after)
+        return EventStatus.Succeeded()

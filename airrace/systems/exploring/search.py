@@ -1,0 +1,214 @@
+"""Where to look for a gate that is not in sight: pure functions."""
+
+import dataclasses as dc
+import itertools
+
+import numpy as np
+
+from airrace.systems.exploring.clear_paths import ABOVE_PYLONS, over_the_top, ways
+from airrace.systems.exploring.exploration import Now, described_sighting, gate_pose, presumed_gate
+from airrace.systems.types import GateEstimate
+from airrace.track import BOARD_OFFSET
+
+_ON_THE_SPOT = 2.0  # m
+_ASIDE = 4.0  # m, by which a step gives way
+
+
+@dc.dataclass(frozen=True)
+class Step:
+    """One step of a search.
+
+    Attributes:
+        state, reason: of the explorer, when it takes the step.
+        routes: lists of x, y, z and yaw that lead there, the best first.
+        steps, arounds: numbers of steps, and of steps around a gate, that are
+            then behind it.
+    """
+
+    state: str
+    reason: str
+    routes: list
+    steps: int
+    arounds: int
+
+
+@dc.dataclass(frozen=True)
+class _Move:
+    """A place to look from, seen from the base: beyond the last gate, or over the start.
+
+    Attributes:
+        state, reason: see Step.
+        along: distance from the base (steps).
+        bearing: where that is, left of the base's heading (degrees).
+        look: where to look, left of the bearing (degrees).
+        above: whether above all pylons, where nothing can be hit.
+    """
+
+    state: str
+    reason: str
+    along: float = 0.0
+    bearing: float = 0.0
+    look: float = 0.0
+    above: bool = False
+
+
+def _looks(along, *angles, **where):
+    return [
+        _Move(
+            "LOOK_AROUND",
+            f"no gate ahead, looking {abs(angle):.0f} degrees {'left' if angle > 0 else 'right'}",
+            along,
+            look=angle,
+            **where,
+        )
+        for angle in angles
+    ]
+
+
+def _forward(*along):
+    return [
+        _Move("STEP_FORWARD", "still no gate in sight" if k else "no gate in sight", k_along)
+        for k, k_along in enumerate(along)
+    ]
+
+
+_ALL_ROUND = (60.0, -60.0, -120.0, 180.0, 120.0)
+# The next gate is straight ahead of the last one, at up to 70 m, and can be read
+# from 30 m: three steps do, unless something hides it.
+_AFTER_A_GATE = [*_forward(1, 2, 3), *_looks(3, 60, -60), *_forward(4, 5), *_looks(5, 60, -60)]
+_AT_THE_START = [
+    *_looks(0, *_ALL_ROUND),
+    *_forward(1),
+    *_looks(1, 60, -60),
+    *_forward(2),
+    *_looks(2, 60, -60),
+]
+_LOST = [
+    _Move("GO_BACK", "lost"),
+    *_looks(0, *_ALL_ROUND),
+    _Move("LOOK_FROM_ABOVE", "lost, looking from above the pylons", above=True),
+    *_looks(0, *_ALL_ROUND, above=True),
+    *itertools.chain.from_iterable(
+        [
+            _Move("LOOK_FROM_ABOVE", "lost, on above the pylons", k, bearing, above=True),
+            *_looks(k, 60, -60, bearing=bearing, above=True),
+        ]
+        for bearing, k in (
+            (0, 1),
+            (0, 2),
+            (0, 3),
+            (0, 4),
+            (0, 5),
+            (50, 2),
+            (50, 4),
+            (-50, 2),
+            (-50, 4),
+            (110, 2),
+            (-110, 2),
+            (180, 2),
+        )
+    ),
+]
+
+
+def next_steps(now: Now, config):
+    """Yields steps of the search, the best first; not all may be free to take.
+
+    A gate of which something was seen is stepped around first. Then comes what
+    the report does, and then what finds a gate that the report would not.
+
+    Args:
+        now: what is known.
+        config: an ExplorerConfig.
+    """
+    gate = presumed_gate(now.gate_map, now.next_number)
+    around, on = _steps_around(now, config, gate), _steps_on(now, config)
+    if gate is not None and is_far(now, gate, config):
+        # Its other marker is perhaps just too small to read as yet.
+        first = next(on)
+        if first.state == "STEP_FORWARD" and not leads_to(first.routes[0][0], gate, config):
+            yield first
+    yield from around
+    yield from on
+
+
+def is_far(now: Now, gate: GateEstimate, config) -> bool:
+    """Whether a gate is farther away than the place from which it should be seen well."""
+    return np.linalg.norm(now.memory.goal[:3] - gate.p_WG) > config.side_distance
+
+
+def leads_to(goal, gate: GateEstimate, config) -> bool:
+    """Whether a step to x, y, z, yaw ends too near to a gate that is not yet known."""
+    return (goal[:3] - gate.p_WG) @ gate.forward > -config.approach_distance
+
+
+def _steps_on(now: Now, config):
+    memory = now.memory
+    base = memory.home if now.last is None else gate_pose(now.last, config.passing_distance)
+    first = _AT_THE_START if now.last is None else _AFTER_A_GATE
+    back_to = "the start" if now.last is None else f"gate {now.last.number + 1}"
+    for steps in itertools.count(memory.steps):
+        lost = steps - len(first)
+        move = first[steps] if lost < 0 else _LOST[lost % len(_LOST)]
+        going_back = move.state == "GO_BACK"
+        reason = f"{move.reason}, back to {back_to}" if going_back else move.reason
+        goal = _pose(move, base, config.step_length)
+        yield Step(
+            move.state,
+            reason,
+            _routes(move, memory.goal, goal),
+            steps + 1,
+            0 if going_back else memory.arounds,
+        )
+
+
+def _steps_around(now: Now, config, gate: GateEstimate | None):
+    if gate is None:
+        return
+    reason = described_sighting(now, gate.number)
+    poses = _poses_in_front(gate, config)
+    for k in range(now.memory.arounds, len(poses)):
+        routes = ways(now.memory.goal, poses[k])
+        yield Step("STEP_AROUND", reason, routes, now.memory.steps, k + 1)
+
+
+def _poses_in_front(gate: GateEstimate, config) -> list:
+    """Returns poses from which both front markers of a gate should be seen."""
+    # From the boards, not from the axes of their pylons.
+    far, side = config.side_distance + BOARD_OFFSET, config.side_offset
+    rightward = np.array([gate.forward[1], -gate.forward[0], 0.0, 0.0])
+    middle, toward = gate_pose(gate, -0.8 * far), np.arctan2(side, 0.8 * far)
+    return [
+        gate_pose(gate, -far),
+        gate_pose(gate, -0.6 * far),
+        gate_pose(gate, -0.4 * far),
+        middle + side * rightward + [0.0, 0.0, 0.0, toward],
+        middle - side * rightward - [0.0, 0.0, 0.0, toward],
+        gate_pose(gate, -far) + [0.0, 0.0, ABOVE_PYLONS - gate.p_WG[2], 0.0],
+    ]
+
+
+def _pose(move: _Move, base, step_length) -> np.ndarray:
+    """Returns x, y, z and yaw, (4,)."""
+    bearing = base[3] + np.deg2rad(move.bearing)
+    far = move.along * step_length
+    return np.array(
+        [
+            base[0] + far * np.cos(bearing),
+            base[1] + far * np.sin(bearing),
+            ABOVE_PYLONS if move.above else base[2],
+            bearing + np.deg2rad(move.look),
+        ]
+    )
+
+
+def _routes(move: _Move, start, goal) -> list:
+    if move.above:
+        return [over_the_top(start, goal)]
+    if move.state != "STEP_FORWARD":
+        # Who is lost and looks aside may be among pylons that nobody has seen.
+        near = np.linalg.norm(goal[:3] - start[:3]) < _ON_THE_SPOT
+        return [[goal] if near else over_the_top(start, goal)]
+    aside = _ASIDE * np.array([-np.sin(goal[3]), np.cos(goal[3]), 0.0, 0.0])
+    half = (start + goal) / 2 * [1, 1, 1, 0] + goal * [0, 0, 0, 1]
+    return [[goal], [goal + aside], [goal - aside], [half], over_the_top(start, goal)]

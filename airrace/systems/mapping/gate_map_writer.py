@@ -1,0 +1,46 @@
+"""Keeps the map on disk."""
+
+from pathlib import Path
+
+from pydrake.common.value import Value
+from pydrake.systems.framework import LeafSystem
+
+from airrace.systems.types import GateMap
+from airrace.track.map_files import write_map
+
+
+class GateMapWriter(LeafSystem):
+    """Writes map.json and map_statistics.json as the map improves.
+
+    .. pydrake_system::
+
+        name: GateMapWriter
+        input_ports:
+        - gate_map
+
+    ``gate_map`` is a GateMap; one that has not changed is not written again. A forced
+    publish writes at once.
+    """
+
+    def __init__(self, *, directory: Path, period: float = 2.0):
+        """Constructs the writer.
+
+        Args:
+            directory: where the two files go.
+            period: between two writes (s of simulated time).
+        """
+        LeafSystem.__init__(self)
+        self._directory = Path(directory)
+        self._map = self.DeclareAbstractInputPort("gate_map", Value[object](GateMap()))
+        self._written = None  # what is in the files, wherever the race stands
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._WriteIfNew)
+        self.DeclareForcedPublishEvent(self._Write)
+
+    def _WriteIfNew(self, context):
+        if self._map.Eval(context) is not self._written:
+            self._Write(context)
+
+    def _Write(self, context):
+        gate_map = self._map.Eval(context)
+        write_map(self._directory, gate_map)
+        self._written = gate_map

@@ -1,0 +1,111 @@
+"""Builds the map of the track from detections."""
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import LeafSystem
+
+from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.mapping.observation import UNKNOWN_TIME
+from airrace.systems.perception.detection_checks import JUMP
+from airrace.systems.ports import peek
+from airrace.systems.sensing import state_estimate as se
+from airrace.systems.sensing.pose_history import jumps, last_two, moved, remember
+from airrace.systems.types import GateMap
+
+_REACH = 2.0  # periods of the estimate, beyond one it says nothing about the pose
+
+
+class GateMapper(LeafSystem):
+    """Makes one map of the sightings of all markers.
+
+    .. pydrake_system::
+
+        name: GateMapper
+        input_ports:
+        - detections
+        - camera_info
+        - filtered_estimate
+        output_ports:
+        - gate_map
+
+    ``detections`` is a Detections, ``camera_info`` a CameraInfo,
+    ``filtered_estimate`` see state_estimate.py; ``gate_map`` a GateMap.
+
+    Detections are in the camera frame of an image of the past, so the mapper
+    remembers the state estimates of the last moments and projects through
+    the one at the image's own time. The filtered ones, as the noise of a single
+    estimate would be most of the map's error.
+    """
+
+    def __init__(self, *, fps, latency, state_rate, link_delay=0.0, **mapping):
+        """Constructs the mapper with an empty map.
+
+        Args:
+            fps: how often it looks for new detections (Hz).
+            latency: from an image to its detections (s).
+            state_rate: of the state estimate (Hz).
+            link_delay: by which detections may be late besides (s).
+            mapping: the arguments of ImageMapper.
+        """
+        LeafSystem.__init__(self)
+        self._mapper = ImageMapper(**mapping)
+        self._reach = _REACH / state_rate
+        self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
+        self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
+        self._estimate = self.DeclareVectorInputPort("filtered_estimate", se.SIZE)
+        # The last estimates, newest first, enough to reach back one latency.
+        self._depth = int(np.ceil((latency + link_delay + 1.0 / fps) * state_rate)) + 2
+        history = np.zeros((self._depth, se.SIZE))
+        history[:, 0] = -1.0
+        self._history = self.DeclareDiscreteState(history.ravel())
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / state_rate, 0.0, self._Remember)
+        self._memory = self.DeclareAbstractState(Value[object](MapperMemory()))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, latency, self._UpdateMap)
+        self.DeclareAbstractOutputPort(
+            "gate_map",
+            lambda: Value[object](GateMap()),
+            self._CalcMap,
+            {self.abstract_state_ticket(self._memory)},
+        )
+
+    def _Remember(self, context, discrete_state):
+        remember(discrete_state.get_mutable_value(self._history), peek(self._estimate, context))
+
+    def _UpdateMap(self, context, state):
+        detections = self._detections.Eval(context)
+        memory = context.get_abstract_state(int(self._memory)).get_value()
+        X_WB, reason = self._PoseAt(context, detections.time)
+        info = self._info.Eval(context)
+        X_WC = None if X_WB is None else X_WB @ info.X_BC
+        after = self._mapper.updated(memory, detections, X_WC, info, reason)
+        state.get_mutable_abstract_state(int(self._memory)).set_value(after)
+
+    def _PoseAt(self, context, time) -> tuple[RigidTransform | None, str | None]:
+        """Returns X_WB at a time within the history, or None and why there is none.
+
+        The estimate before that time is carried forward with its velocities,
+        which spares interpolating noise.
+        """
+        history = context.get_discrete_state(self._history).value()
+        last, before = last_two(history, self._estimate.Eval(context), time)
+        if last[se.TIME] < 0.0 or not time - last[se.TIME] <= self._reach:
+            return None, UNKNOWN_TIME
+        if before[se.TIME] >= 0.0 and jumps(before, last):
+            return None, JUMP
+        return extrapolate(last, time - last[se.TIME]), None
+
+    def _CalcMap(self, context, output):
+        output.set_value(context.get_abstract_state(int(self._memory)).get_value().gate_map)
+
+
+def extrapolate(estimate, dt) -> RigidTransform:
+    """Returns X_WB a short time after a state estimate.
+
+    Args:
+        estimate: vector of state_estimate.py, (14,).
+        dt: (s).
+    """
+    pose = moved(estimate, dt)
+    return RigidTransform(Quaternion(pose[:4]), pose[4:])

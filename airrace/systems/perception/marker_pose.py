@@ -1,0 +1,130 @@
+"""Poses of markers and gates from the corners of marker squares."""
+
+import functools
+import math
+
+import cv2
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+
+from airrace.common.immutable import read_only
+from airrace.systems.perception.pose_refinement import Pose, best_pose, carried_along
+from airrace.systems.types import CameraInfo, Detection
+from airrace.track import MARKER_SIZE
+
+GATE_SPACING = 10.0  # m, between the axes of a gate's pylons, by the rules
+# A gate is not as the rules say if the corners are this many standard deviations
+# (root mean square) off the joint pose.
+_MISFIT = 3.0
+# The marker's corners in a frame F that is M turned half a turn about x: a
+# marker that faces the camera then has no rotation.
+_H = MARKER_SIZE / 2
+_POINTS = np.array([[-_H, -_H, 0.0], [_H, -_H, 0.0], [_H, _H, 0.0], [-_H, _H, 0.0]])
+_TO_RIGHT = np.array([GATE_SPACING / 2, 0.0, 0.0])
+_GATE_POINTS = np.concatenate([_POINTS - _TO_RIGHT, _POINTS + _TO_RIGHT])
+_R_FM = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
+_TILT = 0.4  # rad
+
+
+def locate(id: int, corners, covariance, info: CameraInfo) -> Detection | None:
+    """Solves the pose of one marker from its corners.
+
+    Args:
+        id: the marker's ID.
+        corners: (4, 2) px; top left, top right, bottom right, bottom left.
+        covariance: of the corners x0, y0, x1, ..., (8, 8) px^2.
+        info: the camera.
+
+    Returns:
+        the detection, or None if there is no pose in front of the camera.
+    """
+    if not _is_extended(corners):
+        return None
+    pose = _solve(_POINTS, corners, covariance[None], info)
+    return None if pose is None else _detection(id, corners, pose, pose.residual)
+
+
+def locate_gate(ids, corners, covariances, info: CameraInfo) -> dict:
+    """Solves the pose of one face of a gate from its two markers.
+
+    Both boards lie in one plane, upright, a known distance apart: one rigid
+    body of eight points.
+
+    Args:
+        ids: of the left and the right pylon's marker, of the same face.
+        corners, covariances: see locate(); one each.
+        info: the camera.
+
+    Returns:
+        ID to Detection of both, or of none if the corners deny that distance.
+    """
+    if not all(map(_is_extended, corners)):
+        return {}
+    from_behind = ids[0] % 2  # the left pylon is then on the right
+    order = slice(None, None, -1 if from_behind else 1)
+    ids, corners = ids[order], np.asarray(corners)[order]
+    pose = _solve(_GATE_POINTS, corners.reshape(8, 2), np.asarray(covariances)[order], info)
+    if pose is None or pose.cost > _MISFIT**2 * corners.size:
+        return {}
+    return {
+        id: _detection(id, quad, carried_along(pose, p_F), residual, joint=True)
+        for id, quad, p_F, residual in zip(
+            ids, corners, (-_TO_RIGHT, _TO_RIGHT), pose.residual.reshape(2, 4, 2)
+        )
+    }
+
+
+def _is_extended(corners) -> bool:
+    """Whether corners are finite and not all in one place."""
+    x, y = corners.T.tolist()
+    return math.isfinite(sum(x) + sum(y)) and (max(x) > min(x) or max(y) > min(y))
+
+
+def _solve(points, corners, covariances, info: CameraInfo) -> Pose | None:
+    """Returns the best pose of points in a plane, None if there is none.
+
+    The seeds are the two solutions of Collins and Bartoli, "Infinitesimal
+    plane-based pose estimation", IJCV 2014 (OpenCV's SOLVEPNP_IPPE).
+    """
+    _, rotations, translations, _ = cv2.solvePnPGeneric(
+        points, corners, info.K, info.D, flags=cv2.SOLVEPNP_IPPE
+    )
+    seeds = ([*r.ravel().tolist(), *t.ravel().tolist()] for r, t in zip(rotations, translations))
+    seeds = [seed for seed in seeds if all(map(math.isfinite, seed)) and seed[5] > 0]
+    seeds = np.array(seeds) if seeds else _guesses(points, corners, info)
+    pose = best_pose(
+        points,
+        np.ascontiguousarray(corners, float),
+        np.ascontiguousarray(covariances, float),
+        _intrinsics(info),
+        seeds,
+    )
+    return pose if np.isfinite(pose.cost) else None
+
+
+@functools.lru_cache(maxsize=4)
+def _intrinsics(info: CameraInfo) -> np.ndarray:
+    return np.array([*info.K[[0, 1, 0, 1], [0, 1, 2, 2]], *info.D])
+
+
+def _guesses(points, corners, info: CameraInfo) -> np.ndarray:
+    """Returns rough poses, for views of perfect symmetry where IPPE finds none, (4, 6)."""
+    depth = np.ptp(points, axis=0).max() * info.K[0, 0] / np.ptp(corners, axis=0).max()
+    t = depth * np.linalg.solve(info.K, [*corners.mean(axis=0), 1.0])
+    return np.array(
+        [[a, b, 0.0, *t] for a, b in ((_TILT, 0), (-_TILT, 0), (0, _TILT), (0, -_TILT))]
+    )
+
+
+def _detection(id, corners, pose: Pose, residual, joint=False) -> Detection:
+    # A rotation matrix from a product of others is not orthonormal enough for Drake.
+    R_CF = RotationMatrix.ProjectToRotationMatrix(pose.R)
+    return Detection(
+        id=id,
+        corners=read_only(corners),
+        X_CM=RigidTransform(R_CF @ _R_FM, pose.t),
+        reprojection_error=math.sqrt(np.vdot(residual, residual) / len(residual)),
+        covariance=read_only(pose.covariance),
+        joint=joint,
+        ambiguity=pose.ambiguity,
+    )

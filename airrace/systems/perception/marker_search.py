@@ -1,0 +1,122 @@
+"""Finds markers in pictures with OpenCV, in all of it or in regions."""
+
+import cv2
+import numpy as np
+
+from airrace.systems.perception.marker_modules import DICTIONARY, read_marker
+from airrace.systems.sensing.camera_view import CameraView
+
+_SMALLEST_SIDE = 15.0  # px, of a square whose modules can be told apart
+# A region is the marker's predicted bounding box and this much around it, in px and in
+# sizes of the box: for the board, and for what a drone that rolls may move it beyond the
+# prediction. That is seldom much, so what is not found is sought again in a larger one.
+_MARGINS = ((18.0, 0.1), (25.0, 0.3))
+_LEAST_SHARE = 0.5  # of the perimeter expected there: modules look like squares, too
+# OpenCV takes 1.5 us for every ID that something is not, and asks for one after the other.
+_USUAL = cv2.aruco.Dictionary(DICTIONARY.bytesList[:80], DICTIONARY.markerSize, 0)
+
+
+class MarkerSearch:
+    """OpenCV's detector, set up for the boards."""
+
+    def __init__(self):
+        self._detector = make_detector()
+
+    def everywhere(self, image):
+        """Searches a picture.
+
+        Args:
+            image: grey levels, (h, w), uint8.
+
+        Returns:
+            IDs, list of n; and rough corners, top left first, clockwise as the
+            marker is read, (n, 4, 2) px.
+        """
+        self._detector.setDictionary(_USUAL)
+        ids, quads, rest = self._Detect(image, 4 * _SMALLEST_SIDE)
+        for id, quad in filter(None, (read_marker(image, quad) for quad in rest)):
+            if id >= len(_USUAL.bytesList):
+                ids, quads = [*ids, id], np.concatenate([quads, [quad]])
+        return ids, quads
+
+    def around(self, view: CameraView, predictions):
+        """Searches a picture for markers near where they are expected.
+
+        Args:
+            view: of the picture.
+            predictions: ID to the corners expected, (4, 2) px.
+
+        Returns:
+            as everywhere().
+        """
+        if not predictions:
+            return [], np.zeros((0, 4, 2))
+        expected, found = np.array(list(predictions), int), {}
+        codes = DICTIONARY.bytesList[expected]
+        self._detector.setDictionary(cv2.aruco.Dictionary(codes, DICTIONARY.markerSize, 0))
+        for margins in _MARGINS:
+            sought = [
+                (_region(box, *margins, view.shape), box)
+                for id, box in predictions.items()
+                if id not in found
+            ]
+            sought = [
+                ((x0, y0, x1, y1), box)
+                for (x0, y0, x1, y1), box in sought
+                if min(x1 - x0, y1 - y0) >= _SMALLEST_SIDE
+            ]
+            picture = view.drawn(*(region for region, _ in sought))
+            for (x0, y0, x1, y1), box in sought:
+                perimeter = _LEAST_SHARE * cv2.arcLength(box.astype(np.float32), True)
+                ids, quads, _ = self._Detect(
+                    picture[y0:y1, x0:x1], max(perimeter, 4 * _SMALLEST_SIDE)
+                )
+                # Regions overlap, so a marker may be found in several of them.
+                found.update(zip(expected[ids].tolist(), quads + [x0, y0]))
+        return list(found), np.reshape(list(found.values()), (-1, 4, 2))
+
+    def _Detect(self, grey, least_perimeter):
+        parameters = self._detector.getDetectorParameters()
+        # OpenCV counts perimeters in lengths of the picture's longer side.
+        parameters.minMarkerPerimeterRate = least_perimeter / max(grey.shape)
+        self._detector.setDetectorParameters(parameters)
+        quads, ids, rest = self._detector.detectMarkers(grey)
+        quads, rest = (np.reshape(each, (-1, 4, 2)).astype(float) for each in (quads, rest))
+        return [] if ids is None else np.ravel(ids).tolist(), quads, rest
+
+
+def _region(box, margin, relative_margin, shape) -> tuple[int, int, int, int]:
+    """Returns the part of a picture to search for a marker; see CameraView.region().
+
+    Args:
+        box: the marker's corners expected, (4, 2) px.
+        margin, relative_margin: around them, in px and in sizes of their bounding box.
+        shape: of the picture, (h, w).
+    """
+    ends = []
+    for coordinates, size in zip(box.T.tolist(), shape[::-1]):
+        low, high = min(coordinates), max(coordinates)
+        around = margin + relative_margin * (high - low)
+        ends.append([min(max(round(end), 0), size) for end in (low - around, high + around)])
+    (x0, x1), (y0, y1) = ends
+    return x0, y0, x1, y1
+
+
+def make_detector() -> cv2.aruco.ArucoDetector:
+    """Returns OpenCV's detector with parameters for the boards.
+
+    The boards are black on white: one threshold window, and a constant above
+    OpenCV's 7 that passes over most of grass and sky, spare two thirds of the
+    time of OpenCV's default and lose no markers; a larger constant loses them
+    in the dark, a smaller window under blur. Slivers are left out, because
+    OpenCV spends milliseconds on reading one. Modules of small markers are read
+    at twice the default resolution. OpenCV's own refinements pull corners
+    inwards and cost time: see corner_refit.py.
+    """
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = 7
+    parameters.adaptiveThreshConstant = 10
+    parameters.minCornerDistanceRate = 0.1  # of the perimeter
+    parameters.perspectiveRemovePixelPerCell = 8
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+    return cv2.aruco.ArucoDetector(DICTIONARY, parameters)

@@ -1,0 +1,117 @@
+"""The value that crosses the lap_plan port."""
+
+import dataclasses as dc
+
+import numpy as np
+
+from airrace.common.immutable import Immutable
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.min_snap.circuit import Circuit
+
+
+@dc.dataclass(frozen=True, eq=False)
+class PlanReport(Immutable):
+    """What a lap plan promises, from inverse dynamics at 1 kHz of entry and lap.
+
+    Attributes:
+        solve_time: wall time of the solve (s).
+        duration: of the lap, gate 1 to gate 1 (s).
+        max_speed: (m/s). max_acceleration: without gravity (m/s^2).
+        max_rotor_thrust: of any rotor (N).
+        max_thrusts, min_thrusts: of every rotor (N), tuples.
+        max_rate: of the body's angular velocity (rad/s).
+        clearance: from the nearest pylon's axis (m).
+        margin: between drone and boards that was asked for, at the gate that the map
+            knows least (m).
+        reached: names of the limits that are used to the full.
+        bound: the lap of a point mass with the same limits through the same gates, and as
+            far from the pylons (s).
+        solver: its name. iterations: of convex programs, or None.
+        warm: whether the search started from the lap before.
+    """
+
+    solve_time: float
+    duration: float
+    max_speed: float
+    max_acceleration: float
+    max_rotor_thrust: float
+    max_thrusts: tuple = ()
+    min_thrusts: tuple = ()
+    max_rate: float | None = None
+    clearance: float | None = None
+    margin: float | None = None
+    reached: tuple = ()
+    bound: float | None = None
+    solver: str = ""
+    iterations: int | None = None
+    warm: bool = False
+
+    @property
+    def gap(self) -> float | None:
+        """How much longer than the bound, as a share of it."""
+        return None if self.bound is None else self.duration / self.bound - 1.0
+
+
+@dc.dataclass(frozen=True, eq=False)
+class LapPlan(Immutable):
+    """A trajectory that joins a lap and then repeats it until it is replaced.
+
+    Attributes:
+        lap: number of the first lap flown on this plan, from 1.
+        start_time: when the entry starts (s).
+        entry: from the state at the hand-over onto the circuit.
+        circuit: one lap, gate 1 to gate 1.
+        phase: time on the circuit at which the entry joins it (s).
+        report: what the plan promises.
+    """
+
+    lap: int
+    start_time: float
+    entry: FlatTrajectory | None
+    circuit: Circuit | None
+    phase: float
+    report: PlanReport | None
+
+    def derivatives(self, time: float) -> np.ndarray:
+        """Returns value and four derivatives of x, y, z, yaw at a time, (5, 4)."""
+        flight, t = self._flown_at(time)
+        return flight.derivatives(t)
+
+    def reference(self, time: float) -> np.ndarray:
+        """Returns the same as a sample of flat_trajectory.py, (18,)."""
+        flight, t = self._flown_at(time)
+        return flight.reference(t)
+
+    def _flown_at(self, time: float) -> tuple[FlatTrajectory, float]:
+        """Returns entry or circuit, and the time on it."""
+        t = time - self.start_time
+        if t < self.entry.duration:
+            return self.entry, t
+        t += self.phase - self.entry.duration
+        return self.circuit, t % self.circuit.duration
+
+    def lap_at(self, time: float) -> int:
+        """Returns the number of the lap being flown at a time; gate 1 starts it.
+
+        On an entry before gate 1 that is the lap before the plan's first.
+        """
+        flown = (time - self._first_start) / self.circuit.duration
+        return self.lap + int(max(np.floor(flown), -1.0))
+
+    def next_start(self, time: float) -> float:
+        """Returns when the drone next passes gate 1 after a time (s)."""
+        laps = self.lap_at(time) + 1 - self.lap
+        return self._first_start + laps * self.circuit.duration
+
+    @property
+    def _first_start(self) -> float:
+        """When the circuit, traced back from the entry's end, starts (s)."""
+        return self.start_time + self.entry.duration - self.phase
+
+    def __reduce_ex__(self, protocol):
+        # So that a pickled NO_PLAN is the same object again.
+        return "NO_PLAN" if self.lap == 0 else super().__reduce_ex__(protocol)
+
+
+# What the lap_plan port holds until the race begins; compare with `is`.
+NO_PLAN = LapPlan(lap=0, start_time=0.0, entry=None, circuit=None, phase=0.0, report=None)

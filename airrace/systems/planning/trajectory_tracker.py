@@ -1,0 +1,39 @@
+"""Turns the plan in force into the controller's reference."""
+
+from pydrake.common.value import Value
+from pydrake.systems.framework import LeafSystem
+
+from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.systems.ports import peek
+from airrace.trajopt.flat_trajectory import SIZE
+
+
+class TrajectoryTracker(LeafSystem):
+    """Evaluates the lap plan; before there is one, passes the explorer's on.
+
+    .. pydrake_system::
+
+        name: TrajectoryTracker
+        input_ports:
+        - lap_plan
+        - exploration_reference
+        output_ports:
+        - reference
+
+    ``lap_plan`` is a LapPlan or NO_PLAN. The references (18) are laid out in
+    trajopt/flat_trajectory.py: position to snap in the world, then yaw and
+    its first two derivatives.
+    """
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
+        self._exploration = self.DeclareVectorInputPort("exploration_reference", SIZE)
+        self.DeclareVectorOutputPort("reference", SIZE, self._CalcReference)
+
+    def _CalcReference(self, context, output):
+        plan = self._plan.Eval(context)
+        if plan is NO_PLAN:
+            output.set_value(peek(self._exploration, context))
+        else:
+            output.set_value(plan.reference(context.get_time()))

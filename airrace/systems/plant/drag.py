@@ -1,0 +1,87 @@
+"""What the air does to a multirotor's body."""
+
+import math
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import LeafSystem
+
+from airrace.common.jit import compiled
+from airrace.math.vec3 import columns, dot, sum2, triple
+from airrace.vehicle import Vehicle
+
+
+class Drag(LeafSystem):
+    """Drag of the rotors and of the airframe.
+
+    .. pydrake_system::
+
+        name: Drag
+        input_ports:
+        - state
+        - wind
+        output_ports:
+        - spatial_forces
+
+    ``state`` is the plant's floating-body state (13): quaternion of R_WB
+    (w, x, y, z), p_WB, w_WB, v_WB; ``wind`` (3) the air's velocity in the
+    world (m/s). ``spatial_forces`` is a list of one
+    ExternallyAppliedSpatialForce, for the plant: with v the velocity through
+    the air and w the angular velocity, both in B, the force is
+    -(linear + quadratic |v|) v at the centre of mass and the moment
+    -angular w. The part that is linear in v is the rotors' (Faessler, Franchi
+    and Scaramuzza, "Differential flatness of quadrotor dynamics subject to
+    rotor drag", 2018).
+    """
+
+    def __init__(self, *, vehicle: Vehicle, share: float, body_index: BodyIndex):
+        """Constructs the drag.
+
+        Args:
+            vehicle: whose coefficients, with its centre of mass at the
+                body's origin.
+            share: of the coefficients that acts; 1 is all.
+            body_index: of the body in the plant.
+        """
+        LeafSystem.__init__(self)
+        drag = vehicle.drag
+        self._coefficients = share * np.array([drag.linear, drag.quadratic, drag.angular])
+        self._body_index = body_index
+        self._state = self.DeclareVectorInputPort("state", 13)
+        self._wind = self.DeclareVectorInputPort("wind", 3)
+        self.DeclareAbstractOutputPort(
+            "spatial_forces", Value[list[ExternallyAppliedSpatialForce]], self._CalcForces
+        )
+
+    def _CalcForces(self, context, output):
+        force = ExternallyAppliedSpatialForce()
+        force.body_index = self._body_index
+        force.p_BoBq_B = np.zeros(3)
+        force.F_Bq_W = SpatialForce(
+            _drag(self._state.Eval(context), self._wind.Eval(context), self._coefficients)
+        )
+        output.set_value([force])
+
+
+@compiled
+def _drag(state, wind, coefficients):
+    """Returns moment (N m) and force (N) in the world, (6,); see Drag.
+
+    Args:
+        coefficients: linear, quadratic and angular, (3, 3).
+    """
+    axes = columns(state[0], state[1], state[2], state[3])  # of R_WB
+    w, v = triple(state, 7), sum2(1.0, triple(state, 10), -1.0, wind)
+    speed = math.sqrt(dot(v, v))
+    result = np.zeros(6)
+    for i in range(3):
+        axis = axes[i]
+        t = coefficients[2, i] * dot(axis, w)
+        f = (coefficients[0, i] + coefficients[1, i] * speed) * dot(axis, v)
+        for k in range(3):
+            result[k] -= t * axis[k]
+            result[3 + k] -= f * axis[k]
+    return result

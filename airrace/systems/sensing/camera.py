@@ -1,0 +1,222 @@
+"""The drone's camera."""
+
+import math
+import typing
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.value import Value
+from pydrake.geometry import QueryObject
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import LeafSystem
+from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
+
+from airrace.rendering.imaging.camera_effects import ImagingChain
+from airrace.rendering.imaging.motion_blur import MeanPicture, moved
+from airrace.systems.plant.plant_steps import lead
+from airrace.systems.sensing.camera_view import CameraView
+from airrace.systems.types import CameraInfo
+
+
+class Renderer(typing.Protocol):
+    """What draws the pictures: a PlanarRenderer, a VtkRenderer or your own."""
+
+    #: Whether render() takes the QueryObject of a SceneGraph as third argument.
+    needs_query_object: bool
+
+    def render(self, X_WC: RigidTransform, out: np.ndarray, *scene) -> None:
+        """Draws the world seen from X_WC into ``out``, uint8.
+
+        That is RGBA, (h, w, 4), or grey levels, (h, w). ``scene`` is the
+        QueryObject, or the shifts of the gates, (n, 2), if the Camera is told
+        that gates move, or nothing.
+
+        A renderer that can draw parts of pictures has a method expose(poses,
+        X_WC, *scene), too: see PlanarRenderer.
+        """
+
+
+class Camera(LeafSystem):
+    """Takes a picture at every frame period.
+
+    .. pydrake_system::
+
+        name: Camera
+        input_ports:
+        - state
+        - geometry_query (only if the renderer needs it)
+        - gate_shifts (only if gates move, and the renderer needs no geometry_query)
+        output_ports:
+        - camera_image
+        - camera_grey
+        - camera_view
+        - camera_image_time
+        - camera_info
+
+    ``state`` is a floating body's slice of a MultibodyPlant's state, shape
+    (13,): quaternion w, x, y, z of R_WB, position p_WB (m), angular velocity
+    w_WB (rad/s) and velocity v_WB (m/s), both expressed in world. ``gate_shifts``
+    (2 n) is where the gates stand, see GateMover; it is part of a sample, too.
+
+    The camera samples the state and the time at initialization and then at all
+    multiples of 1/fps. ``camera_image`` (abstract, ImageRgba8U) shows the world
+    from the sampled pose; ``camera_grey`` (abstract, ImageGrey8U) is the same picture
+    in grey levels, drawn as such, which is several times as fast: up to rounding,
+    what OpenCV makes of the colours. ``camera_view`` (abstract, CameraView) is
+    that picture, too, but drawn piece by piece where somebody looks; so whoever
+    looks only at parts should look there. ``camera_image_time`` (vector, shape (1,)) is
+    when that was (s): the middle of the exposure. All are there ``latency`` later,
+    but for the first ones, which are there from the beginning. ``camera_info``
+    (abstract, CameraInfo) never changes.
+
+    A MultibodyPlant with sampled output ports steps before the discrete updates
+    of the same time, so its state is that of one plant step later then. Switch
+    them off (``SetUseSampledOutputPorts(False)``) if that matters. Between its
+    steps a discrete plant shows the state at the end of the step; the camera goes
+    back from there to when the picture is taken.
+
+    The picture is a function of the sample only, so Drake's cache keeps it
+    until the next one: a frame is drawn at most once in either way however many
+    look at it, and never if nobody does. With a renderer that needs ``geometry_query``
+    this relies on a scene that stands still while it is looked at. The drone itself
+    moves, so it must be invisible to that renderer: give its visuals no perception role.
+    """
+
+    def __init__(
+        self,
+        *,
+        camera_info: CameraInfo,
+        fps: float,
+        renderer: Renderer,
+        imaging: ImagingChain | None = None,
+        latency: float = 0.0,
+        moving_gates: int = 0,
+        state_period: float = 0.0,
+    ):
+        """Constructs the camera.
+
+        Args:
+            camera_info: calibration and the camera's pose X_BC in the body.
+            fps: pictures per second.
+            renderer: draws the pictures; made for the same camera_info, or for
+                ``imaging.pinhole``.
+            imaging: turns what is drawn into what a real camera shows.
+            latency: from a sample to its picture, less than 1/fps (s).
+            moving_gates: how many gates there are, if they move, else 0.
+            state_period: of the plant's steps (s); 0 if its state is continuous.
+        """
+        LeafSystem.__init__(self)
+        self._state_period = state_period
+        self._info = camera_info
+        self._fps = fps
+        self._renderer = renderer
+        self._imaging = imaging
+        self._state = self.DeclareVectorInputPort("state", 13)
+        self._query = None
+        if renderer.needs_query_object:
+            self._query = self.DeclareAbstractInputPort("geometry_query", Value(QueryObject()))
+        self._shifts = None
+        if moving_gates and not renderer.needs_query_object:
+            self._shifts = self.DeclareVectorInputPort("gate_shifts", 2 * moving_gates)
+
+        # A sample is the state, the time, and where gates that move are. The one that
+        # the outputs show is an abstract state: any discrete update spoils what Drake's
+        # cache holds of all discrete states, so the picture would be drawn anew when the
+        # next sample is taken.
+        blank = (1.0, *np.zeros(13 if self._shifts is None else 13 + 2 * moving_gates).tolist())
+        self._shown = self.DeclareAbstractState(Value[object](blank))
+        # The periodic event at t = 0 happens only in the first step, after the
+        # first publish; so the first sample is taken at initialization, too.
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._ShowNow)
+        self.DeclareForcedUnrestrictedUpdateEvent(self._ShowNow)
+        if latency == 0:
+            self.DeclarePeriodicUnrestrictedUpdateEvent(1 / fps, 0.0, self._ShowNow)
+        else:
+            self._newest = self.DeclareDiscreteState(blank)
+            self.DeclarePeriodicDiscreteUpdateEvent(1 / fps, 0.0, self._Sample)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(1 / fps, latency, self._ShowNewest)
+
+        ticket = {self.abstract_state_ticket(self._shown)}
+        self.DeclareAbstractOutputPort(
+            "camera_image",
+            lambda: Value(ImageRgba8U(camera_info.width, camera_info.height)),
+            self._CalcImage,
+            prerequisites_of_calc=ticket,
+        )
+        self.DeclareAbstractOutputPort(
+            "camera_grey",
+            lambda: Value(ImageGrey8U(camera_info.width, camera_info.height)),
+            self._CalcGrey,
+            prerequisites_of_calc=ticket,
+        )
+        self._view = self.DeclareAbstractOutputPort(
+            "camera_view", lambda: Value[object](), self._CalcView, prerequisites_of_calc=ticket
+        )
+        self.DeclareVectorOutputPort(
+            "camera_image_time", 1, self._CalcTime, prerequisites_of_calc=ticket
+        )
+        self.DeclareAbstractOutputPort(
+            "camera_info",
+            lambda: Value(camera_info),
+            lambda context, output: output.set_value(camera_info),
+            prerequisites_of_calc={self.nothing_ticket()},
+        )
+
+    def _SampleNow(self, context):
+        sample = (*self._state.Eval(context).tolist(), context.get_time())
+        if self._shifts is None:
+            return sample
+        return (*sample, *self._shifts.Eval(context).tolist())
+
+    def _ShowNow(self, context, state):
+        shown = state.get_mutable_abstract_state(int(self._shown))
+        shown.set_value(self._SampleNow(context))
+
+    def _Sample(self, context, discrete_state):
+        discrete_state.set_value(self._newest, self._SampleNow(context))
+
+    def _ShowNewest(self, context, state):
+        newest = context.get_discrete_state(self._newest).value()
+        state.get_mutable_abstract_state(int(self._shown)).set_value(tuple(newest.tolist()))
+
+    def _Shown(self, context):
+        return np.array(context.get_abstract_state(int(self._shown)).get_value())
+
+    def _CalcImage(self, context, output):
+        self._Picture(context).draw(output.get_mutable_value().mutable_data)
+
+    def _CalcGrey(self, context, output):
+        picture = output.get_mutable_value().mutable_data
+        picture[..., 0] = self._view.Eval(context).whole()
+
+    def _CalcView(self, context, output):
+        view = CameraView((self._info.height, self._info.width), self._Picture(context).draw)
+        if not hasattr(self._renderer, "expose"):
+            view.whole()  # while the scene is there
+        output.set_value(view)
+
+    def _Picture(self, context):
+        """Returns what draws the picture: draw(out, boxes=None), see Exposure."""
+        sample = self._Shown(context)
+        # The plant's integrator lets the quaternion's norm drift a little.
+        q = sample[:4]
+        X_WB = RigidTransform(Quaternion(q / math.sqrt(q.dot(q))), sample[4:7])
+        if self._state_period > 0.0:
+            X_WB = moved(X_WB, sample[7:10], sample[10:13], -lead(sample[13], self._state_period))
+        args = () if self._query is None else (self._query.Eval(context),)
+        if self._shifts is not None:
+            args = (sample[14:].reshape(-1, 2),)
+
+        def expose(poses, X_WC):
+            if hasattr(self._renderer, "expose"):
+                return self._renderer.expose(poses, X_WC, *args)
+            return MeanPicture(lambda X_WC, out: self._renderer.render(X_WC, out, *args), poses)
+
+        if self._imaging is None:
+            X_WC = X_WB @ self._info.X_BC
+            return expose([(1.0, X_WC)], X_WC)
+        frame = round(sample[13] * self._fps)
+        return self._imaging.picture(expose, X_WB, sample[7:10], sample[10:13], frame)
+
+    def _CalcTime(self, context, output):
+        output.SetAtIndex(0, self._Shown(context)[13])

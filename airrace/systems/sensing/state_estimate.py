@@ -1,0 +1,95 @@
+"""The state estimate that the simulated autopilot hands to the autonomy."""
+
+from pydrake.systems.framework import LeafSystem
+
+from airrace.common.jit import compiled
+from airrace.math.random import NoiseSequence
+from airrace.systems.plant.plant_steps import lead
+from airrace.systems.ports import peek
+from airrace.systems.sensing.pose_history import moved
+
+# The vector of `state_estimate`: time, then Drake's floating-body state.
+SIZE = 14
+TIME = 0
+QUATERNION = slice(1, 5)  # w, x, y, z of R_WB
+POSITION = slice(5, 8)  # p_WB
+ANGULAR_VELOCITY = slice(8, 11)  # w_WB, in the world frame
+VELOCITY = slice(11, 14)  # v_WB
+_MOMENT = 1e-9  # s, that only rounding makes
+
+
+class StateEstimate(LeafSystem):
+    """Samples the true state and adds the reference system's noise.
+
+    .. pydrake_system::
+
+        name: StateEstimate
+        input_ports:
+        - state
+        output_ports:
+        - state_estimate
+
+    ``state`` is the plant's floating-body state (13): quaternion of R_WB
+    (w, x, y, z), p_WB, w_WB, v_WB. ``state_estimate`` (14) is the time of the
+    sample (s) and the same, with white noise on the position and a random
+    factor on each horizontal velocity component.
+
+    Between its steps a discrete plant shows the state at the end of the step; the pose
+    goes back from there to the time of the sample.
+    """
+
+    def __init__(self, *, rate, position_sigma=0.0, velocity_sigma=0.0, seed=0, state_period=0.0):
+        """Constructs the estimate.
+
+        Args:
+            rate: samples per second (Hz).
+            position_sigma: of the noise on each position coordinate (m).
+            velocity_sigma: of the factor 1 + N(0, sigma) on v_x and v_y.
+            seed: of the noise.
+            state_period: of the plant's steps (s); 0 if its state is continuous.
+        """
+        LeafSystem.__init__(self)
+        self._rate = rate
+        self._position_sigma = position_sigma
+        self._velocity_sigma = velocity_sigma
+        self._noise = NoiseSequence(seed, "state_estimate", 5)
+        self._state_period = state_period
+        self._state = self.DeclareVectorInputPort("state", SIZE - 1)
+        index = self.DeclareDiscreteState(SIZE)
+        self.DeclareStateOutputPort("state_estimate", index)
+        # The controller's first tick must already see a sample.
+        self.DeclareInitializationDiscreteUpdateEvent(self._Sample)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Sample)
+
+    def _Sample(self, context, discrete_state):
+        time = context.get_time()
+        _sample(
+            discrete_state.get_mutable_value(),
+            time,
+            peek(self._state, context),
+            lead(time, self._state_period),
+            self._noise[round(time * self._rate)],
+            self._position_sigma,
+            self._velocity_sigma,
+        )
+
+
+@compiled
+def _sample(sample, time, state, ahead, noise, position_sigma, velocity_sigma):
+    """Fills a sample, (14,).
+
+    Args:
+        time: of the sample (s).
+        state: of the plant, (13,), and by how much it is ahead of that time (s).
+        noise: standard normal numbers, (5,), of position, v_x and v_y.
+        position_sigma, velocity_sigma: see StateEstimate.
+    """
+    sample[TIME] = time
+    sample[1:] = state
+    if ahead > _MOMENT:
+        pose = moved(sample, -ahead)
+        sample[QUATERNION], sample[POSITION] = pose[:4], pose[4:]
+    for i in range(3):
+        sample[POSITION.start + i] += position_sigma * noise[i]
+    for i in range(2):
+        sample[VELOCITY.start + i] *= 1.0 + velocity_sigma * noise[3 + i]

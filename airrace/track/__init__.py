@@ -1,0 +1,20 @@
+"""The race track: gates, pylons and marker boards, where they may stand, and their files.
+
+python -m airrace.track makes random ones.
+"""
+
+from airrace.track.track import (
+    BOARD_HEIGHT,
+    BOARD_OFFSET,
+    BOARD_SIZE,
+    MARKER_SIZE,
+    PYLON_BASE_RADIUS,
+    PYLON_HEIGHT,
+    PYLON_TIP_RADIUS,
+    Board,
+    Gate,
+    Start,
+    Track,
+    load_track,
+    segment_distance,
+)

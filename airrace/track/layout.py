@@ -1,0 +1,109 @@
+"""The gates of a track seen from above, as arrays."""
+
+import dataclasses as dc
+import functools
+
+import numpy as np
+
+from airrace.track.track import Track
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Layout:
+    """A track in the plane. Leg i leads from gate i to the next, the last to gate 0.
+
+    Attributes:
+        left: left pylons, (n, 2) m.
+        headings: directions of flight through the gates, (n,) rad.
+        spacing: between the pylons of a gate, (n,) m.
+    """
+
+    left: np.ndarray
+    headings: np.ndarray
+    spacing: np.ndarray
+
+    @classmethod
+    def of(cls, track: Track) -> "Layout":
+        """Returns the layout of a track."""
+        return cls(
+            np.array([gate.left_pylon for gate in track.gates], float),
+            np.array([gate.heading for gate in track.gates]),
+            np.array([gate.pylon_spacing for gate in track.gates]),
+        )
+
+    @functools.cached_property
+    def forward(self) -> np.ndarray:
+        """Unit vectors of flight through the gates, (n, 2)."""
+        return directions(self.headings)
+
+    @functools.cached_property
+    def rightward(self) -> np.ndarray:
+        """Unit vectors from the left to the right pylons, (n, 2)."""
+        return self.forward[:, ::-1] * [1.0, -1.0]
+
+    @functools.cached_property
+    def right(self) -> np.ndarray:
+        """Right pylons, (n, 2) m."""
+        return self.left + self.spacing[:, None] * self.rightward
+
+    @functools.cached_property
+    def middle(self) -> np.ndarray:
+        """Midpoints of the gates, (n, 2) m."""
+        return (self.left + self.right) / 2
+
+    @functools.cached_property
+    def pylons(self) -> np.ndarray:
+        """Left and right pylon of each gate, (n, 2, 2) m."""
+        return np.stack([self.left, self.right], axis=1)
+
+    @functools.cached_property
+    def turns(self) -> np.ndarray:
+        """Change of heading on each leg, in -pi to pi, left positive, (n,) rad."""
+        turns = np.roll(self.headings, -1) - self.headings
+        return (turns + np.pi) % (2 * np.pi) - np.pi
+
+    @functools.cached_property
+    def lengths(self) -> np.ndarray:
+        """From each left pylon to the next along the direction of flight, (n,) m."""
+        return np.sum((np.roll(self.left, -1, axis=0) - self.left) * self.forward, axis=1)
+
+    @functools.cached_property
+    def straight_ends(self) -> np.ndarray:
+        """Where one who flies straight on from a midpoint meets the next gate, (n, 2) m."""
+        following = np.roll(self.forward, -1, axis=0)
+        to_gate = np.roll(self.middle, -1, axis=0) - self.middle
+        along = np.sum(to_gate * following, axis=1) / np.sum(self.forward * following, axis=1)
+        return self.middle + along[:, None] * self.forward
+
+
+def directions(angles) -> np.ndarray:
+    """Returns unit vectors of angles (rad), shape (..., 2)."""
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+def point_distances(points, starts, ends) -> np.ndarray:
+    """Returns distances of points from segments (m).
+
+    Args:
+        points, starts, ends: arrays that broadcast to (..., 2).
+    """
+    along = ends - starts
+    share = np.sum((points - starts) * along, axis=-1)
+    share = np.clip(share / np.maximum(np.sum(along * along, axis=-1), 1e-12), 0.0, 1.0)
+    return np.linalg.norm(starts + share[..., None] * along - points, axis=-1)
+
+
+def segment_distances(starts, ends) -> np.ndarray:
+    """Returns the distances of n segments from one another, 0 where they cross, (n, n) m.
+
+    Args:
+        starts, ends: (n, 2).
+    """
+    a, b = starts[:, None], ends[:, None]
+    gaps = np.minimum(point_distances(starts, a, b), point_distances(ends, a, b))
+    apart = _side(a, b, starts) * _side(a, b, ends) >= 0  # both ends of j beside line i
+    return np.where(apart | apart.T, np.minimum(gaps, gaps.T), 0.0)
+
+
+def _side(a, b, points):
+    return np.sign((b - a)[..., 0] * (points - a)[..., 1] - (b - a)[..., 1] * (points - a)[..., 0])

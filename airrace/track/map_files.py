@@ -1,0 +1,160 @@
+"""The map on disk: map.json, which can be read again, and map_statistics.json."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from airrace.common.errors import UserError
+from airrace.common.files import write_json
+from airrace.systems.types import GateEstimate, GateMap, MarkerEstimate
+from airrace.track.track import Track, load_track
+
+TRACK = "track"  # in the place of a file: where the gates really are
+
+
+def write_map(directory: Path, gate_map: GateMap) -> None:
+    """Writes both files.
+
+    Raises:
+        UserError: if they cannot be written.
+    """
+    write_json(directory / "map.json", map_data(gate_map))
+    write_json(directory / "map_statistics.json", statistics_data(gate_map))
+
+
+def map_data(gate_map: GateMap) -> dict:
+    """Returns the map as plain data: what a planner needs (m, degrees)."""
+    return {
+        "time_s": _time(gate_map),
+        "gates": [
+            {
+                "gate": gate.number + 1,
+                "midpoint": rounded(gate.p_WG),
+                "heading_deg": round(float(np.rad2deg(gate.heading)), 3),
+                "spacing": round(float(gate.spacing), 4),
+            }
+            for gate in gate_map.gates
+        ],
+        "markers": [
+            {"id": m.id, "position": rounded(m.p_WM), "normal": rounded(m.normal)}
+            for m in gate_map.markers
+        ],
+    }
+
+
+def statistics_data(gate_map: GateMap) -> dict:
+    """Returns the statistics of section III of the Student AirRace report.
+
+    And why markers were refused; of a board with no sightings, position and
+    variance follow from the other boards of its gate.
+    """
+    return {
+        "time_s": _time(gate_map),
+        "detections": gate_map.detections,
+        "out_of_range_ids": gate_map.out_of_range,
+        "error_rate": gate_map.error_rate,
+        "refused": gate_map.refused,
+        "markers": [
+            {
+                "id": m.id,
+                "sightings": m.count,
+                "outliers": m.outliers,
+                "mean": rounded(m.p_WM),
+                "variance": rounded(m.variance, 6),
+            }
+            for m in gate_map.markers
+        ],
+    }
+
+
+def _time(gate_map):
+    """Returns the time of the newest image in the map (s), None before the first."""
+    return gate_map.time if gate_map.time >= 0.0 else None
+
+
+def rounded(vector, digits=4) -> list:
+    """Returns a vector's numbers, rounded; of a few, quicker than numpy's."""
+    return [round(x, digits) for x in np.asarray(vector).tolist()]
+
+
+def read_map(name: str, track_name: str) -> GateMap:
+    """Returns the map of a scenario.
+
+    Args:
+        name: TRACK, or the map.json of an earlier race.
+        track_name: of the scenario's track.
+
+    Raises:
+        UserError: if there is no such map.
+    """
+    if name == TRACK:
+        return true_map(load_track(track_name))
+    try:
+        data = json.loads(Path(name).read_text(encoding="utf-8"))
+        gates = tuple(
+            GateEstimate(
+                number=int(gate["gate"]) - 1,
+                p_WG=_vector(gate["midpoint"]),
+                heading=np.deg2rad(_number(gate["heading_deg"])),
+                spacing=_number(gate["spacing"]),
+            )
+            for gate in data["gates"]
+        )
+        markers = tuple(
+            MarkerEstimate(
+                int(m["id"]), 1, 0, _vector(m["position"]), np.zeros(3), _vector(m["normal"])
+            )
+            for m in data["markers"]
+        )
+    except OSError as e:
+        raise UserError(
+            f"The map {name} cannot be read ({e.strerror}); give the map.json of an earlier "
+            f"race, or '{TRACK}'."
+        ) from None
+    except (ValueError, KeyError, TypeError):
+        raise UserError(
+            f"{name} is not a map: give the map.json of an earlier race, or '{TRACK}'."
+        ) from None
+    numbers = [gate.number for gate in gates]
+    if len(gates) < 2 or sorted(numbers) != list(range(len(gates))):
+        raise UserError(
+            f"The map {name} must have all gates, two or more; it has "
+            f"{', '.join(str(n + 1) for n in numbers) or 'none'}."
+        )
+    return GateMap(gates=tuple(sorted(gates, key=lambda gate: gate.number)), markers=markers)
+
+
+def true_map(track: Track) -> GateMap:
+    """Returns the map that one with perfect eyes would make."""
+    return GateMap(
+        gates=tuple(
+            GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.pylon_spacing)
+            for n, gate in enumerate(track.gates)
+        ),
+        markers=tuple(
+            MarkerEstimate(
+                board.id,
+                1,
+                0,
+                board.X_WM.translation(),
+                np.zeros(3),
+                board.X_WM.rotation().matrix()[:, 2],
+            )
+            for board in track.boards()
+        ),
+    )
+
+
+def _number(value) -> float:
+    number = float(value)
+    if not np.isfinite(number):
+        raise ValueError
+    return number
+
+
+def _vector(values) -> np.ndarray:
+    result = np.array([_number(value) for value in values])
+    if result.shape != (3,):
+        raise ValueError
+    return result

@@ -1,0 +1,125 @@
+"""Draws a track from above."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from airrace.common.errors import UserError
+from airrace.track.layout import Layout, directions
+from airrace.track.track import BOARD_SIZE, PYLON_BASE_RADIUS, Track
+
+_GRASS, _PYLON, _FRONT, _BACK = "#eef3e6", "#d9480f", "#ffffff", "#212529"
+_LEG, _START = "#4c6ef5", "#2b8a3e"
+_UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}  # for equal files
+
+
+def draw_track(track: Track) -> Figure:
+    """Returns a picture of a track: pylons, boards, numbers, legs and the start.
+
+    Front boards are white, back boards black.
+    """
+    layout = Layout.of(track)
+    figure = Figure(figsize=(9, 9), layout="constrained")
+    axes = figure.add_subplot(aspect="equal", facecolor=_GRASS)
+    _draw_legs(axes, layout)
+    for n in range(len(track.gates)):
+        _draw_gate(axes, layout, n)
+    for board in track.boards():
+        across = BOARD_SIZE / 2 * board.X_WM.rotation().col(0)[:2]
+        ends = board.X_WM.translation()[:2] + np.outer([-1, 1], across)
+        axes.plot(*ends.T, color=_BACK if board.id % 2 else _FRONT, lw=2, zorder=4)
+    _draw_start(axes, track)
+    length = np.linalg.norm(np.roll(layout.middle, -1, axis=0) - layout.middle, axis=1).sum()
+    way = "counter-clockwise" if layout.turns.sum() > 0 else "clockwise"
+    axes.set_title(f"{track.name}: {len(track.gates)} gates, {length:.0f} m, {way}")
+    axes.set(xlabel="x (m)", ylabel="y (m)")
+    axes.margins(0.08)
+    axes.grid(color="white", zorder=0)
+    axes.set_axisbelow(True)
+    return figure
+
+
+def save_plot(track: Track, path: Path) -> None:
+    """Writes the picture of a track; the file's ending says in which format.
+
+    Raises:
+        UserError: if the file cannot be written or has an ending of no picture.
+    """
+    figure = draw_track(track)
+    ending = path.suffix.lstrip(".").lower()
+    if ending not in FigureCanvasAgg(figure).get_supported_filetypes():
+        raise UserError(f"--plot {path} has no ending of a picture; give a .png, .svg or .pdf.")
+    try:
+        with rc_context({"svg.hashsalt": "airrace"}):
+            figure.savefig(path, dpi=120, metadata=_UNDATED.get(ending))
+    except OSError as e:
+        raise UserError(
+            f"--plot {path} cannot be written ({e.strerror}); name another file."
+        ) from None
+
+
+def _draw_legs(axes, layout):
+    for p, q in zip(layout.middle, np.roll(layout.middle, -1, axis=0)):
+        axes.plot(*np.transpose([p, q]), color=_LEG, lw=1.2, ls=(0, (6, 4)), zorder=2)
+        axes.annotate(
+            "",
+            xy=p + 0.58 * (q - p),
+            xytext=p + 0.5 * (q - p),
+            zorder=2,
+            arrowprops=dict(arrowstyle="-|>", color=_LEG, lw=1.2),
+        )
+
+
+def _draw_gate(axes, layout, n):
+    left, right = layout.pylons[n]
+    axes.plot(*np.transpose([left, right]), color=_PYLON, lw=0.8, alpha=0.6, zorder=2)
+    for foot in (left, right):
+        axes.add_patch(Circle(foot, PYLON_BASE_RADIUS, facecolor=_PYLON, zorder=3))
+    axes.annotate(
+        "",
+        xy=layout.middle[n] + 5 * layout.forward[n],
+        xytext=layout.middle[n],
+        arrowprops=dict(arrowstyle="-|>", color=_PYLON, lw=1.5),
+        zorder=5,
+    )
+    # Beside the right pylon, away from the gate.
+    axes.annotate(
+        str(n + 1),
+        right + PYLON_BASE_RADIUS * layout.rightward[n],
+        xytext=12 * layout.rightward[n],
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        fontsize=11,
+        fontweight="bold",
+        color=_PYLON,
+        zorder=5,
+    )
+
+
+def _draw_start(axes, track):
+    p = np.array(track.start.position[:2])
+    forward = directions(np.deg2rad(track.start.heading_deg))
+    axes.plot(*p, "s", ms=8, color=_START, zorder=5)
+    axes.annotate(
+        "",
+        xy=p + 8 * forward,
+        xytext=p,
+        arrowprops=dict(arrowstyle="-|>", color=_START, lw=2),
+        zorder=5,
+    )
+    axes.annotate(
+        "start",
+        p,
+        xytext=[-22, -13] * forward,
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        color=_START,
+        fontsize=10,
+        zorder=5,
+    )

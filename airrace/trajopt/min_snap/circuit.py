@@ -1,0 +1,218 @@
+"""The circuit: a closed lap through the gates of a map."""
+
+import contextlib
+import dataclasses as dc
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.flyable import (
+    is_flyable,
+    passes_forward,
+    pylon_distances,
+    rotor_excess,
+    sample_times,
+)
+from airrace.trajopt.min_snap.min_snap import (
+    DerivativeConstraint,
+    TrajectoryOptimizationError,
+    solve_min_snap,
+    turn_per_lap,
+    unwrap_headings,
+)
+from airrace.trajopt.min_snap.time_allocation import allocate_times
+
+LEVEL = np.array([0.0, 0.0, np.nan, np.nan])  # no horizontal acceleration
+# Of the limits, so that a slightly different way onto the circuit keeps them.
+_MARGIN = 0.99
+_APPROACHES = (None, 5.0, 3.0, 2.0, 10.0)  # m before a gate, tried in turn
+_MOST_ROUNDS = 4  # of each, with the gates that were faulty in the last
+_MOST_SLOWING = 20.0  # times the durations within limits of speed and acceleration
+_LEAST_DISTANCE = 0.1  # m, from gate to gate
+
+
+class Circuit(FlatTrajectory):
+    """One lap from gate 1 to gate 1.
+
+    Attributes:
+        gate_times: when each gate is passed (s), then the duration.
+        headings: of the gates (rad), as a tuple.
+        approach: gate index to distance (m) of a waypoint in front of it.
+    """
+
+    def __init__(self, polynomial: PiecewisePolynomial, gate_times, headings, approach: dict):
+        """Args: polynomial: with four rows. The others: see above."""
+        super().__init__(polynomial)
+        self.gate_times = tuple(gate_times)
+        self.headings = tuple(headings)
+        self.approach = approach
+
+    @property
+    def waypoint_times(self) -> tuple:
+        """When gates and waypoints in front of them are passed, then the duration (s)."""
+        return self.breaks
+
+
+def plan_circuit(
+    midpoints,
+    headings,
+    pylons,
+    dimensions,
+    *,
+    clearance,
+    max_speed,
+    max_acceleration,
+    rotors: FlightLimits | None = None,
+    previous: Circuit | None = None,
+) -> Circuit:
+    """Returns the lap through the gates that is shortest within the limits.
+
+    Section V of the Student AirRace report, as a closed loop: nobody stops at
+    gate 1. In three dimensions only x, y, z are planned and yaw stays at the
+    heading of gate 1; in four, yaw follows the gates' headings; in six, roll
+    and pitch are zero at each gate as well. By differential flatness (Mellinger
+    and Kumar, ICRA 2011) these are zero where the horizontal acceleration is.
+
+    Between midpoints alone, the shortest lap may slip through a gate sideways,
+    along its pylons. Such a gate gets a waypoint straight in front of it.
+
+    Args:
+        midpoints: of the gates, (n, 3) m.
+        headings: of the gates, (n,) rad.
+        pylons: axes to keep clear of, [x, y], (m, 2) m.
+        dimensions: 3, 4 or 6.
+        clearance: from the pylons' axes, a number or (m,) m.
+        max_speed, max_acceleration: (m/s), (m/s^2).
+        rotors: whose rotors must be able to fly the lap; it is slowed until they can.
+            None does not ask.
+        previous: the lap through a similar map, to start from.
+
+    Raises:
+        TrajectoryOptimizationError: if there is no such lap.
+    """
+    limits = dict(max_speed=max_speed, max_acceleration=max_acceleration, rotors=rotors)
+    all_limits = dict(clearance=clearance, **limits)
+    gates = _checked(midpoints, headings)
+    if previous is not None and len(previous.headings) == len(gates):
+        with contextlib.suppress(TrajectoryOptimizationError):
+            durations = np.diff(previous.breaks)
+            circuit = _solve(gates, previous.approach, dimensions, durations, limits)
+            faults = _faults(circuit, pylons, clearance)
+            if not faults and is_flyable(circuit, pylons, **all_limits):
+                return circuit
+    faults = set()
+    for distance in _APPROACHES:
+        # A waypoint in front of one gate may lead to another minimum, with faults elsewhere.
+        for _ in range(_MOST_ROUNDS):
+            approach = {} if distance is None else dict.fromkeys(sorted(faults), distance)
+            try:
+                circuit = _solve(gates, approach, dimensions, None, limits)
+            except TrajectoryOptimizationError:
+                break
+            new_faults = _faults(circuit, pylons, clearance)
+            if not new_faults and is_flyable(circuit, pylons, **all_limits):
+                return circuit
+            settled = distance is None or new_faults <= faults
+            faults |= new_faults
+            if settled:
+                break
+        if not faults:
+            break  # there is nothing to try
+    raise TrajectoryOptimizationError("No lap is within the limits and clear of all pylons.")
+
+
+def _checked(midpoints, headings) -> np.ndarray:
+    """Returns the gates as x, y, z (m) and yaw (rad), unwrapped, (n, 4)."""
+    if len(midpoints) < 2 or not (np.all(np.isfinite(midpoints)) and np.all(np.isfinite(headings))):
+        raise TrajectoryOptimizationError("A lap needs two gates or more, at finite places.")
+    gates = np.column_stack([midpoints, unwrap_headings(headings)])
+    if _legs(gates).min() < _LEAST_DISTANCE:
+        raise TrajectoryOptimizationError("Two gates, one after the other, coincide.")
+    return gates
+
+
+def _legs(gates) -> np.ndarray:
+    """Returns how far each gate is from the one before, (n,) m."""
+    return np.linalg.norm(gates[:, :3] - np.roll(gates[:, :3], 1, axis=0), axis=1)
+
+
+def _solve(gates, approach, dimensions, durations, limits) -> Circuit:
+    """Returns the shortest lap with some waypoints in front of gates."""
+    waypoints, indices = [], []
+    for i, (gate, leg) in enumerate(zip(gates, _legs(gates))):
+        if i in approach:
+            forward = np.array([np.cos(gate[3]), np.sin(gate[3]), 0.0, 0.0])
+            waypoints.append(gate - min(approach[i], leg / 2) * forward)
+        indices.append(len(waypoints))
+        waypoints.append(gate)
+    # The lap starts at gate 1, its approach comes last.
+    if indices[0] > 0:
+        turn = [0.0, 0.0, 0.0, turn_per_lap(gates[:, 3])]
+        waypoints = [*waypoints[1:], waypoints[0] + turn]
+        indices = [i - 1 for i in indices]
+    size = 3 if dimensions == 3 else 4
+    waypoints = np.array(waypoints)[:, :size]
+    offset = np.array([0.0, 0.0, 0.0, turn_per_lap(gates[:, 3])])[:size]
+    constraints = []
+    if dimensions == 6:
+        constraints = [DerivativeConstraint(i, 2, LEVEL) for i in indices]
+    problem = dict(constraints=constraints, periodic=True, period_offset=offset)
+    durations = allocate_times(
+        waypoints,
+        initial_durations=durations,
+        max_speed=_MARGIN * limits["max_speed"],
+        max_acceleration=_MARGIN * limits["max_acceleration"],
+        **problem,
+    )
+
+    def lap(factor):
+        path = solve_min_snap(waypoints, factor * durations, **problem)
+        breaks = np.array(path.get_segment_times())
+        if dimensions == 3:
+            yaw = PiecewisePolynomial.ZeroOrderHold(breaks, np.full((1, len(breaks)), gates[0, 3]))
+            path = _stack(path, yaw)
+        return Circuit(path, [*breaks[indices], breaks[-1]], gates[:, 3], approach)
+
+    return lap(1.0) if limits["rotors"] is None else _slowed(lap, limits["rotors"])
+
+
+def _slowed(lap, rotors: FlightLimits) -> Circuit:
+    """Returns lap(factor) with the least factor, 1 or more, that the rotors can fly."""
+    rotors = dc.replace(rotors, thrust_share=_MARGIN * rotors.thrust_share)
+
+    def excess(factor):
+        circuit = lap(factor)
+        return rotor_excess(circuit.sample(sample_times(circuit)), rotors)
+
+    if excess(1.0) <= 0.0:
+        return lap(1.0)
+    low, high = 1.0, 1.1
+    while excess(high) > 0.0:
+        low, high = high, 1.1 * high
+        if high > _MOST_SLOWING:
+            raise TrajectoryOptimizationError("The rotors cannot fly the lap, however slow.")
+    while high - low > 1e-4 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
+    return lap(high)
+
+
+def _faults(circuit: Circuit, pylons, clearance) -> set:
+    """Returns the gates that are passed sideways or nearest to a pylon on the way."""
+    gate_times = np.array(circuit.gate_times)
+    forward = passes_forward(circuit, gate_times[:-1], circuit.headings)
+    times = sample_times(circuit)
+    near = (pylon_distances(circuit.sample(times), pylons) < clearance).any(axis=1)
+    nearest = np.abs(times[near, None] - gate_times).argmin(axis=1) % len(forward)
+    return {*np.flatnonzero(~forward).tolist(), *nearest.tolist()}
+
+
+def _stack(upper, lower):
+    """Returns the trajectory with the rows of both; their breaks are equal."""
+    polynomials = [
+        np.vstack([upper.getPolynomialMatrix(i), lower.getPolynomialMatrix(i)])
+        for i in range(upper.get_number_of_segments())
+    ]
+    return PiecewisePolynomial(polynomials, upper.get_segment_times())

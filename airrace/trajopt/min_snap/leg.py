@@ -1,0 +1,116 @@
+"""A smooth flight through a few waypoints that ends at rest."""
+
+import contextlib
+
+import numpy as np
+
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.min_snap.limit_excess import LimitExcess
+from airrace.trajopt.min_snap.min_snap import (
+    DerivativeConstraint,
+    TrajectoryOptimizationError,
+    solve_min_snap,
+    unwrap_headings,
+)
+from airrace.trajopt.min_snap.problem import MinSnapProblem
+from airrace.trajopt.min_snap.time_allocation import stretched
+
+_EXCESSES = (1.0, 1.2, 1.5, 2.0)  # of the limits, tried in turn
+_LEAST_FACTOR, _MOST_FACTOR = 0.7, 4.0  # of the first guess of the durations
+# What the first segment gets of its guess, tried in turn: where the present motion leads
+# decides how long it must take, and the others need not be stretched alike.
+_FIRST_SHARES = (1.0, 0.7, 1.4, 0.5, 2.0)
+_SLOW = 1.0  # m/s
+_YAW_ACCELERATION = 2.5  # rad/s^2; drag torques do not turn a drone much faster
+_PEAK = 84 / 5**1.5  # acceleration of a flight of unit length and time, rest to rest
+_NEAR = 1e-3  # m, rad and their derivatives: less is no difference
+
+
+def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory:
+    """Returns the minimum-snap flight through waypoints to rest at the last.
+
+    Waypoints that coincide with the one before, or with the start, are left
+    out. If none is left and the start is at rest, the flight stays there.
+
+    Args:
+        start: value and derivatives of x, y, z (m) and yaw (rad) to start
+            from, (>= 4, 4).
+        waypoints: x, y, z and yaw, (m, 4); yaw turns the shorter way.
+        max_speed, max_acceleration: (m/s), (m/s^2); exceeded only by a start
+            that is too fast for the way.
+
+    Raises:
+        TrajectoryOptimizationError: if there is no such flight.
+    """
+    knots = np.vstack([start[0], waypoints])
+    knots[:, 3] = unwrap_headings(knots[:, 3])
+    knots = knots[[True, *(np.abs(np.diff(knots, axis=0)).max(axis=1) > _NEAR)]]
+    if len(knots) == 1:
+        if np.abs(start[1:4]).max() > _NEAR:
+            raise TrajectoryOptimizationError("No leg leads from motion to rest on the spot.")
+        return FlatTrajectory.resting(knots[0])
+    constraints = end_constraints(start, np.zeros((4, 4)), (1, 2, 3))
+    speed = np.linalg.norm(start[1, :3])
+    guess = trapezoid_durations(knots[:, :3], speed, 0.8 * max_speed, 0.5 * max_acceleration)
+    # A turn on the spot takes time, too, and so does braking.
+    turns = np.sqrt(_PEAK * np.abs(np.diff(knots[:, 3])) / _YAW_ACCELERATION)
+    if speed > _SLOW:
+        turns[0] = 0.0  # it is under way, and must not brake for the rest of a turn
+    guess = np.maximum(guess, turns / _LEAST_FACTOR)
+    guess *= max(1.0, speed / max_acceleration / guess.sum())
+    times_slower = LimitExcess(MinSnapProblem.build(knots, constraints=constraints))
+    limits = np.array([max_speed, max_acceleration], float)
+    for excess in _EXCESSES:
+        for share in _FIRST_SHARES if len(guess) > 1 else (1.0,):
+            shared = np.concatenate([[share * guess[0]], guess[1:]])
+            with contextlib.suppress(TrajectoryOptimizationError):
+                durations = stretched(
+                    shared,
+                    times_slower,
+                    excess * limits,
+                    min_factor=_LEAST_FACTOR,
+                    max_factor=_MOST_FACTOR,
+                )
+                if np.all(durations >= (1.0 - 1e-9) * turns):
+                    return FlatTrajectory(solve_min_snap(knots, durations, constraints=constraints))
+    raise TrajectoryOptimizationError("No leg from this start leads through the waypoints.")
+
+
+def end_constraints(start, goal, orders) -> list:
+    """Returns constraints that fix derivatives at both ends of a flight.
+
+    Args:
+        start, goal: value and derivatives of x, y, z (m) and yaw (rad), (n, 4).
+        orders: of the derivatives to fix, each below n.
+    """
+    return [
+        DerivativeConstraint(i, order, side[order])
+        for i, side in ((0, start), (-1, goal))
+        for order in orders
+    ]
+
+
+def trapezoid_durations(points, start_speed, cruise_speed, acceleration) -> np.ndarray:
+    """Returns the times between points on straight lines, to rest at the last.
+
+    Args:
+        points: (m, 3).
+        start_speed, cruise_speed: (m/s).
+        acceleration: to and from the cruise speed (m/s^2).
+
+    Returns:
+        (m - 1,) in s; at least 0.2 s each.
+    """
+    knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    total = max(knots[-1], 1e-3)
+    s = np.linspace(0.0, total, 401)
+    middle = (s[1:] + s[:-1]) / 2
+    speed = np.minimum.reduce(
+        [
+            np.full_like(middle, max(cruise_speed, start_speed)),
+            np.sqrt(start_speed**2 + 2 * acceleration * middle),
+            np.sqrt(2 * acceleration * (total - middle)),
+        ]
+    )
+    times = np.concatenate([[0.0], np.cumsum(np.diff(s) / speed)])
+    return np.maximum(np.diff(np.interp(knots, s, times)), 0.2)

@@ -1,0 +1,234 @@
+"""Time allocation: how long every segment of a minimum-snap trajectory takes."""
+
+import contextlib
+import dataclasses as dc
+
+import numpy as np
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.solvers import MathematicalProgram, SnoptSolver
+
+from airrace.trajopt.min_snap.limit_excess import LimitExcess
+from airrace.trajopt.min_snap.limit_samples import LimitSamples
+from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.min_snap.problem import MinSnapProblem
+
+_SAMPLES, _FINE_SAMPLES = 12, 64  # of a segment: to optimise, and to polish
+
+
+def peak_speed_and_acceleration(trajectory, samples_per_segment=50) -> tuple[float, float]:
+    """Returns the greatest speed (m/s) and acceleration (m/s^2) of a trajectory.
+
+    Both are norms over x, y, z, without gravity, good to about nine digits.
+
+    Args:
+        trajectory: PiecewisePolynomial whose first three rows are x, y, z.
+        samples_per_segment: that bracket the peaks, which are then refined.
+    """
+    breaks = np.array(trajectory.get_segment_times())
+    fractions = np.arange(samples_per_segment) / samples_per_segment
+    times = np.append(breaks[:-1, None] + np.diff(breaks)[:, None] * fractions, breaks[-1])
+    return _peak(trajectory.derivative(1), times), _peak(trajectory.derivative(2), times)
+
+
+def _peak(derivative, times):
+    def norm(t):
+        return np.linalg.norm(derivative.vector_values(t.ravel())[:3], axis=0).reshape(t.shape)
+
+    norms = np.pad(norm(times), 1, constant_values=-np.inf)
+    middle = norms[1:-1]
+    peaks = np.flatnonzero(
+        (middle >= norms[:-2]) & (middle >= norms[2:]) & (middle >= 0.95 * middle.max())
+    )
+    low, high = times[np.maximum(peaks - 1, 0)], times[np.minimum(peaks + 1, len(times) - 1)]
+    for _ in range(4):
+        grid = np.linspace(low, high, 17, axis=1)
+        norms = norm(grid)
+        row, best = np.arange(len(grid)), norms.argmax(axis=1)
+        low, high = grid[row, np.maximum(best - 1, 0)], grid[row, np.minimum(best + 1, 16)]
+    return float(norms.max())
+
+
+def durations_within_limits(
+    waypoints,
+    durations,
+    *,
+    max_speed,
+    max_acceleration,
+    constraints=(),
+    min_factor=0.7,
+    max_factor=4.0,
+    **options,
+) -> np.ndarray:
+    """Returns the shortest multiple of the durations that meets the limits.
+
+    Args:
+        waypoints, constraints, options: see solve_min_snap().
+        durations: (segments,) s, like those returned.
+        max_speed: (m/s), of the norm over the first three dimensions.
+        max_acceleration: (m/s^2), likewise, gravity not included.
+        min_factor: the least factor, even where the limits allow less.
+        max_factor: where the search, if there is one, gives up.
+
+    Raises:
+        ValueError: if the input is malformed.
+        TrajectoryOptimizationError: if no factor meets the limits.
+    """
+    problem = MinSnapProblem.build(waypoints, constraints=constraints, **options)
+    return stretched(
+        durations,
+        LimitExcess(problem),
+        [max_speed, max_acceleration],
+        min_factor=min_factor,
+        max_factor=max_factor,
+    )
+
+
+def stretched(durations, times_slower: LimitExcess, limits, *, min_factor, max_factor=4.0):
+    """Returns what durations_within_limits() does, of a problem that is stated already.
+
+    If the trajectory keeps its shape, the factor follows from its excess. Otherwise it
+    is searched upwards, solving anew for every factor.
+
+    Args:
+        times_slower: of the problem.
+        limits: of speed (m/s) and acceleration (m/s^2).
+        the others: see durations_within_limits().
+    """
+    durations, limits = np.array(durations, float), _checked(limits, times_slower.problem)
+
+    def excess(factor):
+        return times_slower(factor * durations, limits) - 1.0
+
+    if times_slower.problem.keeps_shape:
+        return durations * max(min_factor, (1.0 + excess(1.0)) * (1.0 + 1e-8))
+    low, high, step, at_low, at_high = min_factor, min_factor, 0.01, 0.0, excess(min_factor)
+    while at_high > 1e-12:
+        low, high, step, at_low = high, high * (1.0 + step), min(1.5 * step, 0.1), at_high
+        if high > max_factor:
+            raise TrajectoryOptimizationError(
+                f"No {min_factor:g} to {max_factor:g} fold of these durations meets "
+                f"{_in_words(limits)}; relax them or the fixed derivatives."
+            )
+        at_high = excess(high)
+    bisect = False
+    while at_high < -1e-7 and high - low > 1e-7 * high:
+        # A secant, and a bit beyond, so that the limits are met there as a rule.
+        middle = low + (high - low) * at_low / (at_low - at_high) + 2e-8 * high
+        if bisect or not low < middle < high:
+            middle = (low + high) / 2
+        width, at_middle = high - low, excess(middle)
+        if at_middle > 1e-12:
+            low, at_low = middle, at_middle
+        else:
+            high, at_high = middle, at_middle
+        bisect = high - low > width / 2
+    return durations * high
+
+
+def allocate_times(
+    waypoints,
+    *,
+    max_speed,
+    max_acceleration,
+    constraints=(),
+    periodic=False,
+    period_offset=None,
+    initial_durations=None,
+    **options,
+) -> np.ndarray:
+    """Returns the segment durations (s) that make the trajectory the fastest.
+
+    They minimise the total duration, not the snap, such that the minimum-snap
+    trajectory keeps to the limits: a nonlinear program in the durations alone.
+    It constrains samples, with exact gradients from the linear equations of the
+    minimum; at last a common factor makes the trajectory touch a limit.
+
+    Laps through free waypoints have one local minimum, as far as seen; fixed
+    derivatives in between make many. Then it also starts from the solution
+    without those, and from perturbations of the best, always the same ones.
+
+    Args:
+        waypoints, constraints, periodic, period_offset, options: see
+            solve_min_snap(); only the first three dimensions matter.
+        max_speed, max_acceleration: see durations_within_limits().
+        initial_durations: (segments,) s, to start from, without restarts.
+
+    Raises: like durations_within_limits().
+    """
+    positions = np.array(waypoints, float)[..., :3]
+    constraints = [dc.replace(c, value=c.value[:3]) for c in constraints]
+    offset = None if period_offset is None else np.array(period_offset, float)[..., :3]
+    options |= dict(periodic=periodic, period_offset=offset)
+    problem = MinSnapProblem.build(positions, constraints=constraints, **options)
+    limits = _checked([max_speed, max_acceleration], problem)
+    times_slower = LimitExcess(problem)
+    ends = problem.ends(problem.values)
+    chords = np.linalg.norm(ends[:, len(problem.order) // 2] - ends[:, 0], axis=1)
+
+    def solve(start, times_slower, polish=False):
+        """Returns a list of one solution, or of none."""
+        problem = times_slower.problem
+        start = start * (times_slower(start, limits) if problem.keeps_shape else 1.0)
+        samples = LimitSamples(problem, limits, _FINE_SAMPLES if polish else _SAMPLES)
+        values, _ = samples(start)
+        rows = np.flatnonzero(values >= (0.9 * values.max() if polish else 0.0))
+        for bound in (1.0, 0.99, 0.9):  # on samples: it may be exceeded between them
+            durations = _minimize_total(samples, rows, bound, start, chords / limits[0])
+            with contextlib.suppress(TrajectoryOptimizationError):
+                return [stretched(durations, times_slower, limits, min_factor=0.9)]
+        return []
+
+    equal_speeds = chords / (0.75 * limits[0])
+    slow = 1.5 * np.maximum(chords / limits[0], np.sqrt(2 * chords / limits[1]))
+    warm = [] if initial_durations is None else [problem.check_durations(initial_durations)]
+    found = []
+    for start in [*warm, equal_speeds, slow]:
+        found = found or solve(start, times_slower)
+    if not found:
+        raise TrajectoryOptimizationError(
+            f"No durations found meet {_in_words(limits)}; relax them or the fixed derivatives."
+        )
+    relaxed = [c for c in constraints if not periodic and c.waypoint in (0, -1, len(chords))]
+    if not warm and len(relaxed) < len(constraints):
+        loose = LimitExcess(MinSnapProblem.build(positions, constraints=relaxed, **options))
+        for start in solve(equal_speeds, loose):
+            found += solve(start, times_slower)
+        phase = np.arange(1, len(chords) + 1) * (np.sqrt(5) - 1) / 2  # spread evenly modulo 1
+        for k in range(1, 7):
+            found += solve(min(found, key=np.sum) * np.exp(k * phase % 1 - 0.5), times_slower)
+    found += solve(min(found, key=np.sum), times_slower, polish=True)
+    return min(found, key=np.sum)
+
+
+def _minimize_total(samples, rows, bound, start, shortest):
+    """Returns durations (s) of a local minimum, or where the solver got stuck."""
+
+    def constraint(T):
+        if T.dtype != object:
+            return samples(T)[0][rows]
+        values, jacobian = samples(ExtractValue(T).ravel())
+        return InitializeAutoDiff(values[rows], jacobian[rows] @ ExtractGradient(T)).ravel()
+
+    program = MathematicalProgram()
+    T = program.NewContinuousVariables(len(start), "T")
+    program.AddLinearCost(np.ones(len(start)), T)
+    program.AddBoundingBoxConstraint(shortest, np.full(len(start), 3 * start.sum()), T)
+    program.AddConstraint(constraint, np.full(len(rows), -np.inf), np.full(len(rows), bound), T)
+    return SnoptSolver().Solve(program, start).GetSolution(T)
+
+
+def _checked(limits, problem: MinSnapProblem) -> np.ndarray:
+    limits = np.array(limits, float)
+    if not np.all((limits > 0) & (limits < np.inf)):
+        raise ValueError(f"max_speed and max_acceleration must be positive, not {limits}.")
+    amounts = np.linalg.norm(problem.by_waypoint()[:, 1:3, :3], axis=2)
+    # Polynomials of a low degree may have no acceleration to fix.
+    for waypoint, k in np.argwhere(amounts > (1.0 + 1e-12) * limits[: amounts.shape[1]]):
+        raise TrajectoryOptimizationError(
+            f"Derivative {k + 1} at waypoint {waypoint} is fixed above its limit."
+        )
+    return limits
+
+
+def _in_words(limits) -> str:
+    return f"the limits of {limits[0]:g} m/s and {limits[1]:g} m/s^2"

@@ -1,0 +1,99 @@
+"""Laps to start an optimisation from."""
+
+import dataclasses as dc
+
+import numpy as np
+
+from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.time_optimal.lap_costs import smooth_twist
+from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed
+from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
+from airrace.trajopt.time_optimal.lap_step import LapStep
+from airrace.trajopt.time_optimal.point_mass import PointMassBound
+from airrace.trajopt.time_optimal.visibility import keep_in_view
+
+# Of the error in velocity, in durations of a leg; and of a change of gates.
+_SMOOTHNESS, _MOVE_SMOOTHNESS = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3), 1e-3
+_FIT_SAMPLES, _FIT_WEIGHTS = 48, (1.0, 0.1, 0.01)  # of a leg; of value, velocity, acceleration
+_VIEW_COST = 1e3  # against radians per second squared
+
+
+def first_lap(
+    bound: PointMassBound, gates: GateRegions, grid: Grid, limits: FlightLimits, half_view
+) -> LapSamples:
+    """Returns a lap that crosses gates where and when a point mass does.
+
+    Of several, smoother and nearer to it, this is the one that is the quickest when
+    slowed until the limits are kept; its twist is the smoothest in view.
+
+    Args:
+        bound: the point mass.
+        gates, grid, limits: see there.
+        half_view: see twist_bounds(); None for no bounds.
+
+    Raises:
+        TrajectoryOptimizationError: if it cannot be flown, however slow.
+    """
+    laps = []
+    for smoothness in _SMOOTHNESS:
+        lap = LapSpline.through(
+            bound.positions,
+            bound.velocities,
+            bound.durations,
+            grid.pieces,
+            _smoothness(smoothness, bound.durations),
+        )
+        # What turns too fast for the limit will have to take another way.
+        laps.append(slowed(lap, grid, dc.replace(limits, max_rate=1e3), gates.turn, 1e-2))
+    samples = min(laps, key=lambda samples: samples.lap.duration)
+    if half_view is not None:
+        step = LapStep(samples, grid)
+        step.only_twist()
+        smooth_twist(step, 1.0)
+        keep_in_view(step, gates, half_view, _VIEW_COST)
+        lap = step.solve() or samples.lap
+    else:
+        lap = samples.lap
+    return slowed(lap, grid, limits, gates.turn)
+
+
+def moved_lap(lap: LapSpline, gates: GateRegions, grid: Grid, limits: FlightLimits) -> LapSamples:
+    """Returns a lap moved smoothly such that it crosses other gates.
+
+    Args: lap: through as many gates. The others: see first_lap().
+
+    Raises:
+        TrajectoryOptimizationError: if it cannot be flown, however slow.
+    """
+    place = lap.gates[:, 0, :3]
+    rest = np.zeros((len(place), grid.samples, 3))
+    change = LapSpline.through(
+        gates.nearest(place) - place,
+        rest,
+        lap.durations,
+        grid.pieces,
+        _smoothness(_MOVE_SMOOTHNESS, lap.durations),
+    )
+    lap = dc.replace(lap, gates=lap.gates + change.gates, interior=lap.interior + change.interior)
+    return slowed(lap, grid, limits, gates.turn)
+
+
+def refined_lap(lap: LapSpline, pieces: int) -> LapSpline:
+    """Returns nearly the same lap with splines of more pieces.
+
+    Args: lap: to refine. pieces: of each leg's spline.
+    """
+    fractions = tuple(np.linspace(0.0, 1.0, _FIT_SAMPLES))
+    wanted = lap.evaluate(basis(lap.pieces, fractions))
+    n = len(lap.durations)
+    new = dc.replace(lap, interior=np.zeros((n, pieces - ORDERS, 4)))
+    matrices = basis(pieces, fractions)
+    missing = wanted - new.evaluate(matrices)
+    rows = np.vstack([w * m[:, ORDERS:-ORDERS] for w, m in zip(_FIT_WEIGHTS, matrices)])
+    missing = np.concatenate([w * m for w, m in zip(_FIT_WEIGHTS, missing)], axis=1)
+    return dc.replace(new, interior=np.linalg.pinv(rows) @ missing)
+
+
+def _smoothness(share, durations) -> float:
+    return share * np.mean(durations) ** 6

@@ -1,0 +1,198 @@
+"""Samples of a lap: what it asks of the vehicle, and how slow it has to be."""
+
+import dataclasses as dc
+import functools
+
+import numpy as np
+
+from airrace.trajopt.flat_trajectory import VELOCITY
+from airrace.trajopt.flatness import moments, thrust_vectors, unit_vector
+from airrace.trajopt.flight_limits import FlightLimits, pack
+from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.time_optimal.lap_spline import LapSpline, basis
+from airrace.trajopt.time_optimal.thrust_axis_angle import quadrature, transported_axes
+from airrace.vehicle import GRAVITY
+
+_LIFT_SHARE = 0.8  # of the least lift: a step aims at all of it, and may miss a little
+_FIRST_STEP = 1e-4, 0.5  # least and most, of the factor
+_MOST = 50.0  # how many times slower a lap may have to be than the guess
+
+
+@dc.dataclass(frozen=True)
+class Grid:
+    """Where legs are sampled.
+
+    Attributes:
+        pieces: of the splines.
+        samples: evenly spaced, of each leg; the first is at its gate.
+    """
+
+    pieces: int
+    samples: int
+
+    @functools.cached_property
+    def fractions(self) -> np.ndarray:
+        """Of a leg, (samples,)."""
+        return np.arange(self.samples) / self.samples
+
+    @functools.cached_property
+    def matrices(self) -> np.ndarray:
+        """See lap_spline.basis()."""
+        return basis(self.pieces, tuple(self.fractions))
+
+    @functools.cached_property
+    def matrices_between(self) -> np.ndarray:
+        """Likewise, at the nodes of twist.quadrature()."""
+        return basis(self.pieces, tuple(quadrature(self.fractions)))
+
+
+@dc.dataclass(frozen=True, eq=False)
+class LapSamples:
+    """A lap's derivatives in normalised time, the last dimension being the twist.
+
+    Attributes:
+        lap: whose twist closes: a lap turns the body as often as the track does.
+        limits: that it is to keep.
+        derivatives: (5, n, samples, 4).
+        units: duration of every sample's leg, (n samples,) s.
+        axes: x and y of a body without twist, in the world, (2, 3, n samples).
+    """
+
+    lap: LapSpline
+    limits: FlightLimits
+    derivatives: np.ndarray
+    units: np.ndarray
+    axes: tuple
+
+    @classmethod
+    def of(cls, lap: LapSpline, grid: Grid, limits: FlightLimits, turn: float) -> "LapSamples":
+        """Samples a lap.
+
+        Args:
+            lap: to sample; where: grid.
+            limits: to keep.
+            turn: of yaw in a lap (rad); of an open one, by how much more the body is
+                turned against the least rotation to its attitude at the end than at
+                the start.
+        """
+        between = lap.evaluate(grid.matrices_between)
+        y = lap.evaluate(grid.matrices)
+        *axes, total = transported_axes(y, between, lap.durations, grid.fractions, limits)
+        lap = lap.with_turn(turn + total)
+        y = lap.evaluate(grid.matrices)
+        return cls(lap, limits, y, np.repeat(lap.durations, grid.samples), tuple(axes))
+
+    @property
+    def flat(self) -> np.ndarray:
+        """Samples as in flat_trajectory.py, with twist for yaw, (18, N)."""
+        return pack(self.derivatives.reshape(5, -1, 4))
+
+    def excess(self) -> float:
+        """Returns the largest of all quantities over their limits, less one."""
+        limits, flat, units = self.limits, self.flat, self.units
+        thrusts, force, w, _ = twisted_dynamics(flat, units, self.axes, limits)
+        speed = np.linalg.norm(flat[VELOCITY], axis=0) / units
+        acceleration = np.linalg.norm(flat[6:9], axis=0) / units**2
+        shares = thrusts / units**2 / limits.max_thrusts[:, None]
+        least = limits.idle_share / limits.thrust_share
+        rate = np.linalg.norm(w, axis=0) / units
+        lift = force[2] / units**2
+        return (
+            float(
+                max(
+                    speed.max() / limits.max_speed,
+                    acceleration.max() / limits.max_acceleration,
+                    rate.max() / limits.max_rate,
+                    shares.max(),
+                    1.0 + least - shares.min(),
+                    1.0 + (_LIFT_SHARE * limits.min_lift - lift.min()) / GRAVITY,
+                )
+            )
+            - 1.0
+        )
+
+
+def slowed(lap, grid, limits, turn, tolerance=2e-5) -> LapSamples:
+    """Returns the lap with the least multiple of its durations that keeps the limits.
+
+    Args: see LapSamples.of(). tolerance: of the factor.
+
+    Raises:
+        TrajectoryOptimizationError: if no factor does.
+    """
+
+    def at(factor):
+        samples = LapSamples.of(lap.dilated(factor), grid, limits, turn)
+        value = samples.excess()
+        return (value if np.isfinite(value) else np.inf), samples
+
+    factor = 1.0
+    value, best = at(factor)
+    # Most excesses go with the square of the factor: a little beyond where it would be none.
+    step = np.clip(0.6 * abs(value), *_FIRST_STEP)
+    slow, fast = (None, (factor, value)) if value > 0.0 else ((factor, value, best), None)
+    while slow is None or fast is None:
+        factor = factor * (1.0 + step) if slow is None else factor / (1.0 + step)
+        step = min(2.0 * step, 0.5)
+        if not 1.0 / _MOST < factor < _MOST:
+            raise TrajectoryOptimizationError("No lap is within the limits, however slow.")
+        value, samples = at(factor)
+        if value > 0.0:
+            fast = (factor, value)
+        else:
+            slow = (factor, value, samples)
+    # The excess is almost linear; halving is for where it is not.
+    for i in range(60):
+        width = slow[0] - fast[0]
+        if width <= tolerance * slow[0]:
+            break
+        share = 0.5
+        if i % 3 < 2 and np.isfinite(fast[1]):
+            share = np.clip(slow[1] / (slow[1] - fast[1]), 0.02, 0.98)
+        factor = slow[0] - share * width
+        value, samples = at(factor)
+        if value > 0.0:
+            fast = (factor, value)
+        else:
+            slow = (factor, value, samples)
+    return slow[2]
+
+
+def twisted_dynamics(flat, units, axes, limits: FlightLimits):
+    """Inverse dynamics with twist in the place of yaw.
+
+    Args:
+        flat: samples as in flat_trajectory.py, in normalised time, (18, N), real
+            or complex.
+        units: of time (s), (N,).
+        axes: of a body without twist, see LapSamples.
+        limits: for vehicle and drag.
+
+    Returns:
+        (thrusts, force, w, alpha): T^2 times the thrust of every rotor, (rotors, N),
+        and the specific force, (3, N); T and T^2 times the angular velocity and
+        acceleration in B, (3, N).
+    """
+    vehicle = limits.vehicle
+    *force, surplus = thrust_vectors(flat, vehicle, GRAVITY * units**2, limits.drag, units)
+    b, db, ddb = (np.array(v) for v in unit_vector(*force))
+    twist, rate, acceleration = flat[15:]
+    c, s = np.cos(twist), np.sin(twist)
+    x, y = c * axes[0] + s * axes[1], c * axes[1] - s * axes[0]
+    # The thrust's axis may be off the one that belongs to the axes, a little.
+    x, y = x - np.sum(x * b, axis=0) * b, y - np.sum(y * b, axis=0) * b
+    w = np.array([-np.sum(y * db, axis=0), np.sum(x * db, axis=0), rate])
+    alpha = np.array(
+        [
+            -np.sum(y * ddb, axis=0) + w[1] * w[2],
+            np.sum(x * ddb, axis=0) - w[0] * w[2],
+            acceleration,
+        ]
+    )
+    force = np.array(force[0])
+    thrust = np.sqrt(np.sum(force * force, axis=0))
+    if limits.drag > 0.0:
+        thrust = thrust + surplus * np.sum(flat[VELOCITY] * b, axis=0)
+    moment = moments(vehicle, w, alpha, limits.drag, units)
+    wrench = np.vstack([vehicle.mass * thrust[None], moment])
+    return limits.from_wrench @ wrench, force, w, alpha

@@ -1,0 +1,171 @@
+"""The search for the quickest lap, or way: one convex program after another."""
+
+import dataclasses as dc
+
+import numpy as np
+
+from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.time_optimal.clearance_rows import cross_forward, keep_clear, shortfall
+from airrace.trajopt.time_optimal.dynamics_limits import limit_dynamics
+from airrace.trajopt.time_optimal.lap_costs import smooth_twist, stay_near
+from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed
+from airrace.trajopt.time_optimal.lap_spline import LapSpline
+from airrace.trajopt.time_optimal.lap_step import LapStep
+from airrace.trajopt.time_optimal.visibility import keep_in_view, out_of_view
+
+PIECES = 6  # of each leg's spline, as a rule
+_FIRST_WEIGHT, _WARM_WEIGHT = 0.1, 0.02  # of staying near, in the first step
+_MOST_WEIGHT = 100.0
+_FIRST_REACH, _REACH = 0.5, 0.25  # of a step, see limit_dynamics()
+_VIEW_REACH = 0.35  # rad, likewise, see keep_in_view()
+_TWIST_WEIGHT = 1e-4
+# Costs of what a step cannot avoid: s per rad, per m, per m/s. Laps are compared by
+# the worst of each, at lower costs: steps aim at none, and miss a little.
+_VIEW_COST, _CLEARANCE_COST, _FORWARD_COST = 10.0, 20.0, 1.0
+_VIEW_MERIT, _CLEARANCE_MERIT = 3.0, 5.0
+_EXCESS_COST, _EXCESS_MERIT = 6.0, 3.0  # likewise of all of a limit, in durations
+_VIEW_MARGIN = np.deg2rad(1.5)  # for what lies between samples
+_TOO_NEAR = 0.05  # m, that no lap may lack
+
+
+@dc.dataclass(frozen=True)
+class Effort:
+    """When an optimisation ends.
+
+    Attributes:
+        iterations: at most, of convex programs.
+        tolerance: promise of an iteration, as a share of the lap time, that is too
+            little to go on.
+        samples: of each leg.
+    """
+
+    iterations: int = 15
+    tolerance: float = 5e-4
+    samples: int = 24
+
+    @classmethod
+    def quick(cls) -> "Effort":
+        """Returns one for planning in flight, from a lap through gates that moved a little."""
+        return cls(iterations=2, tolerance=5e-3, samples=18)
+
+
+class LapSearch:
+    """Sequential convex programming from a lap to the quickest one near it.
+
+    Each program is convex about the last lap (see lap_step.py). What comes out is
+    flown slower as a whole, as little as all limits ask for, so that every iteration
+    ends with a lap that can be flown. An open one, whose ends are in motion, cannot
+    be slowed: it may exceed limits while the search goes on, at a cost.
+    """
+
+    def __init__(
+        self,
+        gates: GateRegions,
+        turn: float,
+        pylons,
+        limits: FlightLimits,
+        clearance,
+        half_view,
+        samples: int,
+        pieces: int = PIECES,
+    ):
+        """Constructs a search.
+
+        Args:
+            gates: to pass; of an open one, with both ends.
+            turn: see LapSamples.of().
+            pylons: axes to keep clear of, [x, y], (m, 2) m.
+            limits: to keep.
+            clearance: from the pylons' axes, a number or (m,) m.
+            half_view: of the camera (rad), see plan_optimal_circuit(); or None.
+            samples, pieces: of each leg.
+        """
+        self.gates, self.turn, self.pylons, self.limits = gates, turn, pylons, limits
+        self.clearance, self.view = clearance, None
+        if half_view is not None:
+            self.view = max(half_view - _VIEW_MARGIN, half_view / 2)
+        self.grid = Grid(pieces, samples)
+
+    def settled(self, lap: LapSpline) -> LapSamples:
+        """Returns a lap slowed to the limits, an open one as it is.
+
+        Raises:
+            TrajectoryOptimizationError: if it cannot be slowed enough.
+        """
+        if lap.is_closed:
+            return slowed(lap, self.grid, self.limits, self.turn)
+        return LapSamples.of(lap, self.grid, self.limits, self.turn)
+
+    def slowed(self, now: LapSamples, samples: int) -> LapSamples:
+        """Returns a lap slowed to what it must keep at more samples of each leg; or raises."""
+        return slowed(now.lap, Grid(now.lap.pieces, samples), self.limits, self.turn)
+
+    def improve(self, now: LapSamples, near: bool, effort: Effort) -> tuple[LapSamples, int]:
+        """Returns a better lap, after how many steps; near is to start near the best."""
+        weight, reach = (_WARM_WEIGHT, _REACH) if near else (_FIRST_WEIGHT, _FIRST_REACH)
+        merit, least, iteration = self.merit(now), 0.0, 0
+        for iteration in range(1, effort.iterations + 1):
+            step = self._step(now, weight, reach)
+            new = step.solve()
+            if new is None:
+                weight *= 10.0
+            else:
+                try:
+                    after = self.settled(new)
+                    after_merit = self.merit(after)
+                except TrajectoryOptimizationError:
+                    after_merit = np.inf
+                promised = merit - new.duration - _EXCESS_MERIT * merit * step.excess_found()
+                gain = merit - after_merit
+                # How much of what was promised came true.
+                ratio = gain / max(promised, 1e-9)
+                small = promised < effort.tolerance * merit
+                if gain > 0.0:
+                    now, merit, reach = after, after_merit, _REACH
+                if small:
+                    break
+                if ratio < 0.3:
+                    weight, least = 4.0 * weight, 2.0 * weight
+                elif ratio > 0.7:
+                    weight = max(0.2 * weight, least)
+                    least *= 0.5
+            if weight > _MOST_WEIGHT:
+                break
+        return now, iteration
+
+    def _step(self, now: LapSamples, weight, reach) -> LapStep:
+        step = LapStep(now, self.grid)
+        if not now.lap.is_closed:
+            step.may_exceed(_EXCESS_COST * now.lap.duration)
+        for i in step.passed:
+            place = now.lap.gates[i, 0, :3]
+            self.gates.constrain(step.program, i, step.at_gate(i, 0)[0], place)
+        limit_dynamics(step, reach)
+        keep_clear(step, self.pylons, self.clearance, _CLEARANCE_COST)
+        cross_forward(step, self.gates, _FORWARD_COST)
+        if self.view is not None:
+            keep_in_view(step, self.gates, self.view, _VIEW_COST, _VIEW_REACH)
+        stay_near(step, weight)
+        smooth_twist(step, _TWIST_WEIGHT)
+        return step
+
+    def merit(self, samples: LapSamples) -> float:
+        """Returns what a lap takes and what it lacks (s); less is better."""
+        lack = shortfall(samples.lap, self.pylons, self.clearance)
+        merit = samples.lap.duration + _CLEARANCE_MERIT * lack
+        if self.view is not None:
+            merit += _VIEW_MERIT * out_of_view(samples, self.gates, self.view)
+        if not samples.lap.is_closed:
+            merit += _EXCESS_MERIT * samples.lap.duration * max(samples.excess(), 0.0)
+        return merit
+
+    def require_clear(self, samples: LapSamples) -> None:
+        """Raises TrajectoryOptimizationError if the lap comes too near to anything."""
+        lack = shortfall(samples.lap, self.pylons, self.clearance)
+        if lack > _TOO_NEAR:
+            raise TrajectoryOptimizationError(
+                f"No lap found keeps {np.min(self.clearance):.2f} m clear of all pylons and of "
+                f"the ground; the best lacks {lack:.2f} m."
+            )

@@ -1,0 +1,237 @@
+"""A lap, or a way from state to state, as quintic splines between gates."""
+
+import dataclasses as dc
+import functools
+from math import factorial
+
+import numpy as np
+
+DEGREE = 5
+ORDERS = 5  # value, velocity, acceleration, jerk and snap, all continuous
+
+
+@dc.dataclass(frozen=True, eq=False)
+class LapSpline:
+    """From gate to gate a B-spline of degree 5 with knots at equal times.
+
+    It is continuous through the snap everywhere, and so is the lap, because both
+    splines at a gate have the same five derivatives there. An open one starts and
+    ends at two more places, which count as gates.
+
+    Attributes:
+        gates: value and four derivatives of x, y, z (m) and twist (rad; see
+            thrust_axis_angle.py) at every gate, (n, 5, 4); of an open one (n + 1, 5, 4).
+        interior: control points that are left between those, (n, m, 4).
+        durations: from each gate to the next, (n,) s.
+        turn: what all legs together add to the twist (rad).
+    """
+
+    gates: np.ndarray
+    interior: np.ndarray
+    durations: np.ndarray
+    turn: float
+
+    @classmethod
+    def through(cls, positions, velocities, durations, pieces: int, smoothness: float):
+        """Returns the path that has positions at gates and nearly velocities in between.
+
+        It minimises the mean squared error of the velocity and a share of the
+        squared snap. The twist is zero.
+
+        Args:
+            positions: at gates, (n, 3) m.
+            velocities: evenly in time over each leg, both ends included, (n, k, 3).
+            durations: (n,) s.
+            pieces: of each leg's spline, 5 or more.
+            smoothness: the share (s^6).
+        """
+        n, m = len(positions), pieces - ORDERS
+        fractions = tuple(np.linspace(0.0, 1.0, velocities.shape[1]))
+        matrices = basis(pieces, fractions)
+        size = ORDERS + m
+        rows, values = [], []
+        for i, T in enumerate(durations):
+            start, after = i * size, (i + 1) % n * size
+            columns = [*range(start, start + size), *range(after, after + ORDERS)]
+            powers = np.array([*T ** np.arange(ORDERS), *np.ones(m), *T ** np.arange(ORDERS)])
+            for order, share, wanted in ((1, 1.0, velocities[i]), (4, smoothness**0.5, 0.0)):
+                block = np.zeros((len(fractions), n * size))
+                np.add.at(block.T, columns, (matrices[order] * powers).T * share / T**order)
+                rows.append(block)
+                values.append(np.zeros((len(fractions), 3)) + wanted)
+        A, b = np.vstack(rows), np.vstack(values)
+        fixed = np.arange(n) * size
+        free = np.setdiff1d(np.arange(n * size), fixed)
+        A = np.hstack([A[:, fixed], A[:, free]])
+        b = b - A[:, :n] @ positions
+        scale = np.maximum(np.linalg.norm(A[:, n:], axis=0), 1e-12)
+        x = np.empty((n * size, 3))
+        x[fixed] = positions
+        A = A[:, n:] / scale
+        x[free] = np.linalg.solve(A.T @ A, A.T @ b) / scale[:, None]
+        x = np.pad(x, ((0, 0), (0, 1))).reshape(n, size, 4)
+        return cls(x[:, :ORDERS], x[:, ORDERS:], np.array(durations), 0.0)
+
+    @property
+    def pieces(self) -> int:
+        """Of each leg's spline."""
+        return self.interior.shape[1] + ORDERS
+
+    @property
+    def duration(self) -> float:
+        """Of the lap (s)."""
+        return float(self.durations.sum())
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the last leg leads to the first gate."""
+        return len(self.gates) == len(self.durations)
+
+    @property
+    def after(self) -> np.ndarray:
+        """Index of the gate at the end of every leg, (n,)."""
+        return np.arange(1, len(self.durations) + 1) % len(self.gates)
+
+    def coefficients(self) -> np.ndarray:
+        """Returns derivatives at both ends in normalised time, and what is between.
+
+        Returns: (n, 10 + m, 4); derivative k at a gate times duration^k.
+        """
+        before, after = self.gates[: len(self.durations)], self.gates[self.after]
+        if self.is_closed:
+            after[-1, 0, 3] += self.turn
+        powers = self.durations[:, None, None] ** np.arange(ORDERS)[:, None]
+        return np.concatenate([before * powers, self.interior, after * powers], axis=1)
+
+    def evaluate(self, matrices) -> np.ndarray:
+        """Returns derivatives with respect to normalised time, (orders, n, samples, 4).
+
+        Args: matrices: of basis(), (orders, samples, 10 + m).
+        """
+        return matrices[:, None] @ self.coefficients()
+
+    def with_turn(self, turn: float) -> "LapSpline":
+        """Returns the lap with another twist in all.
+
+        The difference is spread evenly; an open one takes it in its last leg, since
+        what it has at its ends is given.
+        """
+        if not self.is_closed:
+            gates = self.gates.copy()
+            gates[-1, 0, 3] = gates[0, 0, 3] + turn
+            return dc.replace(self, gates=gates, turn=turn)
+        change = (turn - self.turn) / self.duration
+        starts = np.concatenate([[0.0], np.cumsum(self.durations)[:-1]])
+        gates, interior = self.gates.copy(), self.interior.copy()
+        gates[:, 0, 3] += change * starts
+        gates[:, 1, 3] += change
+        interior[..., 3] += change * self.sample_times(_averages(self.pieces)[ORDERS:-ORDERS])
+        return dc.replace(self, gates=gates, interior=interior, turn=turn)
+
+    def stepped(self, coefficients, durations, turn: float) -> "LapSpline":
+        """Returns the lap with other coefficients.
+
+        Both legs at a gate have their own idea of the derivatives there. Their mean
+        is exact where all durations change alike. The ends of an open one keep theirs.
+
+        Args: see coefficients() and the attributes.
+        """
+        powers = durations[:, None, None] ** np.arange(ORDERS)[:, None]
+        start, end = coefficients[:, :ORDERS] / powers, coefficients[:, -ORDERS:] / powers
+        before = np.roll(end, 1, axis=0)
+        if self.is_closed:
+            before[0, 0, 3] -= turn
+            gates = (start + before) / 2.0
+        else:
+            gates = np.concatenate([start[:1], (start + before)[1:] / 2.0, end[-1:]])
+            for i in (0, -1):
+                gates[i, :, :3], gates[i, 1:3, 3] = self.gates[i, :, :3], self.gates[i, 1:3, 3]
+            gates[0, 0, 3] = self.gates[0, 0, 3]
+        return LapSpline(gates, coefficients[:, ORDERS:-ORDERS], durations, turn)
+
+    def dilated(self, factor: float) -> "LapSpline":
+        """Returns the same path, flown in `factor` times the time, its ends included."""
+        return dc.replace(
+            self,
+            durations=self.durations * factor,
+            gates=self.gates / factor ** np.arange(ORDERS)[:, None],
+        )
+
+    def taylor(self, count: int) -> np.ndarray:
+        """Returns polynomials of x, y and z, (n count, 3, 6).
+
+        Each leg is cut into as many parts of equal duration, a multiple of its
+        pieces; coefficients are in s from the start of the part, constants first.
+        """
+        starts = tuple(np.arange(count) / count)
+        orders = np.arange(DEGREE + 1)
+        scale = np.array([1.0 / factorial(k) for k in orders])[:, None] * (
+            self.durations ** -orders[:, None]
+        )
+        values = self.evaluate(basis(self.pieces, starts, DEGREE + 1))[..., :3]
+        return np.moveaxis(values * scale[:, :, None, None], 0, -1).reshape(-1, 3, DEGREE + 1)
+
+    def sample_times(self, fractions) -> np.ndarray:
+        """Returns the times of fractions of every leg, (n, samples) s."""
+        starts = np.concatenate([[0.0], np.cumsum(self.durations)[:-1]])
+        return starts[:, None] + self.durations[:, None] * np.asarray(fractions)
+
+
+def _averages(pieces) -> np.ndarray:
+    """Returns the control points of the function f(x) = x, (pieces + 5,)."""
+    t = _knots(pieces)
+    return np.array([t[i + 1 : i + 1 + DEGREE].mean() for i in range(pieces + DEGREE)])
+
+
+def _knots(pieces) -> np.ndarray:
+    return np.concatenate([np.zeros(DEGREE), np.linspace(0.0, 1.0, pieces + 1), np.ones(DEGREE)])
+
+
+@functools.lru_cache(maxsize=64)
+def basis(pieces: int, fractions: tuple, orders: int = ORDERS) -> np.ndarray:
+    """Returns what the coefficients of a leg give at fractions of its duration.
+
+    Args:
+        pieces: of the spline.
+        fractions: of the leg, from 0 to 1.
+        orders: how many derivatives, the value included, at most 6.
+
+    Returns:
+        (orders, samples, pieces + 5), from LapSpline.coefficients() to
+        derivatives with respect to normalised time.
+    """
+    ends = [np.array([_bspline(pieces, (at,), k)[0] for k in range(ORDERS)]) for at in (0.0, 1.0)]
+    count = pieces + DEGREE
+    to_control = np.eye(count)
+    to_control[:ORDERS, :ORDERS] = np.linalg.inv(ends[0][:, :ORDERS])
+    to_control[-ORDERS:, -ORDERS:] = np.linalg.inv(ends[1][:, -ORDERS:])
+    result = np.array([_bspline(pieces, fractions, k) for k in range(orders)]) @ to_control
+    result.setflags(write=False)
+    return result
+
+
+def _bspline(pieces, fractions, order) -> np.ndarray:
+    """Returns a derivative of the clamped uniform B-spline basis, (samples, pieces + 5).
+
+    De Boor, "A practical guide to splines", chapters IX and X.
+    """
+    t = _knots(pieces)
+    x = np.array(fractions)
+    # Half-open spans; the last one closed.
+    span = np.clip(np.floor(x * pieces + 1e-9).astype(int), 0, pieces - 1) + DEGREE
+    values = (np.arange(len(t) - 1) == span[:, None]).astype(float)
+
+    def over(a, b):
+        return np.divide(a, b, out=np.zeros(np.broadcast_shapes(np.shape(a), b.shape)), where=b > 0)
+
+    for d in range(1, DEGREE - order + 1):
+        count = len(t) - 1 - d
+        left = over(x[:, None] - t[:count], t[d : d + count] - t[:count])
+        right = over(t[d + 1 :] - x[:, None], t[d + 1 :] - t[1 : count + 1])
+        values = left * values[:, :-1] + right * values[:, 1:]
+    for d in range(DEGREE - order + 1, DEGREE + 1):
+        count = len(t) - 1 - d
+        left = over(np.full(count, float(d)), t[d : d + count] - t[:count])
+        right = over(np.full(count, float(d)), t[d + 1 :] - t[1 : count + 1])
+        values = left * values[:, :-1] - right * values[:, 1:]
+    return values

@@ -1,0 +1,277 @@
+"""A convex program in a step from one lap to a better one."""
+
+import numpy as np
+from pydrake.solvers import MathematicalProgram
+
+from airrace.trajopt.cone_solver import solve_cones
+from airrace.trajopt.linear_constraints import add_equal_rows, add_rows
+from airrace.trajopt.time_optimal.dynamics_rows import DynamicsRows
+from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples
+from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline
+from airrace.trajopt.time_optimal.thrust_axis_angle import turn_gradients
+
+_TOLERANCES = {"tol_gap_abs": 1e-4, "tol_gap_rel": 1e-4, "tol_feas": 1e-6}
+_MOST_STRETCH = 0.4  # of a leg's duration, in one step
+
+
+class LapStep:
+    """Collects constraints on samples of the lap after a step, and solves for it.
+
+    With time normalised to a leg, z the leg's coefficients and T its duration,
+    samples are linear in z. For the derivatives d at a gate z = T^k d, which is
+    linearised; so is s = T^2. The rest of T's influence is exact: the limits
+    |w| <= T v_max on the normalised velocity w and |u + s g| <= s f_max on the
+    normalised acceleration u are second-order cones.
+
+    The axes to which the twist refers turn when the path changes, at a sample by
+    what all that lies before it adds; that is linearised, too.
+
+    Attributes:
+        lap, samples, grid: to start from, and where it is sampled.
+        dynamics: of the samples.
+        program: the MathematicalProgram, to be added to.
+        passed: indices of the gates that the step may move; not the ends of an open one.
+        excess: a variable, by which share all limits of the dynamics may be exceeded,
+            see may_exceed(); or None.
+    """
+
+    def __init__(self, samples: LapSamples, grid: Grid):
+        """Args: samples: of the lap to start from. grid: of the samples."""
+        self.lap, self.samples, self.grid = samples.lap, samples, grid
+        self.dynamics = DynamicsRows.linearize(samples)
+        self.program = MathematicalProgram()
+        self.excess = None
+        T, after = self.lap.durations, self.lap.after
+        n, m = self.lap.interior.shape[:2]
+        gates = len(self.lap.gates)
+        new = self.program.NewContinuousVariables
+        # Of order one: derivatives in units of a duration, durations relative.
+        self._gates = new(gates * ORDERS * 4).reshape(gates, ORDERS, 4)
+        self._interior = new(n * m * 4).reshape(n, m, 4) if m else np.zeros((n, 0, 4), object)
+        self._stretch = new(n)
+        self._turns = new(n + 1)  # of the transported axes, up to each gate
+        self._variables = [
+            np.concatenate(
+                [
+                    self._gates[i].ravel(),
+                    self._interior[i].ravel(),
+                    self._gates[after[i]].ravel(),
+                    self._turns[i : i + 1],
+                    self._stretch[i : i + 1],
+                ]
+            )
+            for i in range(n)
+        ]
+        if self.lap.is_closed:
+            # The twist has another value where the lap ends.
+            last_twist, passed = new(1)[0], range(n)
+            self._variables[-1][4 * (ORDERS + m) + 3] = last_twist
+            self._units = np.sqrt(T * np.roll(T, 1))
+        else:
+            last_twist, passed = self._gates[-1, 0, 3], range(1, n)
+            self._fix(
+                self._gates[0, :, :3],
+                self._gates[0, :3, 3],
+                self._gates[-1, :, :3],
+                self._gates[-1, 1:3, 3],
+            )
+            self._units = np.array([T[0], *np.sqrt(T[1:] * T[:-1]), T[-1]])
+        self.passed = passed
+        add_equal_rows(
+            self.program,
+            np.array([[1.0, -1.0, -1.0]]),
+            [0.0],
+            [last_twist, self._gates[0, 0, 3], self._turns[-1]],
+        )
+        self._fix(self._turns[:1])
+        orders = np.arange(ORDERS)
+        self._scale = np.concatenate(
+            [
+                (T / self._units[:n])[:, None] ** orders,
+                np.ones((n, m)),
+                (T / self._units[after])[:, None] ** orders,
+            ],
+            axis=1,
+        )
+        exponents = np.array([*orders, *np.zeros(m), *orders])
+        self._by_stretch = exponents[:, None] * self.lap.coefficients()
+        self.program.AddLinearCost(T, self._stretch)
+        self.program.AddBoundingBoxConstraint(-_MOST_STRETCH, _MOST_STRETCH, self._stretch)
+        self._follow_axes()
+
+    def _follow_axes(self):
+        """Sets how the axes turn about the thrust, sample by sample."""
+        grid, lap, dynamics = self.grid, self.lap, self.dynamics
+        between = lap.evaluate(grid.matrices_between)
+        gradients, by_T, sums = turn_gradients(
+            between, lap.durations, grid.fractions, self.samples.limits
+        )
+        nodes, every = np.arange(between.shape[2]), np.arange(grid.samples)
+        amount = np.linalg.norm(dynamics.force, axis=0)
+        b = dynamics.force / amount
+        k = 1.0 / (amount * (1.0 + b[2]))
+        # The least rotation that takes the vertical to b turns about b as b moves.
+        d_own = (b[1] * k)[:, None, None] * dynamics.d_force[0]
+        d_own -= (b[0] * k)[:, None, None] * dynamics.d_force[1]
+        own_by_T = k * (b[1] * dynamics.force_by_T[0] - b[0] * dynamics.force_by_T[1])
+        self._axis_turns = []
+        for leg in range(len(lap.durations)):
+            here = self.of(leg)
+            way = sums @ self.rows(leg, nodes, gradients[leg], by_T[leg], grid.matrices_between)
+            way[:, -2] = 1.0  # and what was before
+            own = self.rows(leg, every, d_own[here], own_by_T[here], grid.matrices)
+            self._axis_turns.append(own - way[:-1])
+            row = np.append(way[-1], -1.0)[None]
+            add_equal_rows(self.program, row, [0.0], [*self._variables[leg], self._turns[leg + 1]])
+
+    def of(self, leg: int) -> slice:
+        """Returns where the samples of a leg are among all."""
+        return slice(leg * self.grid.samples, (leg + 1) * self.grid.samples)
+
+    def size(self, leg: int) -> int:
+        """Returns the number of a leg's variables; the last is its relative stretch."""
+        return len(self._variables[leg])
+
+    def only_twist(self) -> None:
+        """Leaves path and durations as they are."""
+        self._fix(self._gates[:, :, :3], self._interior[:, :, :3], self._stretch)
+
+    def may_exceed(self, cost: float) -> None:
+        """Lets limits of the dynamics be exceeded, at a cost of so many s for all of a limit."""
+        self.excess = self.program.NewContinuousVariables(1)[0]
+        self.program.AddBoundingBoxConstraint(0.0, np.inf, [self.excess])
+        self.program.AddLinearCost([cost], [self.excess])
+
+    def excess_found(self) -> float:
+        """Returns by which share the solution exceeds limits."""
+        return 0.0 if self.excess is None else max(self.result.GetSolution(self.excess), 0.0)
+
+    def _fix(self, *variables):
+        for fixed in variables:
+            if fixed.size:
+                zero = np.zeros(fixed.size)
+                self.program.AddBoundingBoxConstraint(zero, zero, fixed.ravel())
+
+    def derivatives(self, leg: int, order: int):
+        """Returns how samples' derivatives in normalised time depend on the step.
+
+        Returns:
+            (by coefficients, by the relative stretch of the leg): (samples,
+            coefficients), the same for each dimension, and (samples, 4).
+        """
+        matrix = self.grid.matrices[order]
+        return matrix * self._scale[leg], matrix @ self._by_stretch[leg]
+
+    def rows(self, leg, which, gradients, by_T, matrices=None) -> np.ndarray:
+        """Returns rows over the variables of a leg, (rows, variables).
+
+        Args:
+            leg: from 0.
+            which: sample of each row, (rows,).
+            gradients: of the rows, by derivatives in normalised time, (rows, orders, 4).
+            by_T: of the rows, by the leg's duration, (rows,) or a number.
+            matrices: of lap_spline.basis(), if not those of the grid; then the
+                twist's value must not matter.
+        """
+        orders = gradients.shape[1]
+        basis = (self.grid.matrices if matrices is None else matrices)[:orders, which]
+        result = np.zeros((len(which), self.size(leg)))
+        by_z = basis.transpose(1, 2, 0) @ gradients  # (rows, coefficients, 4)
+        result[:, :-2] = (by_z * self._scale[leg][:, None]).reshape(len(which), 4 * basis.shape[2])
+        result[:, -1] = np.einsum("rcd,cd->r", by_z, self._by_stretch[leg])
+        result[:, -1] += by_T * self.lap.durations[leg]
+        if matrices is None:
+            result += gradients[:, 0, 3:] * self._axis_turns[leg][which]
+        return result
+
+    def at_most(self, leg, rows, bounds, slack_cost=None, extra=(), limit=None) -> None:
+        """Constrains rows over a leg's variables to lie below bounds.
+
+        Args:
+            leg: from 0.
+            rows: (rows, variables). bounds: (rows,).
+            slack_cost: of exceeding the worst bound by one (s); None never allows it.
+            extra: variables of further columns.
+            limit: what all of a limit is, that may_exceed() is about, a number or (rows,).
+        """
+        if not len(rows):
+            return
+        variables = np.concatenate([self._variables[leg], extra])
+        if limit is not None and self.excess is not None:
+            variables = np.append(variables, self.excess)
+            rows = np.hstack([rows, np.full((len(rows), 1), -1.0) * np.reshape(limit, (-1, 1))])
+        if slack_cost is not None:
+            slack = self.program.NewContinuousVariables(1)
+            self.program.AddBoundingBoxConstraint(0.0, np.inf, slack)
+            self.program.AddLinearCost([slack_cost], slack)
+            variables = np.concatenate([variables, slack])
+            rows = np.hstack([rows, np.full((len(rows), 1), -1.0)])
+        add_rows(self.program, rows, np.full(len(rows), -np.inf), bounds, variables)
+
+    def equal(self, leg, variables, rows, values) -> None:
+        """Constrains further variables to equal rows over a leg's variables.
+
+        Args:
+            leg: from 0.
+            variables: (rows,).
+            rows: (rows, variables). values: where there is no step, (rows,).
+        """
+        add_equal_rows(
+            self.program,
+            np.hstack([rows, -np.eye(len(rows))]),
+            -values,
+            np.concatenate([self._variables[leg], variables]),
+        )
+
+    def in_cones(self, leg, rows, values, extra=None, limit=None) -> None:
+        """Constrains vectors of rows to Lorentz cones.
+
+        Args:
+            leg: from 0.
+            rows: (cones, k, variables). values: where there is no step, (cones, k).
+            extra: one variable a cone, to be added to its first row.
+            limit: see at_most(), a number; if so, there is no extra.
+        """
+        variables, factor = self._variables[leg], 1.0
+        if limit is not None and self.excess is not None:
+            extra, factor = [self.excess] * len(rows), limit
+        for j, (A, b) in enumerate(zip(rows, values)):
+            if extra is not None:
+                A = np.hstack([A, np.zeros((len(A), 1))])
+                A[0, -1] = factor
+                # An array: a list of variables takes twice as long to be handed over.
+                self.program.AddLorentzConeConstraint(A, b, np.append(variables, extra[j]))
+            else:
+                self.program.AddLorentzConeConstraint(A, b, variables)
+
+    def least_squares(self, leg, rows, values) -> None:
+        """Adds |rows x + values|^2 to the cost, over a leg's variables."""
+        self.program.AddQuadraticCost(
+            2.0 * rows.T @ rows, 2.0 * rows.T @ values, self._variables[leg], is_convex=True
+        )
+
+    def at_gate(self, i: int, order: int):
+        """Returns the variables of a derivative of the path at a gate, (3,), and their unit."""
+        return self._gates[i, order, :3], self._units[i] ** -order
+
+    def solve(self) -> LapSpline | None:
+        """Returns the lap after the best step, or None if the solver finds none."""
+        self.result = result = solve_cones(self.program, **_TOLERANCES)
+        x = result.get_x_val()
+        if not np.isfinite(x).all():
+            return None
+        get = result.GetSolution
+        lap, n = self.lap, len(self.lap.durations)
+        gates = get(self._gates.reshape(len(self._units), -1)).reshape(-1, ORDERS, 4)
+        m = lap.interior.shape[1]
+        stretch, turns = get(self._stretch), get(self._turns)
+        after = gates[lap.after]
+        if lap.is_closed:
+            after[-1, 0, 3] += turns[-1]
+        interior = np.zeros((n, m, 4))
+        if m:
+            interior = get(self._interior.reshape(n, -1)).reshape(n, m, 4)
+        change = np.concatenate([gates[:n], interior, after], axis=1)
+        z = lap.coefficients() + self._scale[..., None] * change
+        z += self._by_stretch * stretch[:, None, None]
+        return lap.stepped(z, lap.durations * (1.0 + stretch), lap.turn + float(turns[-1]))

@@ -1,0 +1,97 @@
+"""A time-optimal lap as a trajectory in x, y, z and yaw."""
+
+from math import comb
+
+import numpy as np
+from pydrake.polynomial import Polynomial
+from pydrake.trajectories import PiecewisePolynomial
+
+from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.min_snap.circuit import Circuit
+from airrace.trajopt.plan_report import LapReport
+from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, twisted_dynamics
+from airrace.trajopt.time_optimal.lap_spline import DEGREE, LapSpline
+from airrace.trajopt.time_optimal.thrust_axis_angle import heading_of_twist
+
+
+class OptimalCircuit(Circuit):
+    """One lap from gate 1 to gate 1.
+
+    Attributes:
+        spline: the LapSpline, to start another optimisation from.
+        report: LapReport.
+    """
+
+    def __init__(
+        self, polynomial: PiecewisePolynomial, headings, spline: LapSpline, report: LapReport | None
+    ):
+        """Args: polynomial: of flat_polynomial(). The others: see Circuit and above."""
+        breaks = polynomial.get_segment_times()
+        gate_times = breaks[:: (len(breaks) - 1) // len(headings)]
+        super().__init__(polynomial, gate_times, headings, approach={})
+        self.spline = spline
+        self.report = report
+
+    @property
+    def waypoint_times(self) -> tuple:
+        """When gates are passed, then the duration (s)."""
+        return self.gate_times
+
+
+def flat_polynomial(
+    lap: LapSpline, limits: FlightLimits, turn: float, refinement: int, end=None
+) -> PiecewisePolynomial:
+    """Returns a lap as a trajectory of x, y, z (m) and yaw (rad), from time 0.
+
+    The path is the lap's. Yaw, its rate and its acceleration are exact at the
+    breaks, and Hermite interpolants in between.
+
+    Args:
+        lap: with twist.
+        limits: for the vehicle's drag.
+        turn: of yaw in a lap (rad); of an open one, see LapSamples.of().
+        refinement: pieces of yaw to one of the path.
+        end: of an open one, yaw, its rate and its acceleration (3,).
+    """
+    count = lap.pieces * refinement
+    grid = Grid(lap.pieces, count)
+    samples = LapSamples.of(lap, grid, limits, turn)
+    yaw = _yaw(samples)
+    if end is None:
+        end = yaw[:, 0] + [turn, 0.0, 0.0]
+    start = yaw.T.reshape(-1, 3)
+    h = samples.units[:, None] / count
+    order = np.arange(3)
+    after = np.vstack([start[1:], end])
+    # Full turns between neighbours are none.
+    after[:, 0] += 2 * np.pi * np.round((start[:, 0] - after[:, 0]) / (2 * np.pi))
+    yaw = np.concatenate([start * h**order, after * h**order], axis=1) @ _hermite().T
+    path = lap.taylor(count)
+    coefficients = np.concatenate([path, (yaw / h ** np.arange(DEGREE + 1))[:, None]], axis=1)
+    return PiecewisePolynomial(
+        [np.array([[Polynomial(c)] for c in piece]) for piece in coefficients],
+        np.concatenate([[0.0], np.cumsum(h)]),
+    )
+
+
+def _yaw(samples: LapSamples) -> np.ndarray:
+    """Returns yaw, its rate and its acceleration at samples, (3, N)."""
+    units = samples.units
+    _, force, w, alpha = twisted_dynamics(samples.flat, units, samples.axes, samples.limits)
+    z = force / np.linalg.norm(force, axis=0)
+    c, s = (f(samples.derivatives[0, ..., 3].ravel()) for f in (np.cos, np.sin))
+    x, y = (c * samples.axes[0] + s * samples.axes[1], c * samples.axes[1] - s * samples.axes[0])
+    yaw = heading_of_twist((x, y, z), w / units, alpha / units**2)
+    yaw[0] = np.unwrap(yaw[0])
+    return yaw
+
+
+def _hermite() -> np.ndarray:
+    """Returns the matrix from value and two derivatives at 0 and at 1 to a quintic, (6, 6)."""
+    powers = np.arange(DEGREE + 1)
+    rows = []
+    for at in (0.0, 1.0):
+        for k in range(3):
+            factor = np.array([comb(p, k) * [1, 1, 2][k] if p >= k else 0 for p in powers])
+            rows.append(factor * at ** np.maximum(powers - k, 0))
+    return np.linalg.inv(np.array(rows, float))

@@ -1,0 +1,213 @@
+"""The quickest way onto a time-optimal lap: from hover, and from the lap before."""
+
+import dataclasses as dc
+import functools
+
+import numpy as np
+
+from airrace.trajopt.flat_trajectory import YAW, FlatTrajectory, flat_outputs
+from airrace.trajopt.flatness import attitude_from_force, heading_vectors, thrust_vectors
+from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.flyable import passes_forward
+from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.min_snap.circuit import Circuit
+from airrace.trajopt.min_snap.leg import end_constraints
+from airrace.trajopt.min_snap.min_snap import (
+    TrajectoryOptimizationError,
+    solve_min_snap,
+    unwrap_headings,
+)
+from airrace.trajopt.plan_report import check_flight, check_times
+from airrace.trajopt.time_optimal.lap_samples import LapSamples
+from airrace.trajopt.time_optimal.lap_search import PIECES, Effort, LapSearch
+from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
+from airrace.trajopt.time_optimal.optimal_circuit import flat_polynomial
+from airrace.vehicle import GRAVITY
+
+_REFINEMENT = 8  # pieces of yaw to one of the path
+# Ways are livelier than laps, and short: what is little of one is nothing to the race.
+_EFFORT = Effort(tolerance=2e-3, samples=40)
+_FIT_SAMPLES = 24  # of each leg, for its interior control points
+_SLOWER = (1.0, 1.3, 1.7)  # guesses of all durations
+_LEAST_DURATION = 0.1  # s
+# Of the limits, for what lies between samples; tried in turn. A way that is sought from
+# nothing is livelier there.
+_AIMS, _AIMS_FROM_NOTHING = (0.998, 0.994, 0.988), (0.995, 0.988)
+
+
+def plan_optimal_way(
+    start,
+    durations,
+    gates: GateRegions,
+    circuit: Circuit,
+    pylons,
+    limits: FlightLimits,
+    *,
+    clearance,
+    half_view=np.deg2rad(40.0),
+    old=None,
+    effort: Effort = _EFFORT,
+) -> tuple[FlatTrajectory, float]:
+    """Returns the quickest flight from a state through gates 1, ..., k - 1 onto a lap at gate k.
+
+    The search is that of plan_optimal_circuit(), with both ends given: position to
+    snap and yaw to its second derivative are those of the start and of the lap.
+
+    Args:
+        start: value and four derivatives of x, y, z (m) and yaw (rad), (5, 4).
+        durations: guesses, from the start to gate 1, from there to gate 2 ..., (k,) s.
+        gates: of the lap, all of them.
+        circuit: the lap.
+        pylons: axes to keep clear of, [x, y], (m, 2) m.
+        limits: of the way; the lap must be within them.
+        clearance: from the pylons' axes, a number or (m,) m.
+        half_view, effort: see plan_optimal_circuit().
+        old: a flight that leads from the start nearly to gate 1, to begin the search
+            with: from time to the same as start.
+
+    Returns:
+        (way, phase): and the time on the circuit at which it is joined (s).
+
+    Raises:
+        TrajectoryOptimizationError: if none was found within the limits.
+    """
+    k = len(durations)
+    phase = circuit.gate_times[k - 1]
+    goal = circuit.derivatives(phase)
+    passed = _gates_of(gates, start, k)
+    yaws = unwrap_headings([start[0, 3], *gates.headings[: k - 1], goal[0, 3]])
+    ends = [_Attitude.of(state, limits) for state in (start, goal)]
+    turn = ends[1].angle - ends[0].angle
+    turn += 2 * np.pi * np.round((yaws[-1] - yaws[0] - turn) / (2 * np.pi))
+    search = LapSearch(passed, turn, pylons, limits, clearance, half_view, effort.samples)
+    if old is None:
+        points = [circuit.derivatives(t)[0] for t in circuit.gate_times[: k - 1]]
+        paths = [
+            _smoothest(start, points, goal, factor * np.asarray(durations)) for factor in _SLOWER
+        ]
+    else:
+        paths = [
+            (
+                np.asarray(durations),
+                [old, *(functools.partial(_on, circuit, t) for t in circuit.gate_times[: k - 1])],
+            )
+        ]
+    now = min(
+        (search.settled(_guess(*path, start, goal, ends)) for path in paths), key=search.merit
+    )
+    near = old is not None
+    for aim in _AIMS if near else _AIMS_FROM_NOTHING:
+        search.limits = limits.scaled(aim)
+        now, _ = search.improve(search.settled(now.lap), near, effort)
+        near = True
+        way, excess = _finished(now, search, limits, goal)
+        if excess <= 0.0:
+            break
+    else:
+        raise TrajectoryOptimizationError(
+            f"No way onto the lap keeps the limits; the best exceeds them by {excess:.1%}."
+        )
+    search.require_clear(now)
+    times = np.cumsum(now.lap.durations)[:-1]
+    if not passes_forward(way, times, search.gates.headings[1:-1]).all():
+        raise TrajectoryOptimizationError("The way found crosses a gate sideways.")
+    return way, phase
+
+
+@dc.dataclass(frozen=True)
+class _Attitude:
+    """How a body is turned about its thrust: against the least rotation (rad), and on."""
+
+    angle: float
+    rate: float
+    acceleration: float
+
+    @classmethod
+    def of(cls, state, limits: FlightLimits):
+        """Args: state: value and derivatives, (5, 4). limits: for vehicle and drag."""
+        flat = flat_outputs(state)
+        *force, _ = thrust_vectors(flat, limits.vehicle, GRAVITY, limits.drag)
+        yaw, rate, acceleration = flat[YAW:]
+        axes, w, alpha = attitude_from_force(
+            *force, heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
+        )
+        (x, _, b), scale = axes, 1.0 / (1.0 + axes[2][2])
+        e1 = np.array([1.0 - scale * b[0] ** 2, -scale * b[0] * b[1], -b[0]])
+        e2 = np.array([-scale * b[0] * b[1], 1.0 - scale * b[1] ** 2, -b[1]])
+        return cls(float(np.arctan2(x @ e2, x @ e1)), float(w[2]), float(alpha[2]))
+
+
+def _gates_of(gates: GateRegions, start, k: int) -> GateRegions:
+    """Returns the start, as a gate, and the first k gates."""
+    sizes = gates.half_sizes
+    return dc.replace(
+        gates,
+        midpoints=np.vstack([start[0, :3], gates.midpoints[:k]]),
+        headings=np.append(start[0, 3], gates.headings[:k]),
+        half_sizes=None if sizes is None else np.vstack([[0.0, 0.0], sizes[:k]]),
+    )
+
+
+def _on(circuit: Circuit, start, time):
+    """Returns what a circuit's derivatives are a time after a start."""
+    return circuit.derivatives(start + time)
+
+
+def _smoothest(start, points, goal, durations):
+    """Returns durations and legs, see _guess(), of the smoothest path in some time."""
+    durations = np.maximum(durations, _LEAST_DURATION)
+    knots = np.array([start[0], *points, goal[0]])[:, :3]
+    path = solve_min_snap(
+        knots, durations, constraints=end_constraints(start[:, :3], goal[:, :3], (1, 2, 3, 4))
+    )
+    orders = [path.derivative(order) for order in range(ORDERS)]
+
+    def leg(begin, time):
+        return np.hstack([order.value(begin + time) for order in orders]).T
+
+    return durations, [functools.partial(leg, t) for t in path.get_segment_times()[:-1]]
+
+
+def _guess(durations, legs, start, goal, ends) -> LapSpline:
+    """Returns a path as a spline.
+
+    Args:
+        durations: of its legs (s).
+        legs: from the time since each began to position and four derivatives, (5, 3 or 4).
+        start, goal, ends: where it begins and ends.
+    """
+    breaks = np.cumsum([0.0, *durations])
+    gates = np.zeros((len(breaks), ORDERS, 4))
+    for i, leg in enumerate(legs):
+        gates[i, :, :3] = leg(0.0)[:, :3]
+    gates[0, :, :3], gates[-1, :, :3] = start[:, :3], goal[:, :3]
+    for i, end in zip((0, -1), ends):
+        gates[i, :3, 3] = 0.0, end.rate, end.acceleration
+    gates[0, 0, 3] = ends[0].angle
+    # Twists between are those of an even turn, until the first step.
+    share = (breaks / breaks[-1])[1:-1]
+    gates[1:-1, 0, 3] = ends[0].angle + share * (ends[1].angle - ends[0].angle)
+    lap = LapSpline(
+        gates,
+        np.zeros((len(durations), PIECES - ORDERS, 4)),
+        durations,
+        ends[1].angle - ends[0].angle,
+    )
+    fractions = np.linspace(0.0, 1.0, _FIT_SAMPLES)
+    matrices = basis(PIECES, tuple(fractions))
+    left = lap.evaluate(matrices)
+    interior = lap.interior.copy()
+    columns = np.vstack([matrices[order][:, ORDERS:-ORDERS] for order in (0, 1)])
+    for i, (leg, T) in enumerate(zip(legs, durations)):
+        samples = np.array([leg(T * fraction)[:2, :3] for fraction in fractions])
+        wanted = [T**order * samples[:, order] - left[order, i, :, :3] for order in (0, 1)]
+        interior[i, :, :3] = np.linalg.lstsq(columns, np.vstack(wanted), rcond=None)[0]
+    return dc.replace(lap, interior=interior)
+
+
+def _finished(now: LapSamples, search: LapSearch, limits: FlightLimits, goal):
+    """Returns the way as a trajectory, and by which share it exceeds limits at 1 kHz."""
+    way = FlatTrajectory(
+        flat_polynomial(now.lap, search.limits, search.turn, _REFINEMENT, goal[:3, 3])
+    )
+    return way, check_flight(way.sample(check_times(way)), search.pylons, limits).excess

@@ -1,0 +1,268 @@
+"""The lap time of a point mass: what no vehicle with the same limits can beat."""
+
+import dataclasses as dc
+
+import numpy as np
+from pydrake.solvers import MathematicalProgram
+
+from airrace.trajopt.cone_solver import solve_cones
+from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.linear_constraints import add_equal_rows, add_rows
+from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
+from airrace.vehicle import GRAVITY
+
+_TRUST = 0.5  # of a duration, and of a speed, at first
+_MISMATCH_COST = 2.0  # s per m/s of difference in velocity at a gate, in the merit
+_NEARNESS_COST, _NEARNESS_MERIT = 4.0, 2.0  # s per metre nearer to a pylon than allowed
+_ITERATIONS = 40
+_LOOKS = 4  # at the distance from pylons, in each interval
+_REACH, _DEPTH = 3.0, 0.05  # m, of rows beyond the clearance, and the nearest point
+
+
+@dc.dataclass(frozen=True, eq=False)
+class PointMassBound:
+    """The quickest lap of a point mass.
+
+    Attributes:
+        duration: (s).
+        durations: from each gate to the next, (n,) s.
+        velocities: evenly in time over each leg, both ends included, (n,
+            intervals + 1, 3) m/s.
+        positions: at the gates, (n, 3) m.
+        iterations: of the solver.
+    """
+
+    duration: float
+    durations: np.ndarray
+    velocities: np.ndarray
+    positions: np.ndarray
+    iterations: int
+
+
+def point_mass_bound(
+    gates: GateRegions,
+    *,
+    max_speed=None,
+    max_acceleration=None,
+    max_specific_force=None,
+    pylons=(),
+    clearance=0.0,
+    intervals: int = 32,
+    tolerance: float = 1e-4,
+) -> PointMassBound:
+    """Returns the quickest periodic lap of a point mass without drag.
+
+    In time normalised to the leg, with w = T v, the acceleration u = T^2 a is
+    constant over each of some intervals, and the limits |w| <= T v_max,
+    |u| <= s a_max and |u + s g| <= s f_max are second-order cones in (w, u, T, s).
+    Only s <= T^2 and w = T v at the gates are not convex; both are linearised
+    about the last iterate until nothing changes. Speeds between the samples lie
+    below those at the samples, so the result is a lap that can be flown; it
+    approaches the least from above, by 0.02 % or so with 32 intervals. Pylons make
+    it a local minimum: half planes about the last iterate keep it clear of them.
+
+    Args:
+        gates: to pass.
+        max_speed: (m/s). max_acceleration: without gravity (m/s^2).
+        max_specific_force: greatest thrust over mass (m/s^2); give one of these
+            two at least.
+        pylons: axes to keep clear of, [x, y], (m, 2) m. clearance: from those, a number
+            or (m,) m.
+        intervals: of constant acceleration, a leg.
+        tolerance: where to stop: relative change of the lap time.
+
+    Raises:
+        TrajectoryOptimizationError: if there is no such lap, or no limit.
+    """
+    limits = [x for x in (max_speed, max_acceleration, max_specific_force) if x is not None]
+    if max_acceleration is None and max_specific_force is None:
+        raise TrajectoryOptimizationError(
+            "Without a limit of acceleration or thrust, there is no quickest lap."
+        )
+    if not all(np.isfinite(x) and x > 0.0 for x in limits):
+        raise TrajectoryOptimizationError("The limits must be positive.")
+    if max_specific_force is not None and max_specific_force <= GRAVITY:
+        raise TrajectoryOptimizationError("The greatest thrust is below the weight.")
+    chords = np.roll(gates.midpoints, -1, axis=0) - gates.midpoints
+    lengths = np.linalg.norm(chords, axis=1)
+    a = max_acceleration if max_acceleration is not None else max_specific_force - GRAVITY
+    speed = min(max_speed or np.inf, np.sqrt(a * lengths.mean()))
+    T = lengths / speed
+    directions = chords / lengths[:, None]
+    V = directions + np.roll(directions, 1, axis=0)
+    V *= speed / np.maximum(np.linalg.norm(V, axis=1, keepdims=True), 0.1)
+
+    problem = _Problem(gates, intervals, max_speed, max_acceleration, max_specific_force)
+    near = _Pylons(np.reshape(pylons, (-1, 2)), clearance, intervals)
+    trust, merit, best = _TRUST, np.inf, None
+    for iteration in range(1, _ITERATIONS + 1):
+        found = problem.solve(T, V, trust, speed, near, best)
+        if found is None:
+            if trust > 4.0:
+                break
+            trust *= 2.0
+            continue
+        new_T, new_V, P, w = found
+        # How far both legs at a gate disagree on its velocity.
+        mismatch = np.linalg.norm(
+            w[:, [0, -1]]
+            - new_T[:, None, None] * np.stack([new_V, np.roll(new_V, -1, axis=0)], axis=1),
+            axis=2,
+        )
+        new_merit = new_T.sum() + _MISMATCH_COST * np.sum(mismatch / new_T[:, None]) / speed
+        if best is None:  # it did not know of the pylons yet
+            T, V, best = new_T, new_V, (w, P)
+            merit = new_merit + _NEARNESS_MERIT * near.lack(w, P)
+            continue
+        new_merit += _NEARNESS_MERIT * near.lack(w, P)
+        if new_merit > merit * (1.0 + 1e-9):
+            trust /= 3.0
+            if trust < 1e-4:
+                break
+            continue
+        done = merit - new_merit < tolerance * new_merit
+        T, V, merit, best = new_T, new_V, new_merit, (w, P)
+        if done:
+            break
+    if not np.isfinite(merit):
+        raise TrajectoryOptimizationError("No lap of a point mass is within the limits.")
+    w, P = best
+    return PointMassBound(float(T.sum()), T, w / T[:, None, None], P, iteration)
+
+
+class _Pylons:
+    """What a lap has to keep clear of."""
+
+    def __init__(self, axes, clearance, intervals):
+        self._axes, self._clearance = axes, clearance
+        # From w, linear over each interval, to the way flown: integrals of hat functions.
+        x = np.arange(1, _LOOKS * intervals) / _LOOKS
+        u = np.clip(x[:, None] - np.arange(intervals + 1) + 1.0, 0.0, 2.0)
+        hats = np.where(u < 1.0, u**2 / 2.0, 1.0 - (2.0 - u) ** 2 / 2.0)
+        hats[:, 0] -= 0.5  # half of the first lies before the leg
+        self._integrals = hats / intervals
+
+    def _away(self, w, P):
+        """Returns vectors from the axes, (n, looks, m, 2), and their lengths."""
+        places = P[:, None, :2] + self._integrals @ w[..., :2]
+        away = places[:, :, None] - self._axes
+        return away, np.maximum(np.linalg.norm(away, axis=3), 1e-6)
+
+    def lack(self, w, P) -> float:
+        """Returns by how much each leg comes too near, in all (m)."""
+        _, distance = self._away(w, P)
+        return float(np.max(self._clearance - distance, axis=(1, 2), initial=0.0).sum())
+
+    def rows(self, w, P):
+        """Yields legs, rows over x, y of P, w and a slack, and their least values."""
+        away, distance = self._away(w, P)
+        room = distance - self._clearance
+        nearest = distance.min(axis=1, keepdims=True, initial=np.inf)
+        for leg, near in enumerate((room < _REACH) & (distance < nearest + _DEPTH)):
+            which, pylon = np.nonzero(near)
+            if not len(which):
+                continue
+            normal = away[leg, which, pylon] / distance[leg, which, pylon][:, None]
+            along = self._integrals[which]
+            least = np.broadcast_to(self._clearance, len(self._axes))[pylon] + np.sum(
+                normal * self._axes[pylon], axis=1
+            )
+            yield (
+                leg,
+                np.hstack(
+                    [normal, normal[:, :1] * along, normal[:, 1:] * along, np.ones((len(which), 1))]
+                ),
+                least,
+            )
+
+
+class _Problem:
+    """The convex problem about an iterate; its cones are always the same."""
+
+    def __init__(self, gates, intervals, max_speed, max_acceleration, max_specific_force):
+        n, N = len(gates.midpoints), intervals
+        self._program = program = MathematicalProgram()
+        self._w = program.NewContinuousVariables(3 * n * (N + 1)).reshape(n, N + 1, 3)
+        self._P = program.NewContinuousVariables(n, 3)
+        self._V = program.NewContinuousVariables(n, 3)
+        self._T = program.NewContinuousVariables(n)
+        self._s = program.NewContinuousVariables(n)
+        self._slack = program.NewContinuousVariables(n)
+        program.AddLinearCost(np.ones(n), self._T)
+        program.AddLinearCost(np.full(n, _NEARNESS_COST), self._slack)
+        program.AddBoundingBoxConstraint(0.0, np.inf, self._slack)
+        program.AddBoundingBoxConstraint(1e-3, np.inf, self._T)
+        weights = np.full(N + 1, 1.0 / N)
+        weights[[0, -1]] /= 2.0
+        for i in range(n):
+            gates.constrain(program, i, self._P[i], np.zeros(3))
+            w, T, s = self._w[i], self._T[i], self._s[i]
+            for j in range(3):
+                add_equal_rows(
+                    program,
+                    np.array([[*weights, 1.0, -1.0]]),
+                    np.zeros(1),
+                    [*w[:, j], self._P[i, j], self._P[(i + 1) % n, j]],
+                )
+            if max_speed is not None:
+                A = np.diag([max_speed, 1.0, 1.0, 1.0])
+                for k in range(N + 1):
+                    program.AddLorentzConeConstraint(A, np.zeros(4), [T, *w[k]])
+            for limit, gravity in ((max_acceleration, 0.0), (max_specific_force, GRAVITY)):
+                if limit is not None:
+                    A = np.zeros((4, 7))
+                    A[0, 0], A[3, 0] = limit, gravity
+                    A[1:, 1:4], A[1:, 4:] = -N * np.eye(3), N * np.eye(3)
+                    for k in range(N):
+                        program.AddLorentzConeConstraint(A, np.zeros(4), [s, *w[k], *w[k + 1]])
+        self._linearized = []
+
+    def solve(self, T, V, trust, speed, near, last):
+        """Returns T (n,), V, P (n, 3) and w (n, intervals + 1, 3), or None.
+
+        Args: about: T, V. trust: of their change. near: _Pylons. last: w and P, or None.
+        """
+        program, n = self._program, len(T)
+        for binding in self._linearized:
+            program.RemoveConstraint(binding)
+        add = []
+        for i in range(n):
+            add.append(
+                add_rows(
+                    program,
+                    np.array([[1.0, -2.0 * T[i]]]),
+                    [-np.inf],
+                    [-(T[i] ** 2)],
+                    [self._s[i], self._T[i]],
+                )
+            )
+            for k, g in ((0, i), (-1, (i + 1) % n)):
+                A = np.hstack([np.eye(3), -T[i] * np.eye(3), -V[g][:, None]])
+                add.append(
+                    add_equal_rows(
+                        program, A, -T[i] * V[g], [*self._w[i, k], *self._V[g], self._T[i]]
+                    )
+                )
+        add.append(
+            program.AddBoundingBoxConstraint(T * (1 - min(trust, 0.9)), T * (1 + trust), self._T)
+        )
+        add.append(program.AddBoundingBoxConstraint(V - trust * speed, V + trust * speed, self._V))
+        for leg, rows, least in near.rows(*last) if last is not None else ():
+            variables = [
+                *self._P[leg, :2],
+                *self._w[leg, :, 0],
+                *self._w[leg, :, 1],
+                self._slack[leg],
+            ]
+            add.append(add_rows(program, rows, least, np.full(len(least), np.inf), variables))
+        self._linearized = add
+        result = solve_cones(program)
+        if not result.is_success():
+            return None
+        get = result.GetSolution
+        return (
+            get(self._T),
+            get(self._V),
+            get(self._P),
+            get(self._w.reshape(-1, 3)).reshape(self._w.shape),
+        )

@@ -1,0 +1,77 @@
+"""The page: a Meshcat server that looks at a track, and who looks at it."""
+
+import logging
+import time
+
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatParams
+
+from airrace.rendering.scene.daylight import SetDaylight
+
+# What hangs before the page's camera and moves with it. The camera is an object
+# of the page's scene, so it can have children like any other.
+HUD = "/Cameras/default/rotated/<object>/hud"
+LEFT = -0.95  # where the left edge of what hangs there is; see picture.FixedPicture
+
+
+def MakeMeshcat(track) -> Meshcat:
+    """Starts a Meshcat server on loopback, looking at the track.
+
+    Args:
+        track: the airrace.track.Track.
+
+    Raises:
+        RuntimeError: if no port is free.
+    """
+    logging.getLogger("drake").addFilter(_is_no_late_page)
+    meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+    meshcat.SetCameraPose(*overview(track))
+    SetDaylight(meshcat)
+    meshcat.SetProperty("/Cameras/default/rotated/<object>", "far", 1000.0)
+    meshcat.SetProperty("/Grid", "visible", False)
+    meshcat.SetProperty("/Axes", "visible", False)
+    return meshcat
+
+
+def _is_no_late_page(record) -> bool:
+    """Passes all but Drake's warning that a slow page asks for a picture that is gone."""
+    return "Unknown CAS key" not in record.getMessage()
+
+
+def overview(track) -> tuple[np.ndarray, np.ndarray]:
+    """Returns from where all of a track is seen, and where to look, in world (m)."""
+    feet = track.pylons()
+    middle = feet.mean(axis=0)
+    size = np.ptp(feet[:, :2], axis=0).max()
+    return middle + [-0.35 * size, -0.6 * size, 0.5 * size], middle
+
+
+_OPENING = 3.0  # s
+
+
+class Audience:
+    """Who looks at a page, and when they were last shown something.
+
+    Some things are drawn only if somebody sees them, and no faster than eyes
+    follow, however fast the race is simulated. That makes the page depend on the
+    machine, but nothing in the race depends on the page.
+    """
+
+    def __init__(self, meshcat: Meshcat, period: float = 0.2):
+        """Args: meshcat: of the page. period: the least between two drawings (s)."""
+        self._meshcat = meshcat
+        self._period = period
+        self._next = 0.0
+        self._watching = 0
+
+    def waits(self) -> bool:
+        """Whether somebody is there who has seen nothing new for a period of wall time."""
+        now = time.perf_counter()
+        if now < self._next:
+            return False
+        self._next = now + self._period
+        before, self._watching = self._watching, self._meshcat.GetNumActiveConnections()
+        if self._watching > before:  # a page that opens has enough to do
+            self._next = now + _OPENING
+            return False
+        return self._watching > 0

@@ -1,0 +1,99 @@
+"""The live view of a race: everything that is drawn in its Meshcat beside the scene."""
+
+import numpy as np
+from pydrake.geometry import Meshcat
+
+from airrace.rendering.planar.renderer import PlanarRenderer
+from airrace.systems.types import CameraInfo, make_camera_info
+from airrace.track import load_track
+from airrace.vehicle import load_vehicle
+from airrace.visualization.camera_inset import RAYS, CameraInset
+from airrace.visualization.map_visualizer import MapVisualizer
+from airrace.visualization.meshcat_page import HUD, MakeMeshcat, overview
+from airrace.visualization.paths import PathVisualizer, PlanVisualizer
+from airrace.visualization.rotors import RotorVisualizer, body_path, find_blades
+from airrace.visualization.scoreboard import Scoreboard
+from airrace.visualization.views import ViewDirector
+
+__all__ = ["AddVisualization", "MakeMeshcat", "end_live_view", "view_director"]
+_INSET_WIDTH = 320  # px
+_DIRECTOR = "view_director"
+
+
+def AddVisualization(builder, scenario, simulation, autonomy, meshcat: Meshcat) -> None:
+    """Adds the live view of a race to its Meshcat.
+
+    Args:
+        builder: of the race.
+        scenario: the race.
+        simulation, autonomy: the two diagrams in it.
+        meshcat: that the simulation draws its scene in.
+    """
+    track = load_track(scenario.track)
+    vehicle, _ = load_vehicle(scenario.drone)
+    plant = simulation.GetSubsystemByName("plant")
+    scene_graph = simulation.GetSubsystemByName("scene_graph")
+    camera = scenario.camera
+    info = _camera_info(camera, vehicle, camera.width)
+    small = _camera_info(camera, vehicle, _INSET_WIDTH)
+    path = body_path(plant)
+    moving = simulation.HasOutputPort("truth.gate_shifts")
+    boxes = {
+        "path_visualizer": PathVisualizer(meshcat=meshcat),
+        "plan_visualizer": PlanVisualizer(meshcat=meshcat),
+        "map_visualizer": MapVisualizer(meshcat=meshcat),
+        "rotor_visualizer": RotorVisualizer(
+            meshcat=meshcat,
+            vehicle=vehicle,
+            path=path,
+            blades=find_blades(plant, scene_graph, vehicle),
+        ),
+        "camera_inset": CameraInset(
+            meshcat=meshcat,
+            small=small,
+            scale=small.width / info.width,
+            renderer=PlanarRenderer(track, small),
+            body_path=path,
+            moving_gates=len(track.gates) if moving else 0,
+        ),
+        "scoreboard": Scoreboard(meshcat=meshcat, gates=len(track.gates), laps=scenario.laps),
+        _DIRECTOR: ViewDirector(
+            meshcat=meshcat, overview=overview(track), body_path=path, X_BC=info.X_BC
+        ),
+    }
+    for name, box in boxes.items():
+        wanted = [box.get_input_port(i) for i in range(box.num_input_ports())]
+        found = [_output(port.get_name(), simulation, autonomy) for port in wanted]
+        if None in found:
+            continue  # an autonomy that is elsewhere does not tell all
+        builder.AddNamedSystem(name, box)
+        for source, port in zip(found, wanted):
+            builder.Connect(source, port)
+
+
+def _output(name: str, *diagrams):
+    """Returns the output port of that name of the first diagram that has it, or None."""
+    return next((d.GetOutputPort(name) for d in diagrams if d.HasOutputPort(name)), None)
+
+
+def view_director(race) -> ViewDirector:
+    """Returns the ViewDirector of a race with a live view."""
+    return race.GetSubsystemByName(_DIRECTOR)
+
+
+def end_live_view(race, meshcat: Meshcat) -> None:
+    """Takes away what only makes sense live, so that what is left is a replay."""
+    view_director(race).End()
+    meshcat.Delete(HUD)
+    meshcat.Delete(RAYS)
+    meshcat.DeleteAddedControls()
+
+
+def _camera_info(config, vehicle, width: int) -> CameraInfo:
+    """Returns the calibration of the scenario's camera with another width (px)."""
+    return make_camera_info(
+        width=width,
+        height=round(width * config.height / config.width),
+        fov_y=np.deg2rad(config.fov_y_deg),
+        X_BC=vehicle.camera.X_BC,
+    )

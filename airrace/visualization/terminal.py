@@ -1,0 +1,224 @@
+"""The race on the terminal: live progress, then a table of laps."""
+
+import contextlib
+import os
+import time
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from airrace.recording.race_record import RaceRecord
+from airrace.scenario import trajectory_name
+from airrace.vehicle.rotor_loss import Remaining
+
+# Mean laps of the original system on its own track (s).
+# Three dimensions were the nearest to an optimal lap that it had.
+ORIGINAL_MEAN_LAP = {"3": 40.60, "4": 41.52, "6": 41.21, "optimal": 40.60}
+_REFRESH = 0.1  # s
+
+
+class _PatientConsole(Console):
+    """A console whose reader may leave (| head): the race goes on, for its files."""
+
+    def on_broken_pipe(self):
+        _go_quiet(self)
+
+
+def _go_quiet(console: Console):
+    """Prints nothing from now on, not even what Python still holds back."""
+    console.quiet = True
+    with contextlib.suppress(OSError), open(os.devnull, "w") as devnull:
+        os.dup2(devnull.fileno(), console.file.fileno())
+
+
+class RaceDisplay:
+    """Shows a race while it runs; its `show` is a callback of run_race()."""
+
+    def __init__(self, scenario, track, meshcat=None, console: Console | None = None):
+        """Constructs the display; nothing is printed before the first show().
+
+        Args:
+            scenario, track: of the race.
+            meshcat: whose address to show, or None.
+            console: to write to; standard output by default.
+        """
+        self._scenario = scenario
+        self._track_name = track.name
+        self._gates = len(track.gates)
+        self._meshcat = meshcat
+        self._console = console or _PatientConsole()
+        self._start = self._last = time.perf_counter()
+        self._events = self._losses = 0  # shown so far
+        self._live = None
+
+    @contextlib.contextmanager
+    def work(self, what: str):
+        """Shows that something is being done, in a block that takes a second or two."""
+        with self._patience():
+            if self._live is not None:
+                self._live.update(Text(f"{what} ..."), refresh=True)
+        yield
+
+    def close(self):
+        """Ends the live display."""
+        if self._live is not None:
+            with self._patience():
+                self._live.stop()
+
+    def show(self, record: RaceRecord, look):
+        """Shows the race at a look; see run_race()."""
+        with self._patience():
+            if not self._events:
+                self._open(record.vehicle.name)
+            self._show(record, look)
+
+    @contextlib.contextmanager
+    def _patience(self):
+        """Gives up printing, not the race, when printing fails (disk full)."""
+        try:
+            yield
+        except OSError:
+            self._live = None
+            _go_quiet(self._console)
+
+    def note(self, line: str):
+        """Prints a line that is not about the race itself."""
+        with self._patience():
+            self._print(line)
+
+    def _open(self, drone: str):
+        scenario = self._scenario
+        kind = trajectory_name(scenario.trajectory)
+        if scenario.planner.limits != "original":
+            kind += f" within limits {scenario.planner.limits}"
+        self._print(
+            f"airrace: {drone} on {self._track_name}, {kind}, "
+            f"seed {scenario.seed}, {scenario.laps} laps"
+        )
+        if self._meshcat is not None:
+            self._print(f"Watch it at {self._meshcat.web_url()}")
+        if self._console.is_terminal:
+            self._live = Live(console=self._console, auto_refresh=False, transient=True)
+            self._live.start()
+
+    def _print(self, line: str):
+        """Prints a line as it is: names and paths may look like markup."""
+        self._console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
+
+    def _show(self, record, look):
+        for event in record.events[self._events :]:
+            self._events += 1
+            self._print(f"[{event.time:7.1f} s] {event.state}: {event.reason}")
+        for rotor, time_noticed in list(record.rotor_losses.items())[self._losses :]:
+            self._losses += 1
+            self._print(f"[{time_noticed:7.1f} s] {loss_line(record, rotor)}")
+        for lap in range(record.laps_flown - look.laps_ended, record.laps_flown):
+            first, last = (record.report.crossings[self._gates * k].time for k in (lap, lap + 1))
+            self._print(f"[{last:7.1f} s] lap {lap + 1}: {last - first:.2f} s")
+        now = time.perf_counter()
+        if self._live is not None and now - self._last > _REFRESH:
+            self._last = now
+            self._live.update(Text(self._line(record, look, now)), refresh=True)
+
+    def _line(self, record, look, now) -> str:
+        rate = look.time / (now - self._start)
+        clock = f"{look.time:6.1f} s simulated, {rate:.1f} x real time"
+        if not record.status.done:
+            return f"exploring  {len(record.status.gates)} gates found   {clock}"
+        crossings = len(record.report.crossings)
+        lap = min(max(crossings - 1, 0) // self._gates + 1, self._scenario.laps)
+        flown = max(crossings - 1, 0)
+        total = self._scenario.laps * self._gates
+        bar = "#" * (30 * flown // total)
+        gate = crossings % self._gates + 1
+        return f"racing [{bar:30}] lap {lap}/{self._scenario.laps}, next gate {gate}   {clock}"
+
+    def print_summary(self, result: dict, output_dir):
+        """Prints the table of laps and where the results are."""
+        if result["finished"]:
+            mean = result["mean_lap_s"]
+            line = f"Finished: mean lap {mean:.2f} s, best {result['best_lap_s']:.2f} s"
+            if result["track"] == "student-airrace":
+                original = ORIGINAL_MEAN_LAP[result["trajectory"]]
+                line += f" (the original system: mean {original:.2f} s)"
+        else:
+            line = f"Did not finish: {result['dnf_reason']}"
+        wall = result["wall"]
+        with self._patience():
+            if result["laps"]:
+                self._console.print(lap_table(result))
+            failures = failures_line(result)
+            if failures:
+                self._print(failures)
+            self._print(
+                f"{line}; {wall['seconds']:.0f} s of work, "
+                f"{wall['real_time_factor']:.1f} x real time."
+            )
+            self._print(f"Results: {output_dir}")
+
+
+def lap_table(result: dict) -> Table:
+    """Returns the table of laps of a race.json."""
+    table = Table()
+    for heading in (
+        "lap",
+        "time (s)",
+        "planned (s)",
+        "over bound",
+        "max speed (m/s)",
+        "worst gate offset (m)",
+        "map RMS (m)",
+    ):
+        table.add_column(heading, justify="right")
+    for lap in result["laps"]:
+        plan = lap["plan"]
+        mark = " *" if _failures_in(result, lap["start_s"], _end(lap)) else ""
+        table.add_row(
+            f"{lap['lap']}{mark}",
+            f"{lap['time_s']:.2f}",
+            f"{plan['duration_s']:.2f}" if plan else "-",
+            f"{plan['over_bound']:.1%}" if plan and plan.get("over_bound") is not None else "-",
+            f"{lap['max_speed']:.1f}",
+            f"{max(lap['gate_offsets_m']):.2f}",
+            f"{lap['map_rms_m']:.3f}" if lap["map_rms_m"] is not None else "-",
+        )
+    return table
+
+
+def loss_line(record: RaceRecord, rotor: int) -> str:
+    """Returns what the autonomy makes of a lost rotor, given by its number."""
+    n = len(record.vehicle.rotors)
+    remaining = Remaining(record.vehicle, [i + 1 not in record.rotor_losses for i in range(n)])
+    if remaining.can_fly:
+        return f"rotor {rotor} lost: flying on with the other {n - len(record.rotor_losses)}"
+    return f"rotor {rotor} lost: the others cannot hold the yaw, coming down"
+
+
+def failures_line(result: dict) -> str:
+    """Returns what failing rotors did to the laps of a race.json; empty if nothing."""
+    laps = result["laps"]
+    failures = _failures_in(result, 0.0, _end(laps[-1])) if laps else []
+    if not failures:
+        return ""
+    times = [failure["time_s"] for failure in failures]
+    before = _mean_time(lap for lap in laps if _end(lap) <= min(times))
+    after = _mean_time(lap for lap in laps if lap["start_s"] > max(times))
+    what = ", ".join(f"rotor {f['rotor']} failed at {f['time_s']:.1f} s" for f in failures)
+    return f"* {what}: mean lap {before} before, {after} after."
+
+
+def _failures_in(result: dict, start: float, end: float) -> list:
+    """Returns the rotor failures from start to before end (s), in order."""
+    failures = [f for f in result["rotor_failures"] if start <= f["time_s"] < end]
+    return sorted(failures, key=lambda failure: failure["time_s"])
+
+
+def _end(lap: dict) -> float:
+    return lap["start_s"] + lap["time_s"]
+
+
+def _mean_time(laps) -> str:
+    times = [lap["time_s"] for lap in laps]
+    return f"{sum(times) / len(times):.2f} s" if times else "-"

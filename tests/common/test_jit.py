@@ -1,0 +1,93 @@
+"""Functions as machine code, and where it is kept."""
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import airrace.common.jit
+from airrace.common.jit import all_finite, compilable, compiled
+
+
+@compilable
+def square(x):
+    return x * x
+
+
+@compiled
+def sum_of_squares(vector):
+    total = 0.0
+    for x in vector:
+        total += square(x)
+    return total
+
+
+@compiled
+def quotient(a, b):
+    return a / b
+
+
+def test_compilable_functions_stay_python():
+    assert sum_of_squares(np.array([1.0, 2.0, 3.0])) == 14.0
+    np.testing.assert_array_equal(square(np.array([1.0, 2.0])), [1.0, 4.0])
+
+
+def test_a_division_by_zero_is_as_with_arrays():
+    assert quotient(1.0, 0.0) == math.inf and math.isnan(quotient(0.0, 0.0))
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_all_finite(bad):
+    assert all_finite(np.zeros(0)) and all_finite(np.array([1e300, -1.0]))
+    for i in range(3):
+        vector = np.ones(3)
+        vector[i] = bad
+        assert not all_finite(vector)
+
+
+def test_machine_code_is_kept_and_goes_with_its_sources(tmp_path):
+    """A change in any file with such functions makes all code anew: one may call another."""
+    package = tmp_path / "package"
+    package.mkdir()
+    lines = "from airrace.common.jit import compiled\n"
+    (package / "constants.py").write_text("ONE = 1\n")
+    inner = lines + "from package.constants import ONE\n@compiled\ndef f(x):\n    return x + ONE\n"
+    (package / "inner.py").write_text(inner)
+    (package / "outer.py").write_text(
+        lines + "from package.inner import f\n@compiled\ndef g(x):\n    return f(x)\n"
+    )
+    (package / "other.py").write_text("pass\n")
+    program = f"""
+import os, sys
+from pathlib import Path
+from unittest import mock
+sys.path.insert(0, {str(tmp_path)!r})
+import numba
+from airrace.common import jit
+jit._PACKAGE = Path({str(package)!r})
+numba.config.CACHE_DIR = str(jit._cache_folder())
+jit.remove_stale()
+from package.outer import g
+print(g(1), sum(g.stats.cache_hits.values()))
+"""
+
+    def run():
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return tuple(done.stdout.split())
+
+    assert run() == ("2", "0")
+    assert run() == ("2", "1")
+    (package / "other.py").write_text("changed = True\n")
+    assert run() == ("2", "1")
+    (package / "inner.py").write_text(inner.replace("ONE\n@", "ONE\n\n\n@"))
+    assert run() == ("2", "0")
+    (package / "constants.py").write_text("ONE = 2\n")
+    assert run() == ("3", "0")
+    assert len(list((package / "__pycache__").glob("machine_code-*"))) == 1
+
+
+def test_this_packages_folder_is_used():
+    assert str(airrace.common.jit._cache_folder()) == airrace.common.jit.numba.config.CACHE_DIR

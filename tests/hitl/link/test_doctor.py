@@ -1,0 +1,118 @@
+"""The doctor's verdicts, and a measurement of a link in memory."""
+
+import dataclasses as dc
+
+import lcm
+import numpy as np
+import pytest
+
+from airrace import lcmtypes
+from airrace.hitl.link.doctor import diagnose, make_table, refusal
+from airrace.hitl.link.endpoint import Endpoint
+from airrace.hitl.link.probe import CHANNELS, LinkFindings, Responder, measure
+from airrace.hitl.link.statistics import ChannelStatistics
+from airrace.scenario import Scenario
+
+
+def statistics(**values):
+    result = lcmtypes.lcmt_channel_statistics()
+    for name, value in values.items():
+        setattr(result, name, value)
+    return result
+
+
+def findings(**changes):
+    """A good link, with changes."""
+    commands = ChannelStatistics()
+    commands.received = 5000
+    good = LinkFindings(
+        duration=10.0,
+        commands=commands,
+        ages=np.full(5000, 0.002),
+        round_trip=0.001,
+        offset=12.5,
+        encode_time=0.001,
+        picture_rate=30.0,
+        state_rate=500.0,
+        receive_buffer=4 << 20,
+        fragment_time=30,
+        fragment_memory=4 << 20,
+        pictures=statistics(
+            received=300, rate=30.0, jitter=0.002, age_p99=0.01, bytes=5e4, decode_time=0.001
+        ),
+        states=statistics(received=5000),
+    )
+    return dc.replace(good, **changes)
+
+
+def test_a_good_link():
+    rows = diagnose(findings())
+    assert {row.verdict for row in rows} == {"good"} and refusal(rows) is None
+    assert make_table(rows).row_count == len(rows) > 12
+
+
+@pytest.mark.parametrize(
+    "changes, verdict, what, remedy",
+    [
+        (dict(pictures=statistics(received=200, rate=20.0)), "weak", "pictures lost", "rmem_max"),
+        (
+            dict(pictures=statistics(received=30, rate=3.0)),
+            "bad",
+            "pictures that arrive",
+            "programs",
+        ),
+        (dict(states=statistics(received=4000, missing=1000)), "bad", "states lost", "cable"),
+        (dict(round_trip=0.05), "weak", "round trip", "cable"),
+        (dict(round_trip=0.3), "bad", "round trip", "cable"),
+        (dict(ages=np.array([])), "bad", "age of a command's state, median", "cable"),
+        (dict(receive_buffer=212992), "weak", "receive buffer there, at most", "sysctl"),
+        (dict(encode_time=0.02), "weak", "encoding a picture here", "programs"),
+        (
+            dict(pictures=statistics(received=200, rate=20.0, bytes=1e5)),
+            "bad",
+            "memory for torn pictures there",
+            "ipfrag_time=1",
+        ),
+        (
+            dict(pictures=statistics(received=150, rate=15.0, bytes=1e5), fragment_time=1),
+            "weak",
+            "memory for torn pictures there",
+            "ipfrag_time=1",
+        ),
+    ],
+)
+def test_what_falls_short_is_named_with_a_remedy(changes, verdict, what, remedy):
+    rows = diagnose(findings(**changes))
+    row = next(row for row in rows if row.what == what)
+    assert row.verdict == verdict and remedy in row.remedy
+    reason = refusal(rows)
+    assert (reason is not None) == (verdict == "bad")
+    if reason:
+        assert reason.startswith("The link cannot carry a race: ") and "--doctor" in reason
+
+
+def test_a_link_in_memory_is_measured():
+    bus = lcm.LCM("memq://")  # one object: whoever drains, serves both
+    autonomy = Endpoint("autonomy", CHANNELS, bus)
+    responder = Responder(autonomy)
+    scenario = Scenario()
+    scenario.camera.width, scenario.camera.height = 320, 180
+
+    def poll():
+        autonomy.beat("waiting", 0.0)
+
+    # The autonomy answers whenever the simulation takes in what came.
+    drain = Endpoint.drain
+
+    def drain_and_answer(self):
+        drain(self)
+        responder.respond()
+
+    Endpoint.drain = drain_and_answer
+    try:
+        found = measure(bus, scenario, 1.0, poll=poll, patience=5.0)
+    finally:
+        Endpoint.drain = drain
+    assert found.pictures.received >= 10 and found.states.received > 100
+    assert found.commands.received > 100 and np.median(found.ages) < 0.2
+    assert found.pictures.bytes > 1000 and found.encode_time > 0.0

@@ -1,0 +1,157 @@
+"""The ticks of lockstep, and the exchange over a link that loses messages."""
+
+import contextlib
+import itertools
+
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from airrace import lcmtypes
+from airrace.common.errors import UserError
+from airrace.diagrams.runner import MakeRace
+from airrace.diagrams.transport import LOOK_PERIOD
+from airrace.hitl.link import lockstep
+from airrace.hitl.link.endpoint import Channel, Endpoint
+from airrace.hitl.link.lockstep import Exchange, hear_peer, lockstep_times
+from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
+from airrace.scenario import Scenario
+
+
+@pytest.mark.parametrize("preset", ["clean", "realistic"])
+def test_nothing_happens_in_a_race_but_at_a_tick(preset):
+    scenario = Scenario()
+    scenario.camera.preset = preset
+    scenario.camera.width, scenario.camera.height = 160, 90
+    simulator = Simulator(MakeRace(scenario))
+    steps = set()
+
+    def see(context):
+        steps.add(context.get_time())
+
+    simulator.set_monitor(see)
+    simulator.AdvanceTo(0.35)
+    ticks = set(
+        itertools.takewhile(lambda time: time <= 0.35, lockstep_times(scenario, LOOK_PERIOD))
+    )
+    assert len(steps) > 350
+    assert sorted(steps - {0.35} - ticks) == []
+
+
+def test_ticks_are_in_order_and_hold_the_looks():
+    times = list(itertools.islice(lockstep_times(Scenario(), LOOK_PERIOD), 3000))
+    assert times[0] == 0.0 and all(a < b for a, b in itertools.pairwise(times))
+    assert {k * LOOK_PERIOD for k in range(20)} <= set(times)
+
+
+class Side:
+    """One side whose only value is a count; what it showed is kept."""
+
+    def __init__(self, role, link):
+        other = "autonomy" if role == "simulation" else "simulation"
+        self.out, self.into = f"FROM_{role}", f"FROM_{other}"
+        channel = Channel(
+            self.into, lcmtypes.lcmt_rotors, other, lambda message: message.value[0], 1000
+        )
+        self.endpoint = Endpoint(role, [channel], link.bus(), clock=link.clock)
+        self.value, self.shown = 0, []
+        self.exchange = None
+
+    def Send(self, _):
+        if self.value % 3:  # not at every tick
+            return []
+        message = lcmtypes.lcmt_rotors()
+        message.count, message.value = 1, [float(self.value)]
+        return [(self.out, self.endpoint.publish(self.out, message, 0.0))]
+
+    def Receive(self, _, endpoint):
+        received = endpoint.newest(self.into)
+        self.shown.append(received.value if received else None)
+
+
+class Clock:
+    def get_time(self):
+        return 0.0
+
+
+class Pause(Exception):
+    """In the place of waiting."""
+
+
+def turns(side, link, ticks):
+    """Makes a side's exchanges; yields where it would wait."""
+    for _ in range(ticks):
+        side.exchange.send(Clock())
+        while True:
+            link.time += 0.002
+            try:
+                side.exchange.receive(Clock())
+                break
+            except Pause:
+                yield
+        side.value += 1
+    while True:  # who is ready first answers the other until that one is, too
+        side.exchange._asked = 0.0
+        with contextlib.suppress(Pause):
+            side.exchange.receive(Clock())
+        yield
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+def test_an_exchange_gives_every_tick_its_own_messages_whatever_is_lost(loss, monkeypatch):
+    link = SimulatedLink(LinkConfig(delay=0.001, jitter=0.001))
+    sides = [Side("simulation", link), Side("autonomy", link)]
+    for side in 4 * sides:
+        link.time += 0.05
+        side.endpoint.beat("ready", 0.0)
+        side.endpoint.drain()
+    link._config = LinkConfig(delay=0.001, jitter=0.001, loss=loss)
+    monkeypatch.setattr(lockstep, "_RESEND", 0.0)
+
+    def pause(timeout):
+        raise Pause
+
+    ticks, runs = 40, []
+    for side in sides:
+        side.exchange = Exchange(side.endpoint, side, side)
+        monkeypatch.setattr(side.endpoint, "wait", pause)
+        runs.append(turns(side, link, ticks))
+    for _ in range(20_000):
+        if min(side.value for side in sides) == ticks:
+            break
+        for run in runs:
+            next(run)
+    for side in sides:
+        assert side.shown[:ticks] == [float(k - k % 3) for k in range(ticks)]
+
+
+def test_a_peer_that_never_comes():
+    endpoint = Endpoint("simulation", [], SimulatedLink(LinkConfig()).bus())
+    endpoint.wait = lambda timeout: None
+    with pytest.raises(UserError, match="No autonomy answered within 0 s: check"):
+        hear_peer(endpoint, "waiting", "", lambda heard: True, timeout=0.05)
+
+
+@pytest.mark.parametrize("comes", [True, False])
+def test_a_doctor_may_measure_for_longer_than_the_patience(comes):
+    link = SimulatedLink(LinkConfig())
+    simulation, autonomy = (
+        Endpoint(role, [], link.bus(), link.clock) for role in ("simulation", "autonomy")
+    )
+    begun = link.time
+
+    def pass_time(seconds):
+        link.time += seconds
+
+    def be_the_other():
+        simulation.drain()
+        if link.time < begun + 20.0:
+            simulation.beat("testing", 0.0)
+        elif comes:
+            simulation.beat("ready", 0.0)
+
+    autonomy.wait = pass_time
+    gives_up = pytest.raises(UserError, match="within 5 s")
+    with contextlib.nullcontext() if comes else gives_up:
+        hear_peer(autonomy, "waiting", "", lambda heard: heard.phase == "ready", 5.0, be_the_other)
+    # Who was heard a second ago counts as there.
+    assert link.time - begun == pytest.approx(20.0 if comes else 26.0, abs=0.5)

@@ -1,0 +1,273 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import Simulator
+
+from airrace.recording.race_recorder import RaceRecorder
+from airrace.recording.topics import TOPICS
+from airrace.recording.writer import RaceLog
+from airrace.scenario.recording import RecordingConfig
+from airrace.systems.planning.lap_plan import LapPlan
+from airrace.systems.referee_report import GateCrossing, RefereeReport
+from airrace.systems.sensing.camera_view import CameraView
+from airrace.systems.types import (
+    Detections,
+    ExplorerEvent,
+    ExplorerStatus,
+    GateMap,
+    make_camera_info,
+)
+from airrace.track import load_track
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.vehicle import load_vehicle
+
+TRACK = load_track("student-airrace")
+STATE = np.array([1.0, 0, 0, 0, 1, 2, 3, 0, 0, 0, 4, 0, 0])
+
+
+class Recording:
+    """A recorder alone, with values at all its ports."""
+
+    def __init__(self, path, moving_gates=False, **config):
+        self.path = path
+        vehicle = load_vehicle("Default")[0]
+        self.recorder = RaceRecorder(
+            log=RaceLog(path),
+            config=RecordingConfig(**config),
+            track=TRACK,
+            vehicle=vehicle,
+            fps=30.0,
+            max_speed=20.0,
+            moving_gates=moving_gates,
+        )
+        self.simulator = Simulator(self.recorder)
+        picture = np.tile(np.arange(64, dtype=np.uint8), (36, 1))
+        self.fix(
+            **{
+                "truth.state": STATE,
+                "state_estimate": [0.5, *STATE],
+                "filtered_estimate": [0.5, *STATE],
+                "disturbance": [0, 0, 1],
+                "reference": np.zeros(18),
+                "rotor_speeds": [1, 2, 3, 4],
+                "rotor_speed_command": [4, 3, 2, 1],
+                "camera_image_time": [0.25],
+                "truth.gate_shifts": np.zeros(20),
+                "camera_view": CameraView.of(picture),
+                "camera_info": make_camera_info(
+                    width=64, height=36, fov_y=1.0, X_BC=RigidTransform()
+                ),
+                "detections": Detections(),
+                "gate_map": GateMap(),
+                "explorer_status": ExplorerStatus(),
+                "truth.referee_report": RefereeReport((), False, None, None, 0),
+            }
+        )
+
+    def fix(self, **values):
+        context = self.simulator.get_mutable_context()
+        for name, value in values.items():
+            if self.recorder.HasInputPort(name):
+                if isinstance(value, (list, np.ndarray)):
+                    self.recorder.GetInputPort(name).FixValue(context, np.array(value, float))
+                else:
+                    self.recorder.GetInputPort(name).FixValue(context, Value[object](value))
+
+    def fly(self, until):
+        self.simulator.AdvanceTo(until)
+
+    def messages(self) -> dict:
+        """Closes the log; returns topic to pairs of time (s) and message."""
+        self.recorder.Close()
+        result = {topic: [] for topic in TOPICS}
+        with open(self.path, "rb") as file:
+            reader, factory = make_reader(file), DecoderFactory()
+            for schema, channel, message in reader.iter_messages():
+                decode = (
+                    json.loads
+                    if channel.message_encoding == "json"
+                    else (factory.decoder_for("protobuf", schema))
+                )
+                result[channel.topic].append((message.log_time / 1e9, decode(message.data)))
+        return result
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "race.mcap"
+
+
+def test_states_are_written_at_their_rate(path):
+    recording = Recording(path, state_rate=20.0, pose_rate=10.0)
+    recording.fly(1.01)
+    messages = recording.messages()
+    for topic in (
+        "/state/truth",
+        "/state/estimate",
+        "/state/filtered",
+        "/state/disturbance",
+        "/reference",
+        "/reference/acceleration",
+        "/rotors/measured",
+        "/rotors/command",
+    ):
+        assert [time for time, _ in messages[topic]] == pytest.approx(np.arange(21) / 20), topic
+    assert len(messages["/tf"]) == 11
+    truth, estimate = messages["/state/truth"][5][1], messages["/state/estimate"][5][1]
+    assert (truth.timestamp.seconds, truth.timestamp.nanos) == (0, 250_000_000)
+    assert estimate.timestamp.nanos == 500_000_000  # when it was true
+    assert truth.pose.position.z == 3.0 and truth.linear_velocity.x == 4.0
+    assert [j.velocity for j in messages["/rotors/command"][0][1].joints] == [4, 3, 2, 1]
+
+
+def test_pictures_are_as_many_and_as_small_as_wanted(path):
+    recording = Recording(path, image_rate=5.0, image_width=32)
+    recording.fly(1.01)
+    messages = recording.messages()
+    assert len(messages["/camera/image"]) == len(messages["/camera/calibration"]) == 6
+    image, calibration = messages["/camera/image"][0][1], messages["/camera/calibration"][0][1]
+    assert image.timestamp.nanos == calibration.timestamp.nanos == 250_000_000
+    picture = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert picture.shape == (18, 32) == (calibration.height, calibration.width)
+
+
+@pytest.mark.parametrize("somebody_looks, count", [(False, 4), (True, 6)])
+def test_pictures_that_are_drawn_anyway_come_first(path, somebody_looks, count):
+    recording = Recording(path, image_rate=5.0)
+    views, parts = [], []
+    for _ in range(31):
+        views.append(CameraView((36, 64), lambda pixels, boxes: parts.append(boxes)))
+        if somebody_looks:
+            views[-1].whole()
+        recording.fix(camera_view=views[-1])
+        recording.fly(len(views) / 30 - 1e-3)
+    assert sum(view.is_complete for view in views) == (len(views) if somebody_looks else count)
+    assert len(parts) == sum(view.is_complete for view in views)
+    assert len(recording.messages()["/camera/image"]) == count
+
+
+@pytest.mark.parametrize("period", [5, 8])  # of ArucoDetector's searches of whole pictures
+def test_no_picture_is_drawn_for_the_recording_alone(path, period):
+    recording, count = Recording(path, image_rate=5.0), 0
+    for n in range(121):
+        view = CameraView((36, 64), lambda pixels, boxes: None)
+        if n % period == 0:
+            view.whole()
+            count += 1
+        recording.fix(camera_view=view)
+        recording.fly((n + 1) / 30 - 1e-3)
+        assert view.is_complete == (n % period == 0)
+    assert len(recording.messages()["/camera/image"]) == {5: 13, 8: count}[period]
+
+
+def test_pictures_come_with_what_was_found_in_them(path):
+    recording = Recording(path, image_rate=5.0)
+    recording.fix(detections=Detections(time=0.2))  # in the picture before this one
+    recording.fly(0.5)
+    recording.fix(detections=Detections(time=0.25))
+    recording.fly(1.01)
+    messages = recording.messages()
+    later = [time for time, _ in messages["/camera/image"] if time > 0.5]
+    assert [time for time, _ in messages["/camera/annotations"]] == later and len(later) == 3
+
+
+def test_light_asks_for_no_pictures(path):
+    recording = Recording(path, content="light")
+    assert not recording.recorder.HasInputPort("camera_view")
+    recording.fly(0.5)
+    assert recording.messages()["/camera/image"] == []
+
+
+def test_what_is_new_is_written_once(path):
+    recording = Recording(path)
+    recording.fly(0.05)
+    event = ExplorerEvent(0.01, "HOVER", "looking")
+    rest = FlatTrajectory.resting([1.0, 2.0, 3.0, 0.5])
+    recording.fix(
+        detections=Detections(time=0.04),
+        gate_map=GateMap(time=0.04),
+        explorer_status=ExplorerStatus(events=(event,)),
+        lap_plan=LapPlan(1, 0.0, rest, rest, 0.0, None),
+    )
+    recording.fly(2.5)
+    messages = recording.messages()
+    for topic in ("/scene", "/detections", "/detections/rays", "/plan", "/plan/scene"):
+        assert len(messages[topic]) == 1, topic
+    assert [m["map"]["time_s"] for _, m in messages["/map"]] == [None, 0.04]
+    lines = [(line.name, line.message) for _, line in messages["/explorer"]]
+    assert lines == [("CALIBRATE", "power on"), ("HOVER", "looking")]
+
+
+def test_an_explorer_without_events(path):
+    recording = Recording(path)
+    recording.fly(0.1)
+    for state in ("MINE", "YOURS"):
+        recording.fix(explorer_status=ExplorerStatus(state=state, reason="a", since=0.1))
+        recording.fly(recording.simulator.get_context().get_time() + 0.2)
+    lines = [line.name for _, line in recording.messages()["/explorer"]]
+    assert lines == ["CALIBRATE", "MINE", "YOURS"]
+
+
+def test_the_map_is_written_when_a_lap_ends(path):
+    recording = Recording(path)
+    recording.fly(0.1)
+    crossing = GateCrossing(time=0.15, gate=1, lap=2, offset=0.1, max_speed=9.0)
+    recording.fix(
+        **{
+            "truth.referee_report": RefereeReport((crossing,), True, None, 0.15, 0),
+            "gate_map": GateMap(time=0.1),
+        }
+    )
+    recording.fly(0.3)
+    messages = recording.messages()
+    times = [time for time, _ in messages["/map"]]
+    assert times == pytest.approx([0.0, 4 / 30])
+    assert [m["gate"] for _, m in messages["/referee/crossings"]] == [1]
+    lines = [line.message for _, line in messages["/referee"]]
+    assert lines[0].startswith("gate 1 of lap 2, 0.10 m") and lines[1:] == ["finished"]
+
+
+def test_gates_that_move_are_drawn_anew(path):
+    recording = Recording(path, moving_gates=True)
+    recording.fly(0.2)
+    shifts = np.zeros(20)
+    shifts[0] = 1.0
+    recording.fix(**{"truth.gate_shifts": shifts})
+    recording.fly(0.4)
+    feet = [
+        scene.entities[0].cylinders[0].pose.position.x
+        for _, scene in recording.messages()["/scene"]
+    ]
+    assert feet == [20.0, 21.0]
+
+
+def test_what_is_not_connected_is_not_recorded(path):
+    recorder = RaceRecorder(
+        log=RaceLog(path),
+        config=RecordingConfig(),
+        track=TRACK,
+        vehicle=load_vehicle("Default")[0],
+        fps=30.0,
+        max_speed=20.0,
+    )
+    Simulator(recorder).AdvanceTo(0.5)
+    recorder.Close()
+    with open(path, "rb") as file:
+        topics = {channel.topic for _, channel, _ in make_reader(file).iter_messages()}
+    assert topics == {"/scene"}
+
+
+def test_a_crash_costs_no_more_than_a_flush_period(path):
+    recording = Recording(path, flush_period=0.25)
+    recording.fly(1.1)
+    from airrace.analysis.log import is_complete, read_log
+
+    assert not is_complete(path)
+    times = [time for topic, time, _ in read_log(path) if topic == "/state/truth"]
+    assert 0.96 <= max(times) <= 1.1

@@ -1,0 +1,173 @@
+"""Bodies of the scenery: names, shapes, contacts."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Box, Meshcat, MeshcatVisualizer, Role, Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from airrace.rendering.scene.daylight import SetDaylight
+from airrace.rendering.scene.meshes import BOARD_THICKNESS, board_mesh, ground_mesh, pylon_mesh
+from airrace.rendering.scene.scenery import AddScenery
+from airrace.track import PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS, load_track
+from tests.rendering.picture_tools import one_gate
+
+RADIUS = 0.25
+
+
+class World:
+    """A ball flying through the scenery of one gate."""
+
+    def __init__(self, track, visible=True):
+        builder = DiagramBuilder()
+        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+        AddScenery(self.plant, track, visible=visible)
+        inertia = SpatialInertia.SolidSphereWithMass(1.0, RADIUS)
+        self.ball = self.plant.AddRigidBody("ball", inertia)
+        self.plant.RegisterCollisionGeometry(
+            self.ball, RigidTransform(), Sphere(RADIUS), "ball", CoulombFriction(0.5, 0.5)
+        )
+        self.plant.Finalize()
+        self.diagram = builder.Build()
+
+    def fly(self, start, velocity, duration):
+        """Returns the names touched on the way and the way's end."""
+        simulator = Simulator(self.diagram)
+        context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        self.plant.SetFreeBodyPose(context, self.ball, RigidTransform(start))
+        self.plant.SetFreeBodySpatialVelocity(
+            context, self.ball, SpatialVelocity(np.zeros(3), velocity)
+        )
+        inspector = self.scene_graph.model_inspector()
+        touched = set()
+
+        def look(_):
+            results = self.plant.get_contact_results_output_port().Eval(context)
+            for i in range(results.num_point_pair_contacts()):
+                pair = results.point_pair_contact_info(i).point_pair()
+                touched.update(inspector.GetName(id) for id in (pair.id_A, pair.id_B))
+
+        simulator.set_monitor(look)
+        simulator.AdvanceTo(duration)
+        return touched - {"ball"}, self.plant.GetFreeBodyPose(context, self.ball).translation()
+
+
+@pytest.fixture(scope="module")
+def world():
+    return World(one_gate())  # pylons at x = 20, y = 5 and y = -5
+
+
+@pytest.mark.parametrize(
+    "start, velocity, duration, expected",
+    [
+        ([0.0, 0.0, 1.0], [3.0, 0.0, 0.0], 0.6, "ground"),
+        ([17.0, 5.0, 3.0], [8.0, 0.0, 2.0], 0.4, "pylon_1_left"),
+        ([20.3, -8.0, 2.0], [0.0, 8.0, 2.0], 0.4, "pylon_1_right"),
+        ([20.0, 5.0, 12.5], [0.0, 0.0, 0.0], 0.4, "pylon_1_left"),  # the tip
+        ([17.0, 5.0, 6.3], [8.0, 0.0, 1.0], 0.4, "board_0"),
+        ([23.0, 5.0, 6.3], [-8.0, 0.0, 1.0], 0.4, "board_1"),
+        ([17.0, -5.0, 6.3], [8.0, 0.0, 1.0], 0.4, "board_2"),
+        ([23.0, -5.0, 6.3], [-8.0, 0.0, 1.0], 0.4, "board_3"),
+    ],
+)
+def test_contacts_are_felt_and_named(world, start, velocity, duration, expected):
+    touched, end = world.fly(start, velocity, duration)
+    assert touched == {expected}
+    # Nothing was passed through.
+    assert end[2] > RADIUS - 0.01
+    if expected.startswith("board") and velocity[0] > 0:
+        assert end[0] < 19.0 - RADIUS + 0.02
+    if expected == "pylon_1_left" and velocity[0] > 0:
+        assert end[0] < 20.0
+
+
+def test_nothing_is_touched_between_the_pylons(world):
+    touched, end = world.fly([15.0, 0.0, 6.25], [20.0, 0.0, 3.0], 0.5)
+    assert not touched
+    assert end[0] == pytest.approx(25.0)
+
+
+def test_flank_is_where_it_should_be(world):
+    # The flank runs from the base's rim to the tip's.
+    for z in (1.0, 4.0, 8.0, 11.0):
+        radius = np.interp(z, [0, PYLON_HEIGHT], [PYLON_BASE_RADIUS, PYLON_TIP_RADIUS])
+        for margin, expected in ((0.1, set()), (-0.1, {"pylon_1_left"})):
+            start = [20.0, 5.0 - radius - RADIUS - margin, z]
+            touched, _ = world.fly(start, np.zeros(3), 0.002)
+            assert touched == expected
+
+
+def test_geometry_names_and_roles():
+    track = load_track("student-airrace")
+    world = World(track)
+    inspector = world.scene_graph.model_inspector()
+    names = {
+        role: {inspector.GetName(id) for id in inspector.GetAllGeometryIds(role)}
+        for role in (Role.kProximity, Role.kPerception, Role.kIllustration)
+    }
+    expected = {"ground"} | {f"board_{i}" for i in range(40)}
+    expected |= {f"pylon_{n}_{side}" for n in range(1, 11) for side in ("left", "right")}
+    assert names[Role.kProximity] == expected | {"ball"}
+    visuals = {f"{name}_visual" for name in expected}
+    assert names[Role.kIllustration] == visuals
+    shadows = {f"{name}_shadow" for name in expected if name.startswith("pylon")}
+    assert names[Role.kPerception] == visuals | shadows
+    # The face of a board is at the origin of M.
+    for board in track.boards():
+        (id,) = (
+            i for i in inspector.GetAllGeometryIds(Role.kProximity)
+            if inspector.GetName(i) == f"board_{board.id}"
+        )  # fmt: skip
+        box = inspector.GetShape(id)
+        assert isinstance(box, Box)
+        face = inspector.GetPoseInFrame(id) @ [0, 0, box.height() / 2]
+        assert face == pytest.approx(board.X_WM.translation(), abs=1e-12)
+        assert box.height() == BOARD_THICKNESS
+
+
+def test_what_nobody_looks_at_can_be_hit_all_the_same():
+    world = World(one_gate(), visible=False)
+    inspector = world.scene_graph.model_inspector()
+    for role in (Role.kPerception, Role.kIllustration):
+        assert not inspector.GetAllGeometryIds(role)
+    assert world.fly([17.0, 5.0, 6.3], [8.0, 0.0, 1.0], 0.4)[0] == {"board_0"}
+
+
+@pytest.mark.parametrize("mesh", [board_mesh(5), pylon_mesh(), ground_mesh()])
+def test_meshes_are_closed_in_themselves(mesh):
+    lines = mesh.mesh_file.contents().decode().splitlines()
+    count = {key: sum(line.split()[0] == key for line in lines) for key in ("v", "vt", "vn")}
+    faces = [line.split()[1:] for line in lines if line.startswith("f ")]
+    v = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+    vn = np.array([line.split()[1:] for line in lines if line.startswith("vn ")], float)
+    assert np.linalg.norm(vn, axis=1) == pytest.approx(1.0, abs=1e-3)
+    for face in faces:
+        numbers = np.array([corner.split("/") for corner in face], int)
+        for column, key in enumerate(("v", "vt", "vn")):
+            assert numbers[:, column].min() >= 1
+            assert numbers[:, column].max() <= count[key]
+        # Counter-clockwise as seen from where the normals point.
+        a, b, c = v[numbers[:3, 0] - 1]
+        assert np.cross(b - a, c - b) @ vn[numbers[0, 2] - 1] > 0
+    name = next(line.split()[1] for line in lines if line.startswith("mtllib"))
+    material = mesh.supporting_files[name].contents().decode()
+    image = next(line.split()[1] for line in material.splitlines() if "map_Kd" in line)
+    assert mesh.supporting_files[image].contents()[:4] == b"\x89PNG"
+
+
+def test_meshcat_scene_is_light():
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+    AddScenery(plant, load_track("student-airrace"))
+    plant.Finalize()
+    meshcat = Meshcat()
+    SetDaylight(meshcat)
+    empty = len(meshcat.StaticHtml())
+    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
+    diagram = builder.Build()
+    diagram.ForcedPublish(diagram.CreateDefaultContext())
+    assert len(meshcat.StaticHtml()) - empty < 3e6

@@ -1,0 +1,52 @@
+"""What --limits says."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airrace.common.errors import UserError
+from airrace.scenario.limits import parse_limits
+
+positive = st.floats(1e-3, 1e6)
+
+
+def test_words():
+    assert parse_limits("original") == (20.0, 10.0)
+    assert parse_limits("rotor") == (math.inf, math.inf)
+
+
+@given(positive, positive)
+def test_numbers(v, a):
+    assert parse_limits(f"v={v!r},a={a!r}") == parse_limits(f" a = {a!r} , v={v!r}") == (v, a)
+    assert parse_limits(f"v={v!r}") == (v, math.inf)
+    assert parse_limits(f"a={a!r}") == (math.inf, a)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "fast",
+        "v",
+        "v=",
+        "v=x",
+        "v=0",
+        "v=-1",
+        "v=nan",
+        "v=inf",
+        "v=1,v=2",
+        "v=1;a=2",
+        "s=1",
+        "20,10",
+        "Rotor",
+        "v=1,a=2,",
+        "v==1",
+    ],
+)
+def test_anything_else_is_one_clear_error(text):
+    with pytest.raises(UserError, match="--limits") as e:
+        parse_limits(text)
+    message = str(e.value)
+    assert f"'{text}'" in message and "v=15,a=8" in message and "\n" not in message

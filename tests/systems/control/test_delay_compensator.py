@@ -1,0 +1,81 @@
+"""The compensator foresees where a drone will be under the commands that it has been sent."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from airrace.systems.control.delay_compensator import DelayCompensator
+from airrace.systems.sensing import state_estimate as se
+from airrace.vehicle import GRAVITY, load_vehicle
+
+VEHICLE, _ = load_vehicle("Default")
+HOVER = np.full(4, np.sqrt(VEHICLE.mass * GRAVITY / 4 / 1e-3))
+
+
+def fixed(estimate, speeds, command, delay, until=0.3):
+    """Returns the outputs of a compensator with constant inputs."""
+    box = DelayCompensator(vehicle=VEHICLE, rate=500.0)
+    simulator = Simulator(box)
+    context = simulator.get_mutable_context()
+    for name, value in (
+        ("state_estimate", estimate),
+        ("rotor_speeds", speeds),
+        ("rotor_speed_command", command),
+    ):
+        box.GetInputPort(name).FixValue(context, value)
+    box.SetDelay(context, delay)
+    simulator.AdvanceTo(until)
+    return (
+        box.GetOutputPort("state_estimate").Eval(context),
+        box.GetOutputPort("rotor_speeds").Eval(context),
+    )
+
+
+def estimate(velocity=(8.0, 0.0, 0.0)):
+    result = np.zeros(se.SIZE)
+    result[0], result[1], result[se.POSITION] = 0.25, 1.0, [1.0, 2.0, 5.0]
+    result[se.VELOCITY] = velocity
+    return result
+
+
+def test_delays_are_rounded_and_never_longer_than_the_model_is_good_for():
+    box = DelayCompensator(vehicle=VEHICLE, rate=500.0)
+    assert box.Rounded(0.003, 0.0) == box.Rounded(0.003, 0.05) == 0.0
+    assert box.Rounded(0.0411, 0.0) == pytest.approx(0.042)
+    assert box.Rounded(0.0441, 0.042) == 0.042
+    assert box.Rounded(0.7, 0.05) == pytest.approx(0.25)
+    assert box.Rounded(0.9, box.Rounded(0.7, 0.05)) == pytest.approx(0.25)
+
+
+def test_without_a_delay_nothing_is_touched():
+    given = estimate()
+    state, speeds = fixed(given, HOVER, HOVER, 0.0)
+    np.testing.assert_array_equal(state, given)
+    np.testing.assert_array_equal(speeds, HOVER)
+
+
+def test_a_hovering_drone_goes_on_as_it_does():
+    state, speeds = fixed(estimate(), HOVER, HOVER, 0.04)
+    assert state[se.TIME] == pytest.approx(0.29)
+    np.testing.assert_allclose(state[se.POSITION], [1.32, 2.0, 5.0], atol=1e-6)
+    np.testing.assert_allclose(state[se.VELOCITY], [8.0, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(speeds, HOVER)
+
+
+def test_on_the_pad_it_does_not_fall_through_the_ground():
+    state, speeds = fixed(estimate((0, 0, 0)), 0.65 * HOVER, HOVER, 0.04)
+    assert state[se.TIME] == pytest.approx(0.29)
+    np.testing.assert_array_equal(state[se.POSITION], [1.0, 2.0, 5.0])
+    np.testing.assert_allclose(speeds, HOVER * (1 - 0.35 * np.exp(-0.04 / 0.03)), rtol=0.01)
+
+
+def test_a_rotor_that_stands_still_is_shown_so():
+    standing = HOVER * [1, 0, 1, 1]
+    _, speeds = fixed(estimate(), standing, HOVER, 0.1)
+    np.testing.assert_allclose(speeds, standing)
+
+
+def test_not_a_number_goes_through():
+    given = estimate((np.nan, 0, 0))
+    state, _ = fixed(given, HOVER, HOVER, 0.04)
+    np.testing.assert_array_equal(state, given)

@@ -1,0 +1,169 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airrace.systems.mapping import gate_belief as gb
+from airrace.systems.mapping import gate_filter as gf
+from tests.systems.mapping.gate_sightings import SIGMA, make_gate, see
+
+poses = st.tuples(
+    st.floats(-80, 80), st.floats(-80, 80), st.floats(2, 10), st.floats(-4, 4), st.floats(5, 15)
+).map(np.array)
+gates = st.builds(make_gate, st.floats(-80, 80), st.floats(-80, 80), st.floats(-180, 180))
+seeds = st.integers(0, 1000)
+
+
+def pose_of(gate):
+    return np.array([*gate.p_WG, gate.heading, gate.pylon_spacing])
+
+
+def error(belief, gate):
+    difference = belief.pose - pose_of(gate)
+    difference[gf.HEADING] = np.remainder(difference[gf.HEADING] + np.pi, 2 * np.pi) - np.pi
+    return difference
+
+
+@given(gates, st.integers(0, 3))
+def test_boards_are_where_the_track_has_them(gate, id):
+    p_WM, _ = gf.board_position(pose_of(gate), id)
+    np.testing.assert_allclose(p_WM, gate.boards(0)[id].X_WM.translation(), atol=1e-9)
+    out = gf.facing(id) * gate.forward
+    np.testing.assert_allclose(out, gate.boards(0)[id].X_WM.rotation().col(2), atol=1e-12)
+
+
+@given(poses, st.integers(0, 3))
+def test_the_derivative_of_a_boards_position(pose, id):
+    _, J = gf.board_position(pose, id)
+    numerical = np.column_stack(
+        [
+            (gf.board_position(pose + h, id)[0] - gf.board_position(pose - h, id)[0]) / 2e-6
+            for h in 1e-6 * np.eye(5)
+        ]
+    )
+    np.testing.assert_allclose(J, numerical, atol=1e-6)
+
+
+@given(gates, seeds)
+def test_a_fit_is_as_good_as_it_says(gate, seed):
+    rng = np.random.default_rng(seed)
+    belief = gb.fit([see(gate, id, 0.1 * id, rng) for id in (0, 2, 1, 3)])
+    off = error(belief, gate)
+    assert off @ np.linalg.solve(belief.covariance, off) < 30.0  # chi-square of five
+    assert np.all(np.linalg.eigvalsh(belief.covariance) > 0)
+
+
+@given(gates, seeds)
+def test_errors_shrink_with_sightings(gate, seed):
+    rng = np.random.default_rng(seed)
+    belief = gb.fit([see(gate, 0, 0.0, rng), see(gate, 2, 0.1, rng)])
+    trace = np.trace(belief.covariance)
+    for k in range(2, 60):
+        belief = belief.updated(see(gate, k % 4, 0.1 * k, rng), 1.0)
+    assert np.trace(belief.covariance) < trace / 10
+    assert np.linalg.norm(error(belief, gate)[:3]) < 4 * SIGMA / np.sqrt(60 / 3)
+
+
+@given(gates, seeds)
+def test_one_board_improves_all_four(gate, seed):
+    rng = np.random.default_rng(seed)
+    belief = gb.fit([see(gate, 0, 0.0, rng), see(gate, 2, 0.1, rng)])
+    after = belief
+    for k in range(20):
+        after = after.updated(see(gate, 0, 0.2 + 0.1 * k, rng), 1.0)
+    for id in range(4):
+        before, now = (np.trace(gf.board(b.pose, b.covariance, id)[1]) for b in (belief, after))
+        assert now < before
+
+
+@given(gates, seeds, st.floats(-np.pi, np.pi), st.tuples(*[st.floats(-50, 50)] * 2))
+def test_turning_the_world_turns_the_belief(gate, seed, turn, shift):
+    """Equivariance: the same sightings in another world frame are the same gate there."""
+    c, s = np.cos(turn), np.sin(turn)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    t = np.array([*shift, 0.0])
+
+    def moved(sighting):
+        return type(sighting)(
+            id=sighting.id,
+            time=sighting.time,
+            p_WC=R @ sighting.p_WC + t,
+            p_WM=R @ sighting.p_WM + t,
+            covariance=R @ sighting.covariance @ R.T,
+            normal=R @ sighting.normal,
+            heading_variance=sighting.heading_variance,
+        )
+
+    rng = np.random.default_rng(seed)
+    sightings = [see(gate, k % 3, 0.1 * k, rng) for k in range(8)]
+
+    def believe(sightings):
+        belief = gb.fit(sightings[:2])
+        for sighting in sightings[2:]:
+            belief = belief.updated(sighting, 0.5)
+        return belief
+
+    here, there = believe(sightings), believe([moved(s) for s in sightings])
+    np.testing.assert_allclose(R @ here.pose[:3] + t, there.pose[:3], atol=1e-6)
+    np.testing.assert_allclose(R @ here.forward, there.forward, atol=1e-6)
+    np.testing.assert_allclose(
+        R @ here.covariance[:3, :3] @ R.T, there.covariance[:3, :3], atol=1e-8
+    )
+
+
+@pytest.mark.parametrize(
+    "spacing, by_the_rules", [(10.0, True), (10.1, True), (10.4, False), (8.0, False)]
+)
+def test_only_gates_that_look_so_are_by_the_rules(spacing, by_the_rules):
+    rng = np.random.default_rng(0)
+    gate = make_gate(spacing=spacing)
+    belief = gb.fit([see(gate, 0, 0.0, rng), see(gate, 2, 0.1, rng)])
+    for k in range(20):
+        belief = belief.updated(see(gate, 2 * (k % 2), 0.2 + 0.1 * k, rng), 1.0)
+    after = belief.knowing_the_rules()
+    assert after.by_the_rules == by_the_rules
+    assert after.knowing_the_rules() is after
+    if by_the_rules:
+        assert abs(after.pose[gf.SPACING] - 10.0) < abs(belief.pose[gf.SPACING] - 10.0) + 1e-9
+    else:
+        assert after is belief
+        assert belief.pose[gf.SPACING] == pytest.approx(spacing, abs=0.1)
+
+
+def test_a_gate_that_moves_is_still_as_wide():
+    rng = np.random.default_rng(0)
+    belief = gb.fit(
+        [see(make_gate(), id, 0.1 * k, rng, sigma=0.01) for k, id in enumerate((0, 2, 0, 2))]
+    )
+    known = belief.knowing_the_rules()
+    assert known.by_the_rules
+    pair = [see(make_gate(x=25.0), 0, time, rng) for time in (1.0, 1.1)]
+    moved = gb.agreement(*pair, known)
+    assert moved.by_the_rules
+    assert moved.pose[gf.SPACING] == pytest.approx(10.0, abs=0.02)
+    assert moved.covariance[gf.SPACING, gf.SPACING] < 0.02**2
+    assert gb.agreement(*pair, belief).covariance[gf.SPACING, gf.SPACING] > 0.5
+
+
+def test_a_spacing_that_is_not_known_yet_is_left_alone():
+    belief = gb.fit([see(make_gate(), 0, 0.0, np.random.default_rng(0))])
+    assert belief.knowing_the_rules() is belief
+
+
+def test_agreement():
+    gate, rng = make_gate(), np.random.default_rng(0)
+    first = see(gate, 0, 0.0, rng)
+    assert gb.agreement(first, see(gate, 0, 0.1, rng)) is not None
+    assert gb.agreement(first, see(gate, 2, 0.1, rng)) is not None
+    assert gb.agreement(first, see(gate, 0, 0.0, rng)) is None  # of the same image
+    assert gb.agreement(first, see(gate, 0, 0.1, rng, error=[0, 1.0, 0])) is None
+    assert gb.agreement(first, see(make_gate(heading_deg=40.0), 2, 0.1, rng)) is None
+
+
+@given(gates, seeds)
+def test_contradictory_normals_are_no_trouble(gate, seed):
+    rng = np.random.default_rng(seed)
+    a = see(gate, 0, 0.0, rng)
+    b = type(a)(**vars(a) | {"time": 0.1, "normal": -a.normal})
+    assert np.isfinite(gb.fit((a, b)).pose).all()
+    assert np.isfinite(gb.fit((a,)).updated(b, 1.0).pose).all()

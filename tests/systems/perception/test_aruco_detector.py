@@ -1,0 +1,218 @@
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+from pydrake.systems.analysis import Simulator
+
+from airrace.systems.perception import detection_checks as checks
+from airrace.systems.perception.aruco_detector import ArucoDetector, Sight, look
+from airrace.systems.perception.marker_search import MarkerSearch
+from airrace.systems.sensing.camera_view import CameraView
+from tests.systems.perception.marker_pictures import INFO, gate, picture, pose, project
+
+GATE = dict(zip((0, 2), gate(pose(-0.5, 0.3, 18.0, yaw=0.3))))
+LONE = {39: pose(0.0, 2.0, 15.0, yaw=-0.4)}
+EMPTY = np.full((720, 1280), 120, np.uint8)
+
+
+def show(detector, context, grey, time):
+    view = Value[object](CameraView.of(grey))
+    detector.GetInputPort("camera_view").FixValue(context, view)
+    detector.GetInputPort("camera_image_time").FixValue(context, [time])
+    detector.GetInputPort("camera_info").FixValue(context, Value[object](INFO))
+
+
+def detect(grey, time=1.5, **kwargs):
+    detector = ArucoDetector(**kwargs)
+    context = detector.CreateDefaultContext()
+    show(detector, context, grey, time)
+    return detector.get_output_port().Eval(context)
+
+
+def ids(detections):
+    return [m.id for m in detections.markers]
+
+
+def test_finds_markers_and_their_poses():
+    poses = GATE | LONE
+    found = detect(picture(poses))
+    assert found.time == 1.5 and found.refused == ()
+    assert ids(found) == [0, 2, 39]
+    for marker in found.markers:
+        X_CM = poses[marker.id]
+        assert marker.joint == (marker.id != 39)
+        assert marker.face == ("back" if marker.id == 39 else "front")
+        error = marker.X_CM.translation() - X_CM.translation()
+        assert np.linalg.norm(error) < 0.005 * X_CM.translation()[2]
+        np.testing.assert_allclose(marker.corners, project(X_CM), atol=0.15)
+        assert marker.X_CM.rotation().IsNearlyEqualTo(X_CM.rotation(), 0.1)
+        assert marker.covariance.shape == (6, 6) and not marker.covariance.flags.writeable
+        assert marker.reprojection_error < 0.1
+
+
+@pytest.mark.parametrize("grey", [0, 128, 255])
+def test_nothing_in_an_empty_image(grey):
+    assert detect(np.full((720, 1280), grey, np.uint8)).markers == ()
+
+
+def test_nothing_in_noise():
+    noise = np.random.default_rng(0).integers(0, 256, (720, 1280), dtype=np.uint8)
+    assert detect(noise).markers == ()
+
+
+def test_half_an_image():
+    grey = picture(GATE | LONE)
+    grey[:, 640:] = 0
+    assert set(ids(detect(grey))) < {0, 2, 39}
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (360, 640), (1280, 720)])
+def test_images_of_a_wrong_size_are_refused(shape):
+    found = detect(np.zeros(shape, np.uint8))
+    assert found.markers == () and found.refused == ((checks.WRONG_IMAGE, None),)
+
+
+def test_an_image_without_a_time_is_refused():
+    found = detect(picture(LONE), time=np.nan)
+    assert found.markers == () and found.refused == ((checks.NO_TIME, None),)
+
+
+def test_foreign_ids():
+    grey = picture({500: LONE[39]})
+    assert ids(detect(grey)) == [500]
+    found = detect(grey, max_gates=20)
+    assert found.markers == () and found.refused == ((checks.FOREIGN_ID, 500),)
+
+
+@pytest.mark.parametrize("id", [79, 80, 500, 1022])
+@pytest.mark.parametrize("quarters", range(4))
+def test_all_ids_are_read_whatever_is_up(id, quarters):
+    X_CM = pose(0.5, 0.3, 12.0, yaw=0.3, roll=quarters * np.pi / 2 + 0.1)
+    (found,) = detect(picture({id: X_CM})).markers
+    assert found.id == id
+    np.testing.assert_allclose(found.corners, project(X_CM), atol=0.15)
+
+
+def test_the_same_id_twice_is_refused():
+    grey = np.minimum(picture({4: pose(-3, 0, 12)}), picture({4: pose(3, 0, 12)}))
+    assert detect(grey).refused == 2 * ((checks.SEEN_TWICE, 4),)
+
+
+def test_a_gate_with_its_markers_swapped_is_refused():
+    found = detect(picture(dict(zip((2, 0), GATE.values()))))
+    assert found.markers == ()
+    assert found.refused == ((checks.FROM_BEHIND, 0), (checks.FROM_BEHIND, 2))
+
+
+class CountingSearch(MarkerSearch):
+    """Says where it has searched."""
+
+    def __init__(self):
+        super().__init__()
+        self.calls = []
+
+    def everywhere(self, image):
+        self.calls.append("everywhere")
+        return super().everywhere(image)
+
+    def around(self, view, predictions):
+        self.calls.append("around")
+        return super().around(view, predictions)
+
+
+def watch(pictures, **kwargs):
+    """Looks at pictures at 30 Hz; returns the sights, and where was searched."""
+    search, sights = CountingSearch(), [Sight()]
+    for k, grey in enumerate(pictures):
+        sights.append(look(search, CameraView.of(grey), k / 30, INFO, sights[-1], **kwargs))
+    return sights[1:], search.calls
+
+
+def test_tracking_finds_the_same_in_less_of_the_image():
+    pictures = [
+        picture({id: pose(0.1 * k, 0, 15 - 0.3 * k, yaw=0.2)}) for id in (7,) for k in range(7)
+    ]
+    tracked, calls = watch(pictures)
+    assert calls == ["everywhere", *6 * ["around"]]
+    searched, calls = watch(pictures, full_search_periods=(1, 1))
+    assert calls == 7 * ["everywhere"]
+    for a, b in zip(tracked, searched):
+        (a,), (b,) = a.detections.markers, b.detections.markers
+        np.testing.assert_allclose(a.corners, b.corners, atol=1e-3)
+
+
+def test_all_of_an_image_is_searched_every_few_images():
+    sights, calls = watch(4 * [EMPTY] + 6 * [picture(LONE)], full_search_periods=(3, 3))
+    assert calls == 3 * ["everywhere", "around", "around"] + ["everywhere"]
+    assert [ids(s.detections) for s in sights] == 6 * [[]] + 4 * [[39]]
+
+
+def test_a_lost_marker_is_found_by_the_next_full_search():
+    moved = picture({39: pose(-4, -2, 15)})
+    sights, _ = watch([picture(LONE), *4 * [moved]], full_search_periods=(3, 3))
+    assert [ids(s.detections) for s in sights] == [[39], [], [], [39], [39]]
+
+
+def test_new_markers_are_found_by_the_next_full_search():
+    sights, _ = watch([picture(LONE), *8 * [picture(LONE | GATE)]])
+    assert ids(sights[-2].detections) == [39]
+    assert ids(sights[-1].detections) == [0, 2, 39]
+
+
+def test_all_is_searched_less_often_while_nothing_comes_or_goes():
+    _, calls = watch(60 * [picture(LONE)])
+    assert [k for k, call in enumerate(calls) if call == "everywhere"] == [0, 8, 24, 40, 56]
+
+
+def test_all_is_searched_sooner_again_when_a_marker_has_left():
+    _, calls = watch(30 * [picture(LONE | GATE)] + 20 * [picture(LONE)])
+    assert [k for k, call in enumerate(calls) if call == "everywhere"] == [0, 8, 24, 32, 48]
+
+
+def test_after_a_gap_all_of_an_image_is_searched():
+    search = CountingSearch()
+    view = CameraView.of(picture(LONE))
+    first = look(search, view, 0.0, INFO, Sight())
+    look(search, view, 0.5, INFO, first)
+    assert search.calls == 2 * ["everywhere"]
+
+
+def test_only_expected_markers_are_found_where_they_are_expected():
+    search, view = MarkerSearch(), CameraView.of(picture(LONE))
+    corners = project(LONE[39])
+    for id in (39, 38, 1000):
+        found, quads = search.around(view, {7: corners - 300, id: corners})
+        assert found == ([39] if id == 39 else [])
+        assert quads.shape == (len(found), 4, 2)
+    assert search.around(view, {})[0] == []
+
+
+@pytest.mark.parametrize("off", [[24.0, 0.0], [0.0, -24.0], [-24.0, 24.0]])
+def test_one_that_is_not_quite_where_it_is_expected_is_found_all_the_same(off):
+    search, view = MarkerSearch(), CameraView.of(picture(LONE))
+    corners = project(LONE[39])
+    found, quads = search.around(view, {39: corners + off})
+    assert found == [39]
+    np.testing.assert_allclose(quads[0], corners, atol=2.5)
+
+
+def test_a_pose_that_jumps_is_refused_until_it_stays():
+    near, far = (picture({39: pose(0, 0, z)}) for z in (12.0, 16.0))
+    sights, _ = watch([far, near, near])
+    assert [ids(s.detections) for s in sights] == [[39], [], [39]]
+    assert sights[1].detections.refused == ((checks.JUMP, 39),)
+
+
+def test_the_image_is_searched_once():
+    detector = ArucoDetector()
+    detector._search = search = CountingSearch()
+    simulator = Simulator(detector)
+    context = simulator.get_mutable_context()
+    show(detector, context, picture(LONE), 0.0)
+    first = detector.get_output_port().Eval(context)
+    # The detector remembers the image, which must not change what is in it.
+    simulator.AdvanceTo(0.09)
+    assert detector.get_output_port().Eval(context) is first
+    assert search.calls == ["everywhere"]
+    show(detector, context, picture(LONE), 0.09)
+    assert ids(detector.get_output_port().Eval(context)) == [39]
+    assert search.calls == ["everywhere", "around"]

@@ -1,0 +1,497 @@
+"""The lap planner alone: its inputs fixed, its plans checked."""
+
+import dataclasses as dc
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.common.value import Value
+from pydrake.systems.analysis import Simulator
+
+from airrace.scenario import PlannerConfig
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
+from airrace.systems.planning.lap_planner import LapPlanner
+from airrace.systems.planning.lap_planning import plan_lap
+from airrace.systems.planning.map_margins import pylon_margins
+from airrace.systems.types import ExplorerStatus, GateEstimate, GateMap, MarkerEstimate
+from airrace.track import load_track
+from airrace.trajopt.flat_trajectory import ACCELERATION, SIZE, VELOCITY, hold
+from airrace.trajopt.flatness import rotor_thrusts
+from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.min_snap.circuit import plan_circuit
+from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.min_snap.transition import plan_change, plan_start
+from airrace.vehicle import GRAVITY, load_vehicle
+
+VEHICLE, _ = load_vehicle("Default")
+LIMITS = dict(clearance=clearance_of(VEHICLE.radius), max_speed=20.0, max_acceleration=10.0)
+GATES = tuple(
+    GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.pylon_spacing)
+    for n, gate in enumerate(load_track("student-airrace").gates)
+)
+DONE = ExplorerStatus(state="DONE", gates=tuple(range(10)), done=True)
+few = settings(max_examples=60)
+
+
+def moved(step):
+    """Returns the gates, all of them moved by (3,) m."""
+    return tuple(dc.replace(gate, p_WG=gate.p_WG + step) for gate in GATES)
+
+
+class Bench:
+    """A LapPlanner whose inputs are constants that a test may change."""
+
+    def __init__(
+        self, trajectory="3", gates=GATES, status=DONE, solve=plan_lap, laps=np.inf, **config
+    ):
+        config = PlannerConfig(**{"latency": 0.5, "first_lap_move": 0.05} | config)
+        self.problems = []  # that it was given to solve
+
+        def noted(problem):
+            self.problems.append(problem)
+            return solve(problem)
+
+        self.planner = LapPlanner(
+            vehicle=VEHICLE, trajectory=str(trajectory), config=config, laps=laps, solve=noted
+        )
+        self.simulator = Simulator(self.planner)
+        self.context = self.simulator.get_mutable_context()
+        self.fix(gate_map=GateMap(gates=gates), explorer_status=status)
+        self.planner.GetInputPort("exploration_reference").FixValue(
+            self.context, hold([0, 0, 5], 0.0)
+        )
+        self.simulator.Initialize()
+
+    def fix(self, **inputs):
+        for name, value in inputs.items():
+            self.planner.GetInputPort(name).FixValue(self.context, Value[object](value))
+
+    def plan_at(self, time) -> LapPlan:
+        self.simulator.AdvanceTo(time)
+        return self.planner.GetOutputPort("lap_plan").Eval(self.context)
+
+    def follow(self, until, every=0.05):
+        """Returns the plans up to a time and when each was first seen."""
+        plans, times = [], []
+        for time in np.arange(self.context.get_time() + every, until, every):
+            plan = self.plan_at(time)
+            if plan is not NO_PLAN and (not plans or plan is not plans[-1]):
+                plans.append(plan)
+                times.append(time)
+        return plans, times
+
+
+def test_optimal_laps_are_faster_and_within_the_limits_and_followed_by_the_next():
+    bench = Bench("optimal")
+    plans = [bench.plan_at(1.0)]
+    bench.fix(gate_map=GateMap(gates=moved([0.0, 0.1, 0.0])))
+    plans += bench.follow(until=30.0, every=0.5)[0][1:]
+    assert [plan.lap for plan in plans] == [1, 2]
+    snap = plan_circuit(
+        [g.p_WG for g in GATES],
+        [g.heading for g in GATES],
+        np.array([g.pylons for g in GATES]).reshape(-1, 2),
+        4,
+        **LIMITS,
+    )
+    for plan in plans:
+        assert plan.report.duration < 0.9 * snap.duration
+        assert plan.report.max_speed <= 20.0 and plan.report.max_acceleration <= 10.0
+        # It goes on from where the one before ends, and onto its own lap.
+        t = plan.start_time + plan.entry.duration
+        np.testing.assert_allclose(
+            plan.derivatives(t - 1e-7)[:4, :3], plan.derivatives(t + 1e-7)[:4, :3], atol=1e-3
+        )
+    t = plans[1].start_time
+    np.testing.assert_allclose(
+        plans[0].derivatives(t)[:4, :3], plans[1].derivatives(t)[:4, :3], atol=1e-3
+    )
+
+
+def test_ticks_at_which_nothing_happens_change_nothing():
+    """To Drake, every other update changes all that any system computes."""
+    bench = Bench(laps=2)
+    plans, _ = bench.follow(until=100.0, every=0.5)
+    # Each plan is found, and comes into force.
+    assert bench.simulator.get_num_unrestricted_updates() == 2 * len(plans) == 4
+
+
+def test_no_plan_for_after_the_race():
+    bench = Bench(laps=2)
+    plans, _ = bench.follow(until=100.0, every=0.5)
+    assert [plan.lap for plan in plans] == [1, 2] and len(bench.problems) == 2
+
+
+def test_ports():
+    planner = Bench().planner
+    assert [planner.get_input_port(i).get_name() for i in range(planner.num_input_ports())] == [
+        "gate_map",
+        "explorer_status",
+        "exploration_reference",
+    ]
+    assert planner.GetInputPort("exploration_reference").size() == SIZE
+    assert planner.num_output_ports() == 1
+    # Or a diagram with it would have an algebraic loop through the explorer.
+    assert not planner.HasAnyDirectFeedthrough()
+
+
+def test_no_plan_before_the_exploration_is_done():
+    bench = Bench(status=dc.replace(DONE, done=False))
+    assert bench.plan_at(5.01) is NO_PLAN
+    bench.fix(explorer_status=DONE)
+    assert bench.plan_at(5.54) is NO_PLAN
+    plan = bench.plan_at(5.56)
+    assert plan.lap == 1 and plan.start_time == pytest.approx(5.55)
+    np.testing.assert_allclose(plan.derivatives(5.55)[0], [0, 0, 5, 0], atol=1e-9)
+    np.testing.assert_allclose(plan.derivatives(5.55)[1:4], 0.0, atol=1e-9)
+
+
+@settings(max_examples=6)
+@given(st.floats(0.01, 2.0), st.floats(2.0, 50.0))
+def test_plans_come_into_force_exactly_one_latency_later(latency, rate):
+    bench = Bench(latency=latency, rate=rate)
+    assert bench.plan_at(latency - 1e-6) is NO_PLAN
+    first = bench.plan_at(latency + 1e-6)
+    assert first.start_time == pytest.approx(latency, abs=1e-12)
+    # The next one: at the first tick after the last gate less the latency.
+    lap = first.circuit.duration
+    first_gate = first.next_start(latency + first.entry.duration) - lap
+    last_gate = first_gate + first.circuit.gate_times[-2]
+    bench.simulator.AdvanceTo(last_gate - 0.01)
+    for _ in range(60):
+        second = bench.plan_at(bench.context.get_time() + 0.01)
+        if second is not first:
+            break
+    assert -1e-6 <= second.start_time - last_gate <= 1.0 / rate + 1e-6
+    assert bench.context.get_time() - 0.01 <= second.start_time <= bench.context.get_time() + 1e-9
+    ticks = (second.start_time - latency) * rate
+    assert ticks == pytest.approx(round(ticks), abs=1e-6)
+
+
+@pytest.mark.parametrize("dimensions", [3, 4, 6])
+def test_a_plan_a_lap_from_the_map_as_it_then_stands(dimensions):
+    bench = Bench(dimensions)
+    lap = bench.plan_at(1.0).circuit.duration
+    steps = [np.array([0.1 * k, -0.05 * k, 0.02 * k]) for k in range(4)]
+    plans = [bench.plan_at(1.0)]
+    for step in steps[1:]:
+        bench.fix(gate_map=GateMap(gates=moved(step)))
+        new, times = bench.follow(bench.context.get_time() + lap)
+        assert new[0] is plans[-1] and len(new) == 2
+        plans.append(new[-1])
+    assert [plan.lap for plan in plans] == [1, 2, 3, 4]
+    for plan, step in zip(plans, steps):
+        gate_1 = plan.circuit.derivatives(0.0)[0, :3]
+        np.testing.assert_allclose(gate_1, GATES[0].p_WG + step, atol=1e-8)
+        expected = plan_circuit(
+            [g.p_WG for g in moved(step)],
+            [g.heading for g in GATES],
+            [p for g in moved(step) for p in g.pylons],
+            dimensions,
+            **LIMITS,
+        )
+        tolerance = 1e-4 if dimensions < 6 else 0.03  # of many local minima
+        assert plan.circuit.duration == pytest.approx(expected.duration, rel=tolerance)
+    for old, new in zip(plans, plans[1:]):
+        # Right after the last gate, less than one tick, and without a jump.
+        since = (new.start_time - old.next_start(new.start_time)) + lap - old.circuit.gate_times[-2]
+        assert -1e-3 < since < 0.05 + 1e-3
+        handed = new.derivatives(new.start_time) - old.derivatives(new.start_time)
+        handed[0, 3] = np.sin(handed[0, 3] / 2)
+        np.testing.assert_allclose(handed, 0.0, atol=1e-6)
+        assert new.lap_at(new.start_time) == old.lap_at(new.start_time) == old.lap
+        assert new.phase == 0.0
+
+
+@pytest.mark.parametrize("x", [-30, -60, -100, -400])
+def test_an_entry_is_not_replanned(x):
+    """Not even one longer than a lap: only the lap behind it has a last gate."""
+    bench = Bench()
+    bench.planner.GetInputPort("exploration_reference").FixValue(
+        bench.context, hold([x, 0, 5], 0.0)
+    )
+    first = bench.plan_at(1.0)
+    joined = first.start_time + first.entry.duration
+    lap = first.circuit.duration
+    assert bench.follow(joined - first.phase + 0.85 * lap)[0] == [first]
+    plans, _ = bench.follow(bench.context.get_time() + 0.15 * lap)
+    assert [plan.lap for plan in plans] == [1, 2]
+
+
+UNUSABLE = {
+    "no gates": (),
+    "one gate": GATES[:1],
+    "a gap": (*GATES[:4], *GATES[5:]),
+    "gates on the ground": moved([0.0, 0.0, -6.0]),
+    "gates in one place": tuple(dc.replace(g, p_WG=GATES[0].p_WG) for g in GATES),
+    "gates as narrow as a drone": tuple(dc.replace(g, spacing=3.5) for g in GATES),
+    "not a number": (*GATES[:9], dc.replace(GATES[9], heading=np.nan)),
+}
+
+
+@pytest.mark.parametrize("gates", UNUSABLE.values(), ids=UNUSABLE)
+def test_without_a_usable_map_it_tries_again(gates):
+    bench = Bench(gates=gates)
+    assert bench.plan_at(2.6) is NO_PLAN
+    bench.fix(gate_map=GateMap(gates=GATES))
+    # It looks once a second.
+    assert bench.plan_at(4.1 + 0.5).lap == 1
+
+
+def test_what_gave_no_plan_is_not_tried_again_until_the_map_has_changed():
+    bench = Bench(solve=lambda problem: None)
+    tried = bench.problems
+    bench.plan_at(5.0)
+    assert len(tried) == 1
+    bench.fix(gate_map=GateMap(gates=moved([0.005, 0.0, 0.0])))
+    bench.plan_at(8.0)
+    assert len(tried) == 1
+    bench.fix(gate_map=GateMap(gates=moved([0.3, 0.0, 0.0])))
+    bench.plan_at(20.0)
+    assert len(tried) == 2
+    np.testing.assert_array_equal(tried[1].gates[0].p_WG, GATES[0].p_WG + [0.3, 0.0, 0.0])
+    assert tried[1].old is None and tried[1].start.shape == (5, 4)
+
+
+def test_it_does_not_search_twice_for_a_lap_through_the_same_gates():
+    bench = Bench()
+    plans, _ = bench.follow(110.0, every=0.5)
+    assert plans[-1].lap_at(110.0) >= 4
+    first, second = bench.problems
+    assert first.old is None and second.old is plans[0]
+    bench.fix(gate_map=GateMap(gates=moved([0.001, 0.0, 0.0])))
+    bench.follow(200.0, every=0.5)
+    assert len(bench.problems) == 3
+    assert dc.replace(second, old=plans[-1], start_time=9.0).asks_for_the_same(second)
+    for other in (
+        dict(gates=second.gates[1:] + second.gates[:1]),
+        dict(margins=second.margins + 1e-9),
+        dict(gates=moved([0.0, 0.0, 1e-9])),
+        dict(pylons=second.pylons[:-2]),
+    ):
+        assert not dc.replace(second, **other).asks_for_the_same(second)
+
+
+def test_the_problem_says_how_well_pylons_are_known_and_starts_on_the_old_lap():
+    def known(sigma):
+        return tuple(
+            MarkerEstimate(
+                id=id,
+                count=9,
+                outliers=0,
+                p_WM=np.zeros(3),
+                normal=np.eye(3)[0],
+                variance=np.full(3, sigma**2),
+            )
+            for id in range(40)
+        )
+
+    bench = Bench()
+    problems = bench.problems
+    bench.fix(gate_map=GateMap(gates=GATES, markers=known(0.1)))
+    first = bench.plan_at(1.0)
+    bench.fix(gate_map=GateMap(gates=moved([0.0, 0.05, 0.0]), markers=known(0.01)))
+    bench.follow(1.0 + 1.2 * first.circuit.duration)
+    assert len(problems) == 2
+    for problem, sigma in zip(problems, (0.1, 0.01)):
+        np.testing.assert_allclose(problem.margins, problems[1].margins[0] + 3 * (sigma - 0.01))
+        assert problem.pylons.shape == (20, 2) and len(problem.margins) == 20
+    assert problems[1].old is first
+    np.testing.assert_array_equal(problems[1].start, first.derivatives(problems[1].start_time))
+
+
+def test_the_first_lap_expects_gates_that_move():
+    bench = Bench(first_lap_move=0.8)
+    problems = bench.problems
+    first = bench.plan_at(1.0)
+    bench.fix(gate_map=GateMap(gates=moved([0.0, 0.05, 0.0])))  # as a better map would be
+    bench.follow(1.0 + 1.2 * first.circuit.duration)
+    still = pylon_margins(GATES, ())
+    np.testing.assert_allclose(problems[0].margins, still + 0.8)
+    np.testing.assert_array_equal(problems[1].margins, still)
+
+
+def test_a_drone_that_cannot_hover_within_the_limits_is_refused():
+    with pytest.raises(TrajectoryOptimizationError, match="cannot hold a hover"):
+        Bench(thrust_share=0.2)
+
+
+@pytest.mark.parametrize("gates", UNUSABLE.values(), ids=UNUSABLE)
+def test_without_a_usable_map_the_old_plan_goes_on(gates):
+    bench = Bench()
+    first = bench.plan_at(1.0)
+    bench.fix(gate_map=GateMap(gates=gates))
+    lap = first.circuit.duration
+    assert bench.follow(1.0 + 1.5 * lap)[0] == [first]
+    assert first.lap_at(bench.context.get_time()) == 2
+    bench.fix(gate_map=GateMap(gates=moved([0.1, 0, 0])))
+    plans, _ = bench.follow(1.0 + 2.5 * lap)
+    assert [plan.lap for plan in plans] == [1, 3]
+
+
+def test_a_map_that_jumps_is_left_for_the_next_lap():
+    """No flight leads from the old last leg to a gate 1 so far away."""
+    bench = Bench()
+    first = bench.plan_at(1.0)
+    bench.fix(gate_map=GateMap(gates=moved([0, 15.0, 0])))
+    assert bench.follow(1.0 + 1.3 * first.circuit.duration)[0] == [first]
+
+
+def test_gates_that_the_explorer_did_not_find_are_avoided_but_not_flown_through():
+    stray = dc.replace(GATES[0], number=14, p_WG=np.array([0.0, 20.0, 6.25]))
+    plan = Bench(gates=(*GATES, stray)).plan_at(1.0)
+    assert len(plan.circuit.gate_times) == 11
+    assert plan.circuit.duration == pytest.approx(Bench().plan_at(1.0).circuit.duration, rel=1e-6)
+    # In the way of the lap, it leaves none.
+    on_the_way = plan.circuit.derivatives(plan.circuit.duration / 2)[0, :3]
+    stray = dc.replace(stray, p_WG=on_the_way + [0, 5, 0], heading=np.pi)
+    assert Bench(gates=(*GATES, stray)).plan_at(1.0) is NO_PLAN
+
+
+SQUARE = tuple(
+    GateEstimate(number=n, p_WG=np.array([x, y, 6.0]), heading=n * np.pi / 2, spacing=10.0)
+    for n, (x, y) in enumerate([(20, 0), (40, 20), (20, 40), (0, 20)])
+)
+
+
+@pytest.mark.parametrize("rate, latency", [(0.3, 0.5), (0.45, 3.0), (20.0, 30.0)])
+@pytest.mark.parametrize("gates", [GATES, SQUARE], ids=["reference", "square"])
+def test_a_slow_planner_never_skips_a_gate(gates, rate, latency):
+    status = dc.replace(DONE, gates=tuple(range(len(gates))))
+    bench = Bench(gates=gates, status=status, rate=rate, latency=latency)
+    plans, times = bench.follow(latency + 200.0, every=0.25)
+    assert len(plans) > 1  # even so, it replans sometimes
+    for old, new in zip(plans, plans[1:]):
+        assert new.start_time >= old.start_time + old.entry.duration
+        left = old.next_start(new.start_time) - new.start_time
+        assert 0 < left <= old.circuit.duration - old.circuit.gate_times[-2] + 1e-6
+        assert new.lap == old.lap_at(new.start_time) + 1
+
+
+@pytest.mark.parametrize("dimensions", [3, 6])
+def test_the_report_is_true(dimensions):
+    bench = Bench(dimensions)
+    first = bench.plan_at(1.0)
+    bench.fix(gate_map=GateMap(gates=moved([0.2, 0.1, 0])))
+    second = bench.follow(1.0 + 1.2 * first.circuit.duration)[0][-1]
+    assert second.lap == 2
+    for plan in (first, second):
+        samples = np.hstack(
+            [
+                part.sample(np.linspace(0, part.duration, int(1000 * part.duration)))
+                for part in (plan.entry, plan.circuit)
+            ]
+        )
+        report = plan.report
+        assert report.duration == plan.circuit.duration
+        assert report.max_speed == pytest.approx(
+            np.linalg.norm(samples[VELOCITY], axis=0).max(), rel=1e-3
+        )
+        assert report.max_acceleration == pytest.approx(
+            np.linalg.norm(samples[ACCELERATION], axis=0).max(), rel=1e-3
+        )
+        thrusts = rotor_thrusts(samples, VEHICLE, GRAVITY)
+        assert report.max_rotor_thrust == pytest.approx(thrusts.max(), rel=0.01)
+        assert report.max_speed <= 20.0 and report.max_acceleration <= 10.0
+        assert thrusts.min() > 0.0 and report.max_rotor_thrust < VEHICLE.max_thrusts.min()
+        assert 0.0 < report.solve_time < 20.0
+
+
+def test_two_runs_are_the_same():
+    one, other = (Bench(6).plan_at(1.0) for _ in range(2))
+    for t in np.linspace(0.5, 60.0, 20):
+        np.testing.assert_array_equal(one.derivatives(t), other.derivatives(t))
+
+
+# The plan itself.
+
+
+@functools.cache
+def make_plan(dimensions, phase_zero):
+    circuit = plan_circuit(
+        [g.p_WG for g in GATES],
+        [g.heading for g in GATES],
+        [p for g in GATES for p in g.pylons],
+        dimensions,
+        **LIMITS,
+    )
+    if phase_zero:
+        at = circuit.gate_times[-2]
+        entry, phase = (
+            plan_change(circuit.derivatives(at), circuit, circuit.duration - at, [], **LIMITS),
+            0.0,
+        )
+    else:
+        start = np.zeros((5, 4))
+        start[0] = 0, 0, 5, 0.5
+        entry, phase = plan_start(start, circuit, dimensions, [], **LIMITS)
+    return LapPlan(lap=3, start_time=12.5, entry=entry, circuit=circuit, phase=phase, report=None)
+
+
+plans = st.builds(make_plan, st.sampled_from([3, 4, 6]), st.booleans())
+times = st.floats(12.5, 200.0)
+
+
+def seams(plan):
+    """Returns when the plan goes from one polynomial to another."""
+    on = plan.start_time + plan.entry.duration
+    return [on] + [on - plan.phase + k * plan.circuit.duration for k in range(1, 4)]
+
+
+@few
+@given(plans)
+def test_a_plan_has_no_seams(plan):
+    for t in seams(plan):
+        jump = plan.derivatives(t + 1e-9) - plan.derivatives(t - 1e-9)
+        jump[0, 3] = np.sin(jump[0, 3] / 2)
+        # The first entry's snap is free.
+        np.testing.assert_allclose(jump[:4], 0.0, atol=1e-4)
+        if plan.phase == 0.0 or t > seams(plan)[0]:
+            np.testing.assert_allclose(jump[4], 0.0, atol=1e-4)
+
+
+@few
+@given(plans, times, st.integers(1, 3))
+def test_a_plan_repeats_its_lap(plan, t, laps):
+    t += plan.entry.duration + 1e-6  # beyond the seam
+    shift = plan.derivatives(t + laps * plan.circuit.duration) - plan.derivatives(t)
+    shift[0, 3] = np.sin(shift[0, 3] / 2)
+    # Rounding may put one of the two beyond a gate, where yaw starts again.
+    np.testing.assert_allclose(shift, 0.0, atol=1e-5)
+    assert plan.lap_at(t + laps * plan.circuit.duration + 1e-9) in (
+        plan.lap_at(t + 1e-9) + laps,
+        plan.lap_at(t - 1e-6) + laps,
+    )
+
+
+@few
+@given(plans, times)
+def test_laps_and_their_starts_agree(plan, t):
+    lap, start = plan.lap_at(t), plan.next_start(t)
+    assert start > t - 1e-9
+    assert start - t <= plan.circuit.duration + 1e-9 or lap == plan.lap - 1
+    assert plan.lap_at(start + 1e-6) == lap + 1
+    assert plan.lap_at(start - 1e-6) == lap
+    assert plan.lap - 1 <= lap
+    if start > plan.start_time + plan.entry.duration:
+        np.testing.assert_allclose(plan.derivatives(start)[0, :3], GATES[0].p_WG, atol=1e-6)
+    # All gates of a lap are passed where the circuit says.
+    for gate, passing in zip(GATES, plan.circuit.gate_times):
+        if start > plan.start_time + plan.entry.duration:
+            p = plan.derivatives(start + passing)[0, :3]
+            np.testing.assert_allclose(p, gate.p_WG, atol=1e-6)
+
+
+@few
+@given(plans, times, st.floats(0.0, 60.0))
+def test_laps_only_count_up(plan, t, later):
+    assert plan.lap_at(t + later) >= plan.lap_at(t)
+    assert plan.next_start(t + later) >= plan.next_start(t)
+
+
+def test_a_plan_is_shared_not_copied():
+    plan = make_plan(3, True)
+    assert Value[object](plan).Clone().get_value() is plan
+    assert Value[object](NO_PLAN).Clone().get_value() is NO_PLAN

@@ -1,0 +1,216 @@
+"""The planning problem of a lap, solved as a function of values."""
+
+import dataclasses as dc
+import functools
+import pickle
+
+import numpy as np
+import pytest
+
+from airrace.evaluation.jobs import generated_track
+from airrace.scenario.limits import parse_limits
+from airrace.systems.planning import lap_planning
+from airrace.systems.planning.lap_planning import LapProblem, plan_lap
+from airrace.systems.planning.map_margins import pylon_margins
+from airrace.systems.types import GateEstimate
+from airrace.track import load_track
+from airrace.track.map_files import true_map
+from airrace.trajopt.flat_trajectory import VELOCITY
+from airrace.trajopt.flatness import inverse_dynamics
+from airrace.trajopt.flyable import pylon_distances
+from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.plan_report import check_times
+from airrace.vehicle import GRAVITY, load_vehicle
+
+VEHICLE = load_vehicle("Default")[0]
+GATES = tuple(
+    GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.pylon_spacing)
+    for n, gate in enumerate(load_track("student-airrace").gates)
+)
+HOVER = np.zeros((5, 4))
+HOVER[0] = 0.0, 0.0, 5.0, 0.0
+
+
+def problem(trajectory="optimal", limits="original", gates=GATES, extra=0.0, old=None, **changes):
+    speed, acceleration = parse_limits(limits)
+    time, start = 1.0, HOVER
+    if old is not None:
+        time = old.next_start(old.start_time + old.entry.duration + 1.0)
+        time -= old.circuit.duration - old.circuit.gate_times[-2] - 0.02
+        start = old.derivatives(time)
+    return LapProblem(
+        **dict(
+            trajectory=trajectory,
+            vehicle=VEHICLE,
+            max_speed=speed,
+            max_acceleration=acceleration,
+            thrust_share=0.9,
+            gates=gates,
+            pylons=np.array([g.pylons for g in gates]).reshape(-1, 2),
+            margins=pylon_margins(gates, ()) + extra,
+            start_time=time,
+            start=start,
+            old=old,
+        )
+        | changes
+    )
+
+
+@functools.cache
+def first(trajectory="optimal", limits="original"):
+    return plan_lap(problem(trajectory, limits))
+
+
+def moved(distance, seed=0):
+    rng = np.random.default_rng(seed)
+    return tuple(
+        dc.replace(g, p_WG=g.p_WG + rng.normal(scale=distance / np.sqrt(3), size=3)) for g in GATES
+    )
+
+
+def assert_same(one, other):
+    assert one.lap == other.lap and one.phase == other.phase
+    for t in np.linspace(one.start_time, one.start_time + 25.0, 50):
+        np.testing.assert_array_equal(one.derivatives(t), other.derivatives(t))
+    assert dc.replace(one.report, solve_time=0.0) == dc.replace(
+        other.report, solve_time=0.0
+    ) or str(dc.replace(one.report, solve_time=0.0)) == str(
+        dc.replace(other.report, solve_time=0.0)
+    )
+
+
+@pytest.mark.parametrize("trajectory", ["3", "optimal"])
+def test_another_process_would_find_the_same_plan(trajectory):
+    given = problem(trajectory, gates=moved(0.1), old=first(trajectory))
+    copy = pickle.loads(pickle.dumps(given))
+    assert copy.old is not given.old
+    assert_same(pickle.loads(pickle.dumps(plan_lap(copy))), plan_lap(given))
+
+
+@pytest.mark.parametrize("seed", [1047, 1143])
+def test_no_way_onto_a_lap_loops_before_a_gate(seed):
+    """There, a search from the best of its guesses ends with a loop that takes two seconds."""
+    track, _ = generated_track(seed)
+    hover = np.zeros((5, 4))
+    hover[0] = *track.start.position[:2], 5.9, np.deg2rad(track.start.heading_deg)
+    gates = true_map(track).gates
+    plan = plan_lap(problem(gates=gates, extra=1.0, start=hover))
+    assert plan.entry.duration - plan.phase < 2.5
+    # It passes the plane of each gate just once.
+    times = np.linspace(0.0, plan.entry.duration, 2000)
+    for gate in gates[: np.searchsorted(plan.circuit.gate_times, plan.phase)]:
+        forward = [np.cos(gate.heading), np.sin(gate.heading), 0.0]
+        ahead = forward @ (plan.entry.positions(times) - gate.p_WG[:, None])
+        assert np.count_nonzero(np.diff(ahead > 0.0)) == 1
+
+
+@pytest.mark.parametrize("limits", ["original", "rotor", "v=15,a=8", "a=12"])
+@pytest.mark.parametrize("trajectory", ["3", "4", "6", "optimal"])
+def test_limits_are_kept_and_used_and_the_report_is_true(trajectory, limits):
+    plan = first(trajectory, limits)
+    samples = np.hstack([part.sample(check_times(part)) for part in (plan.entry, plan.circuit)])
+    speed, acceleration = (
+        np.linalg.norm(samples[rows], axis=0) for rows in (VELOCITY, slice(6, 9))
+    )
+    thrusts, w = inverse_dynamics(samples, VEHICLE, GRAVITY)
+    report, most = plan.report, 0.9 * VEHICLE.max_thrusts[0]
+    v, a = parse_limits(limits)
+    assert speed.max() <= v * (1 + 1e-4) and acceleration.max() <= a * (1 + 1e-4)
+    assert thrusts.max() <= most * (1 + 1e-4) and thrusts.min() >= -0.005 * most
+    assert report.reached
+    assert report.max_speed == pytest.approx(speed.max())
+    assert report.max_acceleration == pytest.approx(acceleration.max())
+    np.testing.assert_allclose(report.max_thrusts, thrusts.max(axis=1))
+    np.testing.assert_allclose(report.min_thrusts, thrusts.min(axis=1))
+    assert report.max_rotor_thrust == max(report.max_thrusts)
+    assert report.max_rate == pytest.approx(np.linalg.norm(w, axis=0).max())
+    assert report.clearance == pytest.approx(
+        pylon_distances(samples, problem().pylons).min(), abs=1e-9
+    )
+    # No lap beats a point mass; an optimal one comes near it.
+    assert 0.0 < report.gap < {"optimal": 0.03, "3": 0.6, "4": 0.6, "6": 1.4}[trajectory]
+    assert report.duration == plan.circuit.duration
+
+
+def test_laps_get_faster_as_the_map_gets_better():
+    durations = [plan_lap(problem(extra=extra)).circuit.duration for extra in (0.6, 0.3, 0.0)]
+    assert durations[0] > durations[1] + 0.05 > durations[2] + 0.1
+
+
+def test_the_next_lap_goes_on_from_the_last():
+    old = first()
+    new = plan_lap(problem(gates=moved(0.2), old=old))
+    assert new.lap == 2 and new.report.warm
+    t = new.start_time
+    jump = new.derivatives(t) - old.derivatives(t)
+    jump[0, 3] = np.sin(jump[0, 3] / 2)
+    np.testing.assert_allclose(jump[:, :3], 0.0, atol=1e-6)
+    np.testing.assert_allclose(jump[:3, 3], 0.0, atol=1e-6)
+
+
+def test_a_slower_lap_is_not_flown_while_the_old_one_will_do():
+    """More room would be nice to have, but the map has not changed."""
+    old = first()
+    assert plan_lap(problem(extra=0.03, old=old)) is None
+    # Where the old one comes too near, a slower one is right.
+    wider = plan_lap(problem(extra=0.3, old=old))
+    assert wider.circuit.duration > old.circuit.duration
+
+
+class Laps:
+    """Finds laps that take what a test says, from the lap before and from nothing."""
+
+    def __init__(self, warm, cold, fits=False):
+        self.asked, self._found, self._fits = [], {"warm": warm, "cold": cold}, fits
+
+    def bound(self):
+        return 18.0
+
+    def lap(self, previous):
+        kind = "cold" if previous is None else "warm"
+        self.asked.append(kind)
+        if self._found[kind] is None:
+            raise TrajectoryOptimizationError("none")
+        return dc.make_dataclass("Lap", ["duration", "kind"])(self._found[kind], kind)
+
+    def fits(self, circuit):
+        return self._fits
+
+
+@pytest.mark.parametrize(
+    "warm, cold, fits, asked, kind",
+    [
+        (18.4, 18.3, False, ["warm"], "warm"),  # as good as before: no need for more
+        (25.0, 19.0, False, ["warm", "cold"], "cold"),  # stalled
+        (25.0, None, False, ["warm", "cold"], "warm"),  # slow, but the gates have moved
+        (25.0, 24.0, True, ["warm", "cold"], None),  # never flown
+        (None, 19.0, False, ["warm", "cold"], "cold"),
+        (None, None, True, ["warm", "cold"], None),
+    ],
+)
+def test_a_stalled_search_starts_anew_and_the_best_is_kept(warm, cold, fits, asked, kind):
+    laps = Laps(warm, cold, fits)
+    found, bound = lap_planning._best_lap(laps, first())
+    assert laps.asked == asked and bound == 18.0
+    assert (found and found.kind) == kind
+
+
+@pytest.mark.parametrize("trajectory", ["4", "optimal"])
+@pytest.mark.parametrize("fault", ["narrow", "coincide", "behind a pylon", "no hover", "no gates"])
+def test_what_cannot_be_flown_gives_no_plan(trajectory, fault):
+    given = {
+        "narrow": lambda: problem(
+            trajectory, gates=tuple(dc.replace(g, spacing=3.0) for g in GATES)
+        ),
+        "coincide": lambda: problem(trajectory, gates=(GATES[0], GATES[0], *GATES[2:])),
+        "behind a pylon": lambda: problem(
+            trajectory,
+            pylons=np.vstack(
+                [problem().pylons, GATES[3].p_WG[:2] + [[0, 0], [1.5, 1.5], [-1.5, -1.5]]]
+            ),
+            margins=np.full(23, 0.3),
+        ),
+        "no hover": lambda: problem(trajectory, thrust_share=0.2),
+        "no gates": lambda: problem(trajectory, gates=()),
+    }[fault]()
+    assert plan_lap(given) is None

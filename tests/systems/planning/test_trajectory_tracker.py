@@ -1,0 +1,69 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.common.value import Value
+
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
+from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
+from airrace.trajopt.flat_trajectory import POSITION, SIZE, VELOCITY, YAW, flat_outputs, hold
+from airrace.trajopt.min_snap.circuit import plan_circuit
+from airrace.trajopt.min_snap.transition import plan_start
+
+LIMITS = dict(clearance=2.0, max_speed=20.0, max_acceleration=10.0)
+MIDPOINTS = np.array([[0, -20, 6], [20, 0, 6], [0, 20, 6], [-20, 0, 6]], float)
+few = settings(max_examples=40)
+
+
+def make_plan():
+    circuit = plan_circuit(MIDPOINTS, np.arange(4) * np.pi / 2, [], 4, **LIMITS)
+    start = np.zeros((5, 4))
+    start[0] = -20, -20, 5, 0
+    entry, phase = plan_start(start, circuit, 4, [], **LIMITS)
+    return LapPlan(lap=1, start_time=3.0, entry=entry, circuit=circuit, phase=phase, report=None)
+
+
+PLAN = make_plan()
+
+
+def reference(plan, exploration, time):
+    tracker = TrajectoryTracker()
+    context = tracker.CreateDefaultContext()
+    tracker.GetInputPort("lap_plan").FixValue(context, Value[object](plan))
+    tracker.GetInputPort("exploration_reference").FixValue(context, exploration)
+    context.SetTime(time)
+    return tracker.GetOutputPort("reference").Eval(context)
+
+
+@few
+@given(st.lists(st.floats(-100, 100), min_size=SIZE, max_size=SIZE), st.floats(0, 1000))
+def test_before_there_is_a_plan_it_passes_the_explorers_reference_on(exploration, time):
+    np.testing.assert_array_equal(reference(NO_PLAN, exploration, time), exploration)
+
+
+@few
+@given(st.floats(3.0, 100.0))
+def test_then_it_follows_the_plan(time):
+    ours = reference(PLAN, hold([7, 7, 7], 7), time)
+    np.testing.assert_array_equal(ours, flat_outputs(PLAN.derivatives(time)))
+
+
+def test_the_plans_gates_are_on_the_way():
+    start = PLAN.next_start(3.0 + PLAN.entry.duration)
+    for k, passing in enumerate(PLAN.circuit.gate_times[:-1]):
+        ours = reference(PLAN, hold([7, 7, 7], 7), start + passing)
+        np.testing.assert_allclose(ours[POSITION], MIDPOINTS[k], atol=1e-6)
+        assert np.cos(ours[YAW] - k * np.pi / 2) > 1 - 1e-9
+        assert np.linalg.norm(ours[VELOCITY]) > 1.0
+
+
+def test_it_forgets_nothing_since_it_remembers_nothing():
+    """One system, plan and time changing under it."""
+    tracker = TrajectoryTracker()
+    context = tracker.CreateDefaultContext()
+    tracker.GetInputPort("exploration_reference").FixValue(context, hold([1, 2, 3], 4))
+    for plan, time in ((NO_PLAN, 0.0), (PLAN, 5.0), (PLAN, 6.0), (NO_PLAN, 6.0), (PLAN, 4.0)):
+        tracker.GetInputPort("lap_plan").FixValue(context, Value[object](plan))
+        context.SetTime(time)
+        ours = tracker.GetOutputPort("reference").Eval(context)
+        np.testing.assert_array_equal(ours, reference(plan, hold([1, 2, 3], 4), time))
+    assert tracker.GetOutputPort("reference").size() == SIZE

@@ -1,0 +1,65 @@
+import re
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+from airrace.track import load_track
+from airrace.track.__main__ import main, to_yaml
+from airrace.track.generator import generate_track
+
+
+def test_prints_a_track_that_can_be_loaded(tmp_path, capsys):
+    assert main(["--seed", "7", "--gates", "10"]) == 0
+    text = capsys.readouterr().out
+    file = tmp_path / "t.yaml"
+    file.write_text(text)
+    assert load_track(str(file)) == generate_track(7, 10)
+    # The first line names the command that made it.
+    command = re.fullmatch(r"# python -m airrace\.track (.*)", text.splitlines()[0])[1]
+    assert command.startswith("--seed 7 --gates 10 --direction ")
+    assert main(command.split()) == 0
+    assert capsys.readouterr().out == text
+
+
+def test_what_is_not_usual_is_written_too(tmp_path):
+    track = generate_track(0, 8)
+    track.gates[2].pylon_spacing = 11.5
+    track.gates[3].left_pylon[0] = -0.0
+    text = to_yaml(track, "changed")
+    assert "-0.0" not in text
+    assert yaml.safe_load(text)["gates"][2]["pylon_spacing"] == 11.5
+    assert "pylon_spacing" not in yaml.safe_load(text)["gates"][3]
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (["--gates", "9"], "9 gates"),
+        (["--gates", "22"], "22 gates"),
+        (["--seed", "-1"], "negative"),
+        (["--gates", "8", "--plot", "no/such/folder/t.png"], "cannot be written"),
+        (["--gates", "8", "--plot", "t.xyz"], "ending"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert words in output.err
+    assert output.err.startswith("airrace: ") and output.err.count("\n") == 1
+
+
+def test_runs_as_a_module():
+    """airrace.track is loaded a second time there; its classes must not mix."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-m", "airrace.track", "--seed", "2", "--gates", "8"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert yaml.safe_load(done.stdout)["name"] == generate_track(2, 8).name

@@ -1,0 +1,114 @@
+"""What a step promises of the lap after it, to first order."""
+
+import numpy as np
+import pytest
+
+from airrace.trajopt.flight_limits import FlightLimits, pack
+from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.time_optimal.dynamics_rows import DynamicsRows
+from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed, twisted_dynamics
+from airrace.trajopt.time_optimal.lap_spline import LapSpline
+from airrace.trajopt.time_optimal.lap_step import LapStep
+from airrace.trajopt.time_optimal.visibility import keep_in_view
+from airrace.vehicle import load_vehicle
+
+GRID, TURN = Grid(6, 12), 2 * np.pi
+LIMITS = {
+    drag: FlightLimits(load_vehicle("StarOne" if drag else "Default")[0], drag=drag)
+    for drag in (0.0, 1.0)
+}
+
+
+def samples(limits, seed=0):
+    rng = np.random.default_rng(seed)
+    angle = np.pi / 2 * np.arange(4)
+    out = np.column_stack([np.sin(angle), -np.cos(angle), np.zeros(4)])
+    forward = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(4)])
+    v = np.repeat(10.0 * forward[:, None], 30, axis=1)
+    places = 15 * out + [0, 0, 6] + rng.normal(size=(4, 3))
+    lap = LapSpline.through(places, v, rng.uniform(1.7, 2.3, 4), 6, 1e-4)
+    return slowed(lap, GRID, limits, TURN)
+
+
+@pytest.mark.parametrize("drag", LIMITS)
+def test_gradients_of_the_dynamics(drag):
+    now = samples(LIMITS[drag])
+    rows = DynamicsRows.linearize(now)
+    rng = np.random.default_rng(1)
+    y = now.derivatives.reshape(5, -1, 4)
+    # The twist's third and fourth derivatives do not matter, nor does the place.
+    change, change_T = rng.normal(size=y.shape), rng.normal(size=len(now.units))
+    change[3:, :, 3] = change[0, :, :3] = 0.0
+
+    def after(h):
+        thrusts, force, w, _ = twisted_dynamics(
+            pack(y + h * change), now.units + h * change_T, now.axes, now.limits
+        )
+        vehicle = now.limits.vehicle
+        share = np.linalg.pinv(vehicle.allocation)[:, :1] * vehicle.mass
+        return force, thrusts - share * np.linalg.norm(force, axis=0), np.linalg.norm(w, axis=0)
+
+    h = 1e-6
+    for i, (d, by_T) in enumerate(
+        (
+            (rows.d_force, rows.force_by_T),
+            (rows.d_rest, rows.rest_by_T),
+            (rows.d_rate, rows.rate_by_T),
+        )
+    ):
+        expected = (after(h)[i] - after(-h)[i]) / (2 * h)
+        found = np.einsum("rnod,ond->rn", d, change) + by_T * change_T
+        np.testing.assert_allclose(
+            found.reshape(expected.shape), expected, atol=1e-5 * np.abs(expected).max()
+        )
+
+
+@pytest.mark.parametrize("drag", LIMITS)
+@pytest.mark.parametrize("quantity", ["force", "rotor"])
+def test_rows_say_what_a_step_does(drag, quantity):
+    """The error of what rows promise falls with the square of the step."""
+    now = samples(LIMITS[drag])
+    errors = []
+    for size in (3e-2, 3e-3):
+        step = LapStep(now, GRID)
+        rng = np.random.default_rng(2)
+        for leg in range(4):  # somewhere
+            wish = rng.normal(size=step.size(leg))
+            step.least_squares(leg, 1e3 * np.eye(len(wish)), -1e3 * size * wish)
+        d = step.dynamics
+        rows, by_T, values = (
+            (d.d_force, d.force_by_T, d.force)
+            if quantity == "force"
+            else (d.d_rest, d.rest_by_T, d.rest)
+        )
+        promised = []
+        for leg in range(4):
+            here, variables = step.of(leg), step.program.NewContinuousVariables(GRID.samples)
+            r = step.rows(leg, np.arange(GRID.samples), rows[0, here], by_T[0, here])
+            step.equal(leg, variables, r, values[0, here])
+            promised.append(variables)
+        new = step.solve()
+        promised = step.result.GetSolution(np.concatenate(promised))
+        after = DynamicsRows.linearize(LapSamples.of(new, GRID, now.limits, TURN))
+        found = (after.force if quantity == "force" else after.rest)[0]
+        assert np.linalg.norm(promised - values[0]) > size
+        errors.append(np.linalg.norm(found - promised))
+    assert errors[1] < 0.03 * errors[0]
+
+
+def test_only_samples_near_a_bound_of_the_view_are_kept_in_it(monkeypatch):
+    now = samples(LIMITS[0.0])
+    gates = GateRegions.windows(
+        now.lap.gates[:, 0, :3], np.pi / 2 * np.arange(4), np.full(4, 2.0), 1.0
+    )
+    found = {}
+    for reach in (np.inf, 0.3):
+        found[reach] = []
+        monkeypatch.setattr(
+            LapStep,
+            "at_most",
+            lambda step, leg, rows, room, **k: found[reach].extend(zip(rows.tolist(), room)),
+        )
+        keep_in_view(LapStep(now, GRID), gates, np.deg2rad(40.0), 1.0, reach)
+    assert found[0.3] == [each for each in found[np.inf] if each[1] < 0.3]
+    assert 0 < len(found[0.3]) < len(found[np.inf]) / 2

@@ -1,0 +1,171 @@
+"""Ways onto a time-optimal lap: without a jump, within the limits, and quick."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from airrace.track import load_track
+from airrace.trajopt.flat_trajectory import POSITION
+from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.flyable import passes_forward, pylon_distances
+from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.min_snap.transition import plan_start
+from airrace.trajopt.plan_report import check_flight, check_times
+from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
+from airrace.trajopt.time_optimal.optimal_transition import plan_optimal_way
+from airrace.vehicle import load_vehicle
+
+TRACK, VEHICLE = load_track("student-airrace"), load_vehicle("Default")[0]
+MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
+HEADINGS = np.array([gate.heading for gate in TRACK.gates])
+PYLONS, CLEARANCE = TRACK.pylons()[:, :2], 1.9
+LIMITS = {
+    "original": FlightLimits(VEHICLE, thrust_share=0.9, max_speed=20.0, max_acceleration=10.0),
+    "rotor": FlightLimits(VEHICLE, thrust_share=0.9),
+}
+each = pytest.mark.parametrize("limits", LIMITS)
+
+
+def windows(step=0.0):
+    return GateRegions.windows(MIDPOINTS + step, HEADINGS, 5.0 - CLEARANCE, 2.5)
+
+
+@functools.cache
+def lap(limits, seed=None):
+    """Returns a lap through the gates, or through gates some 10 cm elsewhere, and these."""
+    step = (
+        0.0
+        if seed is None
+        else np.random.default_rng(seed).normal(scale=0.06, size=MIDPOINTS.shape)
+    )
+    gates = windows(step)
+    return plan_optimal_circuit(
+        gates,
+        PYLONS,
+        LIMITS[limits].scaled(0.99),
+        clearance=CLEARANCE,
+        previous=None if seed is None else lap(limits)[0],
+    ), gates
+
+
+def hover(x=0.0, y=0.0, z=5.0, yaw=0.0):
+    result = np.zeros((5, 4))
+    result[0] = x, y, z, yaw
+    return result
+
+
+def way(start, first, k, limits, circuit, gates, **options):
+    legs = np.diff(circuit.gate_times)[: k - 1]
+    return plan_optimal_way(
+        start,
+        [first, *legs],
+        gates,
+        circuit,
+        PYLONS,
+        LIMITS[limits],
+        clearance=CLEARANCE,
+        **options,
+    )
+
+
+def assert_sound(found, phase, start, circuit, gates, k, limits):
+    """Checks both ends, the limits at 1 kHz, the room, and the gates on the way."""
+    for ours, theirs in (
+        (found.derivatives(0.0), start),
+        (found.derivatives(found.duration), circuit.derivatives(phase)),
+    ):
+        np.testing.assert_allclose(ours[:, :3], theirs[:, :3], atol=1e-6)
+        assert np.cos(ours[0, 3] - theirs[0, 3]) == pytest.approx(1.0, abs=1e-12)
+        np.testing.assert_allclose(ours[1:3, 3], theirs[1:3, 3], atol=1e-6)
+    for t in found.breaks[1:-1]:
+        jump = found.derivatives(t + 1e-9) - found.derivatives(t - 1e-9)
+        np.testing.assert_allclose(jump[:4, :3], 0.0, atol=1e-4)
+        np.testing.assert_allclose(jump[:3, 3], 0.0, atol=1e-4)
+    samples = found.sample(check_times(found))
+    assert check_flight(samples, PYLONS, LIMITS[limits]).excess <= 0.0
+    assert pylon_distances(samples, PYLONS).min() > CLEARANCE - 0.06
+    assert samples[2].min() > 0.94
+    for i in range(k - 1):
+        ahead = (samples[POSITION].T - gates.midpoints[i]) @ gates.forward[i]
+        at = np.flatnonzero((ahead[:-1] < 0.0) & (ahead[1:] >= 0.0))
+        missed = [
+            np.linalg.norm(
+                gates.nearest(np.tile(samples[:3, j], (len(gates.midpoints), 1)))[i]
+                - samples[:3, j]
+            )
+            for j in at
+        ]
+        assert min(missed) < 0.05
+        times = check_times(found)[at[int(np.argmin(missed))]]
+        assert passes_forward(found, [times], gates.headings[i : i + 1]).all()
+
+
+@each
+@pytest.mark.parametrize("k", [2, 3])
+def test_from_hover(limits, k):
+    circuit, gates = lap(limits)
+    found, phase = way(hover(), 2.0, k, limits, circuit, gates)
+    assert phase == circuit.gate_times[k - 1]
+    assert_sound(found, phase, hover(), circuit, gates, k, limits)
+
+
+def test_it_is_quicker_than_minimum_snap():
+    circuit, gates = lap("original")
+    found, phase = way(hover(), 2.0, 3, "original", circuit, gates)
+    snap, joined = plan_start(
+        hover(), circuit, 4, PYLONS, clearance=CLEARANCE, max_speed=20.0, max_acceleration=10.0
+    )
+    assert found.duration - phase < 0.7 * (snap.duration - joined)
+    # Nothing gets 20 m from rest to gate 1 in less than 2 s, nor to 20 m/s.
+    assert found.duration - phase > 1.9
+
+
+def test_a_turned_drone_turns_on_the_way():
+    circuit, gates = lap("original")
+    start = hover(-10.0, 3.0, 4.0, 0.8)
+    found, phase = way(start, 3.0, 2, "original", circuit, gates)
+    assert_sound(found, phase, start, circuit, gates, 2, "original")
+
+
+@each
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("known", [False, True])
+def test_from_the_lap_before(limits, seed, known):
+    (lap_before, _), (new, gates) = lap(limits), lap(limits, seed)
+    at = lap_before.gate_times[-2] + 0.02
+    start, left = lap_before.derivatives(at), lap_before.duration - at
+    old = (lambda time: lap_before.derivatives(at + time)) if known else None
+    found, phase = way(start, left, 2, limits, new, gates, old=old)
+    assert_sound(found, phase, start, new, gates, 2, limits)
+    # It costs next to nothing.
+    assert abs(found.duration - phase - left) < 0.1
+
+
+def test_the_same_input_gives_the_same_way():
+    circuit, gates = lap("original")
+    one, other = (way(hover(), 2.0, 2, "original", circuit, gates)[0] for _ in range(2))
+    times = np.linspace(0.0, one.duration, 50)
+    np.testing.assert_array_equal(one.sample(times), other.sample(times))
+
+
+@pytest.mark.parametrize("fault", ["a wall", "too far too late"])
+def test_none_is_one_clear_error(fault):
+    circuit, gates = lap("original")
+    start, pylons = hover(), PYLONS
+    if fault == "a wall":
+        pylons = np.vstack([PYLONS, [[10.0, y] for y in range(-60, 61, 2)]])
+    else:  # at full speed towards a place beside the gate
+        start = hover(17.0, 4.0)
+        start[1, :3] = 0.0, 20.0, 0.0
+    with pytest.raises(TrajectoryOptimizationError):
+        plan_optimal_way(
+            start,
+            [1.0, circuit.gate_times[1]],
+            gates,
+            circuit,
+            pylons,
+            LIMITS["original"],
+            clearance=CLEARANCE,
+        )

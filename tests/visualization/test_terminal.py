@@ -1,0 +1,229 @@
+import io
+import os
+import types
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from airrace.recording.race_record import RaceRecord
+from airrace.scenario import Scenario
+from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.systems.referee_report import GateCrossing, RefereeReport
+from airrace.systems.types import ExplorerStatus, GateMap
+from airrace.track import load_track
+from airrace.vehicle.disturbances import RotorFailure
+from airrace.visualization.terminal import RaceDisplay, _PatientConsole, failures_line, lap_table
+
+TRACK = load_track("student-airrace")
+N = len(TRACK.gates)
+
+
+class Race:
+    """A made-up race before a display."""
+
+    def __init__(self, console, track=TRACK, meshcat=None, laps=2, **fields):
+        scenario = Scenario(laps=laps, **fields)
+        self.record = RaceRecord(scenario, track)
+        self.display = RaceDisplay(scenario, track, meshcat, console)
+
+    def look(self, time, crossings=0, rotor_losses=(), **status):
+        seen = tuple(
+            GateCrossing(10.0 + k, k % N + 1, k // N + 1, 0.1, 9.0) for k in range(crossings)
+        )
+        finished = crossings == 2 * N + 1
+        report = RefereeReport(seen, finished, None, seen[-1].time if finished else None, 0)
+        ended = self.record.observe(
+            time, report, ExplorerStatus(**status), GateMap(), NO_PLAN, np.array(rotor_losses)
+        )
+        self.display._last = -1.0  # do not wait for the next refresh
+        self.display.show(self.record, types.SimpleNamespace(time=time, laps_ended=ended))
+
+    def fly(self):
+        self.look(0.1)
+        self.look(0.2)
+        self.look(3.0, state="HOVER", reason="reached the hover height", since=2.9)
+        self.look(6.0, state="FLY_TO_GATE", reason="gate 1", since=5.9, gates=(0,))
+        done = dict(state="DONE", reason="over the start", since=9.0, done=True, gates=range(N))
+        self.look(9.5, **done)
+        for k in range(1, 2 * N + 2):
+            self.look(9.5 + k, k, **done)
+        self.display.close()
+        result = self.record.data(12.0)
+        self.display.print_summary(result, "runs/here")
+        return result
+
+
+def plain(width=100, **kwargs):
+    return Console(file=io.StringIO(), width=width, **kwargs)
+
+
+def test_a_log_where_there_is_no_terminal():
+    console = plain()
+    Race(console).fly()
+    lines = console.file.getvalue().splitlines()
+    assert lines[:4] == [
+        "airrace: Default on student-airrace, optimal, seed 0, 2 laps",
+        "[    0.0 s] CALIBRATE: power on",
+        "[    2.9 s] HOVER: reached the hover height",
+        "[    5.9 s] FLY_TO_GATE: gate 1",
+    ]
+    assert lines[5:7] == ["[   20.0 s] lap 1: 10.00 s", "[   30.0 s] lap 2: 10.00 s"]
+    assert lines[-2:] == [
+        "Finished: mean lap 10.00 s, best 10.00 s (the original system: mean 40.60 s); "
+        "12 s of work, 2.5 x real time.",
+        "Results: runs/here",
+    ]
+    assert "\x1b" not in console.file.getvalue()
+
+
+def test_a_live_line_on_a_terminal():
+    console = plain(force_terminal=True)
+    race = Race(console)
+    race.look(6.0, state="FLY_TO_GATE", reason="gate 1", since=5.9, gates=(0, 1))
+    assert "exploring  2 gates found      6.0 s simulated" in console.file.getvalue()
+    done = dict(done=True, gates=range(N))
+    race.look(9.0, **done)
+    assert "lap 1/2, next gate 1 " in console.file.getvalue()
+    race.look(10.0, 1, **done)
+    assert "lap 1/2, next gate 2 " in console.file.getvalue()
+    race.look(20.5, N + 1, **done)
+    assert f"[{'#' * 15:30}] lap 2/2, next gate 2 " in console.file.getvalue()
+    race.look(30.5, 2 * N + 1, **done)
+    assert f"[{'#' * 30}] lap 2/2" in console.file.getvalue()
+    race.display.close()
+    race.display.close()
+    # The cursor is given back.
+    assert console.file.getvalue().rindex("\x1b[?25h") > console.file.getvalue().rindex("\x1b[?25l")
+
+
+def test_nothing_is_printed_before_the_race_is_on():
+    console = plain()
+    Race(console).display.close()
+    assert console.file.getvalue() == ""
+
+
+def test_where_to_watch():
+    console = plain()
+    Race(console, meshcat=types.SimpleNamespace(web_url=lambda: "http://localhost:7000")).look(0.1)
+    assert "Watch it at http://localhost:7000\n" in console.file.getvalue()
+
+
+def test_a_race_that_does_not_finish():
+    console = plain()
+    race = Race(console)
+    race.look(9.0, 5, done=True)
+    race.display.print_summary(race.record.data(1.0, "interrupted"), "runs/here")
+    assert "Did not finish: interrupted; 1 s of work, 9.0 x real time.\n" in console.file.getvalue()
+    assert "lap" not in console.file.getvalue().split("Did not finish")[0].split("2 laps")[1]
+
+
+def test_names_are_printed_as_they_are():
+    """Not as rich's markup or emoji, and not broken at the end of a line."""
+    name = "[red]no[/blue] :smile: [link=x]"
+    console = plain(width=40)
+    race = Race(console, track=types.SimpleNamespace(name=name, gates=TRACK.gates))
+    race.look(0.1)
+    output = f"runs/{name}/{'x' * 80}"
+    race.display.print_summary(race.record.data(1.0, name), output)
+    for line in (f"on {name}, optimal", f"Did not finish: {name};", f"Results: {output}\n"):
+        assert line in console.file.getvalue()
+
+
+def test_the_table_fits_a_narrow_terminal():
+    race = Race(plain())
+    result = race.fly()
+    result["laps"][0]["plan"] = {"duration_s": 9.5}
+    console = plain(width=80)
+    console.print(lap_table(result))
+    text = console.file.getvalue()
+    assert "…" not in text
+    cells = [[cell.strip() for cell in line.split("│")[1:-1]] for line in text.splitlines()]
+    assert ["1", "10.00", "9.50", "-", "9.0", "0.10", "-"] in cells
+    assert ["2", "10.00", "-", "-", "9.0", "0.10", "-"] in cells
+
+
+def laps(*times, start=100.0):
+    """Laps of a race.json that take so many seconds."""
+    starts = [start + sum(times[:k]) for k in range(len(times))]
+    return [{"start_s": s, "time_s": t} for s, t in zip(starts, times)]
+
+
+FAILURES = {
+    "none": ((20.0, 21.0), (), ""),
+    "before the first lap": (
+        (20.0, 21.0),
+        [(3, 60.0)],
+        "* rotor 3 failed at 60.0 s: mean lap - before, 20.50 s after.",
+    ),
+    "in the second lap": (
+        (20.0, 30.0, 25.0, 26.0),
+        [(3, 120.0)],
+        "* rotor 3 failed at 120.0 s: mean lap 20.00 s before, 25.50 s after.",
+    ),
+    "in the last lap": (
+        (20.0, 22.0, 30.0),
+        [(3, 142.5)],
+        "* rotor 3 failed at 142.5 s: mean lap 21.00 s before, - after.",
+    ),
+    "after the last lap": ((20.0, 21.0), [(3, 141.0)], ""),
+    "no laps": ((), [(3, 60.0)], ""),
+    "two": (
+        (20.0, 30.0, 30.0, 30.0, 26.0),
+        [(1, 190.0), (3, 130.0), (2, 999.0)],
+        "* rotor 3 failed at 130.0 s, rotor 1 failed at 190.0 s: "
+        "mean lap 20.00 s before, 26.00 s after.",
+    ),
+}
+
+
+@pytest.mark.parametrize("times, failures, line", FAILURES.values(), ids=FAILURES)
+def test_what_failing_rotors_did(times, failures, line):
+    failures = [{"rotor": rotor, "time_s": time} for rotor, time in failures]
+    assert failures_line({"laps": laps(*times), "rotor_failures": failures}) == line
+
+
+def test_the_lap_of_a_failure_is_marked():
+    console = plain()
+    race = Race(console, rotor_failures=[RotorFailure(2, 25.0), RotorFailure(4, 31.0)])
+    race.fly()
+    lines = console.file.getvalue().splitlines()
+    cells = [line.split("│")[1].strip() for line in lines if line.startswith("│")]
+    assert cells == ["1", "2 *"]
+    # It began at 20 s and ended at 30 s, with the race: no lap knows the other failure.
+    assert lines[-3] == "* rotor 2 failed at 25.0 s: mean lap 10.00 s before, - after."
+
+
+@pytest.mark.parametrize(
+    "drone, n, words",
+    [
+        ("Default", 4, "rotor 2 lost: the others cannot hold the yaw, coming down"),
+        ("StarOne", 8, "rotor 2 lost: flying on with the other 7"),
+    ],
+)
+def test_a_rotor_that_is_noticed_is_told_once(drone, n, words):
+    console = plain()
+    race = Race(console, drone=drone)
+    race.look(0.1, rotor_losses=[np.inf] * n)
+    for time in (25.1, 25.2):
+        race.look(time, rotor_losses=[np.inf, 25.02, *[np.inf] * (n - 2)])
+    assert console.file.getvalue().splitlines()[2:] == [f"[   25.0 s] {words}"]
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_the_race_goes_on_when_nobody_reads(terminal):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "w") as file:
+        console = _PatientConsole(file=file, force_terminal=terminal)
+        Race(console).fly()
+        assert console.quiet
+    # Closing the file did not raise either: what was held back is gone.
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_the_race_goes_on_when_the_disk_is_full(terminal):
+    with open("/dev/full", "w") as file:
+        console = _PatientConsole(file=file, force_terminal=terminal)
+        Race(console).fly()
+        assert console.quiet

@@ -14,8 +14,9 @@ from airrace.systems.exploring.explorer import Explorer
 from airrace.systems.mapping.gate_mapper import extrapolate
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
 from airrace.systems.sensing import state_estimate as se
-from airrace.systems.types import Detection, Detections, ExplorerStatus, GateMap, make_camera_info
+from airrace.systems.types import Detection, Detections, ExplorerStatus, make_camera_info
 from airrace.track import BOARD_OFFSET, BOARD_SIZE, MARKER_SIZE, Track
+from airrace.track.gate_map import GateMap
 from airrace.trajopt import flat_trajectory as ref
 from airrace.trajopt.flyable import clearance_of
 from airrace.vehicle import CameraMount, load_vehicle
@@ -69,8 +70,8 @@ class SightWorld(LeafSystem):
 
         Args:
             track: with the true gates.
-            seed: of the noise of sightings and state estimate.
-            sight: farthest sighting (m).
+            seed: of the noise of observations and state estimate.
+            sight: farthest observation (m).
             hidden: (ID, p_WB) to whether something else hides a marker.
             perception: of the mapper.
             rate: of the camera (Hz).
@@ -107,9 +108,9 @@ class SightWorld(LeafSystem):
             lambda c, o: o.set_value(self._mapped.gate_map),
             now,
         )
-        self.DeclarePeriodicPublishEvent(1 / rate, 0.5 / rate, self._Look)
+        self.DeclarePeriodicPublishEvent(1 / rate, 0.5 / rate, self._look)
 
-    def _Look(self, context):
+    def _look(self, context):
         time = context.get_time()
         f = self._reference.Eval(context)
         standing = f[2] < self._pad[se.POSITION][2] + 0.01
@@ -120,12 +121,12 @@ class SightWorld(LeafSystem):
         self.path.append(state[se.POSITION])
         X_WC = extrapolate(state, 0.0) @ _INFO.X_BC
         speed = np.linalg.norm(state[se.ANGULAR_VELOCITY])
-        markers = tuple(self._Measure(i, X_WC) for i in self._Seen(X_WC, speed))
+        markers = tuple(self._measure(i, X_WC) for i in self._seen(X_WC, speed))
         self._detections = Detections(time, markers)
         believed = extrapolate(self._estimate, 0.0) @ _INFO.X_BC
         self._mapped = self._mapper.updated(self._mapped, self._detections, believed, _INFO)
 
-    def _Seen(self, X_WC, turn_rate) -> np.ndarray:
+    def _seen(self, X_WC, turn_rate) -> np.ndarray:
         """Returns the indices of the boards that are read in a picture."""
         p_WC = X_WC.translation()
         rays = self._p_WM - p_WC
@@ -146,10 +147,10 @@ class SightWorld(LeafSystem):
         return [
             i
             for i in np.flatnonzero(seen)
-            if not self._hidden(int(self._ids[i]), p_WC) and not self._IsOccluded(i, p_WC)
+            if not self._hidden(int(self._ids[i]), p_WC) and not self._is_occluded(i, p_WC)
         ]
 
-    def _IsOccluded(self, i, p_WC) -> bool:
+    def _is_occluded(self, i, p_WC) -> bool:
         """Whether another pylon stands in the line of sight to a board."""
         others = np.delete(self._pylons, i // 2, axis=0)
         ray = (self._p_WM[i] - p_WC)[:2]
@@ -157,7 +158,7 @@ class SightWorld(LeafSystem):
         gaps = np.linalg.norm(p_WC[:2] + along[:, None] * ray - others, axis=1)
         return bool(gaps.min() < _HIDING_RADIUS)
 
-    def _Measure(self, i, X_WC) -> Detection:
+    def _measure(self, i, X_WC) -> Detection:
         X_CM = X_WC.inverse() @ self._X_WM[i]
         p = X_CM.translation()
         angle = _NOISE / _INFO.K[0, 0]

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram
 from airrace.diagrams.flight import MakeFlight, start_in_flight
 from airrace.scenario import Scenario, load_scenario
 from airrace.systems.control.attitude_error import rotation_matrix
-from airrace.systems.referee_report import RefereeReport
+from airrace.systems.referee_status import RefereeStatus
 from airrace.track import load_track
 from airrace.trajopt import flat_trajectory as ref
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
@@ -38,7 +38,7 @@ class Flown:
     times: np.ndarray
     states: np.ndarray
     losses: np.ndarray
-    report: RefereeReport
+    report: RefereeStatus
 
     @property
     def rotations(self) -> np.ndarray:
@@ -65,7 +65,7 @@ def fly(scenario, reference, duration, **start) -> Flown:
     simulator.reset_context(context)
     start_in_flight(flight, scenario, context, **start)
     simulator.Initialize()
-    names = ("truth.state", "truth.referee_report", "rotor_losses")
+    names = ("truth.state", "truth.referee_status", "rotor_losses")
     state, report, losses = (flight.GetOutputPort(name) for name in names)
     states = []
     while len(states) < round(duration / PERIOD):

@@ -39,7 +39,9 @@ def fly(delay: float, loss: float, *, laps: int, track: str, trajectory: str, se
     with tempfile.TemporaryDirectory() as folder:
         autonomy = Path(folder) / "autonomy"
         autonomy.mkdir()
-        result = run_race(scenario, Path(folder), partner=SimulatedRemote(scenario, link, autonomy))
+        result = run_race(
+            scenario, Path(folder), transport=SimulatedRemote(scenario, link, autonomy)
+        )
     offsets = [max(lap["gate_offsets_m"]) for lap in result["laps"]]
     return {
         "link": dc.asdict(link),

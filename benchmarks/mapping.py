@@ -29,7 +29,7 @@ _REQUIRED = (  # what, case, phase, figure, at most (m, or a share)
     ("true pose, after the laps: mean error", "true pose", 1, "mean", 0.02),
     ("true pose, after the laps: worst marker", "true pose", 1, "worst", 0.05),
     ("2 % gross outliers: worst marker", "outliers", 1, "worst", 0.08),
-    ("good sightings rejected: worst marker", "state noise", 1, "rejected", 0.20),
+    ("good observations rejected: worst marker", "state noise", 1, "rejected", 0.20),
     ("with outliers as well", "outliers", 1, "rejected", 0.20),
 )
 _TIMES_CLOSER = 3.0  # robust than report, on the worst marker, with state noise
@@ -121,7 +121,7 @@ def map_table(results: dict) -> Table:
 def offset_table(results: dict) -> Table:
     """Returns the table of what poses that are too old do to the map, by marker.
 
-    Predicted is what they do to perfect sightings of the same markers; measured is
+    Predicted is what they do to perfect observations of the same markers; measured is
     on refitted corners.
     """
     table = Table(title=f"Shift of the map by poses {1000 * _OFFSET:.0f} ms too old (cm)")

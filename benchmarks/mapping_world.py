@@ -27,7 +27,7 @@ from benchmarks.kinematic_flight import Flight, filtered, fly_laps
 
 CORNERS = ("refitted", "OpenCV")
 _OUTLIER_SIGMA = 3.0  # m, on each coordinate
-_LEAST_SIGHTINGS = 5  # of a marker that is judged
+_LEAST_OBSERVATIONS = 5  # of a marker that is judged
 _CORNER_SIGMA = 0.1  # px, of OpenCV's corners
 
 
@@ -121,32 +121,32 @@ class World:
                 _grossly_wrong(m, rng, injected) if rng.random() < outliers else m
                 for m in frame.markers[corners]
             )
-            X_WC = self._Pose(frame.flight, frame.time - offset, seed) @ self.info.X_BC
+            X_WC = self._pose(frame.flight, frame.time - offset, seed) @ self.info.X_BC
             memory = mapper.updated(memory, Detections(frame.clock, markers), X_WC, self.info)
             if following is None or following.phase > frame.phase:
-                results.append(self._Figures(memory.gate_map, injected))
+                results.append(self._figures(memory.gate_map, injected))
         return results
 
-    def _Pose(self, flight, time, seed) -> RigidTransform:
+    def _pose(self, flight, time, seed) -> RigidTransform:
         """Returns X_WB as the mapper has it: from the filtered estimate before."""
         if seed is None:
             return extrapolate(flight.state(time), 0.0)
-        estimate = self._Estimates(flight, seed)[
+        estimate = self._estimates(flight, seed)[
             int(time * self.scenario.state_estimate.rate + 1e-6)
         ]
         return extrapolate(estimate, time - estimate[se.TIME])
 
     @functools.cache  # noqa: B019  # the world lives as long as the benchmark
-    def _Estimates(self, flight, seed) -> np.ndarray:
+    def _estimates(self, flight, seed) -> np.ndarray:
         return filtered(flight, self.scenario.state_estimate, seed)
 
-    def _Figures(self, gate_map, injected) -> dict:
+    def _figures(self, gate_map, injected) -> dict:
         errors, rejected, derived = {}, [0.0], [0.0]
         for m in gate_map.markers:
             if m.id not in self.boards:
                 continue
             error = m.p_WM - self.boards[m.id].translation()
-            if m.count >= _LEAST_SIGHTINGS:
+            if m.count >= _LEAST_OBSERVATIONS:
                 errors[m.id] = error
                 wrongly = max(m.outliers - injected.get(m.id, 0), 0)
                 rejected.append(wrongly / (m.count + wrongly))

@@ -55,13 +55,13 @@ class Slow(LeafSystem):
     def __init__(self):
         LeafSystem.__init__(self)
         self.DeclareDiscreteState(1)
-        self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.0, self._Update)
-        self.DeclareVectorOutputPort("y", 1, self._CalcY)
+        self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.0, self._update)
+        self.DeclareVectorOutputPort("y", 1, self._calc_y)
 
-    def _Update(self, context, discrete_state):
+    def _update(self, context, discrete_state):
         busy(0.002)
 
-    def _CalcY(self, context, output):
+    def _calc_y(self, context, output):
         busy(0.002)
 
 

@@ -145,7 +145,7 @@ def look_at(eye, target) -> RigidTransform:
 
 def lines_at(run, time, speed) -> list:
     """Returns the lines of the scoreboard of a run at a time (s)."""
-    from airrace.systems.referee_report import GateCrossing, RefereeReport
+    from airrace.systems.referee_status import GateCrossing, RefereeStatus
 
     lap, crossings = run.result["laps"][0], []
     gate_times = [*lap["gate_times_s"], lap["time_s"]]
@@ -153,7 +153,7 @@ def lines_at(run, time, speed) -> list:
         if t <= time:
             crossings.append(GateCrossing(t, k % len(run.track.gates) + 1, 1, 0.0, 0.0))
     over = len(crossings) == len(gate_times)
-    report = RefereeReport(tuple(crossings), over, None, time if over else None, 0)
+    report = RefereeStatus(tuple(crossings), over, None, time if over else None, 0)
     return scoreboard_lines(time, speed, len(run.track.gates), 1, report, ExplorerStatus(done=True))
 
 

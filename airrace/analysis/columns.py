@@ -42,7 +42,7 @@ SIGNALS = {
         "variance_x",
         "variance_y",
         "variance_z",
-        "sightings",
+        "observations",
         "outliers",
     ),
     "gates": ("time", "gate", "x", "y", "z", "heading"),
@@ -189,7 +189,7 @@ def _read_detections(rows, time, message):
 def _read_map(rows, time, message):
     for m in message["statistics"]["markers"]:
         rows["map"].append(
-            (time, m["id"], *m["mean"], *m["variance"], m["sightings"], m["outliers"])
+            (time, m["id"], *m["mean"], *m["variance"], m["observations"], m["outliers"])
         )
     for gate in message["map"]["gates"]:
         rows["gates"].append(

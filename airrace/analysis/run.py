@@ -34,7 +34,7 @@ class Run:
     rotors         a row a rotor and time: speed, command (rad/s), nominal thrust (N)
     detections     a row a marker and image: pose in the camera frame, range
     refused        what looked like a marker and was not taken for one, and why
-    map            a row a marker and second: position, variance, sightings, error
+    map            a row a marker and second: position, variance, observations, error
     gates          a row a gate and second, as the map has them
     plans          a row a plan: when it was made, for which lap, what it promises
     plan_gates     when a plan passes each gate, from gate 1 on

@@ -81,8 +81,8 @@ def _make_geometric_controller(scenario: Scenario):
     return GeometricController(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
 
 
-# Every box, and what makes it unless the scenario's `boxes` names another.
-BOXES = {
+# Every box, and what makes it unless the scenario's `systems` names another.
+SYSTEMS = {
     "aruco_detector": _make_aruco_detector,
     "gate_mapper": _make_gate_mapper,
     "explorer": _make_explorer,
@@ -100,7 +100,7 @@ INPUTS = (
     "camera_info",
     "state_estimate",
     "rotor_speeds",
-    "rotor_report",
+    "rotor_status",
 )
 OUTPUTS = {
     "rotor_speed_command": "geometric_controller",
@@ -120,7 +120,7 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
     """Builds the autonomy of a scenario.
 
     The ports carry the names of what they carry, and ports of the same name
-    are connected: INPUTS come from the Simulation, OUTPUTS from the boxes
+    are connected: INPUTS come from the Simulation, OUTPUTS from the systems
     that make them. All OUTPUTS are also outputs of the diagram. If the camera's
     lens distorts, a Rectifier stands between its images and every box.
 
@@ -130,25 +130,27 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
     Raises:
         UserError: if a box of the scenario cannot be had or does not fit.
     """
-    for name in scenario.boxes:
-        if name not in BOXES:
-            raise UserError(f"boxes.{name} is not a box; the boxes are: {', '.join(BOXES)}.")
-    boxes = {name: make_box(name, scenario) for name in BOXES}
+    for name in scenario.systems:
+        if name not in SYSTEMS:
+            raise UserError(
+                f"systems.{name} is not a system of the autonomy; the systems are: {', '.join(SYSTEMS)}."
+            )
+    systems = {name: make_system(name, scenario) for name in SYSTEMS}
     try:
         bends = scenario.camera.renderer != NO_CAMERA and any(scenario.camera.resolved().distortion)
-        diagram = _wired(boxes, rectify=bends)
+        diagram = _wired(systems, rectify=bends)
     except RuntimeError as e:  # Drake's, on types, sizes and algebraic loops
-        raise UserError(f"The boxes do not fit together: {' '.join(str(e).split())}") from None
+        raise UserError(f"The systems do not fit together: {' '.join(str(e).split())}") from None
     diagram.set_name("autonomy")
     return diagram
 
 
-def _wired(boxes: dict, rectify: bool) -> Diagram:
-    """Returns the diagram of the boxes, joined by the names of their ports."""
+def _wired(systems: dict, rectify: bool) -> Diagram:
+    """Returns the diagram of the systems, joined by the names of their ports."""
     builder = DiagramBuilder()
-    for name, box in boxes.items():
+    for name, box in systems.items():
         builder.AddNamedSystem(name, box)
-    sources = {port: _output(boxes[name], port) for port, name in OUTPUTS.items()}
+    sources = {port: _output(systems[name], port) for port, name in OUTPUTS.items()}
     outputs = dict(sources)
     exported = set()
     if rectify:
@@ -156,7 +158,7 @@ def _wired(boxes: dict, rectify: bool) -> Diagram:
         for name in ("camera_image", "camera_grey", "camera_view", "camera_info"):
             builder.ExportInput(rectifier.GetInputPort(name), name)
             sources[name] = rectifier.GetOutputPort(name)
-    for box in boxes.values():
+    for box in systems.values():
         for i in range(box.num_input_ports()):
             port = box.get_input_port(i)
             name = port.get_name()
@@ -177,27 +179,27 @@ def _wired(boxes: dict, rectify: bool) -> Diagram:
     return builder.Build()
 
 
-def make_box(name: str, scenario: Scenario) -> System:
+def make_system(name: str, scenario: Scenario) -> System:
     """Makes a box by its default or by the scenario's "module:callable"."""
-    if name not in scenario.boxes:
-        return BOXES[name](scenario)
-    path = scenario.boxes[name]
+    if name not in scenario.systems:
+        return SYSTEMS[name](scenario)
+    path = scenario.systems[name]
     module, _, attribute = path.partition(":")
     try:
         make = getattr(importlib.import_module(module), attribute)
     except Exception as e:  # whatever the module does when it is imported
         raise UserError(
-            f"boxes.{name}: '{path}' cannot be imported as module:callable "
+            f"systems.{name}: '{path}' cannot be imported as module:callable "
             f"({_described(e)}); check its spelling and PYTHONPATH."
         ) from e
     try:
         box = make(scenario)
     except Exception as e:
         raise UserError(
-            f"boxes.{name}: {path} cannot be called with the scenario ({_described(e)})."
+            f"systems.{name}: {path} cannot be called with the scenario ({_described(e)})."
         ) from e
     if not isinstance(box, System):
-        raise UserError(f"boxes.{name}: {path} must return a System, not a {type(box).__name__}.")
+        raise UserError(f"systems.{name}: {path} must return a System, not a {type(box).__name__}.")
     return box
 
 

@@ -6,7 +6,6 @@ import time
 from pydrake.systems.analysis import InitializeParams, Simulator
 
 from airrace.diagrams.autonomy import MakeAutonomy
-from airrace.diagrams.transport import LOOK_PERIOD
 from airrace.hitl.channels import AUTONOMY, make_channels
 from airrace.hitl.checkpoint import CHECKPOINT_PERIOD, restore, save
 from airrace.hitl.lcm_bridge import MakeAutonomySide, pictures_wanted
@@ -16,6 +15,7 @@ from airrace.hitl.link.lockstep import Exchange, PeerLost, hear_peer, lockstep_t
 from airrace.hitl.link.probe import CHANNELS, Responder
 from airrace.hitl.planning_worker import PlanningWorker
 from airrace.hitl.remote_autonomy import LOCKSTEP
+from airrace.hitl.transport import LOOK_PERIOD
 from airrace.systems.planning.lap_planner import LapPlanner
 
 LEFT, STOPPED, LOST = 0, 1, 3  # exit codes
@@ -94,7 +94,7 @@ class AutonomyProcess:
             else:
                 self._endpoint.clock.rate = float(rate or 1.0)
                 if isinstance(planner, LapPlanner):
-                    planner.SolveElsewhere(self._worker.submit)
+                    planner.solve_elsewhere(self._worker.submit)
                 code = self._race(resume)
         writer = self._simulator.get_system().GetSubsystemByName("gate_map_writer")
         writer.ForcedPublish(writer.GetMyContextFromRoot(self._context))
@@ -143,7 +143,7 @@ class AutonomyProcess:
                 return self._lost()
         self.start(resume)
         while self._phase() == phases.READY and not self._ended():
-            self._receivers.Receive(self._context, self._endpoint)
+            self._receivers.receive(self._context, self._endpoint)
             self._breathe(phases.READY)
         self._endpoint.clock.restart()
         saved = self._endpoint.now()
@@ -163,7 +163,7 @@ class AutonomyProcess:
 
     def start(self, resume=None) -> None:
         """Initializes the Simulator; see run()."""
-        self._receivers.Receive(self._context, self._endpoint)
+        self._receivers.receive(self._context, self._endpoint)
         if resume:
             self._context.SetTime(self._sim_time())
             restore(resume, self._autonomy, self._context)
@@ -171,12 +171,12 @@ class AutonomyProcess:
 
     def step(self) -> None:
         """Advances to what the simulation's clock shows, with what has come last, and sends."""
-        self._receivers.Receive(self._context, self._endpoint)
+        self._receivers.receive(self._context, self._endpoint)
         clock = self._endpoint.clock
-        delay = self._compensator.Rounded(clock.rate * clock.usual_round_trip, self._delay)
+        delay = self._compensator.rounded(clock.rate * clock.usual_round_trip, self._delay)
         if delay != self._delay:
             self._delay = delay
-            self._compensator.SetDelay(
+            self._compensator.set_delay(
                 self._compensator.GetMyMutableContextFromRoot(self._context), delay
             )
         now = self._sim_time()
@@ -185,7 +185,7 @@ class AutonomyProcess:
             self._initialize(fresh=False)
         elif now > self._context.get_time():
             self._simulator.AdvanceTo(now)
-        self._senders.Send(self._context)
+        self._senders.send(self._context)
 
     def _initialize(self, fresh: bool):
         """Initializes at the context's time; what is known stays unless it is a fresh start."""

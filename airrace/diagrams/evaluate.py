@@ -220,7 +220,7 @@ def evaluate(args, jobs, settings, folder, store) -> int:
     try:
         if missing:
             with connect(args) as client:
-                check_workers(client, jobs[0].versions, jobs[0].boxes)
+                check_workers(client, jobs[0].versions, jobs[0].systems)
                 with display:
                     fly_races(client, missing, keep)
     except KeyboardInterrupt:

@@ -5,7 +5,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource
 
-from airrace.diagrams.autonomy import make_box
+from airrace.diagrams.autonomy import make_system
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.scenario import Scenario
 from airrace.systems.types import ExplorerStatus
@@ -40,31 +40,31 @@ def MakeFlight(scenario: Scenario, reference) -> Diagram:
     """Builds a flight along a reference, in the scenario's world.
 
     It consists of the Simulation, whose camera nobody looks through, and of
-    the boxes of CONTROL, as in the Autonomy. Its outputs are ``truth.state``,
-    ``truth.referee_report``, ``rotor_speeds`` and ``rotor_losses``.
+    the systems of CONTROL, as in the Autonomy. Its outputs are ``truth.state``,
+    ``truth.referee_status``, ``rotor_speeds`` and ``rotor_losses``.
 
     Args:
         scenario: of which track, drone, disturbances, failures, noise, and
-            the boxes of CONTROL matter.
+            the systems of CONTROL matter.
         reference: time (s) to the vector of trajopt/flat_trajectory.py, (18,).
     """
     builder = DiagramBuilder()
     simulation = builder.AddSystem(MakeSimulation(scenario))
-    boxes = [builder.AddNamedSystem(name, make_box(name, scenario)) for name in CONTROL]
+    systems = [builder.AddNamedSystem(name, make_system(name, scenario)) for name in CONTROL]
     source = builder.AddNamedSystem("reference_source", ReferenceSource(reference))
     status = builder.AddSystem(ConstantValueSource(Value[object](ExplorerStatus(done=True))))
     builder.Connect(status.get_output_port(), simulation.GetInputPort("explorer_status"))
-    for system in (simulation, *boxes):
+    for system in (simulation, *systems):
         for i in range(system.num_input_ports()):
             name = system.get_input_port(i).get_name()
-            for producer in (simulation, source, *boxes):
+            for producer in (simulation, source, *systems):
                 if producer.HasOutputPort(name) and not name.startswith("truth."):
                     builder.Connect(producer.GetOutputPort(name), system.get_input_port(i))
     for system, name in (
         (simulation, "truth.state"),
-        (simulation, "truth.referee_report"),
+        (simulation, "truth.referee_status"),
         (simulation, "rotor_speeds"),
-        (boxes[0], "rotor_losses"),
+        (systems[0], "rotor_losses"),
     ):
         builder.ExportOutput(system.GetOutputPort(name), name)
     diagram = builder.Build()
@@ -93,4 +93,4 @@ def start_in_flight(
     wrench = [vehicle.mass * GRAVITY, 0.0, 0.0, 0.0]
     speeds = np.sqrt(np.linalg.pinv(vehicle.allocation) @ wrench / vehicle.thrust_coefficients)
     rotors = simulation.GetSubsystemByName("rotor_bank")
-    rotors.SetSpeeds(rotors.GetMyMutableContextFromRoot(context), speeds)
+    rotors.set_speeds(rotors.GetMyMutableContextFromRoot(context), speeds)

@@ -54,7 +54,7 @@ def prepared(scenario: Scenario, lockstep: bool) -> Scenario:
 
 
 @contextlib.contextmanager
-def remote_partner(
+def remote_transport(
     scenario: Scenario,
     output_dir: Path,
     *,
@@ -173,7 +173,7 @@ def files_of(scenario: Scenario) -> dict[str, bytes]:
             if path.is_file():
                 files[f"drone/{path.relative_to(folder).as_posix()}"] = path.read_bytes()
         scenario = dc.replace(scenario, drone="./drone")
-    for box in scenario.boxes.values():
+    for box in scenario.systems.values():
         files |= _module_files(box.partition(":")[0].partition(".")[0])
     files["scenario.yaml"] = scenario_yaml(scenario, absolute=False).encode()
     return files

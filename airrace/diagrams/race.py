@@ -295,14 +295,14 @@ def report_after(wanted: bool, folder: Path, work):
         write()
 
 
-def make_partner(args, scenario, output_dir: Path, note):
-    """Returns a context manager of where the autonomy is: None, or see remote_partner()."""
+def make_transport(args, scenario, output_dir: Path, note):
+    """Returns a context manager of where the autonomy is: None, or see remote_transport()."""
     make_companion = ssh_companions(args)
     if args.simulation == "SITL":
         return contextlib.nullcontext()
-    from airrace.diagrams.hitl_race import default_url, remote_partner
+    from airrace.diagrams.hitl_race import default_url, remote_transport
 
-    return remote_partner(
+    return remote_transport(
         scenario,
         output_dir,
         companion=args.companion,
@@ -334,10 +334,10 @@ def run(args) -> int:
         with (
             contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display,
             report_after(args.report, output_dir, display.work),
-            make_partner(args, scenario, output_dir, display.note) as partner,
+            make_transport(args, scenario, output_dir, display.note) as transport,
         ):
             result = run_race(
-                scenario, output_dir, meshcat=meshcat, show=display.show, partner=partner
+                scenario, output_dir, meshcat=meshcat, show=display.show, transport=transport
             )
     display.print_summary(result, output_dir)
     return 0 if result["finished"] else 1

@@ -11,7 +11,7 @@ import sys
 import threading
 from pathlib import Path
 
-SCENARIO, TRACK, DRONE, RESULTS = "scenario.yaml", "track.yaml", "drone", "results"
+from airrace.evaluation.worker import DRONE, RESULTS, SCENARIO, TRACK
 
 
 def main(folder: Path) -> int:

@@ -11,14 +11,15 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from airrace.common.errors import UserError
 from airrace.common.files import write_json, write_text
-from airrace.diagrams.simulation import FollowGates, MakeSimulation
-from airrace.diagrams.transport import LOOK_PERIOD, InProcess
-from airrace.recording.race_record import RaceRecord
+from airrace.diagrams.in_process import InProcess
+from airrace.diagrams.simulation import MakeSimulation, follow_gates
+from airrace.hitl.transport import LOOK_PERIOD
+from airrace.recording.race_result import RaceResult
 from airrace.recording.wiring import AddRecorder, close_recording
 from airrace.scenario import Scenario, scenario_yaml
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
-from airrace.systems.types import GateMap
 from airrace.track import load_track
+from airrace.track.gate_map import GateMap
 from airrace.track.map_files import write_map
 from airrace.visualization.controls import RaceControls
 from airrace.visualization.race_view import AddVisualization, end_live_view, view_director
@@ -38,7 +39,7 @@ _REPLAY_RATE, _REPLAY_RATE_OF_MOVING_GATES = 30.0, 10.0
 
 
 def MakeRace(
-    scenario: Scenario, output_dir: Path | None = None, meshcat=None, partner=None
+    scenario: Scenario, output_dir: Path | None = None, meshcat=None, transport=None
 ) -> Diagram:
     """Builds a whole race: two subsystems, ``simulation`` and ``autonomy``.
 
@@ -49,7 +50,7 @@ def MakeRace(
         scenario: the race.
         output_dir: where the map and the recording are kept on disk; None: nowhere.
         meshcat: a Meshcat to show the race in, or None.
-        partner: where the autonomy is, see transport.py; by default, in the diagram.
+        transport: where the autonomy is, see transport.py; by default, in the diagram.
 
     Raises:
         UserError: if something the scenario names cannot be had, or the recording
@@ -58,9 +59,11 @@ def MakeRace(
     builder = DiagramBuilder()
     simulation = builder.AddSystem(MakeSimulation(scenario, meshcat))
     try:
-        autonomy = (partner or InProcess()).AddTo(builder, scenario, simulation)
-    except RuntimeError as e:  # only boxes of the scenario can have such ports
-        raise UserError(f"The ports of the boxes do not fit: {' '.join(str(e).split())}") from None
+        autonomy = (transport or InProcess()).AddToBuilder(builder, scenario, simulation)
+    except RuntimeError as e:  # only systems of the scenario can have such ports
+        raise UserError(
+            f"The ports of the systems do not fit: {' '.join(str(e).split())}"
+        ) from None
     if output_dir is not None:
         writer = builder.AddNamedSystem("gate_map_writer", GateMapWriter(directory=output_dir))
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
@@ -68,7 +71,7 @@ def MakeRace(
     if meshcat is not None:
         AddVisualization(builder, scenario, simulation, autonomy, meshcat)
     outputs = [
-        (simulation, "truth.referee_report"),
+        (simulation, "truth.referee_status"),
         (simulation, "truth.state"),
         (autonomy, "explorer_status"),
         (autonomy, "gate_map"),
@@ -90,7 +93,7 @@ def run_race(
     *,
     meshcat=None,
     show=lambda record, look: None,
-    partner=None,
+    transport=None,
 ) -> dict:
     """Flies a race and leaves its files.
 
@@ -101,9 +104,9 @@ def run_race(
         scenario: the race.
         output_dir: an existing folder.
         meshcat: a Meshcat to show the race in, or None.
-        show: called at every look with the RaceRecord and a namespace of
+        show: called at every look with the RaceResult and a namespace of
             ``time`` (s), ``laps_ended`` and the values of the race's outputs.
-        partner: where the autonomy is; see MakeRace().
+        transport: where the autonomy is; see MakeRace().
 
     Returns:
         what race.json holds.
@@ -112,18 +115,18 @@ def run_race(
         UserError: if something the scenario names cannot be had, or a file
             cannot be written.
     """
-    partner = partner or InProcess()
-    race = MakeRace(scenario, output_dir, meshcat, partner)
+    transport = transport or InProcess()
+    race = MakeRace(scenario, output_dir, meshcat, transport)
     simulator = Simulator(race)
     ApplySimulatorConfig(scenario.simulator_config, simulator)
-    record = RaceRecord(scenario, load_track(scenario.track), partner.simulation)
+    record = RaceResult(scenario, load_track(scenario.track), transport.simulation)
     controls = None
-    if meshcat is not None and isinstance(partner, InProcess):  # others keep their own time
+    if meshcat is not None and isinstance(transport, InProcess):  # others keep their own time
         controls = RaceControls(meshcat, simulator, view_director(race))
     clock = time.perf_counter()
 
     def save(reason):
-        wall = partner.wall(simulator)
+        wall = transport.wall(simulator)
         data = record.data(time.perf_counter() - clock, reason, wall)
         write_json(output_dir / "race.json", data)
         return data
@@ -154,19 +157,19 @@ def run_race(
                     set_visualizations_while_recording=True,
                 )
             simulator.Initialize()
-            partner.begin(simulator)
+            transport.begin(simulator)
             outputs = (race.get_output_port(i) for i in range(race.num_output_ports()))
             ports = {port.get_name().removeprefix("truth."): port for port in outputs}
             looks, stuck = 0, None
             while not record.report.over and not interrupted.is_set and not stuck:
                 looks += 1
-                stuck = partner.advance(simulator, looks * LOOK_PERIOD)
-                FollowGates(race.GetSubsystemByName("simulation"), simulator.get_mutable_context())
+                stuck = transport.advance(simulator, looks * LOOK_PERIOD)
+                follow_gates(race.GetSubsystemByName("simulation"), simulator.get_mutable_context())
                 look = _look(ports, simulator.get_context())
-                look.referee_report = partner.judged(look.referee_report, simulator)
+                look.referee_status = transport.judged(look.referee_status, simulator)
                 look.laps_ended = record.observe(
                     look.time,
-                    look.referee_report,
+                    look.referee_status,
                     look.explorer_status,
                     look.gate_map,
                     look.lap_plan,
@@ -187,12 +190,12 @@ def run_race(
                 save_map,
                 save_recording,
                 save_replay,
-                lambda: partner.end(simulator),
+                lambda: transport.end(simulator),
             ):
                 with contextlib.suppress(Exception):
                     step()
             raise
-        partner.end(simulator)
+        transport.end(simulator)
         data = save(stuck or "interrupted")
         save_map()
         save_recording()

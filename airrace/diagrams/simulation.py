@@ -11,7 +11,7 @@ from pydrake.systems.primitives import DiscreteTimeDelay, DiscreteTimeIntegrator
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.pad import AddPad, start_pose
-from airrace.rendering.scene.scenery import AddScenery, MoveGates
+from airrace.rendering.scene.scenery import AddScenery, move_gates
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.scenario import Scenario
 from airrace.scenario.camera import NO_CAMERA
@@ -38,10 +38,10 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     drawn where somebody looks, CameraView),
     ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
     (see systems/state_estimate.py), ``rotor_speeds`` (rad/s) and
-    ``rotor_report`` (see RotorBank) of the motor controllers. Truth, for judges
-    and spectators only: ``truth.state`` (13), ``truth.referee_report``
-    (RefereeReport), and if gates move, ``truth.gate_shifts`` (see GateMover),
-    which the plant's bodies follow when FollowGates() is called.
+    ``rotor_status`` (see RotorBank) of the motor controllers. Truth, for judges
+    and spectators only: ``truth.state`` (13), ``truth.referee_status``
+    (RefereeStatus), and if gates move, ``truth.gate_shifts`` (see GateMover),
+    which the plant's bodies follow when follow_gates() is called.
 
     The drone that flies is the scenario's with the errors of its disturbances.
 
@@ -75,10 +75,10 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
         truth,
         rate=scenario.rotors.rate,
         failures=[(f.rotor - 1, f.time) for f in scenario.rotor_failures],
-        forces=_AddAir(builder, plant, state, truth, scenario),
+        forces=_add_air(builder, plant, state, truth, scenario),
         visible=meshcat is not None,
     )
-    command = _AddDelay(
+    command = _add_delay(
         builder,
         rotors.GetInputPort("rotor_speed_command"),
         delay=scenario.disturbances.actuator_delay,
@@ -87,7 +87,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
 
     camera = None
     if scenario.camera.renderer != NO_CAMERA:
-        camera = _AddCamera(builder, scene_graph, scenario, track, vehicle)
+        camera = _add_camera(builder, scene_graph, scenario, track, vehicle)
         builder.Connect(state, camera.GetInputPort("state"))
     noisy = scenario.state_noise != "none"
     estimate = builder.AddNamedSystem(
@@ -116,7 +116,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
         ),
     )
     builder.Connect(state, referee.GetInputPort("state"))
-    _ConnectContacts(builder, plant, scene_graph, referee)
+    _connect_contacts(builder, plant, scene_graph, referee)
     if moving:
         mover = builder.AddNamedSystem(
             "gate_mover",
@@ -140,16 +140,16 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
         port = camera.get_output_port(i)
         builder.ExportOutput(port, port.get_name())
     builder.ExportOutput(estimate.GetOutputPort("state_estimate"), "state_estimate")
-    for name in ("rotor_speeds", "rotor_report"):
+    for name in ("rotor_speeds", "rotor_status"):
         builder.ExportOutput(rotors.GetOutputPort(name), name)
     builder.ExportOutput(state, "truth.state")
-    builder.ExportOutput(referee.GetOutputPort("report"), "truth.referee_report")
+    builder.ExportOutput(referee.GetOutputPort("report"), "truth.referee_status")
     diagram = builder.Build()
     diagram.set_name("simulation")
     return diagram
 
 
-def FollowGates(simulation: Diagram, context) -> None:
+def follow_gates(simulation: Diagram, context) -> None:
     """Moves the bodies of the gates to where GateMover says that they stand.
 
     Who runs the simulation calls it now and then: a gate only moves when the drone
@@ -163,10 +163,10 @@ def FollowGates(simulation: Diagram, context) -> None:
         port = simulation.GetOutputPort("truth.gate_shifts")
         shifts = port.Eval(simulation.GetMyContextFromRoot(context))
         plant = simulation.GetSubsystemByName("plant")
-        MoveGates(plant, plant.GetMyMutableContextFromRoot(context), shifts.reshape(-1, 2))
+        move_gates(plant, plant.GetMyMutableContextFromRoot(context), shifts.reshape(-1, 2))
 
 
-def _AddAir(builder, plant, state, vehicle: Vehicle, scenario) -> list:
+def _add_air(builder, plant, state, vehicle: Vehicle, scenario) -> list:
     """Adds wind and drag; returns the output ports of their forces, if any."""
     config = scenario.disturbances
     if config.drag == 0.0:
@@ -181,7 +181,7 @@ def _AddAir(builder, plant, state, vehicle: Vehicle, scenario) -> list:
     return [drag.GetOutputPort("spatial_forces")]
 
 
-def _ConnectContacts(builder, plant, scene_graph: SceneGraph, referee: Referee) -> None:
+def _connect_contacts(builder, plant, scene_graph: SceneGraph, referee: Referee) -> None:
     """Shows the referee every contact of the drone, however short."""
     drone = plant.GetBodyByName("body").model_instance()
     impulse = builder.AddNamedSystem(
@@ -198,7 +198,7 @@ def _ConnectContacts(builder, plant, scene_graph: SceneGraph, referee: Referee) 
         builder.Connect(port, referee.GetInputPort(name))
 
 
-def _AddDelay(builder, port, *, delay: float, period: float):
+def _add_delay(builder, port, *, delay: float, period: float):
     """Adds a delay (s) before an input port; returns the port that is then open."""
     if delay == 0.0:
         return port
@@ -210,7 +210,7 @@ def _AddDelay(builder, port, *, delay: float, period: float):
     return box.get_input_port()
 
 
-def _AddCamera(builder, scene_graph: SceneGraph, scenario, track, vehicle: Vehicle) -> Camera:
+def _add_camera(builder, scene_graph: SceneGraph, scenario, track, vehicle: Vehicle) -> Camera:
     config = scenario.camera
     effects = config.resolved()
     info = make_camera_info(

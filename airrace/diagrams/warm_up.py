@@ -36,11 +36,11 @@ def warm_up(scenario: Scenario, briefly: bool = False) -> None:
     """
     scenario = dc.replace(scenario, link_delay=LINK_DELAY)
     with tempfile.TemporaryDirectory() as folder:
-        partner = SimulatedRemote(scenario, LINK, Path(folder))
-        simulator = Simulator(MakeRace(scenario, partner=partner))
+        transport = SimulatedRemote(scenario, LINK, Path(folder))
+        simulator = Simulator(MakeRace(scenario, transport=transport))
         simulator.Initialize()
-        partner.begin(simulator)
-        partner.advance(simulator, _BRIEF if briefly else _TIME)
+        transport.begin(simulator)
+        transport.advance(simulator, _BRIEF if briefly else _TIME)
 
 
 def compile_apart(scenario: Scenario) -> None:

@@ -92,15 +92,15 @@ def running_cluster(address: str) -> Iterator[Client]:
         yield client
 
 
-def check_workers(client: Client, expected: dict, boxes: dict) -> None:
+def check_workers(client: Client, expected: dict, systems: dict) -> None:
     """Raises UserError if a worker has another airrace or other libraries.
 
     Args:
         client: of the cluster.
         expected: versions() of this process.
-        boxes: of the scenario.
+        systems: of the scenario.
     """
-    for worker, actual in client.run(versions, boxes, on_error="return").items():
+    for worker, actual in client.run(versions, systems, on_error="return").items():
         if isinstance(actual, BaseException):
             clause = f"cannot import airrace ({_words(actual)})"
         else:

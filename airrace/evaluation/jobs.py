@@ -30,7 +30,7 @@ def make_jobs(scenario: Scenario, seeds, tracks) -> list[RaceJob]:
         UserError: if the drone's folder is too large.
     """
     drone = {} if scenario.drone in DRONES else _drone_files(scenario.drone)
-    flying = versions(scenario.boxes)
+    flying = versions(scenario.systems)
     track = Scenario().track
     return [
         RaceJob(
@@ -39,7 +39,7 @@ def make_jobs(scenario: Scenario, seeds, tracks) -> list[RaceJob]:
             gates=len(track_.gates),
             length=_length(track_),
             drone=drone,
-            boxes=dict(scenario.boxes),
+            systems=dict(scenario.systems),
             versions=flying,
             scenario=yaml_dump_typed(
                 dc.replace(scenario, seed=seed, track=track), schema=Scenario, child_name="Defaults"

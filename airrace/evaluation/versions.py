@@ -13,14 +13,14 @@ from airrace.common.resources import models_path
 _MISSING = "missing"
 
 
-def versions(boxes: dict) -> dict:
+def versions(systems: dict) -> dict:
     """Returns names and versions of what flies a race in this Python.
 
-    airrace, which may be a checkout with changes, and the modules of boxes are
+    airrace, which may be a checkout with changes, and the modules of systems are
     told apart by the contents of their files.
 
     Args:
-        boxes: of a Scenario.
+        systems: of a Scenario.
     """
     import cv2
     import numpy
@@ -32,7 +32,7 @@ def versions(boxes: dict) -> dict:
         "numpy": numpy.__version__,
         "opencv": cv2.__version__,
     }
-    for name in sorted({path.partition(":")[0].partition(".")[0] for path in boxes.values()}):
+    for name in sorted({path.partition(":")[0].partition(".")[0] for path in systems.values()}):
         if name != "airrace":
             result[name] = _module_digest(name)
     return result

@@ -18,9 +18,10 @@ from pathlib import Path
 
 import airrace
 from airrace.common.processes import ONE_THREAD
-from airrace.diagrams.race_process import DRONE, RESULTS, SCENARIO, TRACK
 from airrace.evaluation.versions import mismatch, versions
 
+# What is in the folder of one race; diagrams/race_process.py flies it.
+SCENARIO, TRACK, DRONE, RESULTS = "scenario.yaml", "track.yaml", "drone", "results"
 _KILLS = (signal.SIGHUP, signal.SIGINT, signal.SIGKILL, signal.SIGTERM)
 _TAIL = 4000  # characters kept of what a crashed race wrote
 _NO_RESULT = {
@@ -50,7 +51,7 @@ class RaceJob:
         scenario: a scenario file; its track is not used.
         drone: contents of the files of the drone's folder by relative names;
             empty for a shipped drone.
-        boxes: of the scenario.
+        systems: of the scenario.
         versions: see versions(); a worker with others does not fly the race.
     """
 
@@ -60,7 +61,7 @@ class RaceJob:
     length: float
     scenario: str
     drone: dict
-    boxes: dict
+    systems: dict
     versions: dict
 
 
@@ -84,7 +85,7 @@ def fly(job: RaceJob, evaluation: str) -> dict:
     Raises:
         RaceKilled: if it was killed from outside.
     """
-    differs = mismatch(job.versions, versions(job.boxes))
+    differs = mismatch(job.versions, versions(job.systems))
     if differs:
         return {
             "seed": job.seed,

@@ -14,9 +14,10 @@ from airrace.hitl.link.endpoint import Channel
 from airrace.hitl.link.packets import MALFORMED, Dropped
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.referee_report import RefereeReport
+from airrace.systems.referee_status import RefereeStatus
 from airrace.systems.sensing import state_estimate as se
-from airrace.systems.types import ExplorerStatus, GateMap
+from airrace.systems.types import ExplorerStatus
+from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
 
 SIMULATION, AUTONOMY = "simulation", "autonomy"
@@ -84,11 +85,11 @@ PICTURES = {
 def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[Row, ...]:
     """Returns the rows of a scenario's race.
 
-    ``truth.referee_report`` is for spectators on the network: the autonomy does not listen.
+    ``truth.referee_status`` is for spectators on the network: the autonomy does not listen.
 
     Args:
         scenario: the race.
-        wanted: which ports of PICTURES the autonomy's boxes look at.
+        wanted: which ports of PICTURES the autonomy's systems look at.
     """
     n = len(load_vehicle(scenario.drone)[0].rotors)
     zeros = np.zeros
@@ -116,14 +117,14 @@ def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[Row, ...
         ),
         _rotors(scenario, n),
         _row(
-            "truth.referee_report",
+            "truth.referee_status",
             "REFEREE_REPORT",
-            lcmtypes.lcmt_referee_report,
+            lcmtypes.lcmt_referee_status,
             SIMULATION,
             10.0,
-            messages.encode_referee_report,
-            messages.decode_referee_report,
-            RefereeReport((), False, None, None, 0),
+            messages.encode_referee_status,
+            messages.decode_referee_status,
+            RefereeStatus((), False, None, None, 0),
         ),
         _row(
             "rotor_speed_command",
@@ -210,14 +211,14 @@ def _rotors(scenario: Scenario, n: int) -> Row:
     """Returns the row of what the motor controllers of n rotors report."""
     # The report first: its time tells that it is a new one.
     return Row(
-        ("rotor_report", "rotor_speeds"),
+        ("rotor_status", "rotor_speeds"),
         "AIRRACE_ROTOR_REPORT",
-        lcmtypes.lcmt_rotor_report,
+        lcmtypes.lcmt_rotor_status,
         SIMULATION,
         scenario.rotors.rate,
-        lambda lossless, **values: messages.encode_rotor_report(**values),
-        _sized(messages.decode_rotor_report, n),
-        {"rotor_report": np.zeros(1 + 2 * n), "rotor_speeds": np.zeros(n)},
+        lambda lossless, **values: messages.encode_rotor_status(**values),
+        _sized(messages.decode_rotor_status, n),
+        {"rotor_status": np.zeros(1 + 2 * n), "rotor_speeds": np.zeros(n)},
     )
 
 

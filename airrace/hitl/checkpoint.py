@@ -11,11 +11,11 @@ CHECKPOINT_PERIOD = 1.0  # s
 
 
 def save(folder: Path, autonomy, root_context) -> None:
-    """Writes the state of all boxes of an autonomy.
+    """Writes the state of all systems of an autonomy.
 
     Args:
         folder: where CHECKPOINT goes.
-        autonomy: the diagram of the boxes.
+        autonomy: the diagram of the systems.
         root_context: of the diagram that it is part of.
     """
     states = {}
@@ -35,7 +35,7 @@ def save(folder: Path, autonomy, root_context) -> None:
 
 
 def restore(folder: Path, autonomy, root_context) -> None:
-    """Gives the boxes the state that save() has written.
+    """Gives the systems the state that save() has written.
 
     Only of folders whose owner you trust: a pickle can run code.
 
@@ -59,7 +59,7 @@ def restore(folder: Path, autonomy, root_context) -> None:
             f"--resume {folder} has no {CHECKPOINT} ({e.strerror}); name the --output folder of "
             "the autonomy that has ended."
         ) from None
-    except Exception as e:  # whatever a pickle of other boxes makes of itself
+    except Exception as e:  # whatever a pickle of other systems makes of itself
         raise UserError(
             f"{path} does not fit this scenario ({type(e).__name__}: {e}); start without --resume."
         ) from None

@@ -32,7 +32,7 @@ class Receivers:
         self.diagram: Diagram = builder.Build()
         self._shown = {}  # channel to sequence number
 
-    def Receive(self, root_context, endpoint) -> bool:
+    def receive(self, root_context, endpoint) -> bool:
         """Shows the newest values that have come; returns whether there was something new.
 
         Args:
@@ -48,7 +48,7 @@ class Receivers:
             if mark != self._shown.get(receiver.channel):
                 self._shown[receiver.channel] = mark
                 context = receiver.GetMyMutableContextFromRoot(root_context)
-                receiver.Receive(context, received.value, received.stamp.time)
+                receiver.receive(context, received.value, received.stamp.time)
                 new = True
         return new
 
@@ -84,16 +84,16 @@ class Senders:
                 builder.Connect(source.GetOutputPort(port), sender.GetInputPort(port))
             self.senders.append(sender)
 
-    def Forget(self) -> None:
+    def forget(self) -> None:
         """Forgets what was sent, so that everything is sent again."""
         for sender in self.senders:
-            sender.Forget()
+            sender.forget()
 
-    def Send(self, root_context) -> list:
+    def send(self, root_context) -> list:
         """Sends what is due; returns the senders that sent something, with its bytes."""
         sent, now = [], root_context.get_time()
         for sender in self.senders:
-            if sender.IsEarly(now):
+            if sender.is_early(now):
                 continue
             sender.last_message = None
             sender.ForcedPublish(sender.GetMyContextFromRoot(root_context))
@@ -103,7 +103,7 @@ class Senders:
 
 
 def pictures_wanted(autonomy: Diagram) -> tuple:
-    """Returns which ports of PICTURES the boxes of an autonomy look at."""
+    """Returns which ports of PICTURES the systems of an autonomy look at."""
     names = {
         box.get_input_port(i).get_name()
         for box in autonomy.GetSystems()
@@ -130,7 +130,7 @@ def MakeAutonomySide(scenario, autonomy: Diagram, rows, role, endpoint, lossless
     receivers = Receivers(rows, role)
     builder.AddSystem(receivers.diagram)
     receivers.diagram.set_name(SIMULATION)
-    boxes = [receivers.diagram]
+    systems = [receivers.diagram]
     compensator = None
     if not lossless:
         compensator = builder.AddNamedSystem(
@@ -140,15 +140,15 @@ def MakeAutonomySide(scenario, autonomy: Diagram, rows, role, endpoint, lossless
             ),
         )
         for name, box in (
-            ("state_estimate", boxes[0]),
-            ("rotor_speeds", boxes[0]),
+            ("state_estimate", systems[0]),
+            ("rotor_speeds", systems[0]),
             ("rotor_speed_command", autonomy),
         ):
             builder.Connect(box.GetOutputPort(name), compensator.GetInputPort(name))
-        boxes.insert(0, compensator)
+        systems.insert(0, compensator)
     for i in range(autonomy.num_input_ports()):
         port = autonomy.get_input_port(i)
-        source = next((box for box in boxes if box.HasOutputPort(port.get_name())), None)
+        source = next((box for box in systems if box.HasOutputPort(port.get_name())), None)
         if source is not None:
             builder.Connect(source.GetOutputPort(port.get_name()), port)
     senders = Senders(builder, autonomy, rows, role, endpoint, lossless)

@@ -32,14 +32,14 @@ class LcmReceiver(LeafSystem):
         for port in row.ports:
             model = row.model(port)
             if isinstance(model, int):
-                self.DeclareVectorOutputPort(port, model, self._Calc(port), ticket)
+                self.DeclareVectorOutputPort(port, model, self._calc(port), ticket)
             else:
-                self.DeclareAbstractOutputPort(port, model.Clone, self._Calc(port), ticket)
+                self.DeclareAbstractOutputPort(port, model.Clone, self._calc(port), ticket)
 
         self.DeclareVectorOutputPort(
             f"{row.ports[0]}_time",
             1,
-            lambda context, output: output.SetAtIndex(0, self._Now(context).time),
+            lambda context, output: output.SetAtIndex(0, self._now(context).time),
             ticket,
         )
 
@@ -48,15 +48,15 @@ class LcmReceiver(LeafSystem):
         """That it holds the values of."""
         return self._row.channel
 
-    def Receive(self, context, values: dict, time: float) -> None:
+    def receive(self, context, values: dict, time: float) -> None:
         """Shows other values, by port, that were sent at a simulated time (s)."""
         context.SetAbstractState(int(self._shown), _Values(values, time))
 
-    def _Now(self, context):
+    def _now(self, context):
         return context.get_abstract_state(int(self._shown)).get_value()
 
-    def _Calc(self, port):
-        return lambda context, output: output.set_value(self._Now(context).by_port[port])
+    def _calc(self, port):
+        return lambda context, output: output.set_value(self._now(context).by_port[port])
 
 
 class _Values(Immutable):

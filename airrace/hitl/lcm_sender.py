@@ -48,7 +48,7 @@ class LcmSender(LeafSystem):
         # What was sent is output, not state: nothing in the diagram depends on it.
         self._sent, self._sent_at, self._encode_time, self._count = None, -np.inf, 0.0, 0
         self.last_message = None  # its bytes
-        self.DeclareForcedPublishEvent(self._Send)
+        self.DeclareForcedPublishEvent(self._send)
 
     @property
     def row(self):
@@ -60,21 +60,21 @@ class LcmSender(LeafSystem):
         """What encoding a message takes, on average (s)."""
         return self._encode_time / max(self._count, 1)
 
-    def IsEarly(self, now: float) -> bool:
+    def is_early(self, now: float) -> bool:
         """Whether nothing can be due at a time (s), whatever the values are."""
         return not self._lossless and now - self._sent_at < min(self._waits.values())
 
-    def Forget(self) -> None:
+    def forget(self) -> None:
         """Forgets what was sent, so that everything is sent again."""
         self._sent, self._sent_at = None, -np.inf
 
-    def _Send(self, context):
+    def _send(self, context):
         first = self._row.ports[0]
         value = self.GetInputPort(first).Eval(context)
         # What tells one value from another: cheap, and NaN is as good as any number.
         mark = value.tobytes() if isinstance(value, np.ndarray) else value
         now = context.get_time()
-        if not self._IsDue(mark, now):
+        if not self._is_due(mark, now):
             return
         clock = time.perf_counter()
         others = {port: self.GetInputPort(port).Eval(context) for port in self._row.ports[1:]}
@@ -84,7 +84,7 @@ class LcmSender(LeafSystem):
         self._encode_time += time.perf_counter() - clock
         self._count += 1
 
-    def _IsDue(self, mark, now) -> bool:
+    def _is_due(self, mark, now) -> bool:
         same = mark is self._sent or (isinstance(mark, bytes) and mark == self._sent)
         if self._lossless:
             return not same

@@ -3,12 +3,12 @@
 import dataclasses as dc
 import time
 
-from airrace.diagrams.transport import LOOK_PERIOD
 from airrace.hitl.channels import SIMULATION
 from airrace.hitl.lcm_bridge import Receivers, Senders
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD
 from airrace.hitl.link.lockstep import Exchange, PeerLost, hear_peer, lockstep_times
+from airrace.hitl.transport import LOOK_PERIOD
 from airrace.systems.control.command_watchdog import HOVER, LAND, AddCommandWatchdog
 
 LOCKSTEP, REAL_TIME = "lockstep", "realtime"  # what the simulation's heartbeats say
@@ -25,7 +25,7 @@ class Remote:
     mode = ""
 
     def __init__(self, rows, endpoint, poll=lambda: None):
-        """Constructs the partner.
+        """Constructs the transport.
 
         Args:
             rows: of diagrams/channels.py.
@@ -36,11 +36,11 @@ class Remote:
         self._rows, self._endpoint, self._poll = rows, endpoint, poll
         self._beaten = self._shown = -1.0
 
-    def AddTo(self, builder, scenario, simulation):
+    def AddToBuilder(self, builder, scenario, simulation):
         self._receivers = Receivers(self._rows, SIMULATION)
         autonomy = builder.AddSystem(self._receivers.diagram)
         autonomy.set_name("autonomy")
-        self._AddCommand(builder, scenario, simulation, autonomy)
+        self._add_command(builder, scenario, simulation, autonomy)
         builder.Connect(
             autonomy.GetOutputPort("explorer_status"), simulation.GetInputPort("explorer_status")
         )
@@ -85,7 +85,7 @@ class LockstepRemote(Remote):
 
     mode = LOCKSTEP
 
-    def _AddCommand(self, builder, scenario, simulation, autonomy):
+    def _add_command(self, builder, scenario, simulation, autonomy):
         builder.Connect(
             autonomy.GetOutputPort("rotor_speed_command"),
             simulation.GetInputPort("rotor_speed_command"),
@@ -135,7 +135,7 @@ class RealTimeRemote(Remote):
         self._start = self._late = 0.0  # by the endpoint's clock, s
         self._ticks = 0
 
-    def _AddCommand(self, builder, scenario, simulation, autonomy):
+    def _add_command(self, builder, scenario, simulation, autonomy):
         self._watchdog = AddCommandWatchdog(builder, scenario, simulation, autonomy)
 
     def begin(self, simulator):
@@ -157,8 +157,8 @@ class RealTimeRemote(Remote):
         self._poll()
         if self._endpoint.now() - self._shown > 2 * HEARTBEAT_PERIOD:
             self._shown = self._endpoint.now()
-            self._senders.Forget()
-            self._senders.Send(context)
+            self._senders.forget()
+            self._senders.send(context)
 
     def advance(self, simulator, end):
         self._poll()
@@ -167,9 +167,9 @@ class RealTimeRemote(Remote):
         while context.get_time() < end:
             tick = min((self._ticks + 1) * _TICK, end)
             self._wait_for(tick, context.get_time())
-            self._receivers.Receive(context, self._endpoint)
+            self._receivers.receive(context, self._endpoint)
             simulator.AdvanceTo(tick)
-            self._senders.Send(context)
+            self._senders.send(context)
             self._ticks += tick < end or tick == (self._ticks + 1) * _TICK
         return self._given_up(context)
 
@@ -191,7 +191,7 @@ class RealTimeRemote(Remote):
             self._endpoint.beat(phases.RACING, sim_time, f"{REAL_TIME} {self._rate!r}")
 
     def wall(self, simulator):
-        m = self._Watchdog(simulator.get_context())
+        m = self._watchdog_memory(simulator.get_context())
         result = super().wall(simulator)
         result["link"] |= {
             "late_s": self._late,
@@ -205,7 +205,7 @@ class RealTimeRemote(Remote):
         return result
 
     def judged(self, report, simulator):
-        m = self._Watchdog(simulator.get_context())
+        m = self._watchdog_memory(simulator.get_context())
         if report.dnf_reason is None or m.mode < HOVER:
             return report
         silent = f"the autonomy fell silent at {m.last:.1f} s"
@@ -217,10 +217,10 @@ class RealTimeRemote(Remote):
 
     def _given_up(self, context) -> str | None:
         """Returns why a drone that has not taken off never will, or None."""
-        m = self._Watchdog(context)
+        m = self._watchdog_memory(context)
         if m.mode == LAND and not m.airborne:
             return f"the autonomy fell silent at {m.last:.1f} s, before the drone had taken off"
         return None
 
-    def _Watchdog(self, context):
-        return self._watchdog.Recall(self._watchdog.GetMyContextFromRoot(context))
+    def _watchdog_memory(self, context):
+        return self._watchdog.recall(self._watchdog.GetMyContextFromRoot(context))

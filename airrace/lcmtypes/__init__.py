@@ -14,10 +14,10 @@ from .lcmt_gate_map import lcmt_gate_map as lcmt_gate_map
 from .lcmt_header import lcmt_header as lcmt_header
 from .lcmt_heartbeat import lcmt_heartbeat as lcmt_heartbeat
 from .lcmt_lap_plan import lcmt_lap_plan as lcmt_lap_plan
-from .lcmt_link_report import lcmt_link_report as lcmt_link_report
+from .lcmt_link_status import lcmt_link_status as lcmt_link_status
 from .lcmt_marker_estimate import lcmt_marker_estimate as lcmt_marker_estimate
 from .lcmt_polynomials import lcmt_polynomials as lcmt_polynomials
-from .lcmt_referee_report import lcmt_referee_report as lcmt_referee_report
-from .lcmt_rotor_report import lcmt_rotor_report as lcmt_rotor_report
+from .lcmt_referee_status import lcmt_referee_status as lcmt_referee_status
+from .lcmt_rotor_status import lcmt_rotor_status as lcmt_rotor_status
 from .lcmt_rotors import lcmt_rotors as lcmt_rotors
 from .lcmt_state_estimate import lcmt_state_estimate as lcmt_state_estimate

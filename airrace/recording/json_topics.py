@@ -4,8 +4,9 @@ import numpy as np
 
 from airrace.common.files import finite
 from airrace.systems.planning.lap_plan import LapPlan
-from airrace.systems.referee_report import GateCrossing
-from airrace.systems.types import Detections, GateMap
+from airrace.systems.referee_status import GateCrossing
+from airrace.systems.types import Detections
+from airrace.track.gate_map import GateMap
 from airrace.track.map_files import map_data, rounded, statistics_data
 
 PLAN_STEP = 0.02  # s between two samples of a plan

@@ -8,10 +8,11 @@ from airrace.recording import foxglove_messages, json_topics, scene_updates
 from airrace.recording.writer import RaceLog
 from airrace.scenario.recording import RecordingConfig
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.referee_report import RefereeReport
+from airrace.systems.referee_status import RefereeStatus
 from airrace.systems.sensing import state_estimate as se
-from airrace.systems.types import Detections, ExplorerStatus, GateMap
+from airrace.systems.types import Detections, ExplorerStatus
 from airrace.track import Track
+from airrace.track.gate_map import GateMap
 from airrace.trajopt import flat_trajectory as ref
 from airrace.vehicle import Vehicle
 
@@ -45,7 +46,7 @@ class RaceRecorder(LeafSystem):
         - gate_map
         - lap_plan
         - explorer_status
-        - truth.referee_report
+        - truth.referee_status
         - truth.gate_shifts (only if gates move)
 
     All are as the systems that they come from describe them. What is not connected
@@ -101,7 +102,7 @@ class RaceRecorder(LeafSystem):
             "gate_map": GateMap(),
             "lap_plan": NO_PLAN,
             "explorer_status": ExplorerStatus(),
-            "truth.referee_report": RefereeReport((), False, None, None, 0),
+            "truth.referee_status": RefereeStatus((), False, None, None, 0),
         }
         if pictures:
             values["camera_view"] = None
@@ -110,24 +111,24 @@ class RaceRecorder(LeafSystem):
             name: self.DeclareVectorInputPort(name, size) for name, size in sizes.items()
         }
         self._ports |= {
-            name: self.DeclareAbstractInputPort(name, _Model(value))
+            name: self.DeclareAbstractInputPort(name, _model(value))
             for name, value in values.items()
         }
         # Of what was written last. It is output, not state: see the class.
         self._written, self._map_time, self._image_time = {}, -np.inf, -np.inf
         self._path, self._plans = [], []
         self._start, self._events, self._crossings = None, 0, 0
-        self.DeclarePeriodicPublishEvent(1 / config.state_rate, 0.0, self._WriteStates)
-        self.DeclarePeriodicPublishEvent(1 / fps, 0.0, self._WriteNews)
-        self.DeclarePeriodicPublishEvent(1 / config.pose_rate, 0.0, self._WritePoses)
-        self.DeclarePeriodicPublishEvent(1 / _LOOKS, 0.0, self._WritePath)
+        self.DeclarePeriodicPublishEvent(1 / config.state_rate, 0.0, self._write_states)
+        self.DeclarePeriodicPublishEvent(1 / fps, 0.0, self._write_news)
+        self.DeclarePeriodicPublishEvent(1 / config.pose_rate, 0.0, self._write_poses)
+        self.DeclarePeriodicPublishEvent(1 / _LOOKS, 0.0, self._write_path)
         if pictures:
-            self.DeclarePeriodicPublishEvent(1 / fps, 0.0, self._WriteImage)
+            self.DeclarePeriodicPublishEvent(1 / fps, 0.0, self._write_image)
         self.DeclarePeriodicPublishEvent(
             config.flush_period, 0.0, lambda context: self._log.flush()
         )
 
-    def Close(self) -> None:
+    def close(self) -> None:
         """Ends the file.
 
         Raises:
@@ -135,7 +136,7 @@ class RaceRecorder(LeafSystem):
         """
         self._log.close()
 
-    def _Value(self, context, name):
+    def _value(self, context, name):
         """Returns the value of a port, a vector's as a list; None if it has none."""
         port = self._ports.get(name)
         if port is None or not port.HasValue(context):
@@ -143,25 +144,25 @@ class RaceRecorder(LeafSystem):
         value = port.Eval(context)
         return value.tolist() if isinstance(value, np.ndarray) else value
 
-    def _New(self, context, name):
+    def _new(self, context, name):
         """Returns the value of a port if it is another than at the last call, else None."""
-        value = self._Value(context, name)
+        value = self._value(context, name)
         if value is None or value is self._written.get(name):
             return None
         self._written[name] = value
         return value
 
-    def _WriteStates(self, context):
+    def _write_states(self, context):
         time, write = context.get_time(), self._log.write
-        state = self._Value(context, "truth.state")
+        state = self._value(context, "truth.state")
         if state is not None:
             write("/state/truth", time, foxglove_messages.odometry(time, state))
         for name, topic in (("state_estimate", "estimate"), ("filtered_estimate", "filtered")):
-            estimate = self._Value(context, name)
+            estimate = self._value(context, name)
             if estimate is not None:
                 message = foxglove_messages.odometry(estimate[se.TIME], estimate[1:])
                 write(f"/state/{topic}", time, message)
-        reference = self._Value(context, "reference")
+        reference = self._value(context, "reference")
         if reference is not None:
             write("/reference", time, foxglove_messages.reference_odometry(time, reference))
             write(
@@ -169,22 +170,22 @@ class RaceRecorder(LeafSystem):
                 time,
                 foxglove_messages.vector3(reference[ref.ACCELERATION]),
             )
-        disturbance = self._Value(context, "disturbance")
+        disturbance = self._value(context, "disturbance")
         if disturbance is not None:
             write("/state/disturbance", time, foxglove_messages.vector3(disturbance))
         for name, topic in (("rotor_speeds", "measured"), ("rotor_speed_command", "command")):
-            speeds = self._Value(context, name)
+            speeds = self._value(context, name)
             if speeds is not None:
                 write(f"/rotors/{topic}", time, foxglove_messages.rotors(time, speeds, self._c_f))
 
-    def _WritePoses(self, context):
-        state, info = self._Value(context, "truth.state"), self._Value(context, "camera_info")
+    def _write_poses(self, context):
+        state, info = self._value(context, "truth.state"), self._value(context, "camera_info")
         if state is not None and info is not None:
             time = context.get_time()
             self._log.write("/tf", time, foxglove_messages.transforms(time, state, info.X_BC))
 
-    def _WritePath(self, context):
-        state, time = self._Value(context, "truth.state"), context.get_time()
+    def _write_path(self, context):
+        state, time = self._value(context, "truth.state"), context.get_time()
         if state is None:
             return
         self._path = [*self._path[1 - _PATH_POINTS :], (state[4:7], np.linalg.norm(state[10:13]))]
@@ -193,38 +194,38 @@ class RaceRecorder(LeafSystem):
                 "/path", time, scene_updates.path_scene(time, *zip(*self._path), self._max_speed)
             )
 
-    def _WriteNews(self, context):
+    def _write_news(self, context):
         time, write = context.get_time(), self._log.write
-        self._WriteTrack(context, time)
-        detections = self._New(context, "detections")
+        self._write_track(context, time)
+        detections = self._new(context, "detections")
         if detections is not None and detections.time >= 0.0:
             write("/detections", time, json_topics.detections_data(detections))
             write("/detections/rays", time, scene_updates.detection_rays(detections))
-        plan = self._New(context, "lap_plan")
+        plan = self._new(context, "lap_plan")
         if plan is not None and plan is not NO_PLAN:
             self._plans = [*self._plans[-_OLD_PLANS:], plan]
             write("/plan", time, json_topics.plan_data(plan))
             write("/plan/scene", time, scene_updates.plan_scene(time, self._plans))
-        status = self._New(context, "explorer_status")
+        status = self._new(context, "explorer_status")
         if status is not None:
-            self._WriteEvents(time, status)
-        report = self._New(context, "truth.referee_report")
-        laps_end = report is not None and self._WriteReport(time, report)
+            self._write_events(time, status)
+        report = self._new(context, "truth.referee_status")
+        laps_end = report is not None and self._write_report(time, report)
         if laps_end or time >= self._map_time + _MAP_PERIOD:
-            gate_map = self._New(context, "gate_map")
+            gate_map = self._new(context, "gate_map")
             if gate_map is not None:
                 self._map_time = time
                 write("/map", time, json_topics.full_map_data(gate_map))
                 write("/map/scene", time, scene_updates.map_scene(time, gate_map))
 
-    def _WriteTrack(self, context, time):
-        shifts = self._Value(context, "truth.gate_shifts")
+    def _write_track(self, context, time):
+        shifts = self._value(context, "truth.gate_shifts")
         if "track" not in self._written or shifts != self._written["track"]:
             self._written["track"] = shifts
             track = self._track if shifts is None else self._track.shifted(shifts)
             self._log.write("/scene", time, scene_updates.track_scene(time, track, self._vehicle))
 
-    def _WriteEvents(self, time, status):
+    def _write_events(self, time, status):
         for event in status.events[self._events :]:
             message = foxglove_messages.log(event.time, event.state, event.reason)
             self._log.write("/explorer", time, message)
@@ -235,7 +236,7 @@ class RaceRecorder(LeafSystem):
             self._log.write("/explorer", time, message)
         self._events = len(status.events)
 
-    def _WriteReport(self, time, report) -> bool:
+    def _write_report(self, time, report) -> bool:
         """Writes what the referee saw; returns whether that ended a lap."""
         new = report.crossings[self._crossings :]
         self._crossings = len(report.crossings)
@@ -258,29 +259,29 @@ class RaceRecorder(LeafSystem):
             self._log.write("/referee", time, message)
         return any(crossing.gate == 1 for crossing in new)
 
-    def _WriteImage(self, context):
+    def _write_image(self, context):
         # A whole picture is several times the work of the parts that the detector mostly
         # looks at. It is worth waiting a little for one that it has looked at as a whole.
         time = context.get_time()
         periods = (time - self._image_time) * self._config.image_rate + 1e-6
         if periods < 1.0:
             return
-        view, info = self._Value(context, "camera_view"), self._Value(context, "camera_info")
+        view, info = self._value(context, "camera_view"), self._value(context, "camera_info")
         if view is None or info is None or (periods < _PATIENCE and not view.is_complete):
             return
         self._image_time = time
         scale = min(1.0, self._config.image_width / info.width)
         jpeg = foxglove_messages.jpeg(view.whole(), scale, self._config.jpeg_quality)
-        (image_time,) = self._Value(context, "camera_image_time")
+        (image_time,) = self._value(context, "camera_image_time")
         write = self._log.write
         write("/camera/image", time, foxglove_messages.image(image_time, jpeg))
         write("/camera/calibration", time, foxglove_messages.calibration(image_time, info, scale))
-        detections = self._Value(context, "detections")
+        detections = self._value(context, "detections")
         if detections is not None and detections.time == image_time:
             write(
                 "/camera/annotations", time, foxglove_messages.annotations(detections, info, scale)
             )
 
 
-def _Model(value):
+def _model(value):
     return Value[object]() if value is None else Value[object](value)

@@ -6,7 +6,7 @@ from foxglove import messages as fg
 from airrace.recording.foxglove_messages import stamp, vector3
 from airrace.recording.topics import BODY, CAMERA, WORLD
 from airrace.rendering.scene.meshes import BOARD_THICKNESS
-from airrace.systems.types import Detections, GateMap
+from airrace.systems.types import Detections
 from airrace.track import (
     BOARD_SIZE,
     MARKER_SIZE,
@@ -15,6 +15,7 @@ from airrace.track import (
     PYLON_TIP_RADIUS,
     Track,
 )
+from airrace.track.gate_map import GateMap
 from airrace.vehicle import Vehicle
 
 

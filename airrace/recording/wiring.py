@@ -64,4 +64,4 @@ def close_recording(race: Diagram) -> None:
         UserError: if it cannot be written.
     """
     if race.HasSubsystemNamed(_NAME):
-        race.GetSubsystemByName(_NAME).Close()
+        race.GetSubsystemByName(_NAME).close()

@@ -63,11 +63,11 @@ class PerceptionConfig:
     """From pixels to the map."""
 
     latency: float = 0.010  # s, from an image to its detections
-    max_range: float = 30.0  # m, farther sightings do not enter the map
+    max_range: float = 30.0  # m, farther observations do not enter the map
     max_gates: int = 20  # the rule book's limit: higher IDs are out of range
     estimator: str = "robust"  # or "report", section III to the letter
     outlier_sigma: float = 3.0  # the rejection threshold of `report`
-    min_sightings: int = 5  # before a gate is known, and to `report` anything an outlier
+    min_observations: int = 5  # before a gate is known, and to `report` anything an outlier
 
 
 @dc.dataclass
@@ -170,11 +170,11 @@ class Scenario:
     state_filter: StateFilterConfig = dc.field(default_factory=StateFilterConfig)
     rotor_monitor: RotorMonitorConfig = dc.field(default_factory=RotorMonitorConfig)
     controller: ControllerConfig = dc.field(default_factory=ControllerConfig)
-    # s, from a command or picture to its effect or use, that the boxes allow for; HITL sets it.
+    # s, from a command or picture to its effect or use, that the systems allow for; HITL sets it.
     link_delay: float = 0.0
-    # Your own boxes: a name from diagrams/autonomy.py to "module:callable",
+    # Your own systems: a name from diagrams/autonomy.py to "module:callable",
     # which is called with this scenario and returns a System.
-    boxes: dict[str, str] = dc.field(default_factory=dict)
+    systems: dict[str, str] = dc.field(default_factory=dict)
 
     recording: RecordingConfig = dc.field(default_factory=RecordingConfig)
 

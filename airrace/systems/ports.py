@@ -1,7 +1,7 @@
 """What a vector port shows, at a glance."""
 
 
-def peek(port, context):
+def read_vector(port, context):
     """Returns what an input port shows, (n,): as its Eval(), but not a copy of it.
 
     The copy is a third of what it costs to hand a vector to a system in Python, and some

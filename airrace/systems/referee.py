@@ -10,8 +10,8 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compilable, compiled
-from airrace.systems.ports import peek
-from airrace.systems.referee_report import (
+from airrace.systems.ports import read_vector
+from airrace.systems.referee_status import (
     ARENA,
     DIVERGED,
     FINISHED,
@@ -20,7 +20,7 @@ from airrace.systems.referee_report import (
     TOUCHED,
     VERDICTS,
     GateCrossing,
-    RefereeReport,
+    RefereeStatus,
 )
 from airrace.systems.types import ExplorerStatus
 from airrace.track import Track
@@ -61,7 +61,7 @@ class Referee(LeafSystem):
     contact force on the drone (6), ``geometry_query`` SceneGraph's,
     ``explorer_status`` the autonomy's ExplorerStatus: laps count
     from the moment it says that the exploration is done. ``report`` is a
-    RefereeReport. ``gate_shifts`` (2 n) is where the gates stand, see GateMover.
+    RefereeStatus. ``gate_shifts`` (2 n) is where the gates stand, see GateMover.
 
     A gate counts when the body's origin crosses the rectangle between the
     two pylon axes, from the front, above the ground and below the pylons'
@@ -130,22 +130,22 @@ class Referee(LeafSystem):
         # Numbers only, so that a step copies no objects.
         self._memory = self.DeclareDiscreteState(_BEFORE)
         self._table = self.DeclareDiscreteState(3 * self._total)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._Judge)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._judge)
         self.DeclareAbstractOutputPort(
             "report",
-            lambda: Value[object](RefereeReport((), False, None, None, 0)),
-            self._CalcReport,
+            lambda: Value[object](RefereeStatus((), False, None, None, 0)),
+            self._calc_report,
             {self.xd_ticket()},
         )
 
-    def _Judge(self, context, discrete_state):
+    def _judge(self, context, discrete_state):
         m = discrete_state.get_mutable_value(self._memory)
-        shifts = self._stay if self._shifts is None else peek(self._shifts, context)
+        shifts = self._stay if self._shifts is None else read_vector(self._shifts, context)
         crossing, offset, pushed, where = _look(
             m,
             context.get_time(),
-            peek(self._state, context),
-            peek(self._impulse, context),
+            read_vector(self._state, context),
+            read_vector(self._impulse, context),
             self._gates,
             shifts,
             self._bounds,
@@ -155,7 +155,7 @@ class Referee(LeafSystem):
         # What it touched since the last look is held to have come before a gate.
         name = None
         if pushed and where != DIVERGED:
-            name = self._Touched(context, m[_AIRBORNE])
+            name = self._touched(context, m[_AIRBORNE])
         if name in _FLOOR:
             m[_VERDICT] = GROUND
         elif name is not None:
@@ -174,7 +174,7 @@ class Referee(LeafSystem):
         if m[_VERDICT] == 0.0:
             m[_VERDICT] = where
 
-    def _Touched(self, context, airborne) -> str | None:
+    def _touched(self, context, airborne) -> str | None:
         """Returns the name of what pushed the drone, now or between two looks."""
         contacts = self._contacts.Eval(context)
         pairs = [
@@ -190,7 +190,7 @@ class Referee(LeafSystem):
                 return name
         return None
 
-    def _CalcReport(self, context, output):
+    def _calc_report(self, context, output):
         m = context.get_discrete_state(self._memory).value()
         table = context.get_discrete_state(self._table).value()
         crossings = _crossings(table[: 3 * int(m[_CROSSINGS])].tobytes(), len(self._gates))
@@ -203,7 +203,7 @@ class Referee(LeafSystem):
             if verdict in (GROUND, TOUCHED, ARENA):
                 reason += failures_clause(self._failures, end_time)
         output.set_value(
-            RefereeReport(
+            RefereeStatus(
                 crossings=crossings,
                 finished=verdict == FINISHED,
                 dnf_reason=reason,

@@ -18,9 +18,9 @@ number of gates, 8 at least. The drone has room between the pylons, and sees eac
 gate on its way straight on from the one before.
 
 examples:
-  python -m airrace.track.track --seed 7 > seven.yaml                  anything
-  python -m airrace.track.track --seed 7 --gates 10 --plot seven.png > seven.yaml
-  python -m airrace.track.track --seed 7 --direction right > seven.yaml   clockwise
+  python -m airrace.track --seed 7 > seven.yaml                  anything
+  python -m airrace.track --seed 7 --gates 10 --plot seven.png > seven.yaml
+  python -m airrace.track --seed 7 --direction right > seven.yaml   clockwise
   ./run.bash --track seven.yaml                                  race it
 
 The same options give the same file. Exit codes: 0 printed, 2 bad input.
@@ -30,7 +30,7 @@ The same options give the same file. Exit codes: 0 printed, 2 bad input.
 def make_parser() -> argparse.ArgumentParser:
     """Returns the parser of the command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m airrace.track.track",
+        prog="python -m airrace.track",
         description="Print a random race track as YAML.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -110,6 +110,10 @@ def run(args) -> int:
 
         save_plot(track, args.plot)
     direction = "left" if Layout.of(track).turns.sum() > 0 else "right"
-    command = f"python -m airrace.track.track --seed {args.seed} --gates {len(track.gates)}"
+    command = f"python -m airrace.track --seed {args.seed} --gates {len(track.gates)}"
     sys.stdout.write(to_yaml(track, f"{command} --direction {direction}"))
     return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

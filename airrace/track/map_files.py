@@ -7,7 +7,7 @@ import numpy as np
 
 from airrace.common.errors import UserError
 from airrace.common.files import write_json
-from airrace.systems.types import GateEstimate, GateMap, MarkerEstimate
+from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.track.track import Track, load_track
 
 TRACK = "track"  # in the place of a file: where the gates really are
@@ -46,7 +46,7 @@ def map_data(gate_map: GateMap) -> dict:
 def statistics_data(gate_map: GateMap) -> dict:
     """Returns the statistics of section III of the Student AirRace report.
 
-    And why markers were refused; of a board with no sightings, position and
+    And why markers were refused; of a board with no observations, position and
     variance follow from the other boards of its gate.
     """
     return {
@@ -58,7 +58,7 @@ def statistics_data(gate_map: GateMap) -> dict:
         "markers": [
             {
                 "id": m.id,
-                "sightings": m.count,
+                "observations": m.count,
                 "outliers": m.outliers,
                 "mean": rounded(m.p_WM),
                 "variance": rounded(m.variance, 6),

@@ -266,13 +266,3 @@ def _load_track(path: Path, _mtime: int) -> Track:
 def _require(condition, message):
     if not condition:
         raise ValueError(message)
-
-
-if __name__ == "__main__":
-    import sys
-
-    # This module is now loaded twice, as __main__ and as airrace.track. Only the
-    # classes of the latter are used.
-    from airrace.track.__main__ import main
-
-    sys.exit(main())

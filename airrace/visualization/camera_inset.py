@@ -99,13 +99,13 @@ class CameraInset(LeafSystem):
         if moving_gates:
             self._shifts = self.DeclareVectorInputPort("truth.gate_shifts", 2 * moving_gates)
         # Not before: at initialization the MeshcatVisualizer clears its part of the page.
-        self.DeclareInitializationPublishEvent(self._DrawFrustum)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Draw)
+        self.DeclareInitializationPublishEvent(self._draw_frustum)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
 
-    def _DrawFrustum(self, context):
+    def _draw_frustum(self, context):
         draw_frustum(self._meshcat, self._body_path, self._info)
 
-    def _Draw(self, context):
+    def _draw(self, context):
         if not self._audience.waits():
             return
         state = self._state.Eval(context)
@@ -116,12 +116,12 @@ class CameraInset(LeafSystem):
         q = state[:4] / np.linalg.norm(state[:4])
         X_WB = moved(RigidTransform(Quaternion(q), state[4:7]), state[7:10], state[10:13], -age)
         X_WC = X_WB @ self._info.X_BC
-        self._DrawRays(X_WC, detections.markers)
+        self._draw_rays(X_WC, detections.markers)
         shifts = () if self._shifts is None else (self._shifts.Eval(context).reshape(-1, 2),)
         self._renderer.render(X_WC, self._image, *shifts)
-        self._picture.show(self._Marked(detections.markers))
+        self._picture.show(self._marked(detections.markers))
 
-    def _Marked(self, markers):
+    def _marked(self, markers):
         """Returns the picture with a frame around each marker."""
         image = np.ascontiguousarray(self._image[..., :3])
         for marker in markers:
@@ -132,7 +132,7 @@ class CameraInset(LeafSystem):
             )
         return image
 
-    def _DrawRays(self, X_WC, markers):
+    def _draw_rays(self, X_WC, markers):
         if markers:
             ends = np.array([X_WC @ marker.X_CM.translation() for marker in markers]).T
             starts = np.tile(X_WC.translation()[:, None], len(markers))

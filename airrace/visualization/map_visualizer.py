@@ -5,7 +5,7 @@ from pydrake.common.value import Value
 from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.systems.framework import LeafSystem
 
-from airrace.systems.types import GateMap
+from airrace.track.gate_map import GateMap
 
 # Radii of an ellipsoid in standard deviations, which are millimetres; but the least
 # is seen.
@@ -34,9 +34,9 @@ class MapVisualizer(LeafSystem):
         self._meshcat = meshcat
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object](GateMap()))
         self._drawn = {}  # marker ID to place and radii, (6,); see PathVisualizer
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Draw)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
 
-    def _Draw(self, context):
+    def _draw(self, context):
         for marker in self._map.Eval(context).markers:
             radii = np.maximum(MAGNIFICATION * np.sqrt(marker.variance), _LEAST)
             shown = np.concatenate([marker.p_WM, radii])

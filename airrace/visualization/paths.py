@@ -60,19 +60,19 @@ class PathVisualizer(LeafSystem):
         # the publishes so far, and nothing in the simulation depends on it.
         self._points, self._speeds = [], []
         meshcat.SetObject(HERE, Sphere(0.8), _HERE_COLOR)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Follow)
-        self.DeclareForcedPublishEvent(lambda context: self._Draw())
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._follow)
+        self.DeclareForcedPublishEvent(lambda context: self._draw())
 
-    def _Follow(self, context):
+    def _follow(self, context):
         state = self._state.Eval(context)
         p_WB = state[4:7].copy()
         self._meshcat.SetTransform(HERE, RigidTransform(p_WB), context.get_time())
         self._points.append(p_WB)
         self._speeds.append(float(np.linalg.norm(state[10:13])))
         if (len(self._points) - 1) % _CHUNK == 0 or self._audience.waits():
-            self._Draw()
+            self._draw()
 
-    def _Draw(self):
+    def _draw(self):
         """Draws the newest piece."""
         count = len(self._points) - 1
         if count < 1:
@@ -103,22 +103,22 @@ class PlanVisualizer(LeafSystem):
         self._meshcat = meshcat
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
         self._drawn = [NO_PLAN]  # plans in their order; see PathVisualizer
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Draw)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
 
-    def _Draw(self, context):
+    def _draw(self, context):
         plan = self._plan.Eval(context)
         if plan is self._drawn[-1]:
             return
         self._drawn.append(plan)
         newest = len(self._drawn) - 1
-        self._DrawPlan(newest, _CURRENT)
+        self._draw_plan(newest, _CURRENT)
         for k, opacity in enumerate(_EARLIER, start=1):
             if newest - k > 0:
-                self._DrawPlan(newest - k, Rgba(1.0, 0.5, 0.0, opacity))
+                self._draw_plan(newest - k, Rgba(1.0, 0.5, 0.0, opacity))
         if newest - len(_EARLIER) > 1:
             self._meshcat.Delete(f"planned/{newest - len(_EARLIER) - 1}")
 
-    def _DrawPlan(self, number: int, color: Rgba):
+    def _draw_plan(self, number: int, color: Rgba):
         plan = self._drawn[number]
         for name, part in (("entry", plan.entry), ("circuit", plan.circuit)):
             times = np.linspace(0.0, part.duration, max(2, round(part.duration / _SAMPLE)))

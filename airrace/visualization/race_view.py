@@ -38,7 +38,7 @@ def AddVisualization(builder, scenario, simulation, autonomy, meshcat: Meshcat) 
     small = _camera_info(camera, vehicle, _INSET_WIDTH)
     path = body_path(plant)
     moving = simulation.HasOutputPort("truth.gate_shifts")
-    boxes = {
+    systems = {
         "path_visualizer": PathVisualizer(meshcat=meshcat),
         "plan_visualizer": PlanVisualizer(meshcat=meshcat),
         "map_visualizer": MapVisualizer(meshcat=meshcat),
@@ -61,7 +61,7 @@ def AddVisualization(builder, scenario, simulation, autonomy, meshcat: Meshcat) 
             meshcat=meshcat, overview=overview(track), body_path=path, X_BC=info.X_BC
         ),
     }
-    for name, box in boxes.items():
+    for name, box in systems.items():
         wanted = [box.get_input_port(i) for i in range(box.num_input_ports())]
         found = [_output(port.get_name(), simulation, autonomy) for port in wanted]
         if None in found:
@@ -83,7 +83,7 @@ def view_director(race) -> ViewDirector:
 
 def end_live_view(race, meshcat: Meshcat) -> None:
     """Takes away what only makes sense live, so that what is left is a replay."""
-    view_director(race).End()
+    view_director(race).end()
     meshcat.Delete(HUD)
     meshcat.Delete(RAYS)
     meshcat.DeleteAddedControls()

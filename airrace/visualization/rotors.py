@@ -84,9 +84,9 @@ class RotorVisualizer(LeafSystem):
         )
         self._angles = np.zeros(len(vehicle.rotors))  # see PathVisualizer
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Draw)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
 
-    def _Draw(self, context):
+    def _draw(self, context):
         self._angles += self._step * self._speeds.Eval(context)
         for rotor, name, X_BG in self._blades:
             R_BG = RotationMatrix.MakeZRotation(self._angles[rotor]) @ X_BG.rotation()

@@ -6,7 +6,7 @@ from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import LeafSystem
 
-from airrace.systems.referee_report import RefereeReport
+from airrace.systems.referee_status import RefereeStatus
 from airrace.systems.types import ExplorerStatus
 from airrace.visualization.meshcat_page import LEFT, Audience
 from airrace.visualization.picture import FixedPicture
@@ -15,11 +15,11 @@ _WIDTH, _LINE, _SIZE, _MARGIN = 420, 27, 18, 14  # px
 _BACKGROUND = (38, 50, 62)  # RGB
 _TEXT = (255, 255, 255)
 _LAPS = 6  # the last so many are shown
-_NONE = RefereeReport((), False, None, None, 0)
+_NONE = RefereeStatus((), False, None, None, 0)
 
 
 def scoreboard_lines(
-    time: float, speed: float, gates: int, laps: int, report: RefereeReport, status: ExplorerStatus
+    time: float, speed: float, gates: int, laps: int, report: RefereeStatus, status: ExplorerStatus
 ) -> list[str]:
     """Returns what to say about a race, line by line.
 
@@ -90,11 +90,11 @@ class Scoreboard(LeafSystem):
         name: Scoreboard
         input_ports:
         - truth.state
-        - truth.referee_report
+        - truth.referee_status
         - explorer_status
 
     ``truth.state`` is the plant's floating-body state (13), the others a
-    RefereeReport and an ExplorerStatus. Nothing is drawn if nobody watches.
+    RefereeStatus and an ExplorerStatus. Nothing is drawn if nobody watches.
     """
 
     def __init__(
@@ -119,13 +119,13 @@ class Scoreboard(LeafSystem):
         self._gates, self._laps = gates, laps
         self._audience = audience or Audience(meshcat, 0.4)
         self._state = self.DeclareVectorInputPort("truth.state", 13)
-        self._report = self.DeclareAbstractInputPort("truth.referee_report", Value[object](_NONE))
+        self._report = self.DeclareAbstractInputPort("truth.referee_status", Value[object](_NONE))
         self._status = self.DeclareAbstractInputPort(
             "explorer_status", Value[object](ExplorerStatus())
         )
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Draw)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
 
-    def _Draw(self, context):
+    def _draw(self, context):
         if not self._audience.waits():
             return
         speed = float(np.linalg.norm(self._state.Eval(context)[10:13]))

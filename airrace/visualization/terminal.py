@@ -9,7 +9,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from airrace.recording.race_record import RaceRecord
+from airrace.recording.race_result import RaceResult
 from airrace.scenario import trajectory_name
 from airrace.vehicle.rotor_loss import Remaining
 
@@ -67,7 +67,7 @@ class RaceDisplay:
             with self._patience():
                 self._live.stop()
 
-    def show(self, record: RaceRecord, look):
+    def show(self, record: RaceResult, look):
         """Shows the race at a look; see run_race()."""
         with self._patience():
             if not self._events:
@@ -187,7 +187,7 @@ def lap_table(result: dict) -> Table:
     return table
 
 
-def loss_line(record: RaceRecord, rotor: int) -> str:
+def loss_line(record: RaceResult, rotor: int) -> str:
     """Returns what the autonomy makes of a lost rotor, given by its number."""
     n = len(record.vehicle.rotors)
     remaining = Remaining(record.vehicle, [i + 1 not in record.rotor_losses for i in range(n)])

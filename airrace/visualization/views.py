@@ -63,26 +63,26 @@ class ViewDirector(LeafSystem):
         self._view = OVERVIEW  # see PathVisualizer
         self._forward = None  # level and lagging behind the drone's
         self._state = self.DeclareVectorInputPort("truth.state", 13)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Direct)
-        self.DeclareForcedPublishEvent(self._Direct)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._direct)
+        self.DeclareForcedPublishEvent(self._direct)
 
-    def _Direct(self, context):
+    def _direct(self, context):
         for view, (button, _) in BUTTONS.items():
             clicks = self._meshcat.GetButtonClicks(button)
             if clicks != self._clicks[view]:
                 self._clicks[view] = clicks
-                self.Show(view)
+                self.show(view)
         state = self._state.Eval(context)
         q = state[:4] / np.linalg.norm(state[:4])
         X_WB = RigidTransform(Quaternion(q), state[4:7])
         if self._view == CHASE:
-            self._meshcat.SetCameraPose(*self._Chase(X_WB))
+            self._meshcat.SetCameraPose(*self._chase(X_WB))
         elif self._view == ONBOARD:
             X_WC = X_WB @ self._X_BC
             ahead = X_WC @ np.array([0.0, 0.0, _AHEAD])
             self._meshcat.SetCameraPose(X_WC.translation().copy(), ahead)
 
-    def _Chase(self, X_WB):
+    def _chase(self, X_WB):
         forward = X_WB.rotation().matrix()[:, 0] * [1.0, 1.0, 0.0]
         if self._forward is None:
             self._forward = forward
@@ -90,7 +90,7 @@ class ViewDirector(LeafSystem):
         p_WB = X_WB.translation()
         return p_WB - _BEHIND * self._forward + [0.0, 0.0, _ABOVE], p_WB.copy()
 
-    def Show(self, view: str) -> None:
+    def show(self, view: str) -> None:
         """Changes to a view, one of the keys of BUTTONS."""
         self._view = view
         self._forward = None
@@ -100,7 +100,7 @@ class ViewDirector(LeafSystem):
         self._meshcat.SetProperty(HERE, "visible", view == OVERVIEW)
         self._meshcat.SetProperty(self._body_path, "visible", view != ONBOARD)
 
-    def End(self) -> None:
+    def end(self) -> None:
         """Leaves the drone; whoever looks at all of the track may go on as they were."""
         if self._view != OVERVIEW:
-            self.Show(OVERVIEW)
+            self.show(OVERVIEW)

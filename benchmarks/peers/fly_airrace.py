@@ -76,7 +76,7 @@ def flight(scenario: Scenario):
     start_in_flight(diagram, scenario, context, **start_on(reference))
     simulator.Initialize()
     state = diagram.GetOutputPort("truth.state")
-    report = diagram.GetOutputPort("truth.referee_report")
+    report = diagram.GetOutputPort("truth.referee_status")
 
     def fly(start, end):
         times = np.arange(round(start / LOOK) + 1, round(end / LOOK) + 1) * LOOK

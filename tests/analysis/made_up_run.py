@@ -8,9 +8,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from airrace.recording import foxglove_messages, json_topics
 from airrace.recording.writer import FILE, RaceLog
 from airrace.scenario import Scenario, scenario_yaml
-from airrace.systems.referee_report import GateCrossing
-from airrace.systems.types import Detection, Detections, GateMap, MarkerEstimate
+from airrace.systems.referee_status import GateCrossing
+from airrace.systems.types import Detection, Detections
 from airrace.track import load_track
+from airrace.track.gate_map import GateMap, MarkerEstimate
 
 GATES, LAP, FIRST = 10, 5.0, 2.0  # gates; s a lap; s, when gate 1 is crossed first
 OFF = 0.03  # m, off the reference, to the left

@@ -4,13 +4,13 @@ import pytest
 from pydrake.systems.framework import Diagram, InputPortIndex
 
 from airrace.common.errors import UserError
-from airrace.diagrams.autonomy import BOXES, INPUTS, OUTPUTS, MakeAutonomy
+from airrace.diagrams.autonomy import INPUTS, OUTPUTS, SYSTEMS, MakeAutonomy
 from airrace.diagrams.runner import MakeRace, run_race
 from airrace.scenario import Scenario
 
 STUDENT = """
     from pydrake.systems.framework import DiagramBuilder, LeafSystem
-    from airrace.diagrams.autonomy import BOXES
+    from airrace.diagrams.autonomy import SYSTEMS
     from airrace.systems.control.geometric_controller import GeometricController
     from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
     from airrace.vehicle import load_vehicle
@@ -21,22 +21,22 @@ STUDENT = """
         def __init__(self, scenario):
             super().__init__(vehicle=load_vehicle(scenario.drone)[0], rate=250.0)
 
-        def CalcWrench(self, reference, estimate):
+        def calc_wrench(self, reference, estimate):
             global updates
             updates += 1
-            return super().CalcWrench(reference, estimate)
+            return super().calc_wrench(reference, estimate)
 
     def as_diagram(scenario):
         "A box may be a diagram of its own."
         builder = DiagramBuilder()
-        box = builder.AddSystem(BOXES["trajectory_tracker"](scenario))
+        box = builder.AddSystem(SYSTEMS["trajectory_tracker"](scenario))
         for name in ("lap_plan", "exploration_reference"):
             builder.ExportInput(box.GetInputPort(name), name)
         builder.ExportOutput(box.GetOutputPort("reference"), "reference")
         return builder.Build()
 
     class Looker(TrajectoryTracker):
-        "Uses every input that Autonomy has, and outputs of other boxes."
+        "Uses every input that Autonomy has, and outputs of other systems."
         def __init__(self, scenario):
             super().__init__()
             from pydrake.common.value import Value
@@ -105,10 +105,10 @@ def test_ports():
     assert isinstance(autonomy, Diagram) and autonomy.get_name() == "autonomy"
     inputs = port_names(autonomy.num_input_ports(), autonomy.get_input_port)
     outputs = port_names(autonomy.num_output_ports(), autonomy.get_output_port)
-    assert set(inputs) == set(INPUTS) - {"camera_image", "camera_grey"}  # for boxes of your own
+    assert set(inputs) == set(INPUTS) - {"camera_image", "camera_grey"}  # for systems of your own
     assert outputs == list(OUTPUTS)
-    assert [box.get_name() for box in autonomy.GetSystems()] == list(BOXES)
-    assert set(OUTPUTS.values()) <= set(BOXES)
+    assert [box.get_name() for box in autonomy.GetSystems()] == list(SYSTEMS)
+    assert set(OUTPUTS.values()) <= set(SYSTEMS)
     # A rotor speed must not depend on this very instant's picture.
     command = autonomy.GetOutputPort("rotor_speed_command").get_index()
     assert not any(
@@ -131,7 +131,7 @@ def test_a_students_box_flies(tmp_path):
     import student_boxes
 
     scenario = Scenario(
-        boxes={
+        systems={
             "geometric_controller": "student_boxes:MyController",
             "trajectory_tracker": "student_boxes:as_diagram",
         }
@@ -146,7 +146,7 @@ def test_a_students_box_flies(tmp_path):
 
 
 def test_a_box_may_look_at_all_that_autonomy_has():
-    race = MakeRace(Scenario(boxes={"trajectory_tracker": "student_boxes:Looker"}))
+    race = MakeRace(Scenario(systems={"trajectory_tracker": "student_boxes:Looker"}))
     box = race.GetSubsystemByName("autonomy").GetSubsystemByName("trajectory_tracker")
     assert type(box).__name__ == "Looker"
     context = box.GetMyContextFromRoot(race.CreateDefaultContext())
@@ -155,10 +155,13 @@ def test_a_box_may_look_at_all_that_autonomy_has():
 
 
 BAD = {
-    "no such box": ({"pilot": "a:b"}, "boxes.pilot is not a box; the boxes are: aruco_detector, "),
+    "no such box": (
+        {"pilot": "a:b"},
+        "systems.pilot is not a system of the autonomy; the systems are: aruco_detector, ",
+    ),
     "no module": (
         {"explorer": "nobody:Box"},
-        "boxes.explorer: 'nobody:Box' cannot be imported as "
+        "systems.explorer: 'nobody:Box' cannot be imported as "
         r"module:callable \(ModuleNotFoundError: No module named 'nobody'\)",
     ),
     "no attribute": ({"explorer": "student_boxes:Box"}, "has no attribute 'Box'"),
@@ -198,8 +201,8 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("boxes, words", BAD.values(), ids=BAD)
-def test_a_bad_box_is_named_in_a_sentence(boxes, words):
+@pytest.mark.parametrize("systems, words", BAD.values(), ids=BAD)
+def test_a_bad_box_is_named_in_a_sentence(systems, words):
     with pytest.raises(UserError, match=words) as e:
-        MakeRace(Scenario(boxes=boxes))
+        MakeRace(Scenario(systems=systems))
     assert "\n" not in str(e.value)

@@ -4,7 +4,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, Integrator
 
-from airrace.diagrams.autonomy import BOXES, OUTPUTS, MakeAutonomy
+from airrace.diagrams.autonomy import OUTPUTS, SYSTEMS, MakeAutonomy
 from airrace.diagrams.diagram_layout import boxes_and_wires, layers
 from airrace.diagrams.diagram_svg import diagram_svg
 from airrace.diagrams.draw import main
@@ -29,8 +29,8 @@ def loop():
 
 
 def test_all_boxes_and_wires_are_found(loop):
-    boxes, wires = boxes_and_wires(loop)
-    assert set(boxes) == {"inputs", "adder", "integrator", "gain", "outputs"}
+    systems, wires = boxes_and_wires(loop)
+    assert set(systems) == {"inputs", "adder", "integrator", "gain", "outputs"}
     assert {(w.source, w.sink) for w in wires} == {
         ("inputs", "adder"),
         ("adder", "integrator"),
@@ -41,33 +41,33 @@ def test_all_boxes_and_wires_are_found(loop):
 
 
 def test_layers_go_from_inputs_to_outputs_even_with_a_loop(loop):
-    boxes, wires = boxes_and_wires(loop)
-    rows = layers(boxes, wires)
+    systems, wires = boxes_and_wires(loop)
+    rows = layers(systems, wires)
     order = ["inputs", "adder", "integrator", "gain", "outputs"]
-    assert [boxes[name].layer for name in order] == [0, 1, 2, 3, 4]
+    assert [systems[name].layer for name in order] == [0, 1, 2, 3, 4]
     # The wire to the output passes beside the gain.
     (passage,) = [name for name in rows[3] if name != "gain"]
-    assert boxes[passage].is_passage
+    assert systems[passage].is_passage
 
 
 def test_the_picture_of_the_autonomy_has_all_its_boxes_and_ports():
     picture = ET.fromstring(diagram_svg([MakeAutonomy(Scenario())]))
     words = {text.text for text in picture.iter(f"{SVG}text")}
-    assert words >= {"autonomy", *BOXES, *OUTPUTS}
+    assert words >= {"autonomy", *SYSTEMS, *OUTPUTS}
     _, wires = boxes_and_wires(MakeAutonomy(Scenario()))
     assert len(list(picture.iter(f"{SVG}path"))) == len(wires)
 
 
 def test_boxes_do_not_overlap():
     picture = ET.fromstring(diagram_svg([MakeAutonomy(Scenario())]))
-    boxes = [
+    systems = [
         tuple(float(rect.get(k)) for k in ("x", "y", "width", "height"))
         for rect in picture.iter(f"{SVG}rect")
         if rect.get("class")
     ]
-    assert len(boxes) == len(BOXES) + 2
-    for i, (x0, y0, w0, h0) in enumerate(boxes):
-        for x1, y1, w1, h1 in boxes[:i]:
+    assert len(systems) == len(SYSTEMS) + 2
+    for i, (x0, y0, w0, h0) in enumerate(systems):
+        for x1, y1, w1, h1 in systems[:i]:
             assert x0 + w0 < x1 or x1 + w1 < x0 or y0 + h0 < y1 or y1 + h1 < y0
 
 

@@ -321,7 +321,7 @@ def test_a_dask_cluster_started_by_hand(reference, tmp_path):
 
 
 def test_workers_that_differ_do_not_fly(folder, monkeypatch, capsys):
-    monkeypatch.setattr("airrace.evaluation.jobs.versions", lambda boxes: {"airrace": "another"})
+    monkeypatch.setattr("airrace.evaluation.jobs.versions", lambda systems: {"airrace": "another"})
     assert (
         main(
             [
@@ -344,7 +344,7 @@ def test_workers_that_differ_do_not_fly(folder, monkeypatch, capsys):
 
 
 def test_a_race_that_is_refused_ends_the_evaluation(folder, capsys):
-    text = "{referee: {time_limit: 0.2}, boxes: {explorer: 'nobody:Box'}}"
+    text = "{referee: {time_limit: 0.2}, systems: {explorer: 'nobody:Box'}}"
     assert (
         main(
             [

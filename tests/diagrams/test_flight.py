@@ -88,7 +88,7 @@ def tilt(state):
 def test_the_outputs():
     flight = MakeFlight(scenario(), hover(5.0))
     names = [flight.get_output_port(i).get_name() for i in range(flight.num_output_ports())]
-    assert names == ["truth.state", "truth.referee_report", "rotor_speeds", "rotor_losses"]
+    assert names == ["truth.state", "truth.referee_status", "rotor_speeds", "rotor_losses"]
     assert flight.num_input_ports() == 0
 
 
@@ -113,7 +113,7 @@ def test_what_controls_never_sees_the_truth():
             assert port == output
             assert producer in ("reference_source", *CONTROL) or (
                 producer == "simulation"
-                and port in ("state_estimate", "rotor_speeds", "rotor_report")
+                and port in ("state_estimate", "rotor_speeds", "rotor_status")
             )
     simulation = flight.GetSubsystemByName("simulation")
     estimate = simulation.GetOutputPort("state_estimate").get_index()
@@ -135,7 +135,7 @@ def test_a_box_cannot_ask_for_the_truth(tmp_path, monkeypatch):
     """)
     )
     monkeypatch.syspath_prepend(tmp_path)
-    flight = MakeFlight(scenario(boxes={"state_filter": "curious_box:Curious"}), hover(5.0))
+    flight = MakeFlight(scenario(systems={"state_filter": "curious_box:Curious"}), hover(5.0))
     assert "truth.state" not in [port for port, _, _ in sources(flight, "state_filter")]
 
 

@@ -159,8 +159,8 @@ def test_doctor_and_the_simulations_death(tmp_path):
         (("-s", "HITL", "--companion", "nobody"), "--companion 'nobody' names no user"),
         (("-s", "HITL", "--lcm_url", "nonsense"), "--lcm_url nonsense cannot be opened"),
         (
-            ("-s", "HITL", "--scenario_text", "{boxes: {explorer: 'nothing:here'}}"),
-            "boxes.explorer: 'nothing:here' cannot be imported",
+            ("-s", "HITL", "--scenario_text", "{systems: {explorer: 'nothing:here'}}"),
+            "systems.explorer: 'nothing:here' cannot be imported",
         ),
     ],
 )

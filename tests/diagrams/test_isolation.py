@@ -19,7 +19,7 @@ INPUTS = {
     "camera_info",
     "state_estimate",
     "rotor_speeds",
-    "rotor_report",
+    "rotor_status",
 }
 # The only systems of Simulation whose outputs Autonomy may see.
 SENSORS = {"camera", "state_estimate", "rotor_bank"}
@@ -84,9 +84,9 @@ def test_the_race_is_isolated(tmp_path):
     outputs = {port.get_name() for port in ports}
     assert {name for name in outputs if not name.startswith("truth.")} == (
         INPUTS | {"camera_image", "camera_grey"}
-    )  # for boxes of one's own
-    assert {"truth.state", "truth.referee_report"} <= outputs
-    assert len(list(leaves(race.GetSubsystemByName("autonomy")))) == len(autonomy_module.BOXES)
+    )  # for systems of one's own
+    assert {"truth.state", "truth.referee_status"} <= outputs
+    assert len(list(leaves(race.GetSubsystemByName("autonomy")))) == len(autonomy_module.SYSTEMS)
     # What comes back is rotor speeds, and the team's word that it races.
     back = {
         sink.get_name()
@@ -119,7 +119,7 @@ def cheat(tmp_path, monkeypatch):
     """)
     )
     monkeypatch.syspath_prepend(tmp_path)
-    return Scenario(boxes={"trajectory_tracker": "cheat_box:Cheat"})
+    return Scenario(systems={"trajectory_tracker": "cheat_box:Cheat"})
 
 
 def test_a_box_cannot_ask_for_the_truth(cheat):

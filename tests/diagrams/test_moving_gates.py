@@ -40,9 +40,9 @@ def passages(looks):
     """Yields every counted passage of a gate, its index and the first look after it."""
     seen = 0
     for look in looks:
-        for crossing in look.referee_report.crossings[seen:]:
+        for crossing in look.referee_status.crossings[seen:]:
             yield crossing, crossing.gate - 1, look
-        seen = len(look.referee_report.crossings)
+        seen = len(look.referee_status.crossings)
 
 
 def test_every_gate_moves_between_two_passages(race):
@@ -66,7 +66,7 @@ def test_no_gate_moves_near_the_drone(race):
 
 
 def test_the_map_follows_before_the_gate_is_passed(race):
-    """Within the lap: two sightings in agreement beat whatever was believed before.
+    """Within the lap: two observations in agreement beat whatever was believed before.
 
     They must contradict it: what is no farther off than their own errors is averaged.
     """

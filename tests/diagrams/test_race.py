@@ -150,8 +150,8 @@ BAD = [
     (["--scenario_text", "explorer: {max_sped: 3}"], "explorer.max_sped is unknown; there are:"),
     (["--scenario_text", "laps: many"], "laps must be a whole number, not 'many'"),
     (["--scenario_text", "laps: 3\nseed: [\n"], "not valid YAML"),
-    (["--scenario_text", "boxes: {explorer: nobody:Box}"], "boxes.explorer: .*No module named"),
-    (["--scenario_text", "boxes: {pilot: a:b}"], "boxes.pilot is not a box"),
+    (["--scenario_text", "systems: {explorer: nobody:Box}"], "systems.explorer: .*No module named"),
+    (["--scenario_text", "systems: {pilot: a:b}"], "systems.pilot is not a system of the autonomy"),
     (
         ["--scenario_text", "rotor_failures: [{rotor: 9, time: 1.0}]"],
         "rotor_failures: there is no rotor 9; the Default has rotors 1 to 4",
@@ -223,7 +223,7 @@ class TestBadInput:
             ["--laps", "0"],
             ["--track", "overlap.yaml"],
             ["-d", "not_finite"],
-            ["--scenario_text", "boxes: {explorer: nobody:Box}"],
+            ["--scenario_text", "systems: {explorer: nobody:Box}"],
         ):
             process = airrace(*args, cwd=folder)
             assert process.returncode == 2 and process.stdout == ""
@@ -506,16 +506,16 @@ class TestOutput:
 
     def test_a_box_that_raises_is_shown_with_its_traceback(self, folder):
         """It is the student's bug: the place matters."""
-        (folder / "boxes").mkdir()
-        (folder / "boxes" / "my_boxes.py").write_text(
+        (folder / "systems").mkdir()
+        (folder / "systems" / "my_boxes.py").write_text(
             "from airrace.systems.planning.trajectory_tracker import TrajectoryTracker\n"
             "class Tracker(TrajectoryTracker):\n"
             "    def __init__(self, scenario):\n"
             "        super().__init__()\n"
-            "    def _CalcReference(self, context, output):\n"
+            "    def _calc_reference(self, context, output):\n"
             "        if context.get_time() > 0.5:\n"
             "            raise ValueError('a mistake')\n"
-            "        super()._CalcReference(context, output)\n"
+            "        super()._calc_reference(context, output)\n"
         )
         process = subprocess.run(
             [
@@ -526,13 +526,13 @@ class TestOutput:
                 "out",
                 "--no-meshcat",
                 "--scenario_text",
-                "boxes: {trajectory_tracker: my_boxes:Tracker}",
+                "systems: {trajectory_tracker: my_boxes:Tracker}",
             ],
             capture_output=True,
             text=True,
             timeout=60,
             cwd=folder,
-            env={**os.environ, "PYTHONPATH": f"{models_path().parent}:{folder / 'boxes'}"},
+            env={**os.environ, "PYTHONPATH": f"{models_path().parent}:{folder / 'systems'}"},
         )
         assert process.returncode == 1
         assert 'my_boxes.py", line 7' in process.stderr

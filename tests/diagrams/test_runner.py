@@ -200,7 +200,7 @@ class TestWholeRace:
 
     def test_laps_are_on_disk_as_they_end(self, flown):
         for look in flown[2]:
-            crossings = len(look.referee_report.crossings)
+            crossings = len(look.referee_status.crossings)
             assert len(look.on_disk["laps"]) == max(crossings - 1, 0) // 6
             check_schema(look.on_disk, 6, 2)
         assert [look.laps_ended for look in flown[2] if look.laps_ended] == [1, 1]
@@ -324,9 +324,9 @@ FAULTY = """
 
         def __init__(self, scenario):
             super().__init__()
-            self.DeclarePeriodicPublishEvent(0.01, 0.0, self._Look)
+            self.DeclarePeriodicPublishEvent(0.01, 0.0, self._look)
 
-        def _Look(self, context):
+        def _look(self, context):
             if context.get_time() >= self.after:
                 raise Crash("a student's mistake")
 
@@ -340,26 +340,26 @@ FAULTY = """
 
         mistakes = 0
 
-        def _CalcMap(self, context, output):
+        def _calc_map(self, context, output):
             if context.get_time() >= 1.0:
                 self.mistakes += 1
                 raise Crash("a student's mistake" if self.mistakes == 1 else "what comes of it")
-            super()._CalcMap(context, output)
+            super()._calc_map(context, output)
 """
 
 
 @pytest.fixture
 def faulty_boxes(tmp_path, monkeypatch):
-    (tmp_path / "boxes").mkdir()
-    (tmp_path / "boxes" / "faulty_boxes.py").write_text(textwrap.dedent(FAULTY))
-    monkeypatch.syspath_prepend(tmp_path / "boxes")
+    (tmp_path / "systems").mkdir()
+    (tmp_path / "systems" / "faulty_boxes.py").write_text(textwrap.dedent(FAULTY))
+    monkeypatch.syspath_prepend(tmp_path / "systems")
     (tmp_path / "out").mkdir()
     return tmp_path / "out"
 
 
 class TestFaults:
     @pytest.mark.parametrize(
-        "boxes, time_s",
+        "systems, time_s",
         [
             ({"trajectory_tracker": "faulty_boxes:Tracker"}, 2.9),
             ({"trajectory_tracker": "faulty_boxes:TrackerAtOnce"}, 0.0),
@@ -367,9 +367,9 @@ class TestFaults:
         ],
         ids=["at 3 s", "at once", "in an output"],
     )
-    def test_a_box_that_raises(self, faulty_boxes, boxes, time_s):
+    def test_a_box_that_raises(self, faulty_boxes, systems, time_s):
         with pytest.raises(Exception, match="a student's mistake") as e:
-            run_race(short(5.0, boxes=boxes), faulty_boxes)
+            run_race(short(5.0, systems=systems), faulty_boxes)
         assert e.type.__name__ == "Crash"
         data = read_race(faulty_boxes)
         assert data["dnf_reason"] == "stopped by an error" and not data["finished"]
@@ -411,7 +411,7 @@ class TestFaults:
         raise UserError(f"{directory}/map.json cannot be written (No space left on device).")
 
     def test_what_cannot_be_had_leaves_nothing(self, tmp_path):
-        for fields in ({"track": "none"}, {"drone": "none"}, {"boxes": {"none": "a:b"}}):
+        for fields in ({"track": "none"}, {"drone": "none"}, {"systems": {"none": "a:b"}}):
             with pytest.raises(UserError):
                 run_race(Scenario(**fields), tmp_path)
         assert not list(tmp_path.iterdir())
@@ -462,7 +462,7 @@ def test_a_race_has_the_outputs_of_a_recorder():
     assert [system.get_name() for system in race.GetSystems()] == ["simulation", "autonomy"]
     names = [race.get_output_port(i).get_name() for i in range(race.num_output_ports())]
     assert names == [
-        "truth.referee_report",
+        "truth.referee_status",
         "truth.state",
         "explorer_status",
         "gate_map",

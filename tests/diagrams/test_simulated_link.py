@@ -26,10 +26,10 @@ def race(hexagon, tmp_path, link, time_limit, stall=(0.0, 0.0), **fields):
 
         def advance(self, simulator, end):
             result = super().advance(simulator, end)
-            modes.append((end, int(self._Watchdog(simulator.get_context()).mode)))
+            modes.append((end, int(self._watchdog(simulator.get_context()).mode)))
             return result
 
-    result = run_race(scenario, tmp_path, partner=Watched(scenario, LinkConfig(**link), folder))
+    result = run_race(scenario, tmp_path, transport=Watched(scenario, LinkConfig(**link), folder))
     result["wall"].pop("seconds")
     result["wall"].pop("real_time_factor")
     return result, dict(modes)

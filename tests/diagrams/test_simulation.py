@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
 from airrace.common.errors import UserError
-from airrace.diagrams.simulation import FollowGates, MakeSimulation
+from airrace.diagrams.simulation import MakeSimulation, follow_gates
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.scenario import RotorsConfig, Scenario
 from airrace.scenario.camera import RENDERERS, CameraConfig
@@ -47,7 +47,7 @@ class Flight:
         return self
 
     def __getattr__(self, name):
-        ports = {"state": "truth.state", "report": "truth.referee_report"}
+        ports = {"state": "truth.state", "report": "truth.referee_status"}
         return self.simulation.GetOutputPort(ports.get(name, name)).Eval(self.context)
 
 
@@ -149,7 +149,7 @@ def test_hovers_and_reports_its_estimate():
     flight = Flight(speeds=np.full(4, HOVER_SPEED), start=start)
     rotors = flight.simulation.GetSubsystemByName("rotor_bank")
     context = rotors.GetMyMutableContextFromRoot(flight.simulator.get_mutable_context())
-    rotors.SetSpeeds(context, np.full(4, HOVER_SPEED))
+    rotors.set_speeds(context, np.full(4, HOVER_SPEED))
     flight.advance(5.0)
     np.testing.assert_allclose(flight.state, start, atol=1e-6)
     np.testing.assert_allclose(flight.state_estimate[se.POSITION], [0, 0, 5], atol=0.03)
@@ -331,7 +331,7 @@ class TestMovingGates:
         mover = flight.simulation.GetSubsystemByName("gate_mover")
         root = flight.simulator.get_mutable_context()
         mover.GetMyMutableContextFromRoot(root).SetDiscreteState(1, [*shift, *np.zeros(18)])
-        FollowGates(flight.simulation, root)
+        follow_gates(flight.simulation, root)
 
     @staticmethod
     def camera_image(flight):
@@ -423,7 +423,7 @@ class TestMovingGates:
         assert not flight.simulation.HasOutputPort("truth.gate_shifts")
         assert flight.simulation.GetSubsystemByName("plant").num_bodies() == 2
         before = flight.simulator.get_context().Clone()
-        FollowGates(flight.simulation, flight.simulator.get_mutable_context())
+        follow_gates(flight.simulation, flight.simulator.get_mutable_context())
         np.testing.assert_array_equal(
             flight.state,
             flight.simulation.GetOutputPort("truth.state").Eval(

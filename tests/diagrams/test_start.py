@@ -43,7 +43,7 @@ def test_takes_off_from_a_tilted_pad_and_levels(tmp_path, drone, direction_deg):
     flight = MakeFlight(scenario, reference)
     simulator = Simulator(flight)
     context = simulator.get_mutable_context()
-    state, report = (flight.GetOutputPort(name) for name in ("truth.state", "truth.referee_report"))
+    state, report = (flight.GetOutputPort(name) for name in ("truth.state", "truth.referee_status"))
     pad[0] = state.Eval(context)[4:7].copy()
     assert tilt_of(state.Eval(context)) == pytest.approx(10.0)
     simulator.AdvanceTo(TAKE_OFF - 0.02)

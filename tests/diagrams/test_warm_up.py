@@ -29,7 +29,7 @@ assert len(before) > 20
 scenario = Scenario(laps=1, link_delay=LINK_DELAY)
 scenario.referee.time_limit = 9.0
 folder = pathlib.Path(sys.argv[1])
-run = run_race(scenario, folder, partner=SimulatedRemote(scenario, LINK, folder))
+run = run_race(scenario, folder, transport=SimulatedRemote(scenario, LINK, folder))
 assert "gate 2" in run["dnf_reason"], run["dnf_reason"]
 print(*sorted(compiled() - before), sep="\\n")
 """
@@ -56,7 +56,7 @@ def test_another_process_compiles_the_first_time(monkeypatch, tmp_path, capsys, 
     monkeypatch.setattr(subprocess, "run", lambda *args, **kwargs: ran.append(run(*args, **kwargs)))
     warm_up.compile_apart(
         load_scenario(
-            scenario_text=f"{{map: track, camera: {{renderer: {renderer}}}, boxes: "
+            scenario_text=f"{{map: track, camera: {{renderer: {renderer}}}, systems: "
             "{trajectory_tracker: 'tests.diagrams.test_warm_up:make_tracker'}}"
         )
     )

@@ -18,13 +18,13 @@ def test_names_what_flies():
 
 
 def test_a_changed_box_is_another_version(folder):
-    boxes = {"explorer": "my_team:make", "lap_planner": "my_team:other"}
-    before = versions(boxes)
-    assert mismatch(before, versions(boxes)) is None
+    systems = {"explorer": "my_team:make", "lap_planner": "my_team:other"}
+    before = versions(systems)
+    assert mismatch(before, versions(systems)) is None
     (folder / "my_team.py").write_text("# better\n")
-    assert mismatch(before, versions(boxes)).startswith("my_team ")
+    assert mismatch(before, versions(systems)).startswith("my_team ")
     (folder / "my_team.py").unlink()
-    assert mismatch(before, versions(boxes)).startswith("my_team missing instead of ")
+    assert mismatch(before, versions(systems)).startswith("my_team missing instead of ")
 
 
 def test_packages_count_with_all_their_modules(folder):

@@ -70,7 +70,7 @@ class TestFly:
         (folder / "my_boxes.py").write_text(
             "import os, signal\ndef crash(scenario):\n    os.kill(os.getpid(), signal.SIGSEGV)\n"
         )
-        row = fly(job("boxes: {explorer: my_boxes:crash}"), "e")
+        row = fly(job("systems: {explorer: my_boxes:crash}"), "e")
         assert row["result"]["dnf_reason"] == "crashed (SIGSEGV)"
         assert not row["result"]["finished"] and row["wall"] is None
 
@@ -80,16 +80,16 @@ class TestFly:
             "class Tracker(TrajectoryTracker):\n"
             "    def __init__(self, scenario):\n"
             "        super().__init__()\n"
-            "    def _CalcReference(self, context, output):\n"
+            "    def _calc_reference(self, context, output):\n"
             "        raise ValueError('a mistake')\n"
         )
-        row = fly(job("boxes: {trajectory_tracker: my_boxes:Tracker}"), "e")
+        row = fly(job("systems: {trajectory_tracker: my_boxes:Tracker}"), "e")
         assert row["result"]["dnf_reason"].startswith("stopped by an error: ")
         assert "a mistake" in row["result"]["dnf_reason"]
         assert "my_boxes.py" in row["stderr"]
 
     def test_what_cannot_be_flown_is_refused(self, folder):
-        row = fly(job("boxes: {explorer: nobody:Box}"), "e")
+        row = fly(job("systems: {explorer: nobody:Box}"), "e")
         assert set(row) == {"seed", "refused"} and "No module named 'nobody'" in row["refused"]
 
     def test_other_versions_do_not_fly(self, monkeypatch):

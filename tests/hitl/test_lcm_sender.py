@@ -57,7 +57,7 @@ def test_what_is_sent_is_what_is_received(port):
     assert (channel, time) == (bench.row.channel, 0.25)
     receiver = LcmReceiver(bench.row)
     context = receiver.CreateDefaultContext()
-    receiver.Receive(context, bench.row.decode(message), time)
+    receiver.receive(context, bench.row.decode(message), time)
     for each in bench.row.ports:
         shown, given = receiver.GetOutputPort(each).Eval(context), bench.given[each]
         if isinstance(given, np.ndarray):
@@ -79,7 +79,7 @@ def test_in_real_time_at_most_at_the_rate_and_again_after_a_while():
     assert sum(counts) == 10
     quiet = [bench.at(0.1 + 0.01 * k) for k in range(1, 151)]
     assert 2 <= sum(quiet) <= 4
-    bench.sender.Forget()
+    bench.sender.forget()
     assert bench.at(1.7) == 1
 
 

@@ -12,7 +12,7 @@ import pytest
 from airrace.hitl.planning_worker import PlanningWorker
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.planning.lap_planning import plan_lap
-from airrace.systems.types import GateMap
+from airrace.track.gate_map import GateMap
 from tests.systems.planning.test_lap_planner import Bench, moved
 
 
@@ -78,7 +78,7 @@ def test_a_planner_waits_without_blocking(late, moves):
         jobs.append(Job(plan_lap(asked)))
         return jobs[-1]
 
-    bench.planner.SolveElsewhere(submit)
+    bench.planner.solve_elsewhere(submit)
     assert bench.plan_at(0.3) is NO_PLAN and len(jobs) == 1
     if late:  # the first plan starts at rest: any time will do
         assert bench.plan_at(1.0) is NO_PLAN

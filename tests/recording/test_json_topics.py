@@ -5,9 +5,10 @@ import pytest
 from pydrake.math import RigidTransform
 
 from airrace.recording import json_topics
-from airrace.systems.planning.lap_plan import LapPlan, PlanReport
-from airrace.systems.referee_report import GateCrossing
-from airrace.systems.types import Detection, Detections, GateMap, MarkerEstimate
+from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
+from airrace.systems.referee_status import GateCrossing
+from airrace.systems.types import Detection, Detections
+from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 
@@ -56,7 +57,7 @@ def test_a_map_is_valid_json_whatever_is_in_it():
     assert message["statistics"]["markers"][0]["variance"] == [None] * 3
 
 
-@pytest.mark.parametrize("report", [None, PlanReport(0.1, 1.0, 2.0, 3.0, 4.0)])
+@pytest.mark.parametrize("report", [None, PlanSummary(0.1, 1.0, 2.0, 3.0, 4.0)])
 def test_a_plan_has_samples_of_both_parts(report):
     rest = FlatTrajectory.resting([1.0, 2.0, 3.0, 0.5])
     message = as_json(json_topics.plan_data(LapPlan(2, 10.0, rest, rest, 0.0, report)))

@@ -14,16 +14,11 @@ from airrace.recording.topics import TOPICS
 from airrace.recording.writer import RaceLog
 from airrace.scenario.recording import RecordingConfig
 from airrace.systems.planning.lap_plan import LapPlan
-from airrace.systems.referee_report import GateCrossing, RefereeReport
+from airrace.systems.referee_status import GateCrossing, RefereeStatus
 from airrace.systems.sensing.camera_view import CameraView
-from airrace.systems.types import (
-    Detections,
-    ExplorerEvent,
-    ExplorerStatus,
-    GateMap,
-    make_camera_info,
-)
+from airrace.systems.types import Detections, ExplorerEvent, ExplorerStatus, make_camera_info
 from airrace.track import load_track
+from airrace.track.gate_map import GateMap
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.vehicle import load_vehicle
 
@@ -66,7 +61,7 @@ class Recording:
                 "detections": Detections(),
                 "gate_map": GateMap(),
                 "explorer_status": ExplorerStatus(),
-                "truth.referee_report": RefereeReport((), False, None, None, 0),
+                "truth.referee_status": RefereeStatus((), False, None, None, 0),
             }
         )
 
@@ -84,7 +79,7 @@ class Recording:
 
     def messages(self) -> dict:
         """Closes the log; returns topic to pairs of time (s) and message."""
-        self.recorder.Close()
+        self.recorder.close()
         result = {topic: [] for topic in TOPICS}
         with open(self.path, "rb") as file:
             reader, factory = make_reader(file), DecoderFactory()
@@ -220,7 +215,7 @@ def test_the_map_is_written_when_a_lap_ends(path):
     crossing = GateCrossing(time=0.15, gate=1, lap=2, offset=0.1, max_speed=9.0)
     recording.fix(
         **{
-            "truth.referee_report": RefereeReport((crossing,), True, None, 0.15, 0),
+            "truth.referee_status": RefereeStatus((crossing,), True, None, 0.15, 0),
             "gate_map": GateMap(time=0.1),
         }
     )
@@ -257,7 +252,7 @@ def test_what_is_not_connected_is_not_recorded(path):
         max_speed=20.0,
     )
     Simulator(recorder).AdvanceTo(0.5)
-    recorder.Close()
+    recorder.close()
     with open(path, "rb") as file:
         topics = {channel.topic for _, channel, _ in make_reader(file).iter_messages()}
     assert topics == {"/scene"}

@@ -3,8 +3,9 @@ import pytest
 from pydrake.math import RigidTransform
 
 from airrace.recording import scene_updates
-from airrace.systems.types import Detection, Detections, GateEstimate, GateMap, MarkerEstimate
+from airrace.systems.types import Detection, Detections
 from airrace.track import load_track
+from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.vehicle import load_vehicle
 from tests.recording.decoding import decoded, vector
 

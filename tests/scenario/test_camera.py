@@ -126,7 +126,7 @@ def test_a_rectifier_stands_before_every_box_if_the_lens_distorts():
         "camera_info",
         "state_estimate",
         "rotor_speeds",
-        "rotor_report",
+        "rotor_status",
     }
     assert not any(
         system.get_name() == "rectifier" for system in MakeAutonomy(Scenario()).GetSystems()

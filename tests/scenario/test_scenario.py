@@ -168,7 +168,7 @@ def test_defaults_then_file_then_text(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(
         "Defaults: {laps: 2, seed: 3, explorer: {max_speed: 4.0, rate: 10.0}}\n"
-        "Other: {laps: 5, boxes: {explorer: a:b}}\n"
+        "Other: {laps: 5, systems: {explorer: a:b}}\n"
     )
     scenario = load_scenario(filename=str(path))
     assert (scenario.laps, scenario.seed, scenario.trajectory) == (2, 3, "optimal")
@@ -178,13 +178,13 @@ def test_defaults_then_file_then_text(tmp_path):
     scenario = load_scenario(
         filename=str(path),
         scenario_name="Other",
-        scenario_text="{laps: 7, boxes: {gate_mapper: c:d}, explorer: {rate: 5}}",
+        scenario_text="{laps: 7, systems: {gate_mapper: c:d}, explorer: {rate: 5}}",
     )
     assert scenario.laps == 7 and scenario.seed == 0
-    assert scenario.boxes == {"explorer": "a:b", "gate_mapper": "c:d"}
+    assert scenario.systems == {"explorer": "a:b", "gate_mapper": "c:d"}
     assert scenario.explorer.rate == 5.0
     # No two scenarios share a section.
-    assert Scenario().explorer.rate != 5.0 and Scenario().boxes == {}
+    assert Scenario().explorer.rate != 5.0 and Scenario().systems == {}
 
 
 def test_drakes_own_structs_can_be_set():
@@ -215,7 +215,7 @@ BAD = {
     "trajectory: '5'": "trajectory must be one of 3, 4, 6, optimal, not '5'",
     "explorer: 3": "explorer must be a mapping",
     "explorer: {max_speed: fast}": "explorer.max_speed must be a number, not 'fast'",
-    "boxes: {explorer: 3}": "boxes.explorer must be text",
+    "systems: {explorer: 3}": "systems.explorer must be text",
     "[1, 2]": "must be a mapping",
     "laps: [": "not valid YAML",
     "laps: 0": "laps must be at least 1, not 0",
@@ -414,7 +414,7 @@ def scenarios(draw):
         disturbances=draw(_disturbances),
         rotor_failures=draw(_failures),
         recording=draw(_recordings),
-        boxes=draw(st.dictionaries(st.text(max_size=9), st.text(max_size=9), max_size=2)),
+        systems=draw(st.dictionaries(st.text(max_size=9), st.text(max_size=9), max_size=2)),
     )
     for section in SECTIONS:
         if section in ("disturbances", "recording"):

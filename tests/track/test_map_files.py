@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
 from airrace.systems.mapping.marker_statistics import MarkerStatistics, make_map
-from airrace.systems.types import GateMap
 from airrace.track import load_track
+from airrace.track.gate_map import GateMap
 from airrace.track.map_files import map_data, read_map, statistics_data, write_map
 
 TRUTH = read_map("track", "student-airrace")
@@ -33,7 +33,7 @@ def maps(draw):
     out_of_range = draw(st.integers(0, 100))
     return make_map(
         statistics,
-        min_sightings=5,
+        min_observations=5,
         time=draw(st.floats(0, 1e3)),
         detections=out_of_range + draw(st.integers(0, 1000)),
         out_of_range=out_of_range,
@@ -86,7 +86,7 @@ def test_the_files_say_what_the_map_says(tmp_path_factory, gate_map):
     errors = data["error_rate"] * max(data["detections"], 1)
     assert errors == pytest.approx(data["out_of_range_ids"])
     for entry, marker in zip(data["markers"], gate_map.markers, strict=True):
-        assert (entry["id"], entry["sightings"], entry["outliers"]) == (
+        assert (entry["id"], entry["observations"], entry["outliers"]) == (
             marker.id,
             marker.count,
             marker.outliers,
@@ -99,7 +99,7 @@ def test_a_broken_map_still_makes_valid_files(tmp_path):
     lost = MarkerStatistics(9, 0, np.full(3, np.nan), np.zeros(3), np.ones(3))
     write_map(
         tmp_path,
-        make_map({0: lost}, min_sightings=5, time=float("nan"), detections=9, out_of_range=0),
+        make_map({0: lost}, min_observations=5, time=float("nan"), detections=9, out_of_range=0),
     )
     for name in ("map.json", "map_statistics.json"):
         text = (tmp_path / name).read_text()

@@ -82,7 +82,7 @@ def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
     simulator.Initialize()
     for k, thrust in enumerate(thrusts.T):
         speeds = np.sqrt(thrust / vehicle.thrust_coefficients)
-        rotors.SetSpeeds(of_rotors, speeds)
+        rotors.set_speeds(of_rotors, speeds)
         diagram.GetInputPort("command").FixValue(context, speeds)
         simulator.AdvanceTo((k + 1) * STEP)
     X = plant.EvalBodyPoseInWorld(own, plant.GetBodyByName("body"))

@@ -70,7 +70,7 @@ def test_rays_go_when_nothing_is_seen_or_it_is_old(meshcat, run):
 
 def test_the_markers_are_framed(run):
     inset = run(_seen(RigidTransform([0, 0, 10.0])))
-    image = inset._Marked(_seen(RigidTransform()).markers)
+    image = inset._marked(_seen(RigidTransform()).markers)
     # The corner (400, 300) is at (99.6, 74.6) in a picture of a quarter of the pixels.
     assert image[75, 112, 1] > 150 and image[75, 112, 0] < 150
 

@@ -1,7 +1,7 @@
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from airrace.systems.types import GateMap, MarkerEstimate
+from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.visualization.map_visualizer import MAGNIFICATION, MapVisualizer
 from tests.visualization.meshcat_tools import fix, transform
 

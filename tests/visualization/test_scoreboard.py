@@ -1,7 +1,7 @@
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from airrace.systems.referee_report import GateCrossing, RefereeReport
+from airrace.systems.referee_status import GateCrossing, RefereeStatus
 from airrace.systems.types import ExplorerStatus
 from airrace.visualization.meshcat_page import HUD
 from airrace.visualization.scoreboard import Scoreboard, draw_lines, scoreboard_lines
@@ -15,7 +15,7 @@ def _report(times, **fields):
         GateCrossing(time=t, gate=k % 3 + 1, lap=k // 3 + 1, offset=0.0, max_speed=9.0)
         for k, t in enumerate(times)
     )
-    return RefereeReport(
+    return RefereeStatus(
         **{
             "crossings": crossings,
             "finished": False,
@@ -70,7 +70,7 @@ def test_it_is_drawn_only_for_somebody(meshcat):
             board,
             simulator.get_mutable_context(),
             truth__state=np.zeros(13),
-            truth__referee_report=_report([]),
+            truth__referee_status=_report([]),
             explorer_status=RACING,
         )
         simulator.AdvanceTo(0.05)

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from airrace.recording.race_record import RaceRecord
+from airrace.recording.race_result import RaceResult
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.referee_report import GateCrossing, RefereeReport
-from airrace.systems.types import ExplorerStatus, GateMap
+from airrace.systems.referee_status import GateCrossing, RefereeStatus
+from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
+from airrace.track.gate_map import GateMap
 from airrace.vehicle.disturbances import RotorFailure
 from airrace.visualization.terminal import RaceDisplay, _PatientConsole, failures_line, lap_table
 
@@ -24,7 +25,7 @@ class Race:
 
     def __init__(self, console, track=TRACK, meshcat=None, laps=2, **fields):
         scenario = Scenario(laps=laps, **fields)
-        self.record = RaceRecord(scenario, track)
+        self.record = RaceResult(scenario, track)
         self.display = RaceDisplay(scenario, track, meshcat, console)
 
     def look(self, time, crossings=0, rotor_losses=(), **status):
@@ -32,7 +33,7 @@ class Race:
             GateCrossing(10.0 + k, k % N + 1, k // N + 1, 0.1, 9.0) for k in range(crossings)
         )
         finished = crossings == 2 * N + 1
-        report = RefereeReport(seen, finished, None, seen[-1].time if finished else None, 0)
+        report = RefereeStatus(seen, finished, None, seen[-1].time if finished else None, 0)
         ended = self.record.observe(
             time, report, ExplorerStatus(**status), GateMap(), NO_PLAN, np.array(rotor_losses)
         )

@@ -74,9 +74,9 @@ def test_the_chasing_camera_turns_later_than_the_drone(meshcat, director, simula
 
 def test_the_end_leaves_who_looks_from_above_alone(meshcat, director, simulator):
     meshcat.SetCameraPose(np.array([1.0, 2.0, 3.0]), np.zeros(3))
-    director.End()
+    director.end()
     np.testing.assert_allclose(_eye(meshcat), [1.0, 2.0, 3.0])
     click(meshcat, BUTTONS[ONBOARD][0])
     simulator.AdvanceTo(0.1)
-    director.End()
+    director.end()
     np.testing.assert_allclose(_eye(meshcat), [0.0, -50, 30])

@@ -90,7 +90,7 @@ class Exchange:
         """Sends what changed, as the next tick."""
         self._sent += 1
         self._asked = time.monotonic()
-        sent = self._senders.Send(root_context)
+        sent = self._senders.send(root_context)
         for channel, _ in sent:
             self._sequences[channel] = self._endpoint.sequence(channel)
         beat = self._endpoint.beat(
@@ -135,7 +135,7 @@ class Exchange:
             if self._used.get(channel) != sequence:
                 self._used[channel] = sequence
                 self._endpoint.show(channel, self._pending.pop((channel, sequence)))
-        self._receivers.Receive(root_context, self._endpoint)
+        self._receivers.receive(root_context, self._endpoint)
         for stale in [key for key in self._pending if key[1] <= self._used.get(key[0], 0)]:
             del self._pending[stale]
         for old in [old for old in self._beats if old < tick]:

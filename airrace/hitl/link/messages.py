@@ -12,16 +12,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from airrace import lcmtypes
 from airrace.common.immutable import read_only
 from airrace.hitl.link.packets import MALFORMED, NOT_FINITE, Dropped
-from airrace.systems.referee_report import GateCrossing, RefereeReport
+from airrace.systems.referee_status import GateCrossing, RefereeStatus
 from airrace.systems.sensing import state_estimate as se
-from airrace.systems.types import (
-    CameraInfo,
-    ExplorerEvent,
-    ExplorerStatus,
-    GateEstimate,
-    GateMap,
-    MarkerEstimate,
-)
+from airrace.systems.types import CameraInfo, ExplorerEvent, ExplorerStatus
+from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 
 
 def check_finite(*values) -> None:
@@ -68,19 +62,19 @@ def decode_rotors(message) -> np.ndarray:
     return read_only(message.value)
 
 
-def encode_rotor_report(rotor_report, rotor_speeds) -> lcmtypes.lcmt_rotor_report:
-    """Args: rotor_report: of RotorBank, (1 + 2n,). rotor_speeds: in it already, (n,)."""
-    message, n = lcmtypes.lcmt_rotor_report(), len(rotor_speeds)
-    time, *speeds = rotor_report.tolist()
+def encode_rotor_status(rotor_status, rotor_speeds) -> lcmtypes.lcmt_rotor_status:
+    """Args: rotor_status: of RotorBank, (1 + 2n,). rotor_speeds: in it already, (n,)."""
+    message, n = lcmtypes.lcmt_rotor_status(), len(rotor_speeds)
+    time, *speeds = rotor_status.tolist()
     message.time, message.count, message.speed, message.expected = (time, n, speeds[:n], speeds[n:])
     return message
 
 
-def decode_rotor_report(message) -> dict:
-    """Returns the values by port: rotor_report, (1 + 2n,), and rotor_speeds, (n,)."""
+def decode_rotor_status(message) -> dict:
+    """Returns the values by port: rotor_status, (1 + 2n,), and rotor_speeds, (n,)."""
     report = [message.time, *message.speed, *message.expected]
     check_finite(report)
-    return {"rotor_report": read_only(report), "rotor_speeds": read_only(message.speed)}
+    return {"rotor_status": read_only(report), "rotor_speeds": read_only(message.speed)}
 
 
 def decode_rotor_losses(message) -> np.ndarray:
@@ -204,9 +198,9 @@ def decode_explorer_status(message) -> ExplorerStatus:
     )
 
 
-def encode_referee_report(report: RefereeReport) -> lcmtypes.lcmt_referee_report:
+def encode_referee_status(report: RefereeStatus) -> lcmtypes.lcmt_referee_status:
     """Args: report: of the referee."""
-    message = lcmtypes.lcmt_referee_report()
+    message = lcmtypes.lcmt_referee_status()
     message.num_crossings = len(report.crossings)
     for crossing in report.crossings:
         each = lcmtypes.lcmt_gate_crossing()
@@ -219,12 +213,12 @@ def encode_referee_report(report: RefereeReport) -> lcmtypes.lcmt_referee_report
     return message
 
 
-def decode_referee_report(message) -> RefereeReport:
+def decode_referee_status(message) -> RefereeStatus:
     """Returns the referee's report."""
     check_finite(message.end_time)
     for each in message.crossings:
         check_finite(each.time, each.offset, each.max_speed)
-    return RefereeReport(
+    return RefereeStatus(
         crossings=tuple(
             GateCrossing(c.time, c.gate, c.lap, c.offset, c.max_speed) for c in message.crossings
         ),

@@ -11,12 +11,12 @@ from pydrake.trajectories import PiecewisePolynomial
 from airrace import lcmtypes
 from airrace.hitl.link.messages import check_finite
 from airrace.hitl.link.packets import MALFORMED, NOT_FINITE, Dropped
-from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanReport
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.min_snap.circuit import Circuit
 
 _ROWS = 4
-_NUMBERS = [field.name for field in dc.fields(PlanReport) if "float" in str(field.type)]
+_NUMBERS = [field.name for field in dc.fields(PlanSummary) if "float" in str(field.type)]
 _LEAST_STEP, _MOST = 1e-6, 1e12  # s between breaks, and of any coefficient
 
 
@@ -70,10 +70,10 @@ def decode_lap_plan(message) -> LapPlan:
     )
 
 
-def _decoded_report(text: str) -> PlanReport:
+def _decoded_report(text: str) -> PlanSummary:
     try:
         values = json.loads(text)
-        report = PlanReport(
+        report = PlanSummary(
             **{
                 name: tuple(value) if isinstance(value, list) else value
                 for name, value in values.items()

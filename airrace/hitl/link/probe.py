@@ -20,7 +20,7 @@ CHANNELS = (
     Channel(PICTURE, lcmt_image_array, "simulation", image_messages.decode_pictures, _SIZE),
     Channel(STATE, lcmtypes.lcmt_rotors, "simulation", messages.decode_rotors, _SIZE),
     Channel(COMMAND, lcmtypes.lcmt_rotors, "autonomy", messages.decode_rotors, _SIZE),
-    Channel(REPORT, lcmtypes.lcmt_link_report, "autonomy", lambda message: message, _SIZE),
+    Channel(REPORT, lcmtypes.lcmt_link_status, "autonomy", lambda message: message, _SIZE),
 )
 _REPORT_PERIOD = 0.2  # s
 _PAUSE = 1.0  # s, after which another test begins
@@ -207,7 +207,7 @@ class Responder:
             self._endpoint.publish(REPORT, self._report(), received.stamp.time)
 
     def _report(self):
-        message = lcmtypes.lcmt_link_report()
+        message = lcmtypes.lcmt_link_status()
         for name, path in _OF_THE_KERNEL.items():
             setattr(message, name, _kernel_setting(path))
         for channel in (PICTURE, STATE):

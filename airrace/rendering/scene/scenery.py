@@ -25,7 +25,7 @@ _FRICTION = CoulombFriction(static_friction=0.8, dynamic_friction=0.6)
 def AddScenery(plant, track, movable=False, visible=True) -> None:
     """Adds the ground, the pylons and the boards of a track to a plant.
 
-    Everything is fixed to the world, or gates to bodies that MoveGates() moves.
+    Everything is fixed to the world, or gates to bodies that move_gates() moves.
     The collision geometries are named ``ground``, ``pylon_<gate from 1>_<left|right>``
     and ``board_<marker ID>``, which tells what a contact touched. Nothing is read from
     or written to disk.
@@ -39,7 +39,7 @@ def AddScenery(plant, track, movable=False, visible=True) -> None:
     """
     world = plant.world_body()
     n = len(track.gates)
-    gates = _AddGateBodies(plant, n) if movable else [world] * n
+    gates = _add_gate_bodies(plant, n) if movable else [world] * n
 
     def add(name, body, X_WG, mesh, shape, X_GS=RigidTransform()):
         if visible:
@@ -76,7 +76,7 @@ def AddScenery(plant, track, movable=False, visible=True) -> None:
         add(f"board_{board.id}", body, board.X_WM, face, box, behind_face)
 
 
-def _AddGateBodies(plant, n) -> list:
+def _add_gate_bodies(plant, n) -> list:
     """Adds a body for each of n gates; at first, its frame is the world's."""
     instance = plant.AddModelInstance("gates")
     bodies = []
@@ -90,7 +90,7 @@ def _AddGateBodies(plant, n) -> list:
     return bodies
 
 
-def MoveGates(plant, context, shifts) -> None:
+def move_gates(plant, context, shifts) -> None:
     """Moves the gates of a plant with movable gates.
 
     Args:

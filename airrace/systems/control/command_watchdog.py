@@ -94,23 +94,23 @@ class CommandWatchdog(LeafSystem):
         self._own = self.DeclareVectorInputPort("own_command", rotors)
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
         self._memory = self.DeclareDiscreteState(_Memory().vector())
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Watch)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._watch)
         self.DeclareVectorOutputPort(
             "rotor_speed_command",
             rotors,
-            self._CalcCommand,
+            self._calc_command,
             {self._command.ticket(), self._own.ticket(), self.xd_ticket()},
         )
         self.DeclareVectorOutputPort(
-            "reference", ref.SIZE, self._CalcReference, {self.xd_ticket(), self.time_ticket()}
+            "reference", ref.SIZE, self._calc_reference, {self.xd_ticket(), self.time_ticket()}
         )
 
-    def Recall(self, context) -> _Memory:
+    def recall(self, context) -> _Memory:
         """Returns what it remembers."""
         return _Memory(*context.get_discrete_state(self._memory).value().tolist())
 
-    def _Watch(self, context, discrete_state):
-        m = self.Recall(context)
+    def _watch(self, context, discrete_state):
+        m = self.recall(context)
         now = context.get_time()
         estimate = self._estimate.Eval(context).tolist()
         height = estimate[se.POSITION][2]
@@ -137,13 +137,13 @@ class CommandWatchdog(LeafSystem):
         m.mode = mode
         discrete_state.set_value(self._memory, m.vector())
 
-    def _CalcCommand(self, context, output):
+    def _calc_command(self, context, output):
         mode = context.get_discrete_state(self._memory).value()[0]
         source = self._own if mode >= HOVER else self._command
         output.set_value(source.Eval(context))
 
-    def _CalcReference(self, context, output):
-        m = self.Recall(context)
+    def _calc_reference(self, context, output):
+        m = self.recall(context)
         output.set_value(_NOTHING if m.mode == FOLLOW else stopping(m, context.get_time()))
 
 
@@ -196,7 +196,7 @@ def AddCommandWatchdog(builder, scenario, simulation, link) -> CommandWatchdog:
     vehicle, rate = load_vehicle(scenario.drone)[0], scenario.controller.rate
     add = builder.AddNamedSystem
     watchdog = add("command_watchdog", CommandWatchdog(rotors=len(vehicle.rotors), rate=rate))
-    boxes = (
+    systems = (
         watchdog,
         link,
         simulation,
@@ -217,10 +217,10 @@ def AddCommandWatchdog(builder, scenario, simulation, link) -> CommandWatchdog:
     builder.Connect(
         simulation.GetOutputPort("state_estimate"), watchdog.GetInputPort("state_estimate")
     )
-    for box in boxes[3:]:
+    for box in systems[3:]:
         for i in range(box.num_input_ports()):
             port = box.get_input_port(i)
-            source = next(b for b in (watchdog, *boxes[2:]) if b.HasOutputPort(port.get_name()))
+            source = next(b for b in (watchdog, *systems[2:]) if b.HasOutputPort(port.get_name()))
             builder.Connect(source.GetOutputPort(port.get_name()), port)
     builder.Connect(
         watchdog.GetOutputPort("rotor_speed_command"),

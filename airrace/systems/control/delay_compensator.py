@@ -58,26 +58,26 @@ class DelayCompensator(LeafSystem):
         self._history = self.DeclareDiscreteState(self._depth * n)
         self._since = self.DeclareDiscreteState(1)
         self._delay = self.DeclareDiscreteState(1)
-        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._Remember)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._remember)
         inputs = {self._estimate.ticket(), self._speeds.ticket(), self.xd_ticket()}
         self.DeclareVectorOutputPort(
             "state_estimate",
             se.SIZE,
-            lambda context, output: output.set_value(self._Predicted(context)[0]),
+            lambda context, output: output.set_value(self._predicted(context)[0]),
             inputs,
         )
         self.DeclareVectorOutputPort(
             "rotor_speeds",
             n,
-            lambda context, output: output.set_value(self._Predicted(context)[1]),
+            lambda context, output: output.set_value(self._predicted(context)[1]),
             inputs,
         )
 
-    def SetDelay(self, context, delay: float) -> None:
+    def set_delay(self, context, delay: float) -> None:
         """Sets the delay, there and back (s), from Rounded()."""
         context.SetDiscreteState(self._delay, [delay])
 
-    def Rounded(self, delay: float, before: float) -> float:
+    def rounded(self, delay: float, before: float) -> float:
         """Returns the delay to use (s): whole periods, another one only if it matters.
 
         It is never more than a model is good for, 0.25 s, however long the link takes.
@@ -92,7 +92,7 @@ class DelayCompensator(LeafSystem):
             return 0.0
         return self._period * math.ceil(min(delay, _MOST) / self._period - 1e-9)
 
-    def _Remember(self, context, discrete_state):
+    def _remember(self, context, discrete_state):
         history = discrete_state.get_mutable_value(self._history)
         command = self._command.Eval(context)
         history[len(command) :] = history[: -len(command)]
@@ -100,7 +100,7 @@ class DelayCompensator(LeafSystem):
         # What is seen now was made one period ago.
         discrete_state.get_mutable_value(self._since)[0] = context.get_time() - self._period
 
-    def _Predicted(self, context):
+    def _predicted(self, context):
         """Returns the two outputs."""
         estimate, speeds = self._estimate.Eval(context), self._speeds.Eval(context)
         delay = context.get_discrete_state(self._delay).value()[0]

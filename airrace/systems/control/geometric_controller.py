@@ -10,7 +10,7 @@ from airrace.common.jit import all_finite, compilable, compiled
 from airrace.math.vec3 import columns, cross, dot, in_axes, sum2, transposed, triple
 from airrace.systems.control.attitude_error import attitude_error, turned_back
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY, ReducedAttitude
-from airrace.systems.ports import peek
+from airrace.systems.ports import read_vector
 from airrace.systems.sensing import state_estimate as se
 from airrace.trajopt import flat_trajectory as ref
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
@@ -122,12 +122,15 @@ class GeometricController(LeafSystem):
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         self._losses = self.DeclareVectorInputPort("rotor_losses", n)
         state = self.DeclareDiscreteState(n)
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._UpdateCommand)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update_command)
         self.DeclareStateOutputPort("rotor_speed_command", state)
 
-    def _UpdateCommand(self, context, discrete_state):
-        remaining, rotors = self._remaining(peek(self._losses, context).tobytes())
-        estimate, disturbance = peek(self._estimate, context), peek(self._disturbance, context)
+    def _update_command(self, context, discrete_state):
+        remaining, rotors = self._remaining(read_vector(self._losses, context).tobytes())
+        estimate, disturbance = (
+            read_vector(self._estimate, context),
+            read_vector(self._disturbance, context),
+        )
         if not remaining.can_fly:
             if not (all_finite(estimate) and all_finite(disturbance)):
                 return  # the last command is the best there is
@@ -137,8 +140,8 @@ class GeometricController(LeafSystem):
             reference = self._reference.Eval(context)
             if not _prepared(reference, estimate, disturbance, self._gains):
                 return
-            wrench = self.CalcWrench(reference, estimate)
-        commands, speeds = discrete_state.get_mutable_value(), peek(self._speeds, context)
+            wrench = self.calc_wrench(reference, estimate)
+        commands, speeds = discrete_state.get_mutable_value(), read_vector(self._speeds, context)
         complete = remaining.allocator.is_complete
         if complete and _command_wrench(commands, wrench, speeds, rotors, self._gains):
             return  # as a rule
@@ -146,7 +149,7 @@ class GeometricController(LeafSystem):
             thrusts = remaining.allocator.allocate(wrench)
             _command(commands, thrusts, speeds, rotors, self._gains)
 
-    def CalcWrench(self, reference, estimate) -> np.ndarray:
+    def calc_wrench(self, reference, estimate) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), shape (4,).
 
         Args:
@@ -169,7 +172,7 @@ def _prepared(reference, estimate, disturbance, gains) -> bool:
 
 @compiled
 def _wrench(r, e, gains):
-    """See GeometricController.CalcWrench()."""
+    """See GeometricController.calc_wrench()."""
     mass, k_x, k_v = gains[_MASS], gains[_K_X], gains[_K_V]
     J, k_R, k_w = gains[_J], gains[_K_R], gains[_K_W]
     p, q = ref.POSITION.start, se.POSITION.start

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compiled
-from airrace.systems.ports import peek
+from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle
 
 _SHARE = 0.8  # of the speed that it should have: a rotor below that does not follow
@@ -19,11 +19,11 @@ class RotorMonitor(LeafSystem):
 
         name: RotorMonitor
         input_ports:
-        - rotor_report
+        - rotor_status
         output_ports:
         - rotor_losses
 
-    ``rotor_report``, (1 + 2n,), is RotorBank's: time, speeds, and the speeds of
+    ``rotor_status``, (1 + 2n,), is RotorBank's: time, speeds, and the speeds of
     rotors that work. ``rotor_losses`` is the time at which each rotor was found to
     be lost (s), infinite for those that work, (n,).
 
@@ -37,18 +37,18 @@ class RotorMonitor(LeafSystem):
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
         self._least = _LEAST * vehicle.max_speeds
-        self._report = self.DeclareVectorInputPort("rotor_report", 1 + 2 * n)
+        self._report = self.DeclareVectorInputPort("rotor_status", 1 + 2 * n)
         # By the times of the reports (s), infinite for rotors that follow.
         self._slow_since = self.DeclareDiscreteState(np.full(n, np.inf))
         self._losses = self.DeclareDiscreteState(np.full(n, np.inf))
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Compare)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._compare)
         self.DeclareStateOutputPort("rotor_losses", self._losses)
 
-    def _Compare(self, context, discrete_state):
+    def _compare(self, context, discrete_state):
         _compare(
             discrete_state.get_mutable_value(self._slow_since),
             discrete_state.get_mutable_value(self._losses),
-            peek(self._report, context),
+            read_vector(self._report, context),
             self._least,
             context.get_time(),
         )

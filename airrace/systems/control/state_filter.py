@@ -8,7 +8,7 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import all_finite, compilable, compiled
 from airrace.math.vec3 import columns, dot, triple
-from airrace.systems.ports import peek
+from airrace.systems.ports import read_vector
 from airrace.systems.sensing import state_estimate as se
 from airrace.vehicle import GRAVITY, Vehicle
 
@@ -69,22 +69,22 @@ class StateFilter(LeafSystem):
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
         self._memory = self.DeclareDiscreteState(_NOTHING)
         self._disturbance = self.DeclareDiscreteState(3)
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Update)
-        self.DeclareVectorOutputPort("filtered_estimate", se.SIZE, self._CalcEstimate)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
+        self.DeclareVectorOutputPort("filtered_estimate", se.SIZE, self._calc_estimate)
         self.DeclareStateOutputPort("disturbance", self._disturbance)
 
-    def _Update(self, context, discrete_state):
+    def _update(self, context, discrete_state):
         _update(
             discrete_state.get_mutable_value(self._memory),
             discrete_state.get_mutable_value(self._disturbance),
-            peek(self._estimate, context),
-            peek(self._speeds, context),
+            read_vector(self._estimate, context),
+            read_vector(self._speeds, context),
             self._thrust_per_mass,
             self._gain,
             context.get_time(),
         )
 
-    def _CalcEstimate(self, context, output):
+    def _calc_estimate(self, context, output):
         estimate = self._estimate.Eval(context)
         _carry_forward(
             estimate, context.get_discrete_state(self._memory).value(), context.get_time()

@@ -3,8 +3,8 @@
 import numpy as np
 
 from airrace.systems.exploring.exploration import gate_pose, known_gates, known_pylons
-from airrace.systems.types import GateEstimate, GateMap
 from airrace.track import PYLON_HEIGHT
+from airrace.track.gate_map import GateEstimate, GateMap
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flyable import LOWEST, pylon_distances
 

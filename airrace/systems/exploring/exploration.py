@@ -8,10 +8,11 @@ import numpy as np
 
 from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.systems.sensing import state_estimate as se
-from airrace.systems.types import Detections, GateEstimate, GateMap
+from airrace.systems.types import Detections
 from airrace.track import BOARD_OFFSET
+from airrace.track.gate_map import GateEstimate, GateMap
 
-_LEAST_SIGHTINGS = 3  # before a marker is believed: the dictionary has strays
+_LEAST_OBSERVATIONS = 3  # before a marker is believed: the dictionary has strays
 # Section II of the report: the next left pylon is straight ahead of the left
 # pylon, the next heading turned by 45 degrees to either side. With room for the
 # errors of the map, and for tracks that are nearly so:
@@ -176,7 +177,7 @@ def presumed_gate(gate_map: GateMap, number: int) -> GateEstimate | None:
     Returns:
         None if no board of it was seen, or too seldom to be no mistake.
     """
-    seen = [m for m in gate_map.markers if m.id // 4 == number and m.count >= _LEAST_SIGHTINGS]
+    seen = [m for m in gate_map.markers if m.id // 4 == number and m.count >= _LEAST_OBSERVATIONS]
     if not seen:
         return None
     board = min(seen, key=lambda m: (m.variance.sum(), m.id))
@@ -207,12 +208,12 @@ def known_pylons(gate_map: GateMap) -> np.ndarray:
     pylons += [
         (marker.p_WM - BOARD_OFFSET * _horizontal(marker.normal))[:2]
         for marker in gate_map.markers
-        if marker.id // 4 not in whole and marker.count >= _LEAST_SIGHTINGS
+        if marker.id // 4 not in whole and marker.count >= _LEAST_OBSERVATIONS
     ]
     return np.reshape(pylons, (-1, 2))
 
 
-def described_sighting(now: Now, number: int) -> str:
+def described_observation(now: Now, number: int) -> str:
     """Returns which boards of a gate were seen, in words."""
     seen = [m for m in now.gate_map.markers if m.id // 4 == number and m.count > 0]
     in_image = {marker.id for marker in now.detections.markers}

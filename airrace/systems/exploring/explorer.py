@@ -75,26 +75,26 @@ class Explorer(LeafSystem):
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
         self._memory = self.DeclareAbstractState(Value[object](first_memory()))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._Update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._memory)
         self.DeclareVectorOutputPort(
             "exploration_reference",
             SIZE,
-            self._CalcReference,
+            self._calc_reference,
             {ticket, self.time_ticket(), self._estimate.ticket()},
         )
         self.DeclareAbstractOutputPort(
             "explorer_status",
             lambda: Value[object](ExplorerStatus()),
-            lambda context, output: output.set_value(self._Recall(context).status),
+            lambda context, output: output.set_value(self._recall(context).status),
             {ticket},
         )
 
-    def _Recall(self, context) -> Memory:
+    def _recall(self, context) -> Memory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
-    def _CalcReference(self, context, output):
-        memory = self._Recall(context)
+    def _calc_reference(self, context, output):
+        memory = self._recall(context)
         if memory.leg is None:
             # Far below the pad, so that the rotors idle: a drone that hovered on
             # a tilted one would slide.
@@ -103,8 +103,8 @@ class Explorer(LeafSystem):
         else:
             output.set_value(memory.leg.reference(context.get_time() - memory.leg_start))
 
-    def _Update(self, context, state):
-        memory = self._Recall(context)
+    def _update(self, context, state):
+        memory = self._recall(context)
         if memory.status.done:
             return EventStatus.DidNothing()  # for good
         after = self._machine.next(

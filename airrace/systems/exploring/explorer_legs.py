@@ -4,7 +4,7 @@ import numpy as np
 
 from airrace.systems.exploring import clear_paths as ways
 from airrace.systems.exploring.exploration import Now, gate_pose
-from airrace.systems.types import GateEstimate
+from airrace.track.gate_map import GateEstimate
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.min_snap.leg import plan_leg
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError

@@ -133,7 +133,7 @@ class StateMachine:
         gate, what = now.gates.get(0), "gate 1 is off the heading"
         if gate is None and waited:
             gate = exploration.presumed_gate(now.gate_map, 0)
-            what = exploration.described_sighting(now, 0)
+            what = exploration.described_observation(now, 0)
         if gate is None:
             return None
         error = exploration.heading_error(now, gate)

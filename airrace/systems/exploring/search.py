@@ -6,9 +6,14 @@ import itertools
 import numpy as np
 
 from airrace.systems.exploring.clear_paths import ABOVE_PYLONS, over_the_top, ways
-from airrace.systems.exploring.exploration import Now, described_sighting, gate_pose, presumed_gate
-from airrace.systems.types import GateEstimate
+from airrace.systems.exploring.exploration import (
+    Now,
+    described_observation,
+    gate_pose,
+    presumed_gate,
+)
 from airrace.track import BOARD_OFFSET
+from airrace.track.gate_map import GateEstimate
 
 _ON_THE_SPOT = 2.0  # m
 _ASIDE = 4.0  # m, by which a step gives way
@@ -165,7 +170,7 @@ def _steps_on(now: Now, config):
 def _steps_around(now: Now, config, gate: GateEstimate | None):
     if gate is None:
         return
-    reason = described_sighting(now, gate.number)
+    reason = described_observation(now, gate.number)
     poses = _poses_in_front(gate, config)
     for k in range(now.memory.arounds, len(poses)):
         routes = ways(now.memory.goal, poses[k])

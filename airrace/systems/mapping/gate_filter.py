@@ -14,7 +14,7 @@ from airrace.track import BOARD_OFFSET
 
 X, Y, Z, HEADING, SPACING = range(5)
 _HEADING_SIGMAS = 3.0  # beyond these, a normal is not believed
-FLOOR = 0.03  # m, of a board's place in tests: errors that sightings share
+FLOOR = 0.03  # m, of a board's place in tests: errors that observations share
 # What is known fades with time, so that the newest laps always count: variances.
 _FADING = np.array([2e-4, 2e-4, 2e-4, 2e-5, 0.0]) ** 2  # m^2/s, rad^2/s
 
@@ -82,7 +82,7 @@ def boards(pose, covariance, first):
 
 @compiled
 def squared_distance(pose, covariance, id, p_WM, p_covariance):
-    """Returns the square of the Mahalanobis distance of a sighting from a gate's board.
+    """Returns the square of the Mahalanobis distance of an observation from a gate's board.
 
     Args:
         pose, covariance, id: see board().
@@ -119,7 +119,7 @@ def weighted_square(error, covariance):
 
     Args:
         error: of a position (m), (3,).
-        covariance: of that, (3, 3), without the errors that sightings share.
+        covariance: of that, (3, 3), without the errors that observations share.
     """
     total = np.empty((3, 3))
     for i in range(3):
@@ -131,11 +131,11 @@ def weighted_square(error, covariance):
 
 @compiled
 def information(pose, id, p_WM, p_covariance, heading, heading_variance):
-    """Returns what a sighting says about a gate: J^T R^-1 J, (5, 5), and J^T R^-1 error, (5,).
+    """Returns what an observation says about a gate: J^T R^-1 J, (5, 5), and J^T R^-1 error, (5,).
 
     Args:
         pose: of the gate, (5,).
-        id, p_WM, p_covariance, heading_variance: see Sighting.
+        id, p_WM, p_covariance, heading_variance: see Observation.
         heading: of the gate by the board's normal (rad).
     """
     expected, J = board_position(pose, id)
@@ -164,12 +164,12 @@ def turn_between(heading, other):
 
 @compiled
 def updated(pose, covariance, elapsed, weight, id, p_WM, p_covariance, heading, heading_variance):
-    """Returns pose and covariance after one more sighting (extended Kalman filter).
+    """Returns pose and covariance after one more observation (extended Kalman filter).
 
     Args:
         pose, covariance: before, (5,), (5, 5).
-        elapsed: time since the sighting before (s).
-        weight: how much of the sighting's information is new, 0 to 1.
+        elapsed: time since the observation before (s).
+        weight: how much of the observation's information is new, 0 to 1.
         id, p_WM, p_covariance, heading, heading_variance: see information().
     """
     faded = covariance.copy()

@@ -5,7 +5,7 @@ from pathlib import Path
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
-from airrace.systems.types import GateMap
+from airrace.track.gate_map import GateMap
 from airrace.track.map_files import write_map
 
 
@@ -33,14 +33,14 @@ class GateMapWriter(LeafSystem):
         self._directory = Path(directory)
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object](GateMap()))
         self._written = None  # what is in the files, wherever the race stands
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._WriteIfNew)
-        self.DeclareForcedPublishEvent(self._Write)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._write_if_new)
+        self.DeclareForcedPublishEvent(self._write)
 
-    def _WriteIfNew(self, context):
+    def _write_if_new(self, context):
         if self._map.Eval(context) is not self._written:
-            self._Write(context)
+            self._write(context)
 
-    def _Write(self, context):
+    def _write(self, context):
         gate_map = self._map.Eval(context)
         write_map(self._directory, gate_map)
         self._written = gate_map

@@ -9,16 +9,16 @@ from pydrake.systems.framework import LeafSystem
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
 from airrace.systems.mapping.observation import UNKNOWN_TIME
 from airrace.systems.perception.detection_checks import JUMP
-from airrace.systems.ports import peek
+from airrace.systems.ports import read_vector
 from airrace.systems.sensing import state_estimate as se
 from airrace.systems.sensing.pose_history import jumps, last_two, moved, remember
-from airrace.systems.types import GateMap
+from airrace.track.gate_map import GateMap
 
 _REACH = 2.0  # periods of the estimate, beyond one it says nothing about the pose
 
 
 class GateMapper(LeafSystem):
-    """Makes one map of the sightings of all markers.
+    """Makes one map of the observations of all markers.
 
     .. pydrake_system::
 
@@ -60,29 +60,31 @@ class GateMapper(LeafSystem):
         history = np.zeros((self._depth, se.SIZE))
         history[:, 0] = -1.0
         self._history = self.DeclareDiscreteState(history.ravel())
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / state_rate, 0.0, self._Remember)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / state_rate, 0.0, self._remember)
         self._memory = self.DeclareAbstractState(Value[object](MapperMemory()))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, latency, self._UpdateMap)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, latency, self._update_map)
         self.DeclareAbstractOutputPort(
             "gate_map",
             lambda: Value[object](GateMap()),
-            self._CalcMap,
+            self._calc_map,
             {self.abstract_state_ticket(self._memory)},
         )
 
-    def _Remember(self, context, discrete_state):
-        remember(discrete_state.get_mutable_value(self._history), peek(self._estimate, context))
+    def _remember(self, context, discrete_state):
+        remember(
+            discrete_state.get_mutable_value(self._history), read_vector(self._estimate, context)
+        )
 
-    def _UpdateMap(self, context, state):
+    def _update_map(self, context, state):
         detections = self._detections.Eval(context)
         memory = context.get_abstract_state(int(self._memory)).get_value()
-        X_WB, reason = self._PoseAt(context, detections.time)
+        X_WB, reason = self._pose_at(context, detections.time)
         info = self._info.Eval(context)
         X_WC = None if X_WB is None else X_WB @ info.X_BC
         after = self._mapper.updated(memory, detections, X_WC, info, reason)
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
 
-    def _PoseAt(self, context, time) -> tuple[RigidTransform | None, str | None]:
+    def _pose_at(self, context, time) -> tuple[RigidTransform | None, str | None]:
         """Returns X_WB at a time within the history, or None and why there is none.
 
         The estimate before that time is carried forward with its velocities,
@@ -96,7 +98,7 @@ class GateMapper(LeafSystem):
             return None, JUMP
         return extrapolate(last, time - last[se.TIME]), None
 
-    def _CalcMap(self, context, output):
+    def _calc_map(self, context, output):
         output.set_value(context.get_abstract_state(int(self._memory)).get_value().gate_map)
 
 

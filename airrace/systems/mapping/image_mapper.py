@@ -8,9 +8,10 @@ from pydrake.math import RigidTransform
 from airrace.common.immutable import Immutable
 from airrace.systems.mapping.gate_estimator import RobustEstimator
 from airrace.systems.mapping.marker_statistics import ReportEstimator
-from airrace.systems.mapping.observation import UNKNOWN_TIME, make_sighting, refusal
+from airrace.systems.mapping.observation import UNKNOWN_TIME, make_observation, refusal
 from airrace.systems.perception.detection_checks import FOREIGN_ID
-from airrace.systems.types import CameraInfo, Detections, GateMap
+from airrace.systems.types import CameraInfo, Detections
+from airrace.track.gate_map import GateMap
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -33,23 +34,23 @@ class MapperMemory(Immutable):
 class ImageMapper:
     """Maps image after image; what it knows is in a MapperMemory."""
 
-    def __init__(self, *, max_range, max_gates, estimator, outlier_sigma, min_sightings):
+    def __init__(self, *, max_range, max_gates, estimator, outlier_sigma, min_observations):
         """Constructs the mapper.
 
         Args:
-            max_range: sightings beyond this distance are refused (m).
+            max_range: observations beyond this distance are refused (m).
             max_gates: IDs of 4 max_gates and more are out of range.
             estimator: "robust" or "report".
             outlier_sigma: of the report's estimator, see MarkerStatistics.
-            min_sightings: before the report's estimator takes a sighting for an
+            min_observations: before the report's estimator takes an observation for an
                 outlier, and of both pylons before a gate is in the map.
         """
         self._max_range = max_range
         self._max_id = 4 * max_gates - 1
         self._estimator = {
-            "robust": lambda: RobustEstimator(min_sightings=min_sightings),
+            "robust": lambda: RobustEstimator(min_observations=min_observations),
             "report": lambda: ReportEstimator(
-                outlier_sigma=outlier_sigma, min_sightings=min_sightings
+                outlier_sigma=outlier_sigma, min_observations=min_observations
             ),
         }[estimator]()
 
@@ -82,8 +83,8 @@ class ImageMapper:
             if reason is None and X_WC is None:
                 reason = no_pose
             if reason is None:
-                sighting = make_sighting(marker, X_WC, info, detections.time)
-                records = self._estimator.updated(records, sighting)
+                observation = make_observation(marker, X_WC, info, detections.time)
+                records = self._estimator.updated(records, observation)
             else:
                 refused[reason] += 1
         foreign = [id for reason, id in detections.refused if reason == FOREIGN_ID]

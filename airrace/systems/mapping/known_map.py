@@ -3,7 +3,8 @@
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
-from airrace.systems.types import Detections, GateMap
+from airrace.systems.types import Detections
+from airrace.track.gate_map import GateMap
 
 
 class KnownMap(LeafSystem):

@@ -6,9 +6,9 @@ from collections import Counter
 import numpy as np
 
 from airrace.common.immutable import Immutable, read_only
-from airrace.systems.mapping.observation import OFF_MAP, Sighting
-from airrace.systems.types import GateEstimate, GateMap, MarkerEstimate
+from airrace.systems.mapping.observation import OFF_MAP, Observation
 from airrace.track import BOARD_OFFSET, PYLON_BASE_RADIUS
+from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -16,7 +16,7 @@ class MarkerStatistics(Immutable):
     """Running statistics of one marker (Welford 1962).
 
     Attributes:
-        count, outliers: sightings that count, and that were rejected.
+        count, outliers: observations that count, and that were rejected.
         mean: of p_WM, (3,).
         squares: sum of squared deviations from the mean, (3,).
         normal: sum of the unit vectors out of the board's face, (3,).
@@ -33,16 +33,16 @@ class MarkerStatistics(Immutable):
         """Sample variance of each coordinate, (3,)."""
         return self.squares / max(self.count - 1, 1)
 
-    def updated(self, p_WM, normal, outlier_sigma, min_sightings) -> "MarkerStatistics":
-        """Returns the statistics with one more sighting.
+    def updated(self, p_WM, normal, outlier_sigma, min_observations) -> "MarkerStatistics":
+        """Returns the statistics with one more observation.
 
-        Section III of the Student AirRace report: a sighting is an outlier,
+        Section III of the Student AirRace report: an observation is an outlier,
         and does not count, if any coordinate deviates from the mean so far by
         more than three standard deviations.
         """
         deviation = p_WM - self.mean
         limit = outlier_sigma * np.sqrt(self.variance)
-        if self.count >= min_sightings and np.any(np.abs(deviation) > limit):
+        if self.count >= min_observations and np.any(np.abs(deviation) > limit):
             return dc.replace(self, outliers=self.outliers + 1)
         mean = self.mean + deviation / (self.count + 1)
         return MarkerStatistics(
@@ -60,40 +60,40 @@ EMPTY = MarkerStatistics(0, 0, *(read_only(np.zeros(3)) for _ in range(3)))
 class ReportEstimator:
     """Section III of the Student AirRace report.
 
-    The variance of a MarkerEstimate is that of the sightings that count.
+    The variance of a MarkerEstimate is that of the observations that count.
     """
 
-    def __init__(self, *, outlier_sigma, min_sightings):
+    def __init__(self, *, outlier_sigma, min_observations):
         """Constructs the estimator.
 
         Args:
             outlier_sigma: see MarkerStatistics.updated().
-            min_sightings: before sightings can be outliers, and of both front
+            min_observations: before observations can be outliers, and of both front
                 markers before a gate is in the map.
         """
         self._outlier_sigma = outlier_sigma
-        self._min_sightings = min_sightings
+        self._min_observations = min_observations
 
-    def updated(self, statistics: dict, sighting: Sighting) -> dict:
-        """Returns marker ID to MarkerStatistics after one more sighting."""
-        marker = statistics.get(sighting.id, EMPTY).updated(
-            sighting.p_WM, sighting.normal, self._outlier_sigma, self._min_sightings
+    def updated(self, statistics: dict, observation: Observation) -> dict:
+        """Returns marker ID to MarkerStatistics after one more observation."""
+        marker = statistics.get(observation.id, EMPTY).updated(
+            observation.p_WM, observation.normal, self._outlier_sigma, self._min_observations
         )
-        return statistics | {sighting.id: marker}
+        return statistics | {observation.id: marker}
 
     def make_map(self, statistics: dict, **counters) -> GateMap:
         """Returns the map; counters: the attributes of GateMap that count."""
-        return make_map(statistics, min_sightings=self._min_sightings, **counters)
+        return make_map(statistics, min_observations=self._min_observations, **counters)
 
 
 def make_map(
-    statistics: dict, *, min_sightings, time, detections, out_of_range, refused=None
+    statistics: dict, *, min_observations, time, detections, out_of_range, refused=None
 ) -> GateMap:
     """Returns the map that the statistics of all markers amount to.
 
     Args:
         statistics: marker ID to MarkerStatistics.
-        min_sightings: of both front markers before a gate is in the map.
+        min_observations: of both front markers before a gate is in the map.
         time, detections, out_of_range: see GateMap.
         refused: see GateMap; the outliers come on top.
     """
@@ -109,7 +109,7 @@ def make_map(
         )
         for id, s in sorted(statistics.items())
     }
-    known = {id for id, s in statistics.items() if s.count >= min_sightings}
+    known = {id for id, s in statistics.items() if s.count >= min_observations}
     gates = (
         make_gate(id // 4, markers[id].p_WM, markers[id + 2].p_WM)
         for id in sorted(known)

@@ -33,7 +33,7 @@ _CORNER = 0.3  # px, of corners whose covariance nobody gave
 
 
 @dc.dataclass(frozen=True, eq=False)
-class Sighting(Immutable):
+class Observation(Immutable):
     """One marker in one image, in the world.
 
     Attributes:
@@ -63,7 +63,7 @@ def refusal(marker: Detection, max_id: int, max_range: float) -> str | None:
     Args:
         marker: the detection.
         max_id: the highest possible ID.
-        max_range: of the sightings that are used (m).
+        max_range: of the observations that are used (m).
     """
     if not 0 <= marker.id <= max_id:
         return FOREIGN_ID
@@ -81,9 +81,9 @@ def refusal(marker: Detection, max_id: int, max_range: float) -> str | None:
     return None
 
 
-def make_sighting(
+def make_observation(
     marker: Detection, X_WC: RigidTransform, info: CameraInfo, time: float
-) -> Sighting:
+) -> Observation:
     """Returns a detection in the world.
 
     The position's covariance is the detector's, turned into the world, and
@@ -104,7 +104,7 @@ def make_sighting(
     size = GATE_SPACING if marker.joint else MARKER_SIZE
     X_WM = X_WC @ marker.X_CM
     in_world = _in_world(X_WC.rotation().matrix(), p_CM, covariance, size)
-    return Sighting(
+    return Observation(
         id=marker.id,
         time=time,
         p_WC=read_only(X_WC.translation()),

@@ -86,13 +86,13 @@ class ArucoDetector(LeafSystem):
         self._memory = self.DeclareAbstractState(Value[object](Sight()))
         self._sight = self.DeclareCacheEntry(
             "sight",
-            ValueProducer(allocate=lambda: Value[object](Sight()), calc=self._CalcSight),
+            ValueProducer(allocate=lambda: Value[object](Sight()), calc=self._calc_sight),
             {port.ticket() for port in (self._view, self._time, self._info)}
             | {self.abstract_state_ticket(self._memory)},
         )
         # An unrestricted update comes before the camera takes the next image at
         # the same time.
-        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, 0.0, self._Remember)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, 0.0, self._remember)
         self.DeclareAbstractOutputPort(
             "detections",
             lambda: Value[object](Detections()),
@@ -100,7 +100,7 @@ class ArucoDetector(LeafSystem):
             {self._sight.ticket()},
         )
 
-    def _CalcSight(self, context, sight):
+    def _calc_sight(self, context, sight):
         last = context.get_abstract_state(int(self._memory)).get_value()
         time = float(self._time.Eval(context)[0])
         if time == last.detections.time:
@@ -118,7 +118,7 @@ class ArucoDetector(LeafSystem):
             )
         )
 
-    def _Remember(self, context, state):
+    def _remember(self, context, state):
         state.get_mutable_abstract_state(int(self._memory)).set_value(self._sight.Eval(context))
 
 

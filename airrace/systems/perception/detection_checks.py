@@ -94,7 +94,7 @@ def swapped_pair(id, left, right) -> bool:
 
 
 def jumps(detection: Detection, before: Detection, dt: float) -> bool:
-    """Whether no drone can move so between two sightings of a marker.
+    """Whether no drone can move so between two observations of a marker.
 
     The distance does not depend on the camera's attitude, so it is compared by
     itself, and then the attitude.

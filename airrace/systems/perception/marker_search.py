@@ -33,7 +33,7 @@ class MarkerSearch:
             marker is read, (n, 4, 2) px.
         """
         self._detector.setDictionary(_USUAL)
-        ids, quads, rest = self._Detect(image, 4 * _SMALLEST_SIDE)
+        ids, quads, rest = self._detect(image, 4 * _SMALLEST_SIDE)
         for id, quad in filter(None, (read_marker(image, quad) for quad in rest)):
             if id >= len(_USUAL.bytesList):
                 ids, quads = [*ids, id], np.concatenate([quads, [quad]])
@@ -68,14 +68,14 @@ class MarkerSearch:
             picture = view.drawn(*(region for region, _ in sought))
             for (x0, y0, x1, y1), box in sought:
                 perimeter = _LEAST_SHARE * cv2.arcLength(box.astype(np.float32), True)
-                ids, quads, _ = self._Detect(
+                ids, quads, _ = self._detect(
                     picture[y0:y1, x0:x1], max(perimeter, 4 * _SMALLEST_SIDE)
                 )
                 # Regions overlap, so a marker may be found in several of them.
                 found.update(zip(expected[ids].tolist(), quads + [x0, y0]))
         return list(found), np.reshape(list(found.values()), (-1, 4, 2))
 
-    def _Detect(self, grey, least_perimeter):
+    def _detect(self, grey, least_perimeter):
         parameters = self._detector.getDetectorParameters()
         # OpenCV counts perimeters in lengths of the picture's longer side.
         parameters.minMarkerPerimeterRate = least_perimeter / max(grey.shape)

@@ -58,27 +58,27 @@ class Rectifier(LeafSystem):
             self.DeclareAbstractOutputPort(
                 port.get_name(),
                 lambda kind=kind: Value(kind()),
-                functools.partial(self._CalcImage, port),
+                functools.partial(self._calc_image, port),
                 {port.ticket(), self._info.ticket()},
             )
         self._view = self.DeclareAbstractInputPort("camera_view", Value[object]())
         self.DeclareAbstractOutputPort(
             "camera_view",
             lambda: Value[object](),
-            self._CalcView,
+            self._calc_view,
             {self._view.ticket(), self._info.ticket()},
         )
         self.DeclareAbstractOutputPort(
-            "camera_info", lambda: Value[object](), self._CalcInfo, {self._info.ticket()}
+            "camera_info", lambda: Value[object](), self._calc_info, {self._info.ticket()}
         )
 
-    def _CalcImage(self, port, context, output):
+    def _calc_image(self, port, context, output):
         info = self._info.Eval(context)
         image = output.get_mutable_value()
         image.resize(info.width, info.height)
         self._map(info).bend(port.Eval(context).data, image.mutable_data)
 
-    def _CalcView(self, context, output):
+    def _calc_view(self, context, output):
         raw, pixel_map = self._view.Eval(context), self._map(self._info.Eval(context))
         h, w = raw.shape
 
@@ -89,7 +89,7 @@ class Rectifier(LeafSystem):
 
         output.set_value(CameraView(pixel_map.shape, draw))
 
-    def _CalcInfo(self, context, output):
+    def _calc_info(self, context, output):
         output.set_value(self._rectified(self._info.Eval(context)))
 
 

@@ -10,7 +10,7 @@ from airrace.trajopt.min_snap.circuit import Circuit
 
 
 @dc.dataclass(frozen=True, eq=False)
-class PlanReport(Immutable):
+class PlanSummary(Immutable):
     """What a lap plan promises, from inverse dynamics at 1 kHz of entry and lap.
 
     Attributes:
@@ -70,7 +70,7 @@ class LapPlan(Immutable):
     entry: FlatTrajectory | None
     circuit: Circuit | None
     phase: float
-    report: PlanReport | None
+    report: PlanSummary | None
 
     def derivatives(self, time: float) -> np.ndarray:
         """Returns value and four derivatives of x, y, z, yaw at a time, (5, 4)."""

@@ -106,22 +106,22 @@ class LapPlanner(LeafSystem):
         self._reference = self.DeclareVectorInputPort("exploration_reference", SIZE)
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self._period = 1.0 / config.rate
-        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._update)
         # Plans come into force on time, whether or not that is a tick, by an event: the
         # controller asks for the plan far more often than it changes.
         self._lag = config.latency % self._period
         if min(self._lag, self._period - self._lag) < _MOMENT:
             self._lag = 0.0
         else:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, self._lag, self._Switch)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, self._lag, self._switch)
         self.DeclareAbstractOutputPort(
             "lap_plan",
             lambda: Value[object](NO_PLAN),
-            lambda context, output: output.set_value(self._Recall(context).plan),
+            lambda context, output: output.set_value(self._recall(context).plan),
             {self.abstract_state_ticket(self._memory)},
         )
 
-    def SolveElsewhere(self, submit) -> None:
+    def solve_elsewhere(self, submit) -> None:
         """From now on, plans are searched for while everything else goes on.
 
         Args:
@@ -129,31 +129,31 @@ class LapPlanner(LeafSystem):
         """
         self._submit = submit
 
-    def _Recall(self, context) -> _Memory:
+    def _recall(self, context) -> _Memory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
-    def _InForceFrom(self, memory: _Memory, now) -> float:
+    def _in_force_from(self, memory: _Memory, now) -> float:
         """Returns when a plan that is searched for now comes into force (s)."""
         periods = np.ceil((now + memory.latency - self._lag) / self._period - 1e-6)
         return float(periods * self._period + self._lag)
 
-    def _Switch(self, context, state):
-        memory = self._Recall(context)
-        return self._Remember(state, memory, _switched(memory, context.get_time()))
+    def _switch(self, context, state):
+        memory = self._recall(context)
+        return self._remember(state, memory, _switched(memory, context.get_time()))
 
-    def _Update(self, context, state):
-        memory, now = self._Recall(context), context.get_time()
-        after = self._Next(context, memory, now)
-        return self._Remember(state, memory, _switched(after, now))
+    def _update(self, context, state):
+        memory, now = self._recall(context), context.get_time()
+        after = self._next(context, memory, now)
+        return self._remember(state, memory, _switched(after, now))
 
-    def _Remember(self, state, before: _Memory, after: _Memory) -> EventStatus:
+    def _remember(self, state, before: _Memory, after: _Memory) -> EventStatus:
         if after is before:
             # So that nothing in the whole race need be computed anew.
             return EventStatus.DidNothing()
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
         return EventStatus.Succeeded()
 
-    def _Next(self, context, memory: _Memory, now: float) -> _Memory:
+    def _next(self, context, memory: _Memory, now: float) -> _Memory:
         """Returns the memory of the next tick, but for a plan whose time has come."""
         if memory.pending is not None:
             return memory
@@ -167,9 +167,9 @@ class LapPlanner(LeafSystem):
                 # What was found is not flown, so that it is worth another search.
                 after = dc.replace(after, latency=_AMPLE * (now - memory.tried_at), searched=None)
             return after
-        if not self._IsTime(context, memory, now):
+        if not self._is_time(context, memory, now):
             return memory
-        start_time = self._InForceFrom(memory, now)
+        start_time = self._in_force_from(memory, now)
         problem = self._Problem(context, memory, start_time)
         if problem is not None and _is_known(problem, memory.searched):
             problem = None
@@ -184,7 +184,7 @@ class LapPlanner(LeafSystem):
             searched=problem or memory.searched,
         )
 
-    def _IsTime(self, context, memory: _Memory, now) -> bool:
+    def _is_time(self, context, memory: _Memory, now) -> bool:
         """Whether to look for a plan now.
 
         With a plan that is once a lap, when the new one would come into force
@@ -199,7 +199,7 @@ class LapPlanner(LeafSystem):
             gates = self._map.Eval(context).gates
             first = not np.isfinite(memory.tried_at)
             return waited and (first or has_changed(gates, memory.tried_gates))
-        plan, start_time = memory.plan, self._InForceFrom(memory, now)
+        plan, start_time = memory.plan, self._in_force_from(memory, now)
         last_leg = plan.circuit.duration - plan.circuit.gate_times[-2]
         return (
             plan.next_start(start_time) - start_time <= last_leg + 1e-9

@@ -7,13 +7,13 @@ import time as wall_clock
 import numpy as np
 
 from airrace.common.immutable import Immutable
-from airrace.systems.planning.lap_plan import LapPlan, PlanReport
+from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
 from airrace.systems.planning.map_margins import largest_move
 from airrace.systems.planning.min_snap_laps import MinSnapLaps
 from airrace.systems.planning.optimal_laps import OptimalLaps
 from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
-from airrace.trajopt.plan_report import check_flight, check_times
+from airrace.trajopt.plan_summary import check_flight, check_times
 from airrace.vehicle import Vehicle
 
 _WORSE = 0.01  # of the bound, by which a plan from the lap before may fall behind that lap
@@ -125,11 +125,11 @@ def _best_lap(laps, old: LapPlan | None) -> tuple[Circuit | None, float]:
     return best, bound
 
 
-def _report(problem: LapProblem, laps, entry, circuit: Circuit, bound) -> PlanReport:
+def _report(problem: LapProblem, laps, entry, circuit: Circuit, bound) -> PlanSummary:
     samples = np.hstack([each.sample(check_times(each)) for each in (entry, circuit)])
     check = check_flight(samples, problem.pylons, laps.limits)
     own = getattr(circuit, "report", None)
-    return PlanReport(
+    return PlanSummary(
         solve_time=0.0,
         duration=circuit.duration,
         max_speed=check.max_speed,

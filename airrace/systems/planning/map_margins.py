@@ -5,7 +5,7 @@ import numpy as np
 _CONTROLLER = 0.3  # m, for what the controller leaves, and the estimate of the state
 _SIGMAS = 3.0
 _MOST, _SHARE = 1.0, 1 / 8  # m, for the map, and of a gate's width: there must be a way through
-_NOISE = 0.1  # m, that better sightings move a gate, without its having moved
+_NOISE = 0.1  # m, that better observations move a gate, without its having moved
 _CHANGED = 0.02  # m, by which a map differs from one that gave no plan
 _TURN = 5.0  # m, from a gate's midpoint to what turns with its heading
 

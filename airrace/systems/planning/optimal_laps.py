@@ -12,7 +12,7 @@ from airrace.trajopt.flyable import clearance_of, pylon_distances
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
-from airrace.trajopt.plan_report import check_times
+from airrace.trajopt.plan_summary import check_times
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit, quickest_point_mass
 from airrace.trajopt.time_optimal.optimal_transition import plan_optimal_way
 from airrace.trajopt.time_optimal.point_mass import PointMassBound

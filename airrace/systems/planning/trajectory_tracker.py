@@ -4,7 +4,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.ports import peek
+from airrace.systems.ports import read_vector
 from airrace.trajopt.flat_trajectory import SIZE
 
 
@@ -29,11 +29,11 @@ class TrajectoryTracker(LeafSystem):
         LeafSystem.__init__(self)
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
         self._exploration = self.DeclareVectorInputPort("exploration_reference", SIZE)
-        self.DeclareVectorOutputPort("reference", SIZE, self._CalcReference)
+        self.DeclareVectorOutputPort("reference", SIZE, self._calc_reference)
 
-    def _CalcReference(self, context, output):
+    def _calc_reference(self, context, output):
         plan = self._plan.Eval(context)
         if plan is NO_PLAN:
-            output.set_value(peek(self._exploration, context))
+            output.set_value(read_vector(self._exploration, context))
         else:
             output.set_value(plan.reference(context.get_time()))

@@ -53,10 +53,10 @@ class Drag(LeafSystem):
         self._state = self.DeclareVectorInputPort("state", 13)
         self._wind = self.DeclareVectorInputPort("wind", 3)
         self.DeclareAbstractOutputPort(
-            "spatial_forces", Value[list[ExternallyAppliedSpatialForce]], self._CalcForces
+            "spatial_forces", Value[list[ExternallyAppliedSpatialForce]], self._calc_forces
         )
 
-    def _CalcForces(self, context, output):
+    def _calc_forces(self, context, output):
         force = ExternallyAppliedSpatialForce()
         force.body_index = self._body_index
         force.p_BoBq_B = np.zeros(3)

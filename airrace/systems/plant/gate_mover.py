@@ -54,10 +54,10 @@ class GateMover(LeafSystem):
         self._memory = self.DeclareDiscreteState([math.nan] * 3 + [0.0] * (1 + n))
         self._shifts = self.DeclareDiscreteState(2 * n)
         self._state = self.DeclareVectorInputPort("state", 13)
-        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._Update)
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
         self.DeclareStateOutputPort("gate_shifts", self._shifts)
 
-    def _Update(self, context, discrete_state):
+    def _update(self, context, discrete_state):
         memory = context.get_discrete_state(self._memory).value().copy()
         shifts = context.get_discrete_state(self._shifts).value().reshape(-1, 2)
         n = len(self._openings)
@@ -74,11 +74,11 @@ class GateMover(LeafSystem):
             for gate in late[distances[late] > _FAR]:
                 memory[4 + gate] = due[gate]
                 shifts = shifts.copy()
-                shifts[gate] = self._NextShift(shifts[gate], gate, int(due[gate]))
+                shifts[gate] = self._next_shift(shifts[gate], gate, int(due[gate]))
             discrete_state.set_value(self._shifts, shifts.ravel())
         discrete_state.set_value(self._memory, memory)
 
-    def _NextShift(self, old, gate, passage) -> np.ndarray:
+    def _next_shift(self, old, gate, passage) -> np.ndarray:
         """Returns where a gate moves to after a passage, (2,), from its place in the file."""
         generator = make_generator(self._seed, f"gate_{gate}", passage)
         while True:

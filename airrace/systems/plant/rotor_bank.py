@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compilable, compiled
-from airrace.systems.ports import peek
+from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle
 
 
@@ -18,7 +18,7 @@ class RotorBank(LeafSystem):
         - rotor_speed_command
         output_ports:
         - rotor_speeds
-        - rotor_report
+        - rotor_status
         - thrusts
 
     Vectors have one element a rotor, in the order of the vehicle's rotor table:
@@ -26,7 +26,7 @@ class RotorBank(LeafSystem):
     command that is not finite counts as zero, and so does any to a rotor that has
     failed: it spins down.
 
-    ``rotor_speeds`` is also what the motor controllers report. ``rotor_report``
+    ``rotor_speeds`` is also what the motor controllers report. ``rotor_status``
     says more: the time (s), the speeds, and those that the motor controllers expect
     of rotors that work, after all the commands that reached them, (1 + 2n,). Only
     they know those: over a link, not every command of the autonomy arrives.
@@ -55,23 +55,23 @@ class RotorBank(LeafSystem):
         self._speeds = self.DeclareDiscreteState(n)
         self._thrusts = self.DeclareDiscreteState(n)
         self._report = self.DeclareDiscreteState(1 + 2 * n)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._UpdateSpeeds)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_speeds)
         self.DeclareStateOutputPort("rotor_speeds", self._speeds)
-        self.DeclareStateOutputPort("rotor_report", self._report)
+        self.DeclareStateOutputPort("rotor_status", self._report)
         self.DeclareStateOutputPort("thrusts", self._thrusts)
 
-    def SetSpeeds(self, context, speeds) -> None:
+    def set_speeds(self, context, speeds) -> None:
         """Makes the rotors turn with some speeds (rad/s), (n,)."""
         context.SetDiscreteState(self._speeds, speeds)
         context.SetDiscreteState(self._thrusts, self._c_f * np.square(speeds))
         context.SetDiscreteState(self._report, [context.get_time(), *speeds, *speeds])
 
-    def _UpdateSpeeds(self, context, discrete_state):
+    def _update_speeds(self, context, discrete_state):
         _update(
             discrete_state.get_mutable_value(self._speeds),
             discrete_state.get_mutable_value(self._thrusts),
             discrete_state.get_mutable_value(self._report),
-            peek(self._command, context),
+            read_vector(self._command, context),
             self._table,
             context.get_time(),
             self._period,

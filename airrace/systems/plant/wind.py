@@ -42,10 +42,10 @@ class Wind(LeafSystem):
         self._noise = NoiseSequence(seed, "wind", 3)
         # The first gust is as strong as any other.
         state = self.DeclareDiscreteState(mean + config.gust_rms * self._noise[0])
-        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self._UpdateWind)
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self._update_wind)
         self.DeclareStateOutputPort("wind", state)
 
-    def _UpdateWind(self, context, discrete_state):
+    def _update_wind(self, context, discrete_state):
         noise = self._noise[round(context.get_time() / PERIOD)]
         wind = context.get_discrete_state_vector().value()
         discrete_state.set_value(self._rest + self._fade * wind + self._push * noise)

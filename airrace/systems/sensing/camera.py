@@ -127,33 +127,33 @@ class Camera(LeafSystem):
         self._shown = self.DeclareAbstractState(Value[object](blank))
         # The periodic event at t = 0 happens only in the first step, after the
         # first publish; so the first sample is taken at initialization, too.
-        self.DeclareInitializationUnrestrictedUpdateEvent(self._ShowNow)
-        self.DeclareForcedUnrestrictedUpdateEvent(self._ShowNow)
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._show_now)
+        self.DeclareForcedUnrestrictedUpdateEvent(self._show_now)
         if latency == 0:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(1 / fps, 0.0, self._ShowNow)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(1 / fps, 0.0, self._show_now)
         else:
             self._newest = self.DeclareDiscreteState(blank)
-            self.DeclarePeriodicDiscreteUpdateEvent(1 / fps, 0.0, self._Sample)
-            self.DeclarePeriodicUnrestrictedUpdateEvent(1 / fps, latency, self._ShowNewest)
+            self.DeclarePeriodicDiscreteUpdateEvent(1 / fps, 0.0, self._sample)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(1 / fps, latency, self._show_newest)
 
         ticket = {self.abstract_state_ticket(self._shown)}
         self.DeclareAbstractOutputPort(
             "camera_image",
             lambda: Value(ImageRgba8U(camera_info.width, camera_info.height)),
-            self._CalcImage,
+            self._calc_image,
             prerequisites_of_calc=ticket,
         )
         self.DeclareAbstractOutputPort(
             "camera_grey",
             lambda: Value(ImageGrey8U(camera_info.width, camera_info.height)),
-            self._CalcGrey,
+            self._calc_grey,
             prerequisites_of_calc=ticket,
         )
         self._view = self.DeclareAbstractOutputPort(
-            "camera_view", lambda: Value[object](), self._CalcView, prerequisites_of_calc=ticket
+            "camera_view", lambda: Value[object](), self._calc_view, prerequisites_of_calc=ticket
         )
         self.DeclareVectorOutputPort(
-            "camera_image_time", 1, self._CalcTime, prerequisites_of_calc=ticket
+            "camera_image_time", 1, self._calc_time, prerequisites_of_calc=ticket
         )
         self.DeclareAbstractOutputPort(
             "camera_info",
@@ -162,42 +162,42 @@ class Camera(LeafSystem):
             prerequisites_of_calc={self.nothing_ticket()},
         )
 
-    def _SampleNow(self, context):
+    def _sample_now(self, context):
         sample = (*self._state.Eval(context).tolist(), context.get_time())
         if self._shifts is None:
             return sample
         return (*sample, *self._shifts.Eval(context).tolist())
 
-    def _ShowNow(self, context, state):
+    def _show_now(self, context, state):
         shown = state.get_mutable_abstract_state(int(self._shown))
-        shown.set_value(self._SampleNow(context))
+        shown.set_value(self._sample_now(context))
 
-    def _Sample(self, context, discrete_state):
-        discrete_state.set_value(self._newest, self._SampleNow(context))
+    def _sample(self, context, discrete_state):
+        discrete_state.set_value(self._newest, self._sample_now(context))
 
-    def _ShowNewest(self, context, state):
+    def _show_newest(self, context, state):
         newest = context.get_discrete_state(self._newest).value()
         state.get_mutable_abstract_state(int(self._shown)).set_value(tuple(newest.tolist()))
 
-    def _Shown(self, context):
+    def _shown_parts(self, context):
         return np.array(context.get_abstract_state(int(self._shown)).get_value())
 
-    def _CalcImage(self, context, output):
-        self._Picture(context).draw(output.get_mutable_value().mutable_data)
+    def _calc_image(self, context, output):
+        self._picture(context).draw(output.get_mutable_value().mutable_data)
 
-    def _CalcGrey(self, context, output):
+    def _calc_grey(self, context, output):
         picture = output.get_mutable_value().mutable_data
         picture[..., 0] = self._view.Eval(context).whole()
 
-    def _CalcView(self, context, output):
-        view = CameraView((self._info.height, self._info.width), self._Picture(context).draw)
+    def _calc_view(self, context, output):
+        view = CameraView((self._info.height, self._info.width), self._picture(context).draw)
         if not hasattr(self._renderer, "expose"):
             view.whole()  # while the scene is there
         output.set_value(view)
 
-    def _Picture(self, context):
+    def _picture(self, context):
         """Returns what draws the picture: draw(out, boxes=None), see Exposure."""
-        sample = self._Shown(context)
+        sample = self._shown_parts(context)
         # The plant's integrator lets the quaternion's norm drift a little.
         q = sample[:4]
         X_WB = RigidTransform(Quaternion(q / math.sqrt(q.dot(q))), sample[4:7])
@@ -218,5 +218,5 @@ class Camera(LeafSystem):
         frame = round(sample[13] * self._fps)
         return self._imaging.picture(expose, X_WB, sample[7:10], sample[10:13], frame)
 
-    def _CalcTime(self, context, output):
-        output.SetAtIndex(0, self._Shown(context)[13])
+    def _calc_time(self, context, output):
+        output.SetAtIndex(0, self._shown_parts(context)[13])

@@ -5,7 +5,7 @@ from pydrake.systems.framework import LeafSystem
 from airrace.common.jit import compiled
 from airrace.math.random import NoiseSequence
 from airrace.systems.plant.plant_steps import lead
-from airrace.systems.ports import peek
+from airrace.systems.ports import read_vector
 from airrace.systems.sensing.pose_history import moved
 
 # The vector of `state_estimate`: time, then Drake's floating-body state.
@@ -58,15 +58,15 @@ class StateEstimate(LeafSystem):
         index = self.DeclareDiscreteState(SIZE)
         self.DeclareStateOutputPort("state_estimate", index)
         # The controller's first tick must already see a sample.
-        self.DeclareInitializationDiscreteUpdateEvent(self._Sample)
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._Sample)
+        self.DeclareInitializationDiscreteUpdateEvent(self._sample)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._sample)
 
-    def _Sample(self, context, discrete_state):
+    def _sample(self, context, discrete_state):
         time = context.get_time()
         _sample(
             discrete_state.get_mutable_value(),
             time,
-            peek(self._state, context),
+            read_vector(self._state, context),
             lead(time, self._state_period),
             self._noise[round(time * self._rate)],
             self._position_sigma,

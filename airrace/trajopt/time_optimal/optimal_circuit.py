@@ -8,7 +8,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import Circuit
-from airrace.trajopt.plan_report import LapReport
+from airrace.trajopt.plan_summary import LapReport
 from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, twisted_dynamics
 from airrace.trajopt.time_optimal.lap_spline import DEGREE, LapSpline
 from airrace.trajopt.time_optimal.thrust_axis_angle import heading_of_twist

@@ -9,7 +9,7 @@ from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import passes_forward
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
-from airrace.trajopt.plan_report import LapReport, check_lap
+from airrace.trajopt.plan_summary import LapReport, check_lap
 from airrace.trajopt.time_optimal.lap_guess import first_lap, moved_lap, refined_lap
 from airrace.trajopt.time_optimal.lap_search import PIECES, Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import LapSpline

@@ -17,7 +17,7 @@ from airrace.trajopt.min_snap.min_snap import (
     solve_min_snap,
     unwrap_headings,
 )
-from airrace.trajopt.plan_report import check_flight, check_times
+from airrace.trajopt.plan_summary import check_flight, check_times
 from airrace.trajopt.time_optimal.lap_samples import LapSamples
 from airrace.trajopt.time_optimal.lap_search import PIECES, Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis

@@ -8,17 +8,11 @@ from airrace import lcmtypes
 from airrace.hitl.channels import make_channels
 from airrace.hitl.link.packets import Stamp, pack
 from airrace.scenario import Scenario
-from airrace.systems.planning.lap_plan import LapPlan, PlanReport
-from airrace.systems.referee_report import GateCrossing, RefereeReport
+from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
+from airrace.systems.referee_status import GateCrossing, RefereeStatus
 from airrace.systems.sensing.camera_view import CameraView
-from airrace.systems.types import (
-    ExplorerEvent,
-    ExplorerStatus,
-    GateEstimate,
-    GateMap,
-    MarkerEstimate,
-    make_camera_info,
-)
+from airrace.systems.types import ExplorerEvent, ExplorerStatus, make_camera_info
+from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.min_snap.circuit import Circuit
 
@@ -49,7 +43,7 @@ def lap_plan():
         FlatTrajectory(polynomial()),
         circuit,
         0.25,
-        PlanReport(
+        PlanSummary(
             0.5,
             lap.end_time(),
             19.0,
@@ -90,13 +84,13 @@ def values():
         ),
         "state_estimate": estimate,
         "rotor_speeds": rotors[:4],
-        "rotor_report": np.array([1 / 3, *rotors]),
+        "rotor_status": np.array([1 / 3, *rotors]),
         "rotor_speed_command": _noise.uniform(0, 90, 4),
         "rotor_losses": np.array([np.inf, 2.5, np.inf, np.inf]),
         "explorer_status": ExplorerStatus("DONE", "über", 1 / 3, (2, 0, 1), 1 / 7, True, events),
         "gate_map": GateMap(1 / 3, markers, gates, 20, 1, {"stray": 3, "far": 2}),
         "lap_plan": lap_plan(),
-        "truth.referee_report": RefereeReport(crossings, False, "hit the ground", 2.5, 1),
+        "truth.referee_status": RefereeStatus(crossings, False, "hit the ground", 2.5, 1),
     }
 
 
@@ -114,6 +108,6 @@ def packed():
     result = {
         row.channel: (pack(message_of(row), STAMP), row.message_type, row.decode) for row in ROWS
     }
-    for kind in (lcmtypes.lcmt_heartbeat, lcmtypes.lcmt_link_report):
+    for kind in (lcmtypes.lcmt_heartbeat, lcmtypes.lcmt_link_status):
         result[kind.__name__] = (pack(kind(), STAMP), kind, lambda message: message)
     return result

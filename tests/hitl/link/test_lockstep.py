@@ -9,11 +9,11 @@ from pydrake.systems.analysis import Simulator
 from airrace import lcmtypes
 from airrace.common.errors import UserError
 from airrace.diagrams.runner import MakeRace
-from airrace.diagrams.transport import LOOK_PERIOD
 from airrace.hitl.link import lockstep
 from airrace.hitl.link.endpoint import Channel, Endpoint
 from airrace.hitl.link.lockstep import Exchange, hear_peer, lockstep_times
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
+from airrace.hitl.transport import LOOK_PERIOD
 from airrace.scenario import Scenario
 
 
@@ -56,14 +56,14 @@ class Side:
         self.value, self.shown = 0, []
         self.exchange = None
 
-    def Send(self, _):
+    def send(self, _):
         if self.value % 3:  # not at every tick
             return []
         message = lcmtypes.lcmt_rotors()
         message.count, message.value = 1, [float(self.value)]
         return [(self.out, self.endpoint.publish(self.out, message, 0.0))]
 
-    def Receive(self, _, endpoint):
+    def receive(self, _, endpoint):
         received = endpoint.newest(self.into)
         self.shown.append(received.value if received else None)
 

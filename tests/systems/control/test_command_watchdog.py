@@ -54,7 +54,7 @@ class Bench:
             self.fix(rotor_speed_command_time=[sent])
         self.simulator.AdvanceTo(time)
         command = self.watchdog.GetOutputPort("rotor_speed_command").Eval(self.context)
-        return int(self.watchdog.Recall(self.context).mode), command.tolist()
+        return int(self.watchdog.recall(self.context).mode), command.tolist()
 
     def reference(self):
         return self.watchdog.GetOutputPort("reference").Eval(self.context).copy()
@@ -76,7 +76,7 @@ def test_follows_holds_hovers_and_lands():
         found, command = bench.at(sent + age, sent)
         assert found == mode
         assert command == (REMOTE if mode < HOVER else OWN).tolist()
-    m = bench.watchdog.Recall(bench.context)
+    m = bench.watchdog.recall(bench.context)
     assert (m.holds, m.hovers, m.landings) == (1, 1, 1)
     assert m.oldest == pytest.approx(4.0, abs=0.01)
 
@@ -166,13 +166,13 @@ def fly(silent, until):
     X_WB = RigidTransform(RollPitchYaw(0.4, -0.3, 1.0), [0.0, 0.0, 7.0])
     plant.SetFloatingBaseBodyPoseInWorldFrame(plant_context, plant.GetBodyByName("body"), X_WB)
     plant.SetVelocities(plant_context, np.array([1.0, -2.0, 0.5, 8.0, 3.0, 0.0]))
-    m = watchdog.Recall(watchdog.GetMyContextFromRoot(context))
+    m = watchdog.recall(watchdog.GetMyContextFromRoot(context))
     m.pad, m.airborne = 0.0, 1.0
     watchdog.GetMyMutableContextFromRoot(context).SetDiscreteState(0, m.vector())
     simulator.Initialize()
     simulator.AdvanceTo(until)
     data = log.FindLog(context)
-    report = simulation.GetOutputPort("truth.referee_report").Eval(
+    report = simulation.GetOutputPort("truth.referee_status").Eval(
         simulation.GetMyContextFromRoot(context)
     )
     return data.sample_times(), data.data().T, watchdog, report

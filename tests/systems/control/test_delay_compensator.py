@@ -23,7 +23,7 @@ def fixed(estimate, speeds, command, delay, until=0.3):
         ("rotor_speed_command", command),
     ):
         box.GetInputPort(name).FixValue(context, value)
-    box.SetDelay(context, delay)
+    box.set_delay(context, delay)
     simulator.AdvanceTo(until)
     return (
         box.GetOutputPort("state_estimate").Eval(context),
@@ -40,11 +40,11 @@ def estimate(velocity=(8.0, 0.0, 0.0)):
 
 def test_delays_are_rounded_and_never_longer_than_the_model_is_good_for():
     box = DelayCompensator(vehicle=VEHICLE, rate=500.0)
-    assert box.Rounded(0.003, 0.0) == box.Rounded(0.003, 0.05) == 0.0
-    assert box.Rounded(0.0411, 0.0) == pytest.approx(0.042)
-    assert box.Rounded(0.0441, 0.042) == 0.042
-    assert box.Rounded(0.7, 0.05) == pytest.approx(0.25)
-    assert box.Rounded(0.9, box.Rounded(0.7, 0.05)) == pytest.approx(0.25)
+    assert box.rounded(0.003, 0.0) == box.rounded(0.003, 0.05) == 0.0
+    assert box.rounded(0.0411, 0.0) == pytest.approx(0.042)
+    assert box.rounded(0.0441, 0.042) == 0.042
+    assert box.rounded(0.7, 0.05) == pytest.approx(0.25)
+    assert box.rounded(0.9, box.rounded(0.7, 0.05)) == pytest.approx(0.25)
 
 
 def test_without_a_delay_nothing_is_touched():

@@ -83,7 +83,7 @@ class Bench:
 @both_drones
 def test_hovers_at_the_reference(drone):
     vehicle = VEHICLES[drone]
-    wrench = CONTROLLERS[drone].CalcWrench(hold(P, 0.0), estimate())
+    wrench = CONTROLLERS[drone].calc_wrench(hold(P, 0.0), estimate())
     np.testing.assert_allclose(wrench, [vehicle.mass * GRAVITY, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(Bench(vehicle).update(), hover_speeds(vehicle), rtol=1e-9)
 
@@ -94,7 +94,7 @@ def test_pushes_against_errors(drone, axis):
     """Right of the target, roll left; ahead of it, pitch back; above, less thrust."""
     p = P.copy()
     p[axis] += 0.5
-    f, mx, my, _ = CONTROLLERS[drone].CalcWrench(hold(P, 0.0), estimate(p))
+    f, mx, my, _ = CONTROLLERS[drone].calc_wrench(hold(P, 0.0), estimate(p))
     if axis == 0:
         assert my < 0
     elif axis == 1:
@@ -109,7 +109,7 @@ def test_turns_back_to_level(drone, roll, pitch, yaw):
     """The moment does work against any attitude error."""
     R = RollPitchYaw(roll, pitch, yaw).ToRotationMatrix()
     error = (RollPitchYaw(0, 0, yaw).ToRotationMatrix().inverse() @ R).ToAngleAxis()
-    wrench = CONTROLLERS[drone].CalcWrench(hold(P, yaw), estimate(R=R))
+    wrench = CONTROLLERS[drone].calc_wrench(hold(P, yaw), estimate(R=R))
     torque_along_error = wrench[1:] @ error.axis() * np.sign(error.angle())
     assert torque_along_error <= 1e-9
     if abs(error.angle()) > 1e-3:
@@ -122,7 +122,7 @@ def test_upside_down_it_rights_itself_with_all_its_might(drone, heading, angle, 
     """The greatest moment of all attitudes is there, and the rotors are to give it."""
     vehicle, controller = VEHICLES[drone], CONTROLLERS[drone]
     still = estimate(R=tilted(angle, heading))
-    wrench = controller.CalcWrench(hold(P, 0.0), still)
+    wrench = controller.calc_wrench(hold(P, 0.0), still)
     acceleration = wrench[1:] / vehicle.inertia
     assert np.hypot(*acceleration[:2]) == pytest.approx(2 * vehicle.gains.attitude, rel=1e-5)
     assert wrench[0] == pytest.approx(0.0, abs=1e-6)  # no thrust towards the ground
@@ -137,7 +137,7 @@ def test_upside_down_it_rights_itself_with_all_its_might(drone, heading, angle, 
 @given(headings, st.floats(0.0, 3.1), headings, st.floats(-10.0, 10.0))
 def test_yaw_does_not_turn_the_correction_of_a_tilt_aside(drone, heading, tilt, yaw, spin):
     """Whatever the error in yaw; only the lead of a spinning body turns it."""
-    calc = CONTROLLERS[drone].CalcWrench
+    calc = CONTROLLERS[drone].calc_wrench
     R = tilted(tilt, heading)
     alone = calc(hold(P, 0.0), estimate(R=R))[1:]
     R = RotationMatrix.MakeZRotation(yaw) @ R
@@ -163,7 +163,7 @@ def test_feed_forward_is_inverse_dynamics(drone, a, j, s, yaw, rate, acceleratio
         force, j, s, heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
     )
     R = RotationMatrix(np.array(axes).T)
-    wrench = CONTROLLERS[drone].CalcWrench(reference, estimate(R=R, w=R.matrix() @ w))
+    wrench = CONTROLLERS[drone].calc_wrench(reference, estimate(R=R, w=R.matrix() @ w))
     expected = vehicle.allocation @ rotor_thrusts(reference[:, None], vehicle, GRAVITY)[:, 0]
     expected[1:] = turned_back(expected[1:], ROTOR_DELAY * w[2])
     np.testing.assert_allclose(wrench, expected, atol=1e-8, rtol=1e-8)
@@ -173,7 +173,7 @@ def test_feed_forward_is_inverse_dynamics(drone, a, j, s, yaw, rate, acceleratio
 @given(vectors, vectors, vectors, headings, headings, vectors)
 def test_it_turns_with_the_world(drone, p, v, w, tilt, angle, a):
     """Turned about the vertical, reference and all, the wrench is the same."""
-    calc = CONTROLLERS[drone].CalcWrench
+    calc = CONTROLLERS[drone].calc_wrench
     T = RotationMatrix.MakeZRotation(angle)
     R = tilted(0.9 * tilt, tilt)
     one, other = hold(P, 0.0), hold(T @ P, angle)
@@ -207,7 +207,7 @@ def test_far_away_it_leans_as_far_as_the_thrust_carries_it(drone, heading):
     lean = np.arccos(vehicle.mass * GRAVITY / most)
     R = tilted(lean, heading)
     p = P - 1e3 * np.array([R.matrix()[0, 2], R.matrix()[1, 2], 0.0])
-    wrench = CONTROLLERS[drone].CalcWrench(hold(P, 0.0), estimate(p, R))
+    wrench = CONTROLLERS[drone].calc_wrench(hold(P, 0.0), estimate(p, R))
     assert wrench[0] == pytest.approx(most)
     np.testing.assert_allclose(wrench[1:3], 0.0, atol=1e-6)
 
@@ -218,7 +218,7 @@ def test_a_spin_does_not_turn_the_damping_of_the_others(drone, w, spin):
     """Seen from axes that do not spin, rates about x and y fade straight to zero."""
     vehicle = VEHICLES[drone]
     w = np.array([w[0], w[1], spin])
-    moment = CONTROLLERS[drone].CalcWrench(hold(P, 0.0), estimate(w=w))[1:]
+    moment = CONTROLLERS[drone].calc_wrench(hold(P, 0.0), estimate(w=w))[1:]
     moment = turned_back(moment, -ROTOR_DELAY * spin)  # what the rotors will have done
     J = np.array(vehicle.inertia)
     acceleration = (moment - np.cross(w, J * w)) / J
@@ -230,7 +230,7 @@ def test_a_spin_does_not_turn_the_damping_of_the_others(drone, w, spin):
 @both_drones
 def test_errors_in_yaw_take_no_more_than_the_rotors_have(drone):
     """At a hover; and they are damped as well as those of the tilt."""
-    vehicle, calc = VEHICLES[drone], CONTROLLERS[drone].CalcWrench
+    vehicle, calc = VEHICLES[drone], CONTROLLERS[drone].calc_wrench
 
     def moment(yaw, rate):
         R = RotationMatrix.MakeZRotation(yaw)
@@ -270,7 +270,7 @@ def test_rotors_are_driven_to_look_faster(drone, lag, seen):
     p = P + [0.01, -0.01, 0.02]
     bench.fix(filtered_estimate=estimate(p))
     speeds, command = hover_speeds(vehicle), bench.update()
-    wrench = CONTROLLERS[drone].CalcWrench(hold(P, 0.0), estimate(p))
+    wrench = CONTROLLERS[drone].calc_wrench(hold(P, 0.0), estimate(p))
     desired = np.sqrt(np.linalg.pinv(vehicle.allocation) @ wrench / vehicle.thrust_coefficients)
     moved = (1 - np.exp(-1 / RATE / lag)) * (command - speeds)
     np.testing.assert_allclose(moved, (1 - np.exp(-1 / RATE / seen)) * (desired - speeds))
@@ -303,7 +303,7 @@ def test_what_is_not_finite_keeps_the_last_command(drone, port, size, bad):
 def test_a_wrench_that_is_not_finite_keeps_the_last_command(bad):
     bench = Bench(VEHICLES["Default"])
     last = bench.update().copy()
-    bench.controller.CalcWrench = lambda reference, estimate: np.array([9.81, 0.0, bad, 0.0])
+    bench.controller.calc_wrench = lambda reference, estimate: np.array([9.81, 0.0, bad, 0.0])
     np.testing.assert_array_equal(bench.update(), last)
 
 
@@ -396,7 +396,7 @@ def test_the_star_one_flies_on_with_the_rest(lost):
     times[lost] = 1.0
     p = P + [0.02, 0.01, -0.03]
     bench.fix(rotor_losses=times, filtered_estimate=estimate(p))
-    wrench = CONTROLLERS["StarOne"].CalcWrench(hold(P, 0.0), estimate(p))
+    wrench = CONTROLLERS["StarOne"].calc_wrench(hold(P, 0.0), estimate(p))
     speeds = hover_speeds(vehicle)
     for _ in range(200):
         speeds = speeds + (1 - np.exp(-1 / RATE / vehicle.rotor_lag)) * (bench.update() - speeds)

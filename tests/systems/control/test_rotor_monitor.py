@@ -29,7 +29,7 @@ def reports_of(commands, *, arrivals=None, stops=(), vehicle=DEFAULT):
     builder = DiagramBuilder()
     builder.AddSystem(bank)
     builder.ExportInput(bank.get_input_port(), "command")
-    builder.ExportOutput(bank.GetOutputPort("rotor_report"))
+    builder.ExportOutput(bank.GetOutputPort("rotor_status"))
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     reports = []

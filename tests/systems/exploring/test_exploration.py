@@ -9,8 +9,9 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring import exploration
 from airrace.systems.mapping.marker_statistics import MarkerStatistics, make_map
-from airrace.systems.types import Detection, Detections, ExplorerStatus, GateEstimate
+from airrace.systems.types import Detection, Detections, ExplorerStatus
 from airrace.track import load_track
+from airrace.track.gate_map import GateEstimate
 from airrace.track.generator import generate_track
 
 TRACK = load_track("student-airrace")
@@ -18,7 +19,7 @@ CONFIG = ExplorerConfig()
 
 
 def mapped(counts, track=TRACK):
-    """The map after so many true sightings of markers, ID to number."""
+    """The map after so many true observations of markers, ID to number."""
     boards = {board.id: board.X_WM for board in track.boards()}
     statistics = {
         id: MarkerStatistics(
@@ -30,7 +31,7 @@ def mapped(counts, track=TRACK):
         )
         for id, n in counts.items()
     }
-    return make_map(statistics, min_sightings=5, time=0.0, detections=0, out_of_range=0)
+    return make_map(statistics, min_observations=5, time=0.0, detections=0, out_of_range=0)
 
 
 def situation(counts, in_image, last=None, p=(0.0, 0.0, 5.0), steps=0, track=TRACK):
@@ -165,8 +166,8 @@ def test_pylons_and_gates_of_which_one_board_was_seen_are_known():
         ({1: 9, 3: 4}, [1], "only markers 1 and 3 of gate 1 are in sight from behind"),
     ],
 )
-def test_sightings_in_words(counts, in_image, words):
-    assert exploration.described_sighting(situation(counts, in_image), 0) == words
+def test_observations_in_words(counts, in_image, words):
+    assert exploration.described_observation(situation(counts, in_image), 0) == words
 
 
 @pytest.mark.parametrize(

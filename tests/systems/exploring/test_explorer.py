@@ -10,8 +10,9 @@ from pydrake.systems.analysis import Simulator
 from airrace.scenario import ExplorerConfig, PerceptionConfig, Scenario
 from airrace.systems.exploring.clear_paths import ABOVE_PYLONS
 from airrace.systems.exploring.explorer import Explorer
-from airrace.systems.types import Detections, GateMap
+from airrace.systems.types import Detections
 from airrace.track import Gate, Start, Track, load_track
+from airrace.track.gate_map import GateMap
 from airrace.track.generator import generate_track
 from benchmarks.exploration import clear_of_pylons
 from benchmarks.exploration_world import SightWorld, explore, make_explorer

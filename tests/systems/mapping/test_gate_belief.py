@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.systems.mapping.gate_observations import SIGMA, make_gate, see
 
 from airrace.systems.mapping import gate_belief as gb
 from airrace.systems.mapping import gate_filter as gf
-from tests.systems.mapping.gate_sightings import SIGMA, make_gate, see
 
 poses = st.tuples(
     st.floats(-80, 80), st.floats(-80, 80), st.floats(2, 10), st.floats(-4, 4), st.floats(5, 15)
@@ -54,7 +54,7 @@ def test_a_fit_is_as_good_as_it_says(gate, seed):
 
 
 @given(gates, seeds)
-def test_errors_shrink_with_sightings(gate, seed):
+def test_errors_shrink_with_observations(gate, seed):
     rng = np.random.default_rng(seed)
     belief = gb.fit([see(gate, 0, 0.0, rng), see(gate, 2, 0.1, rng)])
     trace = np.trace(belief.covariance)
@@ -78,32 +78,32 @@ def test_one_board_improves_all_four(gate, seed):
 
 @given(gates, seeds, st.floats(-np.pi, np.pi), st.tuples(*[st.floats(-50, 50)] * 2))
 def test_turning_the_world_turns_the_belief(gate, seed, turn, shift):
-    """Equivariance: the same sightings in another world frame are the same gate there."""
+    """Equivariance: the same observations in another world frame are the same gate there."""
     c, s = np.cos(turn), np.sin(turn)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     t = np.array([*shift, 0.0])
 
-    def moved(sighting):
-        return type(sighting)(
-            id=sighting.id,
-            time=sighting.time,
-            p_WC=R @ sighting.p_WC + t,
-            p_WM=R @ sighting.p_WM + t,
-            covariance=R @ sighting.covariance @ R.T,
-            normal=R @ sighting.normal,
-            heading_variance=sighting.heading_variance,
+    def moved(observation):
+        return type(observation)(
+            id=observation.id,
+            time=observation.time,
+            p_WC=R @ observation.p_WC + t,
+            p_WM=R @ observation.p_WM + t,
+            covariance=R @ observation.covariance @ R.T,
+            normal=R @ observation.normal,
+            heading_variance=observation.heading_variance,
         )
 
     rng = np.random.default_rng(seed)
-    sightings = [see(gate, k % 3, 0.1 * k, rng) for k in range(8)]
+    observations = [see(gate, k % 3, 0.1 * k, rng) for k in range(8)]
 
-    def believe(sightings):
-        belief = gb.fit(sightings[:2])
-        for sighting in sightings[2:]:
-            belief = belief.updated(sighting, 0.5)
+    def believe(observations):
+        belief = gb.fit(observations[:2])
+        for observation in observations[2:]:
+            belief = belief.updated(observation, 0.5)
         return belief
 
-    here, there = believe(sightings), believe([moved(s) for s in sightings])
+    here, there = believe(observations), believe([moved(s) for s in observations])
     np.testing.assert_allclose(R @ here.pose[:3] + t, there.pose[:3], atol=1e-6)
     np.testing.assert_allclose(R @ here.forward, there.forward, atol=1e-6)
     np.testing.assert_allclose(

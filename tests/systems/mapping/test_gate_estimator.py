@@ -2,25 +2,25 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.systems.mapping.gate_observations import make_gate, see
 
 from airrace.systems.mapping.gate_estimator import RobustEstimator
-from tests.systems.mapping.gate_sightings import make_gate, see
 
-ESTIMATOR = RobustEstimator(min_sightings=5)
+ESTIMATOR = RobustEstimator(min_observations=5)
 gates = st.builds(make_gate, st.floats(-80, 80), st.floats(-80, 80), st.floats(-180, 180))
 seeds = st.integers(0, 1000)
 
 
-def mapped(sightings, records=None):
-    """Returns the records and the map after sightings."""
+def mapped(observations, records=None):
+    """Returns the records and the map after observations."""
     records = records or {}
-    for sighting in sightings:
-        records = ESTIMATOR.updated(records, sighting)
+    for observation in observations:
+        records = ESTIMATOR.updated(records, observation)
     return records, ESTIMATOR.make_map(records, time=1.0, detections=0, out_of_range=0, refused={})
 
 
 def flight(gate, rng, ids=(0, 2), start=0.0, images=15, **kwargs):
-    """Sightings of some boards in each of some images."""
+    """Observations of some boards in each of some images."""
     return [see(gate, id, start + k / 30, rng, **kwargs) for k in range(images) for id in ids]
 
 
@@ -31,7 +31,7 @@ def worst(gate_map, gate):
 
 @given(gates, seeds)
 def test_a_known_gate_has_four_boards(gate, seed):
-    """Two seen, two derived, all as good as the sightings."""
+    """Two seen, two derived, all as good as the observations."""
     _, gate_map = mapped(flight(gate, np.random.default_rng(seed), sigma=0.02))
     assert [(m.id, m.count) for m in gate_map.markers] == [(0, 15), (1, 0), (2, 15), (3, 0)]
     assert worst(gate_map, gate) < 0.06
@@ -65,17 +65,17 @@ def test_gates_that_are_not_by_the_rules(spacing):
 @given(gates, seeds)
 def test_gross_outliers_do_no_harm(gate, seed):
     rng = np.random.default_rng(seed)
-    sightings, wrong = flight(gate, rng, images=40, sigma=0.02), 0
-    for k in range(len(sightings)):
+    observations, wrong = flight(gate, rng, images=40, sigma=0.02), 0
+    for k in range(len(observations)):
         if rng.random() < 0.05:  # also the very first may be wrong
             error = rng.normal(0, 3, 3)
             wrong += np.linalg.norm(error) > 0.5
-            sightings[k] = see(gate, sightings[k].id, sightings[k].time, rng, error=error)
-    _, gate_map = mapped(sightings)
+            observations[k] = see(gate, observations[k].id, observations[k].time, rng, error=error)
+    _, gate_map = mapped(observations)
     assert worst(gate_map, gate) < 0.08
     refused = sum(gate_map.refused.values())
-    assert wrong <= refused <= wrong + 0.02 * len(sightings) + 12
-    assert sum(m.count for m in gate_map.markers) + refused == len(sightings)
+    assert wrong <= refused <= wrong + 0.02 * len(observations) + 12
+    assert sum(m.count for m in gate_map.markers) + refused == len(observations)
 
 
 @given(gates, seeds, st.floats(0.5, 15.0), st.floats(-np.pi, np.pi), st.floats(-60, 60))
@@ -113,7 +113,7 @@ def test_two_wrong_ones_of_one_image_do_not_beat_it():
     assert after.refused == {"far from the map": 2}
 
 
-def test_why_a_sighting_does_not_fit():
+def test_why_a_observation_does_not_fit():
     rng = np.random.default_rng(0)
     records, _ = mapped([see(make_gate(), 0, 0.0, rng)])
     assert mapped([], records)[1].refused == {"not yet confirmed": 1}
@@ -141,8 +141,8 @@ def test_consecutive_frames_are_not_independent():
     dense = flight(make_gate(), rng, images=10)
     long = [see(make_gate(), id, 1.0 * k, rng) for k in range(10) for id in (0, 2)]
     a, b, c = (
-        mapped([*flight(make_gate(), rng, start=-9.0, images=2), *sightings])[1].markers[0]
-        for sightings in (sparse, dense, long)
+        mapped([*flight(make_gate(), rng, start=-9.0, images=2), *observations])[1].markers[0]
+        for observations in (sparse, dense, long)
     )
     assert c.variance[0] < b.variance[0] < a.variance[0]
     assert b.variance[0] > 2 * c.variance[0]

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import ConstantValueSource
 
 from airrace.common.errors import UserError
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
-from airrace.systems.types import GateMap
+from airrace.track.gate_map import GateMap
 
 
 class Mapper(LeafSystem):
@@ -16,9 +16,9 @@ class Mapper(LeafSystem):
 
     def __init__(self):
         LeafSystem.__init__(self)
-        self.DeclareAbstractOutputPort("gate_map", lambda: Value[object](GateMap()), self._Calc)
+        self.DeclareAbstractOutputPort("gate_map", lambda: Value[object](GateMap()), self._calc)
 
-    def _Calc(self, context, output):
+    def _calc(self, context, output):
         time = context.get_time()
         output.set_value(GateMap(time=time, detections=round(10 * time)))
 

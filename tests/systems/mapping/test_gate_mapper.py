@@ -49,7 +49,7 @@ def run(
         max_gates=20,
         estimator=estimator,
         outlier_sigma=3.0,
-        min_sightings=5,
+        min_observations=5,
     )
     simulator = Simulator(mapper)
     context = simulator.get_mutable_context()
@@ -111,7 +111,7 @@ def test_an_image_counts_once():
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_gates_appear_with_enough_sightings(estimator):
+def test_gates_appear_with_enough_observations(estimator):
     boards = TRACK.boards()
     images = {
         k / 30: lambda X_WB: [sight(X_WB, boards[4], 0), sight(X_WB, boards[6], 0)]
@@ -185,7 +185,7 @@ def test_times_that_cannot_be():
         max_gates=20,
         estimator="robust",
         outlier_sigma=3.0,
-        min_sightings=5,
+        min_observations=5,
     )
     simulator = Simulator(mapper)
     context = simulator.get_mutable_context()

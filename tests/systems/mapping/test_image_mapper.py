@@ -15,7 +15,7 @@ INFO = make_camera_info(width=1280, height=720, fov_y=1.0, X_BC=CameraMount().X_
 
 def make_mapper(estimator):
     return ImageMapper(
-        max_range=30.0, max_gates=10, estimator=estimator, outlier_sigma=3.0, min_sightings=5
+        max_range=30.0, max_gates=10, estimator=estimator, outlier_sigma=3.0, min_observations=5
     )
 
 

@@ -1,4 +1,4 @@
-"""The boxes that know a map already."""
+"""The systems that know a map already."""
 
 from airrace.systems.mapping.known_map import KnownMap, NoDetector
 from airrace.systems.types import Detections

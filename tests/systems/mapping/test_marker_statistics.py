@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.systems.mapping.marker_statistics import EMPTY, ReportEstimator, make_gate, make_map
-from airrace.systems.mapping.observation import Sighting
+from airrace.systems.mapping.observation import Observation
 from airrace.track import load_track
 
 TRACK = load_track("student-airrace")
@@ -37,7 +37,7 @@ def test_three_sigma_rejection():
         np.testing.assert_array_equal(after.mean, statistics.mean)
 
 
-def test_nothing_is_an_outlier_before_enough_sightings():
+def test_nothing_is_an_outlier_before_enough_observations():
     statistics = EMPTY
     for x in (0.0, 0.0, 0.0, 0.0, 100.0):
         statistics = statistics.updated(np.array([x, 0, 0]), np.zeros(3), 3.0, 5)
@@ -61,7 +61,7 @@ def test_two_boards_in_one_place_are_no_gate():
 def test_the_map_is_read_only():
     gate_map = make_map(
         {0: EMPTY.updated(np.ones(3), np.ones(3), 3.0, 5)},
-        min_sightings=1,
+        min_observations=1,
         time=0.0,
         detections=1,
         out_of_range=0,
@@ -73,12 +73,12 @@ def test_the_map_is_read_only():
 @given(st.lists(st.tuples(*[st.floats(-0.2, 0.2)] * 3), min_size=1, max_size=40), st.data())
 def test_section_iii_to_the_letter(errors, data):
     """Against the mean and the standard deviation of all that counts, computed anew each time."""
-    estimator = ReportEstimator(outlier_sigma=3.0, min_sightings=5)
+    estimator = ReportEstimator(outlier_sigma=3.0, min_observations=5)
     statistics, counted, outliers = {}, [], 0
     for k, error in enumerate(errors):
         far = data.draw(st.booleans())
         p = np.array([20.0, 5, 6]) + error + [3.0 * far, 0, 0]
-        sighting = Sighting(
+        observation = Observation(
             id=4,
             time=k / 30,
             p_WC=np.zeros(3),
@@ -87,7 +87,7 @@ def test_section_iii_to_the_letter(errors, data):
             normal=np.array([-1.0, 0, 0]),
             heading_variance=1.0,
         )
-        statistics = estimator.updated(statistics, sighting)
+        statistics = estimator.updated(statistics, observation)
         if len(counted) >= 5 and np.any(
             np.abs(p - np.mean(counted, axis=0)) > 3 * np.std(counted, axis=0, ddof=1) + 1e-9
         ):

@@ -15,8 +15,9 @@ from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planner import LapPlanner
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.map_margins import pylon_margins
-from airrace.systems.types import ExplorerStatus, GateEstimate, GateMap, MarkerEstimate
+from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
+from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.trajopt.flat_trajectory import ACCELERATION, SIZE, VELOCITY, hold
 from airrace.trajopt.flatness import rotor_thrusts
 from airrace.trajopt.flyable import clearance_of

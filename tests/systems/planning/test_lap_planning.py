@@ -12,14 +12,14 @@ from airrace.scenario.limits import parse_limits
 from airrace.systems.planning import lap_planning
 from airrace.systems.planning.lap_planning import LapProblem, plan_lap
 from airrace.systems.planning.map_margins import pylon_margins
-from airrace.systems.types import GateEstimate
 from airrace.track import load_track
+from airrace.track.gate_map import GateEstimate
 from airrace.track.map_files import true_map
 from airrace.trajopt.flat_trajectory import VELOCITY
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flyable import pylon_distances
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
-from airrace.trajopt.plan_report import check_times
+from airrace.trajopt.plan_summary import check_times
 from airrace.vehicle import GRAVITY, load_vehicle
 
 VEHICLE = load_vehicle("Default")[0]

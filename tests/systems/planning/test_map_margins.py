@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
-from airrace.systems.types import GateEstimate, MarkerEstimate
+from airrace.track.gate_map import GateEstimate, MarkerEstimate
 
 GATES = tuple(
     GateEstimate(number=n, p_WG=np.array([20.0 * n, 0.0, 6.0]), heading=0.3 * n, spacing=10.0)
@@ -57,7 +57,7 @@ def test_narrow_gates_leave_a_way_through():
 
 
 def test_gates_that_move_may_move_again():
-    assert pylon_margins(GATES, (), moved=0.05).max() == LEAST  # sightings got better
+    assert pylon_margins(GATES, (), moved=0.05).max() == LEAST  # observations got better
     np.testing.assert_allclose(pylon_margins(GATES, (), moved=0.6), LEAST + 0.6)
 
 

@@ -60,7 +60,7 @@ def test_the_plant_feels_what_the_allocation_says(name, data):
     simulator = Simulator(drone.diagram)
     context = simulator.get_mutable_context()
     drone.diagram.get_input_port().FixValue(context, speeds)
-    drone.rotors.SetSpeeds(drone.rotors.GetMyMutableContextFromRoot(context), speeds)
+    drone.rotors.set_speeds(drone.rotors.GetMyMutableContextFromRoot(context), speeds)
     simulator.AdvanceTo(1.5 * DT)
     velocities = drone.plant.GetVelocities(drone.plant.GetMyContextFromRoot(context))
     f, *moment = vehicle.allocation @ (1e-3 * np.square(speeds))
@@ -165,9 +165,9 @@ class Command(LeafSystem):
     def __init__(self, vehicle):
         LeafSystem.__init__(self)
         self._vehicle = vehicle
-        self.DeclareVectorOutputPort("command", len(vehicle.rotors), self._Calc)
+        self.DeclareVectorOutputPort("command", len(vehicle.rotors), self._calc)
 
-    def _Calc(self, context, output):
+    def _calc(self, context, output):
         output.set_value(command(self._vehicle, context.get_time()))
 
 
@@ -311,7 +311,7 @@ class TestTruth:
         truth = true_vehicle(VEHICLE, self.CONFIG, seed=1)
         bank = Drone(truth=truth).rotors
         context = bank.CreateDefaultContext()
-        bank.SetSpeeds(context, [50.0, 60.0, 70.0, 80.0])
+        bank.set_speeds(context, [50.0, 60.0, 70.0, 80.0])
         np.testing.assert_allclose(
             bank.GetOutputPort("thrusts").Eval(context),
             truth.thrust_coefficients * np.square([50.0, 60.0, 70.0, 80.0]),

@@ -61,10 +61,10 @@ def test_the_report_has_what_a_failed_rotor_should_do():
     simulator = Simulator(bank)
     context = simulator.get_mutable_context()
     bank.get_input_port().FixValue(context, command)
-    np.testing.assert_array_equal(bank.GetOutputPort("rotor_report").Eval(context), np.zeros(9))
+    np.testing.assert_array_equal(bank.GetOutputPort("rotor_status").Eval(context), np.zeros(9))
     simulator.AdvanceTo(0.999)
     simulator.AdvancePendingEvents()
-    report = bank.GetOutputPort("rotor_report").Eval(context)
+    report = bank.GetOutputPort("rotor_status").Eval(context)
     assert report[0] == pytest.approx(1.0)
     np.testing.assert_array_equal(report[1:5], bank.GetOutputPort("rotor_speeds").Eval(context))
     np.testing.assert_array_equal(report[5:], run(command, 1.0)[0])
@@ -74,7 +74,7 @@ def test_speeds_that_are_set_are_those_expected():
     bank = RotorBank(vehicle=VEHICLE, period=0.001)
     context = bank.CreateDefaultContext()
     context.SetTime(0.5)
-    bank.SetSpeeds(context, [10.0, 20.0, 30.0, 40.0])
+    bank.set_speeds(context, [10.0, 20.0, 30.0, 40.0])
     np.testing.assert_array_equal(
-        bank.GetOutputPort("rotor_report").Eval(context), [0.5, *2 * [10.0, 20.0, 30.0, 40.0]]
+        bank.GetOutputPort("rotor_status").Eval(context), [0.5, *2 * [10.0, 20.0, 30.0, 40.0]]
     )

@@ -12,7 +12,7 @@ from airrace.trajopt.flyable import passes_forward, pylon_distances
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.min_snap.transition import plan_start
-from airrace.trajopt.plan_report import check_flight, check_times
+from airrace.trajopt.plan_summary import check_flight, check_times
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.trajopt.time_optimal.optimal_transition import plan_optimal_way
 from airrace.vehicle import load_vehicle

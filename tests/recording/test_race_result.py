@@ -6,12 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airrace.recording.race_record import RaceRecord, front_marker_rms
+from airrace.recording.race_result import RaceResult, front_marker_rms
 from airrace.scenario import Scenario
-from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanReport
-from airrace.systems.referee_report import GateCrossing, RefereeReport
-from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateMap, MarkerEstimate
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
+from airrace.systems.referee_status import GateCrossing, RefereeStatus
+from airrace.systems.types import ExplorerEvent, ExplorerStatus
 from airrace.track import load_track
+from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.vehicle.disturbances import RotorFailure
 
 TRACK = load_track("student-airrace")
@@ -34,7 +35,7 @@ def crossings(count, start=100.0, pace=2.0):
 
 
 def report(count, finished=False, dnf_reason=None, end_time=None, collisions=0):
-    return RefereeReport(crossings(count), finished, dnf_reason, end_time, collisions)
+    return RefereeStatus(crossings(count), finished, dnf_reason, end_time, collisions)
 
 
 def plan(lap, duration):
@@ -44,7 +45,7 @@ def plan(lap, duration):
         entry=None,
         circuit=None,
         phase=0.0,
-        report=PlanReport(
+        report=PlanSummary(
             0.25,
             duration,
             19.0,
@@ -84,7 +85,7 @@ def gate_map(error=0.0, ids=range(4 * N)):
 
 
 def test_before_the_first_look():
-    record = RaceRecord(Scenario(seed=7, trajectory="4"), TRACK)
+    record = RaceResult(Scenario(seed=7, trajectory="4"), TRACK)
     data = record.data(0.5, "interrupted")
     assert data == {
         "track": "student-airrace",
@@ -108,13 +109,13 @@ def test_before_the_first_look():
         },
     }
     assert record.laps_flown == 0 and not record.report.over
-    wall = RaceRecord(Scenario(), TRACK, simulation="HITL").data(1.0, wall={"link": {}})["wall"]
+    wall = RaceResult(Scenario(), TRACK, simulation="HITL").data(1.0, wall={"link": {}})["wall"]
     assert wall["simulation"] == "HITL" and wall["link"] == {}
 
 
 def test_rotor_failures_are_the_scenarios():
     scenario = Scenario(rotor_failures=[RotorFailure(3, 60.0), RotorFailure(1, 50.0)])
-    record = RaceRecord(scenario, TRACK)
+    record = RaceResult(scenario, TRACK)
     record.observe(50.1, report(0), RACING, GateMap(), NO_PLAN, np.array([50.02, *[np.inf] * 3]))
     assert record.data(1.0)["rotor_failures"] == [
         {"rotor": 3, "time_s": 60.0, "noticed_s": None},
@@ -123,7 +124,7 @@ def test_rotor_failures_are_the_scenarios():
 
 
 def test_exploring():
-    record = RaceRecord(Scenario(), TRACK)
+    record = RaceResult(Scenario(), TRACK)
     status = ExplorerStatus(state="HOVER", gates=(0, 1, 2))
     assert record.observe(12.5, report(0), status, gate_map(), NO_PLAN) == 0
     data = record.data(5.0, "interrupted")
@@ -138,7 +139,7 @@ def test_exploring():
 
 
 def test_an_exploration_that_fails_took_until_the_end():
-    record = RaceRecord(Scenario(), TRACK)
+    record = RaceResult(Scenario(), TRACK)
     over = report(0, dnf_reason="touched pylon_3_left", end_time=12.43, collisions=1)
     record.observe(12.5, over, ExplorerStatus(gates=(0, 1)), gate_map(), NO_PLAN)
     data = record.data(5.0, "interrupted")
@@ -149,7 +150,7 @@ def test_an_exploration_that_fails_took_until_the_end():
 
 
 def test_every_event_of_the_exploration_is_kept_even_between_two_looks():
-    record = RaceRecord(Scenario(), TRACK)
+    record = RaceResult(Scenario(), TRACK)
     events = [ExplorerEvent(0.05 * k, "HOVER", f"reason {k}") for k in range(5)]
     for n in (2, 5):
         status = ExplorerStatus(state="HOVER", events=tuple(events[:n]))
@@ -160,7 +161,7 @@ def test_every_event_of_the_exploration_is_kept_even_between_two_looks():
 
 
 def test_an_explorer_without_events_is_recorded_by_its_states():
-    record = RaceRecord(Scenario(), TRACK)
+    record = RaceResult(Scenario(), TRACK)
     for since, state in ((0.0, "CALIBRATE"), (0.0, "CALIBRATE"), (1.0, "MINE")):
         status = ExplorerStatus(state=state, reason="why", since=since)
         record.observe(since, report(0), status, GateMap(), NO_PLAN)
@@ -169,7 +170,7 @@ def test_an_explorer_without_events_is_recorded_by_its_states():
 
 
 def test_a_search_in_vain_ends_with_what_it_tried_last():
-    record = RaceRecord(Scenario(), TRACK)
+    record = RaceResult(Scenario(), TRACK)
     over = report(0, dnf_reason="ran out of time", end_time=600.0)
     status = ExplorerStatus(state="LOOK_AROUND", reason="lost, looking left", gates=(0,))
     record.observe(600.0, over, status, GateMap(), NO_PLAN)
@@ -185,7 +186,7 @@ def test_a_search_in_vain_ends_with_what_it_tried_last():
 
 
 def test_a_whole_race():
-    record = RaceRecord(Scenario(laps=2), TRACK)
+    record = RaceResult(Scenario(laps=2), TRACK)
     looks = [
         (99.0, report(0), gate_map(9.0), plan(1, 19.0), 0),
         (101.0, report(1), gate_map(9.0), plan(1, 19.0), 0),
@@ -237,7 +238,7 @@ def test_a_whole_race():
 
 
 def test_a_plan_that_is_flown_twice_counts_twice():
-    record = RaceRecord(Scenario(), TRACK)
+    record = RaceResult(Scenario(), TRACK)
     record.observe(99.0, report(0), RACING, gate_map(), plan(1, 19.0))
     record.observe(101.0, report(1), RACING, gate_map(), plan(2, 18.0))
     record.observe(199.0, report(3 * N + 1), RACING, gate_map(), plan(2, 18.0))
@@ -247,19 +248,19 @@ def test_a_plan_that_is_flown_twice_counts_twice():
 
 def test_a_lap_without_a_plan():
     """A student's planner may not say what it promises."""
-    record = RaceRecord(Scenario(), TRACK)
+    record = RaceResult(Scenario(), TRACK)
     record.observe(199.0, report(N + 1), RACING, GateMap(), NO_PLAN)
     (lap,) = record.data(1.0)["laps"]
     assert lap["plan"] is None and lap["map_rms_m"] is None
 
 
 def test_laps_of_different_length():
-    record = RaceRecord(Scenario(), TRACK)
+    record = RaceResult(Scenario(), TRACK)
     slow = crossings(N + 1, pace=3.0)
     fast = crossings(2 * N + 1, start=slow[-1].time - 2.0 * N)[N + 1 :]
     record.observe(
         1e3,
-        RefereeReport(slow + fast, False, "ran out of time", 9e2, 0),
+        RefereeStatus(slow + fast, False, "ran out of time", 9e2, 0),
         RACING,
         gate_map(),
         NO_PLAN,
@@ -272,7 +273,7 @@ def test_laps_of_different_length():
 @settings(deadline=None, max_examples=30)
 @given(st.lists(st.integers(0, 12), max_size=12))
 def test_laps_end_once_however_rare_the_looks(steps):
-    record = RaceRecord(Scenario(), TRACK)
+    record = RaceResult(Scenario(), TRACK)
     count = ended = 0
     for step in steps:
         count += step
@@ -310,7 +311,7 @@ def test_the_map_is_compared_with_where_the_gates_stand_then():
     shifts = np.zeros((N, 2))
     shifts[:, 1] = 0.5
     for moved, rms in ((shifts, 0.5), (0 * shifts, 0.0), (None, 0.0)):
-        record = RaceRecord(Scenario(), TRACK)
+        record = RaceResult(Scenario(), TRACK)
         given = None if moved is None else moved.ravel()
         record.observe(130.0, report(N + 1), RACING, gate_map(), NO_PLAN, gate_shifts=given)
         assert record.data(1.0)["laps"][0]["map_rms_m"] == pytest.approx(rms)

@@ -1,9 +1,9 @@
-"""Sightings of the boards of a gate, with errors of known size."""
+"""Observations of the boards of a gate, with errors of known size."""
 
 import numpy as np
 
 from airrace.common.immutable import read_only
-from airrace.systems.mapping.observation import Sighting
+from airrace.systems.mapping.observation import Observation
 from airrace.track import Gate
 
 SIGMA = 0.05  # m
@@ -18,14 +18,14 @@ def make_gate(x=20.0, y=5.0, heading_deg=0.0, spacing=10.0) -> Gate:
 
 def see(
     gate: Gate, id: int, time: float, rng, sigma=SIGMA, error=(0.0, 0.0, 0.0), p_WC=None
-) -> Sighting:
-    """Returns a sighting of a board of gate number id // 4, by default from where it is seen."""
+) -> Observation:
+    """Returns an observation of a board of gate number id // 4, by default from where it is seen."""
     board = gate.boards(id // 4)[id % 4]
     normal = board.X_WM.rotation().col(2)
     p_WM = board.X_WM.translation()
     turn = 0.02 * rng.standard_normal()
     c, s = np.cos(turn), np.sin(turn)
-    return Sighting(
+    return Observation(
         id=id,
         time=time,
         p_WC=read_only(p_WM + 10.0 * normal if p_WC is None else p_WC),

@@ -9,7 +9,7 @@ import struct
 
 import airrace.lcmtypes
 
-class lcmt_rotor_report(object):
+class lcmt_rotor_status(object):
     """ What the motor controllers report; see RotorBank. """
 
     __slots__ = ["header", "time", "count", "speed", "expected"]
@@ -40,7 +40,7 @@ class lcmt_rotor_report(object):
 
     def encode(self):
         buf = BytesIO()
-        buf.write(lcmt_rotor_report._get_packed_fingerprint())
+        buf.write(lcmt_rotor_status._get_packed_fingerprint())
         self._encode_one(buf)
         return buf.getvalue()
 
@@ -57,13 +57,13 @@ class lcmt_rotor_report(object):
             buf = data
         else:
             buf = BytesIO(data)
-        if buf.read(8) != lcmt_rotor_report._get_packed_fingerprint():
+        if buf.read(8) != lcmt_rotor_status._get_packed_fingerprint():
             raise ValueError("Decode error")
-        return lcmt_rotor_report._decode_one(buf)
+        return lcmt_rotor_status._decode_one(buf)
 
     @staticmethod
     def _decode_one(buf):
-        self = lcmt_rotor_report()
+        self = lcmt_rotor_status()
         self.header = airrace.lcmtypes.lcmt_header._decode_one(buf)
         self.time, self.count = struct.unpack(">di", buf.read(12))
         self.speed = struct.unpack('>%dd' % self.count, buf.read(self.count * 8))
@@ -72,8 +72,8 @@ class lcmt_rotor_report(object):
 
     @staticmethod
     def _get_hash_recursive(parents):
-        if lcmt_rotor_report in parents: return 0
-        newparents = parents + [lcmt_rotor_report]
+        if lcmt_rotor_status in parents: return 0
+        newparents = parents + [lcmt_rotor_status]
         tmphash = (0x301168b7674864ba+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
@@ -81,11 +81,11 @@ class lcmt_rotor_report(object):
 
     @staticmethod
     def _get_packed_fingerprint():
-        if lcmt_rotor_report._packed_fingerprint is None:
-            lcmt_rotor_report._packed_fingerprint = struct.pack(">Q", lcmt_rotor_report._get_hash_recursive([]))
-        return lcmt_rotor_report._packed_fingerprint
+        if lcmt_rotor_status._packed_fingerprint is None:
+            lcmt_rotor_status._packed_fingerprint = struct.pack(">Q", lcmt_rotor_status._get_hash_recursive([]))
+        return lcmt_rotor_status._packed_fingerprint
 
     def get_hash(self):
         """Get the LCM hash of the struct"""
-        return struct.unpack(">Q", lcmt_rotor_report._get_packed_fingerprint())[0]
+        return struct.unpack(">Q", lcmt_rotor_status._get_packed_fingerprint())[0]
 

@@ -3,14 +3,15 @@
 import numpy as np
 
 from airrace.scenario import Scenario
-from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanReport
-from airrace.systems.referee_report import OUT_OF_TIME, RefereeReport
-from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateMap
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
+from airrace.systems.referee_status import OUT_OF_TIME, RefereeStatus
+from airrace.systems.types import ExplorerEvent, ExplorerStatus
 from airrace.track import Track
+from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
 
 
-class RaceRecord:
+class RaceResult:
     """Collects a race's results from looks at its outputs."""
 
     def __init__(self, scenario: Scenario, track: Track, simulation: str = "SITL"):
@@ -25,7 +26,7 @@ class RaceRecord:
         self._time = 0.0
         self._status = ExplorerStatus()
         self.events = ()  # ExplorerEvents, all so far
-        self.report = RefereeReport((), False, None, None, 0)
+        self.report = RefereeStatus((), False, None, None, 0)
 
     @property
     def laps_flown(self) -> int:
@@ -40,7 +41,7 @@ class RaceRecord:
     def observe(
         self,
         time,
-        report: RefereeReport,
+        report: RefereeStatus,
         status: ExplorerStatus,
         gate_map: GateMap,
         plan: LapPlan,
@@ -127,7 +128,7 @@ class RaceRecord:
         n = len(self._track.gates)
         crossings = self.report.crossings[n * (lap - 1) : n * lap + 1]
         start = crossings[0].time
-        report = self._plan_report(lap)
+        report = self._plan_summary(lap)
         return {
             "lap": lap,
             "start_s": start,
@@ -139,19 +140,19 @@ class RaceRecord:
             "plan": report and plan_data(report),
         }
 
-    def _plan_report(self, lap: int):
-        """Returns the PlanReport of a lap's plan, or None."""
+    def _plan_summary(self, lap: int):
+        """Returns the PlanSummary of a lap's plan, or None."""
         plans = [plan for first, plan in sorted(self._plans.items()) if first <= lap]
         return plans[-1].report if plans else None
 
     def _solve_time(self, lap: int) -> float | None:
         """Returns what finding a lap's plan took (s)."""
-        report = self._plan_report(lap)
+        report = self._plan_summary(lap)
         return report and report.solve_time
 
 
-def plan_data(report: PlanReport) -> dict:
-    """Returns what race.json says of a plan: see PlanReport for what it is."""
+def plan_data(report: PlanSummary) -> dict:
+    """Returns what race.json says of a plan: see PlanSummary for what it is."""
     return {
         "duration_s": report.duration,
         "bound_s": report.bound,

@@ -39,7 +39,7 @@ class GateCrossing:
 
 
 @dc.dataclass(frozen=True)
-class RefereeReport(Immutable):
+class RefereeStatus(Immutable):
     """The race so far.
 
     Attributes:

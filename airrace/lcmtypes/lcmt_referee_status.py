@@ -9,8 +9,8 @@ import struct
 
 import airrace.lcmtypes
 
-class lcmt_referee_report(object):
-    """ See RefereeReport in airrace/systems/referee.py; for spectators. """
+class lcmt_referee_status(object):
+    """ See RefereeStatus in airrace/systems/referee.py; for spectators. """
 
     __slots__ = ["header", "num_crossings", "crossings", "finished", "dnf_reason", "over", "end_time", "collisions"]
 
@@ -42,7 +42,7 @@ class lcmt_referee_report(object):
 
     def encode(self):
         buf = BytesIO()
-        buf.write(lcmt_referee_report._get_packed_fingerprint())
+        buf.write(lcmt_referee_status._get_packed_fingerprint())
         self._encode_one(buf)
         return buf.getvalue()
 
@@ -66,13 +66,13 @@ class lcmt_referee_report(object):
             buf = data
         else:
             buf = BytesIO(data)
-        if buf.read(8) != lcmt_referee_report._get_packed_fingerprint():
+        if buf.read(8) != lcmt_referee_status._get_packed_fingerprint():
             raise ValueError("Decode error")
-        return lcmt_referee_report._decode_one(buf)
+        return lcmt_referee_status._decode_one(buf)
 
     @staticmethod
     def _decode_one(buf):
-        self = lcmt_referee_report()
+        self = lcmt_referee_status()
         self.header = airrace.lcmtypes.lcmt_header._decode_one(buf)
         self.num_crossings = struct.unpack(">i", buf.read(4))[0]
         self.crossings = []
@@ -87,8 +87,8 @@ class lcmt_referee_report(object):
 
     @staticmethod
     def _get_hash_recursive(parents):
-        if lcmt_referee_report in parents: return 0
-        newparents = parents + [lcmt_referee_report]
+        if lcmt_referee_status in parents: return 0
+        newparents = parents + [lcmt_referee_status]
         tmphash = (0x151ed3bc1f0df08b+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_gate_crossing._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
@@ -96,11 +96,11 @@ class lcmt_referee_report(object):
 
     @staticmethod
     def _get_packed_fingerprint():
-        if lcmt_referee_report._packed_fingerprint is None:
-            lcmt_referee_report._packed_fingerprint = struct.pack(">Q", lcmt_referee_report._get_hash_recursive([]))
-        return lcmt_referee_report._packed_fingerprint
+        if lcmt_referee_status._packed_fingerprint is None:
+            lcmt_referee_status._packed_fingerprint = struct.pack(">Q", lcmt_referee_status._get_hash_recursive([]))
+        return lcmt_referee_status._packed_fingerprint
 
     def get_hash(self):
         """Get the LCM hash of the struct"""
-        return struct.unpack(">Q", lcmt_referee_report._get_packed_fingerprint())[0]
+        return struct.unpack(">Q", lcmt_referee_status._get_packed_fingerprint())[0]
 

@@ -9,7 +9,7 @@ import struct
 
 import airrace.lcmtypes
 
-class lcmt_link_report(object):
+class lcmt_link_status(object):
     """ What one side has received on all channels, for the doctor. """
 
     __slots__ = ["header", "receive_buffer", "fragment_time", "fragment_memory", "num_channels", "channels"]
@@ -46,7 +46,7 @@ class lcmt_link_report(object):
 
     def encode(self):
         buf = BytesIO()
-        buf.write(lcmt_link_report._get_packed_fingerprint())
+        buf.write(lcmt_link_status._get_packed_fingerprint())
         self._encode_one(buf)
         return buf.getvalue()
 
@@ -64,13 +64,13 @@ class lcmt_link_report(object):
             buf = data
         else:
             buf = BytesIO(data)
-        if buf.read(8) != lcmt_link_report._get_packed_fingerprint():
+        if buf.read(8) != lcmt_link_status._get_packed_fingerprint():
             raise ValueError("Decode error")
-        return lcmt_link_report._decode_one(buf)
+        return lcmt_link_status._decode_one(buf)
 
     @staticmethod
     def _decode_one(buf):
-        self = lcmt_link_report()
+        self = lcmt_link_status()
         self.header = airrace.lcmtypes.lcmt_header._decode_one(buf)
         self.receive_buffer, self.fragment_time, self.fragment_memory, self.num_channels = struct.unpack(">qdqi", buf.read(28))
         self.channels = []
@@ -80,8 +80,8 @@ class lcmt_link_report(object):
 
     @staticmethod
     def _get_hash_recursive(parents):
-        if lcmt_link_report in parents: return 0
-        newparents = parents + [lcmt_link_report]
+        if lcmt_link_status in parents: return 0
+        newparents = parents + [lcmt_link_status]
         tmphash = (0x486bbc56170146e6+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_channel_statistics._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
@@ -89,11 +89,11 @@ class lcmt_link_report(object):
 
     @staticmethod
     def _get_packed_fingerprint():
-        if lcmt_link_report._packed_fingerprint is None:
-            lcmt_link_report._packed_fingerprint = struct.pack(">Q", lcmt_link_report._get_hash_recursive([]))
-        return lcmt_link_report._packed_fingerprint
+        if lcmt_link_status._packed_fingerprint is None:
+            lcmt_link_status._packed_fingerprint = struct.pack(">Q", lcmt_link_status._get_hash_recursive([]))
+        return lcmt_link_status._packed_fingerprint
 
     def get_hash(self):
         """Get the LCM hash of the struct"""
-        return struct.unpack(">Q", lcmt_link_report._get_packed_fingerprint())[0]
+        return struct.unpack(">Q", lcmt_link_status._get_packed_fingerprint())[0]
 

@@ -1,0 +1,59 @@
+"""Where the autonomy of a race runs, as the loop of a race sees it."""
+
+from typing import Protocol
+
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from airrace.scenario import Scenario
+from airrace.systems.referee_status import RefereeStatus
+
+LOOK_PERIOD = 0.1  # s of simulated time between looks at the race
+
+
+class Transport(Protocol):
+    """Joins the simulation of a race to its autonomy, and advances both.
+
+    SITL has the autonomy in its own diagram (diagrams/in_process.py); in HITL it is at
+    the other end of a link (remote_autonomy.py).
+
+    Attributes:
+        simulation: SITL or HITL, as race.json says it.
+    """
+
+    simulation: str
+
+    def AddToBuilder(
+        self, builder: DiagramBuilder, scenario: Scenario, simulation: Diagram
+    ) -> Diagram:
+        """Adds the autonomy, or what stands for it, and connects it by the names of its ports.
+
+        Args:
+            builder: of the race, with the simulation in it.
+            scenario: the race.
+            simulation: its diagram.
+
+        Returns:
+            a diagram with the autonomy's output ports.
+        """
+        ...
+
+    def begin(self, simulator: Simulator) -> None:
+        """Starts the race; the simulator is initialized."""
+        ...
+
+    def advance(self, simulator: Simulator, time: float) -> str | None:
+        """Advances to a simulated time (s); returns why the race cannot go on, or None."""
+        ...
+
+    def end(self, simulator: Simulator) -> None:
+        """Ends the autonomy, also after an error."""
+        ...
+
+    def wall(self, simulator: Simulator) -> dict:
+        """Returns what belongs below `wall` in race.json."""
+        ...
+
+    def judged(self, status: RefereeStatus, simulator: Simulator) -> RefereeStatus:
+        """Returns the referee's status, with what only the link knows of it."""
+        ...

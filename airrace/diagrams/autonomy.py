@@ -133,7 +133,7 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
     for name in scenario.systems:
         if name not in SYSTEMS:
             raise UserError(
-                f"systems.{name} is not a system of the autonomy; the systems are: {', '.join(SYSTEMS)}."
+                f"systems.{name} is not a system of the autonomy; there are: {', '.join(SYSTEMS)}."
             )
     systems = {name: make_system(name, scenario) for name in SYSTEMS}
     try:

@@ -10,7 +10,7 @@ EPILOG = """\
 examples:
   python -m airrace.diagrams.draw --output race.svg
   python -m airrace.diagrams.draw --part autonomy --output autonomy.svg
-  python -m airrace.diagrams.draw --output mine.svg --scenario_text '{systems: {explorer: "a:make"}}'
+  python -m airrace.diagrams.draw --scenario_text '{systems: {explorer: "a:make"}}'
 
 For Graphviz's own drawing of everything: ./run.bash --graphviz FILE.
 """

@@ -157,7 +157,7 @@ def test_a_box_may_look_at_all_that_autonomy_has():
 BAD = {
     "no such box": (
         {"pilot": "a:b"},
-        "systems.pilot is not a system of the autonomy; the systems are: aruco_detector, ",
+        "systems.pilot is not a system of the autonomy; there are: aruco_detector, ",
     ),
     "no module": (
         {"explorer": "nobody:Box"},

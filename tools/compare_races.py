@@ -1,0 +1,103 @@
+"""Holds the races of two checkouts against each other: python -m tools.compare_races A B.
+
+Five scenarios are flown in each, all of seed 5. race.json and map.json should be equal but for
+wall times; where they are not, the greatest difference of a lap time is printed.
+"""
+
+import argparse
+import concurrent.futures
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+ONE_ROTOR_LOST = "{rotor_failures: [{rotor: 3, time: 60.0}]}"
+RACES = {
+    "default": ["--laps", "2"],
+    "four": ["--laps", "2", "-t", "4"],
+    "star_one": ["--laps", "2", "-d", "StarOne", "--scenario_text", ONE_ROTOR_LOST],
+    "level3": ["--laps", "2", "--level", "3"],
+    "level4": ["--laps", "2", "--level", "4"],
+}
+QUIET = ["--seed", "5", "--no-meshcat", "--no-report", "--record", "none"]
+
+
+def fly(checkout: Path, name: str, folder: Path) -> None:
+    """Flies a race of RACES with a checkout's own .venv, unless the folder has it already."""
+    if (folder / "race.json").exists():
+        return
+    command = [".venv/bin/python", "-m", "airrace.diagrams.race", *QUIET, *RACES[name]]
+    done = subprocess.run(
+        [*command, "--output", str(folder.resolve())], cwd=checkout, capture_output=True, text=True
+    )
+    if not (folder / "race.json").exists():
+        sys.exit(f"{checkout} could not fly {name}:\n{done.stderr}")
+
+
+def results(folder: Path) -> dict:
+    """Returns what race.json and map.json of a race hold, but for wall times."""
+    race = json.loads((folder / "race.json").read_text("utf-8"))
+    race.pop("wall")
+    return {"race.json": race, "map.json": json.loads((folder / "map.json").read_text("utf-8"))}
+
+
+def differences(a, b, path="") -> list[str]:
+    """Returns the places at which two structures of JSON differ."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        keys = sorted(a.keys() | b.keys())
+        return [x for k in keys for x in differences(a.get(k), b.get(k), f"{path}/{k}")]
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        return [x for i, both in enumerate(zip(a, b)) for x in differences(*both, f"{path}/{i}")]
+    return [] if a == b else [f"{path}: {a} and {b}"]
+
+
+def lap_difference(a: dict, b: dict) -> str:
+    """Returns the greatest difference between the lap times of two races, as text."""
+    times = [[lap["time_s"] for lap in result["race.json"]["laps"]] for result in (a, b)]
+    if len(times[0]) != len(times[1]):
+        return f"{len(times[0])} and {len(times[1])} laps"
+    return f"{max((abs(x - y) for x, y in zip(*times)), default=0.0):.1e} s"
+
+
+def main() -> int:
+    """The command-line program; returns 0 if all races are equal, else 1."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("checkouts", nargs=2, type=Path, help="before and after, each with .venv")
+    parser.add_argument("--only", choices=RACES, nargs="+", default=list(RACES))
+    parser.add_argument(
+        "--output",
+        type=Path,
+        help="keeps the races in a/ and b/ there; what is there already is not flown again",
+    )
+    parser.add_argument("--show", type=int, default=5, help="differences to print a race")
+    args = parser.parse_args()
+    output = args.output or Path(tempfile.mkdtemp())
+    folders = {(side, name): output / side / name for name in args.only for side in "ab"}
+    checkouts = dict(zip("ab", args.checkouts))
+    with (
+        Progress(console=Console(stderr=True)) as progress,
+        concurrent.futures.ThreadPoolExecutor(2) as pool,
+    ):
+        flown = [pool.submit(fly, checkouts[s], n, folder) for (s, n), folder in folders.items()]
+        for each in progress.track(concurrent.futures.as_completed(flown), total=len(flown)):
+            each.result()
+    table = Table("race", "race.json and map.json", "lap times differ by")
+    all_equal, shown = True, []
+    for name in args.only:
+        a, b = (results(folders[side, name]) for side in "ab")
+        found = differences(a, b)
+        all_equal &= not found
+        table.add_row(name, f"{len(found)} differences" if found else "equal", lap_difference(a, b))
+        shown += [f"{name}{each}" for each in found[: args.show]]
+    Console().print(table)
+    print(*shown, sep="\n")
+    return 0 if all_equal else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -21,7 +21,6 @@ from pydrake.systems.framework import DiagramBuilder
 from rich.progress import track as progress
 
 from airrace.common.errors import exit_code
-from airrace.diagrams.diagram_svg import diagram_svg
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
@@ -210,17 +209,12 @@ def still(run, path: Path, size=(1280, 720)) -> None:
 def run(args) -> int:
     """Makes the pictures; returns the exit code."""
     from airrace.analysis import load_run
-    from airrace.diagrams.autonomy import MakeAutonomy
-    from airrace.diagrams.simulation import MakeSimulation
 
     args.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         flown = load_run(args.run) if args.run else fly(Path(folder))
         still(flown, args.output / "track.webp")
         animation(flown, args.output / "race.webp")
-        scenario = flown.scenario
-        drawing = diagram_svg([MakeSimulation(scenario), MakeAutonomy(scenario)])
-        (args.output / "diagram.svg").write_text(drawing, encoding="utf-8")
     for path in sorted(args.output.iterdir()):
         print(f"{path.name}: {path.stat().st_size / 1e3:.0f} kB")
     return 0

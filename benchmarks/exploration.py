@@ -3,7 +3,7 @@
     python -m benchmarks.exploration [--tracks 200] [--first 0] [--turned 0] [--blind 0]
 
 Every track is a random one that obeys the rules. The drone flies without physics
-and sees without pixels (see exploration_world.py), which takes seconds a track.
+and sees without pixels (see tests/worlds/exploration.py), which takes seconds a track.
 """
 
 import argparse
@@ -18,14 +18,13 @@ from rich.table import Table
 
 from airrace.math.random import make_generator
 from airrace.scenario import Scenario
-from airrace.track import BOARD_HEIGHT, BOARD_SIZE, PYLON_BASE_RADIUS, PYLON_HEIGHT, Track
+from airrace.track import Track
 from airrace.track.generator import generate_track
 from airrace.vehicle import load_vehicle
 from benchmarks.control import run
-from benchmarks.exploration_world import SightWorld, explore, make_explorer
+from tests.worlds.exploration import ExplorationWorld, clear_of_pylons, explore, make_explorer
 
 _TIME_LIMIT = 720.0  # s, of a race of one lap
-_BOARD_RADIUS = 1.25  # m, of the cylinder around a pylon's boards
 _BLIND_BEYOND = 12.0  # m
 _REQUIRED = 0.98  # of the tracks
 
@@ -102,14 +101,17 @@ def explore_track(track: Track, seed: int, drone: str = "Default", **sight) -> d
         track: with the true gates.
         seed: of the noise.
         drone: whose size counts.
-        sight: more arguments of SightWorld.
+        sight: more arguments of ExplorationWorld.
 
     Returns:
         what happened; ``failure`` is None or says what went wrong.
     """
     scenario = Scenario(drone=drone)
     flown = explore(
-        make_explorer(track, scenario), SightWorld(track, seed=seed, **sight), track, _TIME_LIMIT
+        make_explorer(track, scenario),
+        ExplorationWorld(track, seed=seed, **sight),
+        track,
+        _TIME_LIMIT,
     )
     status, n = flown.status, len(track.gates)
     room = clear_of_pylons(flown.path, track, load_vehicle(drone)[0].radius)
@@ -138,20 +140,6 @@ def explore_track(track: Track, seed: int, drone: str = "Default", **sight) -> d
         "reason": status.reason,
         "events": [[e.time, e.state, e.reason] for e in status.events],
     }
-
-
-def clear_of_pylons(path, track: Track, radius: float) -> float:
-    """Returns the least room between a drone of a radius on a path and any pylon (m)."""
-    beside = np.linalg.norm(path[:, None, :2] - track.pylons()[None, :, :2], axis=2)
-    z = path[:, 2]
-    cone = PYLON_BASE_RADIUS * np.clip(1.0 - z / PYLON_HEIGHT, 0.0, 1.0)
-    at_boards = np.abs(z - BOARD_HEIGHT) < BOARD_SIZE / 2 + radius
-    thick = np.maximum(cone, np.where(at_boards, _BOARD_RADIUS, 0.0))
-    room = np.hypot(
-        np.maximum(beside - thick[:, None], 0.0), np.maximum(z - PYLON_HEIGHT, 0.0)[:, None]
-    )
-    inside = np.minimum(beside - thick[:, None], 0.0) * (z < PYLON_HEIGHT)[:, None]
-    return float((room + inside).min() - radius)
 
 
 def summary(rows) -> Table:

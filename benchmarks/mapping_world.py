@@ -23,7 +23,7 @@ from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import Detections, make_camera_info
 from airrace.track import load_track
 from airrace.vehicle import CameraMount
-from benchmarks.kinematic_flight import Flight, filtered, fly_laps
+from tests.worlds.kinematic_flight import Flight, filtered, fly_laps
 
 CORNERS = ("refitted", "OpenCV")
 _OUTLIER_SIGMA = 3.0  # m, on each coordinate

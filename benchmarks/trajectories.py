@@ -1,12 +1,11 @@
 """How good planned laps are: time, bound, limits, and how long planning takes.
 
     python -m benchmarks.trajectories [--quick] [--json FILE]
-                                      [--only bounds minsnap optimal warm generated freeknots]
+                                      [--only bounds minsnap optimal warm generated]
 
 Plans only, nothing is flown. Every lap is checked anew at 1 kHz from its positions
 and yaw alone, by finite differences. Times are of one processor. What a lap is
-meant to keep is in the titles; a lap that does not makes the exit code 1. What takes
-minutes, freeknots, is done only if asked for.
+meant to keep is in the titles; a lap that does not makes the exit code 1.
 """
 
 import argparse
@@ -19,11 +18,8 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track as progress
 
-from airrace.track import load_track
-from airrace.track.generator import generate_track
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import clearance_of
-from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import LEVEL, plan_circuit
 from airrace.trajopt.min_snap.min_snap import (
     DerivativeConstraint,
@@ -36,8 +32,6 @@ from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.trajopt.time_optimal.point_mass import point_mass_bound
 from airrace.vehicle import DRONES, load_vehicle
-from benchmarks.free_knots import free_knot_lap
-from benchmarks.numerical_check import rotor_shares
 from benchmarks.trajectory_tables import (
     MOST_LAP,
     MOST_TIME,
@@ -46,17 +40,22 @@ from benchmarks.trajectory_tables import (
     MOVED,
     WORST_GAP,
     bounds_table,
-    free_knots_table,
     generated_table,
     min_snap_table,
     optimal_table,
     warm_table,
 )
+from tests.worlds.reference_laps import (
+    CLEARANCE,
+    LIMITS,
+    ORIGINAL,
+    POINT_MASS_CASES,
+    WINDOW,
+    load_course,
+    regions,
+)
+from tests.worlds.rotor_check import rotor_shares
 
-ORIGINAL = {"max_speed": 20.0, "max_acceleration": 10.0}
-LIMITS = {"original": ORIGINAL, "rotor": {}}
-BALL, WINDOW = 0.4, (3.2, 2.5)  # m
-CLEARANCE = 5.0 - WINDOW[0]  # m, from the pylons' axes, such that the window is all there is
 # Lap times that are to be kept (s): drone, limits, gates.
 MOST = {
     ("Default", "original", "balls"): 21.0,
@@ -67,14 +66,6 @@ MOST = {
     ("StarOne", "rotor", "windows"): 12.6,
 }
 TOLERANCE = 0.005  # of a rotor's limit
-# Name, limits, and what a point mass takes through midpoints and windows (s): published.
-BOUNDS = (
-    ("20 m/s, 10 m/s^2", ORIGINAL, (20.75, 18.75)),
-    ("20 m/s, 34 N for 1 kg", {"max_speed": 20.0, "max_specific_force": 34.0}, (19.27, 18.16)),
-    ("20 m/s, 68 N for 3 kg", {"max_speed": 20.0, "max_specific_force": 68.0 / 3}, (19.34, 18.20)),
-    ("34 N for 1 kg", {"max_specific_force": 34.0}, (10.29, 9.34)),
-    ("68 N for 3 kg", {"max_specific_force": 68.0 / 3}, (12.96, 11.75)),
-)
 
 
 def main(argv=None) -> int:
@@ -85,8 +76,8 @@ def main(argv=None) -> int:
         "--only",
         nargs="+",
         choices=list(SECTIONS),
-        default=list(SECTIONS)[:-1],
-        help="these sections (default: all but freeknots)",
+        default=list(SECTIONS),
+        help="these sections (default: all)",
     )
     parser.add_argument("--json", type=Path, help="also write all figures")
     args = parser.parse_args(argv)
@@ -107,29 +98,9 @@ def main(argv=None) -> int:
     return 0 if all(row["ok"] for rows in results.values() for row in rows) else 1
 
 
-def race_track(seed=None):
-    """Returns midpoints (n, 3), headings (n,) and pylons (2n, 2) of a track.
-
-    Args: seed: of a generated one; None is the reference track.
-    """
-    track = load_track("student-airrace") if seed is None else generate_track(seed)
-    return (
-        np.array([g.p_WG for g in track.gates]),
-        np.array([g.heading for g in track.gates]),
-        track.pylons()[:, :2],
-    )
-
-
-def regions(kind: str, midpoints, headings, window=WINDOW) -> GateRegions:
-    """Returns gates to be crossed in "balls" or "windows", or at their "midpoints"."""
-    if kind == "windows":
-        return GateRegions.windows(midpoints, headings, *window)
-    return GateRegions.balls(midpoints, headings, BALL if kind == "balls" else 0.0)
-
-
-def bound(name, limits, expected) -> dict:
+def bound(name, limits, *expected) -> dict:
     """Compares the point-mass bounds of the reference track with what is published."""
-    midpoints, headings, _ = race_track()
+    midpoints, headings, _ = load_course()
     row = {"limits": name, "ok": True}
     for kind, published in zip(("midpoints", "windows"), expected):
         clock = time.process_time()
@@ -146,7 +117,7 @@ def bound(name, limits, expected) -> dict:
 
 def min_snap(dimensions: int) -> dict:
     """Plans the minimum-snap lap of the reference track."""
-    midpoints, headings, pylons = race_track()
+    midpoints, headings, pylons = load_course()
     best = point_mass_bound(regions("midpoints", midpoints, headings), **ORIGINAL).duration
     clock = time.process_time()
     lap = plan_circuit(midpoints, headings, pylons, dimensions, clearance=2.0, **ORIGINAL)
@@ -185,19 +156,6 @@ def solve_time(midpoints, headings, dimensions, durations) -> float:
     return float(np.median(times))
 
 
-def free_knots(count: int) -> dict:
-    """Optimises the places of knots inside the legs of the 3-D lap as well."""
-    clock = time.process_time()
-    duration, without = free_knot_lap(race_track()[0], knots=count, **ORIGINAL)
-    return {
-        "knots": count,
-        "duration_s": duration,
-        "without_s": without,
-        "cpu_s": time.process_time() - clock,
-        "ok": duration <= without,
-    }
-
-
 def optimal(drone, limits, kind, seed=None) -> dict:
     """Plans a time-optimal lap.
 
@@ -205,10 +163,10 @@ def optimal(drone, limits, kind, seed=None) -> dict:
         drone: its name.
         limits: "original" or "rotor".
         kind: of the gates, see regions().
-        seed: see race_track(). On a generated track, clearance and windows are what
+        seed: see load_course(). On a generated track, clearance and windows are what
             the drone's size asks for.
     """
-    midpoints, headings, pylons = race_track(seed)
+    midpoints, headings, pylons = load_course(seed)
     vehicle = load_vehicle(drone)[0]
     clearance = CLEARANCE if seed is None else clearance_of(vehicle.radius)
     window = (5.0 - clearance, WINDOW[1])
@@ -250,7 +208,7 @@ def optimal(drone, limits, kind, seed=None) -> dict:
 
 def warm(drone, limits, seed) -> dict:
     """Plans anew when the gates have moved, from the lap before and from nothing."""
-    midpoints, headings, pylons = race_track()
+    midpoints, headings, pylons = load_course()
     limits_of = FlightLimits(load_vehicle(drone)[0], **LIMITS[limits])
     rng = np.random.default_rng(seed)
     step = rng.normal(size=midpoints.shape)
@@ -288,7 +246,7 @@ def warm(drone, limits, seed) -> dict:
 
 
 SECTIONS = {
-    "bounds": (lambda quick: [(bound, each) for each in BOUNDS], bounds_table),
+    "bounds": (lambda quick: [(bound, tuple(each)) for each in POINT_MASS_CASES], bounds_table),
     "minsnap": (lambda quick: [(min_snap, (d,)) for d in (3, 4, 6)], min_snap_table),
     "optimal": (
         lambda quick: [
@@ -316,10 +274,6 @@ SECTIONS = {
             for seed in range(3 if quick else 20)
         ],
         generated_table,
-    ),
-    "freeknots": (
-        lambda quick: [(free_knots, (count,)) for count in ((1,) if quick else (1, 2))],
-        free_knots_table,
     ),
 }
 

@@ -61,25 +61,6 @@ def min_snap_table(rows) -> Table:
     return table
 
 
-def free_knots_table(rows) -> Table:
-    """Returns the table of free_knots()."""
-    table = _table(
-        "Minimum-snap laps in 3-D with knots inside the legs that may move too",
-        "knots a leg",
-        "lap (s)",
-        "without (s)",
-        "time (s)",
-    )
-    for row in rows:
-        table.add_row(
-            str(row["knots"]),
-            f"{row['duration_s']:.2f}",
-            f"{row['without_s']:.2f}",
-            f"{row['cpu_s']:.0f}",
-        )
-    return table
-
-
 def optimal_table(rows) -> Table:
     """Returns the table of optimal() on the reference track."""
     table = _table(

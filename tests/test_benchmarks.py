@@ -10,23 +10,13 @@ from airrace.common.processes import ONE_THREAD
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.track import load_track
 from airrace.vehicle import DRONES, load_vehicle
-from benchmarks import (
-    control,
-    endurance,
-    exploration,
-    growth,
-    race_speed,
-    start_up,
-    tracks,
-    trajectories,
-    vtk_frame,
-    watching,
-)
+from benchmarks import control, exploration, growth, race_speed, tracks, trajectories, vtk_frame
 from benchmarks.control_tables import despin_time, recovery_tables, tracking_tables
 from benchmarks.experiments import loss, recovery, tracking
 from benchmarks.fresh import in_fresh_processes, one_thread_each
-from benchmarks.numerical_check import rotor_shares
 from benchmarks.trajectory_tables import optimal_table
+from tests.worlds.reference_laps import load_course
+from tests.worlds.rotor_check import rotor_shares
 
 
 def printed(tables):
@@ -135,39 +125,11 @@ def test_trajectories_are_measured(tmp_path):
 
 def test_a_lap_beyond_the_rotors_is_noticed():
     vehicle, _ = load_vehicle("Default")
-    midpoints, headings, pylons = trajectories.race_track()
+    midpoints, headings, pylons = load_course()
     lap = trajectories.plan_circuit(
         midpoints, headings, pylons, 3, clearance=2.0, max_speed=60.0, max_acceleration=40.0
     )
     assert rotor_shares(lap, vehicle)[1] > 1.1
-
-
-def test_memory_that_grows_is_told_from_memory_that_is_taken_once():
-    laps = np.arange(100.0)
-    taken = endurance.summary(np.minimum(300.0 + 20.0 * laps, 400.0))
-    assert taken["most_mb"] == 400.0 and abs(taken["growth_mb_a_lap"]) < 1e-9
-    growing = endurance.summary(300.0 + 1.5 * laps)
-    assert growing["growth_mb_a_lap"] == pytest.approx(1.5)
-
-
-def test_memory_is_the_median_of_races():
-    rows = [
-        {"memory_mb": [300.0] * 11 + [most], "most_mb": most, "growth_mb_a_lap": growth}
-        for most, growth in ((310.0, 0.5), (340.0, 0.1), (320.0, 0.2))
-    ]
-    lines = printed([endurance.make_table(rows)]).splitlines()
-    median = next(line for line in lines if "median" in line)
-    assert "320" in median and "0.200" in median
-    assert sum("race 3" in line for line in lines) == 1
-    lines = printed([endurance.make_table([rows[0] | {"memory_mb": []}])]).splitlines()
-    assert "nan" in lines[4]  # a race that ended before its first lap
-
-
-@pytest.mark.parametrize("options", (["--runs", "0"], ["--laps", "11"]))
-def test_endurance_says_what_it_cannot_do(options, capsys):
-    with pytest.raises(SystemExit):
-        endurance.main(options)
-    assert options[0] in capsys.readouterr().err
 
 
 def test_every_run_is_a_process_of_its_own():
@@ -236,20 +198,6 @@ def test_race_speed_says_what_it_cannot_do(options, named, capsys):
     assert code == 2 and named in capsys.readouterr().err
 
 
-def test_start_up_is_timed_by_what_people_type(monkeypatch, tmp_path):
-    (tmp_path / "run.bash").write_text('[ "$1" = --help ] || { mkdir "${@: -1}"; exit 1; }\n')
-    monkeypatch.setattr(start_up, "_ROOT", tmp_path)
-    rows = [
-        {"command": name, "seconds": [start_up.duration(options)]}
-        for name, options in start_up.COMMANDS.items()
-    ]
-    assert all(0.0 < row["seconds"][0] < 5.0 for row in rows)
-    assert "./run.bash --help" in printed([start_up.make_table(rows)])
-    (tmp_path / "run.bash").write_text("echo broken >&2; exit 2\n")
-    with pytest.raises(RuntimeError, match="broken"):
-        start_up.duration(["--help"])
-
-
 def test_longer_tracks_are_held_against_shorter_ones():
     rows = [
         {"gates": gates, "finished": gates == 10, "simulated_s": time, "cpu_s": cost * time}
@@ -284,17 +232,3 @@ def test_a_frame_of_vtk_is_held_against_a_bare_one():
     result = vtk_frame.measure(1)
     assert {len(times) for times in result.values()} == {1}
     assert "1.00" in printed([vtk_frame.make_table(result)])
-
-
-def test_recording_and_watching_are_weighed_against_neither(monkeypatch):
-    end_after_a_second(monkeypatch, watching)
-    flown = [watching.fly(kind, 1) for kind in watching.KINDS]
-    for race, kind in zip(flown, watching.KINDS, strict=True):
-        assert race["simulated_s"] == pytest.approx(1.0) and race["wall_s"] > 0.0
-        assert (race["mcap_mb"] > 0.0) == (kind.content != "none")
-    slower = [dict(race, wall_s=2 * race["wall_s"]) for race in flown]
-    rows = watching.summary(flown + slower)
-    assert rows[0]["wall_s_added"] == 0.0
-    assert rows[0]["wall_s"] == pytest.approx(1.5 * flown[0]["wall_s"])
-    assert rows[2]["wall_s_added"] == pytest.approx(flown[2]["wall_s"] / flown[0]["wall_s"] - 1)
-    assert "recording full" in printed([watching.make_table(rows)])

@@ -14,8 +14,7 @@ from airrace.systems.types import Detections
 from airrace.track import Gate, Start, Track, load_track
 from airrace.track.gate_map import GateMap
 from airrace.track.generator import generate_track
-from benchmarks.exploration import clear_of_pylons
-from benchmarks.exploration_world import SightWorld, explore, make_explorer
+from tests.worlds.exploration import ExplorationWorld, clear_of_pylons, explore, make_explorer
 
 REFERENCE = load_track("student-airrace")
 CLEARANCE = 2.0
@@ -23,8 +22,8 @@ RADIUS = 0.35
 RATE = 20.0
 
 
-def run(track, seconds=300.0, **sight):
-    return explore(make_explorer(track), SightWorld(track, **sight), track, seconds)
+def run(track, seconds=300.0, **options):
+    return explore(make_explorer(track), ExplorationWorld(track, **options), track, seconds)
 
 
 def states(flown):
@@ -288,6 +287,8 @@ def test_takes_off_straight_up_along_its_heading():
 
 def test_a_scenario_can_ask_for_a_slower_exploration():
     scenario = Scenario(explorer=ExplorerConfig(max_speed=4.0))
-    flown = explore(make_explorer(REFERENCE, scenario), SightWorld(REFERENCE), REFERENCE, 20.0)
+    flown = explore(
+        make_explorer(REFERENCE, scenario), ExplorationWorld(REFERENCE), REFERENCE, 20.0
+    )
     speed = np.linalg.norm(np.diff(flown.path, axis=0), axis=1) * RATE
     assert 3.0 < np.quantile(speed, 0.9) < 4.1

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.systems.mapping.gate_observations import SIGMA, make_gate, see
 
 from airrace.systems.mapping import gate_belief as gb
 from airrace.systems.mapping import gate_filter as gf
+from tests.systems.mapping.gate_observations import SIGMA, make_gate, see
 
 poses = st.tuples(
     st.floats(-80, 80), st.floats(-80, 80), st.floats(2, 10), st.floats(-4, 4), st.floats(5, 15)

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.systems.mapping.gate_observations import make_gate, see
 
 from airrace.systems.mapping.gate_estimator import RobustEstimator
+from tests.systems.mapping.gate_observations import make_gate, see
 
 ESTIMATOR = RobustEstimator(min_observations=5)
 gates = st.builds(make_gate, st.floats(-80, 80), st.floats(-80, 80), st.floats(-180, 180))

@@ -17,11 +17,11 @@ from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.trajopt.time_optimal.visibility import LEAST_RANGE
 from airrace.vehicle import load_vehicle
-from benchmarks.numerical_check import rotor_shares
-from benchmarks.trajectories import CLEARANCE, LIMITS, race_track, regions
+from tests.worlds.reference_laps import CLEARANCE, LIMITS, load_course, regions
+from tests.worlds.rotor_check import rotor_shares
 
 VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}
-MIDPOINTS, HEADINGS, PYLONS = race_track()
+MIDPOINTS, HEADINGS, PYLONS = load_course()
 HALF_VIEW = np.deg2rad(40.0)
 
 

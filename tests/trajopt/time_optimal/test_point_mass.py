@@ -6,16 +6,16 @@ import pytest
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.time_optimal.point_mass import point_mass_bound
-from benchmarks.trajectories import BOUNDS, race_track, regions
+from tests.worlds.reference_laps import POINT_MASS_CASES, load_course, regions
 
-MIDPOINTS, HEADINGS, _ = race_track()
+MIDPOINTS, HEADINGS, _ = load_course()
 
 
-@pytest.mark.parametrize("limits, published", [case[1:] for case in BOUNDS])
-def test_the_reference_track(limits, published):
-    for kind, expected in zip(("midpoints", "windows"), published):
-        found = point_mass_bound(regions(kind, MIDPOINTS, HEADINGS), intervals=24, **limits)
-        assert found.duration == pytest.approx(expected, rel=2e-3)
+@pytest.mark.parametrize("case", POINT_MASS_CASES, ids=lambda case: case.name)
+def test_the_reference_track(case):
+    for kind in ("midpoints", "windows"):
+        found = point_mass_bound(regions(kind, MIDPOINTS, HEADINGS), intervals=24, **case.limits)
+        assert found.duration == pytest.approx(getattr(case, kind), rel=2e-3)
 
 
 def circle(n=16, radius=30.0):

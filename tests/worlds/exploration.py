@@ -1,4 +1,4 @@
-"""A world for explorers without pixels and physics: perfect flight, geometric sight."""
+"""A world for explorers without pixels and physics: perfect flight, geometric visibility."""
 
 import dataclasses as dc
 
@@ -15,12 +15,20 @@ from airrace.systems.mapping.gate_mapper import extrapolate
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
 from airrace.systems.sensing import state_estimate as se
 from airrace.systems.types import Detection, Detections, ExplorerStatus, make_camera_info
-from airrace.track import BOARD_OFFSET, BOARD_SIZE, MARKER_SIZE, Track
+from airrace.track import (
+    BOARD_HEIGHT,
+    BOARD_OFFSET,
+    BOARD_SIZE,
+    MARKER_SIZE,
+    PYLON_BASE_RADIUS,
+    PYLON_HEIGHT,
+    Track,
+)
 from airrace.track.gate_map import GateMap
 from airrace.trajopt import flat_trajectory as ref
 from airrace.trajopt.flyable import clearance_of
 from airrace.vehicle import CameraMount, load_vehicle
-from benchmarks.kinematic_flight import flat_state, noisy
+from tests.worlds.kinematic_flight import flat_state, noisy
 
 _INFO = make_camera_info(width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=CameraMount().X_BC)
 # What `benchmarks.perception`'s detector reads of the realistic camera's pictures: half
@@ -32,14 +40,15 @@ _SHUTTER, _MOST_BLUR = 0.004, 0.25  # s, and of a marker's width
 # A pylon and its boards fit into an upright cylinder; that is what hides markers.
 _HIDING_RADIUS = np.hypot(BOARD_OFFSET, BOARD_SIZE / 2)
 _NOISE = 0.15  # px, of corners
+_BOARD_RADIUS = 1.25  # m, of the cylinder around a pylon's boards
 
 
-class SightWorld(LeafSystem):
+class ExplorationWorld(LeafSystem):
     """Flies the explorer's reference exactly, and sees what a camera would.
 
     .. pydrake_system::
 
-        name: SightWorld
+        name: ExplorationWorld
         input_ports:
         - exploration_reference
         output_ports:
@@ -61,7 +70,7 @@ class SightWorld(LeafSystem):
         track: Track,
         *,
         seed=0,
-        sight=np.inf,
+        max_range=np.inf,
         hidden=lambda id, p_WB: False,
         perception=PerceptionConfig(),
         rate=20.0,
@@ -71,7 +80,7 @@ class SightWorld(LeafSystem):
         Args:
             track: with the true gates.
             seed: of the noise of observations and state estimate.
-            sight: farthest observation (m).
+            max_range: of an observation (m).
             hidden: (ID, p_WB) to whether something else hides a marker.
             perception: of the mapper.
             rate: of the camera (Hz).
@@ -83,7 +92,7 @@ class SightWorld(LeafSystem):
         self._p_WM = np.array([X.translation() for X in self._X_WM])
         self._normals = np.array([X.rotation().col(2) for X in self._X_WM])
         self._pylons = track.pylons()[:, :2]
-        self._sight, self._hidden, self._seed = sight, hidden, seed
+        self._max_range, self._hidden, self._seed = max_range, hidden, seed
         self._rng = make_generator(seed, "sight")
         settings = {k: v for k, v in vars(perception).items() if k != "latency"}
         self._mapper, self._mapped = ImageMapper(**settings), MapperMemory()
@@ -108,9 +117,9 @@ class SightWorld(LeafSystem):
             lambda c, o: o.set_value(self._mapped.gate_map),
             now,
         )
-        self.DeclarePeriodicPublishEvent(1 / rate, 0.5 / rate, self._look)
+        self.DeclarePeriodicPublishEvent(1 / rate, 0.5 / rate, self._publish_observations)
 
-    def _look(self, context):
+    def _publish_observations(self, context):
         time = context.get_time()
         f = self._reference.Eval(context)
         standing = f[2] < self._pad[se.POSITION][2] + 0.01
@@ -121,12 +130,12 @@ class SightWorld(LeafSystem):
         self.path.append(state[se.POSITION])
         X_WC = extrapolate(state, 0.0) @ _INFO.X_BC
         speed = np.linalg.norm(state[se.ANGULAR_VELOCITY])
-        markers = tuple(self._measure(i, X_WC) for i in self._seen(X_WC, speed))
+        markers = tuple(self._measure(i, X_WC) for i in self._visible(X_WC, speed))
         self._detections = Detections(time, markers)
         believed = extrapolate(self._estimate, 0.0) @ _INFO.X_BC
         self._mapped = self._mapper.updated(self._mapped, self._detections, believed, _INFO)
 
-    def _seen(self, X_WC, turn_rate) -> np.ndarray:
+    def _visible(self, X_WC, turn_rate) -> np.ndarray:
         """Returns the indices of the boards that are read in a picture."""
         p_WC = X_WC.translation()
         rays = self._p_WM - p_WC
@@ -138,7 +147,7 @@ class SightWorld(LeafSystem):
         width = height * facing
         u, v = _INFO.K[:2] @ (p_CM / depth[:, None]).T
         margin = 0.75 * height
-        seen = (p_CM[:, 2] > 0.5) & (distance < self._sight) & (height > _SMALLEST)
+        seen = (p_CM[:, 2] > 0.5) & (distance < self._max_range) & (height > _SMALLEST)
         seen &= (facing > _FLATTEST) & (np.abs(u - _INFO.width / 2) < _INFO.width / 2 - margin)
         seen &= np.abs(v - _INFO.height / 2) < _INFO.height / 2 - margin
         seen &= _SHUTTER * _INFO.K[0, 0] * turn_rate < _MOST_BLUR * width
@@ -208,7 +217,7 @@ def make_explorer(track: Track, scenario: Scenario = Scenario()) -> Explorer:
     )
 
 
-def explore(explorer, world: SightWorld, track: Track, seconds: float) -> Exploration:
+def explore(explorer, world: ExplorationWorld, track: Track, seconds: float) -> Exploration:
     """Explores until done, or for so many seconds."""
     builder = DiagramBuilder()
     builder.AddSystem(explorer)
@@ -241,3 +250,17 @@ def crossings(path, track: Track) -> list:
             if abs(at) < gate.pylon_spacing / 2 and height < 12.0:
                 found.append((k, n if along[k] < 0 else -1 - n))
     return [n for _, n in sorted(found)]
+
+
+def clear_of_pylons(path, track: Track, radius: float) -> float:
+    """Returns the least room between a drone of a radius on a path and any pylon (m)."""
+    beside = np.linalg.norm(path[:, None, :2] - track.pylons()[None, :, :2], axis=2)
+    z = path[:, 2]
+    cone = PYLON_BASE_RADIUS * np.clip(1.0 - z / PYLON_HEIGHT, 0.0, 1.0)
+    at_boards = np.abs(z - BOARD_HEIGHT) < BOARD_SIZE / 2 + radius
+    thick = np.maximum(cone, np.where(at_boards, _BOARD_RADIUS, 0.0))
+    room = np.hypot(
+        np.maximum(beside - thick[:, None], 0.0), np.maximum(z - PYLON_HEIGHT, 0.0)[:, None]
+    )
+    inside = np.minimum(beside - thick[:, None], 0.0) * (z < PYLON_HEIGHT)[:, None]
+    return float((room + inside).min() - radius)

@@ -1,0 +1,73 @@
+"""The gates through which laps are planned, with published lap times to compare with."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.track import load_track
+from airrace.track.generator import generate_track
+from airrace.trajopt.gate_regions import GateRegions
+
+ORIGINAL = {"max_speed": 20.0, "max_acceleration": 10.0}  # m/s, m/s^2
+LIMITS = {"original": ORIGINAL, "rotor": {}}
+BALL, WINDOW = 0.4, (3.2, 2.5)  # m
+CLEARANCE = 5.0 - WINDOW[0]  # m, from the pylons' axes: it leaves the window and no more
+
+
+class PointMassCase(NamedTuple):
+    """Lap times of a point mass on the reference track, as published.
+
+    Attributes:
+        name: of the limits.
+        limits: options of point_mass_bound().
+        midpoints, windows: lap times through those (s).
+    """
+
+    name: str
+    limits: dict
+    midpoints: float
+    windows: float
+
+
+POINT_MASS_CASES = (
+    PointMassCase("20 m/s, 10 m/s^2", ORIGINAL, 20.75, 18.75),
+    PointMassCase(
+        "20 m/s, 34 N for 1 kg", {"max_speed": 20.0, "max_specific_force": 34.0}, 19.27, 18.16
+    ),
+    PointMassCase(
+        "20 m/s, 68 N for 3 kg", {"max_speed": 20.0, "max_specific_force": 68.0 / 3}, 19.34, 18.20
+    ),
+    PointMassCase("34 N for 1 kg", {"max_specific_force": 34.0}, 10.29, 9.34),
+    PointMassCase("68 N for 3 kg", {"max_specific_force": 68.0 / 3}, 12.96, 11.75),
+)
+
+
+class Course(NamedTuple):
+    """What a lap planner is told of a track with n gates.
+
+    Attributes:
+        midpoints: of the gates, (n, 3) m.
+        headings: of flight, (n,) rad.
+        pylons: axes, (2n, 2) m.
+    """
+
+    midpoints: np.ndarray
+    headings: np.ndarray
+    pylons: np.ndarray
+
+
+def load_course(seed: int | None = None) -> Course:
+    """Returns the reference track, or the generated track of a seed."""
+    track = load_track("student-airrace") if seed is None else generate_track(seed)
+    return Course(
+        np.array([gate.p_WG for gate in track.gates]),
+        np.array([gate.heading for gate in track.gates]),
+        track.pylons()[:, :2],
+    )
+
+
+def regions(kind: str, midpoints, headings, window=WINDOW) -> GateRegions:
+    """Returns gates to be crossed in "balls" or "windows", or at their "midpoints"."""
+    if kind == "windows":
+        return GateRegions.windows(midpoints, headings, *window)
+    return GateRegions.balls(midpoints, headings, BALL if kind == "balls" else 0.0)

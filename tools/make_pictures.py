@@ -69,7 +69,7 @@ class Scene:
     def __init__(self, run, size, radius: float):
         """Args: run: see load_run(). size: of pictures (px). radius: of lap 1's path (m)."""
         self._run = run
-        self._state = run.columns["state"]
+        self._state = run.state
         builder = DiagramBuilder()
         self._plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
         AddScenery(self._plant, run.track)

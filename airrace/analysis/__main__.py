@@ -51,8 +51,8 @@ def run(args) -> int:
         print(f"{len(paths)} tables: {args.export}")
         return 0
     table = Table("table", "rows", "columns")
-    for name, columns in race.columns.items():
-        table.add_row(name, str(len(next(iter(columns.values())))), ", ".join(columns))
+    for name, signal in race.tables.items():
+        table.add_row(name, str(len(signal)), ", ".join(signal))
     console.print(table)
     return 0
 

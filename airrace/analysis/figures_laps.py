@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from airrace.analysis.svg import INK, lap_style, make_figure
+from airrace.analysis.figure_style import INK, lap_style, make_figure
 
 _NEAR = 0.1  # s by which a drone joins its circuit after a gate, and it still counts
 _HATCHES = ("", "///", "...", "xx", "\\\\\\", "++", "oo", "--")
@@ -12,25 +12,24 @@ _GREYS = ("#ffffff", "#d0d0d0", "#f0f0f0", "#b0b0b0", "#e0e0e0", "#c0c0c0")
 def time_lost(run) -> dict:
     """Returns by how much each lap was behind its plan at each gate.
 
-    It counts from the first gate on at which the drone was on the plan's circuit: on the
-    way onto it, a plan says nothing of gates.
+    It counts from the first gate on at which the drone was on the plan's circuit: of its
+    entry, a plan says nothing of gates.
 
     Returns:
         {lap: array}, flown minus planned time (s) at gates 1, 2, ... and 1 again, NaN
         before it counts; laps without a plan that knows its gates are left out.
     """
-    columns, result = run.columns, {}
-    plans, gates = columns["plans"], columns["plan_gates"]
+    result = {}
     for lap in run.result["laps"]:
-        made_for = np.flatnonzero(plans["lap"] <= lap["lap"])
-        if not len(made_for):
+        plans = run.plans[run.plans["lap"] <= lap["lap"]]
+        if plans.empty:
             continue
-        i = made_for[-1]
-        planned = gates["time"][gates["plan"] == plans["plan"][i]].astype(float)
+        plan = plans.iloc[-1]
+        planned = run.plan_gates["time"][run.plan_gates["plan"] == plan["plan"]].to_numpy()
         flown = np.array([*lap["gate_times_s"], lap["time_s"]])
         if len(planned) != len(flown):
             continue
-        joined = plans["start_time"][i] + plans["entry_duration"][i] - lap["start_s"]
+        joined = plan["start_time"] + plan["entry_duration"] - lap["start_s"]
         behind = np.where(flown >= joined - _NEAR, flown - planned, np.nan)
         if np.isfinite(behind).any():
             result[lap["lap"]] = behind - behind[np.isfinite(behind)][0]
@@ -55,19 +54,14 @@ def time_lost_figure(run):
 
 def states(run) -> list:
     """Returns name, start and end (s) of every state of the explorer, in order."""
-    events = run.result["exploration"]["events"]
-    table = run.columns["events"]
-    mine = table["source"] == "explorer" if len(table["time"]) else np.array([], bool)
-    if mine.sum() > len(events):  # the log is newer, of a race that was killed
-        events = [
-            {"state": name, "time_s": float(time)}
-            for name, time in zip(table["name"][mine], table["time"][mine])
-        ]
-    starts = run.lap_starts
-    last = events[-1]["time_s"] if events else 0.0
-    end = starts[0] if len(starts) else max([last, *run.columns["state"]["time"][-1:]])
-    ends = [*(e["time_s"] for e in events[1:]), max(end, last)]
-    return [(e["state"], e["time_s"], end) for e, end in zip(events, ends)]
+    events = [(event["state"], event["time_s"]) for event in run.result["exploration"]["events"]]
+    logged = run.events[run.events["source"] == "explorer"]
+    if len(logged) > len(events):  # of a race that was killed
+        events = list(zip(logged["name"], logged["time"].tolist()))
+    last = events[-1][1] if events else 0.0
+    end = max([last, *(run.lap_starts[:1] if len(run.lap_starts) else run.state["time"][-1:])])
+    ends = [*(time for _, time in events[1:]), end]
+    return [(state, start, end) for (state, start), end in zip(events, ends)]
 
 
 def timeline_figure(run):

@@ -1,63 +1,43 @@
 """Pictures of the map, of tracking, and of the rotors."""
 
 import numpy as np
+import pandas as pd
 from matplotlib.ticker import MaxNLocator
 
-from airrace.analysis.svg import GREYS, INK, add_colorbar, make_figure
+from airrace.analysis.figure_style import GREYS, INK, RMS, WORST, add_colorbar, make_figure
 
 _BINS = 400  # of a line over time, each with its greatest value
 
 
-def map_by_lap(run) -> dict:
-    """Returns the map's errors after the exploration (0) and each lap.
-
-    Returns:
-        {lap: {marker: error (m)}}.
-    """
-    table, result = run.columns["map"], {}
-    times = np.unique(table["time"])
-    for lap, start in enumerate(run.lap_starts):
-        # The map is written just after gate 1 is crossed.
-        now = times[max(np.searchsorted(times, start), 0) :][:1]
-        if not len(now):
-            now = times[-1:]
-        rows = table["time"] == now
-        result[lap] = dict(zip(table["marker"][rows].tolist(), table["error"][rows].tolist()))
-    return result
+def map_by_lap(run) -> pd.DataFrame:
+    """Returns the map's errors (m): a row a marker, a column a lap; 0 is the exploration."""
+    times = np.unique(run.map["time"])
+    # The map is written just after gate 1 is crossed.
+    at = np.searchsorted(times, run.lap_starts).clip(max=len(times) - 1)
+    errors = run.map.pivot(index="marker", columns="time", values="error")[times[at]]
+    return errors.set_axis(range(len(at)), axis="columns").dropna(how="all")
 
 
 def map_figure(run):
     """Returns the error of every marker in the map after the exploration and each lap."""
-    errors = map_by_lap(run)
-    markers = sorted({marker for lap in errors.values() for marker in lap})
+    errors = 100 * map_by_lap(run)
+    markers, laps = errors.index, errors.columns
     figure = make_figure(9, 3.8)
     left, right = figure.subplots(1, 2, width_ratios=(1, 2.4))
-    laps = list(errors)
-    values = np.array([[100 * errors[lap].get(m, np.nan) for m in markers] for lap in laps])
-    front = [i for i, m in enumerate(markers) if m % 2 == 0]
     left.set(xlabel="after lap (0: exploring)", ylabel="front markers' error (cm)")
-    if front:
-        rms = np.sqrt(np.nanmean(values[:, front] ** 2, axis=1))
-        left.plot(
-            laps,
-            np.nanmax(values[:, front], axis=1),
-            "s--",
-            color=INK,
-            ms=4,
-            lw=1,
-            mfc="white",
-            label="worst",
-        )
-        left.plot(laps, rms, "o-", color=INK, ms=4, lw=1.2, label="RMS")
+    front = errors[markers % 2 == 0]
+    if len(front):
+        left.plot(laps, front.max(), **WORST)
+        left.plot(laps, np.sqrt((front**2).mean()), **RMS)
         left.legend()
     left.set_ylim(bottom=0.0)
     left.xaxis.set_major_locator(MaxNLocator(integer=True))
     right.grid(False)
-    if markers:
+    if len(markers):
         cells = right.pcolormesh(
             laps,
             range(len(markers)),
-            values.T,
+            errors,
             cmap=GREYS,
             vmin=0.0,
             shading="nearest",
@@ -74,49 +54,35 @@ def map_figure(run):
 
 def tracking_figure(run):
     """Returns how far the drone was from its reference, over time and lap by lap."""
-    tracking = run.columns["tracking"]
-    time, off = tracking["time"], 100 * tracking["distance"]
+    time, lap, off = run.tracking["time"], run.tracking["lap"], 100 * run.tracking["distance"]
     figure = make_figure(9, 3)
     left, right = figure.subplots(1, 2, width_ratios=(2.4, 1))
     left.set(xlabel="time (s)", ylabel="off the reference (cm)", yscale="log")
-    edges = (
-        np.linspace(0, len(time), _BINS + 1).astype(int)
-        if len(time) > _BINS
-        else (np.arange(len(time) + 1))
-    )
-    left.plot(
-        [time[a] for a in edges[:-1]],
-        [max(off[a:b].max(), 0.01) for a, b in zip(edges, edges[1:])],
-        color=INK,
-        lw=0.8,
-    )
+    bins = np.arange(len(time)) * min(_BINS, len(time)) // len(time)
+    worst = off.groupby(bins).max().clip(lower=0.01)
+    left.plot(time.groupby(bins).first(), worst, color=INK, lw=0.8)
     for start in run.lap_starts:
         left.axvline(start, color="#999", lw=0.6, ls=":")
-    laps = [lap for lap in np.unique(tracking["lap"]) if 1 <= lap <= len(run.result["laps"])]
-    mine = [off[tracking["lap"] == lap] for lap in laps]
-    right.plot(
-        laps, [d.max() for d in mine], "s--", color=INK, ms=4, lw=1, mfc="white", label="worst"
-    )
-    right.plot(
-        laps, [np.sqrt(np.mean(d**2)) for d in mine], "o-", color=INK, ms=4, lw=1.2, label="RMS"
-    )
+    flown = lap.between(1, len(run.result["laps"]))
+    worst = off[flown].groupby(lap[flown]).max()
+    right.plot(worst.index, worst, **WORST)
+    right.plot(worst.index, np.sqrt((off[flown] ** 2).groupby(lap[flown]).mean()), **RMS)
     right.set(xlabel="lap", ylabel="(cm)")
     right.set_ylim(bottom=0.0)
     right.xaxis.set_major_locator(MaxNLocator(integer=True))
-    if laps:
+    if len(worst):
         right.legend()
     return figure
 
 
 def rotor_usage(run) -> list:
     """Returns the thrust of each rotor while racing, as shares of its limit, 0 to 1."""
-    rotors = run.columns["rotors"]
-    racing = (rotors["lap"] >= 1) & (rotors["lap"] <= run.scenario.laps)
-    if not racing.any():
-        racing = rotors["time"] >= 0.0
+    rotors = run.rotors[run.rotors["lap"].between(1, run.scenario.laps)]
+    if rotors.empty:
+        rotors = run.rotors
     return [
-        rotors["thrust"][racing & (rotors["rotor"] == i)] / limit
-        for i, limit in enumerate(run.vehicle.max_thrusts.tolist(), 1)
+        (rotors["thrust"][rotors["rotor"] == number] / limit).to_numpy()
+        for number, limit in enumerate(run.vehicle.max_thrusts.tolist(), 1)
     ]
 
 
@@ -133,14 +99,8 @@ def rotors_figure(run):
         patch_artist=True,
         boxprops=dict(facecolor="#d9d9d9"),
     )
-    left.plot(
-        range(1, len(usage) + 1),
-        [share.max() for share in usage],
-        "^",
-        color=INK,
-        ms=5,
-        label="most",
-    )
+    most = [share.max() for share in usage]
+    left.plot(range(1, len(usage) + 1), most, "^", color=INK, ms=5, label="most")
     left.axhline(100.0, color=INK, lw=1, ls="--")
     left.set(xlabel="rotor", ylabel="thrust (% of its limit)", ylim=(0, 110))
     left.legend(loc="lower right")
@@ -149,7 +109,6 @@ def rotors_figure(run):
     above = 100 * (1 - np.searchsorted(shares, levels) / max(len(shares), 1))
     right.plot(levels, above, color=INK, lw=1.4)
     right.axvline(100.0, color=INK, lw=1, ls="--")
-    right.set(
-        xlabel="thrust (% of the limit)", ylabel="time above it (%)", xlim=(0, 110), ylim=(0, 102)
-    )
+    right.set(xlabel="thrust (% of the limit)", ylabel="time above it (%)")
+    right.set(xlim=(0, 110), ylim=(0, 102))
     return figure

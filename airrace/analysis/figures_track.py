@@ -2,9 +2,17 @@
 
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from airrace.analysis.svg import FAINT, INK, SPEED_COLORS, add_colorbar, lap_style, make_figure
+from airrace.analysis.figure_style import (
+    FAINT,
+    INK,
+    SPEED_COLORS,
+    add_colorbar,
+    lap_style,
+    make_figure,
+)
 from airrace.track import PYLON_BASE_RADIUS
 from airrace.track.layout import Layout
 
@@ -15,52 +23,33 @@ def track_figure(run):
     """Returns the track from above with the flown laps, coloured by speed."""
     figure = make_figure(9, 7.2)
     axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
-    state = run.columns["state"]
-    p = np.column_stack([state["x"], state["y"]])
-    exploring = state["lap"] == 0
-    axes.plot(
-        *p[exploring][_thinned(p[exploring])].T,
-        color=FAINT,
-        lw=0.9,
-        ls=(0, (4, 3)),
-        label="exploring",
-        zorder=1,
-    )
-    racing = (state["lap"] > 0) & (state["lap"] <= max(run.scenario.laps, 1))
-    if racing.any():
-        pieces, speeds = _pieces(p[racing], state["speed"][racing], state["lap"][racing])
+    laps = {lap: _thinned(state) for lap, state in run.state.groupby("lap")}
+    exploring = laps.get(0, run.state)
+    dashed = dict(color=FAINT, lw=0.9, ls=(0, (4, 3)), label="exploring", zorder=1)
+    axes.plot(exploring["x"], exploring["y"], **dashed)
+    raced = [state for lap, state in laps.items() if 0 < lap <= max(run.scenario.laps, 1)]
+    if raced:
+        paths = [state[["x", "y"]].to_numpy() for state in raced]
+        pieces = [piece for path in paths for piece in zip(path, path[1:])]
         lines = LineCollection(pieces, cmap=SPEED_COLORS, lw=1.6, zorder=3)
-        lines.set_array(speeds)
+        lines.set_array(np.concatenate([state["speed"][:-1] for state in raced]))
         axes.add_collection(lines)
         add_colorbar(figure, lines, axes, "speed (m/s)", shrink=0.75, pad=0.02)
     _draw_gates(axes, run.track)
     start = run.track.start.position
     axes.plot(*start[:2], "s", color=INK, ms=5, zorder=4, label="start")
-    if not run.result["finished"] and len(p):
-        axes.plot(*p[-1], "X", color=INK, ms=10, zorder=6, label="the end")
+    if not run.result["finished"] and len(run.state):
+        axes.plot(*run.state[["x", "y"]].iloc[-1], "X", color=INK, ms=10, zorder=6, label="the end")
     axes.legend(loc="best")
     axes.margins(0.05)
     return figure
 
 
-def _thinned(p) -> np.ndarray:
-    """Returns the numbers of points that are about _STEP of way apart."""
-    if len(p) == 0:
-        return np.array([], int)
-    way = np.concatenate([[0.0], np.linalg.norm(np.diff(p, axis=0), axis=1).cumsum()])
-    return np.unique(
-        np.searchsorted(way, np.arange(0.0, way[-1] + _STEP, _STEP)).clip(max=len(p) - 1)
-    )
-
-
-def _pieces(p, speeds, laps) -> tuple:
-    pieces, colors = [], []
-    for lap in np.unique(laps):
-        mine = np.flatnonzero(laps == lap)
-        mine = mine[_thinned(p[mine])]
-        pieces += [p[[a, b]] for a, b in zip(mine, mine[1:])]
-        colors += [speeds[mine[:-1]]]
-    return pieces, np.concatenate(colors)
+def _thinned(state):
+    """Returns the rows of a table of states that are about _STEP of path apart."""
+    path = np.hypot(state["x"].diff(), state["y"].diff()).fillna(0.0).cumsum().to_numpy()
+    rows = np.searchsorted(path, np.arange(0.0, path[-1] + _STEP, _STEP))
+    return state.iloc[np.unique(rows.clip(max=len(path) - 1))]
 
 
 def _draw_gates(axes, track):
@@ -68,7 +57,11 @@ def _draw_gates(axes, track):
     for n, (left, right) in enumerate(layout.pylons):
         axes.plot(*np.transpose([left, right]), color=INK, lw=0.8, zorder=2)
         for foot in (left, right):
-            axes.add_artist(_disc(foot))
+            axes.add_artist(
+                Circle(
+                    foot, PYLON_BASE_RADIUS, facecolor="#d9d9d9", edgecolor=INK, lw=0.7, zorder=4
+                )
+            )
         axes.annotate(
             str(n + 1),
             right,
@@ -86,12 +79,6 @@ def _draw_gates(axes, track):
             arrowprops=dict(arrowstyle="-|>", color=INK, lw=0.8),
             zorder=2,
         )
-
-
-def _disc(foot):
-    from matplotlib.patches import Circle
-
-    return Circle(foot, PYLON_BASE_RADIUS, facecolor="#d9d9d9", edgecolor=INK, lw=0.7, zorder=4)
 
 
 def offsets_figure(run):

@@ -1,13 +1,14 @@
 """A run: the folder that a race left, as tables."""
 
+import importlib.util
 import json
 from pathlib import Path
 
 import numpy as np
 
-from airrace.analysis.columns import empty_columns, read_columns
 from airrace.analysis.derived import derive, lap_starts
 from airrace.analysis.log import is_complete, read_attachments, read_log
+from airrace.analysis.signals import read_signals, seconds
 from airrace.common.errors import UserError
 from airrace.common.resources import load_yaml
 from airrace.recording.writer import FILE
@@ -20,8 +21,8 @@ FORMATS = ("csv", "parquet")
 class Run:
     """A race that was flown.
 
-    ``run.state`` is the table of that name as a pandas DataFrame; ``run.tables``
-    has them all:
+    ``run.state`` is the table of that name, a pandas DataFrame; ``run.tables`` has
+    them all:
 
     ============== ==================================================================
     state          the truth: position, quaternion w x y z, velocity, angular velocity,
@@ -53,7 +54,7 @@ class Run:
         scenario: the Scenario.
         track: the Track as it was when the race began.
         vehicle: the drone, as its file says.
-        columns: the tables as numpy arrays, {table: {column: array}}; no pandas needed.
+        tables: all tables by name.
         recorded: whether there is a race.mcap; else most tables are empty.
         complete: whether it was closed; else its race was killed, or still goes on.
     """
@@ -90,40 +91,26 @@ class Run:
         self.recorded = log.exists()
         # The log has what was raced, even if the files have changed or are elsewhere.
         files = read_attachments(log) if self.recorded else {}
-        self.track = (
-            load_yaml(Track, data=files["track.yaml"], what="the track")
-            if ("track.yaml" in files)
-            else load_track(self.scenario.track)
-        )
-        self.vehicle = (
-            load_yaml(Vehicle, data=files["vehicle.yaml"], what="the drone")
-            if ("vehicle.yaml" in files)
-            else load_vehicle(self.scenario.drone)[0]
-        )
+        if "track.yaml" in files:
+            self.track = load_yaml(Track, data=files["track.yaml"], what="the track")
+        else:
+            self.track = load_track(self.scenario.track)
+        if "vehicle.yaml" in files:
+            self.vehicle = load_yaml(Vehicle, data=files["vehicle.yaml"], what="the drone")
+        else:
+            self.vehicle = load_vehicle(self.scenario.drone)[0]
         self.complete = self.recorded and is_complete(log)
-        signals = read_columns(log, without) if self.recorded else empty_columns()
-        self.columns = derive(signals, self.result, self.track)
-        self._tables = None
-
-    @property
-    def tables(self) -> dict:
-        """All tables as DataFrames, by name."""
-        if self._tables is None:
-            pandas = _pandas()
-            self._tables = {
-                name: pandas.DataFrame(columns) for name, columns in self.columns.items()
-            }
-        return self._tables
+        signals = read_signals(log if self.recorded else None, without)
+        self.tables = derive(signals, self.result, self.track)
 
     def __getattr__(self, name):
-        if not name.startswith("_") and name in self.__dict__.get("columns", ()):
-            return self.tables[name]
-        raise AttributeError(
-            f"A run has no '{name}'; its tables are: {', '.join(self.__dict__.get('columns', ()))}."
-        )
+        tables = self.__dict__.get("tables", {})
+        if name in tables:
+            return tables[name]
+        raise AttributeError(f"A run has no '{name}'; its tables are: {', '.join(tables)}.")
 
     def __dir__(self):
-        return [*super().__dir__(), *self.columns]
+        return [*super().__dir__(), *self.tables]
 
     def __repr__(self):
         return f"Run({str(self.folder)!r}, {len(self.result['laps'])} laps)"
@@ -131,7 +118,7 @@ class Run:
     @property
     def lap_starts(self) -> np.ndarray:
         """When gate 1 was crossed, each of which starts a lap or ends the last (s)."""
-        return lap_starts(self.columns["crossings"])
+        return lap_starts(self.tables["crossings"])
 
     def images(self):
         """Yields the time (s) and the grey levels, (h, w) uint8, of every recorded picture.
@@ -142,9 +129,8 @@ class Run:
         import cv2
 
         for _, _, message in read_log(self.folder / FILE, ["/camera/image"]):
-            stamp = message.timestamp
             picture = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_GRAYSCALE)
-            yield stamp.seconds + stamp.nanos / 1e9, picture
+            yield seconds(message.timestamp), picture
 
     def export(self, folder, format: str = "csv") -> list:
         """Writes every table to a file of its name; returns their paths.
@@ -158,43 +144,22 @@ class Run:
         """
         if format not in FORMATS:
             raise UserError(f"The format must be one of {', '.join(FORMATS)}, not '{format}'.")
-        tables, folder = self.tables, Path(folder)
-        if format == "parquet":
-            _pyarrow()
+        if format == "parquet" and importlib.util.find_spec("pyarrow") is None:
+            raise UserError(
+                "Parquet needs pyarrow: pip install 'airrace[analysis]', or export as csv."
+            )
+        folder = Path(folder)
+        paths = {name: folder / f"{name}.{format}" for name in self.tables}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            paths = []
-            for name, table in tables.items():
-                paths.append(folder / f"{name}.{format}")
-                if format == "csv":
-                    table.to_csv(paths[-1], index=False)
-                else:
-                    table.to_parquet(paths[-1], index=False)
+            for name, table in self.tables.items():
+                write = table.to_csv if format == "csv" else table.to_parquet
+                write(paths[name], index=False)
         except OSError as e:
             raise UserError(
                 f"{folder} cannot be written to ({e.strerror}); name another folder."
             ) from None
-        return paths
-
-
-def _pandas():
-    try:
-        import pandas
-    except ImportError:
-        raise UserError(
-            "Tables need pandas: pip install 'airrace[analysis]'; run.columns has "
-            "the same as numpy arrays."
-        ) from None
-    return pandas
-
-
-def _pyarrow():
-    try:
-        import pyarrow  # noqa: F401
-    except ImportError:
-        raise UserError(
-            "Parquet needs pyarrow: pip install 'airrace[analysis]', or export as csv."
-        ) from None
+        return list(paths.values())
 
 
 def load_run(folder) -> Run:

@@ -57,11 +57,11 @@ class Ghost:
     @property
     def duration(self) -> float:
         """From time zero to its end (s)."""
-        return float(self.run.columns["state"]["time"][-1]) - self.start
+        return float(self.run.state["time"].iloc[-1]) - self.start
 
     def poses(self, times) -> tuple:
         """Returns positions, (n, 3) m, and quaternions w, x, y, z, (n, 4), at replay times (s)."""
-        state = self.run.columns["state"]
+        state = self.run.state
         at = np.asarray(times) + self.start
         q = np.column_stack([state[c] for c in ("qw", "qx", "qy", "qz")])
         # q and -q are one rotation; neighbours must have the sign of each other.
@@ -89,7 +89,7 @@ def make_ghosts(runs, align: str = "start", lap: int = 1) -> list:
         raise UserError(f"A replay shows at most {len(COLORS)} runs, not {len(runs)}.")
     ghosts = []
     for run, color in zip(runs, COLORS):
-        if len(run.columns["state"]["time"]) < 2:
+        if len(run.state["time"]) < 2:
             raise UserError(
                 f"{run.folder} has no flight in its race.mcap; name a race that was "
                 "recorded, --record light or full."
@@ -176,7 +176,7 @@ def _paint(plant, scene_graph, body, color):
 
 def legend_html(ghosts) -> str:
     """Returns an element that says which drone is which run."""
-    from airrace.analysis.html import escaped
+    from html import escape
 
     rows = []
     for ghost in ghosts:
@@ -186,7 +186,7 @@ def legend_html(ghosts) -> str:
         rows.append(
             f'<div><span style="display:inline-block;width:.8em;height:.8em;'
             f'background:rgb({r},{g},{b});border-radius:50%"></span> '
-            f"{escaped(words)}</div>"
+            f"{escape(words)}</div>"
         )
     return (
         '<div style="position:absolute;left:12px;bottom:12px;padding:8px 12px;'

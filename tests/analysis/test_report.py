@@ -38,9 +38,10 @@ def check_page(text):
     assert text.startswith("<!doctype html>") and text.rstrip().endswith("</html>")
     assert not re.findall(r"<(?:script|link|img|image|iframe)\b", text)
     assert not re.findall(r'(?:src|href)="(?!#|data:)', text)
-    for svg in re.findall(r"<svg.*?</svg>", text, re.S):
-        root = ET.fromstring(svg)
-        assert root.get("role") == "img" and len(root.get("aria-label")) > 30
+    pictures = re.findall(r'<div role="img" aria-label="(.*?)">\n(<svg.*?</svg>)', text, re.S)
+    assert len(pictures) == text.count("<svg")
+    for words, svg in pictures:
+        assert len(words) > 30 and ET.fromstring(svg).tag.endswith("svg")
 
 
 def test_the_whole_report(folder, capsys):
@@ -68,7 +69,7 @@ def test_time_lost_counts_from_where_the_plan_is_in_force(folder):
     assert list(lost) == [1, 2, 3]
     np.testing.assert_allclose(lost[1], np.linspace(0.0, 0.2, GATES + 1), atol=1e-9)
     # An entry that ends behind gate 3.
-    run.columns["plans"]["entry_duration"] = np.array([1.0 + 2.5 * LAP / GATES])
+    run.plans["entry_duration"] = 1.0 + 2.5 * LAP / GATES
     late = time_lost(run)[1]
     assert np.isnan(late[:3]).all()
     np.testing.assert_allclose(late[3:], 0.02 * np.arange(GATES - 2), atol=1e-9)
@@ -77,8 +78,8 @@ def test_time_lost_counts_from_where_the_plan_is_in_force(folder):
 def test_the_numbers_behind_the_pictures(folder):
     run = load_run(folder)
     errors = map_by_lap(run)
-    assert list(errors) == [0, 1, 2, 3] and len(errors[0]) == 40
-    assert errors[3][0] == pytest.approx(MAP_ERROR, abs=1e-4)
+    assert list(errors) == [0, 1, 2, 3] and list(errors.index) == list(range(40))
+    assert errors.loc[0, 3] == pytest.approx(MAP_ERROR, abs=1e-4)
     for share in rotor_usage(run):
         np.testing.assert_allclose(share, 1.6 / 8.5, rtol=1e-6)
     assert states(run) == [("CALIBRATE", 0.0, 0.5), ("TAKE_OFF", 0.5, FIRST)]

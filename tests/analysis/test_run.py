@@ -1,5 +1,4 @@
-import builtins
-import sys
+import importlib.util
 
 import numpy as np
 import pandas as pd
@@ -90,7 +89,7 @@ def test_the_rest(run):
     assert run.plan_samples.part.tolist() == ["entry"] * 2 + ["circuit"] * 2
     assert run.events[["name", "message"]].iloc[1].tolist() == ["TAKE_OFF", "level: taking off"]
     assert run.complete and run.recorded and "2 laps" in repr(run)
-    assert set(run.tables) == set(run.columns) <= set(dir(run))
+    assert set(run.tables) <= set(dir(run))
     with pytest.raises(AttributeError, match="no 'nothing'; its tables are: state"):
         run.nothing
 
@@ -99,7 +98,7 @@ def test_the_rest(run):
 def test_export_and_back(run, folder, tmp_path, capsys, format, read):
     assert main([str(folder), "--export", str(tmp_path / "out"), "--format", format]) == 0
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
-        f"{name}.{format}" for name in run.columns
+        f"{name}.{format}" for name in run.tables
     }
     for name in ("state", "map", "events", "laps"):
         pd.testing.assert_frame_equal(
@@ -168,17 +167,7 @@ def test_bad_folders(tmp_path, capsys, name, text, words):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_without_pandas_one_sentence_says_what_to_do(folder, monkeypatch):
-    real = builtins.__import__
-
-    def no_pandas(name, *args, **kwargs):
-        if name == "pandas":
-            raise ImportError
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", no_pandas)
-    monkeypatch.delitem(sys.modules, "pandas", raising=False)
-    run = load_run(folder)
-    assert len(run.columns["state"]["time"]) > 100  # which needs none
-    with pytest.raises(UserError, match="pip install 'airrace.analysis.'"):
-        run.state
+def test_without_pyarrow_one_sentence_says_what_to_do(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(UserError, match="pip install 'airrace.analysis.', or export as csv"):
+        run.export(tmp_path, "parquet")

@@ -1,14 +1,11 @@
-"""Vector pictures for a page: in one style, readable in grey."""
+"""How the report's pictures look: vector graphics, one style, readable in grey."""
 
 import io
 
 import numpy as np
 from matplotlib import colormaps, rc_context
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-
-from airrace.analysis.html import escaped
 
 # Laps are told apart by marker and line style as well as by colour.
 LINE_STYLES = ("-", "--", "-.", ":")
@@ -20,16 +17,8 @@ GREYS = colormaps["Greys"].resampled(40)
 INK, FAINT = "#1c1c1c", "#b5b5b5"
 # Steps of one lightness each, dark to light, and not too light for white paper.
 _LAP_COLORS = (
-    "#00224e",
-    "#7a0403",
-    "#1f5fa8",
-    "#b8500c",
-    "#2a7f62",
-    "#8f2d84",
-    "#5a6b7b",
-    "#a5732a",
-    "#4f4fb0",
-    "#3f8f3f",
+    *("#00224e", "#7a0403", "#1f5fa8", "#b8500c", "#2a7f62"),
+    *("#8f2d84", "#5a6b7b", "#a5732a", "#4f4fb0", "#3f8f3f"),
 )
 STYLE = {
     "font.size": 9,
@@ -44,6 +33,9 @@ STYLE = {
     "legend.frameon": False,
     "svg.fonttype": "none",  # text stays text
 }
+# Lines of what is worst, and of the root mean square.
+WORST = dict(label="worst", color=INK, marker="s", ls="--", ms=4, lw=1.0, mfc="white")
+RMS = dict(label="RMS", color=INK, marker="o", ms=4, lw=1.2)
 
 
 def make_figure(width: float, height: float, **options) -> Figure:
@@ -69,18 +61,11 @@ def lap_style(lap: int) -> dict:
     }
 
 
-def inline_svg(figure: Figure, name: str, alt: str) -> str:
-    """Returns a figure as an <svg> element for a page.
-
-    Args:
-        figure: to draw.
-        name: unlike that of any other figure of the page.
-        alt: what it shows, for who cannot see it.
-    """
+def inline_svg(figure: Figure, name: str) -> str:
+    """Returns a figure as an <svg> element for a page; name: unlike any other figure's of it."""
     file = io.StringIO()
     with rc_context({"svg.hashsalt": name, **STYLE}):
         # No date and no version: the same run, the same report.
-        FigureCanvasSVG(figure).print_svg(file, metadata={"Date": None, "Creator": None})
+        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     text = file.getvalue()
-    start = text.index("<svg")
-    return (f'<svg role="img" aria-label="{escaped(alt)}"' + text[start + 4 :]).strip()
+    return text[text.index("<svg") :].strip()

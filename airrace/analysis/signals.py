@@ -1,0 +1,163 @@
+"""The signals of a race as tables of numbers, read from its race.mcap.
+
+SIGNALS says which there are. Everything is SI, in the world frame, angles in rad; but velocities of
+states are in the body frame here, as Foxglove defines them. derived.py makes the tables of a Run.
+"""
+
+from operator import attrgetter
+
+import numpy as np
+import pandas as pd
+
+from airrace.analysis.log import read_log
+
+_ODOMETRY = {
+    **{axis: f"pose.position.{axis}" for axis in "xyz"},
+    **{f"q{axis}": f"pose.orientation.{axis}" for axis in "wxyz"},
+    **{f"v{axis}": f"linear_velocity.{axis}" for axis in "xyz"},
+    **{f"w{axis}": f"angular_velocity.{axis}" for axis in "xyz"},
+}
+_STATE = ("time", *_ODOMETRY)
+_VECTOR = ("time", "ax", "ay", "az")
+_SAMPLES = ("x", "y", "z", "vx", "vy", "vz", "yaw")
+_PLAN = (
+    "lap start_time entry_duration phase duration solve_time "
+    "max_speed max_acceleration max_rotor_thrust"
+).split()
+# The columns of every table, as the log has them.
+SIGNALS = {
+    "state": _STATE,  # the truth
+    "estimate": _STATE,  # what the autonomy is handed
+    "filtered": _STATE,  # what its controller uses
+    "reference": _STATE,
+    "reference_acceleration": _VECTOR,
+    "disturbance": _VECTOR,
+    "rotors": ("time", "rotor", "speed", "thrust"),
+    "rotor_commands": ("time", "rotor", "speed", "thrust"),
+    # Poses are in the camera frame.
+    "detections": (
+        *("time", "received", "marker", "x", "y", "z", "qw", "qx", "qy", "qz"),
+        *("reprojection_error", "ambiguity"),
+    ),
+    "refused": ("time", "reason", "marker"),
+    "map": (
+        *("time", "marker", "x", "y", "z", "variance_x", "variance_y", "variance_z"),
+        *("observations", "outliers"),
+    ),
+    "gates": ("time", "gate", "x", "y", "z", "heading"),
+    "plans": ("plan", "time", *_PLAN),
+    "plan_gates": ("plan", "lap", "gate", "time"),  # on the circuit; at the end, gate 1 again
+    "plan_samples": ("plan", "lap", "part", "time", *_SAMPLES),
+    "events": ("time", "source", "name", "message"),
+    "crossings": ("time", "lap", "gate", "offset", "max_speed"),
+}
+
+
+def read_signals(path, without=()) -> dict[str, pd.DataFrame]:
+    """Returns the table of every signal of a race.mcap.
+
+    Args:
+        path: the file; None: all tables are empty.
+        without: topics to leave out; their tables are empty.
+
+    Raises:
+        UserError: if it cannot be read.
+    """
+    rows = {name: [] for name in SIGNALS}
+    if path is not None:
+        for topic, time, message in read_log(path, [t for t in _READERS if t not in without]):
+            _READERS[topic](rows, time, message)
+    return {
+        name: pd.DataFrame(rows[name], columns=names, dtype=None if rows[name] else float)
+        for name, names in SIGNALS.items()
+    }
+
+
+def seconds(stamp) -> float:
+    """Returns the time (s) that a message's stamp says."""
+    return stamp.seconds + stamp.nanos / 1e9
+
+
+def _odometry(table):
+    values = attrgetter(*_ODOMETRY.values())
+
+    def read(rows, time, message):
+        rows[table].append((seconds(message.timestamp), *values(message)))
+
+    return read
+
+
+def _vector(table):
+    def read(rows, time, message):
+        rows[table].append((time, message.x, message.y, message.z))
+
+    return read
+
+
+def _rotors(table):
+    def read(rows, time, message):
+        for number, joint in enumerate(message.joints, 1):
+            rows[table].append((time, number, joint.velocity, joint.effort))
+
+    return read
+
+
+def _event(source):
+    def read(rows, time, message):
+        rows["events"].append((seconds(message.timestamp), source, message.name, message.message))
+
+    return read
+
+
+def _detections(rows, time, message):
+    for m in message["markers"]:
+        errors = m["reprojection_error"], m["ambiguity"]
+        rows["detections"].append(
+            (message["time"], time, m["id"], *m["position"], *m["orientation"], *errors)
+        )
+    for refused in message["refused"]:
+        marker = -1 if refused["id"] is None else refused["id"]
+        rows["refused"].append((message["time"], refused["reason"], marker))
+
+
+def _map(rows, time, message):
+    for m in message["statistics"]["markers"]:
+        numbers = np.array([*m["mean"], *m["variance"]], float)  # null is NaN
+        rows["map"].append((time, m["id"], *numbers, m["observations"], m["outliers"]))
+    for gate in message["map"]["gates"]:
+        heading = np.deg2rad(gate["heading_deg"])
+        rows["gates"].append((time, gate["gate"], *gate["midpoint"], heading))
+
+
+def _plan(rows, time, message):
+    plan, lap = len(rows["plans"]) + 1, message["lap"]
+    rows["plans"].append((plan, time, *(message.get(name, np.nan) for name in _PLAN)))
+    gates = [*range(1, len(message["gate_times"])), 1]
+    rows["plan_gates"] += [(plan, lap, *passed) for passed in zip(gates, message["gate_times"])]
+    for part in ("entry", "circuit"):
+        samples = zip(*(message[part][name] for name in _SAMPLES))
+        rows["plan_samples"] += [
+            (plan, lap, part, k * message["step"], *sample) for k, sample in enumerate(samples)
+        ]
+
+
+def _crossing(rows, time, message):
+    rows["crossings"].append(tuple(message[name] for name in SIGNALS["crossings"]))
+
+
+_READERS = {
+    "/state/truth": _odometry("state"),
+    "/state/estimate": _odometry("estimate"),
+    "/state/filtered": _odometry("filtered"),
+    "/state/disturbance": _vector("disturbance"),
+    "/reference": _odometry("reference"),
+    "/reference/acceleration": _vector("reference_acceleration"),
+    "/rotors/measured": _rotors("rotors"),
+    "/rotors/command": _rotors("rotor_commands"),
+    "/detections": _detections,
+    "/map": _map,
+    "/plan": _plan,
+    "/explorer": _event("explorer"),
+    "/referee": _event("referee"),
+    "/referee/crossings": _crossing,
+}

@@ -12,7 +12,7 @@ import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from airrace.diagrams.runner import run_race
+from airrace.diagrams.race import run_race
 from airrace.math.random import make_generator
 from airrace.scenario import load_scenario
 from airrace.vehicle import load_vehicle

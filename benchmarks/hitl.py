@@ -16,7 +16,7 @@ from rich.table import Table
 
 from airrace.common.errors import exit_code
 from airrace.common.files import write_json
-from airrace.diagrams.runner import run_race
+from airrace.diagrams.race import run_race
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.hitl.link.simulated_bus import LinkConfig
 from airrace.scenario import LINK_DELAY, Scenario

@@ -25,7 +25,7 @@ from rich.progress import Progress, TextColumn
 from rich.table import Table
 
 from airrace.common.errors import exit_code
-from airrace.diagrams.runner import run_race
+from airrace.diagrams.race import run_race
 from airrace.diagrams.warm_up import compile_apart
 from airrace.scenario import load_scenario
 from airrace.scenario.camera import NO_CAMERA, RENDERERS

@@ -2,7 +2,7 @@
 
 import time
 
-from airrace.diagrams.runner import run_race
+from airrace.diagrams.race import run_race
 
 
 def time_race(scenario, folder, **options) -> tuple[dict, dict]:

@@ -41,7 +41,7 @@ _BEHIND, _ABOVE, _LAG = 4.5, 1.6, 0.5  # m, m, s: of the chasing camera
 def fly(folder: Path):
     """Flies the race; returns its Run."""
     from airrace.analysis import load_run
-    from airrace.diagrams.runner import run_race
+    from airrace.diagrams.race import run_race
     from airrace.scenario import load_scenario
 
     scenario = load_scenario(scenario_text="{laps: 1}")

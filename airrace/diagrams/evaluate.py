@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from airrace.common.errors import UserError, exit_code
-from airrace.diagrams.race import (
+from airrace.diagrams.options import (
     add_drone_options,
     add_level_option,
     add_scenario_options,

@@ -7,7 +7,7 @@ import types
 from pathlib import Path
 
 from airrace.common.errors import exit_code
-from airrace.diagrams.race import add_scenario_options, make_parser
+from airrace.diagrams.options import add_scenario_options, make_parser
 from airrace.hitl.companion import READY
 
 _DOCTOR_TIME = 10.0  # s
@@ -142,7 +142,7 @@ def main(argv=None) -> int:
     args, rest = make_hitl_parser().parse_known_args(argv)
     if args.role == "simulation":
         from airrace.diagrams.hitl_race import BY_HAND
-        from airrace.diagrams.race import run
+        from airrace.diagrams.race_command import run
 
         own = argparse.ArgumentParser(add_help=False)
         own.add_argument("--role")

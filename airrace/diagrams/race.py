@@ -1,353 +1,248 @@
-"""Runs a race: python -m airrace.diagrams.race, or ./run.bash."""
+"""A race, from its scenario to the files that it leaves: built, flown, saved.
 
-import argparse
-import contextlib
-import datetime
-import logging
-import re
-import sys
-from pathlib import Path
-
-from airrace.common.errors import UserError, exit_code
-from airrace.hitl.companion.options import add_ssh_options, ssh_companions
-
-LEVELS = range(5)  # of models/scenarios/levels.yaml
-
-EPILOG = """\
-examples:
-  ./run.bash                           ten laps of the reference track
-  ./run.bash --laps 2 -t 4             two laps, yaw along the gates' headings
-  ./run.bash --track my_track.yaml     a track of your own
-  ./run.bash -d StarOne                the octocopter
-  ./run.bash --level 3                 noise, a drone not as in its file, wind
-  ./run.bash --scenario_file races --scenario_name NoNoise
-  ./run.bash --scenario_text '{laps: 3, explorer: {max_speed: 4.0}}'
-  ./run.bash --scenario_file runs/NAME/scenario.yaml   a race of yours again
-
-The results are in the output folder: race.json, map.json, map_statistics.json,
-scenario.yaml, race.mcap (for Foxglove and airrace.analysis), report.html,
-and race.html (a replay, with --meshcat).
-Exit codes: 0 finished, 1 did not finish, 2 bad input.
+The command line is in race_command.py; `python -m airrace.diagrams.race` is that, too.
 """
 
+import contextlib
+import sys
+import time
+import types
+from pathlib import Path
 
-def make_parser() -> argparse.ArgumentParser:
-    """Returns the parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog="airrace",
-        description="Explore a race track from the drone's camera, map it, and race it.",
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    race = parser.add_argument_group("the race")
-    add_drone_options(race)
-    race.add_argument(
-        "-s",
-        "--simulation",
-        choices=("SITL", "HITL"),
-        default="SITL",
-        help="where the autonomy runs: software or hardware in the loop "
-        "(default: SITL, in this process)",
-    )
-    race.add_argument(
-        "--companion",
-        metavar="local|USER@HOST[:PORT]",
-        default="local",
-        help="HITL: where the autonomy runs; local = another process here; "
-        "none = you start it yourself, see python -m airrace.diagrams.hitl --help "
-        "(default: local)",
-    )
-    add_ssh_options(race)
-    race.add_argument(
-        "--lcm_url",
-        metavar="URL",
-        help="HITL: of LCM (default: udpm://239.255.76.67:7667?ttl=0, and ttl=1 "
-        "with --companion USER@HOST)",
-    )
-    race.add_argument(
-        "--lockstep",
-        action="store_true",
-        help="HITL: tick by tick in the place of real time; the same race as SITL",
-    )
-    race.add_argument(
-        "--track",
-        metavar="NAME|FILE",
-        help="a shipped track, or a YAML file (default: student-airrace)",
-    )
-    race.add_argument("--laps", type=int, metavar="N", help="laps after exploring (default: 10)")
-    race.add_argument(
-        "--seed",
-        type=int,
-        metavar="N",
-        help="seed of all randomness; the same seed, the same race (default: 0)",
-    )
-    add_level_option(race)
-    race.add_argument(
-        "--renderer",
-        choices=("planar", "vtk", "none"),
-        help="what draws the camera's image (default: planar, which is fast); "
-        "none = there is no camera, for races with --map",
-    )
-    race.add_argument(
-        "--map",
-        metavar="track|FILE",
-        help="races on a map that is given, without exploring or looking: track = "
-        "where the gates are, or the map.json of an earlier race",
-    )
-    run = parser.add_argument_group("the run")
-    run.add_argument(
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="where the results go, a folder without a race in it "
-        "(default: runs/<UTC time>-<track>-<drone>-<t>)",
-    )
-    run.add_argument(
-        "--meshcat",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="show the race in a browser and leave a replay (default: yes)",
-    )
-    run.add_argument(
-        "--report",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="leave report.html, a page of pictures and tables (default: yes)",
-    )
-    run.add_argument(
-        "--record",
-        choices=("none", "light", "full"),
-        help="what race.mcap holds: light = all signals, full = and pictures of the "
-        "camera; it costs about a fifth of the race's time (default: full)",
-    )
-    run.add_argument(
-        "--realtime_rate",
-        type=float,
-        metavar="R",
-        help="1 = real time, 0 = as fast as it can (default: 0)",
-    )
-    run.add_argument(
-        "--graphviz",
-        type=Path,
-        metavar="FILE",
-        help="write the diagram in Graphviz's dot language before the race",
-    )
-    add_scenario_options(parser)
-    return parser
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from airrace.common.errors import UserError
+from airrace.common.files import write_json, write_text
+from airrace.common.interrupts import interrupt_flag
+from airrace.diagrams.in_process import InProcess
+from airrace.diagrams.simulation import MakeSimulation, follow_gates
+from airrace.hitl.transport import LOOK_PERIOD, Transport
+from airrace.recording.race_result import RaceResult
+from airrace.recording.wiring import AddRecorder, close_recording
+from airrace.scenario import Scenario, scenario_yaml
+from airrace.systems.mapping.gate_map_writer import GateMapWriter
+from airrace.track import load_track
+from airrace.track.gate_map import GateMap
+from airrace.track.map_files import write_map
+from airrace.visualization.controls import RaceControls
+from airrace.visualization.race_view import AddVisualization, end_live_view, view_director
+
+# What a race may leave in its folder.
+RESULTS = (
+    "scenario.yaml",
+    "map.json",
+    "map_statistics.json",
+    "race.json",
+    "race.mcap",
+    "race.html",
+    "report.html",
+)
+# Of the replay (Hz). Each gate that can move takes 120 bytes a frame.
+_REPLAY_RATE, _REPLAY_RATE_OF_MOVING_GATES = 30.0, 10.0
+# Outputs of the race, for its result and for spectators.
+_SIMULATION_OUTPUTS = ("truth.referee_status", "truth.state", "truth.gate_shifts")
+_AUTONOMY_OUTPUTS = ("explorer_status", "gate_map", "lap_plan", "rotor_losses")
 
 
-def add_level_option(group, default="") -> None:
-    """Adds --level to a group of a parser's; default: what its help ends with."""
-    group.add_argument(
-        "--level",
-        type=int,
-        choices=LEVELS,
-        help="difficulty: 0 = no noise; 1 = noise and a realistic camera; 2 = and a "
-        "drone not quite as its file says; 3 = and wind, and a harsh camera; "
-        "4 = and gates that move between laps; short for --scenario_file levels "
-        f"--scenario_name Level<N> {default}".rstrip(),
-    )
+def run_race(
+    scenario: Scenario,
+    output_dir: Path,
+    *,
+    meshcat=None,
+    show=lambda result, outputs: None,
+    transport: Transport | None = None,
+) -> dict:
+    """Flies a race and leaves its files.
 
-
-def add_drone_options(group) -> None:
-    """Adds the options of what is raced to a group of a parser's."""
-    group.add_argument(
-        "-d",
-        "--drone",
-        metavar="NAME|DIR",
-        help="a shipped drone, Default or StarOne, or the folder of your own (default: Default)",
-    )
-    group.add_argument(
-        "-t",
-        "--trajectory",
-        choices=("3", "4", "6", "optimal"),
-        help="optimal = the quickest laps within the limits, anywhere through the "
-        "gates; or minimum snap through their midpoints: 3 = of x, y, z; 4 = and "
-        "yaw along the gates' headings; 6 = and roll = pitch = 0 at the gates "
-        "(default: optimal)",
-    )
-    group.add_argument(
-        "--limits",
-        metavar="original|rotor|v=..,a=..",
-        help="what laps keep to: original = 20 m/s and 10 m/s^2; rotor = nothing "
-        "but what the rotors can do; or limits of your own in m/s and m/s^2, such "
-        "as v=15,a=8 (default: original)",
-    )
-
-
-def add_scenario_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options that load_scenario() needs to a parser."""
-    scenario = parser.add_argument_group(
-        "the scenario", "Fields of airrace/scenario/scenario.py; options above win over them."
-    )
-    scenario.add_argument(
-        "--scenario_file",
-        metavar="NAME|FILE",
-        help="YAML with one scenario a top-level key; 'races' and 'levels' are shipped",
-    )
-    scenario.add_argument(
-        "--scenario_name", metavar="KEY", help="which scenario of the file (default: Defaults)"
-    )
-    scenario.add_argument(
-        "--scenario_text", metavar="YAML", help="scenario fields on top, e.g. '{state_noise: none}'"
-    )
-
-
-def resolve_scenario(args):
-    """Returns the checked Scenario that the command line asks for.
-
-    Raises:
-        UserError: naming the option or the field and the remedy.
-    """
-    from airrace.scenario import load_scenario
-
-    filename, name = args.scenario_file, args.scenario_name
-    if args.level is not None:
-        if filename is not None or name is not None:
-            raise UserError(
-                "--level is a scenario of its own: leave out --scenario_file and "
-                "--scenario_name, or --level."
-            )
-        filename, name = "levels", f"Level{args.level}"
-    scenario = load_scenario(
-        filename=filename, scenario_name=name, scenario_text=args.scenario_text
-    )
-    for option in ("drone", "trajectory", "track", "laps", "seed", "map"):
-        if getattr(args, option) is not None:
-            setattr(scenario, option, getattr(args, option))
-    if args.limits is not None:
-        scenario.planner.limits = args.limits
-    if args.renderer is not None:
-        scenario.camera.renderer = args.renderer
-    if args.record is not None:
-        scenario.recording.content = args.record
-    if args.realtime_rate is not None:
-        scenario.simulator_config.target_realtime_rate = args.realtime_rate
-    if args.simulation == "HITL":
-        from airrace.diagrams.hitl_race import prepared
-
-        scenario = prepared(scenario, args.lockstep)
-    elif args.lockstep or args.lcm_url is not None:
-        raise UserError("--lockstep and --lcm_url are for HITL: add -s HITL.")
-    scenario.check()
-    return scenario
-
-
-def default_output_dir(track_name: str, drone_name: str, trajectory: str) -> Path:
-    """Returns runs/<UTC time>-<track>-<drone>-<t>; t is 3d, 4d, 6d or optimal."""
-    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    # Tracks and drones may be called anything; a folder is typed and quoted in shells.
-    track, drone = (re.sub(r"[^\w.-]+", "-", name)[:60] for name in (track_name, drone_name))
-    kind = f"{trajectory}d" if trajectory.isdigit() else trajectory
-    return Path("runs") / f"{stamp}-{track}-{drone}-{kind}"
-
-
-def write_graphviz(path: Path, scenario) -> None:
-    """Writes the diagram of a race in Graphviz's dot language."""
-    from airrace.diagrams.runner import MakeRace
-
-    try:
-        path.write_text(MakeRace(scenario).GetGraphvizString(), encoding="utf-8")
-    except OSError as e:
-        raise UserError(
-            f"--graphviz {path} cannot be written ({e.strerror}); name another file."
-        ) from None
-
-
-def make_meshcat(track):
-    """Returns a Meshcat that looks at the track."""
-    from airrace.visualization.race_view import MakeMeshcat
-
-    logging.getLogger("drake").setLevel(logging.WARNING)  # the display says where to look
-    try:
-        return MakeMeshcat(track)
-    except RuntimeError as e:
-        raise UserError(
-            f"The race cannot be shown in a browser ({str(e).rstrip('.')}); close another "
-            "program that uses Meshcat, or race with --no-meshcat."
-        ) from None
-
-
-@contextlib.contextmanager
-def report_after(wanted: bool, folder: Path, work):
-    """Writes report.html after the block, also if that raises; then, nothing else is raised.
+    Ctrl-C and SIGTERM end the race within 0.1 s of simulated time; they and an exception
+    in any system still leave every file, with what was flown.
 
     Args:
-        wanted: whether to do it at all.
-        folder: of the race.
-        work: context manager, called with what is being done.
+        scenario: the race.
+        output_dir: an existing folder.
+        meshcat: a Meshcat to show the race in, or None.
+        show: called every 0.1 s of simulated time with the RaceResult so far and a
+            namespace of ``time`` (s), ``laps_ended`` and the values of the race's outputs.
+        transport: joins simulation and autonomy; by default, both are in one diagram.
+
+    Returns:
+        what race.json holds.
+
+    Raises:
+        UserError: if something the scenario names cannot be had, or a file
+            cannot be written.
     """
+    race = _Race(scenario, output_dir, meshcat, transport or InProcess())
+    with interrupt_flag() as interrupted:
+        race.begin_files()
+        try:
+            race.start()
+            reason = race.fly(show, interrupted)
+        except BaseException:
+            race.rescue("interrupted" if interrupted.is_set else "stopped by an error")
+            raise
+        return race.finish(reason or "interrupted")
 
-    def write():
-        from airrace.analysis.report import write_report
 
-        with work("Writing report.html"):
-            write_report(folder)
+def MakeRace(
+    scenario: Scenario,
+    output_dir: Path | None = None,
+    meshcat=None,
+    transport: Transport | None = None,
+) -> Diagram:
+    """Builds a whole race: two subsystems, ``simulation`` and ``autonomy``.
 
+    The two are joined by the names of their ports; the race has the outputs that its
+    result is made of.
+
+    Args:
+        scenario: the race.
+        output_dir: where the map and the recording are kept on disk; None: nowhere.
+        meshcat: a Meshcat to show the race in, or None.
+        transport: where the autonomy is; by default, in the diagram.
+
+    Raises:
+        UserError: if something the scenario names cannot be had, or the recording
+            cannot be written.
+    """
+    builder = DiagramBuilder()
+    simulation = builder.AddSystem(MakeSimulation(scenario, meshcat))
     try:
-        yield
-    except BaseException:
-        if wanted and (folder / "race.json").exists():
-            with contextlib.suppress(Exception):
-                write()
-        raise
-    if wanted:
-        write()
+        autonomy = (transport or InProcess()).AddToBuilder(builder, scenario, simulation)
+    except RuntimeError as e:  # only systems of the scenario's own can have such ports
+        message = " ".join(str(e).split())
+        raise UserError(f"The ports of the systems do not fit: {message}") from None
+    if output_dir is not None:
+        writer = builder.AddNamedSystem("gate_map_writer", GateMapWriter(directory=output_dir))
+        builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
+        AddRecorder(builder, scenario, simulation, autonomy, output_dir)
+    if meshcat is not None:
+        AddVisualization(builder, scenario, simulation, autonomy, meshcat)
+    for source, names in ((simulation, _SIMULATION_OUTPUTS), (autonomy, _AUTONOMY_OUTPUTS)):
+        for name in names:
+            if source.HasOutputPort(name):  # gates may stand still
+                builder.ExportOutput(source.GetOutputPort(name), name)
+    diagram = builder.Build()
+    diagram.set_name("race")
+    return diagram
 
 
-def make_transport(args, scenario, output_dir: Path, note):
-    """Returns a context manager of where the autonomy is: None, or see remote_transport()."""
-    make_companion = ssh_companions(args)
-    if args.simulation == "SITL":
-        return contextlib.nullcontext()
-    from airrace.diagrams.hitl_race import default_url, remote_transport
+class _Race:
+    """A race that is being flown, and the files that it leaves."""
 
-    return remote_transport(
-        scenario,
-        output_dir,
-        companion=args.companion,
-        lockstep=args.lockstep,
-        note=note,
-        url=args.lcm_url or default_url(args.companion),
-        make_companion=make_companion,
-    )
+    def __init__(self, scenario: Scenario, output_dir: Path, meshcat, transport: Transport):
+        self._scenario, self._folder, self._meshcat = scenario, output_dir, meshcat
+        self._transport = transport
+        self._diagram = MakeRace(scenario, output_dir, meshcat, transport)
+        self._simulator = Simulator(self._diagram)
+        ApplySimulatorConfig(scenario.simulator_config, self._simulator)
+        self._result = RaceResult(scenario, load_track(scenario.track), transport.simulation)
+        self._controls = None
+        if meshcat is not None and isinstance(transport, InProcess):  # others keep their own time
+            director = view_director(self._diagram)
+            self._controls = RaceControls(meshcat, self._simulator, director)
+        self._clock = time.perf_counter()
 
+    def begin_files(self):
+        """Writes every file: from here on, whatever happens, each is there and valid."""
+        write_text(self._folder / "scenario.yaml", scenario_yaml(self._scenario))
+        write_map(self._folder, GateMap())
+        self._save_result("not over yet")
 
-def run(args) -> int:
-    """Runs the race of parsed arguments; returns the exit code."""
-    from airrace.common.files import results_folder
-    from airrace.diagrams.runner import RESULTS, run_race
-    from airrace.diagrams.warm_up import compile_apart
-    from airrace.track import load_track
-    from airrace.vehicle import load_vehicle
-    from airrace.visualization.terminal import RaceDisplay
-
-    scenario = resolve_scenario(args)
-    track = load_track(scenario.track)
-    vehicle, _ = load_vehicle(scenario.drone)
-    if args.graphviz is not None:
-        write_graphviz(args.graphviz, scenario)
-    folder = args.output or default_output_dir(track.name, vehicle.name, scenario.trajectory)
-    with results_folder(folder, numbered=args.output is None, refuse=RESULTS) as output_dir:
-        meshcat = make_meshcat(track) if args.meshcat else None
-        compile_apart(scenario)  # whoever named a bad folder does not wait for it
-        with (
-            contextlib.closing(RaceDisplay(scenario, track, meshcat)) as display,
-            report_after(args.report, output_dir, display.work),
-            make_transport(args, scenario, output_dir, display.note) as transport,
-        ):
-            result = run_race(
-                scenario, output_dir, meshcat=meshcat, show=display.show, transport=transport
+    def start(self):
+        """Initializes simulation and autonomy."""
+        if self._meshcat is not None:
+            moving = self._scenario.disturbances.gate_shift > 0.0
+            self._meshcat.StartRecording(
+                frames_per_second=_REPLAY_RATE_OF_MOVING_GATES if moving else _REPLAY_RATE,
+                set_visualizations_while_recording=True,
             )
-    display.print_summary(result, output_dir)
-    return 0 if result["finished"] else 1
+        self._simulator.Initialize()
+        self._transport.begin(self._simulator)
 
+    def fly(self, show, interrupted) -> str | None:
+        """Flies until the referee ends the race; returns why it ended before, or None."""
+        steps, reason = 0, None
+        while not (self._result.report.over or interrupted.is_set or reason):
+            steps += 1
+            reason = self._transport.advance(self._simulator, steps * LOOK_PERIOD)
+            simulation = self._diagram.GetSubsystemByName("simulation")
+            follow_gates(simulation, self._simulator.get_mutable_context())
+            outputs = self._observe()
+            if outputs.laps_ended:
+                self._save_result("not over yet")
+            show(self._result, outputs)
+            if self._controls is not None:
+                self._controls.steer(lambda: interrupted.is_set)
+        return reason
 
-def main(argv=None) -> int:
-    """The command-line program; returns its exit code."""
-    args = make_parser().parse_args(argv)
-    return exit_code(lambda: run(args))
+    def _observe(self) -> types.SimpleNamespace:
+        """Adds what the race's outputs say now to its result; returns their values by name."""
+        context = self._simulator.get_context()
+        outputs = types.SimpleNamespace(time=context.get_time(), gate_shifts=None)
+        for i in range(self._diagram.num_output_ports()):
+            port = self._diagram.get_output_port(i)
+            setattr(outputs, port.get_name().removeprefix("truth."), port.Eval(context))
+        outputs.referee_status = self._transport.judged(outputs.referee_status, self._simulator)
+        outputs.laps_ended = self._result.observe(
+            outputs.time,
+            outputs.referee_status,
+            outputs.explorer_status,
+            outputs.gate_map,
+            outputs.lap_plan,
+            outputs.rotor_losses,
+            outputs.gate_shifts,
+        )
+        return outputs
+
+    def finish(self, reason: str) -> dict:
+        """Ends the autonomy and brings every file up to date; returns race.json.
+
+        Args:
+            reason: why the race ended, if the referee did not end it.
+        """
+        self._transport.end(self._simulator)
+        data = self._save_result(reason)
+        self._save_map()
+        close_recording(self._diagram)
+        self._save_replay()
+        return data
+
+    def rescue(self, reason: str) -> None:
+        """Does what it can of finish() after an error, and raises nothing.
+
+        The caller must learn of the first error, even if its cause also keeps a file from
+        being written.
+        """
+        for step in (
+            lambda: self._save_result(reason),
+            self._save_map,
+            lambda: close_recording(self._diagram),
+            self._save_replay,
+            lambda: self._transport.end(self._simulator),
+        ):
+            with contextlib.suppress(Exception):
+                step()
+
+    def _save_result(self, reason: str) -> dict:
+        wall = self._transport.wall(self._simulator)
+        data = self._result.data(time.perf_counter() - self._clock, reason, wall)
+        write_json(self._folder / "race.json", data)
+        return data
+
+    def _save_map(self):
+        self._diagram.ForcedPublish(self._simulator.get_context())
+
+    def _save_replay(self):
+        if self._meshcat is not None:
+            self._meshcat.StopRecording()
+            self._meshcat.PublishRecording()
+            end_live_view(self._diagram, self._meshcat)
+            write_text(self._folder / "race.html", self._meshcat.StaticHtml())
 
 
 if __name__ == "__main__":
+    from airrace.diagrams.race_command import main
+
     sys.exit(main())

@@ -17,7 +17,7 @@ from airrace.evaluation.worker import DRONE, RESULTS, SCENARIO, TRACK
 def main(folder: Path) -> int:
     """Flies the race; returns the exit code of airrace.diagrams.race."""
     threading.Thread(target=_die_with_the_worker, args=(folder,), daemon=True).start()
-    from airrace.diagrams.race import main as race
+    from airrace.diagrams.race_command import main as race
 
     drone = ["-d", str(folder / DRONE)] if (folder / DRONE).exists() else []
     return race(

@@ -12,7 +12,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from airrace.common import jit
 from airrace.common.processes import child_environment
-from airrace.diagrams.runner import MakeRace
+from airrace.diagrams.race import MakeRace
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.hitl.link.simulated_bus import LinkConfig
 from airrace.scenario import LINK_DELAY, Scenario, load_scenario, scenario_yaml

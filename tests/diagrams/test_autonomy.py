@@ -5,7 +5,7 @@ from pydrake.systems.framework import Diagram, InputPortIndex
 
 from airrace.common.errors import UserError
 from airrace.diagrams.autonomy import INPUTS, OUTPUTS, SYSTEMS, MakeAutonomy
-from airrace.diagrams.runner import MakeRace, run_race
+from airrace.diagrams.race import MakeRace, run_race
 from airrace.scenario import Scenario
 
 STUDENT = """

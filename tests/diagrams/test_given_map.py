@@ -8,8 +8,8 @@ import pytest
 from airrace.analysis import load_run
 from airrace.common.errors import UserError
 from airrace.diagrams.hitl_race import prepared
-from airrace.diagrams.race import main
-from airrace.diagrams.runner import MakeRace, run_race
+from airrace.diagrams.race import MakeRace, run_race
+from airrace.diagrams.race_command import main
 from airrace.scenario import Scenario, load_scenario
 from airrace.scenario.camera import CameraConfig
 from tests.diagrams.conftest import hexagon  # noqa: F401  # a fixture

@@ -48,7 +48,7 @@ def race(output, hexagon, *options, text=SMALL):
     return [
         sys.executable,
         "-m",
-        "airrace.diagrams.race",
+        "airrace.diagrams.race_command",
         "--no-meshcat",
         "--laps",
         "1",
@@ -168,7 +168,7 @@ def test_bad_input_is_one_sentence(options, sentence, tmp_path):
     process = start(
         sys.executable,
         "-m",
-        "airrace.diagrams.race",
+        "airrace.diagrams.race_command",
         "--no-meshcat",
         "--output",
         str(tmp_path / "out"),

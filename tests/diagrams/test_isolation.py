@@ -9,8 +9,8 @@ from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
 from airrace.common.errors import UserError
 from airrace.diagrams import autonomy as autonomy_module
-from airrace.diagrams import runner
-from airrace.diagrams.runner import MakeRace
+from airrace.diagrams import race as race_module
+from airrace.diagrams.race import MakeRace
 from airrace.scenario import Scenario
 
 INPUTS = {
@@ -137,7 +137,7 @@ def test_the_check_finds_a_leak(cheat, monkeypatch):
 
 def test_the_check_finds_a_leak_under_another_name(monkeypatch):
     """The plant's state behind a port called state_estimate is no sensor's reading."""
-    make_simulation = runner.MakeSimulation
+    make_simulation = race_module.MakeSimulation
 
     def make_leaky_simulation(scenario, meshcat=None):
         simulation = make_simulation(scenario, meshcat)
@@ -158,7 +158,7 @@ def test_the_check_finds_a_leak_under_another_name(monkeypatch):
         diagram.set_name("simulation")
         return diagram
 
-    monkeypatch.setattr(runner, "MakeSimulation", make_leaky_simulation)
+    monkeypatch.setattr(race_module, "MakeSimulation", make_leaky_simulation)
     race = MakeRace(Scenario())
     with pytest.raises(AssertionError, match="state_estimate comes from"):
         check_isolation(race)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from airrace.diagrams.runner import run_race
+from airrace.diagrams.race import run_race
 from airrace.scenario import Scenario
 from airrace.scenario.camera import CameraConfig
 from airrace.track import load_track

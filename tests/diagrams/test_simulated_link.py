@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from airrace.diagrams.runner import run_race
+from airrace.diagrams.race import run_race
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from airrace.scenario import LINK_DELAY, Scenario

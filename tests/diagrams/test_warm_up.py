@@ -13,7 +13,7 @@ from airrace.scenario import load_scenario
 PROGRAM = """
 import gc, pathlib, sys
 from numba.core.dispatcher import Dispatcher
-from airrace.diagrams.runner import run_race
+from airrace.diagrams.race import run_race
 from airrace.scenario import LINK_DELAY, Scenario
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.diagrams.warm_up import LINK, warm_up

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from airrace.common.resources import models_path
-from airrace.diagrams.race import main as race
+from airrace.diagrams.race_command import main as race
 from airrace.evaluation import worker
 from airrace.evaluation.jobs import given_track, make_jobs, settings
 from airrace.evaluation.worker import RaceKilled, fly, stop_races

@@ -10,7 +10,7 @@ import pytest
 
 from airrace.analysis import load_run
 from airrace.analysis.report import write_report
-from airrace.diagrams.runner import MakeRace, close_recording, run_race
+from airrace.diagrams.race import MakeRace, close_recording, run_race
 from airrace.scenario import Scenario, load_scenario, scenario_yaml
 
 TIME_LIMIT = 4.0  # s, in which the drone takes off and flies towards gate 1
@@ -99,7 +99,7 @@ def test_gates_that_move_are_recorded(tmp_path):
 KILLED = """
 import sys
 from pathlib import Path
-from airrace.diagrams.runner import run_race
+from airrace.diagrams.race import run_race
 from airrace.scenario import Scenario
 run_race(Scenario(), Path(sys.argv[1]), show=lambda record, look: print(look.time, flush=True))
 """

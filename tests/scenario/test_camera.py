@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 
 from airrace.common.errors import UserError
 from airrace.diagrams.autonomy import MakeAutonomy
-from airrace.diagrams.runner import MakeRace
+from airrace.diagrams.race import MakeRace
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.rendering.imaging.camera_effects import CameraEffects
 from airrace.rendering.planar.renderer import PlanarRenderer

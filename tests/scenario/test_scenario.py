@@ -13,7 +13,7 @@ from pydrake.systems.analysis import SimulatorConfig
 
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, models_path
-from airrace.diagrams.runner import run_race
+from airrace.diagrams.race import run_race
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.scenario import Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera import PRESETS

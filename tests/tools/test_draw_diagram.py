@@ -42,5 +42,5 @@ def test_graphviz_draws_it(tmp_path, capsys):
         assert "apt-get install graphviz" in capsys.readouterr().err
         pytest.skip("Graphviz is not installed")
     assert main(["--output", str(tmp_path / "a.svg")]) == 0
-    words = {text.text for text in ET.parse(tmp_path / "a.svg").iter("{*}text")}
+    words = {text.text for text in ET.parse(tmp_path / "a.svg").findall(".//{*}text")}
     assert {"simulation", "autonomy", *SYSTEMS} <= words

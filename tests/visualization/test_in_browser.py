@@ -51,7 +51,7 @@ class LiveRace:
             [
                 sys.executable,
                 "-m",
-                "airrace.diagrams.race",
+                "airrace.diagrams.race_command",
                 "--track",
                 track,
                 "--laps",

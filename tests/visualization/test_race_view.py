@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from airrace.diagrams.runner import run_race
+from airrace.diagrams.race import run_race
 from airrace.scenario import load_scenario
 from airrace.track import load_track
 from airrace.visualization import meshcat_page

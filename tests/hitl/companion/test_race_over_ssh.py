@@ -63,7 +63,7 @@ def race(output, *options, meanwhile=lambda said: None):
         [
             sys.executable,
             "-m",
-            "airrace.diagrams.race",
+            "airrace.diagrams.race_command",
             "--no-meshcat",
             "--laps",
             "1",
@@ -131,7 +131,7 @@ def test_interrupted_race_leaves_nothing_running(board, tmp_path):
         [
             sys.executable,
             "-m",
-            "airrace.diagrams.race",
+            "airrace.diagrams.race_command",
             "--no-meshcat",
             "-s",
             "HITL",

@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 
 from airrace import lcmtypes
 from airrace.common.errors import UserError
-from airrace.diagrams.runner import MakeRace
+from airrace.diagrams.race import MakeRace
 from airrace.hitl.link import lockstep
 from airrace.hitl.link.endpoint import Channel, Endpoint
 from airrace.hitl.link.lockstep import Exchange, hear_peer, lockstep_times

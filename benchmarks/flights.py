@@ -14,10 +14,11 @@ from airrace.scenario import Scenario, load_scenario
 from airrace.systems.control.attitude_error import rotation_matrix
 from airrace.systems.referee_status import RefereeStatus
 from airrace.track import load_track
-from airrace.trajopt import flat_trajectory as ref
+from airrace.trajopt.flat_trajectory import flat_outputs, hold
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.flyable import clearance_of
 from airrace.trajopt.min_snap.circuit import Circuit, plan_circuit
+from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY, load_vehicle
 
 LIMITS = dict(max_speed=20.0, max_acceleration=10.0)  # of the lap (m/s, m/s^2)
@@ -107,7 +108,7 @@ def lap_reference(lap: Circuit, phase: float):
     """Returns the reference of lap after lap, from a share of the first on."""
 
     def reference(time):
-        return ref.flat_outputs(lap.derivatives((time + phase * lap.duration) % lap.duration))
+        return flat_outputs(lap.derivatives((time + phase * lap.duration) % lap.duration))
 
     return reference
 
@@ -115,30 +116,27 @@ def lap_reference(lap: Circuit, phase: float):
 @functools.cache
 def hover_reference(height: float):
     """Returns the reference of hovering over the world's origin (m)."""
-    pose = ref.hold([0.0, 0.0, height], 0.0)
+    pose = hold([0.0, 0.0, height], 0.0)
     return lambda time: pose
 
 
 def start_on(reference) -> dict:
     """Returns the start of a drone that is on a reference, see fly()."""
-    r = reference(0.0)
-    force = r[ref.ACCELERATION] + [0.0, 0.0, GRAVITY]
-    yaw, yaw_rate, yaw_acceleration = r[ref.YAW :]
+    r = as_reference(reference(0.0))
+    force = r.acceleration + [0.0, 0.0, GRAVITY]
     axes, w, _ = attitude_from_force(
         force,
-        r[ref.JERK],
-        r[ref.SNAP],
-        heading_vectors(np.cos(yaw), np.sin(yaw), yaw_rate, yaw_acceleration),
+        r.jerk,
+        r.snap,
+        heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration),
     )
     R_WB = np.column_stack(axes)
     return dict(
-        X_WB=RigidTransform(RotationMatrix(R_WB), r[ref.POSITION]),
-        w_WB=R_WB @ w,
-        v_WB=r[ref.VELOCITY],
+        X_WB=RigidTransform(RotationMatrix(R_WB), r.position), w_WB=R_WB @ w, v_WB=r.velocity
     )
 
 
 def deviations(flown: Flown, reference) -> np.ndarray:
     """Returns the distances from a reference, (N,) m."""
-    desired = np.array([reference(time)[ref.POSITION] for time in flown.times])
+    desired = np.array([as_reference(reference(time)).position for time in flown.times])
     return np.linalg.norm(flown.states[:, 4:7] - desired, axis=1)

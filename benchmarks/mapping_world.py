@@ -18,11 +18,11 @@ from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
 from airrace.systems.perception.marker_measurement import measure
 from airrace.systems.perception.marker_pose import locate
 from airrace.systems.perception.marker_search import MarkerSearch, make_detector
-from airrace.systems.sensing import state_estimate as se
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import Detections, make_camera_info
 from airrace.track import load_track
 from airrace.vehicle import CameraMount
+from airrace.vehicle.state import as_state
 from tests.worlds.kinematic_flight import Flight, filtered, fly_laps
 
 CORNERS = ("refitted", "OpenCV")
@@ -88,7 +88,12 @@ class World:
             state = flights[phase].state(time)
             X_WB = extrapolate(state, 0.0)
             imaging.take(
-                renderer.render, X_WB, state[se.ANGULAR_VELOCITY], state[se.VELOCITY], k, image
+                renderer.render,
+                X_WB,
+                as_state(state).angular_velocity,
+                as_state(state).velocity,
+                k,
+                image,
             )
             X_WC = X_WB @ self.info.X_BC
             markers = eyes.look(image)
@@ -134,7 +139,7 @@ class World:
         estimate = self._estimates(flight, seed)[
             int(time * self.scenario.state_estimate.rate + 1e-6)
         ]
-        return extrapolate(estimate, time - estimate[se.TIME])
+        return extrapolate(estimate, time - as_state(estimate).time)
 
     @functools.cache  # noqa: B019  # the world lives as long as the benchmark
     def _estimates(self, flight, seed) -> np.ndarray:

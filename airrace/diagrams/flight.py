@@ -9,7 +9,7 @@ from airrace.diagrams.autonomy import make_system
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.scenario import Scenario
 from airrace.systems.types import ExplorerStatus
-from airrace.trajopt import flat_trajectory as ref
+from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import GRAVITY, load_vehicle
 
 CONTROL = ("rotor_monitor", "state_filter", "geometric_controller")
@@ -26,11 +26,11 @@ class ReferenceSource(LeafSystem):
     """
 
     def __init__(self, reference):
-        """Args: reference: time (s) to the vector of trajopt/flat_trajectory.py."""
+        """Args: reference: time (s) to the vector of trajopt/reference.py."""
         LeafSystem.__init__(self)
         self.DeclareVectorOutputPort(
             "reference",
-            ref.SIZE,
+            REFERENCE_SIZE,
             lambda context, output: output.set_value(reference(context.get_time())),
             {self.time_ticket()},
         )
@@ -46,7 +46,7 @@ def MakeFlight(scenario: Scenario, reference) -> Diagram:
     Args:
         scenario: of which track, drone, disturbances, failures, noise, and
             the systems of CONTROL matter.
-        reference: time (s) to the vector of trajopt/flat_trajectory.py, (18,).
+        reference: time (s) to the vector of trajopt/reference.py, (18,).
     """
     builder = DiagramBuilder()
     simulation = builder.AddSystem(MakeSimulation(scenario))

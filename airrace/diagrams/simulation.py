@@ -39,7 +39,7 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     ``camera_grey`` (the same picture, ImageGrey8U), ``camera_view`` (the same once more,
     drawn only where it is read, CameraView),
     ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
-    (see systems/sensing/state_estimate.py), ``rotor_speeds`` (rad/s) and
+    (see vehicle/state.py), ``rotor_speeds`` (rad/s) and
     ``rotor_status`` (see RotorBank) of the motor controllers. Truth, for judges
     and spectators only: ``truth.state`` (13), ``truth.referee_status``
     (RefereeStatus), and if gates move, ``truth.gate_shifts`` (see GateMover),

@@ -15,10 +15,10 @@ from airrace.hitl.link.packets import MALFORMED, Dropped
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.referee_status import RefereeStatus
-from airrace.systems.sensing import state_estimate as se
 from airrace.systems.types import ExplorerStatus
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
+from airrace.vehicle.state import STATE_SIZE
 
 SIMULATION, AUTONOMY = "simulation", "autonomy"
 _IMAGES = {"camera_grey": ImageGrey8U, "camera_image": ImageRgba8U}  # C++ values
@@ -113,7 +113,7 @@ def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[Row, ...
             scenario.state_estimate.rate,
             messages.encode_state_estimate,
             messages.decode_state_estimate,
-            zeros(se.SIZE),
+            zeros(STATE_SIZE),
         ),
         _rotors(scenario, n),
         _row(

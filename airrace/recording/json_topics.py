@@ -11,7 +11,7 @@ from airrace.track.map_files import map_data, rounded, statistics_data
 
 PLAN_STEP = 0.02  # s between two samples of a plan
 PLAN_COLUMNS = ("x", "y", "z", "vx", "vy", "vz", "yaw")
-_PLAN_ROWS = (0, 1, 2, 3, 4, 5, 15)  # of flat_trajectory.py
+_PLAN_ROWS = (0, 1, 2, 3, 4, 5, 15)  # of trajopt/reference.py
 
 
 def _schema(name: str, description: str, properties: dict) -> dict:

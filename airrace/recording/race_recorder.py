@@ -9,12 +9,12 @@ from airrace.recording.writer import RaceLog
 from airrace.scenario.recording import RecordingConfig
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.referee_status import RefereeStatus
-from airrace.systems.sensing import state_estimate as se
 from airrace.systems.types import Detections, ExplorerStatus
 from airrace.track import Track
 from airrace.track.gate_map import GateMap
-from airrace.trajopt import flat_trajectory as ref
+from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import Vehicle
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 _MAP_PERIOD = 1.0  # s between two writes of a map that changed
 _PATH_PERIOD, _PATH_POINTS = 1.0, 150  # s; how many of the last looks a path shows
@@ -86,11 +86,11 @@ class RaceRecorder(LeafSystem):
         n = len(vehicle.rotors)
         pictures = config.content == "full"
         sizes = {
-            "truth.state": se.SIZE - 1,
-            "state_estimate": se.SIZE,
-            "filtered_estimate": se.SIZE,
+            "truth.state": STATE_SIZE - 1,
+            "state_estimate": STATE_SIZE,
+            "filtered_estimate": STATE_SIZE,
             "disturbance": 3,
-            "reference": ref.SIZE,
+            "reference": REFERENCE_SIZE,
             "rotor_speeds": n,
             "rotor_speed_command": n,
         }
@@ -160,7 +160,7 @@ class RaceRecorder(LeafSystem):
         for name, topic in (("state_estimate", "estimate"), ("filtered_estimate", "filtered")):
             estimate = self._value(context, name)
             if estimate is not None:
-                message = foxglove_messages.odometry(estimate[se.TIME], estimate[1:])
+                message = foxglove_messages.odometry(as_state(estimate).time, estimate[1:])
                 write(f"/state/{topic}", time, message)
         reference = self._value(context, "reference")
         if reference is not None:
@@ -168,7 +168,7 @@ class RaceRecorder(LeafSystem):
             write(
                 "/reference/acceleration",
                 time,
-                foxglove_messages.vector3(reference[ref.ACCELERATION]),
+                foxglove_messages.vector3(as_reference(reference).acceleration),
             )
         disturbance = self._value(context, "disturbance")
         if disturbance is not None:

@@ -5,15 +5,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.common.immutable import Immutable
 from airrace.common.jit import compilable, compiled
-
-# A sample of the flat outputs and their derivatives: the vector `reference`.
-SIZE = 18
-POSITION = slice(0, 3)
-VELOCITY = slice(3, 6)
-ACCELERATION = slice(6, 9)
-JERK = slice(9, 12)
-SNAP = slice(12, 15)
-YAW, YAW_RATE, YAW_ACCELERATION = 15, 16, 17
+from airrace.trajopt.reference import REFERENCE_SIZE, Reference, as_reference
 
 
 class FlatTrajectory(Immutable):
@@ -48,7 +40,7 @@ class FlatTrajectory(Immutable):
         return _derivatives(self._breaks, self._coefficients, float(time))[:count]
 
     def reference(self, time: float) -> np.ndarray:
-        """Returns the sample at a time, as laid out above, shape (18,).
+        """Returns the sample at a time, a Reference as a vector (18,).
 
         Beyond the end it is the end point, at rest.
         """
@@ -56,10 +48,10 @@ class FlatTrajectory(Immutable):
 
     def positions(self, times) -> np.ndarray:
         """Returns the positions at many times, (3, N) m."""
-        return self.sample(times)[POSITION]
+        return as_reference(self.sample(times)).position
 
     def sample(self, times) -> np.ndarray:
-        """Returns samples at many times, shape (18, N)."""
+        """Returns samples at many times, References as vectors, (18, N)."""
         return _samples(self._breaks, self._coefficients, np.asarray(times, float))
 
 
@@ -108,39 +100,27 @@ def _derivatives(breaks, coefficients, time):
 @compiled
 def _reference(breaks, coefficients, time):
     """Returns the sample at a time, (18,); see FlatTrajectory.reference()."""
-    d, result = np.empty((5, 4)), np.empty(SIZE)
+    d = np.empty((5, 4))
     _evaluate(breaks, coefficients, time, d)
     if time > breaks[-1]:
         d[1:] = 0.0
-    _pack(d, result)
-    return result
+    return flat_outputs(d)
 
 
 @compiled
 def _samples(breaks, coefficients, times):
     """Returns samples, (18, n); see FlatTrajectory.sample()."""
-    result, d = np.empty((SIZE, len(times))), np.empty((5, 4))
+    result, d = np.empty((REFERENCE_SIZE, len(times))), np.empty((5, 4))
     for i in range(len(times)):
         _evaluate(breaks, coefficients, times[i], d)
-        _pack(d, result[:, i])
+        result[:, i] = flat_outputs(d)
     return result
-
-
-@compilable
-def _pack(derivatives, reference) -> None:
-    for order in range(5):
-        for j in range(3):
-            reference[3 * order + j] = derivatives[order, j]
-    for order in range(3):
-        reference[YAW + order] = derivatives[order, 3]
 
 
 @compiled
 def flat_outputs(derivatives) -> np.ndarray:
     """Packs value and four derivatives of x, y, z, yaw, (5, 4), into (18,)."""
-    reference = np.empty(SIZE)
-    _pack(derivatives, reference)
-    return reference
+    return np.concatenate((derivatives[:, :3].copy().reshape(15), derivatives[:3, 3]))
 
 
 def unpack_flat_outputs(reference) -> np.ndarray:
@@ -148,8 +128,8 @@ def unpack_flat_outputs(reference) -> np.ndarray:
 
     Those of yaw beyond the second are not part of a sample: zero.
     """
-    xyz = reference[:YAW].reshape(5, 3)
-    return np.column_stack([xyz, [*reference[YAW:], 0.0, 0.0]])
+    *xyz, yaw, yaw_rate, yaw_acceleration = as_reference(reference)
+    return np.column_stack([xyz, [yaw, yaw_rate, yaw_acceleration, 0.0, 0.0]])
 
 
 def hold(p_WB, yaw: float) -> np.ndarray:
@@ -159,6 +139,5 @@ def hold(p_WB, yaw: float) -> np.ndarray:
         p_WB: (3,) in the world (m).
         yaw: (rad).
     """
-    result = np.zeros(SIZE)
-    result[POSITION], result[YAW] = p_WB, yaw
-    return result
+    rest = np.zeros(3)
+    return np.hstack(Reference(p_WB, rest, rest, rest, rest, yaw, 0.0, 0.0))

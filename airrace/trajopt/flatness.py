@@ -4,7 +4,7 @@ import numpy as np
 
 from airrace.common.jit import compilable
 from airrace.math.vec3 import cross, dot, sum2, sum3
-from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SNAP, VELOCITY, YAW
+from airrace.trajopt.reference import as_reference
 
 
 @compilable
@@ -75,7 +75,7 @@ def rotor_thrusts(flat_outputs, vehicle, gravity) -> np.ndarray:
     """Inverse dynamics of a trajectory, without drag.
 
     Args:
-        flat_outputs: samples as in flat_trajectory.py, shape (18, N).
+        flat_outputs: samples as in trajopt/reference.py, shape (18, N).
         vehicle: the airrace.vehicle.Vehicle.
         gravity: (m/s^2).
 
@@ -90,7 +90,7 @@ def inverse_dynamics(flat_outputs, vehicle, gravity, drag=0.0):
     """Inverse dynamics of a trajectory through the air at rest.
 
     Args:
-        flat_outputs: samples as in flat_trajectory.py, shape (18, N).
+        flat_outputs: samples as in trajopt/reference.py, shape (18, N).
         vehicle: the airrace.vehicle.Vehicle.
         gravity: (m/s^2).
         drag: share of the vehicle's drag.
@@ -100,13 +100,12 @@ def inverse_dynamics(flat_outputs, vehicle, gravity, drag=0.0):
         pseudo-inverse of the allocation, not clipped to the limits; angular
         velocity in B (rad/s), shape (3, N).
     """
-    yaw, yaw_rate, yaw_acceleration = flat_outputs[YAW:]
-    v = flat_outputs[VELOCITY]
+    r = as_reference(flat_outputs)
     *force, surplus = thrust_vectors(flat_outputs, vehicle, gravity, drag)
     axes, w, alpha = attitude_from_force(
-        *force, heading_vectors(np.cos(yaw), np.sin(yaw), yaw_rate, yaw_acceleration)
+        *force, heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration)
     )
-    thrust = vehicle.mass * (dot(force[0], force[0]) ** 0.5 + surplus * dot(v, axes[2]))
+    thrust = vehicle.mass * (dot(force[0], force[0]) ** 0.5 + surplus * dot(r.velocity, axes[2]))
     moment = moments(vehicle, np.array(w), np.array(alpha), drag)
     return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust[None], moment]), np.array(w)
 
@@ -136,7 +135,7 @@ def thrust_vectors(flat_outputs, vehicle, gravity, drag=0.0, unit=1.0):
     vehicles whose drag differs along x and y, the mean is taken.
 
     Args:
-        flat_outputs: samples as in flat_trajectory.py, shape (18, N), real or
+        flat_outputs: samples as in trajopt/reference.py, shape (18, N), real or
             complex, with time in multiples of the unit.
         vehicle: the airrace.vehicle.Vehicle.
         gravity: (m per squared unit), a number or (N,).
@@ -148,7 +147,7 @@ def thrust_vectors(flat_outputs, vehicle, gravity, drag=0.0, unit=1.0):
         a tuple of three arrays (N,); the thrust over mass is the amount of the
         force, and the surplus times the velocity along it.
     """
-    v, a, j, s = (flat_outputs[k] for k in (VELOCITY, ACCELERATION, JERK, SNAP))
+    _, v, a, j, s, *_ = as_reference(flat_outputs)
     force = (a[0], a[1], a[2] + gravity)
     if drag == 0.0:
         return force, j, s, 0.0

@@ -5,8 +5,8 @@ import functools
 
 import numpy as np
 
-from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SIZE, SNAP, VELOCITY, YAW
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.reference import Reference
 from airrace.vehicle import GRAVITY, Vehicle
 
 
@@ -83,9 +83,6 @@ class FlightLimits:
 
 
 def pack(derivatives) -> np.ndarray:
-    """Returns samples (5, N, 4) as flat_trajectory.py lays them out, (18, N)."""
-    result = np.empty((SIZE, derivatives.shape[1]), derivatives.dtype)
-    for k, rows in enumerate((slice(0, 3), VELOCITY, ACCELERATION, JERK, SNAP)):
-        result[rows] = derivatives[k, :, :3].T
-    result[YAW:] = derivatives[:3, :, 3]
-    return result
+    """Returns samples (5, N, 4) as References, (18, N)."""
+    xyz, yaw = np.swapaxes(derivatives[..., :3], 1, 2), derivatives[:3, :, 3]
+    return np.vstack(Reference(*xyz, *yaw))

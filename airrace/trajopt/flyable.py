@@ -6,9 +6,10 @@ import numpy as np
 
 from airrace.common.jit import compiled
 from airrace.track import BOARD_OFFSET, BOARD_SIZE, PYLON_HEIGHT
-from airrace.trajopt.flat_trajectory import ACCELERATION, VELOCITY, FlatTrajectory
+from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY
 
 LOWEST = 1.0  # m, the least height
@@ -59,7 +60,7 @@ def rotor_excess(samples, limits: FlightLimits) -> float:
     """Returns by which share of its limit the worst rotor is beyond it, or below zero.
 
     Args:
-        samples: as in flat_trajectory.py, (18, N).
+        samples: as in trajopt/reference.py, (18, N).
         limits: of the rotors.
     """
     thrusts, _ = inverse_dynamics(samples, limits.vehicle, GRAVITY, limits.drag)
@@ -78,7 +79,7 @@ def pylon_distances(samples, pylons) -> np.ndarray:
     The axes end at the pylons' tips: far above those, a drone is clear.
 
     Args:
-        samples: as in flat_trajectory.py, (18, N).
+        samples: as in trajopt/reference.py, (18, N).
         pylons: axes, [x, y], (n, 2) m.
     """
     return _pylon_distances(
@@ -107,7 +108,7 @@ def passes_forward(trajectory: FlatTrajectory, times, headings) -> np.ndarray:
         times: when, (n,) s.
         headings: of the gates, (n,) rad.
     """
-    velocity = trajectory.sample(times)[VELOCITY]
+    velocity = as_reference(trajectory.sample(times)).velocity
     along = velocity[0] * np.cos(headings) + velocity[1] * np.sin(headings)
     return along > np.cos(MAX_CROSSING_ANGLE) * np.linalg.norm(velocity, axis=0)
 
@@ -115,6 +116,6 @@ def passes_forward(trajectory: FlatTrajectory, times, headings) -> np.ndarray:
 def peaks(samples) -> tuple[float, float]:
     """Returns the largest speed and acceleration of samples (18, N) (m, s)."""
     return (
-        float(np.linalg.norm(samples[VELOCITY], axis=0).max()),
-        float(np.linalg.norm(samples[ACCELERATION], axis=0).max()),
+        float(np.linalg.norm(as_reference(samples).velocity, axis=0).max()),
+        float(np.linalg.norm(as_reference(samples).acceleration, axis=0).max()),
     )

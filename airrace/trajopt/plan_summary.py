@@ -5,12 +5,13 @@ import dataclasses as dc
 import numpy as np
 
 from airrace.common.immutable import Immutable
-from airrace.trajopt.flat_trajectory import ACCELERATION, POSITION, VELOCITY, YAW, FlatTrajectory
+from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import pylon_distances
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import Circuit
+from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY
 
 _RATE = 1000.0  # Hz
@@ -100,15 +101,15 @@ def check_flight(samples, pylons, limits: FlightLimits, max_bearing: float = 0.0
     """Checks samples of a flight.
 
     Args:
-        samples: as in flat_trajectory.py, (18, N).
+        samples: as in trajopt/reference.py, (18, N).
         pylons: axes, [x, y], (m, 2) m.
         limits: to keep.
         max_bearing: see FlightCheck.
     """
     thrusts, w = inverse_dynamics(samples, limits.vehicle, GRAVITY, limits.drag)
     most = limits.max_thrusts[:, None]
-    speed = float(np.linalg.norm(samples[VELOCITY], axis=0).max())
-    acceleration = float(np.linalg.norm(samples[ACCELERATION], axis=0).max())
+    speed = float(np.linalg.norm(as_reference(samples).velocity, axis=0).max())
+    acceleration = float(np.linalg.norm(as_reference(samples).acceleration, axis=0).max())
     rate = float(np.linalg.norm(w, axis=0).max())
     shares = {
         "speed": speed / limits.max_speed,
@@ -133,7 +134,7 @@ def check_flight(samples, pylons, limits: FlightLimits, max_bearing: float = 0.0
 
 def _max_bearing(samples, times, gate_times, gates, least_range) -> float:
     following = np.searchsorted(gate_times, times, side="right") % len(gates.midpoints)
-    to_gate = gates.midpoints[following].T[:2] - samples[POSITION][:2]
-    off = np.arctan2(to_gate[1], to_gate[0]) - samples[YAW]
+    to_gate = gates.midpoints[following].T[:2] - as_reference(samples).position[:2]
+    off = np.arctan2(to_gate[1], to_gate[0]) - as_reference(samples).yaw
     off = np.abs((off + np.pi) % (2 * np.pi) - np.pi)
     return float(off[np.linalg.norm(to_gate, axis=0) > least_range].max(initial=0.0))

@@ -11,9 +11,10 @@ from airrace.diagrams.flight import CONTROL, MakeFlight, start_in_flight
 from airrace.scenario import ControllerConfig, Scenario
 from airrace.systems.control.attitude_error import rotation_matrix
 from airrace.track import load_track
-from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SNAP, VELOCITY, flat_outputs, hold
+from airrace.trajopt.flat_trajectory import flat_outputs, hold
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.min_snap.circuit import plan_circuit
+from airrace.trajopt.reference import as_reference
 from airrace.vehicle import DRONES, GRAVITY
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig
 
@@ -38,13 +39,20 @@ def fly(flown, reference, seconds, R=None, until=lambda state: False):
     start = reference(0.0)
     w_W = np.zeros(3)
     if R is None:
-        force = start[ACCELERATION] + [0.0, 0.0, GRAVITY]
+        force = as_reference(start).acceleration + [0.0, 0.0, GRAVITY]
         heading = heading_vectors(np.cos(start[15]), np.sin(start[15]), *start[16:].tolist())
-        axes, w, _ = attitude_from_force(force, start[JERK], start[SNAP], heading)
+        axes, w, _ = attitude_from_force(
+            force, as_reference(start).jerk, as_reference(start).snap, heading
+        )
         R = RotationMatrix(np.array(axes).T)
         w_W = R @ np.array(w)
     start_in_flight(
-        flight, flown, context, X_WB=RigidTransform(R, start[:3]), w_WB=w_W, v_WB=start[VELOCITY]
+        flight,
+        flown,
+        context,
+        X_WB=RigidTransform(R, start[:3]),
+        w_WB=w_W,
+        v_WB=as_reference(start).velocity,
     )
     simulator.Initialize()
     states = []

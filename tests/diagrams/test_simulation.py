@@ -14,11 +14,11 @@ from airrace.diagrams.simulation import MakeSimulation, follow_gates
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.scenario import RotorsConfig, Scenario
 from airrace.scenario.camera import RENDERERS, CameraConfig
-from airrace.systems.sensing import state_estimate as se
 from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
 from airrace.vehicle import GRAVITY, find_vehicle, load_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig, true_vehicle
+from airrace.vehicle.state import as_state
 
 VEHICLE, _ = load_vehicle("Default")
 HOVER_SPEED = np.sqrt(GRAVITY / 4 / 1e-3)
@@ -152,8 +152,8 @@ def test_hovers_and_reports_its_estimate():
     rotors.set_speeds(context, np.full(4, HOVER_SPEED))
     flight.advance(5.0)
     np.testing.assert_allclose(flight.state, start, atol=1e-6)
-    np.testing.assert_allclose(flight.state_estimate[se.POSITION], [0, 0, 5], atol=0.03)
-    assert flight.state_estimate[se.TIME] == pytest.approx(5.0, abs=0.0051)
+    np.testing.assert_allclose(as_state(flight.state_estimate).position, [0, 0, 5], atol=0.03)
+    assert as_state(flight.state_estimate).time == pytest.approx(5.0, abs=0.0051)
     assert flight.rotor_speeds == pytest.approx([HOVER_SPEED] * 4)
 
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airrace.trajopt import flat_trajectory as flat
 from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs, hold
 from airrace.trajopt.min_snap.min_snap import solve_min_snap
+from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 
 POINTS = np.array(
     [[0, 0, 5, 0], [10, 2, 6, 1], [15, 12, 4, 2.5], [3, 20, 5, 4], [-9, 4, 6, 6]], float
@@ -20,12 +20,10 @@ few = settings(max_examples=30)
 
 
 def test_the_layout_covers_the_vector_once():
-    indices = np.arange(flat.SIZE)
-    parts = [
-        indices[s] for s in (flat.POSITION, flat.VELOCITY, flat.ACCELERATION, flat.JERK, flat.SNAP)
-    ]
-    yaw = [flat.YAW, flat.YAW_RATE, flat.YAW_ACCELERATION]
-    np.testing.assert_array_equal(np.concatenate([*parts, yaw]), indices)
+    indices = np.arange(REFERENCE_SIZE)
+    np.testing.assert_array_equal(np.hstack(as_reference(indices)), indices)
+    many = np.tile(indices[:, None], 2)
+    np.testing.assert_array_equal(np.vstack(as_reference(many)), many)
 
 
 def test_breaks():
@@ -59,16 +57,14 @@ def test_each_is_the_rate_of_the_one_before(t):
 @given(st.lists(times, min_size=1, max_size=5))
 def test_samples_references_and_derivatives_agree(many):
     samples = TRAJECTORY.sample(many)
-    assert samples.shape == (flat.SIZE, len(many))
+    assert samples.shape == (REFERENCE_SIZE, len(many))
     for t, sample in zip(many, samples.T):
         np.testing.assert_allclose(TRAJECTORY.reference(t), sample, rtol=1e-12, atol=1e-12)
         d = TRAJECTORY.derivatives(t)
         np.testing.assert_allclose(flat_outputs(d), sample, rtol=1e-12, atol=1e-12)
-        for order, part in enumerate(
-            (flat.POSITION, flat.VELOCITY, flat.ACCELERATION, flat.JERK, flat.SNAP)
-        ):
-            np.testing.assert_allclose(sample[part], d[order, :3], rtol=1e-12)
-        np.testing.assert_allclose(sample[flat.YAW :], d[:3, 3], rtol=1e-12)
+        *xyz, yaw, yaw_rate, yaw_acceleration = as_reference(sample)
+        np.testing.assert_allclose(xyz, d[:, :3], rtol=1e-12)
+        np.testing.assert_allclose([yaw, yaw_rate, yaw_acceleration], d[:3, 3], rtol=1e-12)
 
 
 @few
@@ -99,4 +95,6 @@ def test_a_copy_is_the_thing_itself():
 
 def test_positions_are_those_of_the_samples():
     t = np.linspace(0.0, TRAJECTORY.duration, 7)
-    np.testing.assert_array_equal(TRAJECTORY.positions(t), TRAJECTORY.sample(t)[flat.POSITION])
+    np.testing.assert_array_equal(
+        TRAJECTORY.positions(t), as_reference(TRAJECTORY.sample(t)).position
+    )

@@ -9,11 +9,11 @@ from pydrake.systems.framework import DiagramBuilder
 
 from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
 from airrace.track import load_track
-from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, POSITION, SNAP, VELOCITY, YAW
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, rotor_thrusts
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import plan_circuit
+from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.vehicle import DRONES, GRAVITY, load_vehicle
 
@@ -39,16 +39,16 @@ def lap(kind, vehicle):
 
 def pose_and_rates(sample):
     """Returns R_WB, and w and v in the world, of a sample (18,)."""
-    force = sample[ACCELERATION] + [0.0, 0.0, GRAVITY]
-    yaw, rate, acceleration = sample[YAW:]
+    force = as_reference(sample).acceleration + [0.0, 0.0, GRAVITY]
+    *_, yaw, rate, acceleration = as_reference(sample)
     axes, w, _ = attitude_from_force(
         force,
-        sample[JERK],
-        sample[SNAP],
+        as_reference(sample).jerk,
+        as_reference(sample).snap,
         heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration),
     )
     R = np.column_stack(axes)
-    return R, R @ w, sample[VELOCITY]
+    return R, R @ w, as_reference(sample).velocity
 
 
 @pytest.mark.parametrize("drone", DRONES)
@@ -76,7 +76,9 @@ def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
     samples = trajectory.sample(np.append(times, times[-1] + STEP))
     R, w, v = pose_and_rates(samples[:, 0])
     plant.SetFloatingBaseBodyPoseInWorldFrame(
-        own, plant.GetBodyByName("body"), RigidTransform(RotationMatrix(R), samples[POSITION, 0])
+        own,
+        plant.GetBodyByName("body"),
+        RigidTransform(RotationMatrix(R), as_reference(samples[:, 0]).position),
     )
     plant.SetVelocities(own, np.concatenate([w, v]))
     simulator.Initialize()
@@ -87,9 +89,13 @@ def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
         simulator.AdvanceTo((k + 1) * STEP)
     X = plant.EvalBodyPoseInWorld(own, plant.GetBodyByName("body"))
     R, _, v = pose_and_rates(samples[:, -1])
-    flown = np.linalg.norm(samples[POSITION, -1] - samples[POSITION, 0])
+    flown = np.linalg.norm(
+        as_reference(samples[:, -1]).position - as_reference(samples[:, 0]).position
+    )
     assert flown > 5.0
-    np.testing.assert_allclose(X.translation(), samples[POSITION, -1], atol=2e-3 * flown)
+    np.testing.assert_allclose(
+        X.translation(), as_reference(samples[:, -1]).position, atol=2e-3 * flown
+    )
     np.testing.assert_allclose(plant.GetVelocities(own)[3:], v, atol=0.01 * np.linalg.norm(v))
     off = np.arccos(np.clip((np.trace(R.T @ X.rotation().matrix()) - 1) / 2, -1, 1))
     assert off < np.deg2rad(1.0)

@@ -13,7 +13,6 @@ from airrace.scenario import PerceptionConfig, Scenario, StateEstimateConfig
 from airrace.systems.exploring.explorer import Explorer
 from airrace.systems.mapping.gate_mapper import extrapolate
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
-from airrace.systems.sensing import state_estimate as se
 from airrace.systems.types import Detection, Detections, ExplorerStatus, make_camera_info
 from airrace.track import (
     BOARD_HEIGHT,
@@ -25,9 +24,10 @@ from airrace.track import (
     Track,
 )
 from airrace.track.gate_map import GateMap
-from airrace.trajopt import flat_trajectory as ref
 from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import CameraMount, load_vehicle
+from airrace.vehicle.state import STATE_SIZE, as_state
 from tests.worlds.kinematic_flight import flat_state, noisy
 
 _INFO = make_camera_info(width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=CameraMount().X_BC)
@@ -100,10 +100,10 @@ class ExplorationWorld(LeafSystem):
         self._estimate = self._state
         self._detections = Detections()
         self.path = []
-        self._reference = self.DeclareVectorInputPort("exploration_reference", ref.SIZE)
+        self._reference = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
         now = {self.time_ticket()}  # and nothing of the input: no loop
         self.DeclareVectorOutputPort(
-            "state_estimate", se.SIZE, lambda c, o: o.set_value(self._estimate), now
+            "state_estimate", STATE_SIZE, lambda c, o: o.set_value(self._estimate), now
         )
         self.DeclareAbstractOutputPort(
             "detections",
@@ -122,14 +122,14 @@ class ExplorationWorld(LeafSystem):
     def _publish_observations(self, context):
         time = context.get_time()
         f = self._reference.Eval(context)
-        standing = f[2] < self._pad[se.POSITION][2] + 0.01
+        standing = f[2] < as_state(self._pad).position[2] + 0.01
         state = self._pad.copy() if standing else flat_state(f, time)
-        state[se.TIME] = time
+        state[0] = time
         self._state = state
         self._estimate = noisy(state, StateEstimateConfig(), self._seed)
-        self.path.append(state[se.POSITION])
+        self.path.append(as_state(state).position)
         X_WC = extrapolate(state, 0.0) @ _INFO.X_BC
-        speed = np.linalg.norm(state[se.ANGULAR_VELOCITY])
+        speed = np.linalg.norm(as_state(state).angular_velocity)
         markers = tuple(self._measure(i, X_WC) for i in self._visible(X_WC, speed))
         self._detections = Detections(time, markers)
         believed = extrapolate(self._estimate, 0.0) @ _INFO.X_BC

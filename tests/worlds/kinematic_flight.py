@@ -5,13 +5,13 @@ from pydrake.math import RotationMatrix
 
 from airrace.math.random import make_generator
 from airrace.systems.control.state_filter import StateFilter
-from airrace.systems.sensing import state_estimate as se
 from airrace.track import Track
-from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, POSITION, SNAP, VELOCITY, YAW
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.flyable import clearance_of
 from airrace.trajopt.min_snap.circuit import plan_circuit
+from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle.state import State, as_state, state_vector
 
 
 class Flight:
@@ -24,35 +24,32 @@ class Flight:
 
     def acceleration(self, time: float) -> np.ndarray:
         """Returns it at a time (s), (3,) m/s^2."""
-        return self._trajectory.reference(time % self._trajectory.duration)[ACCELERATION]
+        reference = self._trajectory.reference(time % self._trajectory.duration)
+        return as_reference(reference).acceleration
 
     def state(self, time: float) -> np.ndarray:
-        """Returns the vector of state_estimate.py at a time (s), without noise, (14,)."""
+        """Returns the vector of vehicle/state.py at a time (s), without noise, (14,)."""
         f = self._trajectory.reference(time % self._trajectory.duration)
         return flat_state(f, time)
 
 
 def flat_state(f, time: float) -> np.ndarray:
-    """Returns the vector of state_estimate.py of who flies a reference exactly, (14,).
+    """Returns the vector of vehicle/state.py of who flies a reference exactly, (14,).
 
     Args:
-        f: the sample of flat_trajectory.py, (18,).
+        f: the sample of trajopt/reference.py, (18,).
         time: (s).
     """
-    yaw, rate, acceleration = f[YAW:]
+    r = as_reference(f)
     axes, w_B, _ = attitude_from_force(
-        tuple(f[ACCELERATION] + [0.0, 0.0, GRAVITY]),
-        tuple(f[JERK]),
-        tuple(f[SNAP]),
-        heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration),
+        tuple(r.acceleration + [0.0, 0.0, GRAVITY]),
+        tuple(r.jerk),
+        tuple(r.snap),
+        heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration),
     )
     R_WB = RotationMatrix.ProjectToRotationMatrix(np.column_stack(axes))
-    result = np.empty(se.SIZE)
-    result[se.TIME] = time
-    result[se.QUATERNION] = R_WB.ToQuaternion().wxyz()
-    result[se.POSITION], result[se.VELOCITY] = f[POSITION], f[VELOCITY]
-    result[se.ANGULAR_VELOCITY] = R_WB @ np.array(w_B)
-    return result
+    quaternion = R_WB.ToQuaternion().wxyz()
+    return state_vector(State(time, quaternion, r.position, R_WB @ np.array(w_B), r.velocity))
 
 
 def fly_laps(track: Track, dimensions: int, limits, laps: int) -> Flight:
@@ -112,8 +109,9 @@ def filtered(flight: Flight, config, seed: int) -> np.ndarray:
 
 def noisy(state, config, seed: int) -> np.ndarray:
     """Returns a state with the noise of a StateEstimateConfig, drawn by its time, (14,)."""
-    n = make_generator(seed, "benchmark", round(state[se.TIME] * 1e6)).standard_normal(5)
+    n = make_generator(seed, "benchmark", round(as_state(state).time * 1e6)).standard_normal(5)
     result = state.copy()
-    result[se.POSITION] += config.position_sigma * n[:3]
-    result[se.VELOCITY][:2] *= 1.0 + config.velocity_sigma * n[3:]
+    estimate = as_state(result)
+    estimate.position[:] += config.position_sigma * n[:3]
+    estimate.velocity[:2] *= 1.0 + config.velocity_sigma * n[3:]
     return result

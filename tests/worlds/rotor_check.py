@@ -7,7 +7,7 @@ of positions, angular velocities and accelerations from differences of attitudes
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from airrace.trajopt.flat_trajectory import POSITION, YAW
+from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY, Vehicle
 
 _STEP = 1e-3  # s
@@ -24,7 +24,7 @@ def rotor_shares(lap, vehicle: Vehicle) -> tuple[float, float]:
     # Six samples more than a lap, where it begins again: each difference loses some.
     times = (np.arange(int(lap.duration / h) + 6) * h) % lap.duration
     samples = lap.sample(times)
-    p, yaw = samples[POSITION].T, samples[YAW]
+    p, yaw = as_reference(samples).position.T, as_reference(samples).yaw
     f = np.diff(p, 2, axis=0) / h**2 + [0.0, 0.0, GRAVITY]
     z_B = f / np.linalg.norm(f, axis=1, keepdims=True)
     y_B = np.cross(z_B, np.column_stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw])[1:-1])

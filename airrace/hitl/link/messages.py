@@ -13,9 +13,9 @@ from airrace import lcmtypes
 from airrace.common.immutable import read_only
 from airrace.hitl.link.packets import MALFORMED, NOT_FINITE, Dropped
 from airrace.systems.referee_status import GateCrossing, RefereeStatus
-from airrace.systems.sensing import state_estimate as se
 from airrace.systems.types import CameraInfo, ExplorerEvent, ExplorerStatus
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
+from airrace.vehicle.state import as_state
 
 
 def check_finite(*values) -> None:
@@ -26,18 +26,18 @@ def check_finite(*values) -> None:
 
 
 def encode_state_estimate(estimate) -> lcmtypes.lcmt_state_estimate:
-    """Args: estimate: see systems/state_estimate.py, (14,)."""
+    """Args: estimate: see vehicle/state.py, (14,)."""
     message = lcmtypes.lcmt_state_estimate()
     numbers = estimate.tolist()
-    message.time = numbers[se.TIME]
-    message.quaternion, message.position = numbers[se.QUATERNION], numbers[se.POSITION]
-    message.angular_velocity = numbers[se.ANGULAR_VELOCITY]
-    message.velocity = numbers[se.VELOCITY]
+    message.time = as_state(numbers).time
+    message.quaternion, message.position = as_state(numbers).quaternion, as_state(numbers).position
+    message.angular_velocity = as_state(numbers).angular_velocity
+    message.velocity = as_state(numbers).velocity
     return message
 
 
 def decode_state_estimate(message) -> np.ndarray:
-    """Returns see systems/state_estimate.py, (14,)."""
+    """Returns see vehicle/state.py, (14,)."""
     numbers = [
         message.time,
         *message.quaternion,

@@ -11,9 +11,10 @@ from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rotor_monitor import RotorMonitor
 from airrace.systems.control.state_filter import StateFilter
 from airrace.systems.exploring.exploration import hover_pose
-from airrace.systems.sensing import state_estimate as se
-from airrace.trajopt import flat_trajectory as ref
+from airrace.trajopt.flat_trajectory import hold
+from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import load_vehicle
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 # How old a command may be (s).
 HOLD_AFTER, HOVER_AFTER, LAND_AFTER = 0.1, 0.5, 2.0
@@ -24,7 +25,7 @@ _DESCENT, _LAST_DESCENT = 2.0, 0.5  # m/s, and over the last metre
 _LOW = 1.0  # m over the ground; from there a landing is finished
 _AIRBORNE = 0.4  # m over where it stood
 _BELOW = 3.0  # m under the pad: the rotors idle
-_NOTHING = np.full(ref.SIZE, np.nan)
+_NOTHING = np.full(REFERENCE_SIZE, np.nan)
 
 
 @dc.dataclass(slots=True)
@@ -80,7 +81,7 @@ class CommandWatchdog(LeafSystem):
     ``rotor_speed_command_time`` when that was sent (s). While it is fresh it goes
     through. If it is older than 0.1 s, the last one is held; after 0.5 s
     ``own_command``, of a controller that follows ``reference``
-    (trajopt/flat_trajectory.py), levels the drone, brakes it and lets it hover;
+    (trajopt/reference.py), levels the drone, brakes it and lets it hover;
     after 2 s it lands. While commands are fresh the reference is NaN, at which that
     controller rests. As soon as a fresh command comes, it is followed again,
     unless the drone is about to touch down. On the pad, the rotors idle.
@@ -92,7 +93,7 @@ class CommandWatchdog(LeafSystem):
         self._command = self.DeclareVectorInputPort("rotor_speed_command", rotors)
         self._time = self.DeclareVectorInputPort("rotor_speed_command_time", 1)
         self._own = self.DeclareVectorInputPort("own_command", rotors)
-        self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
+        self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
         self._memory = self.DeclareDiscreteState(_Memory().vector())
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._watch)
         self.DeclareVectorOutputPort(
@@ -102,7 +103,10 @@ class CommandWatchdog(LeafSystem):
             {self._command.ticket(), self._own.ticket(), self.xd_ticket()},
         )
         self.DeclareVectorOutputPort(
-            "reference", ref.SIZE, self._calc_reference, {self.xd_ticket(), self.time_ticket()}
+            "reference",
+            REFERENCE_SIZE,
+            self._calc_reference,
+            {self.xd_ticket(), self.time_ticket()},
         )
 
     def recall(self, context) -> _Memory:
@@ -113,7 +117,7 @@ class CommandWatchdog(LeafSystem):
         m = self.recall(context)
         now = context.get_time()
         estimate = self._estimate.Eval(context).tolist()
-        height = estimate[se.POSITION][2]
+        height = as_state(estimate).position[2]
         if math.isnan(m.pad):
             m.pad = height
         if height > m.pad + _AIRBORNE:
@@ -127,7 +131,7 @@ class CommandWatchdog(LeafSystem):
         if mode >= HOLD and m.mode < HOVER:
             m.since = now
             m.x, m.y, m.z, m.yaw = hover_pose(np.array(estimate))
-            m.vx, m.vy, m.vz = estimate[se.VELOCITY]
+            m.vx, m.vy, m.vz = as_state(estimate).velocity
         m.hovers += mode >= HOVER and m.mode < HOVER
         if mode == LAND and m.mode < LAND:
             m.landing = now
@@ -158,18 +162,16 @@ def stopping(m: _Memory, time: float) -> np.ndarray:
         time: now (s).
     """
     if not m.airborne:
-        return ref.hold([m.x, m.y, m.z - _BELOW], m.yaw)
+        return hold([m.x, m.y, m.z - _BELOW], m.yaw)
     v = np.array([m.vx, m.vy, m.vz])
     speed = math.hypot(*v)
     t = min(time - m.since, speed / _BRAKE)
     braking = time - m.since < speed / _BRAKE
     direction = v / max(speed, 1e-9)
-    result = ref.hold(
-        np.array([m.x, m.y, m.z]) + (speed * t - _BRAKE * t * t / 2) * direction, m.yaw
-    )
+    result = hold(np.array([m.x, m.y, m.z]) + (speed * t - _BRAKE * t * t / 2) * direction, m.yaw)
     if braking:
-        result[ref.VELOCITY] = (speed - _BRAKE * t) * direction
-        result[ref.ACCELERATION] = -_BRAKE * direction
+        as_reference(result).velocity[:] = (speed - _BRAKE * t) * direction
+        as_reference(result).acceleration[:] = -_BRAKE * direction
     if m.mode == LAND:
         # Fast down to the last metre, and slowly on, beneath the ground.
         z, falling = result[2], time - m.landing
@@ -180,7 +182,7 @@ def stopping(m: _Memory, time: float) -> np.ndarray:
             if falling < quick
             else min(z, _LOW) - _LAST_DESCENT * (falling - quick)
         )
-        result[ref.VELOCITY][2] -= rate
+        as_reference(result).velocity[2] -= rate
     return result
 
 

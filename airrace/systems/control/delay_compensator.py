@@ -8,8 +8,8 @@ from pydrake.systems.framework import LeafSystem
 from airrace.common.jit import all_finite, compilable, compiled
 from airrace.math.vec3 import columns, cross, in_axes, sum3
 from airrace.systems.plant.rotor_bank import turn
-from airrace.systems.sensing import state_estimate as se
 from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 _LEAST = 0.004  # s, less is not worth the work
 _MOST = 0.25  # s, beyond which no model is good enough
@@ -32,7 +32,7 @@ class DelayCompensator(LeafSystem):
         - state_estimate
         - rotor_speeds
 
-    For state_estimate see state_estimate.py, the others have one speed a rotor
+    For state_estimate see vehicle/state.py, the others have one speed a rotor
     (rad/s). The command is the one that is being sent. The outputs are the inputs
     carried forward by the delay there and back: by the rotors' lag and the
     equations of motion of a rigid body, under the commands that have been sent
@@ -50,7 +50,7 @@ class DelayCompensator(LeafSystem):
         self._allocation, self._c_f = vehicle.allocation, vehicle.thrust_coefficients
         self._max_speeds = vehicle.max_speeds
         self._blend = 1.0 - math.exp(-self._period / vehicle.rotor_lag)
-        self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
+        self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         # Commands, newest first, and since when the newest is in force (s).
@@ -62,7 +62,7 @@ class DelayCompensator(LeafSystem):
         inputs = {self._estimate.ticket(), self._speeds.ticket(), self.xd_ticket()}
         self.DeclareVectorOutputPort(
             "state_estimate",
-            se.SIZE,
+            STATE_SIZE,
             lambda context, output: output.set_value(self._predicted(context)[0]),
             inputs,
         )
@@ -135,7 +135,7 @@ def _predict(
     """
     history = history.reshape(-1, len(speeds))
     # The command in force at the time of the estimate, and those after it.
-    first = int(math.floor((since - estimate[se.TIME]) / period)) + 1
+    first = int(math.floor((since - as_state(estimate).time) / period)) + 1
     first = min(max(first, 0), len(history) - 1)
     carried = speeds.copy()
     _carry(
@@ -152,7 +152,7 @@ def _predict(
         max_speeds,
         blend,
     )
-    estimate[se.TIME] += delay
+    estimate[0] += delay
     for i in range(len(speeds)):
         wanted = np.min(history[first : first + _WHILE, i])
         if not speeds[i] < _FOLLOWS * wanted:
@@ -171,10 +171,10 @@ def _carry(estimate, speeds, history, first, steps, h, mass, J, allocation, c_f,
         c_f, max_speeds, blend: of the rotors, see rotor_bank.turn().
     """
     p, q, v, w = (
-        estimate[se.POSITION],
-        estimate[se.QUATERNION],
-        estimate[se.VELOCITY],
-        estimate[se.ANGULAR_VELOCITY],
+        as_state(estimate).position,
+        as_state(estimate).quaternion,
+        as_state(estimate).velocity,
+        as_state(estimate).angular_velocity,
     )
     axes = columns(q[0], q[1], q[2], q[3])
     rates = np.array(in_axes(w, axes))

@@ -11,12 +11,12 @@ from airrace.math.vec3 import columns, cross, dot, in_axes, sum2, transposed, tr
 from airrace.systems.control.attitude_error import attitude_error, turned_back
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY, ReducedAttitude
 from airrace.systems.ports import read_vector
-from airrace.systems.sensing import state_estimate as se
-from airrace.trajopt import flat_trajectory as ref
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
+from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 _THRUST_SHARE = 0.95  # of what the rotors have: the rest is for the attitude
 _LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
@@ -48,8 +48,8 @@ class GeometricController(LeafSystem):
         output_ports:
         - rotor_speed_command
 
-    ``reference``: see trajopt/flat_trajectory.py; ``filtered_estimate``: see
-    state_estimate.py; ``disturbance``: an acceleration to lean against (m/s^2,
+    ``reference``: see trajopt/reference.py; ``filtered_estimate``: see
+    vehicle/state.py; ``disturbance``: an acceleration to lean against (m/s^2,
     in the world), see StateFilter; ``rotor_speeds`` as reported, and
     ``rotor_speed_command``, held over the period: one speed a rotor (rad/s);
     ``rotor_losses``: see RotorMonitor.
@@ -116,8 +116,8 @@ class GeometricController(LeafSystem):
             ]
         )
         self._reduced = ReducedAttitude(vehicle)
-        self._reference = self.DeclareVectorInputPort("reference", ref.SIZE)
-        self._estimate = self.DeclareVectorInputPort("filtered_estimate", se.SIZE)
+        self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
+        self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
         self._disturbance = self.DeclareVectorInputPort("disturbance", 3)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         self._losses = self.DeclareVectorInputPort("rotor_losses", n)
@@ -153,8 +153,8 @@ class GeometricController(LeafSystem):
         """Returns total thrust (N) and moments in B (N m), shape (4,).
 
         Args:
-            reference: of trajopt/flat_trajectory.py, (18,).
-            estimate: of systems/state_estimate.py, (14,).
+            reference: of trajopt/reference.py, (18,).
+            estimate: of vehicle/state.py, (14,).
         """
         return _wrench(reference, estimate, self._gains)
 
@@ -162,11 +162,11 @@ class GeometricController(LeafSystem):
 @compiled
 def _prepared(reference, estimate, disturbance, gains) -> bool:
     """Changes the reference into what is to be done; returns whether all of it is finite."""
+    r = as_reference(reference)
     for i in range(3):
-        reference[ref.ACCELERATION.start + i] -= gains[_REJECTION] * disturbance[i]
+        r.acceleration[i] -= gains[_REJECTION] * disturbance[i]
     if gains[_FEED_FORWARD] == 0.0:
-        reference[ref.JERK.start : ref.SNAP.stop] = 0.0
-        reference[ref.YAW_RATE :] = 0.0
+        r.jerk[:], r.snap[:], reference[-2:] = 0.0, 0.0, 0.0
     return all_finite(estimate) and all_finite(disturbance) and all_finite(reference)
 
 
@@ -175,32 +175,22 @@ def _wrench(r, e, gains):
     """See GeometricController.calc_wrench()."""
     mass, k_x, k_v = gains[_MASS], gains[_K_X], gains[_K_V]
     J, k_R, k_w = gains[_J], gains[_K_R], gains[_K_W]
-    p, q = ref.POSITION.start, se.POSITION.start
-    v, u = ref.VELOCITY.start, se.VELOCITY.start
-    a = ref.ACCELERATION.start
+    r, e = as_reference(r), as_state(e)
     # Equation (23): the desired specific force, and its axis.
-    force = limited(
-        (
-            r[a] - k_x * (e[q] - r[p]) - k_v * (e[u] - r[v]),
-            r[a + 1] - k_x * (e[q + 1] - r[p + 1]) - k_v * (e[u + 1] - r[v + 1]),
-            r[a + 2] - k_x * (e[q + 2] - r[p + 2]) - k_v * (e[u + 2] - r[v + 2]) + GRAVITY,
-        ),
-        gains[_MAX_THRUST] / mass,
-    )
+    x, y, z = r.acceleration - k_x * (e.position - r.position) - k_v * (e.velocity - r.velocity)
+    force = limited((x, y, z + GRAVITY), gains[_MAX_THRUST] / mass)
     axes, w_W, alpha_d = attitude_from_force(
         force,
-        triple(r, ref.JERK.start),
-        triple(r, ref.SNAP.start),
-        heading_vectors(
-            math.cos(r[ref.YAW]), math.sin(r[ref.YAW]), r[ref.YAW_RATE], r[ref.YAW_ACCELERATION]
-        ),
+        triple(r.jerk, 0),
+        triple(r.snap, 0),
+        heading_vectors(math.cos(r.yaw), math.sin(r.yaw), r.yaw_rate, r.yaw_acceleration),
     )
-    q = se.QUATERNION.start
-    R = columns(e[q], e[q + 1], e[q + 2], e[q + 3])
+    q = e.quaternion
+    R = columns(q[0], q[1], q[2], q[3])
     # R_d^T R; its columns take from the desired body to the one there is.
     E = (in_axes(axes[0], R), in_axes(axes[1], R), in_axes(axes[2], R))
     ET = transposed(E)
-    w = in_axes(triple(e, se.ANGULAR_VELOCITY.start), R)
+    w = in_axes(triple(e.angular_velocity, 0), R)
     w_d, alpha_d = in_axes(w_W, ET), in_axes(alpha_d, ET)
     e_R, e_w = attitude_error(E, w), sum2(1.0, w, -1.0, w_d)
     # Keeps a spin that is yet to be stopped from turning the others.

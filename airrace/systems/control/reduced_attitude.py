@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from airrace.systems.control.attitude_error import cross, rotation_matrix, tilt_error, turned_back
-from airrace.systems.sensing import state_estimate as se
 from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.rotor_loss import Remaining
+from airrace.vehicle.state import as_state
 
 ROTOR_DELAY = 0.022  # s, from a moment that is wanted to the rotors' answer
 _DESCENT = 0.5  # m/s
@@ -45,14 +45,14 @@ class ReducedAttitude:
         """Returns total thrust (N) and moments in B (N m), shape (4,).
 
         Args:
-            estimate: of systems/state_estimate.py, (14,).
+            estimate: of vehicle/state.py, (14,).
             disturbance: acceleration to lean against (m/s^2), in the world, (3,).
             remaining: the rotors; their thrusts follow without regard to yaw.
         """
-        R = rotation_matrix(*estimate[se.QUATERNION].tolist())
-        w = estimate[se.ANGULAR_VELOCITY] @ R
+        R = rotation_matrix(*as_state(estimate).quaternion.tolist())
+        w = as_state(estimate).angular_velocity @ R
         axis = self.spin_axis(w[2], remaining)
-        force = self._desired_force(estimate[se.VELOCITY], disturbance)
+        force = self._desired_force(as_state(estimate).velocity, disturbance)
         amount = math.sqrt(force.dot(force))
         n_d = force @ R / amount
         # As if the axes did not spin: their turning moves what is at rest.

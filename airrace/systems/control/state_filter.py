@@ -9,8 +9,8 @@ from pydrake.systems.framework import LeafSystem
 from airrace.common.jit import all_finite, compilable, compiled
 from airrace.math.vec3 import columns, dot, triple
 from airrace.systems.ports import read_vector
-from airrace.systems.sensing import state_estimate as se
 from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 # What the filter is tuned for; the first two are the reference system's noise.
 _POSITION_SIGMA = 0.005  # m
@@ -41,7 +41,7 @@ class StateFilter(LeafSystem):
         - filtered_estimate
         - disturbance
 
-    ``state_estimate`` and ``filtered_estimate``: see state_estimate.py;
+    ``state_estimate`` and ``filtered_estimate``: see vehicle/state.py;
     ``rotor_speeds`` as reported (rad/s); ``disturbance`` (3) is the acceleration
     that rotors and gravity do not explain, by wind, drag, or a wrong mass (m/s^2,
     in the world).
@@ -65,12 +65,12 @@ class StateFilter(LeafSystem):
         LeafSystem.__init__(self)
         self._gain = kalman_gain(1.0 / state_rate)
         self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
-        self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
+        self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
         self._memory = self.DeclareDiscreteState(_NOTHING)
         self._disturbance = self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
-        self.DeclareVectorOutputPort("filtered_estimate", se.SIZE, self._calc_estimate)
+        self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_estimate)
         self.DeclareStateOutputPort("disturbance", self._disturbance)
 
     def _update(self, context, discrete_state):
@@ -125,12 +125,11 @@ def _carry_forward(estimate, memory, time):
         return
     quaternion, motion = predict_quaternion(estimate, time), memory[_MOTION].copy()
     _move(motion, quaternion, memory[_THRUST], memory[_PUSH], time - memory[_NOW])
-    estimate[se.TIME] = time
+    state = as_state(estimate)
+    estimate[0] = time
     for i in range(4):
-        estimate[se.QUATERNION.start + i] = quaternion[i]
-    for i in range(3):
-        estimate[se.POSITION.start + i] = motion[i]
-        estimate[se.VELOCITY.start + i] = motion[3 + i]
+        state.quaternion[i] = quaternion[i]
+    state.position[:], state.velocity[:] = motion[:3], motion[3:]
 
 
 @compiled
@@ -147,10 +146,10 @@ def _update(memory, disturbance, estimate, speeds, coefficients, gain, now):
     """
     if not all_finite(estimate):
         return  # the prediction goes on from the last that was
-    time, motion, thrust = estimate[se.TIME], memory[_MOTION], _thrust(speeds, coefficients)
+    time, motion, thrust = as_state(estimate).time, memory[_MOTION], _thrust(speeds, coefficients)
     is_new, begins = time > memory[_NEWEST], memory[_NEWEST] < 0.0 or time > memory[_NEWEST] + _GAP
     if begins:
-        motion[:3], motion[3:] = estimate[se.POSITION], estimate[se.VELOCITY]
+        motion[:3], motion[3:] = as_state(estimate).position, as_state(estimate).velocity
     else:
         until = time if is_new else now
         _move(
@@ -166,9 +165,10 @@ def _update(memory, disturbance, estimate, speeds, coefficients, gain, now):
 @compilable
 def _correct(motion, disturbance, estimate, flying, gain):
     """Corrects position, velocity and, if it flies, disturbance by an estimate of that time."""
+    state = as_state(estimate)
     for i in range(3):
-        e_p = estimate[se.POSITION.start + i] - motion[i]
-        e_v = estimate[se.VELOCITY.start + i] - motion[3 + i]
+        e_p = state.position[i] - motion[i]
+        e_v = state.velocity[i] - motion[3 + i]
         motion[i] = motion[i] + gain[0, 0] * e_p + gain[0, 1] * e_v
         motion[3 + i] = motion[3 + i] + gain[1, 0] * e_p + gain[1, 1] * e_v
         if flying:
@@ -183,12 +183,12 @@ def predict_quaternion(estimate, time: float) -> tuple:
     """Returns the unit quaternion of R_WB a short time after a state estimate, (4,).
 
     Args:
-        estimate: of state_estimate.py, (14,).
+        estimate: of vehicle/state.py, (14,).
         time: (s).
     """
     w, x, y, z = estimate[1], estimate[2], estimate[3], estimate[4]
-    half = (time - estimate[se.TIME]) / 2
-    a, b, c = triple(estimate, se.ANGULAR_VELOCITY.start)
+    half = (time - as_state(estimate).time) / 2
+    a, b, c = triple(as_state(estimate).angular_velocity, 0)
     a, b, c = half * a, half * b, half * c
     # The product of 1 + [a, b, c] / 1, which is normalised, and the quaternion.
     q = (

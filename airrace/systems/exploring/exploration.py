@@ -7,10 +7,10 @@ import typing
 import numpy as np
 
 from airrace.systems.perception.marker_pose import GATE_SPACING
-from airrace.systems.sensing import state_estimate as se
 from airrace.systems.types import Detections
 from airrace.track import BOARD_OFFSET
 from airrace.track.gate_map import GateEstimate, GateMap
+from airrace.vehicle.state import as_state
 
 _LEAST_OBSERVATIONS = 3  # before a marker is believed: the dictionary has strays
 # Section II of the report: the next left pylon is straight ahead of the left
@@ -60,13 +60,13 @@ class Now:
 
 def yaw_of(estimate) -> float:
     """Returns the heading of the body's x axis (rad)."""
-    w, x, y, z = estimate[se.QUATERNION]
+    w, x, y, z = as_state(estimate).quaternion
     return float(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
 
 
 def tilt(estimate) -> float:
     """Returns the angle between the body's and the world's z axis (rad)."""
-    w, x, y, z = estimate[se.QUATERNION] / np.linalg.norm(estimate[se.QUATERNION])
+    w, x, y, z = as_state(estimate).quaternion / np.linalg.norm(as_state(estimate).quaternion)
     return float(np.arccos(np.clip(1 - 2 * (x * x + y * y), -1.0, 1.0)))
 
 
@@ -74,19 +74,20 @@ def fault_on_pad(estimate, max_tilt_deg: float) -> str | None:
     """Returns why a drone on its pad must not take off, None if it may.
 
     Args:
-        estimate: vector of state_estimate.py, (14,).
+        estimate: vector of vehicle/state.py, (14,).
         max_tilt_deg: that is accepted (degrees).
     """
     tilt_deg = np.rad2deg(tilt(estimate))
     if tilt_deg > max_tilt_deg:
         return f"tilted by {tilt_deg:.0f} degrees, more than {max_tilt_deg:.0f}: staying"
-    motion = max(np.linalg.norm(estimate[s]) for s in (se.VELOCITY, se.ANGULAR_VELOCITY))
+    state = as_state(estimate)
+    motion = max(np.linalg.norm(state.velocity), np.linalg.norm(state.angular_velocity))
     return "moving, waiting for rest" if motion > _STILL else None
 
 
 def hover_pose(estimate) -> np.ndarray:
     """Returns x, y, z (m) and yaw (rad) of an estimate, (4,)."""
-    return np.array([*estimate[se.POSITION], yaw_of(estimate)])
+    return np.array([*as_state(estimate).position, yaw_of(estimate)])
 
 
 def gate_pose(gate: GateEstimate, beyond: float = 0.0) -> np.ndarray:
@@ -134,7 +135,7 @@ def _closes_loop(now: Now, closing_range: float) -> bool:
         return False
     if presumed_gate(now.gate_map, now.next_number) or not _front_markers(now, 0):
         return False
-    if np.linalg.norm(first.p_WG - now.estimate[se.POSITION]) > closing_range:
+    if np.linalg.norm(first.p_WG - as_state(now.estimate).position) > closing_range:
         return False
     if obeys_rule(last, first):
         return True
@@ -227,7 +228,7 @@ def described_observation(now: Now, number: int) -> str:
 
 def heading_error(now: Now, gate: GateEstimate) -> float:
     """Returns how far to the left of where the drone looks a gate is (rad)."""
-    x, y, _ = gate.p_WG - now.estimate[se.POSITION]
+    x, y, _ = gate.p_WG - as_state(now.estimate).position
     return _wrap(np.arctan2(y, x) - yaw_of(now.estimate))
 
 

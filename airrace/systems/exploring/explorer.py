@@ -6,9 +6,10 @@ from pydrake.systems.framework import EventStatus, LeafSystem
 from airrace.systems.exploring import exploration
 from airrace.systems.exploring.explorer_memory import Memory, first_memory
 from airrace.systems.exploring.explorer_states import StateMachine
-from airrace.systems.sensing import state_estimate as se
 from airrace.systems.types import ExplorerStatus
-from airrace.trajopt.flat_trajectory import SIZE, hold
+from airrace.trajopt.flat_trajectory import hold
+from airrace.trajopt.reference import REFERENCE_SIZE
+from airrace.vehicle.state import STATE_SIZE
 
 _BELOW = 3.0  # m
 
@@ -28,8 +29,8 @@ class Explorer(LeafSystem):
         - explorer_status
 
     ``detections`` is a Detections, ``gate_map`` a GateMap, ``state_estimate``
-    see state_estimate.py; ``exploration_reference`` see
-    trajopt/flat_trajectory.py, ``explorer_status`` an ExplorerStatus.
+    see vehicle/state.py; ``exploration_reference`` see
+    trajopt/reference.py, ``explorer_status`` an ExplorerStatus.
 
     States, and what they wait for:
 
@@ -73,13 +74,13 @@ class Explorer(LeafSystem):
         )
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
-        self._estimate = self.DeclareVectorInputPort("state_estimate", se.SIZE)
+        self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
         self._memory = self.DeclareAbstractState(Value[object](first_memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._memory)
         self.DeclareVectorOutputPort(
             "exploration_reference",
-            SIZE,
+            REFERENCE_SIZE,
             self._calc_reference,
             {ticket, self.time_ticket(), self._estimate.ticket()},
         )

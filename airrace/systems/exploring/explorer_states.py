@@ -10,8 +10,8 @@ from airrace.systems.exploring.exploration import Now
 from airrace.systems.exploring.explorer_legs import LegPlanner
 from airrace.systems.exploring.explorer_memory import Memory
 from airrace.systems.exploring.search import is_far, leads_to, next_steps
-from airrace.systems.sensing import state_estimate as se
 from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.vehicle.state import as_state
 
 _PERIOD = 0.2  # s, between two checks of a leg, or two attempts to plan one
 _AT_GATE = 0.8  # s, before a gate is passed
@@ -246,7 +246,7 @@ class StateMachine:
         """Whether one step forward may follow another without a stop."""
         if now.memory.status.state != "STEP_FORWARD":
             return False
-        to_go = np.linalg.norm(now.memory.goal[:3] - now.estimate[se.POSITION])
+        to_go = np.linalg.norm(now.memory.goal[:3] - as_state(now.estimate).position)
         braking = self._config.max_speed**2 / self._config.max_acceleration
         return to_go < braking and next(next_steps(now, self._config)).state == "STEP_FORWARD"
 
@@ -276,6 +276,6 @@ class StateMachine:
     def _arrived(self, now):
         """Returns when the drone reached the end of its leg, None before."""
         memory = now.memory
-        distance = np.linalg.norm(now.estimate[se.POSITION] - memory.goal[:3])
+        distance = np.linalg.norm(as_state(now.estimate).position - memory.goal[:3])
         near = distance < self._config.reached_distance
         return memory.leg_end if near and now.time >= memory.leg_end else None

@@ -10,9 +10,9 @@ from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
 from airrace.systems.mapping.observation import UNKNOWN_TIME
 from airrace.systems.perception.detection_checks import JUMP
 from airrace.systems.ports import read_vector
-from airrace.systems.sensing import state_estimate as se
 from airrace.systems.sensing.pose_history import jumps, last_two, moved, remember
 from airrace.track.gate_map import GateMap
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 _REACH = 2.0  # periods of the estimate, beyond one it says nothing about the pose
 
@@ -31,7 +31,7 @@ class GateMapper(LeafSystem):
         - gate_map
 
     ``detections`` is a Detections, ``camera_info`` a CameraInfo,
-    ``filtered_estimate`` see state_estimate.py; ``gate_map`` a GateMap.
+    ``filtered_estimate`` see vehicle/state.py; ``gate_map`` a GateMap.
 
     Detections are in the camera frame of an image of the past, so the mapper
     remembers the state estimates of the last moments and projects through
@@ -54,10 +54,10 @@ class GateMapper(LeafSystem):
         self._reach = _REACH / state_rate
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
-        self._estimate = self.DeclareVectorInputPort("filtered_estimate", se.SIZE)
+        self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
         # The last estimates, newest first, enough to reach back one latency.
         self._depth = int(np.ceil((latency + link_delay + 1.0 / fps) * state_rate)) + 2
-        history = np.zeros((self._depth, se.SIZE))
+        history = np.zeros((self._depth, STATE_SIZE))
         history[:, 0] = -1.0
         self._history = self.DeclareDiscreteState(history.ravel())
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / state_rate, 0.0, self._remember)
@@ -92,11 +92,11 @@ class GateMapper(LeafSystem):
         """
         history = context.get_discrete_state(self._history).value()
         last, before = last_two(history, self._estimate.Eval(context), time)
-        if last[se.TIME] < 0.0 or not time - last[se.TIME] <= self._reach:
+        if as_state(last).time < 0.0 or not time - as_state(last).time <= self._reach:
             return None, UNKNOWN_TIME
-        if before[se.TIME] >= 0.0 and jumps(before, last):
+        if as_state(before).time >= 0.0 and jumps(before, last):
             return None, JUMP
-        return extrapolate(last, time - last[se.TIME]), None
+        return extrapolate(last, time - as_state(last).time), None
 
     def _calc_map(self, context, output):
         output.set_value(context.get_abstract_state(int(self._memory)).get_value().gate_map)
@@ -106,7 +106,7 @@ def extrapolate(estimate, dt) -> RigidTransform:
     """Returns X_WB a short time after a state estimate.
 
     Args:
-        estimate: vector of state_estimate.py, (14,).
+        estimate: vector of vehicle/state.py, (14,).
         dt: (s).
     """
     pose = moved(estimate, dt)

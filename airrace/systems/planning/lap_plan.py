@@ -78,7 +78,7 @@ class LapPlan(Immutable):
         return flight.derivatives(t)
 
     def reference(self, time: float) -> np.ndarray:
-        """Returns the same as a sample of flat_trajectory.py, (18,)."""
+        """Returns the same as a sample of trajopt/reference.py, (18,)."""
         flight, t = self._flown_at(time)
         return flight.reference(t)
 

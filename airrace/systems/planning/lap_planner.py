@@ -11,8 +11,9 @@ from airrace.scenario.limits import parse_limits
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import LapProblem, plan_lap
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
-from airrace.trajopt.flat_trajectory import SIZE, unpack_flat_outputs
+from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import Vehicle
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
@@ -60,7 +61,7 @@ class LapPlanner(LeafSystem):
         - lap_plan
 
     ``gate_map`` is a GateMap, ``explorer_status`` an ExplorerStatus,
-    ``exploration_reference`` see trajopt/flat_trajectory.py; ``lap_plan`` a
+    ``exploration_reference`` see trajopt/reference.py; ``lap_plan`` a
     LapPlan, NO_PLAN until the race begins.
 
     When the exploration is done, the planner takes the map and solves for a
@@ -103,7 +104,7 @@ class LapPlanner(LeafSystem):
         self._submit = None
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
-        self._reference = self.DeclareVectorInputPort("exploration_reference", SIZE)
+        self._reference = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self._period = 1.0 / config.rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._update)

@@ -5,7 +5,7 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.ports import read_vector
-from airrace.trajopt.flat_trajectory import SIZE
+from airrace.trajopt.reference import REFERENCE_SIZE
 
 
 class TrajectoryTracker(LeafSystem):
@@ -21,15 +21,15 @@ class TrajectoryTracker(LeafSystem):
         - reference
 
     ``lap_plan`` is a LapPlan or NO_PLAN. The references (18) are laid out in
-    trajopt/flat_trajectory.py: position to snap in the world, then yaw and
+    trajopt/reference.py: position to snap in the world, then yaw and
     its first two derivatives.
     """
 
     def __init__(self):
         LeafSystem.__init__(self)
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
-        self._exploration = self.DeclareVectorInputPort("exploration_reference", SIZE)
-        self.DeclareVectorOutputPort("reference", SIZE, self._calc_reference)
+        self._exploration = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
+        self.DeclareVectorOutputPort("reference", REFERENCE_SIZE, self._calc_reference)
 
     def _calc_reference(self, context, output):
         plan = self._plan.Eval(context)

@@ -1,7 +1,7 @@
 """Where a drone was a moment ago, by its state estimates: in machine code, see compiled.py.
 
 A history is an array of state estimates, newest first, (n, 14); where there is none,
-the time is -1. See state_estimate.py for what is in a row.
+the time is -1. See vehicle/state.py for what is in a row.
 """
 
 import math

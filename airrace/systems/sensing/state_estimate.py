@@ -7,14 +7,8 @@ from airrace.math.random import NoiseSequence
 from airrace.systems.plant.plant_steps import lead
 from airrace.systems.ports import read_vector
 from airrace.systems.sensing.pose_history import moved
+from airrace.vehicle.state import STATE_SIZE, as_state
 
-# The vector of `state_estimate`: time, then Drake's floating-body state.
-SIZE = 14
-TIME = 0
-QUATERNION = slice(1, 5)  # w, x, y, z of R_WB
-POSITION = slice(5, 8)  # p_WB
-ANGULAR_VELOCITY = slice(8, 11)  # w_WB, in the world frame
-VELOCITY = slice(11, 14)  # v_WB
 _MOMENT = 1e-9  # s, that only rounding makes
 
 
@@ -29,10 +23,9 @@ class StateEstimate(LeafSystem):
         output_ports:
         - state_estimate
 
-    ``state`` is the plant's floating-body state (13): quaternion of R_WB
-    (w, x, y, z), p_WB, w_WB, v_WB. ``state_estimate`` (14) is the time of the
-    sample (s) and the same, with white noise on the position and a random
-    factor on each horizontal velocity component.
+    ``state`` is the plant's floating-base state (13). ``state_estimate`` (14) is a
+    vehicle.State: the time of the sample (s) and the same, with white noise on the
+    position and a random factor on each horizontal velocity component.
 
     Between its steps a discrete plant shows the state at the end of the step; the pose
     goes back from there to the time of the sample.
@@ -54,8 +47,8 @@ class StateEstimate(LeafSystem):
         self._velocity_sigma = velocity_sigma
         self._noise = NoiseSequence(seed, "state_estimate", 5)
         self._state_period = state_period
-        self._state = self.DeclareVectorInputPort("state", SIZE - 1)
-        index = self.DeclareDiscreteState(SIZE)
+        self._state = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
+        index = self.DeclareDiscreteState(STATE_SIZE)
         self.DeclareStateOutputPort("state_estimate", index)
         # The controller's first tick must already see a sample.
         self.DeclareInitializationDiscreteUpdateEvent(self._sample)
@@ -84,12 +77,10 @@ def _sample(sample, time, state, ahead, noise, position_sigma, velocity_sigma):
         noise: standard normal numbers, (5,), of position, v_x and v_y.
         position_sigma, velocity_sigma: see StateEstimate.
     """
-    sample[TIME] = time
-    sample[1:] = state
+    sample[0], sample[1:] = time, state
+    parts = as_state(sample)
     if ahead > _MOMENT:
         pose = moved(sample, -ahead)
-        sample[QUATERNION], sample[POSITION] = pose[:4], pose[4:]
-    for i in range(3):
-        sample[POSITION.start + i] += position_sigma * noise[i]
-    for i in range(2):
-        sample[VELOCITY.start + i] *= 1.0 + velocity_sigma * noise[3 + i]
+        parts.quaternion[:], parts.position[:] = pose[:4], pose[4:]
+    parts.position[:] += position_sigma * noise[:3]
+    parts.velocity[:2] *= 1.0 + velocity_sigma * noise[3:]

@@ -4,19 +4,13 @@ import dataclasses as dc
 
 import numpy as np
 
-from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SNAP, VELOCITY, YAW
+from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.trajopt.time_optimal.lap_samples import LapSamples, twisted_dynamics
 
 _STEP = 1e-30  # of the complex-step derivative: no digits cancel
 # What the inverse dynamics depend on: (derivative, dimension), and then the unit of time.
 _INPUTS = [(k, d) for k in (1, 2, 3, 4) for d in range(3)] + [(k, 3) for k in range(3)]
-_ROWS = [
-    *range(18)[VELOCITY],
-    *range(18)[ACCELERATION],
-    *range(18)[JERK],
-    *range(18)[SNAP],
-    *range(18)[YAW:],
-]
+_ROWS = np.hstack(as_reference(np.arange(REFERENCE_SIZE))[1:])  # all but the position
 
 
 @dc.dataclass(frozen=True, eq=False)

@@ -5,10 +5,10 @@ import functools
 
 import numpy as np
 
-from airrace.trajopt.flat_trajectory import VELOCITY
 from airrace.trajopt.flatness import moments, thrust_vectors, unit_vector
 from airrace.trajopt.flight_limits import FlightLimits, pack
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_spline import LapSpline, basis
 from airrace.trajopt.time_optimal.thrust_axis_angle import quadrature, transported_axes
 from airrace.vehicle import GRAVITY
@@ -84,15 +84,15 @@ class LapSamples:
 
     @property
     def flat(self) -> np.ndarray:
-        """Samples as in flat_trajectory.py, with twist for yaw, (18, N)."""
+        """Samples as in trajopt/reference.py, with twist for yaw, (18, N)."""
         return pack(self.derivatives.reshape(5, -1, 4))
 
     def excess(self) -> float:
         """Returns the largest of all quantities over their limits, less one."""
         limits, flat, units = self.limits, self.flat, self.units
         thrusts, force, w, _ = twisted_dynamics(flat, units, self.axes, limits)
-        speed = np.linalg.norm(flat[VELOCITY], axis=0) / units
-        acceleration = np.linalg.norm(flat[6:9], axis=0) / units**2
+        speed = np.linalg.norm(as_reference(flat).velocity, axis=0) / units
+        acceleration = np.linalg.norm(as_reference(flat).acceleration, axis=0) / units**2
         shares = thrusts / units**2 / limits.max_thrusts[:, None]
         least = limits.idle_share / limits.thrust_share
         rate = np.linalg.norm(w, axis=0) / units
@@ -162,7 +162,7 @@ def twisted_dynamics(flat, units, axes, limits: FlightLimits):
     """Inverse dynamics with twist in the place of yaw.
 
     Args:
-        flat: samples as in flat_trajectory.py, in normalised time, (18, N), real
+        flat: samples as in trajopt/reference.py, in normalised time, (18, N), real
             or complex.
         units: of time (s), (N,).
         axes: of a body without twist, see LapSamples.
@@ -176,7 +176,7 @@ def twisted_dynamics(flat, units, axes, limits: FlightLimits):
     vehicle = limits.vehicle
     *force, surplus = thrust_vectors(flat, vehicle, GRAVITY * units**2, limits.drag, units)
     b, db, ddb = (np.array(v) for v in unit_vector(*force))
-    twist, rate, acceleration = flat[15:]
+    *_, twist, rate, acceleration = as_reference(flat)
     c, s = np.cos(twist), np.sin(twist)
     x, y = c * axes[0] + s * axes[1], c * axes[1] - s * axes[0]
     # The thrust's axis may be off the one that belongs to the axes, a little.
@@ -192,7 +192,7 @@ def twisted_dynamics(flat, units, axes, limits: FlightLimits):
     force = np.array(force[0])
     thrust = np.sqrt(np.sum(force * force, axis=0))
     if limits.drag > 0.0:
-        thrust = thrust + surplus * np.sum(flat[VELOCITY] * b, axis=0)
+        thrust = thrust + surplus * np.sum(as_reference(flat).velocity * b, axis=0)
     moment = moments(vehicle, w, alpha, limits.drag, units)
     wrench = np.vstack([vehicle.mass * thrust[None], moment])
     return limits.from_wrench @ wrench, force, w, alpha

@@ -5,7 +5,7 @@ import functools
 
 import numpy as np
 
-from airrace.trajopt.flat_trajectory import YAW, FlatTrajectory, flat_outputs
+from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, thrust_vectors
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import passes_forward
@@ -18,6 +18,7 @@ from airrace.trajopt.min_snap.min_snap import (
     unwrap_headings,
 )
 from airrace.trajopt.plan_summary import check_flight, check_times
+from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_samples import LapSamples
 from airrace.trajopt.time_optimal.lap_search import PIECES, Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
@@ -127,7 +128,7 @@ class _Attitude:
         """Args: state: value and derivatives, (5, 4). limits: for vehicle and drag."""
         flat = flat_outputs(state)
         *force, _ = thrust_vectors(flat, limits.vehicle, GRAVITY, limits.drag)
-        yaw, rate, acceleration = flat[YAW:]
+        *_, yaw, rate, acceleration = as_reference(flat)
         axes, w, alpha = attitude_from_force(
             *force, heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
         )

@@ -104,7 +104,7 @@ def test_yaw_and_tilt_are_told_apart(heading, tilt, yaw, w):
             assert e[2] == pytest.approx(2 * np.sin(yaw / 2), abs=1e-6)
     # The tilt as the turned body sees it.
     np.testing.assert_allclose(
-        error(swing @ twist, w)[:2], (twist.T @ attitude_error(swing, w))[:2], atol=1e-6
+        error(swing @ twist, w)[:2], (twist.T @ error(swing, w))[:2], atol=1e-6
     )
 
 

@@ -18,9 +18,9 @@ from airrace.systems.control.command_watchdog import (
     AddCommandWatchdog,
     CommandWatchdog,
 )
-from airrace.systems.sensing import state_estimate as se
 from airrace.systems.types import ExplorerStatus
-from airrace.trajopt import flat_trajectory as ref
+from airrace.trajopt.reference import as_reference
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 REMOTE, OWN = np.full(4, 50.0), np.full(4, 40.0)
 
@@ -43,9 +43,9 @@ class Bench:
             self.watchdog.GetInputPort(name).FixValue(self.context, value)
 
     def place(self, height, velocity=(0.0, 0.0, 0.0)):
-        estimate = np.zeros(se.SIZE)
-        estimate[1], estimate[se.POSITION] = 1.0, [1.0, 2.0, height]
-        estimate[se.VELOCITY] = velocity
+        estimate = np.zeros(STATE_SIZE)
+        estimate[1], as_state(estimate).position[:] = 1.0, [1.0, 2.0, height]
+        as_state(estimate).velocity[:] = velocity
         self.fix(state_estimate=estimate)
 
     def at(self, time, sent=None):
@@ -88,7 +88,7 @@ def test_its_own_controller_rests_while_commands_are_fresh_and_is_ready_when_the
     for height in (6.0, 7.0):  # where the drone is while a command is held
         bench.place(height)
         bench.at(1.1 + height / 20, sent=1.0)
-        np.testing.assert_array_equal(bench.reference()[ref.POSITION], [1.0, 2.0, height])
+        np.testing.assert_array_equal(as_reference(bench.reference()).position, [1.0, 2.0, height])
     bench.place(8.0)
     bench.at(1.6, sent=1.0)
     bench.place(9.0)
@@ -134,8 +134,8 @@ def test_it_brakes_evenly_stays_and_sinks_to_the_ground():
         path.append(bench.reference())
     path = np.array(path)
     speed = np.gradient(path[:, :3], 0.01, axis=0)
-    np.testing.assert_allclose(speed[5:-5], path[5:-5, ref.VELOCITY], atol=1.01)
-    assert np.abs(path[:, ref.ACCELERATION]).max() == 6.0
+    np.testing.assert_allclose(speed[5:-5], as_reference(path[5:-5].T).velocity.T, atol=1.01)
+    assert np.abs(as_reference(path.T).acceleration).max() == 6.0
     stop = 1.0 + 9.0**2 / 12.0
     np.testing.assert_allclose(path[160:, 0], stop, atol=1e-9)
     assert (path[:140, 2] == 6.0).all() and (np.diff(path[160:, 2]) < 0).all()

@@ -5,8 +5,8 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from airrace.systems.control.delay_compensator import DelayCompensator
-from airrace.systems.sensing import state_estimate as se
 from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 VEHICLE, _ = load_vehicle("Default")
 HOVER = np.full(4, np.sqrt(VEHICLE.mass * GRAVITY / 4 / 1e-3))
@@ -32,9 +32,9 @@ def fixed(estimate, speeds, command, delay, until=0.3):
 
 
 def estimate(velocity=(8.0, 0.0, 0.0)):
-    result = np.zeros(se.SIZE)
-    result[0], result[1], result[se.POSITION] = 0.25, 1.0, [1.0, 2.0, 5.0]
-    result[se.VELOCITY] = velocity
+    result = np.zeros(STATE_SIZE)
+    result[0], result[1], as_state(result).position[:] = 0.25, 1.0, [1.0, 2.0, 5.0]
+    as_state(result).velocity[:] = velocity
     return result
 
 
@@ -56,16 +56,16 @@ def test_without_a_delay_nothing_is_touched():
 
 def test_a_hovering_drone_goes_on_as_it_does():
     state, speeds = fixed(estimate(), HOVER, HOVER, 0.04)
-    assert state[se.TIME] == pytest.approx(0.29)
-    np.testing.assert_allclose(state[se.POSITION], [1.32, 2.0, 5.0], atol=1e-6)
-    np.testing.assert_allclose(state[se.VELOCITY], [8.0, 0.0, 0.0], atol=1e-6)
+    assert as_state(state).time == pytest.approx(0.29)
+    np.testing.assert_allclose(as_state(state).position, [1.32, 2.0, 5.0], atol=1e-6)
+    np.testing.assert_allclose(as_state(state).velocity, [8.0, 0.0, 0.0], atol=1e-6)
     np.testing.assert_allclose(speeds, HOVER)
 
 
 def test_on_the_pad_it_does_not_fall_through_the_ground():
     state, speeds = fixed(estimate((0, 0, 0)), 0.65 * HOVER, HOVER, 0.04)
-    assert state[se.TIME] == pytest.approx(0.29)
-    np.testing.assert_array_equal(state[se.POSITION], [1.0, 2.0, 5.0])
+    assert as_state(state).time == pytest.approx(0.29)
+    np.testing.assert_array_equal(as_state(state).position, [1.0, 2.0, 5.0])
     np.testing.assert_allclose(speeds, HOVER * (1 - 0.35 * np.exp(-0.04 / 0.03)), rtol=0.01)
 
 

@@ -13,17 +13,9 @@ from pydrake.systems.analysis import Simulator
 from airrace.systems.control.attitude_error import cross, turned_back
 from airrace.systems.control.geometric_controller import GeometricController, limited
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY
-from airrace.trajopt.flat_trajectory import (
-    ACCELERATION,
-    JERK,
-    POSITION,
-    SNAP,
-    YAW,
-    YAW_ACCELERATION,
-    YAW_RATE,
-    hold,
-)
+from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, rotor_thrusts
+from airrace.trajopt.reference import Reference, as_reference
 from airrace.vehicle import GRAVITY, Rotor, Vehicle, load_vehicle
 from airrace.vehicle.allocation import Allocator
 
@@ -155,9 +147,7 @@ def test_feed_forward_is_inverse_dynamics(drone, a, j, s, yaw, rate, acceleratio
     """On the trajectory, the controller commands what flatness says, and leads a spin."""
     vehicle = VEHICLES[drone]
     a, j, s = 5 * a, 8 * j, 8 * s
-    reference = hold(P, yaw)
-    reference[ACCELERATION], reference[JERK], reference[SNAP] = a, j, s
-    reference[YAW_RATE:] = rate, acceleration
+    reference = np.hstack(Reference(P, np.zeros(3), a, j, s, yaw, rate, acceleration))
     force = (a[0], a[1], a[2] + GRAVITY)
     axes, w, _ = attitude_from_force(
         force, j, s, heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
@@ -177,7 +167,7 @@ def test_it_turns_with_the_world(drone, p, v, w, tilt, angle, a):
     T = RotationMatrix.MakeZRotation(angle)
     R = tilted(0.9 * tilt, tilt)
     one, other = hold(P, 0.0), hold(T @ P, angle)
-    one[ACCELERATION], other[ACCELERATION] = a, T @ a
+    as_reference(one).acceleration[:], as_reference(other).acceleration[:] = a, T @ a
     np.testing.assert_allclose(
         calc(other, estimate(T @ (P + p), T @ R, T @ (5 * w), T @ v)),
         calc(one, estimate(P + p, R, 5 * w, v)),
@@ -329,7 +319,7 @@ def test_it_leans_against_the_disturbance(drone):
     lean = Bench(vehicle)
     lean.fix(disturbance=push)
     reference = hold(P, 0.0)
-    reference[ACCELERATION] = -push
+    as_reference(reference).acceleration[:] = -push
     planned = Bench(vehicle)
     planned.fix(reference=reference)
     np.testing.assert_allclose(lean.update(), planned.update(), rtol=1e-12)
@@ -345,22 +335,21 @@ def test_it_leans_against_the_disturbance(drone):
 @both_drones
 def test_without_feed_forward_the_desired_rates_are_zero(drone):
     reference = hold(P, 0.01)
-    reference[ACCELERATION] = 0.1, -0.05, 0.2
+    as_reference(reference).acceleration[:] = 0.1, -0.05, 0.2
     plain = Bench(VEHICLES[drone], feed_forward=False)
     plain.fix(reference=reference)
     expected = plain.update().copy()
-    for part in (JERK, SNAP, YAW_RATE, YAW_ACCELERATION):
-        busy = reference.copy()
-        busy[part] = 0.7
+    parts = as_reference(reference)
+    for part in ("jerk", "snap", "yaw_rate", "yaw_acceleration"):
+        busy = np.hstack(parts._replace(**{part: 0.7 + 0.0 * getattr(parts, part)}))
         plain.fix(reference=busy)
         np.testing.assert_array_equal(plain.update(), expected)
         whole = Bench(VEHICLES[drone])
         whole.fix(reference=busy)
         assert np.abs(whole.update() - expected).max() > 1e-6
     # What is left is as before.
-    for part in (POSITION, ACCELERATION, YAW):
-        busy = reference.copy()
-        busy[part] += 0.01
+    for part in ("position", "acceleration", "yaw"):
+        busy = np.hstack(parts._replace(**{part: 0.01 + getattr(parts, part)}))
         plain.fix(reference=busy)
         assert np.abs(plain.update() - expected).max() > 1e-6
 

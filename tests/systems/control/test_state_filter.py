@@ -12,8 +12,8 @@ from pydrake.systems.analysis import Simulator
 
 from airrace.systems.control import state_filter
 from airrace.systems.control.state_filter import StateFilter, kalman_gain, predict_quaternion
-from airrace.systems.sensing import state_estimate as se
 from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 STATE_RATE, RATE = 200.0, 500.0
 VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}
@@ -86,9 +86,9 @@ def noise_like_the_races(seed, position=0.005, velocity=0.3):
     rng = np.random.default_rng(seed)
 
     def noise():
-        result = np.zeros(se.SIZE)
-        result[se.POSITION] = position * rng.normal(size=3)
-        result[se.VELOCITY] = velocity * rng.normal(size=3)
+        result = np.zeros(STATE_SIZE)
+        as_state(result).position[:] = position * rng.normal(size=3)
+        as_state(result).velocity[:] = velocity * rng.normal(size=3)
         return result
 
     return noise
@@ -101,8 +101,8 @@ def noise_like_the_races(seed, position=0.005, velocity=0.3):
 def test_what_the_rotors_explain_is_tracked_without_lag(vehicle, period, look):
     bench = Bench(vehicle=vehicle)
     errors = bench.run(1.0, period, look=look)
-    np.testing.assert_allclose(errors[:, se.POSITION], 0.0, atol=1e-9)
-    np.testing.assert_allclose(errors[:, se.VELOCITY], 0.0, atol=1e-9)
+    np.testing.assert_allclose(as_state(errors.T).position, 0.0, atol=1e-9)
+    np.testing.assert_allclose(as_state(errors.T).velocity, 0.0, atol=1e-9)
     np.testing.assert_allclose(bench.disturbance, 0.0, atol=1e-9)
 
 
@@ -113,8 +113,8 @@ def test_it_starts_at_the_first_estimate():
     np.testing.assert_array_equal(before, bench.motion.at(0.0))
     np.testing.assert_array_equal(bench.disturbance, 0.0)
     after = bench.at(0.001) - bench.motion.at(0.001)
-    np.testing.assert_allclose(after[se.POSITION], 0.0, atol=1e-12)
-    np.testing.assert_allclose(after[se.VELOCITY], 0.0, atol=1e-12)
+    np.testing.assert_allclose(as_state(after).position, 0.0, atol=1e-12)
+    np.testing.assert_allclose(as_state(after).velocity, 0.0, atol=1e-12)
 
 
 @both_drones
@@ -123,8 +123,8 @@ def test_a_steady_push_is_found(vehicle):
     bench = Bench(Motion(PUSH), vehicle)
     errors = bench.run(4.0)
     np.testing.assert_allclose(bench.disturbance, PUSH, atol=1e-6)
-    np.testing.assert_allclose(errors[-1][se.POSITION], 0.0, atol=1e-6)
-    np.testing.assert_allclose(errors[-1][se.VELOCITY], 0.0, atol=1e-6)
+    np.testing.assert_allclose(as_state(errors[-1]).position, 0.0, atol=1e-6)
+    np.testing.assert_allclose(as_state(errors[-1]).velocity, 0.0, atol=1e-6)
     # Most of it within half a second.
     bench = Bench(Motion(PUSH), vehicle)
     bench.run(0.5)
@@ -133,8 +133,8 @@ def test_a_steady_push_is_found(vehicle):
 
 def test_an_estimate_counts_once():
     """However often it is seen: the filter ticks faster than estimates come."""
-    noise = np.zeros(se.SIZE)
-    noise[se.POSITION], noise[se.VELOCITY] = 1.0, -1.0
+    noise = np.zeros(STATE_SIZE)
+    as_state(noise).position[:], as_state(noise).velocity[:] = 1.0, -1.0
     # With no spin, so that the thrust points where the estimate says.
     slow, fast = (Bench(Motion(spin=0.0), rate=rate) for rate in (200.0, 2000.0))
     for bench in (slow, fast):
@@ -145,12 +145,12 @@ def test_an_estimate_counts_once():
     found = fast.disturbance
     moved = fast.at(0.00985) - once
     acceleration = fast.motion.acceleration + found
-    expected = once[se.VELOCITY] * 0.0041 + acceleration * 0.0041**2 / 2
-    np.testing.assert_allclose(moved[se.VELOCITY], 0.0041 * acceleration, atol=1e-12)
-    np.testing.assert_allclose(moved[se.POSITION], expected, atol=1e-12)
+    expected = as_state(once).velocity * 0.0041 + acceleration * 0.0041**2 / 2
+    np.testing.assert_allclose(as_state(moved).velocity, 0.0041 * acceleration, atol=1e-12)
+    np.testing.assert_allclose(as_state(moved).position, expected, atol=1e-12)
     np.testing.assert_array_equal(fast.disturbance, found)
     np.testing.assert_allclose(
-        slow.at(0.00985)[se.POSITION], fast.at(0.00985)[se.POSITION], atol=1e-12
+        as_state(slow.at(0.00985)).position, as_state(fast.at(0.00985)).position, atol=1e-12
     )
 
 
@@ -158,13 +158,13 @@ def test_an_error_is_corrected_by_the_gain():
     bench = Bench(Motion(spin=0.0))
     bench.at(0.005)
     error = np.array([0.02, -0.5])
-    noise = np.zeros(se.SIZE)
-    noise[se.POSITION], noise[se.VELOCITY] = error
+    noise = np.zeros(STATE_SIZE)
+    as_state(noise).position[:], as_state(noise).velocity[:] = error
     bench.fix(bench.motion.at(0.005) + noise)
     now = bench.at(0.0081) - bench.motion.at(0.0081)
     expected = transition(0.0031) @ kalman_gain(1 / STATE_RATE) @ error
-    np.testing.assert_allclose(now[se.POSITION], expected[0], atol=1e-9)
-    np.testing.assert_allclose(now[se.VELOCITY], expected[1], atol=1e-9)
+    np.testing.assert_allclose(as_state(now).position, expected[0], atol=1e-9)
+    np.testing.assert_allclose(as_state(now).velocity, expected[1], atol=1e-9)
     np.testing.assert_allclose(bench.disturbance, expected[2], atol=1e-9)
 
 
@@ -175,12 +175,16 @@ def test_it_turns_with_the_world():
     for k in range(1, 60):
         sample = noise()
         turned = sample.copy()
-        turned[se.POSITION], turned[se.VELOCITY] = T @ sample[se.POSITION], T @ sample[se.VELOCITY]
+        as_state(turned).position[:], as_state(turned).velocity[:] = (
+            T @ as_state(sample).position,
+            T @ as_state(sample).velocity,
+        )
         for bench, each in ((one, sample), (other, turned)):
             bench.at(k / STATE_RATE)
             bench.fix(bench.motion.at(k / STATE_RATE) + each)
-    for part in (se.POSITION, se.VELOCITY):
-        np.testing.assert_allclose(other.at(0.3)[part], T @ one.at(0.3)[part], atol=1e-9)
+    ours, turned = as_state(one.at(0.3)), as_state(other.at(0.3))
+    np.testing.assert_allclose(turned.position, T @ ours.position, atol=1e-9)
+    np.testing.assert_allclose(turned.velocity, T @ ours.velocity, atol=1e-9)
     np.testing.assert_allclose(other.disturbance, T @ one.disturbance, atol=1e-9)
 
 
@@ -216,11 +220,13 @@ def test_the_attitude_is_carried_forward(R, w, dt, time):
 def test_the_output_is_of_the_present():
     bench = Bench(Motion(spin=3.0))
     errors = bench.run(0.5)
-    np.testing.assert_allclose(errors[:, se.QUATERNION], 0.0, atol=1e-6)
+    np.testing.assert_allclose(as_state(errors.T).quaternion, 0.0, atol=1e-6)
     estimate = np.array(bench.filter.GetInputPort("state_estimate").Eval(bench.context))
     output = bench.filter.GetOutputPort("filtered_estimate").Eval(bench.context)
-    np.testing.assert_array_equal(output[se.ANGULAR_VELOCITY], estimate[se.ANGULAR_VELOCITY])
-    assert output[se.TIME] == bench.context.get_time() > estimate[se.TIME]
+    np.testing.assert_array_equal(
+        as_state(output).angular_velocity, as_state(estimate).angular_velocity
+    )
+    assert as_state(output).time == bench.context.get_time() > as_state(estimate).time
 
 
 def steady_covariance(dt, look):
@@ -247,14 +253,14 @@ def test_noise_is_reduced_as_much_as_theory_says():
 
     errors = bench.run(30.0, noise=noise)[200:]
     expected = np.sqrt(np.diag(steady_covariance(1 / STATE_RATE, 0.9 / STATE_RATE)))
-    assert errors[:, se.POSITION].std() == pytest.approx(expected[0], rel=0.1)
-    assert errors[:, se.VELOCITY].std() == pytest.approx(expected[1], rel=0.1)
+    assert as_state(errors.T).position.std() == pytest.approx(expected[0], rel=0.1)
+    assert as_state(errors.T).velocity.std() == pytest.approx(expected[1], rel=0.1)
     assert np.std(found[200:]) == pytest.approx(expected[2], rel=0.15)
     # Which is less than half of the noise on the position, and an eighth of that on the velocity.
-    assert errors[:, se.POSITION].std() < 0.005 / 2
-    assert errors[:, se.VELOCITY].std() < 0.3 / 8
-    np.testing.assert_allclose(errors.mean(axis=0)[se.POSITION], 0.0, atol=1e-3)
-    np.testing.assert_allclose(errors.mean(axis=0)[se.VELOCITY], 0.0, atol=1e-2)
+    assert as_state(errors.T).position.std() < 0.005 / 2
+    assert as_state(errors.T).velocity.std() < 0.3 / 8
+    np.testing.assert_allclose(as_state(errors.mean(axis=0)).position, 0.0, atol=1e-3)
+    np.testing.assert_allclose(as_state(errors.mean(axis=0)).velocity, 0.0, atol=1e-2)
 
 
 @pytest.mark.parametrize("thrust, found", [(0.0, False), (0.49, False), (0.51, True)])
@@ -363,7 +369,7 @@ def test_the_gain_is_the_limit_of_the_recursion(dt):
 
 def test_sizes_and_feedthrough():
     ours = StateFilter(vehicle=DEFAULT, state_rate=STATE_RATE, rate=RATE)
-    assert ours.GetOutputPort("filtered_estimate").size() == se.SIZE
+    assert ours.GetOutputPort("filtered_estimate").size() == STATE_SIZE
     assert ours.GetOutputPort("disturbance").size() == 3
     names = ("state_estimate", "rotor_speeds")
     estimate, speeds = (ours.GetInputPort(name).get_index() for name in names)

@@ -18,12 +18,13 @@ from airrace.systems.planning.map_margins import pylon_margins
 from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
-from airrace.trajopt.flat_trajectory import ACCELERATION, SIZE, VELOCITY, hold
+from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.flatness import rotor_thrusts
 from airrace.trajopt.flyable import clearance_of
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.min_snap.transition import plan_change, plan_start
+from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import GRAVITY, load_vehicle
 
 VEHICLE, _ = load_vehicle("Default")
@@ -132,7 +133,7 @@ def test_ports():
         "explorer_status",
         "exploration_reference",
     ]
-    assert planner.GetInputPort("exploration_reference").size() == SIZE
+    assert planner.GetInputPort("exploration_reference").size() == REFERENCE_SIZE
     assert planner.num_output_ports() == 1
     # Or a diagram with it would have an algebraic loop through the explorer.
     assert not planner.HasAnyDirectFeedthrough()
@@ -388,10 +389,10 @@ def test_the_report_is_true(dimensions):
         report = plan.report
         assert report.duration == plan.circuit.duration
         assert report.max_speed == pytest.approx(
-            np.linalg.norm(samples[VELOCITY], axis=0).max(), rel=1e-3
+            np.linalg.norm(as_reference(samples).velocity, axis=0).max(), rel=1e-3
         )
         assert report.max_acceleration == pytest.approx(
-            np.linalg.norm(samples[ACCELERATION], axis=0).max(), rel=1e-3
+            np.linalg.norm(as_reference(samples).acceleration, axis=0).max(), rel=1e-3
         )
         thrusts = rotor_thrusts(samples, VEHICLE, GRAVITY)
         assert report.max_rotor_thrust == pytest.approx(thrusts.max(), rel=0.01)

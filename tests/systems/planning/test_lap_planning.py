@@ -15,11 +15,11 @@ from airrace.systems.planning.map_margins import pylon_margins
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate
 from airrace.track.map_files import true_map
-from airrace.trajopt.flat_trajectory import VELOCITY
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flyable import pylon_distances
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.plan_summary import check_times
+from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY, load_vehicle
 
 VEHICLE = load_vehicle("Default")[0]
@@ -109,9 +109,8 @@ def test_no_way_onto_a_lap_loops_before_a_gate(seed):
 def test_limits_are_kept_and_used_and_the_report_is_true(trajectory, limits):
     plan = first(trajectory, limits)
     samples = np.hstack([part.sample(check_times(part)) for part in (plan.entry, plan.circuit)])
-    speed, acceleration = (
-        np.linalg.norm(samples[rows], axis=0) for rows in (VELOCITY, slice(6, 9))
-    )
+    _, velocity, acceleration, *_ = as_reference(samples)
+    speed, acceleration = (np.linalg.norm(x, axis=0) for x in (velocity, acceleration))
     thrusts, w = inverse_dynamics(samples, VEHICLE, GRAVITY)
     report, most = plan.report, 0.9 * VEHICLE.max_thrusts[0]
     v, a = parse_limits(limits)

@@ -5,9 +5,10 @@ from pydrake.common.value import Value
 
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
-from airrace.trajopt.flat_trajectory import POSITION, SIZE, VELOCITY, YAW, flat_outputs, hold
+from airrace.trajopt.flat_trajectory import flat_outputs, hold
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.min_snap.transition import plan_start
+from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 
 LIMITS = dict(clearance=2.0, max_speed=20.0, max_acceleration=10.0)
 MIDPOINTS = np.array([[0, -20, 6], [20, 0, 6], [0, 20, 6], [-20, 0, 6]], float)
@@ -35,7 +36,10 @@ def reference(plan, exploration, time):
 
 
 @few
-@given(st.lists(st.floats(-100, 100), min_size=SIZE, max_size=SIZE), st.floats(0, 1000))
+@given(
+    st.lists(st.floats(-100, 100), min_size=REFERENCE_SIZE, max_size=REFERENCE_SIZE),
+    st.floats(0, 1000),
+)
 def test_before_there_is_a_plan_it_passes_the_explorers_reference_on(exploration, time):
     np.testing.assert_array_equal(reference(NO_PLAN, exploration, time), exploration)
 
@@ -51,9 +55,9 @@ def test_the_plans_gates_are_on_the_way():
     start = PLAN.next_start(3.0 + PLAN.entry.duration)
     for k, passing in enumerate(PLAN.circuit.gate_times[:-1]):
         ours = reference(PLAN, hold([7, 7, 7], 7), start + passing)
-        np.testing.assert_allclose(ours[POSITION], MIDPOINTS[k], atol=1e-6)
-        assert np.cos(ours[YAW] - k * np.pi / 2) > 1 - 1e-9
-        assert np.linalg.norm(ours[VELOCITY]) > 1.0
+        np.testing.assert_allclose(as_reference(ours).position, MIDPOINTS[k], atol=1e-6)
+        assert np.cos(as_reference(ours).yaw - k * np.pi / 2) > 1 - 1e-9
+        assert np.linalg.norm(as_reference(ours).velocity) > 1.0
 
 
 def test_it_forgets_nothing_since_it_remembers_nothing():
@@ -66,4 +70,4 @@ def test_it_forgets_nothing_since_it_remembers_nothing():
         context.SetTime(time)
         ours = tracker.GetOutputPort("reference").Eval(context)
         np.testing.assert_array_equal(ours, reference(plan, hold([1, 2, 3], 4), time))
-    assert tracker.GetOutputPort("reference").size() == SIZE
+    assert tracker.GetOutputPort("reference").size() == REFERENCE_SIZE

@@ -2,14 +2,15 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from airrace.systems.sensing import state_estimate as se
+from airrace.systems.sensing.state_estimate import StateEstimate
+from airrace.vehicle.state import as_state
 
 TRUTH = np.array([1.0, 0, 0, 0, 1, 2, 3, 0.1, 0.2, 0.3, 10, -5, 1])
 
 
 def sample(seconds, **kwargs):
     """Returns the estimates of a drone that does not move, one a row."""
-    system = se.StateEstimate(rate=200.0, **kwargs)
+    system = StateEstimate(rate=200.0, **kwargs)
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
     system.get_input_port().FixValue(context, TRUTH)
@@ -24,7 +25,7 @@ def sample(seconds, **kwargs):
 def test_without_noise_it_is_the_truth_from_the_first_moment():
     rows = sample(0.1)
     np.testing.assert_array_equal(rows[:, 1:], np.tile(TRUTH, (len(rows), 1)))
-    np.testing.assert_allclose(rows[:, se.TIME], np.arange(len(rows)) / 200, atol=1e-12)
+    np.testing.assert_allclose(as_state(rows.T).time, np.arange(len(rows)) / 200, atol=1e-12)
 
 
 def test_reference_noise():
@@ -47,7 +48,7 @@ def test_seed():
 
 
 def test_between_steps_of_the_plant_the_estimate_is_of_its_own_time():
-    system = se.StateEstimate(rate=200.0, state_period=0.002)
+    system = StateEstimate(rate=200.0, state_period=0.002)
     v, w = np.array([20.0, -3.0, 1.0]), np.array([0.0, 0.0, 4.0])
 
     def state(time):

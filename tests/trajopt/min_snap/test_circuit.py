@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airrace.track import PYLON_HEIGHT, load_track
-from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, POSITION, SNAP, VELOCITY, YAW
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError, unwrap_headings
+from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY
 
 TRACK = load_track("student-airrace")
@@ -68,8 +68,8 @@ def assert_raceable(circuit, midpoints, headings):
     speed = np.linalg.norm(d[:, 1, :3], axis=1)
     assert np.all(np.sum(forward * d[:, 1, :3], axis=1) > 0.5 * speed)
     samples = dense(circuit)
-    assert np.linalg.norm(samples[VELOCITY], axis=0).max() <= 20.0
-    assert np.linalg.norm(samples[ACCELERATION], axis=0).max() <= 10.0
+    assert np.linalg.norm(as_reference(samples).velocity, axis=0).max() <= 20.0
+    assert np.linalg.norm(as_reference(samples).acceleration, axis=0).max() <= 10.0
     assert 1.0 < samples[2].min() and samples[2].max() < PYLON_HEIGHT
     pylons = pylons_of(np.array(midpoints), np.array(headings))
     distances = np.linalg.norm(samples[:2, :, None] - pylons.T[:, None], axis=0)
@@ -86,8 +86,8 @@ def test_it_is_fast_and_the_limits_are_used(dimensions, longest):
     circuit = reference(dimensions)
     # The point-mass bound through the midpoints, see the reference.
     assert 20.75 < circuit.duration < longest
-    assert np.linalg.norm(dense(circuit)[VELOCITY], axis=0).max() > 19.5
-    assert np.linalg.norm(dense(circuit)[ACCELERATION], axis=0).max() > 9.8
+    assert np.linalg.norm(as_reference(dense(circuit)).velocity, axis=0).max() > 19.5
+    assert np.linalg.norm(as_reference(dense(circuit)).acceleration, axis=0).max() > 9.8
 
 
 @each
@@ -115,23 +115,25 @@ def test_it_is_smooth_through_snap_all_around(dimensions):
 @each
 def test_yaw(dimensions):
     circuit = reference(dimensions)
-    yaw = circuit.sample(circuit.gate_times)[YAW]
+    yaw = as_reference(circuit.sample(circuit.gate_times)).yaw
     if dimensions == 3:
-        constant = np.array([[HEADINGS[0]], [0.0], [0.0]])
-        assert np.abs(dense(circuit)[YAW:] - constant).max() < 1e-12
+        *_, yaw, rate, acceleration = as_reference(dense(circuit))
+        np.testing.assert_allclose(yaw, HEADINGS[0], rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose([rate, acceleration], 0.0, atol=1e-12)
     else:
         expected = unwrap_headings([*HEADINGS, HEADINGS[0]])
         np.testing.assert_allclose(yaw, expected, atol=1e-9)
         # It turns with the track, never wildly.
-        assert np.abs(dense(circuit)[YAW + 1]).max() < 2.0
+        assert np.abs(as_reference(dense(circuit)).yaw_rate).max() < 2.0
 
 
 def tilts_at_gates(circuit):
     """Returns the angle between body z and world z at the gates (rad)."""
     s = circuit.sample(circuit.gate_times)
-    force = s[ACCELERATION] + np.array([[0.0], [0.0], [GRAVITY]])
-    heading = heading_vectors(np.cos(s[YAW]), np.sin(s[YAW]), s[YAW + 1], s[YAW + 2])
-    axes, _, _ = attitude_from_force(tuple(force), tuple(s[JERK]), tuple(s[SNAP]), heading)
+    r = as_reference(s)
+    heading = heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration)
+    force = r.acceleration + np.array([[0.0], [0.0], [GRAVITY]])
+    axes, _, _ = attitude_from_force(tuple(force), tuple(r.jerk), tuple(r.snap), heading)
     return np.arccos(np.clip(axes[2][2], -1.0, 1.0))
 
 
@@ -143,7 +145,9 @@ def test_roll_and_pitch_are_zero_at_the_gates_in_six_dimensions_only():
 
 def test_three_and_four_dimensions_fly_the_same_path():
     np.testing.assert_allclose(
-        dense(reference(3))[POSITION], dense(reference(4))[POSITION], atol=1e-6
+        as_reference(dense(reference(3))).position,
+        as_reference(dense(reference(4))).position,
+        atol=1e-6,
     )
 
 
@@ -182,9 +186,9 @@ def test_it_does_not_matter_which_gate_comes_first(first):
 @few
 def test_full_turns_of_a_heading_do_not_matter(turns):
     circuit = plan(MIDPOINTS, HEADINGS + 2 * np.pi * np.array(turns), 4)
-    ours, expected = dense(circuit), dense(reference(4))
-    np.testing.assert_allclose(ours[:YAW], expected[:YAW], atol=1e-4)
-    np.testing.assert_allclose(ours[YAW + 1 :], expected[YAW + 1 :], atol=1e-4)
+    ours, expected = (as_reference(dense(each)) for each in (circuit, reference(4)))
+    for part in set(ours._fields) - {"yaw"}:
+        np.testing.assert_allclose(getattr(ours, part), getattr(expected, part), atol=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airrace.track import PYLON_HEIGHT, load_track
-from airrace.trajopt.flat_trajectory import ACCELERATION, VELOCITY
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.min_snap.transition import plan_change, plan_start
+from airrace.trajopt.reference import as_reference
 
 TRACK = load_track("student-airrace")
 MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
@@ -60,8 +60,8 @@ def assert_flyable(trajectory, pylons=PYLONS):
     times = np.linspace(0, trajectory.duration, int(1000 * trajectory.duration))
     samples = trajectory.sample(times)
     # Between the samples of the planner's own check, peaks may be a bit higher.
-    assert np.linalg.norm(samples[VELOCITY], axis=0).max() <= 20.0 * (1 + 1e-4)
-    assert np.linalg.norm(samples[ACCELERATION], axis=0).max() <= 10.0 * (1 + 1e-4)
+    assert np.linalg.norm(as_reference(samples).velocity, axis=0).max() <= 20.0 * (1 + 1e-4)
+    assert np.linalg.norm(as_reference(samples).acceleration, axis=0).max() <= 10.0 * (1 + 1e-4)
     assert 0.99 < samples[2].min() and samples[2].max() < PYLON_HEIGHT
     assert np.linalg.norm(samples[:2, :, None] - pylons.T[:, None], axis=0).min() > 1.99
 

@@ -7,12 +7,12 @@ import time
 import numpy as np
 import pytest
 
-from airrace.trajopt.flat_trajectory import VELOCITY, YAW
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import LOWEST, pylon_distances
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.trajopt.time_optimal.visibility import LEAST_RANGE
@@ -60,7 +60,9 @@ def assert_raceable(lap, midpoints, headings, limits=None, drone="Default", half
     samples = lap.sample(np.arange(0.0, lap.duration, 1e-3))
     least, most = rotor_shares(lap, VEHICLES[drone])
     assert least > -0.005 and most < 1.005
-    assert np.linalg.norm(samples[VELOCITY], axis=0).max() <= limits.get("max_speed", np.inf)
+    assert np.linalg.norm(as_reference(samples).velocity, axis=0).max() <= limits.get(
+        "max_speed", np.inf
+    )
     assert np.linalg.norm(samples[6:9], axis=0).max() <= limits.get("max_acceleration", np.inf)
     assert samples[2].min() >= LOWEST
     assert pylon_distances(samples, pylons_of(midpoints, headings)).min() >= CLEARANCE
@@ -80,7 +82,7 @@ def off_axis(lap, midpoints):
     samples = lap.sample(times)
     following = np.searchsorted(lap.gate_times, times, side="right") % len(midpoints)
     to_gate = midpoints[following].T[:2] - samples[:2]
-    off = np.arctan2(to_gate[1], to_gate[0]) - samples[YAW]
+    off = np.arctan2(to_gate[1], to_gate[0]) - as_reference(samples).yaw
     off = np.abs((off + np.pi) % (2 * np.pi) - np.pi)
     return off[np.linalg.norm(to_gate, axis=0) > LEAST_RANGE].max()
 
@@ -107,7 +109,7 @@ def test_the_report_says_what_is_so():
     least, most = rotor_shares(lap, VEHICLES["Default"])
     assert max(check.max_thrusts) / 8.5 == pytest.approx(most, abs=0.005)
     assert min(check.min_thrusts) / 8.5 == pytest.approx(least, abs=0.005)
-    speed = np.linalg.norm(samples[VELOCITY], axis=0).max()
+    speed = np.linalg.norm(as_reference(samples).velocity, axis=0).max()
     assert check.max_speed == pytest.approx(speed, rel=1e-4)
     assert check.max_bearing == pytest.approx(off_axis(lap, MIDPOINTS), abs=0.01)
     assert check.clearance == pytest.approx(pylon_distances(samples, PYLONS).min(), abs=1e-3)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from airrace.track import load_track
-from airrace.trajopt.flat_trajectory import POSITION
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import passes_forward, pylon_distances
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.min_snap.transition import plan_start
 from airrace.trajopt.plan_summary import check_flight, check_times
+from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.trajopt.time_optimal.optimal_transition import plan_optimal_way
 from airrace.vehicle import load_vehicle
@@ -88,7 +88,7 @@ def assert_sound(found, phase, start, circuit, gates, k, limits):
     assert pylon_distances(samples, PYLONS).min() > CLEARANCE - 0.06
     assert samples[2].min() > 0.94
     for i in range(k - 1):
-        ahead = (samples[POSITION].T - gates.midpoints[i]) @ gates.forward[i]
+        ahead = (as_reference(samples).position.T - gates.midpoints[i]) @ gates.forward[i]
         at = np.flatnonzero((ahead[:-1] < 0.0) & (ahead[1:] >= 0.0))
         missed = [
             np.linalg.norm(

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from airrace.trajopt.flat_trajectory import ACCELERATION, JERK, SNAP, VELOCITY, YAW, FlatTrajectory
+from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, inverse_dynamics
 from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, twisted_dynamics
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
 from airrace.trajopt.time_optimal.optimal_circuit import flat_polynomial
@@ -69,10 +70,12 @@ def test_yaw_gives_the_same_thrusts(limits):
     # Between the breaks yaw is interpolated: its derivatives must be those of its values.
     h = 1e-4
     between = np.linspace(0.1, lap.duration - 0.1, 997)
-    yaw = [lap.sample(between + e)[YAW] for e in (-h, 0.0, h)]
+    yaw = [as_reference(lap.sample(between + e)).yaw for e in (-h, 0.0, h)]
     flat = lap.sample(between)
-    np.testing.assert_allclose((yaw[2] - yaw[0]) / (2 * h), flat[YAW + 1], atol=1e-4)
-    np.testing.assert_allclose((yaw[2] - 2 * yaw[1] + yaw[0]) / h**2, flat[YAW + 2], atol=0.05)
+    np.testing.assert_allclose((yaw[2] - yaw[0]) / (2 * h), as_reference(flat).yaw_rate, atol=1e-4)
+    np.testing.assert_allclose(
+        (yaw[2] - 2 * yaw[1] + yaw[0]) / h**2, as_reference(flat).yaw_acceleration, atol=0.05
+    )
 
 
 def test_heading_of_twist_inverts_attitude_from_force():
@@ -98,16 +101,16 @@ def test_drag_is_what_thrust_and_weight_leave():
     vehicle = load_vehicle("Default")[0]
     rng = np.random.default_rng(1)
     flat = rng.normal(size=(18, 40)) * 3.0
-    flat[VELOCITY] *= 3.0
+    as_reference(flat).velocity[:] *= 3.0
     thrusts, _ = inverse_dynamics(flat, vehicle, GRAVITY, 1.0)
-    v = flat[VELOCITY]
+    v = as_reference(flat).velocity
     # Any thrust's axis will do that gives the acceleration: look for it.
     speed = np.linalg.norm(v, axis=0)
     k = np.array(vehicle.drag.linear)[:, None] + np.array(vehicle.drag.quadratic)[:, None] * speed
-    wanted = vehicle.mass * (flat[ACCELERATION] + [[0.0], [0.0], [GRAVITY]])
+    wanted = vehicle.mass * (as_reference(flat).acceleration + [[0.0], [0.0], [GRAVITY]])
     z = wanted + k[0] * v
     z /= np.linalg.norm(z, axis=0)
     along = np.sum(v * z, axis=0)
     drag = -k[0] * (v - along * z) - k[2] * along * z
     np.testing.assert_allclose(thrusts.sum(axis=0) * z + drag, wanted, atol=1e-9)
-    assert np.isfinite(flat[JERK]).all() and np.isfinite(flat[SNAP]).all()
+    assert np.isfinite(as_reference(flat).jerk).all() and np.isfinite(as_reference(flat).snap).all()

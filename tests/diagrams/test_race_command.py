@@ -424,7 +424,7 @@ class TestOutput:
         noon = datetime.datetime(2026, 5, 4, 12, tzinfo=datetime.UTC)
         clock = types.SimpleNamespace(now=lambda zone: noon.astimezone(zone))
         monkeypatch.setattr(
-            race, "datetime", types.SimpleNamespace(UTC=datetime.UTC, datetime=clock)
+            race_command, "datetime", types.SimpleNamespace(UTC=datetime.UTC, datetime=clock)
         )
         data = json.loads(Path(hexagon).read_text())
         (folder / "mine.yaml").write_text(json.dumps({**data, "name": "../my Track/[é]"}))

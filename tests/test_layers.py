@@ -1,0 +1,29 @@
+"""What holds the tree together: imports run downwards, and importing does nothing else."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_layers_import_downwards_only():
+    """The contract is in pyproject.toml; `lint-imports` on the command line says more."""
+    command = "from importlinter.cli import lint_imports; raise SystemExit(lint_imports())"
+    done = subprocess.run([sys.executable, "-c", command], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr
+
+
+def test_python_is_formatted_and_checked():
+    for command in (["check", "--quiet"], ["format", "--check", "--quiet"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "ruff", *command, "."], cwd=ROOT, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stdout[-3000:] + done.stderr
+
+
+def test_every_folder_says_what_it_is():
+    for folder in (ROOT / "airrace").rglob("__init__.py"):
+        if "lcmtypes" not in folder.parts:
+            text = folder.read_text(encoding="utf-8")
+            assert text.startswith('"""'), folder

@@ -81,7 +81,7 @@ def _make_geometric_controller(scenario: Scenario):
     return GeometricController(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
 
 
-# Every box, and what makes it unless the scenario's `systems` names another.
+# Every system, and what makes it unless the scenario's `systems` names another.
 SYSTEMS = {
     "aruco_detector": _make_aruco_detector,
     "gate_mapper": _make_gate_mapper,
@@ -122,13 +122,13 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
     The ports carry the names of what they carry, and ports of the same name
     are connected: INPUTS come from the Simulation, OUTPUTS from the systems
     that make them. All OUTPUTS are also outputs of the diagram. If the camera's
-    lens distorts, a Rectifier stands between its images and every box.
+    lens distorts, a Rectifier stands between its images and every system.
 
     Args:
         scenario: the race; of its track, only the hover height is used.
 
     Raises:
-        UserError: if a box of the scenario cannot be had or does not fit.
+        UserError: if a system of the scenario cannot be had or does not fit.
     """
     for name in scenario.systems:
         if name not in SYSTEMS:
@@ -148,8 +148,8 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
 def _wired(systems: dict, rectify: bool) -> Diagram:
     """Returns the diagram of the systems, joined by the names of their ports."""
     builder = DiagramBuilder()
-    for name, box in systems.items():
-        builder.AddNamedSystem(name, box)
+    for name, system in systems.items():
+        builder.AddNamedSystem(name, system)
     sources = {port: _output(systems[name], port) for port, name in OUTPUTS.items()}
     outputs = dict(sources)
     exported = set()
@@ -158,9 +158,9 @@ def _wired(systems: dict, rectify: bool) -> Diagram:
         for name in ("camera_image", "camera_grey", "camera_view", "camera_info"):
             builder.ExportInput(rectifier.GetInputPort(name), name)
             sources[name] = rectifier.GetOutputPort(name)
-    for box in systems.values():
-        for i in range(box.num_input_ports()):
-            port = box.get_input_port(i)
+    for system in systems.values():
+        for i in range(system.num_input_ports()):
+            port = system.get_input_port(i)
             name = port.get_name()
             if name in sources:
                 builder.Connect(sources[name], port)
@@ -171,7 +171,7 @@ def _wired(systems: dict, rectify: bool) -> Diagram:
                 exported.add(name)
             else:
                 raise UserError(
-                    f"The box {box.get_name()} has an input port '{name}', which nothing "
+                    f"The system {system.get_name()} has an input port '{name}', which nothing "
                     f"provides; there are: {', '.join([*INPUTS, *OUTPUTS])}."
                 )
     for name, port in outputs.items():
@@ -180,7 +180,7 @@ def _wired(systems: dict, rectify: bool) -> Diagram:
 
 
 def make_system(name: str, scenario: Scenario) -> System:
-    """Makes a box by its default or by the scenario's "module:callable"."""
+    """Makes a system by its default or by the scenario's "module:callable"."""
     if name not in scenario.systems:
         return SYSTEMS[name](scenario)
     path = scenario.systems[name]
@@ -193,18 +193,20 @@ def make_system(name: str, scenario: Scenario) -> System:
             f"({_described(e)}); check its spelling and PYTHONPATH."
         ) from e
     try:
-        box = make(scenario)
+        system = make(scenario)
     except Exception as e:
         raise UserError(
             f"systems.{name}: {path} cannot be called with the scenario ({_described(e)})."
         ) from e
-    if not isinstance(box, System):
-        raise UserError(f"systems.{name}: {path} must return a System, not a {type(box).__name__}.")
-    return box
+    if not isinstance(system, System):
+        raise UserError(
+            f"systems.{name}: {path} must return a System, not a {type(system).__name__}."
+        )
+    return system
 
 
 def _described(error: Exception) -> str:
-    """Returns what went wrong in a box's own code, and where, on one line."""
+    """Returns what went wrong in a system's own code, and where, on one line."""
     message = " ".join(f"{type(error).__name__}: {error}".split())
     frame = traceback.extract_tb(error.__traceback__)[-1]
     if frame.filename == __file__ or "importlib" in frame.filename:
@@ -212,7 +214,7 @@ def _described(error: Exception) -> str:
     return f"{message}, at {frame.filename}:{frame.lineno}"
 
 
-def _output(box: System, port: str):
-    if not box.HasOutputPort(port):
-        raise UserError(f"The box {box.get_name()} must have an output port '{port}'.")
-    return box.GetOutputPort(port)
+def _output(system: System, port: str):
+    if not system.HasOutputPort(port):
+        raise UserError(f"The system {system.get_name()} must have an output port '{port}'.")
+    return system.GetOutputPort(port)

@@ -18,16 +18,12 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track as progress
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.gate_regions import turn_per_lap, unwrap_headings
 from airrace.trajopt.min_snap.circuit import LEVEL, plan_circuit
-from airrace.trajopt.min_snap.min_snap import (
-    DerivativeConstraint,
-    TrajectoryOptimizationError,
-    solve_min_snap,
-    turn_per_lap,
-    unwrap_headings,
-)
+from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.trajopt.time_optimal.point_mass import point_mass_bound

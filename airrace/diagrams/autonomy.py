@@ -20,8 +20,8 @@ from airrace.systems.planning.lap_planner import LapPlanner
 from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
 from airrace.track import load_track
 from airrace.track.map_files import read_map
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flyable import clearance_of
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import load_vehicle
 
 

@@ -25,7 +25,7 @@ class FlatTrajectory(Immutable):
         self.polynomial = polynomial
         self.breaks = tuple(polynomial.get_segment_times())
         self.duration = self.breaks[-1]
-        self._breaks, self._coefficients = np.array(self.breaks), _coefficients(polynomial)
+        self._breaks, self._coefficients = np.array(self.breaks), segment_coefficients(polynomial)
 
     @classmethod
     def resting(cls, pose) -> "FlatTrajectory":
@@ -55,8 +55,8 @@ class FlatTrajectory(Immutable):
         return _samples(self._breaks, self._coefficients, np.asarray(times, float))
 
 
-def _coefficients(polynomial: PiecewisePolynomial) -> np.ndarray:
-    """Returns those of all segments, in time since their start, constants first, (n, 4, k)."""
+def segment_coefficients(polynomial: PiecewisePolynomial) -> np.ndarray:
+    """Returns coefficients in time since each segment's start, constants first, (n, 4, k)."""
     pieces = [
         [p.GetCoefficients() for p in polynomial.getPolynomialMatrix(i).ravel()]
         for i in range(polynomial.get_number_of_segments())

@@ -5,7 +5,7 @@ import functools
 
 import numpy as np
 
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.reference import Reference
 from airrace.vehicle import GRAVITY, Vehicle
 

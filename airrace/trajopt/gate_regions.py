@@ -4,12 +4,8 @@ import dataclasses as dc
 
 import numpy as np
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.linear_constraints import add_equal_rows, add_rows
-from airrace.trajopt.min_snap.min_snap import (
-    TrajectoryOptimizationError,
-    turn_per_lap,
-    unwrap_headings,
-)
 
 _LEAST_DISTANCE = 0.1  # m, from gate to gate
 
@@ -119,3 +115,14 @@ def _checked(midpoints, headings):
         i = int(legs.argmin())
         raise TrajectoryOptimizationError(f"Gates {(i - 1) % len(legs) + 1} and {i + 1} coincide.")
     return midpoints, unwrap_headings(headings)
+
+
+def unwrap_headings(headings) -> np.ndarray:
+    """Returns headings (rad), (m,), such that no step exceeds half a turn."""
+    return np.unwrap(np.asarray(headings, float))
+
+
+def turn_per_lap(headings) -> float:
+    """Returns by how much yaw grows (rad) in a lap of headings (rad), (m,): a multiple of 2 pi."""
+    closed = unwrap_headings(np.append(headings, headings[0]))
+    return float(2 * np.pi * np.round((closed[-1] - closed[0]) / (2 * np.pi)))

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 
 MIDPOINTS, HEADINGS = np.array([[0.0, 0, 6], [20, 10, 6], [0, 30, 7]]), [0.3, 1.5, 4.0]
 REGIONS = {

@@ -5,9 +5,9 @@ import numpy as np
 from airrace.systems.exploring import clear_paths as ways
 from airrace.systems.exploring.exploration import Now, gate_pose
 from airrace.track.gate_map import GateEstimate
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.min_snap.leg import plan_leg
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 
 _SLOW = 1.0  # m/s
 _BRAKING_TIMES = (0.7, 1.0, 0.5, 1.5)  # s, for which to go on as now, to where it stops

@@ -11,8 +11,8 @@ from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
 from airrace.systems.planning.map_margins import largest_move
 from airrace.systems.planning.min_snap_laps import MinSnapLaps
 from airrace.systems.planning.optimal_laps import OptimalLaps
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.min_snap.circuit import Circuit
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.plan_summary import check_flight, check_times
 from airrace.vehicle import Vehicle
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import clearance_of, peaks, pylon_distances, sample_times
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import Circuit, plan_circuit
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.min_snap.transition import plan_change, plan_start
 from airrace.trajopt.time_optimal.optimal_lap import quickest_point_mass
 from airrace.vehicle import GRAVITY

@@ -6,12 +6,12 @@ import functools
 import numpy as np
 
 from airrace.systems.planning.min_snap_laps import MinSnapLaps
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import clearance_of, pylon_distances
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import Circuit
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.plan_summary import check_times
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit, quickest_point_mass
 from airrace.trajopt.time_optimal.optimal_transition import plan_optimal_way

@@ -6,6 +6,7 @@ import dataclasses as dc
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import (
@@ -15,13 +16,8 @@ from airrace.trajopt.flyable import (
     rotor_excess,
     sample_times,
 )
-from airrace.trajopt.min_snap.min_snap import (
-    DerivativeConstraint,
-    TrajectoryOptimizationError,
-    solve_min_snap,
-    turn_per_lap,
-    unwrap_headings,
-)
+from airrace.trajopt.gate_regions import turn_per_lap, unwrap_headings
+from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
 from airrace.trajopt.min_snap.time_allocation import allocate_times
 
 LEVEL = np.array([0.0, 0.0, np.nan, np.nan])  # no horizontal acceleration

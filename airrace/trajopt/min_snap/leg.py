@@ -4,15 +4,10 @@ import contextlib
 
 import numpy as np
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.trajopt.min_snap.limit_excess import LimitExcess
-from airrace.trajopt.min_snap.min_snap import (
-    DerivativeConstraint,
-    TrajectoryOptimizationError,
-    solve_min_snap,
-    unwrap_headings,
-)
-from airrace.trajopt.min_snap.problem import MinSnapProblem
+from airrace.trajopt.gate_regions import unwrap_headings
+from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, MinSnapProblem, solve_min_snap
 from airrace.trajopt.min_snap.time_allocation import stretched
 
 _EXCESSES = (1.0, 1.2, 1.5, 2.0)  # of the limits, tried in turn
@@ -58,7 +53,7 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
         turns[0] = 0.0  # it is under way, and must not brake for the rest of a turn
     guess = np.maximum(guess, turns / _LEAST_FACTOR)
     guess *= max(1.0, speed / max_acceleration / guess.sum())
-    times_slower = LimitExcess(MinSnapProblem.build(knots, constraints=constraints))
+    problem = MinSnapProblem.build(knots, constraints=constraints)
     limits = np.array([max_speed, max_acceleration], float)
     for excess in _EXCESSES:
         for share in _FIRST_SHARES if len(guess) > 1 else (1.0,):
@@ -66,7 +61,7 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
             with contextlib.suppress(TrajectoryOptimizationError):
                 durations = stretched(
                     shared,
-                    times_slower,
+                    problem,
                     excess * limits,
                     min_factor=_LEAST_FACTOR,
                     max_factor=_MOST_FACTOR,

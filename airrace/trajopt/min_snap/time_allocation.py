@@ -7,45 +7,11 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
-from airrace.trajopt.min_snap.limit_excess import LimitExcess
-from airrace.trajopt.min_snap.limit_samples import LimitSamples
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
-from airrace.trajopt.min_snap.problem import MinSnapProblem
+from airrace.trajopt.errors import TrajectoryOptimizationError
+from airrace.trajopt.min_snap.limits import LimitSamples, slowdown_factor
+from airrace.trajopt.min_snap.min_snap import MinSnapProblem
 
 _SAMPLES, _FINE_SAMPLES = 12, 64  # of a segment: to optimise, and to polish
-
-
-def peak_speed_and_acceleration(trajectory, samples_per_segment=50) -> tuple[float, float]:
-    """Returns the greatest speed (m/s) and acceleration (m/s^2) of a trajectory.
-
-    Both are norms over x, y, z, without gravity, good to about nine digits.
-
-    Args:
-        trajectory: PiecewisePolynomial whose first three rows are x, y, z.
-        samples_per_segment: that bracket the peaks, which are then refined.
-    """
-    breaks = np.array(trajectory.get_segment_times())
-    fractions = np.arange(samples_per_segment) / samples_per_segment
-    times = np.append(breaks[:-1, None] + np.diff(breaks)[:, None] * fractions, breaks[-1])
-    return _peak(trajectory.derivative(1), times), _peak(trajectory.derivative(2), times)
-
-
-def _peak(derivative, times):
-    def norm(t):
-        return np.linalg.norm(derivative.vector_values(t.ravel())[:3], axis=0).reshape(t.shape)
-
-    norms = np.pad(norm(times), 1, constant_values=-np.inf)
-    middle = norms[1:-1]
-    peaks = np.flatnonzero(
-        (middle >= norms[:-2]) & (middle >= norms[2:]) & (middle >= 0.95 * middle.max())
-    )
-    low, high = times[np.maximum(peaks - 1, 0)], times[np.minimum(peaks + 1, len(times) - 1)]
-    for _ in range(4):
-        grid = np.linspace(low, high, 17, axis=1)
-        norms = norm(grid)
-        row, best = np.arange(len(grid)), norms.argmax(axis=1)
-        low, high = grid[row, np.maximum(best - 1, 0)], grid[row, np.minimum(best + 1, 16)]
-    return float(norms.max())
 
 
 def durations_within_limits(
@@ -76,30 +42,31 @@ def durations_within_limits(
     problem = MinSnapProblem.build(waypoints, constraints=constraints, **options)
     return stretched(
         durations,
-        LimitExcess(problem),
+        problem,
         [max_speed, max_acceleration],
         min_factor=min_factor,
         max_factor=max_factor,
     )
 
 
-def stretched(durations, times_slower: LimitExcess, limits, *, min_factor, max_factor=4.0):
+def stretched(durations, problem: MinSnapProblem, limits, *, min_factor, max_factor=4.0):
     """Returns what durations_within_limits() does, of a problem that is stated already.
 
     If the trajectory keeps its shape, the factor follows from its excess. Otherwise it
     is searched upwards, solving anew for every factor.
 
     Args:
-        times_slower: of the problem.
+        problem: of x, y, z, and more or less.
         limits: of speed (m/s) and acceleration (m/s^2).
         the others: see durations_within_limits().
     """
-    durations, limits = np.array(durations, float), _checked(limits, times_slower.problem)
+    durations, limits = np.array(durations, float), _checked(limits, problem)
+    problem.require_unique()
 
     def excess(factor):
-        return times_slower(factor * durations, limits) - 1.0
+        return slowdown_factor(problem, factor * durations, limits) - 1.0
 
-    if times_slower.problem.keeps_shape:
+    if problem.keeps_shape:
         return durations * max(min_factor, (1.0 + excess(1.0)) * (1.0 + 1e-8))
     low, high, step, at_low, at_high = min_factor, min_factor, 0.01, 0.0, excess(min_factor)
     while at_high > 1e-12:
@@ -161,21 +128,21 @@ def allocate_times(
     options |= dict(periodic=periodic, period_offset=offset)
     problem = MinSnapProblem.build(positions, constraints=constraints, **options)
     limits = _checked([max_speed, max_acceleration], problem)
-    times_slower = LimitExcess(problem)
     ends = problem.ends(problem.values)
     chords = np.linalg.norm(ends[:, len(problem.order) // 2] - ends[:, 0], axis=1)
 
-    def solve(start, times_slower, polish=False):
+    def solve(start, problem, polish=False):
         """Returns a list of one solution, or of none."""
-        problem = times_slower.problem
-        start = start * (times_slower(start, limits) if problem.keeps_shape else 1.0)
+        problem.require_unique()
+        if problem.keeps_shape:
+            start = start * slowdown_factor(problem, start, limits)
         samples = LimitSamples(problem, limits, _FINE_SAMPLES if polish else _SAMPLES)
         values, _ = samples(start)
         rows = np.flatnonzero(values >= (0.9 * values.max() if polish else 0.0))
         for bound in (1.0, 0.99, 0.9):  # on samples: it may be exceeded between them
             durations = _minimize_total(samples, rows, bound, start, chords / limits[0])
             with contextlib.suppress(TrajectoryOptimizationError):
-                return [stretched(durations, times_slower, limits, min_factor=0.9)]
+                return [stretched(durations, problem, limits, min_factor=0.9)]
         return []
 
     equal_speeds = chords / (0.75 * limits[0])
@@ -183,20 +150,20 @@ def allocate_times(
     warm = [] if initial_durations is None else [problem.check_durations(initial_durations)]
     found = []
     for start in [*warm, equal_speeds, slow]:
-        found = found or solve(start, times_slower)
+        found = found or solve(start, problem)
     if not found:
         raise TrajectoryOptimizationError(
             f"No durations found meet {_in_words(limits)}; relax them or the fixed derivatives."
         )
     relaxed = [c for c in constraints if not periodic and c.waypoint in (0, -1, len(chords))]
     if not warm and len(relaxed) < len(constraints):
-        loose = LimitExcess(MinSnapProblem.build(positions, constraints=relaxed, **options))
+        loose = MinSnapProblem.build(positions, constraints=relaxed, **options)
         for start in solve(equal_speeds, loose):
-            found += solve(start, times_slower)
+            found += solve(start, problem)
         phase = np.arange(1, len(chords) + 1) * (np.sqrt(5) - 1) / 2  # spread evenly modulo 1
         for k in range(1, 7):
-            found += solve(min(found, key=np.sum) * np.exp(k * phase % 1 - 0.5), times_slower)
-    found += solve(min(found, key=np.sum), times_slower, polish=True)
+            found += solve(min(found, key=np.sum) * np.exp(k * phase % 1 - 0.5), problem)
+    found += solve(min(found, key=np.sum), problem, polish=True)
     return min(found, key=np.sum)
 
 

@@ -4,17 +4,14 @@ import contextlib
 
 import numpy as np
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import is_flyable, passes_forward
+from airrace.trajopt.gate_regions import unwrap_headings
 from airrace.trajopt.min_snap.circuit import LEVEL, Circuit
 from airrace.trajopt.min_snap.leg import end_constraints, trapezoid_durations
-from airrace.trajopt.min_snap.min_snap import (
-    DerivativeConstraint,
-    TrajectoryOptimizationError,
-    solve_min_snap,
-    unwrap_headings,
-)
+from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
 from airrace.trajopt.min_snap.time_allocation import allocate_times
 
 _APPROACHES = (None, 5.0, 10.0, 20.0)  # m before gate 1, tried in turn

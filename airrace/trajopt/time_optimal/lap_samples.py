@@ -5,9 +5,9 @@ import functools
 
 import numpy as np
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flatness import moments, thrust_vectors, unit_vector
 from airrace.trajopt.flight_limits import FlightLimits, pack
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_spline import LapSpline, basis
 from airrace.trajopt.time_optimal.thrust_axis_angle import quadrature, transported_axes

@@ -4,9 +4,9 @@ import dataclasses as dc
 
 import numpy as np
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.time_optimal.clearance_rows import cross_forward, keep_clear, shortfall
 from airrace.trajopt.time_optimal.dynamics_limits import limit_dynamics
 from airrace.trajopt.time_optimal.lap_costs import smooth_twist, stay_near

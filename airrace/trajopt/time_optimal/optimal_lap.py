@@ -5,10 +5,10 @@ import time
 
 import numpy as np
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import passes_forward
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.plan_summary import LapReport, check_lap
 from airrace.trajopt.time_optimal.lap_guess import first_lap, moved_lap, refined_lap
 from airrace.trajopt.time_optimal.lap_search import PIECES, Effort, LapSearch

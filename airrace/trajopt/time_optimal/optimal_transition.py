@@ -5,18 +5,15 @@ import functools
 
 import numpy as np
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, thrust_vectors
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import passes_forward
-from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.gate_regions import GateRegions, unwrap_headings
 from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.min_snap.leg import end_constraints
-from airrace.trajopt.min_snap.min_snap import (
-    TrajectoryOptimizationError,
-    solve_min_snap,
-    unwrap_headings,
-)
+from airrace.trajopt.min_snap.min_snap import solve_min_snap
 from airrace.trajopt.plan_summary import check_flight, check_times
 from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_samples import LapSamples

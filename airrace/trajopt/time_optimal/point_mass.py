@@ -6,9 +6,9 @@ import numpy as np
 from pydrake.solvers import MathematicalProgram
 
 from airrace.trajopt.cone_solver import solve_cones
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.linear_constraints import add_equal_rows, add_rows
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.vehicle import GRAVITY
 
 _TRUST = 0.5  # of a duration, and of a speed, at first

@@ -18,11 +18,11 @@ from airrace.systems.planning.map_margins import pylon_margins
 from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.flatness import rotor_thrusts
 from airrace.trajopt.flyable import clearance_of
 from airrace.trajopt.min_snap.circuit import plan_circuit
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.min_snap.transition import plan_change, plan_start
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import GRAVITY, load_vehicle

@@ -15,9 +15,9 @@ from airrace.systems.planning.map_margins import pylon_margins
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate
 from airrace.track.map_files import true_map
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flyable import pylon_distances
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.plan_summary import check_times
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY, load_vehicle

@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airrace.track import PYLON_HEIGHT, load_track
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
+from airrace.trajopt.gate_regions import unwrap_headings
 from airrace.trajopt.min_snap.circuit import plan_circuit
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError, unwrap_headings
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY
 

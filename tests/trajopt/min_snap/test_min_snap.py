@@ -7,13 +7,9 @@ from hypothesis import strategies as st
 from pydrake.math import RollPitchYaw
 from pydrake.trajectories import PiecewisePolynomial
 
-from airrace.trajopt.min_snap.min_snap import (
-    DerivativeConstraint,
-    TrajectoryOptimizationError,
-    solve_min_snap,
-    turn_per_lap,
-    unwrap_headings,
-)
+from airrace.trajopt.errors import TrajectoryOptimizationError
+from airrace.trajopt.gate_regions import turn_per_lap, unwrap_headings
+from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
 
 NAN = np.nan
 few = settings(max_examples=25)

@@ -7,18 +7,11 @@ from hypothesis import strategies as st
 from pydrake.math import RollPitchYaw
 
 from airrace.track import load_track
-from airrace.trajopt.min_snap.min_snap import (
-    DerivativeConstraint,
-    TrajectoryOptimizationError,
-    solve_min_snap,
-    turn_per_lap,
-    unwrap_headings,
-)
-from airrace.trajopt.min_snap.time_allocation import (
-    allocate_times,
-    durations_within_limits,
-    peak_speed_and_acceleration,
-)
+from airrace.trajopt.errors import TrajectoryOptimizationError
+from airrace.trajopt.gate_regions import turn_per_lap, unwrap_headings
+from airrace.trajopt.min_snap.limits import peak_speed_and_acceleration
+from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
+from airrace.trajopt.min_snap.time_allocation import allocate_times, durations_within_limits
 
 NAN = np.nan
 LIMITS = dict(max_speed=20.0, max_acceleration=10.0)
@@ -49,14 +42,14 @@ def chords(waypoints):
 
 
 def assert_touches(trajectory, max_speed=20.0, max_acceleration=10.0):
-    speed, acceleration = peak_speed_and_acceleration(trajectory, 1000)
+    speed, acceleration = peak_speed_and_acceleration(trajectory)
     assert speed <= max_speed * (1 + 1e-9) and acceleration <= max_acceleration * (1 + 1e-9)
     assert max(speed / max_speed, acceleration / max_acceleration) > 1 - 1e-6
 
 
 @few
 @given(seeds)
-def test_peaks_do_not_depend_on_the_samples(seed):
+def test_no_sample_is_beyond_the_peaks(seed):
     waypoints = make_waypoints(seed)
     p = solve_min_snap(waypoints, chords(waypoints) / 12, periodic=True)
     times = np.linspace(0.0, p.end_time(), 20001)
@@ -64,8 +57,6 @@ def test_peaks_do_not_depend_on_the_samples(seed):
         dense = np.linalg.norm(p.derivative(k).vector_values(times), axis=0).max()
         assert dense <= peak * (1 + 1e-9)
         assert peak == pytest.approx(dense, rel=1e-6)
-    fewer = peak_speed_and_acceleration(p, 37)
-    assert fewer == pytest.approx(peak_speed_and_acceleration(p), rel=1e-8)
 
 
 def test_peaks_of_rest_to_rest():

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airrace.track import PYLON_HEIGHT, load_track
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.min_snap.circuit import plan_circuit
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.min_snap.transition import plan_change, plan_start
 from airrace.trajopt.reference import as_reference
 

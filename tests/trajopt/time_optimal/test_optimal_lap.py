@@ -7,11 +7,11 @@ import time
 import numpy as np
 import pytest
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import LOWEST, pylon_distances
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import plan_circuit
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit

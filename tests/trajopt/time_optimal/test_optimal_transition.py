@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from airrace.track import load_track
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import passes_forward, pylon_distances
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.min_snap.transition import plan_start
 from airrace.trajopt.plan_summary import check_flight, check_times
 from airrace.trajopt.reference import as_reference

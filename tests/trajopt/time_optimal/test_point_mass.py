@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap.min_snap import TrajectoryOptimizationError
 from airrace.trajopt.time_optimal.point_mass import point_mass_bound
 from tests.worlds.reference_laps import POINT_MASS_CASES, load_course, regions
 

@@ -1,6 +1,7 @@
 """The API pages are built without a warning, and show what they should."""
 
 import importlib.util
+import re
 import shutil
 import subprocess
 import sys
@@ -82,3 +83,12 @@ def test_formulas_stay_as_they_are(extension):
     extension.plain_docstring(None, "function", "f", None, None, lines)
     assert lines[0] == r"thrust c_f w^2, \|v\| v and 2 \* x; ``a * b``"
     assert lines[4] == "    - a * b"
+
+
+def test_the_architecture_names_files_and_what_is_in_them():
+    text = (ROOT / "docs" / "architecture.rst").read_text(encoding="utf-8")
+    rows = re.findall(r"\* - (.+)\n     - ``(.+)``\n     - ``(.+)``", text)
+    assert len(rows) >= 15
+    for behaviour, path, name in rows:
+        source = (ROOT / "airrace" / path).read_text(encoding="utf-8")
+        assert re.search(rf"^ *(def|class) {name}\b|^{name}\b.*=", source, re.M), behaviour

@@ -22,7 +22,7 @@ def add_ssh_options(group) -> None:
         type=Path,
         metavar="DIR",
         help="HITL: for a companion without the internet, a folder with a wheel of "
-        "every locked package, see python -m airrace.hitl.companion.arm_wheels --help",
+        "every locked package, see 'On a companion computer' in the README",
     )
 
 
@@ -45,8 +45,8 @@ def ssh_companions(args: argparse.Namespace) -> Callable[[Address], Companion]:
         raise UserError(f"--identity {args.identity} is no file; name that of a private key.")
     if args.wheels is not None and not args.wheels.is_dir():
         raise UserError(
-            f"--wheels {args.wheels} is no folder; fill one with 'python -m "
-            f"airrace.hitl.companion.arm_wheels --download {args.wheels}'."
+            f"--wheels {args.wheels} is no folder; fill one with pip download, see "
+            "'On a companion computer' in the README."
         )
 
     def make(address):

@@ -6,16 +6,17 @@ heeded, all by asyncssh. Its event loop runs in a thread of its own.
 
 import asyncio
 import contextlib
-import secrets
+import io
+import queue
 import shlex
+import tarfile
 import threading
-from collections.abc import Callable
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import asyncssh
 
 from airrace.hitl.companion.address import Address
-from airrace.hitl.companion.ssh_errors import connect_error, is_known, transfer_error
+from airrace.hitl.companion.ssh_errors import connect_error, file_error
 
 _CONNECT_TIMEOUT = 10  # s
 _LOGIN_TIMEOUT = 20  # s
@@ -27,7 +28,7 @@ class ConnectionLost(Exception):
 
 
 class SshConnection:
-    """A connection to a companion computer; a context manager that closes it."""
+    """A connection to a companion computer."""
 
     def __init__(self, address: Address, identity: Path | None = None):
         """Connects.
@@ -43,18 +44,11 @@ class SshConnection:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
-        self._readers = set()  # the loop itself does not keep its tasks alive
         try:
             self._connection = self._wait(self._connect(identity))
         except BaseException:
             self._end_loop()
             raise
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.close()
 
     @property
     def lost(self) -> bool:
@@ -83,18 +77,10 @@ class SshConnection:
         future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         try:
             return future.result()
-        except BaseException as e:
+        except (asyncssh.ConnectionLost, asyncssh.ChannelOpenError, ConnectionError) as e:
+            raise ConnectionLost(str(e).rstrip(".") or type(e).__name__) from None
+        except BaseException:
             future.cancel()
-            if isinstance(
-                e,
-                (
-                    asyncssh.ConnectionLost,
-                    asyncssh.ChannelOpenError,
-                    ConnectionError,
-                    BrokenPipeError,
-                ),
-            ):
-                raise ConnectionLost(str(e).rstrip(".") or type(e).__name__) from None
             raise
 
     async def _connect(self, identity):
@@ -119,32 +105,14 @@ class SshConnection:
             )
             return await asyncssh.connect(address.host, options=options)
         except (OSError, asyncssh.Error, ValueError) as e:
-            if options is not None and is_known(options) and await self._has_other_keys(e):
-                e = asyncssh.HostKeyNotVerifiable("none of its keys is known")
-            raise connect_error(e, address, identity, options) from None
+            raise await connect_error(e, address, identity, options) from None
 
-    async def _has_other_keys(self, error) -> bool:
-        """Whether a server broke off since it has no key of the kinds that known_hosts has."""
-        if not isinstance(
-            error, (ConnectionResetError, asyncssh.ConnectionLost, asyncssh.KeyExchangeFailed)
-        ):
-            return False
-        address = self._address
-        with contextlib.suppress(OSError, asyncssh.Error):
-            return (
-                await asyncio.wait_for(
-                    asyncssh.get_server_host_key(address.host, address.port or ()), _CONNECT_TIMEOUT
-                )
-                is not None
-            )
-        return False
-
-    def run(self, arguments: list[str], text: str = "") -> tuple[int, str, str]:
+    def run(self, arguments: list[str], data: bytes = b"") -> tuple[int, bytes, str]:
         """Runs a command to its end.
 
         Args:
             arguments: of the command; each reaches it as it is.
-            text: its standard input.
+            data: its standard input.
 
         Returns:
             exit code (-1: none), standard output, standard error.
@@ -152,114 +120,73 @@ class SshConnection:
         Raises:
             ConnectionLost: if the connection goes.
         """
-        return self._wait(self._run(arguments, text))
+        return self._wait(self._run(arguments, data))
 
-    async def _run(self, arguments, text):
-        done = await self._connection.run(shlex.join(arguments), input=text, errors="replace")
+    async def _run(self, arguments, data):
+        done = await self._connection.run(shlex.join(arguments), input=data, encoding=None)
         if done.returncode is None and self._connection.is_closed():
             raise asyncssh.ConnectionLost("it ended in a command")
         code = -1 if done.returncode is None else done.returncode
-        return code, done.stdout, done.stderr
+        return code, done.stdout, done.stderr.decode(errors="replace")
 
-    def start(
-        self, arguments: list[str], text: str, on_line: Callable[[str | None], None]
-    ) -> Callable[[str], None]:
-        """Starts a command.
+    def start(self, arguments: list[str]) -> queue.SimpleQueue:
+        """Starts a command whose standard input stays open.
 
         Args:
             arguments: of the command; each reaches it as it is.
-            text: what it finds on its standard input, which stays open.
-            on_line: called, in another thread, with every line that it writes,
-                to standard output or error, and with None when there are no more.
 
         Returns:
-            a function that sends more text to its standard input.
-
-        Raises:
-            ConnectionLost: if the connection goes.
+            a queue of the lines that it writes to standard output or error, and at last
+            of its exit code (int), or None if the connection was lost before.
         """
-        process = self._wait(self._start(shlex.join(arguments), on_line))
+        lines = queue.SimpleQueue()
+        asyncio.run_coroutine_threadsafe(self._follow(shlex.join(arguments), lines), self._loop)
+        return lines
 
-        async def write(text):
-            process.stdin.write(text)
-            await process.stdin.drain()
+    async def _follow(self, command, lines):
+        code = None
+        with contextlib.suppress(asyncssh.Error, OSError):
+            process = await self._connection.create_process(
+                command, stderr=asyncssh.STDOUT, errors="replace"
+            )
+            async for line in process.stdout:
+                if line:  # there is none at the very end
+                    lines.put(line.rstrip("\r\n"))
+            await process.wait_closed()
+            code = process.returncode
+        lines.put(code)
 
-        self._wait(write(text))
-        return lambda text: self._wait(write(text))
+    def put(self, path: str, data: bytes) -> None:
+        """Brings a file over, unless it is there with the same size.
 
-    async def _start(self, command, on_line):
-        process = await self._connection.create_process(
-            command, stderr=asyncssh.STDOUT, errors="replace"
-        )
-
-        async def read():
-            with contextlib.suppress(asyncssh.Error, OSError):
-                async for line in process.stdout:
-                    on_line(line.rstrip("\n"))
-            on_line(None)
-
-        self._readers.add(reader := asyncio.create_task(read()))
-        reader.add_done_callback(self._readers.discard)
-        return process
-
-    def put(self, files: dict[str, Path], progress: Callable[[int], None] = lambda n: None):
-        """Brings files over; those that are there, of the same size, are left alone.
-
-        A file is there under its name as a whole or not at all.
+        It is there as a whole or not at all; folders are made as needed.
 
         Args:
-            files: path there to path here; folders there are made as needed.
-            progress: called with the number of bytes brought over, file by file.
+            path: there.
+            data: contents.
 
         Raises:
-            UserError: if a file cannot be read here, or written there.
+            UserError: if it cannot be written there.
             ConnectionLost: if the connection goes.
         """
-        self._wait(self._transfer(self._put, files, progress))
-
-    async def _put(self, sftp, files, progress):
-        for there, here in files.items():
-            size = (await asyncio.to_thread(here.stat)).st_size
-            if not (await sftp.exists(there) and await sftp.getsize(there) == size):
-                await sftp.makedirs(there.rpartition("/")[0], exist_ok=True)
-                part = f"{there}.{secrets.token_hex(4)}.part"
-                await sftp.put(str(here), part)
-                await sftp.posix_rename(part, there)
-            progress(size)
+        script = (
+            'test "$(stat -c %s "$0" 2>/dev/null)" = "$1" || '
+            '{ mkdir -p "$(dirname "$0")" && cat >"$0.part" && mv -f "$0.part" "$0"; }'
+        )
+        code, _, error = self.run(["sh", "-c", script, path, str(len(data))], data)
+        if code:
+            raise file_error(error, str(PurePosixPath(path).parent), self._address)
 
     def get(self, there: str, here: Path) -> None:
         """Fetches all that is in a folder there into a folder here.
 
         Raises:
-            UserError: if a file cannot be read there, or written here.
+            UserError: if a file cannot be read there.
+            OSError, tarfile.TarError: if one cannot be written here.
             ConnectionLost: if the connection goes.
         """
-        self._wait(self._transfer(self._get, there, here))
-
-    async def _get(self, sftp, there, here):
-        names = [name for name in await sftp.listdir(there) if name not in (".", "..")]
-        for name in sorted(names):
-            await sftp.get(f"{there}/{name}", str(here / name), recurse=True)
-
-    def remove(self, folder: str) -> None:
-        """Removes a folder there and all that is in it, if there is one."""
-        self._wait(self._transfer(self._remove, folder))
-
-    async def _remove(self, sftp, folder):
-        await sftp.rmtree(folder, ignore_errors=True)
-
-    async def _transfer(self, do, *arguments):
-        there = arguments[0]
-        try:
-            async with self._connection.start_sftp_client() as sftp:
-                try:
-                    return await do(sftp, *arguments)
-                except asyncssh.SFTPConnectionLost:
-                    raise asyncssh.ConnectionLost("it ended in a transfer") from None
-                except (asyncssh.SFTPError, OSError) as e:
-                    folder = there if isinstance(there, str) else next(iter(there), ".")
-                    raise await transfer_error(e, sftp, folder, self._address) from None
-        except asyncssh.ChannelOpenError as e:
-            if self._connection.is_closed():
-                raise
-            raise await transfer_error(e, None, "", self._address) from None
+        code, data, error = self.run(["tar", "-c", "-f", "-", "-C", there, "."])
+        if code:
+            raise file_error(error, there, self._address)
+        with tarfile.open(fileobj=io.BytesIO(data)) as archive:
+            archive.extractall(here, filter="data")

@@ -3,7 +3,8 @@
 import contextlib
 import queue
 import secrets
-import tempfile
+import shlex
+import tarfile
 import time
 import urllib.parse
 from collections.abc import Callable, Mapping, Sequence
@@ -12,14 +13,21 @@ from pathlib import Path
 from airrace.common.errors import UserError
 from airrace.hitl.companion import OUTPUT
 from airrace.hitl.companion.address import Address
-from airrace.hitl.companion.deployment import Deployment
-from airrace.hitl.companion.set_up_display import SetUpDisplay
+from airrace.hitl.companion.set_up import (
+    Board,
+    SetUpDisplay,
+    board_command,
+    event_of,
+    failure,
+    set_up,
+)
 from airrace.hitl.companion.ssh import ConnectionLost, SshConnection
 from airrace.hitl.companion.wheel import checkout_path
 
 _START_TIMEOUT = 20.0  # s
-_PATIENCE = 10.0  # s from one attempt to connect to the next
+_RETRY_PERIOD = 10.0  # s from one attempt to connect to the next
 _LCM_PORT = 7667
+_LOST = "airrace: the ssh connection was lost; the race goes on as long as its messages come"
 
 
 class SshCompanion:
@@ -47,10 +55,8 @@ class SshCompanion:
             checkout: whose airrace to bring; None: the one that runs.
         """
         self.address = address
-        self._identity = identity
-        self._wheels = wheels
-        self._checkout = checkout
-        self._connection = self._deployment = None
+        self._identity, self._wheels, self._checkout = identity, wheels, checkout
+        self._connection = self._board = None
         self._failure = None, 0.0  # the last connection that could not be made, and when (s)
         self._running = []
 
@@ -59,9 +65,14 @@ class SshCompanion:
     ) -> "RemoteAutonomy":
         """See Companion.start()."""
         try:
-            if self._deployment is None:
-                self._set_up()
-            autonomy = RemoteAutonomy(self, self._deployment, arguments, files, log)
+            if self._board is None:
+                checkout = self._checkout or checkout_path()
+                with SetUpDisplay(self.address.host) as display:
+                    display.step("connecting")
+                    self._board = set_up(
+                        self.connection(), self.address, checkout, self._wheels, display
+                    )
+            autonomy = RemoteAutonomy(self, self._board, arguments, files, log)
         except ConnectionLost as e:
             raise UserError(
                 f"The ssh connection to {self.address.host} was lost ({e}); check "
@@ -69,14 +80,6 @@ class SshCompanion:
             ) from None
         self._running.append(autonomy)
         return autonomy
-
-    def _set_up(self):
-        checkout = self._checkout or checkout_path()
-        with SetUpDisplay(self.address.host) as display:
-            display.step("connecting")
-            self._deployment = Deployment(
-                self.connection(), self.address.host, checkout, self._wheels, display
-            )
 
     def connection(self) -> SshConnection:
         """Returns the connection, made again if it was lost.
@@ -86,7 +89,7 @@ class SshCompanion:
         """
         if self._connection is None or self._connection.lost:
             error, when = self._failure
-            if error is not None and time.monotonic() - when < _PATIENCE:
+            if error is not None and time.monotonic() - when < _RETRY_PERIOD:
                 raise error  # it takes its time to fail
             if self._connection is not None:
                 self._connection.close()
@@ -115,108 +118,93 @@ class RemoteAutonomy:
     collect() connect again.
     """
 
-    def __init__(self, companion, deployment, arguments, files, log):
+    def __init__(self, companion: SshCompanion, board: Board, arguments, files, log):
         """Starts it.
 
         Args:
-            companion: the SshCompanion.
-            deployment: what is on it.
+            companion: that it runs on.
+            board: what is there.
             arguments, files, log: see Companion.start().
 
         Raises:
             UserError: if it cannot be started.
             ConnectionLost: if the connection goes.
         """
-        self._companion, self._deployment, self._log = companion, deployment, log
+        self._companion, self._log = companion, log
         self._code = None
         self._lost = self._keep = False
-        self._events = queue.SimpleQueue()
         name = f"{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}-{secrets.token_hex(4)}"
-        self._folder = f"{deployment.cache}/runs/{name}"
-        connection = companion.connection()
-        with tempfile.TemporaryDirectory(prefix="airrace-") as scratch:
-            there = {}
-            for i, (path, contents) in enumerate(files.items()):
-                there[f"{self._folder}/{path}"] = here = Path(scratch) / str(i)
-                here.write_bytes(contents)
-            connection.put(there)
-        job = {
-            "do": "run",
-            "folder": self._folder,
-            "udp_port": _udp_port(arguments),
-            "arguments": ["-u", "-m", "airrace.diagrams.hitl", *arguments],
+        self._folder = f"{board.cache}/runs/{name}"
+        variables = {
+            "PYTHONPATH": board.package,
+            "PYTHONUNBUFFERED": "1",
+            "PYTHONDONTWRITEBYTECODE": "1",
         }
-        self._send = deployment.start(connection, job, self._events.put)
+        # -P is not given: modules brought along lie in the working directory.
+        command = shlex.join(
+            ["exec", "env", *(f"{key}={value}" for key, value in variables.items())]
+            + [board.python, "-m", "airrace.diagrams.hitl", *arguments]
+        )
+        connection = companion.connection()
+        for path, contents in {**files, "command": command.encode()}.items():
+            connection.put(f"{self._folder}/{path}", contents)
+        self._lines = connection.start(
+            board_command("run", self._folder, _udp_port(arguments), board.python)
+        )
         try:
-            self._await_start(connection)
+            self._await_start()
         except BaseException:
-            with contextlib.suppress(ConnectionLost):
-                self._send("0\n")
+            self.stop(0.0)
             self.remove()
             raise
 
-    def _await_start(self, connection):
-        noise = []
-        while (event := self._next_event())["event"] != "running":
-            if event["event"] != "noise":
-                raise self._deployment.failure(connection, event, noise)
-            noise.append(event["line"])
-
-    def _next_event(self) -> dict:
-        try:
-            return self._events.get(timeout=_START_TIMEOUT)
-        except queue.Empty:
-            return {"event": f"it says nothing for {_START_TIMEOUT:.0f} s"}
+    def _await_start(self):
+        events = []
+        while not events or events[-1][0] != "running":
+            try:
+                line = self._lines.get(timeout=_START_TIMEOUT)
+            except queue.Empty:
+                raise ConnectionLost(f"no answer for {_START_TIMEOUT:.0f} s") from None
+            if not isinstance(line, str):
+                self._code = -1
+                raise failure(events, line, self._companion.address)
+            events.append(event_of(line))
 
     def poll(self) -> int | None:
         """See Autonomy.poll()."""
         while self._code is None and not self._lost:
             try:
-                event = self._events.get_nowait()
+                line = self._lines.get_nowait()
             except queue.Empty:
                 break
-            match event["event"]:
-                case "log" | "noise":
-                    self._log(event["line"])
-                case "exit":
-                    self._code = event["code"]
-                case "end":
-                    self._lost = True
-                    self._log(
-                        "airrace: the ssh connection was lost; the race goes on as long "
-                        "as its messages come"
-                    )
+            if isinstance(line, str):
+                self._log(line)
+            elif line is None:
+                self._lost = True
+                self._log(_LOST)
+            else:
+                self._code = 128 - line if line > 128 else line  # a shell's way to name signals
         return self._code
 
     def stop(self, timeout: float = 5.0) -> None:
         """See Autonomy.stop()."""
-        if self.poll() is None and not self._lost:
-            with contextlib.suppress(ConnectionLost):  # then poll() learns it too
-                self._send(f"{timeout}\n")
-        end = time.monotonic() + timeout + 5.0
+        if self.poll() is not None:
+            return
+        with contextlib.suppress(UserError, ConnectionLost):
+            # Else it ends by itself: the simulation's heartbeats are missing.
+            self._companion.connection().run(board_command("stop", self._folder, timeout))
+        end = time.monotonic() + 5.0
         while self.poll() is None and not self._lost and time.monotonic() < end:
             time.sleep(0.02)
         if self._code is None:
-            self._stop_again()
-
-    def _stop_again(self):
-        """Ends it through another connection, if there can be one."""
-        try:
-            events = queue.SimpleQueue()
-            self._deployment.start(
-                self._companion.connection(), {"do": "stop", "folder": self._folder}, events.put
-            )
-            events.get(timeout=_START_TIMEOUT)
-        except (UserError, ConnectionLost, queue.Empty):
-            pass  # it ends by itself: the simulation's heartbeats are missing
-        self._code = -1
+            self._code = -1
 
     def collect(self, folder: Path) -> None:
         """See Autonomy.collect()."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._companion.connection().get(f"{self._folder}/{OUTPUT}", folder)
-        except (UserError, ConnectionLost, OSError) as e:
+        except (UserError, ConnectionLost, OSError, tarfile.TarError) as e:
             self._keep = True
             raise UserError(
                 f"What the autonomy wrote cannot be fetched ({str(e).rstrip('.')}); it "
@@ -225,19 +213,16 @@ class RemoteAutonomy:
 
     def remove(self) -> None:
         """Removes its working directory, unless what is in it could not be fetched."""
-        if self._keep:
-            return
-        try:
-            self._companion.connection().remove(self._folder)
-        except (UserError, ConnectionLost):
-            pass  # later set-ups remove it
+        if not self._keep:
+            with contextlib.suppress(UserError, ConnectionLost):  # a later set-up removes it
+                self._companion.connection().run(["rm", "-rf", self._folder])
 
 
-def _udp_port(arguments: Sequence[str]) -> int | None:
-    """Returns the port of the LCM URL that a command line names; None: no UDP."""
+def _udp_port(arguments: Sequence[str]) -> int:
+    """Returns the port of the LCM URL that a command line names; 0: no UDP."""
     urls = [value for option, value in zip(arguments, arguments[1:]) if option == "--lcm_url"]
     try:
         url = urllib.parse.urlsplit(urls[-1] if urls else "udpm://")
-        return (url.port or _LCM_PORT) if url.scheme == "udpm" else None
+        return (url.port or _LCM_PORT) if url.scheme == "udpm" else 0
     except ValueError:
-        return None  # the autonomy says what is wrong with it
+        return 0  # the autonomy says what is wrong with it

@@ -6,7 +6,7 @@ import shutil
 import zipfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 AUTONOMY = '''
 """Stands in for the autonomy: does what its arguments say."""

@@ -25,6 +25,7 @@ from airrace.scenario import Scenario
 from tests.diagrams.conftest import hexagon  # noqa: F401  # a fixture
 from tests.hitl.companion.conftest import ADDRESS
 from tests.hitl.companion.fake_checkout import ROOT
+from tests.hitl.companion.test_lost_connection import programs
 
 long_test = pytest.mark.skipif(
     not os.environ.get("AIRRACE_LONG_TESTS"), reason="takes minutes: set AIRRACE_LONG_TESTS=1"
@@ -157,10 +158,7 @@ def test_interrupted_race_leaves_nothing_running(board, tmp_path):
         program.stdout.read()
         assert program.wait(60) == 1
     assert "interrupted" in json.loads((tmp_path / "out/race.json").read_text())["dnf_reason"]
-    listed = subprocess.run(
-        ["ip", "netns", "pids", board.companion], capture_output=True, text=True
-    ).stdout.split()
-    assert not [pid for pid in listed if b"airrace" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    assert not programs(board, "airrace")
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,7 @@
 """What a user reads when a companion cannot be reached or set up: one sentence each."""
 
+import asyncio
 import contextlib
-import json
 import os
 import shutil
 import socket
@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from airrace.common.errors import exit_code
-from airrace.hitl.companion import deployment
+from airrace.hitl.companion import set_up
 from airrace.hitl.companion.address import Address
 from airrace.hitl.companion.ssh_companion import SshCompanion
 from airrace.hitl.companion.ssh_errors import connect_error
@@ -142,9 +142,10 @@ def test_no_python_there(hosts, refusal, tmp_path):
         # And one that knows one.
         (hosts.path / "uv").write_text(f"#!/bin/sh\necho {Path(sys.executable).resolve()}\n")
         companion = SshCompanion(ADDRESS)
-        cache, python = deployment._find_python(companion.connection(), "host")
+        found = set_up.look(companion.connection(), "host", "environment", "package")
         companion.close()
-        assert Path(python).exists() and cache == f"{hosts.home}/.cache/airrace"
+        assert Path(found["python"]).exists()
+        assert found["cache"] == f"{hosts.home}/.cache/airrace"
     finally:
         shutil.rmtree(hosts.path, ignore_errors=True)
         (tmp_path / "away").rename(hosts.path)
@@ -168,7 +169,7 @@ def test_full_disk(small_disk, refusal, checkout, monkeypatch):
     assert "The disk of 10.0.0.2 is full" in sentence and "make room" in sentence
     assert not list(small_disk.glob("airrace/environments/*/bin"))
     # while the environment is made,
-    monkeypatch.setattr(deployment, "_ROOM", 0)
+    monkeypatch.setattr(set_up, "_ROOM", 0)
     sentence = refusal()
     assert "The disk of 10.0.0.2 is full" in sentence
     # and while files are brought.
@@ -219,7 +220,7 @@ def test_drake_that_cannot_be_imported(hosts, refusal, tmp_path):
 def test_shell_that_runs_nothing(hosts, monkeypatch, refusal):
     monkeypatch.setattr(
         "airrace.hitl.companion.ssh.SshConnection.run",
-        lambda *_: (1, "", "This account is currently not available.\n"),
+        lambda *_: (1, b"", "This account is currently not available.\n"),
     )
     assert "This account is currently not available" in refusal()
 
@@ -230,25 +231,25 @@ def test_names_of_ssh_config(hosts, tmp_path):
     hosts.trust(hosts.folder / "host_key.pub", COMPANION)
     try:
         companion = SshCompanion(Address("root", "board"))
-        assert companion.connection().run(["id", "-u"])[:2] == (0, "0\n")
+        assert companion.connection().run(["id", "-u"])[:2] == (0, b"0\n")
         companion.close()
     finally:
         (hosts.ssh / "config").unlink()
 
 
 def test_events_of_other_programs_are_noise():
-    assert deployment._parse("Welcome!")["event"] == "noise"
-    assert deployment._parse("[1]")["event"] == "noise"
-    assert deployment._parse(json.dumps({"event": "done"})) == {"event": "done"}
+    for line in ("Welcome!", "airrace-", "airrace: a step"):
+        assert set_up.event_of(line) == ("", line)
+    assert set_up.event_of("airrace-step: a: b") == ("step", "a: b")
 
 
 def test_errors_without_words():
     address = Address("root", "board")
-    options = types.SimpleNamespace(port=2222)
+    options = types.SimpleNamespace(port=2222, known_hosts=b"", host="board", host_key_alias=None)
+
+    def sentence(error):
+        return str(asyncio.run(connect_error(error, address, None, options)))
+
     several = OSError("Multiple exceptions: [Errno 111] Connect call failed, [Errno 111] ...")
-    assert "Nothing listens on port 2222 of board" in str(
-        connect_error(several, address, None, options)
-    )
-    assert "board cannot be reached (no answer)" in str(
-        connect_error(TimeoutError(), address, None, options)
-    )
+    assert "Nothing listens on port 2222 of board" in sentence(several)
+    assert "board cannot be reached (no answer)" in sentence(TimeoutError())

@@ -2,7 +2,7 @@ import io
 
 from rich.console import Console
 
-from airrace.hitl.companion.set_up_display import SetUpDisplay
+from airrace.hitl.companion.set_up import SetUpDisplay
 
 
 def shown(**options):

@@ -1,0 +1,223 @@
+"""Brings to a companion computer what a race needs, once: an environment of the lock, airrace."""
+
+import contextlib
+import dataclasses as dc
+import hashlib
+import tempfile
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    SpinnerColumn,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+)
+
+from airrace.common.errors import UserError
+from airrace.hitl.companion.ssh import ConnectionLost, SshConnection
+from airrace.hitl.companion.ssh_errors import file_error, is_disk_full, last_line
+from airrace.hitl.companion.wheel import build_wheel, digest, source_digest
+
+_SCRIPT = Path(__file__).with_name("board.sh")
+_ROOM = 1_500_000  # kB; an environment takes 630 MB, its wheels 130 MB, at times twice
+_MARK = "airrace-"
+
+
+@dc.dataclass(frozen=True)
+class Board:
+    """A companion computer that is set up.
+
+    Attributes:
+        cache: the folder there of everything that airrace keeps.
+        python: of the environment there.
+        package: the folder there with airrace in it.
+    """
+
+    cache: str
+    python: str
+    package: str
+
+
+def board_command(action: str, *arguments) -> list[str]:
+    """Returns the command line of an action of board.sh."""
+    script = _SCRIPT.read_text(encoding="utf-8")
+    return ["sh", "-c", script, "board", action, *map(str, arguments)]
+
+
+def event_of(line: str) -> tuple[str, str]:
+    """Returns kind and text of a line of board.sh; the kind of any other line is ""."""
+    kind, separator, text = line.removeprefix(_MARK).partition(": ")
+    return (kind, text) if line.startswith(_MARK) and separator else ("", line)
+
+
+def failure(events: list[tuple[str, str]], code: int | None, address) -> Exception:
+    """Returns the exception for an action of board.sh that failed.
+
+    Args:
+        events: that it wrote, see event_of().
+        code: its exit code, None if the connection was lost.
+        address: of the companion.
+    """
+    if code is None:
+        return ConnectionLost("it ended in the set-up")
+    said = "\n".join(text for kind, text in events if not kind)
+    if is_disk_full(said):
+        return file_error(said, "~/.cache/airrace", address)
+    if events and events[-1][0] == "refused":
+        names = {"{host}": address.host, "{said}": last_line(said)}
+        sentence = events[-1][1]
+        for name, value in names.items():
+            sentence = sentence.replace(name, value)
+        return UserError(sentence)
+    return RuntimeError(f"airrace's program on {address.host} ended with {code}: {said}")
+
+
+def set_up(
+    connection: SshConnection, address, checkout: Path, wheels: Path | None, display: "SetUpDisplay"
+) -> Board:
+    """Brings over what is not there yet and has it installed.
+
+    Args:
+        connection: to the companion.
+        address: of the companion.
+        checkout: whose airrace and requirements.lock to bring.
+        wheels: a folder of wheels to install from, instead of the index
+            that pip is set to there; None: no.
+        display: shows what is being done.
+
+    Raises:
+        UserError: if that fails.
+        ConnectionLost: if the connection goes.
+    """
+    display.step("looking for Python")
+    lock = checkout / "requirements.lock"
+    environment, package = digest(lock), source_digest(checkout)
+    found = look(connection, address.host, environment, package)
+    cache, locked = found["cache"], find_wheels(wheels, lock) if wheels else []
+    if "environment" not in found:
+        connection.put(f"{cache}/locks/{environment}.txt", lock.read_bytes())
+        if locked:
+            display.step("bringing the wheels")
+        for i, wheel in enumerate(locked):
+            display.progress(i, len(locked))
+            connection.put(f"{cache}/wheelhouse/{environment}/{wheel.name}", wheel.read_bytes())
+    if "package" not in found:
+        display.step("building the wheel of this airrace")
+        with tempfile.TemporaryDirectory(prefix="airrace-") as folder:
+            wheel = build_wheel(checkout, Path(folder))
+            connection.put(f"{cache}/wheels/{package}/{wheel.name}", wheel.read_bytes())
+    total = sum("==" in line for line in lock.read_text(encoding="utf-8").splitlines())
+    source = "OFFLINE" if locked else "ONLINE"
+    arguments = environment, package, found["python"], _ROOM, source
+    lines, events = connection.start(board_command("set_up", *arguments)), []
+    while isinstance(line := lines.get(), str):
+        events.append(event_of(line))
+        kind, text = events[-1]
+        if kind == "step":
+            display.step(text)
+            events.clear()
+        elif text.startswith(("Collecting", "Processing")):  # pip's
+            done = sum(said.startswith(("Collecting", "Processing")) for _, said in events)
+            display.progress(min(done, total), total)
+        elif text.startswith("Installing collected") and len(events) >= total:
+            display.step("unpacking the wheels")
+    if line != 0:
+        raise failure(events, line, address)
+    return Board(
+        cache, f"{cache}/environments/{environment}/bin/python", f"{cache}/packages/{package}"
+    )
+
+
+def look(connection: SshConnection, host: str, environment: str, package: str) -> dict[str, str]:
+    """Returns what is on a companion: ``cache``, ``python``, and what else board.sh tells.
+
+    Raises:
+        UserError: if it is no computer for airrace.
+        ConnectionLost: if the connection goes.
+    """
+    _, output, error = connection.run(board_command("look", environment, package))
+    output = output.decode(errors="replace")
+    found = dict(map(event_of, output.splitlines()))
+    if "cache" not in found:
+        said = last_line(output + error)[:200]
+        raise UserError(f"{host} runs no commands over ssh ({said}); give the user a shell there.")
+    if "python" not in found:
+        uv = "" if "uv" in found else "install uv there (https://docs.astral.sh/uv) and "
+        raise UserError(
+            f"There is no Python 3.12, 3.13 or 3.14 with venv on {host}; {uv}run "
+            "'uv python install 3.12' there."
+        )
+    machine = found.get("machine", "")
+    if machine not in ("Linux aarch64", "Linux x86_64", "Linux arm64"):
+        raise UserError(
+            f"{host} is {machine or 'an unknown machine'}, for which Drake has no "
+            "wheels; use one with 64-bit Linux."
+        )
+    return found
+
+
+def find_wheels(folder: Path, lock: Path) -> list[Path]:
+    """Returns the wheels of a folder that a lock has, by their hashes.
+
+    Raises:
+        UserError: if there are none.
+    """
+    text = lock.read_text(encoding="utf-8")
+    try:
+        wheels = [
+            path
+            for path in sorted(folder.glob("*.whl"))
+            if hashlib.sha256(path.read_bytes()).hexdigest() in text
+        ]
+    except OSError as e:
+        raise UserError(
+            f"--wheels {folder} cannot be read ({e.strerror}); name another folder."
+        ) from None
+    if not wheels:
+        raise UserError(
+            f"--wheels {folder} holds no wheel of requirements.lock; fill it with pip download, "
+            "see 'On a companion computer' in the README."
+        )
+    return wheels
+
+
+class SetUpDisplay(contextlib.AbstractContextManager):
+    """Shows a set-up on standard error; inside its ``with`` block a bar is live.
+
+    The bar vanishes at the end. Where there is no terminal, each step is a line.
+    """
+
+    def __init__(self, host: str, console: Console | None = None):
+        """Args: host: what to call the companion. console: standard error by default."""
+        self._host, self._console = host, console or Console(stderr=True)
+        self._progress = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TaskProgressColumn(),
+            TimeElapsedColumn(),
+            console=self._console,
+            transient=True,
+            disable=not self._console.is_terminal,
+        )
+        self._task = self._progress.add_task("", total=None)
+
+    def __enter__(self):
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_):
+        self._progress.stop()
+
+    def step(self, text: str) -> None:
+        """Shows what is being done from now on."""
+        if not self._console.is_terminal:
+            self._console.out(f"airrace: {self._host}: {text}", highlight=False)
+        self._progress.reset(self._task, description=f"{self._host}: {text}", total=None)
+
+    def progress(self, done: int, total: int) -> None:
+        """Shows how far the step is."""
+        self._progress.update(self._task, completed=done, total=total)

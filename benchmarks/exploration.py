@@ -3,25 +3,21 @@
     python -m benchmarks.exploration [--tracks 200] [--first 0] [--turned 0] [--blind 0]
 
 Every track is a random one that obeys the rules. The drone flies without physics
-and sees without pixels (see tests/worlds/exploration.py), which takes seconds a track.
+and sees without pixels (tests/worlds/exploration.py), which takes seconds a track.
 """
 
-import argparse
 import collections
-import json
 import sys
-from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from airrace.math.random import make_generator
 from airrace.scenario import Scenario
 from airrace.track import Track
 from airrace.track.generator import generate_track
 from airrace.vehicle import load_vehicle
-from benchmarks.control import run
+from benchmarks import harness
+from benchmarks.harness import column
 from tests.worlds.exploration import ExplorationWorld, clear_of_pylons, explore, make_explorer
 
 _TIME_LIMIT = 720.0  # s, of a race of one lap
@@ -31,8 +27,8 @@ _REQUIRED = 0.98  # of the tracks
 
 def main(argv=None) -> int:
     """Prints the table; exit code 1 if too few tracks are explored or one ends in a pylon."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--tracks", type=int, default=200, help="how many (default: 200)")
+    parser = harness.make_parser(__doc__)
+    parser.add_argument("--tracks", type=harness.count, default=200, help="how many (default: 200)")
     parser.add_argument("--first", type=int, default=0, help="seed of the first (default: 0)")
     parser.add_argument("--drone", default="Default", help="whose size counts (default: Default)")
     parser.add_argument(
@@ -49,26 +45,17 @@ def main(argv=None) -> int:
         metavar="SHARE",
         help="of the boards that cannot be read from beyond 12 m (default: 0)",
     )
-    parser.add_argument("--workers", type=int, default=1, help="processes (default: 1)")
-    parser.add_argument("--json", type=Path, help="also write a row for every track")
-    args = parser.parse_args(argv)
-    seeds = range(args.first, args.first + args.tracks)
-    rows = run(
-        [(explore_generated, (seed, args.drone, args.turned, args.blind)) for seed in seeds],
-        args.workers,
-    )
-    console = Console(width=140)
-    console.print(summary(rows))
-    for row in rows:
-        if row["failure"]:
-            console.print(
-                f"seed {row['seed']}, {row['track']}: {row['failure']}; "
-                f"last in {row['state']}: {row['reason']}"
-            )
-    if args.json is not None:
-        args.json.write_text(json.dumps(rows, indent=1))
-    succeeded = sum(row["failure"] is None for row in rows)
-    return 0 if succeeded >= _REQUIRED * len(rows) and not any(r["hit"] for r in rows) else 1
+    parser.add_argument("--workers", type=harness.count, default=1, help="processes (default: 1)")
+    return harness.run(parser, argv, measure, show)
+
+
+def measure(args) -> list:
+    """Returns a row for every track."""
+    jobs = [
+        (explore_generated, (seed, args.drone, args.turned, args.blind))
+        for seed in range(args.first, args.first + args.tracks)
+    ]
+    return harness.in_processes(jobs, "Exploring", workers=args.workers, jobs_each=100)
 
 
 def explore_generated(seed: int, drone="Default", turned=0.0, blind=0.0) -> dict:
@@ -84,40 +71,34 @@ def explore_generated(seed: int, drone="Default", turned=0.0, blind=0.0) -> dict
     track.start.heading_deg += turned
     hidden = {
         board.id: board.X_WM.translation()
-        for board, luck in zip(track.boards(), make_generator(seed, "blind").random(1000))
-        if luck < blind
+        for board, draw in zip(track.boards(), make_generator(seed, "blind").random(1000))
+        if draw < blind
     }
 
     def too_far(id, p_WC):
         return id in hidden and np.linalg.norm(p_WC - hidden[id]) > _BLIND_BEYOND
 
-    return {"seed": seed, **explore_track(track, seed, drone, hidden=too_far)}
+    world = ExplorationWorld(track, seed=seed, hidden=too_far)
+    return {"seed": seed, **explore_track(track, world, drone)}
 
 
-def explore_track(track: Track, seed: int, drone: str = "Default", **sight) -> dict:
+def explore_track(track: Track, world: ExplorationWorld, drone: str) -> dict:
     """Explores a track.
 
     Args:
         track: with the true gates.
-        seed: of the noise.
+        world: of that track.
         drone: whose size counts.
-        sight: more arguments of ExplorationWorld.
 
     Returns:
         what happened; ``failure`` is None or says what went wrong.
     """
-    scenario = Scenario(drone=drone)
-    flown = explore(
-        make_explorer(track, scenario),
-        ExplorationWorld(track, seed=seed, **sight),
-        track,
-        _TIME_LIMIT,
-    )
+    flown = explore(make_explorer(track, Scenario(drone=drone)), world, track, _TIME_LIMIT)
     status, n = flown.status, len(track.gates)
     room = clear_of_pylons(flown.path, track, load_vehicle(drone)[0].radius)
     wrong = [
-        c for c, expected in zip(flown.crossings, range(len(flown.crossings))) if c != expected
-    ] or list(flown.crossings[n:])
+        crossing for k, crossing in enumerate(flown.crossings) if crossing != k
+    ] or flown.crossings[n:]
     failure = None
     if room < 0.0:
         failure = f"hit a pylon by {-room:.2f} m"
@@ -138,27 +119,34 @@ def explore_track(track: Track, seed: int, drone: str = "Default", **sight) -> d
         "length_m": float(np.linalg.norm(np.diff(flown.path, axis=0), axis=1).sum()),
         "state": status.state,
         "reason": status.reason,
-        "events": [[e.time, e.state, e.reason] for e in status.events],
+        "events": [[event.time, event.state, event.reason] for event in status.events],
     }
 
 
-def summary(rows) -> Table:
-    """Returns the table of rows of explore_track()."""
-    table = Table(title=f"Exploration of {len(rows)} tracks", show_header=False)
+def show(rows: list) -> tuple[list, bool]:
+    """Returns the table of the rows, a line for each failure, and whether the bounds are kept."""
     good = [row for row in rows if row["failure"] is None]
-    times = [row["time_s"] for row in good] or [np.nan]
-    speeds = [row["length_m"] / row["time_s"] for row in good] or [np.nan]
+    times = column(good, "time_s") if good else np.array([np.nan])
+    speeds = column(good, "length_m") / times if good else times
     states = collections.Counter(state for row in rows for _, state, _ in row["events"])
-    table.add_row("explored and back home", f"{len(good)} ({len(good) / len(rows):.1%})")
-    table.add_row("hit a pylon", str(sum(row["hit"] for row in rows)))
-    table.add_row("flew through a wrong gap", str(sum(row["wrong_gaps"] > 0 for row in rows)))
-    table.add_row("least room to a pylon", f"{min(row['room_m'] for row in rows):.2f} m")
-    table.add_row(
-        "time to the closed loop, mean and longest", f"{np.mean(times):.1f} s, {max(times):.1f} s"
-    )
-    table.add_row("mean speed", f"{np.mean(speeds):.1f} m/s")
-    table.add_row("states entered", ", ".join(f"{s} {c}" for s, c in sorted(states.items())))
-    return table
+    hits = sum(row["hit"] for row in rows)
+    figures = {
+        "explored and back home": f"{len(good)} ({len(good) / len(rows):.1%})",
+        "hit a pylon": hits,
+        "flew through a wrong gap": sum(row["wrong_gaps"] > 0 for row in rows),
+        "least room to a pylon": f"{column(rows, 'room_m').min():.2f} m",
+        "time to the closed loop, mean and longest": f"{times.mean():.1f} s, {times.max():.1f} s",
+        "mean speed": f"{speeds.mean():.1f} m/s",
+        "states entered": ", ".join(f"{state} {n}" for state, n in sorted(states.items())),
+    }
+    failures = [
+        f"seed {row['seed']}, {row['track']}: {row['failure']}; "
+        f"last in {row['state']}: {row['reason']}"
+        for row in rows
+        if row["failure"]
+    ]
+    table = harness.make_list(f"Exploration of {len(rows)} tracks", figures)
+    return [table, *failures], len(good) >= _REQUIRED * len(rows) and not hits
 
 
 if __name__ == "__main__":

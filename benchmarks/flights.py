@@ -1,50 +1,52 @@
-"""Flights without a race, for experiments."""
+"""Flights along a reference, without a race."""
 
 import dataclasses as dc
 import functools
 
 import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
+from scipy.spatial.transform import Rotation
 
 from airrace.diagrams.flight import MakeFlight, start_in_flight
 from airrace.scenario import Scenario, load_scenario
-from airrace.systems.control.attitude_error import rotation_matrix
 from airrace.systems.referee_status import RefereeStatus
-from airrace.track import load_track
 from airrace.trajopt.flat_trajectory import flat_outputs, hold
-from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.flyable import clearance_of
 from airrace.trajopt.min_snap.circuit import Circuit, plan_circuit
 from airrace.trajopt.reference import as_reference
-from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle import load_vehicle
+from airrace.vehicle.state import as_state
+from tests.worlds.kinematic_flight import flat_state
+from tests.worlds.reference_laps import ORIGINAL, load_course
 
-LIMITS = dict(max_speed=20.0, max_acceleration=10.0)  # of the lap (m/s, m/s^2)
-PERIOD = 0.01  # s, between two looks at a flight
+PERIOD = 0.01  # s, between two samples of a flight
 
 
 @dc.dataclass(frozen=True)
 class Flown:
-    """What was seen of a flight.
+    """What happened in a flight.
 
     Attributes:
-        times: of the looks, (N,) s.
-        states: at those: quaternion of R_WB, p_WB, w_WB, v_WB, (N, 13).
+        times: of the samples, (N,) s.
+        rotations: R_WB, (N, 3, 3).
+        positions: p_WB, (N, 3) m.
+        angular_velocities: w_WB in the world, (N, 3) rad/s.
+        velocities: v_WB, (N, 3) m/s.
         losses: when each rotor was found to be lost (s), at the end.
-        report: the referee's, at the end.
+        status: the referee's, at the end.
     """
 
     times: np.ndarray
-    states: np.ndarray
+    rotations: np.ndarray
+    positions: np.ndarray
+    angular_velocities: np.ndarray
+    velocities: np.ndarray
     losses: np.ndarray
-    report: RefereeStatus
-
-    @property
-    def rotations(self) -> np.ndarray:
-        """R_WB, (N, 3, 3)."""
-        return np.array([rotation_matrix(*state[:4].tolist()) for state in self.states])
+    status: RefereeStatus
 
     @property
     def tilts(self) -> np.ndarray:
@@ -67,18 +69,25 @@ def fly(scenario, reference, duration, **start) -> Flown:
     start_in_flight(flight, scenario, context, **start)
     simulator.Initialize()
     names = ("truth.state", "truth.referee_status", "rotor_losses")
-    state, report, losses = (flight.GetOutputPort(name) for name in names)
+    state, status, losses = (flight.GetOutputPort(name) for name in names)
     states = []
     while len(states) < round(duration / PERIOD):
         simulator.AdvanceTo((len(states) + 1) * PERIOD)
-        if report.Eval(context).over:
+        if status.Eval(context).over:
             break
         states.append(state.Eval(context).copy())
+    # Drake's state of a free body: quaternion, position, angular velocity, velocity.
+    quaternions, positions, angular_velocities, velocities = np.split(
+        np.reshape(states, (-1, 13)), (4, 7, 10), axis=1
+    )
     return Flown(
         times=PERIOD * np.arange(1, len(states) + 1),
-        states=np.array(states),
+        rotations=Rotation.from_quat(quaternions, scalar_first=True).as_matrix(),
+        positions=positions,
+        angular_velocities=angular_velocities,
+        velocities=velocities,
         losses=losses.Eval(context).copy(),
-        report=report.Eval(context),
+        status=status.Eval(context),
     )
 
 
@@ -92,15 +101,8 @@ def _built(scenario_text: str, reference) -> tuple[Diagram, Simulator]:
 @functools.cache
 def racing_lap(drone: str) -> Circuit:
     """Returns the 3-D lap of a drone through the true gates of the reference track."""
-    track = load_track("student-airrace")
-    return plan_circuit(
-        [gate.p_WG for gate in track.gates],
-        [gate.heading for gate in track.gates],
-        track.pylons()[:, :2],
-        3,
-        clearance=clearance_of(load_vehicle(drone)[0].radius),
-        **LIMITS,
-    )
+    clearance = clearance_of(load_vehicle(drone)[0].radius)
+    return plan_circuit(*load_course(), 3, clearance=clearance, **ORIGINAL)
 
 
 @functools.cache
@@ -122,21 +124,15 @@ def hover_reference(height: float):
 
 def start_on(reference) -> dict:
     """Returns the start of a drone that is on a reference, see fly()."""
-    r = as_reference(reference(0.0))
-    force = r.acceleration + [0.0, 0.0, GRAVITY]
-    axes, w, _ = attitude_from_force(
-        force,
-        r.jerk,
-        r.snap,
-        heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration),
-    )
-    R_WB = np.column_stack(axes)
+    state = as_state(flat_state(reference(0.0), 0.0))
     return dict(
-        X_WB=RigidTransform(RotationMatrix(R_WB), r.position), w_WB=R_WB @ w, v_WB=r.velocity
+        X_WB=RigidTransform(RotationMatrix(Quaternion(state.quaternion)), state.position),
+        w_WB=state.angular_velocity,
+        v_WB=state.velocity,
     )
 
 
 def deviations(flown: Flown, reference) -> np.ndarray:
     """Returns the distances from a reference, (N,) m."""
     desired = np.array([as_reference(reference(time)).position for time in flown.times])
-    return np.linalg.norm(flown.states[:, 4:7] - desired, axis=1)
+    return np.linalg.norm(flown.positions - desired, axis=1)

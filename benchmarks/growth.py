@@ -6,83 +6,84 @@ Each run flies a generated track of either length from pixels, one after the oth
 so that other work of the machine slows down both.
 """
 
-import argparse
-import json
 import sys
 import tempfile
 from pathlib import Path
 
-import cv2
 import numpy as np
-from rich.console import Console
-from rich.progress import track as progress
-from rich.table import Table
+from pydrake.common.yaml import yaml_dump_typed
 
+from airrace.diagrams.warm_up import compile_apart
 from airrace.evaluation.jobs import generated_track
-from airrace.scenario import load_scenario
-from benchmarks.timed_race import time_race
+from airrace.scenario import Scenario, load_scenario
+from benchmarks import harness, race_speed
 
-GATES = 10, 20
-LIMIT = 1.3  # times the cost of the shorter one
+_GATES = 10, 20
+_LIMIT = 1.3  # times the cost of the shorter one
 _FIRST_SEED = 1000
 
 
 def main(argv=None) -> int:
     """Flies the races and prints the table; exit code 1 if one did not finish."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=5, help="tracks of either length (default: 5)")
-    parser.add_argument("--laps", type=int, default=1, help="after exploring (default: 1)")
-    parser.add_argument("--json", type=Path, help="also write the numbers here")
-    args = parser.parse_args(argv)
-    cv2.setNumThreads(1)
+    parser = harness.make_parser(__doc__, runs=5)
+    parser.add_argument("--laps", type=harness.count, default=1, help="of a race (default: 1)")
+    parser.add_argument(
+        "--scenario_text", metavar="YAML", help="scenario fields on top of the default"
+    )
+    return harness.run(parser, argv, measure, show)
+
+
+def measure(args) -> list:
+    """Returns a row for every race."""
     seeds = range(_FIRST_SEED, _FIRST_SEED + args.runs)
-    jobs = [(seed, gates) for seed in seeds for gates in GATES]
-    rows = [fly(*job, args.laps) for job in progress(jobs, "Racing", console=Console(stderr=True))]
-    Console(width=120).print(make_table(rows))
-    if args.json is not None:
-        args.json.write_text(json.dumps(rows, indent=1))
-    return 0 if all(row["finished"] for row in rows) else 1
+    jobs = [
+        (fly, (seed, gates, args.laps, args.scenario_text)) for seed in seeds for gates in _GATES
+    ]
+    compile_apart(load_scenario(scenario_text=args.scenario_text))
+    return harness.in_processes(jobs, "Racing")
 
 
-def fly(seed: int, gates: int, laps: int) -> dict:
-    """Returns what a race on a generated track takes, in wall and CPU seconds."""
+def fly(seed: int, gates: int, laps: int, scenario_text: str | None) -> dict:
+    """Returns what a race on the generated track of a seed takes, in wall and CPU seconds."""
     with tempfile.TemporaryDirectory() as folder:
         track = Path(folder, "track.yaml")
         track.write_text(generated_track(seed, gates)[1])
-        scenario = load_scenario()
+        scenario = load_scenario(scenario_text=scenario_text)
         scenario.track, scenario.laps, scenario.seed = str(track), laps, seed
         scenario.recording.content = "none"
-        race, times = time_race(scenario, Path(folder))
-    return {"seed": seed, "gates": gates, "finished": race["finished"], **times}
+        result = race_speed.fly(yaml_dump_typed(scenario, schema=Scenario))
+    phases = [phase for name, phase in result["phases"].items() if name != race_speed.SET_UP]
+    times = {key: sum(phase[key] for phase in phases) for key in race_speed.TIMES}
+    return {"seed": seed, "gates": gates, "finished": result["race"]["finished"], **times}
 
 
-def make_table(rows) -> Table:
-    """Returns the table of the rows that main() collects."""
-    table = Table(title="Races of either length, medians")
-    for name in (
-        "gates",
-        "finished",
-        "simulated (s)",
-        "x real time",
-        "beside 10 gates",
-        "to be at most",
-    ):
-        table.add_column(name, justify="right")
-    races = {gates: [row for row in rows if row["gates"] == gates] for gates in GATES}
-    costs = {
-        gates: np.array([row["cpu_s"] / row["simulated_s"] for row in own])
-        for gates, own in races.items()
-    }
-    for gates, own in races.items():
-        table.add_row(
-            str(gates),
-            f"{sum(row['finished'] for row in own)} of {len(own)}",
-            f"{np.median([row['simulated_s'] for row in own]):.0f}",
-            f"{1.0 / np.median(costs[gates]):.2f}",
-            f"{np.median(costs[gates] / costs[GATES[0]]):.2f}",
-            f"{LIMIT if gates == GATES[1] else 1.0:.1f}",
+def show(rows: list) -> tuple[list, bool]:
+    """Returns the table of the rows, and whether all races finished."""
+    summary, costs = [], {}
+    for (gates,), group in harness.groups(rows, "gates"):
+        simulated = harness.column(group, "simulated_s")
+        costs[gates] = harness.column(group, "cpu_s") / simulated
+        summary.append(
+            {
+                "gates": gates,
+                "finished": sum(row["finished"] for row in group),
+                "races": len(group),
+                "simulated_s": np.median(simulated),
+                "speed": 1.0 / np.median(costs[gates]),
+                "ratio": np.median(costs[gates] / costs[_GATES[0]]),
+                "limit": _LIMIT if gates == _GATES[1] else 1.0,
+            }
         )
-    return table
+    columns = {
+        "gates": "{gates}",
+        "finished": "{finished} of {races}",
+        "simulated (s)": "{simulated_s:.0f}",
+        "x real time": "{speed:.2f}",
+        f"beside {_GATES[0]} gates": "{ratio:.2f}",
+        "to be at most": "{limit:.1f}",
+    }
+    table = harness.make_table("Races of either length, medians", summary, columns)
+    return [table], all(row["finished"] for row in rows)
 
 
 if __name__ == "__main__":

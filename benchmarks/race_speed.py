@@ -6,59 +6,63 @@
 A race is flown from pixels on one core; each of several runs in a process of its own.
 Wall time and CPU time differ when the machine has other work, too; ratios to the simulated
 time are given for both. With --profile, a second table shows the CPU time of every box; a
-box counts without the boxes whose outputs it asks for. Watching makes the race some percent
-slower. With --renderer vtk, a last table holds a frame against Drake's own camera: see
-vtk_frame.py.
+box counts without the boxes whose outputs it asks for. Measuring the boxes makes the race
+some percent slower. With --renderer vtk, a last table compares a frame with one of Drake's
+own camera: see vtk_frame.py.
 """
 
-import argparse
-import json
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
+from typing import NamedTuple
 
-import cv2
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress, TextColumn
-from rich.table import Table
+from pydrake.common.yaml import yaml_dump_typed
 
-from airrace.common.errors import exit_code
+from airrace.common.errors import UserError
 from airrace.diagrams.race import run_race
 from airrace.diagrams.warm_up import compile_apart
-from airrace.scenario import load_scenario
+from airrace.scenario import Scenario, load_scenario
 from airrace.scenario.camera import NO_CAMERA, RENDERERS
 from airrace.scenario.recording import CONTENTS
 from airrace.track.map_files import TRACK
-from benchmarks import vtk_frame
-from benchmarks.fresh import in_fresh_processes, one_thread_each
-from benchmarks.stopwatch import Stopwatch, watching
+from benchmarks import harness, vtk_frame
+from benchmarks.box_times import BoxTimes
 
 SET_UP, EXPLORATION, LAPS = "set-up", "exploration", "laps"
-REST = "runner: looks, files, set-up"
+TIMES = ("simulated_s", "wall_s", "cpu_s")
+_REST = "runner: status, files, set-up"
 # Parts of boxes, and what is no box.
-PARTS = {
-    "airrace.rendering.planar.exposure:Exposure.draw": "Camera: drawing",
-    "airrace.rendering.vtk.vtk_renderer:VtkRenderer.render": "Camera: drawing",
-    "airrace.rendering.imaging.pixel_maps:PixelMap.bend": "lens and Rectifier: bending",
-    "airrace.rendering.imaging.sensor:Sensor.expose": "Camera: sensor",
-    "airrace.systems.perception.marker_search:MarkerSearch.everywhere": "ArucoDetector: all of it",
-    "airrace.systems.perception.marker_search:MarkerSearch.around": "ArucoDetector: regions",
-    "airrace.systems.perception.marker_measurement:refit": "ArucoDetector: corners",
-    "airrace.systems.perception.aruco_detector:measure": "ArucoDetector: checks, poses",
-    "pydrake.systems.analysis:Simulator.AdvanceTo": "Drake: plant step, Simulator",
+_PARTS = {
+    "airrace.rendering.planar.exposure.Exposure.draw": "Camera: drawing",
+    "airrace.rendering.vtk.vtk_renderer.VtkRenderer.render": "Camera: drawing",
+    "airrace.rendering.imaging.pixel_maps.PixelMap.bend": "lens and Rectifier: bending",
+    "airrace.rendering.imaging.sensor.Sensor.expose": "Camera: sensor",
+    "airrace.systems.perception.marker_search.MarkerSearch.everywhere": "ArucoDetector: all of it",
+    "airrace.systems.perception.marker_search.MarkerSearch.around": "ArucoDetector: regions",
+    "airrace.systems.perception.marker_measurement.refit": "ArucoDetector: corners",
+    "airrace.systems.perception.aruco_detector.measure": "ArucoDetector: checks, poses",
+    "pydrake.systems.analysis.Simulator.AdvanceTo": "Drake: plant step, Simulator",
 }
+
+
+class Instant(NamedTuple):
+    """The start of a phase: simulated, wall and CPU time (s), and those of the boxes."""
+
+    simulated: float
+    wall: float
+    cpu: float
+    seconds: Counter
+    calls: Counter
 
 
 def main(argv=None) -> int:
     """Flies the races and prints the tables; exit code 1 if one did not finish."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = harness.make_parser(__doc__, runs=1)
     parser.add_argument("--profile", action="store_true", help="also show the time of every box")
     parser.add_argument("--laps", type=int, default=2, help="after exploring (default: 2)")
-    parser.add_argument(
-        "--runs", type=int, default=1, help="races, of which medians are shown (default: 1)"
-    )
     parser.add_argument("--drone", default="Default", help="a shipped drone, or a folder")
     parser.add_argument(
         "--renderer",
@@ -74,34 +78,13 @@ def main(argv=None) -> int:
         metavar="YAML",
         help="scenario fields on top, e.g. '{camera: {preset: harsh}}'",
     )
-    parser.add_argument("--json", type=Path, help="also write the numbers here")
-    args = parser.parse_args(argv)
-    if args.runs < 1:
-        parser.error("--runs must be at least 1")
+    return harness.run(parser, argv, measure, show)
+
+
+def measure(args) -> dict:
+    """Returns ``runs``, of fly(), and with vtk ``frame_ms``, of vtk_frame.measure()."""
     if args.profile and args.runs > 1:
-        parser.error("--profile looks at one race; leave out --runs")
-    return exit_code(lambda: _run(args))
-
-
-def _run(args) -> int:
-    scenario = make_scenario(args)
-    compile_apart(scenario)
-    one_thread_each()
-    results = list(in_fresh_processes(fly, args.runs * [(args,)]))
-    console, report = Console(width=120), {"runs": results}
-    console.print(speed_table(results))
-    if args.profile:
-        console.print(box_table(results[0]))
-    if scenario.camera.renderer == "vtk":
-        report["frame_ms"] = vtk_frame.measure()
-        console.print(vtk_frame.make_table(report["frame_ms"]))
-    if args.json is not None:
-        args.json.write_text(json.dumps(report, indent=1))
-    return 0 if all(result["race"]["finished"] for result in results) else 1
-
-
-def make_scenario(args):
-    """Returns the checked Scenario that main()'s arguments ask for."""
+        raise UserError("--profile is of one race; leave out --runs.")
     scenario = load_scenario(scenario_text=args.scenario_text)
     scenario.laps, scenario.drone = args.laps, args.drone
     scenario.camera.renderer = args.renderer or scenario.camera.renderer
@@ -109,154 +92,130 @@ def make_scenario(args):
         scenario.map = scenario.map or TRACK
     scenario.recording.content = args.record
     scenario.check()
-    return scenario
+    compile_apart(scenario)
+    text = yaml_dump_typed(scenario, schema=Scenario)
+    results = {"runs": harness.in_processes(args.runs * [(fly, (text, args.profile))], "Racing")}
+    if scenario.camera.renderer == "vtk":
+        results["frame_ms"] = vtk_frame.measure()
+    return results
 
 
-def fly(args) -> dict:
-    """Returns what measure() does for main()'s arguments, on one core."""
-    cv2.setNumThreads(1)
-    return measure(make_scenario(args), profile=args.profile)
-
-
-def measure(scenario, *, profile: bool) -> dict:
+def fly(scenario_text: str, profile: bool = False) -> dict:
     """Flies a race.
 
     Args:
-        scenario: of the race.
-        profile: whether to watch the boxes.
+        scenario_text: the fields of its scenario, as YAML.
+        profile: whether to measure the boxes.
 
     Returns:
-        ``race``: its race.json; ``phases``: name to ``simulated_s``, ``wall_s``,
-        ``cpu_s`` and ``boxes``, name to ``seconds`` and ``calls``, which is
-        empty without profile.
+        ``race``: its race.json; ``phases``: name to TIMES and ``boxes``, name to
+        ``seconds`` and ``calls``, which is empty without profile.
     """
-    stopwatch = Stopwatch(REST)
-    starts = []  # of the phases, and the end: simulated, wall, CPU time, boxes
+    scenario = load_scenario(scenario_text=scenario_text)
+    boxes, starts, now = BoxTimes(_REST), [], 0.0
 
-    def mark(simulated):
-        boxes = stopwatch.snapshot() if profile else {}
-        starts.append((simulated, time.perf_counter(), time.process_time(), boxes))
+    def mark():
+        starts.append(
+            Instant(
+                now, time.perf_counter(), time.process_time(), boxes.seconds(), boxes.calls.copy()
+            )
+        )
 
-    with Progress(
-        *Progress.get_default_columns()[:1],
-        TextColumn("{task.fields[clock]}"),
-        console=Console(stderr=True),
-        transient=True,
-    ) as progress:
-        task = progress.add_task("Racing", total=None, clock="")
+    def show(record, status):
+        nonlocal now
+        now = status.time
+        if len(starts) == 1:  # called for the first time: all is set up
+            mark()
+        if status.explorer_status.done and len(starts) == 2:
+            mark()
 
-        def show(record, look):
-            if len(starts) == 1:  # the first look: all is set up
-                mark(look.time)
-            if look.explorer_status.done and len(starts) == 2:
-                mark(look.time)
-            if round(10 * look.time) % 10 == 0:
-                progress.update(task, clock=f"{look.time:.0f} s simulated")
-            show.time = look.time
-
-        with tempfile.TemporaryDirectory() as folder:
-            mark(0.0)
-            if profile:
-                with watching(stopwatch, PARTS):
-                    race = run_race(scenario, Path(folder), show=show)
-            else:
+    with tempfile.TemporaryDirectory() as folder:
+        mark()
+        if profile:
+            with boxes.measuring(_PARTS):
                 race = run_race(scenario, Path(folder), show=show)
-            mark(show.time)
+        else:
+            race = run_race(scenario, Path(folder), show=show)
+        mark()
+    phases = zip((SET_UP, EXPLORATION, LAPS), starts, starts[1:])
     return {
         "race": race,
-        "phases": {
-            name: _between(start, end)
-            for name, start, end in zip((SET_UP, EXPLORATION, LAPS), starts, starts[1:])
-        },
+        "phases": {name: _phase(start, end, profile) for name, start, end in phases},
     }
 
 
-def _between(start, end) -> dict:
-    boxes = {}
-    for name, (seconds, calls) in end[3].items():
-        before = start[3].get(name, (0.0, 0))
-        boxes[name] = {"seconds": seconds - before[0], "calls": calls - before[1]}
-    simulated, wall, cpu = (b - a for a, b in zip(start[:3], end[:3]))
-    return {"simulated_s": simulated, "wall_s": wall, "cpu_s": cpu, "boxes": boxes}
-
-
-def speed_table(results) -> Table:
-    """Returns the table of speeds of what measure() returned, of one race or of several."""
-    race, several = results[0]["race"], len(results) > 1
-    table = Table(
-        title=f"{race['drone']} on {race['track']}" + several * f", medians of {len(results)} races"
-    )
-    for name in (
-        "",
-        "simulated (s)",
-        "wall (s)",
-        "CPU (s)",
-        "x real time",
-        "x real time, CPU",
-        *several * ("least", "most"),
-    ):
-        table.add_column(name, justify="right")
-    times = [_times(result["phases"]) for result in results]
-    for name in times[0]:
-        rows = np.array([each[name] for each in times if name in each])
-        simulated, wall, cpu = np.median(rows, axis=0)
-        rates = rows[:, :1] / rows[:, 1:]
-        table.add_row(
-            name,
-            f"{simulated:.1f}",
-            f"{wall:.2f}",
-            f"{cpu:.2f}",
-            *(f"{rate:.2f}" for rate in np.median(rates, axis=0)),
-            *several * (f"{rates[:, 0].min():.2f}", f"{rates[:, 0].max():.2f}"),
-        )
-    return table
-
-
-def _times(phases) -> dict:
-    """Returns simulated, wall and CPU time of every phase, and of all together, (3,) s."""
-    times = {
-        name: np.array([phase[key] for key in ("simulated_s", "wall_s", "cpu_s")])
-        for name, phase in phases.items()
+def _phase(start: Instant, end: Instant, profile: bool) -> dict:
+    boxes = {
+        name: {
+            "seconds": end.seconds[name] - start.seconds[name],
+            "calls": end.calls[name] - start.calls[name],
+        }
+        for name in end.seconds
     }
-    return times | {"all": sum(times.values())}
+    times = {name: after - before for name, before, after in zip(TIMES, start, end)}
+    return times | {"boxes": boxes if profile else {}}
 
 
-def box_table(result) -> Table:
-    """Returns the table of boxes of what measure() returns, with profile."""
-    table = Table(title="CPU time, ms for each simulated second")
-    phases = {
-        name: result["phases"][name] for name in (EXPLORATION, LAPS) if name in result["phases"]
+def show(results: dict) -> tuple[list, bool]:
+    """Returns the tables, and whether all races finished."""
+    runs = results["runs"]
+    tables = [speed_table(runs)]
+    if runs[0]["phases"][SET_UP]["boxes"]:
+        tables.append(box_table(runs[0]["phases"]))
+    if "frame_ms" in results:
+        tables.append(vtk_frame.make_table(results["frame_ms"]))
+    return tables, all(run["race"]["finished"] for run in runs)
+
+
+def speed_table(runs: list):
+    """Returns the table of speeds of one race, or the medians of several."""
+    times = {}  # of each phase, and of all together, (runs, 3)
+    for run in runs:
+        phases = {name: [phase[key] for key in TIMES] for name, phase in run["phases"].items()}
+        phases["all"] = np.sum(list(phases.values()), axis=0)
+        for name, each in phases.items():
+            times.setdefault(name, []).append(each)
+    rows = []
+    for name, each in times.items():
+        simulated, wall, cpu = np.transpose(each)
+        figures = {"simulated": simulated, "wall": wall, "cpu": cpu}
+        figures |= {"speed": simulated / wall, "cpu_speed": simulated / cpu}
+        medians = {key: np.median(values) for key, values in figures.items()}
+        slowest, fastest = figures["speed"].min(), figures["speed"].max()
+        rows.append({"phase": name, **medians, "slowest": slowest, "fastest": fastest})
+    columns = {
+        "": "{phase}",
+        "simulated (s)": "{simulated:.1f}",
+        "wall (s)": "{wall:.2f}",
+        "CPU (s)": "{cpu:.2f}",
+        "x real time": "{speed:.2f}",
+        "x real time, CPU": "{cpu_speed:.2f}",
     }
-    table.add_column("box")
-    for name in phases:
-        for heading in (name, "calls/s", "us a call"):
-            table.add_column(heading, justify="right")
+    title = f"{runs[0]['race']['drone']} on {runs[0]['race']['track']}"
+    if len(runs) > 1:
+        columns |= {"least": "{slowest:.2f}", "most": "{fastest:.2f}"}
+        title += f", medians of {len(runs)} races"
+    return harness.make_table(title, rows, columns)
 
-    def cells(phase, seconds, calls):
-        simulated = max(phase["simulated_s"], 1e-9)
-        rate = f"{calls / simulated:.0f}" if calls else "-"
-        return (
-            f"{1e3 * seconds / simulated:.1f}",
-            rate,
-            f"{1e6 * seconds / calls:.1f}" if calls else "-",
-        )
 
-    none = {"seconds": 0.0, "calls": 0}
-    rows = {box for phase in phases.values() for box in phase["boxes"]}
-    for box in sorted(rows):
-        table.add_row(
-            box,
-            *(
-                cell
-                for phase in phases.values()
-                for cell in cells(phase, *phase["boxes"].get(box, none).values())
-            ),
-        )
-    table.add_section()
-    sums = {name: sum(b["seconds"] for b in p["boxes"].values()) for name, p in phases.items()}
-    table.add_row("sum of the rows", *(c for n, p in phases.items() for c in cells(p, sums[n], 0)))
-    table.add_row("CPU time", *(c for p in phases.values() for c in cells(p, p["cpu_s"], 0)))
-    return table
+def box_table(phases: dict):
+    """Returns the table of the boxes of a race, of what fly() returns."""
+    phases = {name: phases[name] for name in (EXPLORATION, LAPS) if name in phases}
+    names = sorted({box for phase in phases.values() for box in phase["boxes"]})
+    rows = {name: {"box": name} for name in (*names, "sum of the rows", "CPU time")}
+    for phase, times in phases.items():
+        sums = {"seconds": sum(box["seconds"] for box in times["boxes"].values()), "calls": 0}
+        whole = {"seconds": times["cpu_s"], "calls": 0}
+        for name, box in (times["boxes"] | {"sum of the rows": sums, "CPU time": whole}).items():
+            rows[name][phase] = 1e3 * box["seconds"] / times["simulated_s"]
+            rows[name][f"{phase} calls"] = box["calls"] / times["simulated_s"] or None
+            rows[name][f"{phase} us"] = 1e6 * box["seconds"] / (box["calls"] or np.nan)
+    columns = {"box": "{box}"}
+    for phase in phases:
+        columns[phase] = f"{{{phase}:.1f}}"
+        columns[f"{phase}, calls/s"] = f"{{{phase} calls:.0f}}"
+        columns[f"{phase}, us a call"] = f"{{{phase} us:.1f}}"
+    return harness.make_table("CPU time, ms for each simulated second", rows.values(), columns)
 
 
 if __name__ == "__main__":

@@ -5,16 +5,10 @@
 Every track is written, read again as a race would, and checked.
 """
 
-import argparse
-import json
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.progress import track as progress
-from rich.table import Table
 
 from airrace.common.errors import UserError
 from airrace.common.resources import load_yaml
@@ -23,32 +17,28 @@ from airrace.track.__main__ import to_yaml
 from airrace.track.generator import DIRECTIONS, generate_track
 from airrace.track.layout import Layout
 from airrace.track.rules import check_rules
+from benchmarks import harness
 
 
 def main(argv=None) -> int:
     """Generates and prints the table; exit code 1 if a seed gave no valid track."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=1000, help="0 to below this (default: 1000)")
+    parser = harness.make_parser(__doc__)
+    parser.add_argument(
+        "--seeds", type=harness.count, default=1000, help="0 to below this (default: 1000)"
+    )
     parser.add_argument("--gates", type=int, help="of every track (default: drawn)")
     parser.add_argument("--direction", choices=DIRECTIONS, help="of every track (default: drawn)")
-    parser.add_argument("--json", type=Path, help="also write the figures of every seed")
-    args = parser.parse_args(argv)
-    rows = [
-        measure(seed, args.gates, args.direction)
-        for seed in progress(range(args.seeds), "Generating", console=Console(stderr=True))
-    ]
-    console = Console(width=110)
-    console.print(make_table(rows))
-    for row in rows:
-        if row["fault"] is not None:
-            console.print(f"seed {row['seed']}: {row['fault']}")
-    if args.json is not None:
-        args.json.write_text(json.dumps(rows, indent=1))
-    return 0 if all(row["fault"] is None for row in rows) else 1
+    return harness.run(parser, argv, measure, show)
 
 
-def measure(seed: int, gates=None, direction=None) -> dict:
-    """Returns what a seed gives: its track's figures, or in "fault" what is wrong."""
+def measure(args) -> list:
+    """Returns a row for every seed."""
+    seeds = harness.progress(range(args.seeds), "Generating")
+    return [generate(seed, args.gates, args.direction) for seed in seeds]
+
+
+def generate(seed: int, gates=None, direction=None) -> dict:
+    """Returns the figures of a seed's track; ``fault`` is None or says what is wrong."""
     begin = time.perf_counter()
     try:
         generated = generate_track(seed, gates, direction)
@@ -70,49 +60,49 @@ def measure(seed: int, gates=None, direction=None) -> dict:
         "gates": len(generated.gates),
         "wall_s": wall,
         "direction": "left" if layout.turns.sum() > 0 else "right",
-        "lap_m": around,
+        "lap_m": float(around),
         "legs_m": layout.lengths.tolist(),
     }
 
 
-def make_table(rows) -> Table:
-    """Returns the table of measure(), one row for each number of gates, and all."""
-    table = Table(title="Generated tracks")
-    for name in (
-        "gates",
-        "tracks",
-        "left",
-        "valid",
-        "lap, min (m)",
-        "mean",
-        "max",
-        "leg, min (m)",
-        "median",
-        "max",
-        "time, mean (ms)",
-        "max",
-    ):
-        table.add_column(name, justify="right")
+def show(rows: list) -> tuple[list, bool]:
+    """Returns a table with a row for each number of gates, a line a fault, and if all is well."""
     made = [row for row in rows if "gates" in row]
-    counts = sorted({row["gates"] for row in made})
-    for what, some in [
-        *((str(n), [r for r in made if r["gates"] == n]) for n in counts),
-        ("all", made),
-    ]:
-        if not some:
-            continue
-        laps, walls = ([row[name] for row in some] for name in ("lap_m", "wall_s"))
-        legs = np.concatenate([row["legs_m"] for row in some])
-        table.add_row(
-            what,
-            str(len(some)),
-            str(sum(row["direction"] == "left" for row in some)),
-            str(sum(row["fault"] is None for row in some)),
-            *(f"{f(laps):.0f}" for f in (np.min, np.mean, np.max)),
-            *(f"{f(legs):.1f}" for f in (np.min, np.median, np.max)),
-            *(f"{1000 * f(walls):.0f}" for f in (np.mean, np.max)),
-        )
-    return table
+    by_gates = sorted(harness.groups(made, "gates"))
+    figures = [_figures(str(n), group) for (n,), group in by_gates]
+    columns = {
+        "gates": "{gates}",
+        "tracks": "{tracks}",
+        "left": "{left}",
+        "valid": "{valid}",
+        "lap, min (m)": "{lap[0]:.0f}",
+        "median lap": "{lap[1]:.0f}",
+        "max lap": "{lap[2]:.0f}",
+        "leg, min (m)": "{leg[0]:.1f}",
+        "median leg": "{leg[1]:.1f}",
+        "max leg": "{leg[2]:.1f}",
+        "time, median (ms)": "{ms[1]:.0f}",
+        "max": "{ms[2]:.0f}",
+    }
+    if made:
+        figures.append(_figures("all", made))
+    faults = [f"seed {row['seed']}: {row['fault']}" for row in rows if row["fault"] is not None]
+    return [harness.make_table("Generated tracks", figures, columns), *faults], not faults
+
+
+def _figures(gates: str, rows: list) -> dict:
+    def quantiles(values):
+        return np.quantile(values, [0.0, 0.5, 1.0])
+
+    return {
+        "gates": gates,
+        "tracks": len(rows),
+        "left": sum(row["direction"] == "left" for row in rows),
+        "valid": sum(row["fault"] is None for row in rows),
+        "lap": quantiles(harness.column(rows, "lap_m")),
+        "leg": quantiles(np.concatenate([row["legs_m"] for row in rows])),
+        "ms": quantiles(1e3 * harness.column(rows, "wall_s")),
+    }
 
 
 if __name__ == "__main__":

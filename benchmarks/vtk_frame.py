@@ -2,50 +2,42 @@
 
     python -m benchmarks.vtk_frame [--frames 20] [--json FILE]
 
-Both draw the same views of the reference track by turns, each as a colour picture and
-its depths; ours with haze and sky, once in colour and once in grey levels, as the
-detector has it. The bare one is a RgbdSensor.
+Both draw the same views of the reference track by turns. Drake's RgbdSensor draws a colour
+picture and its depths; the vtk renderer draws these, and haze and sky, once in colour and
+once in grey levels, as the detector gets it.
 """
 
-import argparse
-import json
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import RgbdSensor
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
 
-from airrace.common.errors import exit_code
 from airrace.track import load_track
+from benchmarks import harness
 from benchmarks.perception_scenes import INFO, add_vtk_scene, look_at
 
-BARE, COLOUR, GREY = "RgbdSensor, colour and depth", "airrace, colour", "airrace, grey levels"
-LIMIT = 1.1  # times the bare one
+_BARE, _COLOUR, _GREY = "RgbdSensor, colour and depth", "airrace, colour", "airrace, grey levels"
+_LIMIT = 1.1  # times the bare one
 _WARM_UP = 2  # frames that are not counted
 
 
 def main(argv=None) -> int:
     """Draws the frames and prints the table; exit code 2 if there is no VTK."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--frames", type=int, default=20, help="views of the track (default: 20)")
-    parser.add_argument("--json", type=Path, help="also write the numbers here")
-    args = parser.parse_args(argv)
-    result = measure(args.frames)
-    Console(width=120).print(make_table(result))
-    if args.json is not None:
-        args.json.write_text(json.dumps(result, indent=1))
-    return 0
+    parser = harness.make_parser(__doc__)
+    parser.add_argument(
+        "--frames", type=harness.count, default=20, help="views of the track (default: 20)"
+    )
+    return harness.run(
+        parser, argv, lambda args: measure(args.frames), lambda result: ([make_table(result)], True)
+    )
 
 
 def measure(frames: int = 20) -> dict:
-    """Returns who draws to what each frame took (ms).
+    """Returns renderer to what each frame took (ms).
 
     Raises:
         UserError: if this machine cannot render with VTK.
@@ -61,41 +53,41 @@ def measure(frames: int = 20) -> dict:
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     query = scene_graph.get_query_output_port().Eval(scene_graph.GetMyContextFromRoot(context))
-    of_sensor = sensor.GetMyMutableContextFromRoot(context)
-    pictures = {
-        COLOUR: np.zeros((INFO.height, INFO.width, 4), np.uint8),
-        GREY: np.zeros((INFO.height, INFO.width), np.uint8),
-    }
+    sensor_context = sensor.GetMyMutableContextFromRoot(context)
+    colour = np.zeros((INFO.height, INFO.width, 4), np.uint8)
+    grey = np.zeros((INFO.height, INFO.width), np.uint8)
 
     def bare(X_WC):
-        sensor.SetX_PB(of_sensor, X_WC)
-        sensor.color_image_output_port().Eval(of_sensor)
-        sensor.depth_image_32F_output_port().Eval(of_sensor)
+        sensor.SetX_PB(sensor_context, X_WC)
+        sensor.color_image_output_port().Eval(sensor_context)
+        sensor.depth_image_32F_output_port().Eval(sensor_context)
 
-    painters = {BARE: bare} | {
-        name: lambda X_WC, out=out: ours.render(X_WC, out, query) for name, out in pictures.items()
+    renderers = {
+        _BARE: bare,
+        _COLOUR: lambda X_WC: ours.render(X_WC, colour, query),
+        _GREY: lambda X_WC: ours.render(X_WC, grey, query),
     }
-    spent = {name: [] for name in painters}
-    for k in track(range(_WARM_UP + frames), "Drawing", console=Console(stderr=True)):
+    spent = {name: [] for name in renderers}
+    for k in harness.progress(range(_WARM_UP + frames), "Drawing"):
         gate = race.gates[k % len(race.gates)]
         X_WC = look_at(gate.p_WG - (8.0 + k) * gate.forward, gate.p_WG)
-        for name, paint in painters.items():
+        for name, render in renderers.items():
             clock = time.perf_counter()
-            paint(X_WC)
+            render(X_WC)
             spent[name].append(1e3 * (time.perf_counter() - clock))
     return {name: times[_WARM_UP:] for name, times in spent.items()}
 
 
-def make_table(result) -> Table:
+def make_table(result: dict):
     """Returns the table of what measure() returns."""
-    table = Table(title=f"A frame of vtk, to take at most {LIMIT} times as long as the bare one")
-    for name in ("", "median (ms)", "beside the bare one"):
-        table.add_column(name, justify="left" if not name else "right")
-    for name, times in result.items():
-        share = np.median(np.divide(times, result[BARE]))
-        table.add_row(name, f"{np.median(times):.1f}", f"{share:.2f}")
-    return table
+    columns = {"": "{name}", "median (ms)": "{ms:.1f}", "beside the bare one": "{ratio:.2f}"}
+    rows = [
+        {"name": name, "ms": np.median(ms), "ratio": np.median(np.divide(ms, result[_BARE]))}
+        for name, ms in result.items()
+    ]
+    title = f"A frame of vtk, to take at most {_LIMIT} times as long as the bare one"
+    return harness.make_table(title, rows, columns)
 
 
 if __name__ == "__main__":
-    sys.exit(exit_code(main))
+    sys.exit(main())

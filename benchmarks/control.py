@@ -18,8 +18,8 @@ from scipy.optimize import linprog
 from airrace.vehicle import DRONES, GRAVITY, Vehicle, load_vehicle
 from benchmarks import harness
 from benchmarks.experiments import MAX_RATE, Case, loss, race, recovery, tracking
-from benchmarks.flights import racing_lap
 from benchmarks.harness import groups, make_table, worst
+from tests.worlds.flight import racing_lap
 
 _NOISES = ("none", "reference")
 _NO_REJECTION = "controller: {disturbance_rejection: false}"
@@ -55,6 +55,9 @@ def main(argv=None) -> int:
         "--quick", action="store_true", help="a tenth of the attitudes, one seed, races of one lap"
     )
     parser.add_argument(
+        "--attitudes", type=harness.count, help="for each drone and noise (default: 200)"
+    )
+    parser.add_argument(
         "--only",
         nargs="+",
         choices=list(SECTIONS),
@@ -72,7 +75,7 @@ def main(argv=None) -> int:
 
 def measure(args) -> dict:
     """Returns the rows of every section."""
-    jobs = {name: SECTIONS[name][0](args.quick) for name in SECTIONS if name in args.only}
+    jobs = {name: SECTIONS[name][0](args) for name in SECTIONS if name in args.only}
     rows = iter(
         harness.in_processes(
             itertools.chain(*jobs.values()), "Flying", workers=args.workers, jobs_each=_FLIGHTS_EACH
@@ -88,9 +91,9 @@ def show(results: dict) -> tuple[list, bool]:
     return tables, all(row.get("finished", True) for row in flown)
 
 
-def recovery_jobs(quick: bool) -> list:
+def recovery_jobs(args) -> list:
     """Returns the jobs that recover from attitudes and angular velocities."""
-    indices = range(20 if quick else 200)
+    indices = range(args.attitudes or (20 if args.quick else 200))
     return [(recovery, job) for job in itertools.product(DRONES, _NOISES, indices)]
 
 
@@ -141,14 +144,14 @@ def yaw_stopping_time(vehicle: Vehicle, rate: float) -> float:
     return vehicle.inertia[2] * rate / -found.fun
 
 
-def tracking_jobs(quick: bool) -> list:
+def tracking_jobs(args) -> list:
     """Returns the jobs that fly racing laps."""
     return [
         (tracking, (drone, case, noise, seed))
         for drone in DRONES
         for case in _TRACKING_CASES
         for noise in _NOISES
-        for seed in range(1 if quick else case.seeds)
+        for seed in range(1 if args.quick else case.seeds)
     ]
 
 
@@ -192,9 +195,9 @@ _RACE_COLUMNS = {
 }
 
 
-def wind_jobs(quick: bool) -> list:
+def wind_jobs(args) -> list:
     """Returns the jobs that race in the wind."""
-    return [(race, (drone, Case("wind", "Wind"), 1 if quick else 10)) for drone in DRONES]
+    return [(race, (drone, Case("wind", "Wind"), 1 if args.quick else 10)) for drone in DRONES]
 
 
 def wind_tables(rows: list) -> list:
@@ -203,7 +206,7 @@ def wind_tables(rows: list) -> list:
     return [make_table(title, rows, _RACE_COLUMNS | {"mean lap (s)": "{mean_lap_s:.2f}"})]
 
 
-def loss_jobs(quick: bool) -> list:
+def loss_jobs(args) -> list:
     """Returns the jobs that lose rotors."""
     jobs = []
     for drone, drag in itertools.product(DRONES, _DRAGS):
@@ -216,7 +219,7 @@ def loss_jobs(quick: bool) -> list:
     for time in _FAILURE_TIMES:
         text = f"rotor_failures: [{{rotor: {_FAILING_ROTOR}, time: {time}}}]"
         case = Case(f"rotor {_FAILING_ROTOR} fails at {time:.0f} s", "RotorFailure", text)
-        jobs.append((race, ("StarOne", case, 1 if quick else 5)))
+        jobs.append((race, ("StarOne", case, 1 if args.quick else 5)))
     return jobs
 
 

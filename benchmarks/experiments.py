@@ -18,7 +18,7 @@ from airrace.scenario import load_scenario
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.disturbances import RotorFailure
 from airrace.vehicle.rotor_loss import Remaining
-from benchmarks.flights import (
+from tests.worlds.flight import (
     PERIOD,
     deviations,
     fly,

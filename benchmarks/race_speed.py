@@ -121,12 +121,12 @@ def fly(scenario_text: str, profile: bool = False) -> dict:
             )
         )
 
-    def show(record, status):
+    def show(result, outputs):
         nonlocal now
-        now = status.time
+        now = outputs.time
         if len(starts) == 1:  # called for the first time: all is set up
             mark()
-        if status.explorer_status.done and len(starts) == 2:
+        if outputs.explorer_status.done and len(starts) == 2:
             mark()
 
     with tempfile.TemporaryDirectory() as folder:

@@ -5,34 +5,26 @@
 Every simulator flies its own drone under its own controller on the same circle, in a
 process of its own on one core, one after the other, run by run. Start-up, compiling and
 the first laps do not count. --install puts the peers into environments of their own,
-from the package index that pip is configured for (about 2 GB).
+from the package index that pip is configured for (about 2 GB). gym-pybullet-drones is not
+among them: it is installed from a clone of its repository, not from a package index.
 """
 
-import argparse
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
-from rich.table import Table
 
+from benchmarks import harness
 from benchmarks.peers import circle
 from benchmarks.peers import environments as env
 
-OURS = "airrace"
-_NOTE = (
-    "gym-pybullet-drones is not among the peers: it is installed from a clone of its "
-    "repository, not from a package index."
-)
+_OURS = "airrace"
 
 
 def main(argv=None) -> int:
     """Flies all and prints the table; exit code 1 if one did not fly."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.splitlines()[0], epilog=" ".join(__doc__.split("\n\n")[2].split())
-    )
+    parser = harness.make_parser(__doc__, runs=5)
+    parser.prog = "python -m benchmarks.peers"
     parser.add_argument("--install", action="store_true", help="install the peers if need be")
     parser.add_argument(
         "--folder",
@@ -40,141 +32,88 @@ def main(argv=None) -> int:
         default=env.default_folder(),
         help="of the peers' environments (default: %(default)s)",
     )
-    parser.add_argument("--runs", type=int, default=5, help="of each simulator (default: 5)")
-    parser.add_argument("--json", type=Path, help="also write the numbers here")
-    args = parser.parse_args(argv)
-    if args.runs < 1:
-        parser.error("--runs must be at least 1")
-    flights, failures = measure(args.folder.absolute(), args.runs, install=args.install)
-    rows = [row for results in flights.values() for row in medians(results)]
-    compare(rows)
-    console = Console(width=120)
-    console.print(make_table(rows))
-    if OURS in flights:
-        console.print(shares_sentence(flights[OURS]))
-    for name, reason in failures.items():
-        console.print(f"{name}: {reason}.", soft_wrap=True)
-    console.print(_NOTE, soft_wrap=True)
-    if args.json is not None:
-        args.json.write_text(
-            json.dumps({"rows": rows, "failures": failures, "flights": flights}, indent=1)
-        )
-    return 1 if failures else 0
+    return harness.run(parser, argv, measure, show)
 
 
-def measure(folder: Path, runs: int, *, install: bool) -> tuple[dict, dict]:
-    """Flies every simulator in turn, so that all see the same of the machine's moods.
-
-    Args:
-        folder: of the peers' environments.
-        runs: of each simulator.
-        install: whether to make environments that are not there.
+def measure(args) -> dict:
+    """Flies every simulator in turn, so that other work of the machine slows down all of them.
 
     Returns:
-        name to the list of what circle.report() printed in each run, of those that flew
-        in every run; and name to a clause on why, of the others.
+        ``flights``: name to the list of what circle.report() printed in each run, of the
+        simulators that flew in every run; ``failures``: name to a clause on why, of the
+        others; ``rows``: the medians, with ``ours``, see compare().
     """
-    pythons, flights, failures = {OURS: sys.executable}, {}, {}
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None)
-        for name, requirement in env.requirements().items():
+    folder = args.folder.absolute()
+    pythons, flights, failures = {_OURS: Path(sys.executable)}, {}, {}
+    for name, requirement in env.requirements().items():
+        try:
+            if args.install:
+                env.install(folder, name, requirement)
+            pythons[name] = env.python_of(folder, name, requirement)
+        except env.PeerError as e:
+            failures[name] = str(e)
+    for name in harness.progress(args.runs * list(pythons), "Flying"):
+        if name not in failures:
             try:
-                if install:
-                    bar.update(task, description=f"Installing {name}")
-                    env.install(folder, name, requirement)
-                pythons[name] = env.python_of(folder, name, requirement)
+                flights.setdefault(name, []).append(env.fly(pythons[name], f"fly_{name}"))
             except env.PeerError as e:
                 failures[name] = str(e)
-        bar.update(task, description="Flying", total=runs * len(pythons))
-        for _ in range(runs):
-            for name, python in pythons.items():
-                if name not in failures:
-                    try:
-                        flights.setdefault(name, []).append(env.fly(python, f"fly_{name}"))
-                    except env.PeerError as e:
-                        failures[name] = str(e)
-                bar.advance(task)
-    return {n: results for n, results in flights.items() if n not in failures}, failures
+    flights = {name: runs for name, runs in flights.items() if name not in failures}
+    rows = [row for runs in flights.values() for row in medians(runs)]
+    compare(rows)
+    return {"rows": rows, "failures": failures, "flights": flights}
 
 
-def medians(results) -> list[dict]:
+def medians(runs: list) -> list[dict]:
     """Returns the rows of a simulator, of what circle.report() printed in each run.
 
     Times become ``x_wall`` and ``x_cpu``, simulated seconds for each second of those;
     ``x_cpu_range`` is its least and greatest.
     """
     rows = []
-    for runs in zip(*(result["rows"] for result in results)):
-        row = {"simulator": results[0]["simulator"]} | runs[0]
-        rates = {
-            key: [run["simulated_s"] / run.pop(f"{key}_s") for run in map(dict, runs)]
-            for key in ("wall", "cpu")
-        }
-        for key in ("wall", "cpu"):
-            del row[f"{key}_s"]
-            row[f"x_{key}"] = float(np.median(rates[key]))
-        row["x_cpu_range"] = [min(rates["cpu"]), max(rates["cpu"])]
-        row["rms_m"] = float(np.median([run["rms_m"] for run in runs]))
+    for same in zip(*(run["rows"] for run in runs)):
+        wall, cpu = (
+            harness.column(same, "simulated_s") / harness.column(same, key)
+            for key in ("wall_s", "cpu_s")
+        )
+        row = {"simulator": runs[0]["simulator"]} | same[0]
+        del row["wall_s"], row["cpu_s"]
+        row |= {"x_wall": float(np.median(wall)), "x_cpu": float(np.median(cpu))}
+        row |= {"x_cpu_range": [float(cpu.min()), float(cpu.max())]}
+        row["rms_m"] = float(np.median(harness.column(same, "rms_m")))
         rows.append(row)
     return rows
 
 
-def compare(rows) -> None:
+def compare(rows: list) -> None:
     """Adds ``ours``: how many times as fast airrace is, by CPU time, at the same rate.
 
     The rate is that of the attitude loop. None for airrace, and where it has not flown
     at that rate.
     """
-    ours = {row["attitude_hz"]: row["x_cpu"] for row in rows if _is_ours(row)}
+    ours = {r["attitude_hz"]: r["x_cpu"] for r in rows if r["simulator"].startswith(_OURS)}
     for row in rows:
-        rate = row["attitude_hz"]
-        compared = rate in ours and not _is_ours(row)
-        row["ours"] = ours[rate] / row["x_cpu"] if compared else None
+        compared = row["attitude_hz"] in ours and not row["simulator"].startswith(_OURS)
+        row["ours"] = ours[row["attitude_hz"]] / row["x_cpu"] if compared else None
 
 
-def _is_ours(row) -> bool:
-    return row["simulator"].startswith(OURS)
-
-
-def make_table(rows) -> Table:
-    """Returns the table of the rows of medians(), after compare()."""
-    table = Table(
-        title=f"One drone on a circle of {circle.RADIUS:g} m, {circle.PERIOD:g} s a lap, "
+def show(results: dict) -> tuple[list, bool]:
+    """Returns the table and a line for each failure, and whether all flew."""
+    columns = {
+        "simulator": "{simulator}",
+        "with": "{controller}, {integrator}; {besides}",
+        "position, attitude,\nphysics (Hz)": "{position_hz}, {attitude_hz}, {physics_hz}",
+        "error,\nRMS (m)": "{rms_m:.3f}",
+        "speed,\nwall": "{x_wall:.1f}",
+        "speed,\nCPU": "{x_cpu:.1f}",
+        "airrace,\nsame rate": lambda row: f"{row['ours']:.2g} times" if row["ours"] else "-",
+    }
+    title = (
+        f"One drone on a circle of {circle.RADIUS:g} m, {circle.PERIOD:g} s a lap, "
         "no camera, one core; speeds as multiples of real time"
     )
-    table.add_column("simulator", no_wrap=True)
-    table.add_column("with")
-    for name in (
-        "position, attitude,\nphysics (Hz)",
-        "error,\nRMS (cm)",
-        "speed,\nwall",
-        "speed,\nCPU",
-        "airrace,\nsame rate",
-    ):
-        table.add_column(name, justify="right", no_wrap=True)
-    for row in rows:
-        table.add_row(
-            row["simulator"],
-            f"{row['controller']}, {row['integrator']}; {row['besides']}",
-            f"{row['position_hz']}, {row['attitude_hz']}, {row['physics_hz']}",
-            f"{100 * row['rms_m']:.1f}",
-            f"{row['x_wall']:.1f}",
-            f"{row['x_cpu']:.1f}",
-            "-" if row["ours"] is None else f"{row['ours']:.2g} times",
-        )
-    return table
-
-
-def shares_sentence(results) -> str:
-    """Returns a sentence on what takes our time, from what our report() printed."""
-    names = results[0]["shares"]
-    shares = {name: np.median([result["shares"][name] for result in results]) for name in names}
-    parts = ", ".join(
-        f"{name} {share:.0%}"
-        for name, share in sorted(shares.items(), key=lambda item: -item[1])
-        if share >= 0.005
-    )
-    return f"airrace's CPU time at {results[0]['rows'][-1]['attitude_hz']} Hz: {parts}."
+    failures = [f"{name}: {reason}." for name, reason in results["failures"].items()]
+    return [harness.make_table(title, results["rows"], columns), *failures], not failures
 
 
 if __name__ == "__main__":

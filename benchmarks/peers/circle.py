@@ -72,7 +72,7 @@ def timed(fly, *, laps: int = LAPS, **what) -> dict:
     }
 
 
-def report(simulator: str, rows, **more) -> None:
+def report(simulator: str, rows) -> None:
     """Prints what was measured, as the last line of the output.
 
     Args:
@@ -80,6 +80,5 @@ def report(simulator: str, rows, **more) -> None:
         rows: of timed(), with ``controller`` and ``besides``, what else is simulated;
             ``position_hz`` and ``attitude_hz``, the rates of the control loops;
             ``physics_hz``, of its steps, and ``integrator``.
-        more: for the JSON file.
     """
-    print(json.dumps({"simulator": simulator, "rows": list(rows), **more}))
+    print(json.dumps({"simulator": simulator, "rows": list(rows)}))

@@ -73,10 +73,9 @@ def recovery(drone: str, noise: str, index: int) -> dict:
     X_WB = RigidTransform(R_WB, [0.0, 0.0, _RECOVERY_HEIGHT])
     flown = fly(scenario, hover_reference(_RECOVERY_HEIGHT), _SETTLING, X_WB=X_WB, w_WB=w_WB)
     w_B = np.einsum("nij,ni->nj", flown.rotations, flown.angular_velocities)
-    speeds = np.linalg.norm(flown.velocities, axis=1)
     # In a hover, the noise of the state alone now and then brings higher rates.
     steady = _for_half_a_second(np.hypot(w_B[:, 0], w_B[:, 1]) < 0.5)
-    hovers = _from_then_on((flown.tilts < 5.0) & (speeds < 0.5)) & steady
+    hovers = _from_then_on((flown.tilts < 5.0) & (flown.speeds < 0.5)) & steady
     return {
         "drone": drone,
         "noise": noise,

@@ -1,5 +1,6 @@
 """What holds the tree together: imports run downwards, and importing does nothing else."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,13 @@ def test_layers_import_downwards_only():
     command = "from importlinter.cli import lint_imports; raise SystemExit(lint_imports())"
     done = subprocess.run([sys.executable, "-c", command], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr
+
+
+def test_tests_do_not_import_benchmarks():
+    """Worlds that both need are in tests/worlds/."""
+    pattern = re.compile(r"^\s*(from|import) benchmarks\b", re.MULTILINE)
+    files = (ROOT / "tests").rglob("*.py")
+    assert not [path for path in files if pattern.search(path.read_text(encoding="utf-8"))]
 
 
 def test_python_is_formatted_and_checked():

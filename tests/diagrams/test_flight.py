@@ -4,22 +4,22 @@ import textwrap
 
 import numpy as np
 import pytest
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
-from pydrake.systems.analysis import Simulator
+from pydrake.math import RigidTransform, RollPitchYaw
 
-from airrace.diagrams.flight import CONTROL, MakeFlight, start_in_flight
+from airrace.diagrams.flight import CONTROL, MakeFlight
 from airrace.scenario import ControllerConfig, Scenario
-from airrace.systems.control.attitude_error import rotation_matrix
-from airrace.track import load_track
-from airrace.trajopt.flat_trajectory import flat_outputs, hold
-from airrace.trajopt.flatness import attitude_from_force, heading_vectors
-from airrace.trajopt.min_snap.circuit import plan_circuit
-from airrace.trajopt.reference import as_reference
-from airrace.vehicle import DRONES, GRAVITY
+from airrace.vehicle import DRONES
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig
+from tests.worlds.flight import (
+    PERIOD,
+    deviations,
+    fly,
+    hover_reference,
+    lap_reference,
+    racing_lap,
+    start_on,
+)
 
-LEVEL = RotationMatrix()
-STEP = 0.02  # s, between two looks
 both_drones = pytest.mark.parametrize("drone", DRONES)
 
 
@@ -27,74 +27,22 @@ def scenario(drone="Default", **fields):
     return Scenario(drone=drone, **{"laps": 1, "state_noise": "none", **fields})
 
 
-def fly(flown, reference, seconds, R=None, until=lambda state: False):
-    """Starts on the reference, or in another attitude; returns states and losses.
-
-    Args:
-        until: ends the flight, from the state (13).
-    """
-    flight = MakeFlight(flown, reference)
-    simulator = Simulator(flight)
-    context = simulator.get_mutable_context()
-    start = reference(0.0)
-    w_W = np.zeros(3)
-    if R is None:
-        force = as_reference(start).acceleration + [0.0, 0.0, GRAVITY]
-        heading = heading_vectors(np.cos(start[15]), np.sin(start[15]), *start[16:].tolist())
-        axes, w, _ = attitude_from_force(
-            force, as_reference(start).jerk, as_reference(start).snap, heading
-        )
-        R = RotationMatrix(np.array(axes).T)
-        w_W = R @ np.array(w)
-    start_in_flight(
-        flight,
-        flown,
-        context,
-        X_WB=RigidTransform(R, start[:3]),
-        w_WB=w_W,
-        v_WB=as_reference(start).velocity,
-    )
-    simulator.Initialize()
-    states = []
-    while len(states) < round(seconds / STEP):
-        simulator.AdvanceTo((len(states) + 1) * STEP)
-        states.append(flight.GetOutputPort("truth.state").Eval(context).copy())
-        if until(states[-1]):
-            break
-    return np.array(states), flight.GetOutputPort("rotor_losses").Eval(context).copy()
+def fly_on(flown, reference, seconds):
+    """Flies along a reference, and starts on it."""
+    return fly(flown, reference, seconds, **start_on(reference))
 
 
-def hover(height):
-    return lambda time: hold([0.0, 0.0, height], 0.0)
-
-
-def lap():
+def lap(drone="Default"):
     """The reference track's, from a straight part of it."""
-    track = load_track("student-airrace")
-    circuit = plan_circuit(
-        [gate.p_WG for gate in track.gates],
-        [gate.heading for gate in track.gates],
-        track.pylons()[:, :2],
-        3,
-        max_speed=20.0,
-        max_acceleration=10.0,
-        clearance=2.0,
-    )
-    return lambda time: flat_outputs(circuit.derivatives(time % circuit.duration))
+    return lap_reference(racing_lap(drone), 0.0)
 
 
-def errors(states, reference):
-    """Returns the distance to the reference at every look."""
-    times = STEP * np.arange(1, len(states) + 1)
-    return np.linalg.norm(states[:, 4:7] - [reference(t)[:3] for t in times], axis=1)
-
-
-def tilt(state):
-    return np.arccos(np.clip(rotation_matrix(*state[:4].tolist())[2, 2], -1.0, 1.0))
+def rms(flown, reference):
+    return np.sqrt(np.mean(deviations(flown, reference) ** 2))
 
 
 def test_the_outputs():
-    flight = MakeFlight(scenario(), hover(5.0))
+    flight = MakeFlight(scenario(), hover_reference(5.0))
     names = [flight.get_output_port(i).get_name() for i in range(flight.num_output_ports())]
     assert names == ["truth.state", "truth.referee_status", "rotor_speeds", "rotor_losses"]
     assert flight.num_input_ports() == 0
@@ -113,7 +61,7 @@ def sources(flight, box):
 
 def test_what_controls_never_sees_the_truth():
     """Of the simulated world it sees the state estimate, and what the motors report."""
-    flight = MakeFlight(scenario(), hover(5.0))
+    flight = MakeFlight(scenario(), hover_reference(5.0))
     for box in CONTROL:
         fed = list(sources(flight, box))
         assert len(fed) == flight.GetSubsystemByName(box).num_input_ports()
@@ -143,55 +91,57 @@ def test_a_box_cannot_ask_for_the_truth(tmp_path, monkeypatch):
     """)
     )
     monkeypatch.syspath_prepend(tmp_path)
-    flight = MakeFlight(scenario(systems={"state_filter": "curious_box:Curious"}), hover(5.0))
+    flight = MakeFlight(
+        scenario(systems={"state_filter": "curious_box:Curious"}), hover_reference(5.0)
+    )
     assert "truth.state" not in [port for port, _, _ in sources(flight, "state_filter")]
 
 
 @both_drones
 def test_a_hover_stays(drone):
-    states, losses = fly(scenario(drone), hover(8.0), 1.0)
-    assert errors(states, hover(8.0)).max() < 0.002
-    assert np.linalg.norm(states[-1, 7:]) < 0.01
-    assert np.all(np.isinf(losses))
+    flown = fly_on(scenario(drone), hover_reference(8.0), 1.0)
+    assert deviations(flown, hover_reference(8.0)).max() < 0.002
+    assert np.hypot(flown.speeds[-1], np.linalg.norm(flown.angular_velocities[-1])) < 0.01
+    assert np.all(np.isinf(flown.losses))
 
 
 def test_the_same_flight_twice():
-    flown = scenario(
+    noisy = scenario(
         state_noise="reference",
         seed=3,
         disturbances=DisturbancesConfig(thrust_coefficient_error=0.1),
     )
-    one, _ = fly(flown, hover(8.0), 0.3)
-    other, _ = fly(flown, hover(8.0), 0.3)
-    np.testing.assert_array_equal(one, other)
-    assert np.any(fly(scenario(), hover(8.0), 0.3)[0] != one)
+    one, other, quiet = (
+        fly_on(each, hover_reference(8.0), 0.3) for each in (noisy, noisy, scenario())
+    )
+    for name in ("rotations", "positions", "angular_velocities", "velocities"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert np.any(quiet.positions != one.positions)
 
 
 @both_drones
 @pytest.mark.parametrize("noise", ["none", "reference"])
 def test_it_recovers_from_upside_down(drone, noise):
-    R = RollPitchYaw(np.pi, 0.0, 1.0).ToRotationMatrix()
-    states, losses = fly(scenario(drone, state_noise=noise), hover(20.0), 2.5, R)
-    assert states[:, 6].min() > 18.5  # m
-    assert np.rad2deg(max(tilt(state) for state in states[-20:])) < 2.0
-    assert errors(states, hover(20.0))[-1] < 0.05
-    assert np.linalg.norm(states[-1, 10:]) < 0.2
-    assert np.all(np.isinf(losses))
+    R_WB = RollPitchYaw(np.pi, 0.0, 1.0).ToRotationMatrix()
+    X_WB = RigidTransform(R_WB, [0.0, 0.0, 20.0])
+    flown = fly(scenario(drone, state_noise=noise), hover_reference(20.0), 2.5, X_WB=X_WB)
+    assert flown.positions[:, 2].min() > 18.5  # m
+    assert flown.tilts[flown.times > 2.1].max() < 2.0
+    assert deviations(flown, hover_reference(20.0))[-1] < 0.05
+    assert flown.speeds[-1] < 0.2
+    assert np.all(np.isinf(flown.losses))
 
 
 @both_drones
 def test_it_follows_a_lap(drone):
-    reference = lap()
-    states, _ = fly(scenario(drone), reference, 4.0)
-    assert np.sqrt(np.mean(errors(states, reference) ** 2)) < 0.02
-    assert np.linalg.norm(states[:, 10:], axis=1).max() > 10.0  # m/s
+    flown = fly_on(scenario(drone), lap(), 4.0)
+    assert rms(flown, lap()) < 0.02
+    assert flown.speeds.max() > 10.0  # m/s
 
 
 def test_the_feed_forward_is_why():
-    reference = lap()
     without = scenario(controller=ControllerConfig(feed_forward=False))
-    states, _ = fly(without, reference, 3.0)
-    assert np.sqrt(np.mean(errors(states, reference) ** 2)) > 0.04
+    assert rms(fly_on(without, lap(), 3.0), lap()) > 0.04
 
 
 AIR = {
@@ -207,55 +157,59 @@ def test_what_pushes_it_does_not_move_it(drone, disturbances):
     end = {}
     for rejection in (True, False):
         config = ControllerConfig(disturbance_rejection=rejection)
-        flown = scenario(drone, disturbances=disturbances, controller=config)
-        states, _ = fly(flown, hover(8.0), 3.0, LEVEL)
-        end[rejection] = errors(states, hover(8.0))[-1]
+        pushed = scenario(drone, disturbances=disturbances, controller=config)
+        flown = fly_on(pushed, hover_reference(8.0), 3.0)
+        end[rejection] = deviations(flown, hover_reference(8.0))[-1]
     assert end[True] < 0.01
     assert end[False] > 10 * end[True]
 
 
+def assert_landed_softly(flown):
+    assert flown.status.dnf_reason.startswith("hit the ground")
+    assert flown.positions[-1, 2] < 0.15
+    assert flown.speeds[-1] < 1.0  # m/s
+
+
 @pytest.mark.parametrize("rotor", [1, 2, 3, 4])
 def test_a_quadrotor_without_a_rotor_comes_down_softly(rotor):
-    flown = scenario(rotor_failures=[RotorFailure(rotor, 0.3)])
-    states, losses = fly(flown, hover(2.0), 12.0, until=lambda state: state[6] < 0.15)
-    assert states[-1, 6] < 0.15
-    assert np.linalg.norm(states[-1, 10:]) < 1.0  # m/s
-    assert np.rad2deg(tilt(states[-1])) < 20.0
-    assert 0.3 < losses[rotor - 1] <= 0.32
-    assert np.count_nonzero(np.isfinite(losses)) == 1
+    failing = scenario(rotor_failures=[RotorFailure(rotor, 0.3)])
+    flown = fly_on(failing, hover_reference(2.0), 12.0)
+    assert_landed_softly(flown)
+    assert flown.tilts[-1] < 20.0
+    assert 0.3 < flown.losses[rotor - 1] <= 0.32
+    assert np.count_nonzero(np.isfinite(flown.losses)) == 1
     # On the way it never tips over, nor does it drift far.
-    assert np.rad2deg(max(tilt(state) for state in states)) < 90.0
-    assert np.linalg.norm(states[:, 4:6], axis=1).max() < 5.0
+    assert flown.tilts.max() < 90.0
+    assert np.linalg.norm(flown.positions[:, :2], axis=1).max() < 5.0
 
 
 def test_the_spin_settles_on_a_long_way_down():
     """Without drag nothing stops it but the rotor opposite the lost one."""
-    flown = scenario(rotor_failures=[RotorFailure(3, 0.3)])
-    states, _ = fly(flown, hover(14.0), 40.0, until=lambda state: state[6] < 0.15)
-    assert states[-1, 6] < 0.15 and np.linalg.norm(states[-1, 10:]) < 1.0
-    spins = np.abs(states[:, 9])  # about the vertical
+    failing = scenario(rotor_failures=[RotorFailure(3, 0.3)])
+    flown = fly_on(failing, hover_reference(14.0), 40.0)
+    assert_landed_softly(flown)
+    spins = np.abs(flown.angular_velocities[:, 2])  # about the vertical
     assert spins[-1] > 30.0 and spins.max() < 45.0
 
 
 def test_it_comes_down_from_a_lap_as_well():
     """When the rotor stops, it is fast and leans into a bend."""
-    flown = scenario(rotor_failures=[RotorFailure(2, 3.0)], state_noise="reference")
-    states, _ = fly(flown, lap(), 15.0, until=lambda state: state[6] < 0.15)
-    assert np.linalg.norm(states[round(3.0 / STEP), 10:]) > 15.0
-    assert states[-1, 6] < 0.15 and np.linalg.norm(states[-1, 10:]) < 1.0
+    failing = scenario(rotor_failures=[RotorFailure(2, 3.0)], state_noise="reference")
+    flown = fly_on(failing, lap(), 15.0)
+    assert flown.speeds[round(3.0 / PERIOD)] > 15.0
+    assert_landed_softly(flown)
 
 
 @pytest.mark.parametrize("rotor", [1, 4, 6, 7])
 def test_the_star_one_stays_without_a_rotor(rotor):
-    flown = scenario("StarOne", rotor_failures=[RotorFailure(rotor, 0.3)])
-    states, losses = fly(flown, hover(8.0), 1.5)
-    assert errors(states, hover(8.0)).max() < 0.05
-    assert 0.3 < losses[rotor - 1] <= 0.32
-    assert np.count_nonzero(np.isfinite(losses)) == 1
+    failing = scenario("StarOne", rotor_failures=[RotorFailure(rotor, 0.3)])
+    flown = fly_on(failing, hover_reference(8.0), 1.5)
+    assert deviations(flown, hover_reference(8.0)).max() < 0.05
+    assert 0.3 < flown.losses[rotor - 1] <= 0.32
+    assert np.count_nonzero(np.isfinite(flown.losses)) == 1
 
 
 def test_the_star_one_flies_on_along_a_lap():
-    reference = lap()
-    flown = scenario("StarOne", rotor_failures=[RotorFailure(3, 1.0)])
-    states, _ = fly(flown, reference, 3.0)
-    assert errors(states, reference).max() < 0.05
+    failing = scenario("StarOne", rotor_failures=[RotorFailure(3, 1.0)])
+    flown = fly_on(failing, lap(), 3.0)
+    assert deviations(flown, lap()).max() < 0.05

@@ -1,4 +1,4 @@
-"""Flights along a reference, without a race."""
+"""Flights along a reference in the simulated world, without a race."""
 
 import dataclasses as dc
 import functools
@@ -19,7 +19,7 @@ from airrace.trajopt.flyable import clearance_of
 from airrace.trajopt.min_snap.circuit import Circuit, plan_circuit
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import load_vehicle
-from airrace.vehicle.state import as_state
+from airrace.vehicle.state import as_plant_state, as_state
 from tests.worlds.kinematic_flight import flat_state
 from tests.worlds.reference_laps import ORIGINAL, load_course
 
@@ -49,6 +49,11 @@ class Flown:
     status: RefereeStatus
 
     @property
+    def speeds(self) -> np.ndarray:
+        """(N,) m/s."""
+        return np.linalg.norm(self.velocities, axis=1)
+
+    @property
     def tilts(self) -> np.ndarray:
         """Angles between thrust axis and the vertical, (N,) degrees."""
         return np.rad2deg(np.arccos(np.clip(self.rotations[:, 2, 2], -1.0, 1.0)))
@@ -76,16 +81,13 @@ def fly(scenario, reference, duration, **start) -> Flown:
         if status.Eval(context).over:
             break
         states.append(state.Eval(context).copy())
-    # Drake's state of a free body: quaternion, position, angular velocity, velocity.
-    quaternions, positions, angular_velocities, velocities = np.split(
-        np.reshape(states, (-1, 13)), (4, 7, 10), axis=1
-    )
+    flown = as_plant_state(np.reshape(states, (-1, 13)).T)
     return Flown(
         times=PERIOD * np.arange(1, len(states) + 1),
-        rotations=Rotation.from_quat(quaternions, scalar_first=True).as_matrix(),
-        positions=positions,
-        angular_velocities=angular_velocities,
-        velocities=velocities,
+        rotations=Rotation.from_quat(flown.quaternion.T, scalar_first=True).as_matrix(),
+        positions=flown.position.T,
+        angular_velocities=flown.angular_velocity.T,
+        velocities=flown.velocity.T,
         losses=losses.Eval(context).copy(),
         status=status.Eval(context),
     )

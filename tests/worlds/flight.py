@@ -59,13 +59,15 @@ class Flown:
         return np.rad2deg(np.arccos(np.clip(self.rotations[:, 2, 2], -1.0, 1.0)))
 
 
-def fly(scenario, reference, duration, **start) -> Flown:
-    """Flies along a reference until the time is over or the referee ends it.
+def fly(scenario, reference, duration, *, down_to=None, **start) -> Flown:
+    """Flies along a reference until the time is over, or the drone is down.
 
     Args:
         scenario: of MakeFlight().
         reference: of MakeFlight().
         duration: (s).
+        down_to: the height at which the flight ends (m), whatever was touched on the way; None:
+            the referee ends it.
         start: X_WB, w_WB and v_WB of start_in_flight().
     """
     flight, simulator = _built(yaml_dump_typed(scenario, schema=Scenario), reference)
@@ -78,9 +80,11 @@ def fly(scenario, reference, duration, **start) -> Flown:
     states = []
     while len(states) < round(duration / PERIOD):
         simulator.AdvanceTo((len(states) + 1) * PERIOD)
-        if status.Eval(context).over:
+        if down_to is None and status.Eval(context).over:
             break
         states.append(state.Eval(context).copy())
+        if down_to is not None and as_plant_state(states[-1]).position[2] < down_to:
+            break
     flown = as_plant_state(np.reshape(states, (-1, 13)).T)
     return Flown(
         times=PERIOD * np.arange(1, len(states) + 1),

@@ -157,31 +157,14 @@ def resolve(args) -> tuple[list, dict]:
         tracks = [given_track(args.track)] * args.tracks
     else:
         console = Console(stderr=True)
-        tracks = [
-            generated_track(seed)
-            for seed in progress(
-                seeds,
-                "Making tracks",
-                console=console,
-                transient=True,
-                disable=not console.is_terminal,
-            )
-        ]
+        bar = dict(console=console, transient=True, disable=not console.is_terminal)
+        tracks = [generated_track(seed) for seed in progress(seeds, "Making tracks", **bar)]
     jobs = make_jobs(scenario, seeds, tracks)
     return jobs, settings(
         jobs,
         track=f"the track {args.track}" if args.track else "generated tracks",
         scenario_name=name if args.level is None else f"Level{args.level}",
     )
-
-
-def connect(args):
-    """Returns the context manager of the cluster that the command line asks for."""
-    from airrace.evaluation.cluster import local_cluster, running_cluster
-
-    if args.scheduler is not None:
-        return running_cluster(args.scheduler)
-    return local_cluster(args.workers or os.cpu_count() or 1)
 
 
 def default_output_dir(drone: str) -> Path:
@@ -205,7 +188,7 @@ def run(args) -> int:
 
 def evaluate(args, jobs, settings, folder, store) -> int:
     """Flies the races that a store lacks, and reports; returns the exit code."""
-    from airrace.evaluation.cluster import EvaluationStopped, check_workers, fly_races
+    from airrace.evaluation import cluster
     from airrace.evaluation.progress import EvaluationDisplay
 
     missing = [job for job in jobs if job.seed not in store.seeds]
@@ -219,13 +202,17 @@ def evaluate(args, jobs, settings, folder, store) -> int:
 
     try:
         if missing:
-            with connect(args) as client:
-                check_workers(client, jobs[0].versions, jobs[0].systems)
+            if args.scheduler is not None:
+                connection = cluster.running_cluster(args.scheduler)
+            else:
+                connection = cluster.local_cluster(args.workers or os.cpu_count() or 1)
+            with connection as client:
+                cluster.check_workers(client, jobs[0].versions, jobs[0].systems)
                 with display:
-                    fly_races(client, missing, keep)
+                    cluster.fly_races(client, missing, keep)
     except KeyboardInterrupt:
         stopped = "interrupted"
-    except EvaluationStopped as e:
+    except cluster.EvaluationStopped as e:
         stopped = str(e)
     except UserError:
         if len(store.rows) > len(jobs) - len(missing):
@@ -243,7 +230,7 @@ def evaluate(args, jobs, settings, folder, store) -> int:
 
 def report(folder, settings, rows, display) -> None:
     """Writes evaluation.json, evaluation.md and evaluation.png, and prints the tables."""
-    from airrace.evaluation.plot import draw_picture
+    from airrace.evaluation.overview_plot import draw_picture
     from airrace.evaluation.tables import write_report
 
     evaluation = write_report(folder, settings, rows)

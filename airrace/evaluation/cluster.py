@@ -116,7 +116,7 @@ def check_workers(client: Client, expected: dict, systems: dict) -> None:
 def fly_races(client: Client, jobs: list[RaceJob], ended: Callable[[dict], None]) -> None:
     """Flies races, each on whatever worker is free.
 
-    A race is flown again when its worker is killed. When this ends early,
+    A race is flown again when its process or its worker is killed. When this ends early,
     the races that are still in the air are ended too.
 
     Args:
@@ -130,27 +130,31 @@ def fly_races(client: Client, jobs: list[RaceJob], ended: Callable[[dict], None]
             and again; all others have ended then.
     """
     evaluation = uuid.uuid4().hex
-    call = _make_call()
-
-    def submit(job, attempt):
-        race = pickle.dumps(functools.partial(fly, job, evaluation))
-        return client.submit(call, race, key=f"race-{evaluation}-{job.seed}-{attempt}", pure=False)
-
-    futures = {submit(job, 1): (job, 1) for job in jobs}
+    futures = {
+        client.submit(
+            # A local function travels by value, and a race as bytes: a scheduler, which unpickles
+            # tasks but not their arguments, needs no airrace.
+            lambda race: pickle.loads(race)(),
+            pickle.dumps(functools.partial(fly, job, evaluation)),
+            key=f"race-{evaluation}-{job.seed}",
+            retries=_ATTEMPTS - 1,
+        ): job.seed
+        for job in jobs
+    }
     lost = {}  # seed to reason
     try:
-        completed = as_completed(list(futures), loop=client.loop)
-        for future in completed:
-            job, attempt = futures.pop(future)
-            row = _row(client, future)
-            if not isinstance(row, Exception):
-                ended(row)
-            elif attempt < _ATTEMPTS:
-                again = submit(job, attempt + 1)
-                futures[again] = job, attempt + 1
-                completed.add(again)
-            else:
-                lost[job.seed] = _words(row)
+        for future in as_completed(list(futures), loop=client.loop):
+            seed = futures[future]
+            try:
+                row = future.result()
+            except (Exception, CancelledError) as e:
+                if isinstance(e, CancelledError) or client.status != "running":
+                    raise EvaluationStopped("the scheduler was lost") from None
+                lost[seed] = _words(e)
+                continue
+            if "refused" in row:
+                raise UserError(f"The race with seed {seed} was refused: {row['refused']}")
+            ended(row)
     except BaseException:
         _stop(client, futures, evaluation)
         raise
@@ -160,36 +164,6 @@ def fly_races(client: Client, jobs: list[RaceJob], ended: Callable[[dict], None]
             f"{len(lost)} races could not be flown in {_ATTEMPTS} attempts, with seed {seed}: "
             f"{reason}"
         )
-
-
-def _make_call() -> Callable:
-    """Returns a function that calls what was pickled.
-
-    It is local, so it travels by value: a scheduler, which unpickles tasks but
-    not what this one is given, needs no airrace.
-    """
-
-    def call(pickled):
-        import pickle
-
-        return pickle.loads(pickled)()
-
-    return call
-
-
-def _row(client: Client, future) -> dict | Exception:
-    """Returns the row of a race that has ended, or what befell its worker instead."""
-    try:
-        row = future.result()
-    except CancelledError:
-        raise EvaluationStopped("the scheduler was lost") from None
-    except Exception as e:
-        if client.status != "running":
-            raise EvaluationStopped("the scheduler was lost") from None
-        return e
-    if "refused" in row:
-        raise UserError(f"The race with seed {row['seed']} was refused: {row['refused']}")
-    return row
 
 
 def _stop(client: Client, futures, evaluation):

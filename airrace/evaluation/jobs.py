@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import hashlib
+import itertools
 
 import numpy as np
 import yaml
@@ -13,6 +14,7 @@ from airrace.evaluation.versions import versions
 from airrace.evaluation.worker import RaceJob
 from airrace.scenario import Scenario
 from airrace.track import Track, load_track
+from airrace.track.generator import generate_track
 from airrace.vehicle import DRONES, find_vehicle
 
 _MAX_DRONE = 20e6  # bytes of a drone's folder, which goes to the workers with every race
@@ -60,8 +62,6 @@ def generated_track(seed: int, gates: int | None = None) -> tuple[Track, str]:
     Raises:
         UserError: if there is none.
     """
-    from airrace.track.generator import generate_track
-
     track = generate_track(seed, gates)
     return track, yaml_dump_typed(track, schema=Track)
 
@@ -89,13 +89,12 @@ def settings(jobs: list[RaceJob], *, track: str, scenario_name: str) -> dict:
 
 
 def _digest(jobs) -> str:
-    result = hashlib.sha256()
-    for job in jobs:
-        for part in (job.track, job.scenario, *sorted(job.drone)):
-            result.update(hashlib.sha256(part.encode()).digest())
-        for name in sorted(job.drone):
-            result.update(hashlib.sha256(job.drone[name]).digest())
-    return result.hexdigest()
+    parts = (
+        part.encode() if isinstance(part, str) else part
+        for job in jobs
+        for part in (job.track, job.scenario, *itertools.chain(*sorted(job.drone.items())))
+    )
+    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()
 
 
 def _length(track: Track) -> float:

@@ -25,28 +25,27 @@ class EvaluationDisplay(contextlib.AbstractContextManager):
 
     def __init__(self, settings: dict, rows: list[dict]):
         """Args: settings: of the evaluation. rows: of the races that ended before."""
-        self._total = settings["tracks"]
-        self._title = title(settings)
-        self._finished = sum(row["result"]["finished"] for row in rows)
-        self._ended = len(rows)
+        self._title, self._total = title(settings), settings["tracks"]
+        self._ended, self._finished = len(rows), sum(row["result"]["finished"] for row in rows)
         self._progress = Progress(
             TextColumn("Racing"),
             BarColumn(),
             MofNCompleteColumn(),
-            TextColumn("{task.fields[f]}"),
+            TextColumn("{task.fields[finished]} finished"),
             TimeElapsedColumn(),
             TextColumn("of about"),
             TimeRemainingColumn(),
             console=Console(stderr=True),
         )
         self._bar = self._progress.add_task(
-            "", total=self._total, completed=self._ended, f=self._rate()
+            "", total=self._total, completed=self._ended, finished=self._finished
         )
 
     def __enter__(self):
-        self._print(f"airrace: {self._title}")
+        _print(self._progress.console, f"airrace: {self._title}")
         if self._ended:
-            self._print(f"{self._ended} of {self._total} races have been flown already.")
+            flown = f"{self._ended} of {self._total} races have been flown already."
+            _print(self._progress.console, flown)
         self._progress.start()
         return self
 
@@ -58,9 +57,9 @@ class EvaluationDisplay(contextlib.AbstractContextManager):
         line = race_line(row)
         self._ended += 1
         self._finished += line["finished"]
-        self._progress.update(self._bar, completed=self._ended, f=self._rate())
-        width = len(str(self._total))
-        self._print(f"[{self._ended:{width}}/{self._total}] seed {line['seed']}: {_words(line)}")
+        self._progress.update(self._bar, completed=self._ended, finished=self._finished)
+        number = f"[{self._ended:{len(str(self._total))}}/{self._total}]"
+        _print(self._progress.console, f"{number} seed {line['seed']}: {_words(line)}")
 
     def print_summary(self, evaluation: dict, folder: Path) -> None:
         """Prints the tables and where the results are."""
@@ -71,12 +70,6 @@ class EvaluationDisplay(contextlib.AbstractContextManager):
                 console.print(table)
             _print(console, finish_line(evaluation["summary"]))
             _print(console, f"Results: {folder}")
-
-    def _rate(self) -> str:
-        return f"{self._finished} finished"
-
-    def _print(self, line):
-        _print(self._progress.console, line)
 
 
 def _print(console, line):

@@ -9,7 +9,7 @@ from airrace.common.errors import UserError
 from airrace.common.files import write_json
 
 # What an evaluation leaves in its folder.
-RACES, SUMMARY, TABLE, PICTURE = (
+RACES, SUMMARY, TABLE, PICTURE = FILES = (
     "races.jsonl",
     "evaluation.json",
     "evaluation.md",
@@ -40,25 +40,19 @@ class RaceStore:
                 has other settings, if another process writes to it, or if its
                 files cannot be read or written.
         """
-        self._folder = folder
+        self._folder, self._path = folder, folder / RACES
         self._rows = {}
         _check_settings(folder, settings, resume)
-        path = folder / RACES
-        self._is_new = not path.exists()
+        self._is_new = not self._path.exists()
         try:
-            self._file = open(path, "a+b")
+            self._file = open(self._path, "a+b")
         except OSError as e:
-            raise UserError(f"{path} cannot be written ({e.strerror}); make it writable.") from None
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._file.close()
             raise UserError(
-                f"Another evaluation is writing to {folder}; wait for its end or name "
-                "another folder."
+                f"{self._path} cannot be written ({e.strerror}); make it writable."
             ) from None
         try:
-            self._load(path)
+            self._lock()
+            self._load()
             if not (folder / SUMMARY).exists():
                 write_json(folder / SUMMARY, {"complete": False, "settings": settings})
             _sync(folder)
@@ -84,16 +78,15 @@ class RaceStore:
         """
         if row["seed"] in self._rows:
             raise ValueError(f"the race with seed {row['seed']} has ended before")
-        line = json.dumps(row, allow_nan=False).encode() + b"\n"
         end = self._file.seek(0, os.SEEK_END)
         try:
-            self._file.write(line)
+            self._file.write(json.dumps(row, allow_nan=False).encode() + b"\n")
             self._file.flush()
             os.fsync(self._file.fileno())
         except OSError as e:
-            _truncate(self._file, end)
+            self._truncate(end)
             raise UserError(
-                f"{self._folder / RACES} cannot be written ({e.strerror}); make room there "
+                f"{self._path} cannot be written ({e.strerror}); make room there "
                 "and go on with --resume."
             ) from None
         self._rows[row["seed"]] = row
@@ -107,37 +100,33 @@ class RaceStore:
                 (self._folder / name).unlink(missing_ok=True)
         self._file.close()
 
-    def _load(self, path):
+    def _lock(self):
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise UserError(
+                f"Another evaluation is writing to {self._folder}; wait for its end or name "
+                "another folder."
+            ) from None
+
+    def _load(self):
         self._file.seek(0)
-        end = 0
-        lines = list(self._file)
+        content = self._file.read()
+        *lines, torn = content.split(b"\n")
         for number, line in enumerate(lines, 1):
-            row = _parsed(line)
-            if row is None:
-                if number < len(lines):
-                    raise UserError(
-                        f"Line {number} of {path} is not the row of a race; remove the line, "
-                        "and --resume flies that race again."
-                    )
-                _truncate(self._file, end)
-                return
-            self._rows.setdefault(row["seed"], row)
-            end += len(line)
+            try:
+                row = json.loads(line)
+                self._rows.setdefault(int(row["seed"]), row)
+            except (ValueError, TypeError, LookupError):
+                raise UserError(
+                    f"Line {number} of {self._path} is not the row of a race; remove the line, "
+                    "and --resume flies that race again."
+                ) from None
+        self._truncate(len(content) - len(torn))
 
-
-def _parsed(line: bytes) -> dict | None:
-    """Returns the row that a line holds, or None if it holds none or is torn."""
-    try:
-        row = json.loads(line)
-    except ValueError:
-        return None
-    fits = line.endswith(b"\n") and isinstance(row, dict) and isinstance(row.get("seed"), int)
-    return row if fits else None
-
-
-def _truncate(file, size):
-    os.ftruncate(file.fileno(), size)
-    os.fsync(file.fileno())
+    def _truncate(self, size):
+        os.ftruncate(self._file.fileno(), size)
+        os.fsync(self._file.fileno())
 
 
 def _sync(folder):
@@ -150,30 +139,30 @@ def _sync(folder):
 
 
 def _check_settings(folder, settings, resume):
-    path = folder / SUMMARY
+    path, races = folder / SUMMARY, folder / RACES
     if not resume:
-        if any(os.path.lexists(folder / name) for name in (RACES, SUMMARY, TABLE, PICTURE)):
+        if any(os.path.lexists(folder / name) for name in FILES):
             raise UserError(
                 f"--output {folder} already holds an evaluation; go on with it by --resume, "
                 "or name another folder."
             )
         return
-    try:
-        before = json.loads(path.read_text(encoding="utf-8"))["settings"]
-    except FileNotFoundError:
-        if not (folder / RACES).exists() or (folder / RACES).stat().st_size == 0:
+    if not path.exists():
+        if not races.exists() or races.stat().st_size == 0:
             return
         raise UserError(
             f"--resume: {path} is missing, which tells what {RACES} holds; name another folder."
-        ) from None
+        )
+    try:
+        before = json.loads(path.read_text(encoding="utf-8"))["settings"]
     except (OSError, ValueError, LookupError, TypeError):
         raise UserError(
             f"--resume: {path} is not the settings of an evaluation; name another folder."
         ) from None
     # As JSON has it: tuples are lists.
-    key = first_difference(before, json.loads(json.dumps(settings)))
-    if key:
-        name, old, new = key
+    difference = first_difference(before, json.loads(json.dumps(settings)))
+    if difference:
+        name, old, new = difference
         raise UserError(
             f"--resume: {folder} holds an evaluation with {name} {old}, not {new}; evaluate as "
             "you did before, or name another folder."
@@ -182,12 +171,10 @@ def _check_settings(folder, settings, resume):
 
 def first_difference(a, b, name="") -> tuple | None:
     """Returns the dotted name and the two values where plain data first differs, or None."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        for key in [*a, *(key for key in b if key not in a)]:
-            found = first_difference(
-                a.get(key, "nothing"), b.get(key, "nothing"), f"{name}.{key}".lstrip(".")
-            )
-            if found:
-                return found
-        return None
-    return None if a == b else (name, a, b)
+    if not (isinstance(a, dict) and isinstance(b, dict)):
+        return None if a == b else (name, a, b)
+    found = (
+        first_difference(a.get(key, "nothing"), b.get(key, "nothing"), f"{name}.{key}".lstrip("."))
+        for key in {**a, **b}
+    )
+    return next(filter(None, found), None)

@@ -1,16 +1,18 @@
 """What the races of an evaluation amount to."""
 
-import collections
-import math
 import re
 
-import numpy as np
+import pandas as pd
+from scipy.stats import binomtest
 
-_Z_95 = 1.959963984540054  # the 97.5 % quantile of the standard normal distribution
+_COLUMNS = (
+    *("seed", "gates", "length_m", "finished", "dnf_reason", "explored", "exploration_s"),
+    *("gates_found", "lap_times_s", "mean_lap_s", "best_lap_s", "map_rms_m", "collisions"),
+)
 
 
-def wilson_interval(successes: int, trials: int, z: float = _Z_95) -> tuple[float, float]:
-    """Returns the Wilson score interval of a success rate, by default of 95 %.
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Returns the Wilson score interval of a success rate, of 95 %.
 
     E. B. Wilson, "Probable inference, the law of succession, and statistical
     inference", J. Am. Stat. Assoc. 22 (1927), 209-212. Unlike the one from the
@@ -18,16 +20,11 @@ def wilson_interval(successes: int, trials: int, z: float = _Z_95) -> tuple[floa
 
     Args:
         successes, trials: numbers; 0 <= successes <= trials.
-        z: quantile of the standard normal distribution.
     """
     if trials == 0:
         return 0.0, 1.0
-    rate = successes / trials
-    centre = rate + z**2 / (2 * trials)
-    half = z * math.sqrt(rate * (1 - rate) / trials + z**2 / (4 * trials**2))
-    low, high = ((centre + side * half) / (1 + z**2 / trials) for side in (-1, 1))
-    # Exact where rounding errors would say otherwise.
-    return (0.0 if successes == 0 else low), (1.0 if successes == trials else high)
+    interval = binomtest(successes, trials).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def race_line(row: dict) -> dict:
@@ -55,6 +52,11 @@ def race_line(row: dict) -> dict:
     }
 
 
+def race_frame(lines: list[dict]) -> pd.DataFrame:
+    """Returns the table of some races; lines: see race_line()."""
+    return pd.DataFrame(lines, columns=_COLUMNS).astype({"finished": bool, "explored": bool})
+
+
 def summarize(lines: list[dict]) -> dict:
     """Returns the numbers of many races.
 
@@ -64,23 +66,22 @@ def summarize(lines: list[dict]) -> dict:
     Args:
         lines: see race_line().
     """
-    finished = sum(line["finished"] for line in lines)
-    laps = [(line["length_m"], time) for line in lines for time in line["lap_times_s"]]
-    reasons = collections.Counter(
-        dnf_class(line["dnf_reason"]) for line in lines if not line["finished"]
-    )
+    races = race_frame(lines)
+    laps = races.explode("lap_times_s").dropna(subset="lap_times_s")
+    finished = int(races["finished"].sum())
+    reasons = races["dnf_reason"][~races["finished"]].map(dnf_class).value_counts()
     return {
         "races": len(lines),
         "finished": finished,
         "finish_rate": finished / len(lines) if lines else None,
         "finish_rate_95": list(wilson_interval(finished, len(lines))),
-        "explored": sum(line["explored"] for line in lines),
-        "exploration_s": _distribution(line["exploration_s"] for line in lines),
-        "lap_s": _distribution(time for _, time in laps),
-        "lap_speed": _distribution(length / time for length, time in laps),
-        "map_rms_m": _distribution(line["map_rms_m"] for line in lines),
-        "collisions": sum(line["collisions"] for line in lines),
-        "dnf_reasons": dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),
+        "explored": int(races["explored"].sum()),
+        "exploration_s": _distribution(races["exploration_s"]),
+        "lap_s": _distribution(laps["lap_times_s"]),
+        "lap_speed": _distribution(laps["length_m"] / laps["lap_times_s"]),
+        "map_rms_m": _distribution(races["map_rms_m"]),
+        "collisions": int(races["collisions"].sum()),
+        "dnf_reasons": reasons.sort_index().sort_values(ascending=False, kind="stable").to_dict(),
     }
 
 
@@ -90,14 +91,8 @@ def dnf_class(reason: str) -> str:
     return re.sub(r"\b(pylon|board)_\w+", r"a \1", reason)
 
 
-def _distribution(values) -> dict | None:
-    values = [value for value in values if value is not None]
-    if not values:
+def _distribution(values: pd.Series) -> dict | None:
+    values = values.dropna().astype(float)
+    if values.empty:
         return None
-    return {
-        "n": len(values),
-        "mean": float(np.mean(values)),
-        "median": float(np.median(values)),
-        "min": min(values),
-        "max": max(values),
-    }
+    return {"n": len(values), **values.agg(["mean", "median", "min", "max"]).to_dict()}

@@ -1,6 +1,7 @@
 """The tables of an evaluation, in Markdown and for the terminal."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.table import Table
 from rich.text import Text
@@ -10,7 +11,6 @@ from airrace.evaluation.store import SUMMARY, TABLE
 from airrace.evaluation.summary import race_line, summarize
 from airrace.scenario import trajectory_name
 
-_COLUMNS = ("", "n", "mean", "median", "min", "max")
 # Key of the summary, what it is called, factor and decimals.
 _DISTRIBUTIONS = (
     ("exploration_s", "exploration (s)", 1.0, 1),
@@ -18,18 +18,19 @@ _DISTRIBUTIONS = (
     ("lap_speed", "lap, straight from gate to gate (m/s)", 1.0, 2),
     ("map_rms_m", "map error, RMS (cm)", 100.0, 1),
 )
-_RACE_COLUMNS = (
-    "seed",
-    "gates",
-    "length (m)",
-    "finished",
-    "exploration (s)",
-    "laps",
-    "mean lap (s)",
-    "best lap (s)",
-    "map RMS (cm)",
-    "why it ended",
-)
+# What the table of races calls a column, and how it is written.
+_RACES = {
+    "seed": lambda race: race["seed"],
+    "gates": lambda race: race["gates"],
+    "length (m)": lambda race: _number(race["length_m"], 1),
+    "finished": lambda race: "yes" if race["finished"] else "no",
+    "exploration (s)": lambda race: _number(race["exploration_s"], 1),
+    "laps": lambda race: len(race["lap_times_s"]),
+    "mean lap (s)": lambda race: _number(race["mean_lap_s"], 2),
+    "best lap (s)": lambda race: _number(race["best_lap_s"], 2),
+    "map RMS (cm)": lambda race: _number(race["map_rms_m"], 1, factor=100.0),
+    "why it ended": lambda race: race["dnf_reason"] or "finished",
+}
 
 
 def write_report(folder: Path, settings: dict, rows: list[dict]) -> dict:
@@ -76,68 +77,56 @@ def finish_line(summary: dict) -> str:
     )
 
 
-def distribution_rows(summary: dict) -> list[tuple]:
-    """Returns the rows of the table of distributions: a name and five numbers as text."""
-    rows = []
-    for key, name, factor, decimals in _DISTRIBUTIONS:
-        values = summary[key]
-        numbers = (
-            ["-"] * 4
-            if values is None
-            else [f"{factor * values[column]:.{decimals}f}" for column in _COLUMNS[2:]]
-        )
-        rows.append((name, str(values["n"] if values else 0), *numbers))
-    return rows
-
-
 def markdown(evaluation: dict) -> str:
     """Returns evaluation.md."""
-    summary = evaluation["summary"]
-    parts = [
-        f"# {_escaped(title(evaluation['settings']))}",
-        ""
-        if evaluation["complete"]
-        else f"Not complete: {summary['races']} of {evaluation['settings']['tracks']} races have "
-        "ended.",
-        finish_line(summary),
-        _markdown_table(_COLUMNS, distribution_rows(summary)),
-        _markdown_table(("did not finish", "races"), summary["dnf_reasons"].items())
-        if summary["dnf_reasons"]
-        else "",
-        _markdown_table(_RACE_COLUMNS, map(_race_row, evaluation["races"])),
-    ]
-    return "\n\n".join(filter(None, parts)) + "\n"
+    summary, settings = evaluation["summary"], evaluation["settings"]
+    parts = [f"# {_escaped(title(settings))}"]
+    if not evaluation["complete"]:
+        parts.append(f"Not complete: {summary['races']} of {settings['tracks']} races have ended.")
+    races = [[text(race) for text in _RACES.values()] for race in evaluation["races"]]
+    tables = [*_summary_tables(summary), _Cells(tuple(_RACES), races)]
+    return "\n\n".join([*parts, finish_line(summary), *map(_markdown_table, tables)]) + "\n"
 
 
 def terminal_tables(summary: dict) -> list[Table]:
     """Returns the tables for the terminal."""
-    tables = [_terminal_table(_COLUMNS, distribution_rows(summary))]
-    if summary["dnf_reasons"]:
-        tables.append(_terminal_table(("did not finish", "races"), summary["dnf_reasons"].items()))
+    tables = []
+    for cells in _summary_tables(summary):
+        tables.append(Table())
+        for i, name in enumerate(cells.columns):
+            tables[-1].add_column(name, justify="right" if i else "left")
+        for row in cells.rows:
+            tables[-1].add_row(*(Text(str(cell)) for cell in row))  # reasons may look like markup
     return tables
 
 
-def _race_row(line: dict) -> tuple:
-    def number(value, decimals):
-        return "-" if value is None else f"{value:.{decimals}f}"
+class _Cells(NamedTuple):
+    """A table of what can be written as text."""
 
-    rms = line["map_rms_m"]
-    return (
-        line["seed"],
-        line["gates"],
-        number(line["length_m"], 1),
-        "yes" if line["finished"] else "no",
-        number(line["exploration_s"], 1),
-        len(line["lap_times_s"]),
-        number(line["mean_lap_s"], 2),
-        number(line["best_lap_s"], 2),
-        number(None if rms is None else 100 * rms, 1),
-        line["dnf_reason"] or "finished",
-    )
+    columns: tuple
+    rows: list
 
 
-def _markdown_table(columns, rows) -> str:
-    lines = [columns, ["---", *["---:"] * (len(columns) - 1)], *rows]
+def _summary_tables(summary: dict) -> list[_Cells]:
+    """Returns the distributions and, if there are any, why races did not finish."""
+    columns, rows = ("n", "mean", "median", "min", "max"), []
+    for key, name, factor, decimals in _DISTRIBUTIONS:
+        values = summary[key] or {"n": 0}
+        numbers = (_number(values.get(column), decimals, factor) for column in columns[1:])
+        rows.append((name, values["n"], *numbers))
+    reasons = list(summary["dnf_reasons"].items())
+    return [
+        _Cells(("", *columns), rows),
+        *([_Cells(("did not finish", "races"), reasons)] if reasons else []),
+    ]
+
+
+def _number(value: float | None, decimals: int, factor: float = 1.0) -> str:
+    return "-" if value is None else f"{factor * value:.{decimals}f}"
+
+
+def _markdown_table(cells: _Cells) -> str:
+    lines = [cells.columns, ["---", *["---:"] * (len(cells.columns) - 1)], *cells.rows]
     return "\n".join(f"| {' | '.join(_escaped(str(c)) for c in line)} |" for line in lines)
 
 
@@ -146,12 +135,3 @@ def _escaped(text: str) -> str:
     for character in "\\|<*`_":
         text = text.replace(character, "\\" + character)
     return " ".join(text.split())
-
-
-def _terminal_table(columns, rows) -> Table:
-    table = Table()
-    for i, name in enumerate(columns):
-        table.add_column(name, justify="right" if i else "left")
-    for row in rows:
-        table.add_row(*(Text(str(cell)) for cell in row))  # reasons may look like markup
-    return table

@@ -27,7 +27,9 @@ def versions(systems: dict) -> dict:
 
     package = Path(airrace.__file__).parent
     result = {
-        "airrace": _digest([*package.rglob("*.py"), *_files(models_path())]),
+        "airrace": _digest(
+            [*package.rglob("*.py"), *filter(Path.is_file, models_path().rglob("*"))]
+        ),
         "drake": _distribution("drake"),
         "numpy": numpy.__version__,
         "opencv": cv2.__version__,
@@ -58,14 +60,10 @@ def _module_digest(name):
     spec = PathFinder.find_spec(name, [os.getcwd(), *sys.path])
     if spec is None:
         return _MISSING
-    folders = [Path(folder) for folder in spec.submodule_search_locations or ()]
+    folders = spec.submodule_search_locations
     if folders:
-        return _digest(file for folder in folders for file in folder.rglob("*.py"))
+        return _digest(file for folder in folders for file in Path(folder).rglob("*.py"))
     return _digest([Path(spec.origin)])
-
-
-def _files(folder):
-    return (path for path in folder.rglob("*") if path.is_file())
 
 
 def _digest(files) -> str:

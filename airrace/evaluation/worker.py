@@ -22,7 +22,7 @@ from airrace.evaluation.versions import mismatch, versions
 
 # What is in the folder of one race; diagrams/race_process.py flies it.
 SCENARIO, TRACK, DRONE, RESULTS = "scenario.yaml", "track.yaml", "drone", "results"
-_KILLS = (signal.SIGHUP, signal.SIGINT, signal.SIGKILL, signal.SIGTERM)
+_KILLS = ("SIGHUP", "SIGINT", "SIGKILL", "SIGTERM")
 _TAIL = 4000  # characters kept of what a crashed race wrote
 _NO_RESULT = {
     "finished": False,
@@ -150,15 +150,16 @@ def _row(job: RaceJob, code: int, stderr: str, race_json: Path) -> dict:
         result = json.loads(race_json.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         result = dict(_NO_RESULT)
-    wall = result.pop("wall", None)
-    if -code in _KILLS or result["dnf_reason"] == "interrupted":
-        raise RaceKilled(f"its process was killed ({_signal(-code) if code < 0 else 'SIGTERM'})")
-    if code < 0:
-        error = f"crashed ({_signal(-code)})"
-    elif code > 1 or result["dnf_reason"] in (None, "stopped by an error", "not over yet"):
-        error = None if result["finished"] else f"stopped by an error: {_last_line(stderr)}"
-    else:
-        error = None
+    wall, reason, error = result.pop("wall", None), result["dnf_reason"], None
+    signal_name = _signal_name(-code) if code < 0 else None
+    if reason == "interrupted" or signal_name in _KILLS:
+        raise RaceKilled(f"its process was killed ({signal_name or 'SIGTERM'})")
+    if signal_name:
+        error = f"crashed ({signal_name})"
+    elif code > 1 or reason in (None, "stopped by an error", "not over yet"):
+        # Python says in the last line what the error was.
+        last_line = (stderr.splitlines() or ["nothing was said"])[-1].strip()
+        error = None if result["finished"] else f"stopped by an error: {last_line}"
     if error:
         result.update(finished=False, dnf_reason=error)
     return {
@@ -171,13 +172,8 @@ def _row(job: RaceJob, code: int, stderr: str, race_json: Path) -> dict:
     }
 
 
-def _signal(number: int) -> str:
+def _signal_name(number: int) -> str:
     try:
         return signal.Signals(number).name
     except ValueError:
         return f"signal {number}"
-
-
-def _last_line(text: str) -> str:
-    """Returns where Python says what the error was."""
-    return text.splitlines()[-1].strip() if text else "nothing was said"

@@ -1,7 +1,7 @@
 import json
 import re
 
-from airrace.evaluation.plot import draw_picture, make_figure
+from airrace.evaluation.overview_plot import draw_picture, make_figure
 from airrace.evaluation.tables import write_report
 from tests.evaluation.rows import SETTINGS, row
 

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from airrace.analysis.log import read_log
+from airrace.recording.json_topics import PLAN_COLUMNS
 
 _ODOMETRY = {
     **{axis: f"pose.position.{axis}" for axis in "xyz"},
@@ -19,7 +20,6 @@ _ODOMETRY = {
 }
 _STATE = ("time", *_ODOMETRY)
 _VECTOR = ("time", "ax", "ay", "az")
-_SAMPLES = ("x", "y", "z", "vx", "vy", "vz", "yaw")
 _PLAN = (
     "lap start_time entry_duration phase duration solve_time "
     "max_speed max_acceleration max_rotor_thrust"
@@ -47,7 +47,7 @@ SIGNALS = {
     "gates": ("time", "gate", "x", "y", "z", "heading"),
     "plans": ("plan", "time", *_PLAN),
     "plan_gates": ("plan", "lap", "gate", "time"),  # on the circuit; at the end, gate 1 again
-    "plan_samples": ("plan", "lap", "part", "time", *_SAMPLES),
+    "plan_samples": ("plan", "lap", "part", "time", *PLAN_COLUMNS),
     "events": ("time", "source", "name", "message"),
     "crossings": ("time", "lap", "gate", "offset", "max_speed"),
 }
@@ -135,7 +135,7 @@ def _plan(rows, time, message):
     gates = [*range(1, len(message["gate_times"])), 1]
     rows["plan_gates"] += [(plan, lap, *passed) for passed in zip(gates, message["gate_times"])]
     for part in ("entry", "circuit"):
-        samples = zip(*(message[part][name] for name in _SAMPLES))
+        samples = zip(*(message[part][name] for name in PLAN_COLUMNS))
         rows["plan_samples"] += [
             (plan, lap, part, k * message["step"], *sample) for k, sample in enumerate(samples)
         ]

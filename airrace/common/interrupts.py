@@ -29,3 +29,33 @@ def interrupt_flag():
     finally:
         for signum, handler in previous.items():
             signal.signal(signum, handler)
+
+
+@contextlib.contextmanager
+def sigterm_as_ctrl_c():
+    """Lets SIGTERM end the block by KeyboardInterrupt, so that everything is tidied up.
+
+    In the main thread only.
+    """
+    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+
+
+@contextlib.contextmanager
+def interrupts_held():
+    """Keeps Ctrl-C and SIGTERM until the block has ended. In the main thread only."""
+    held = []
+    previous = {
+        number: signal.signal(number, lambda number, frame: held.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    if held:
+        signal.raise_signal(held[0])

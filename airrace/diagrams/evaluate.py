@@ -8,13 +8,13 @@ import sys
 from pathlib import Path
 
 from airrace.common.errors import UserError, exit_code
+from airrace.common.interrupts import interrupts_held, sigterm_as_ctrl_c
 from airrace.diagrams.options import (
     add_drone_options,
     add_level_option,
     add_scenario_options,
     resolve_scenario,
 )
-from airrace.evaluation.interrupts import interrupts_held, sigterm_as_ctrl_c
 
 EPILOG = """\
 examples:

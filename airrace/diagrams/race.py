@@ -18,8 +18,8 @@ from airrace.common.interrupts import interrupt_flag
 from airrace.diagrams.in_process import InProcess
 from airrace.diagrams.simulation import MakeSimulation, follow_gates
 from airrace.hitl.transport import LOOK_PERIOD, Transport
+from airrace.recording.race_recorder import AddRecorder, close_recording
 from airrace.recording.race_result import RaceResult
-from airrace.recording.wiring import AddRecorder, close_recording
 from airrace.scenario import Scenario, scenario_yaml
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
 from airrace.track import load_track
@@ -164,7 +164,7 @@ class _Race:
     def fly(self, show, interrupted) -> str | None:
         """Flies until the referee ends the race; returns why it ended before, or None."""
         steps, reason = 0, None
-        while not (self._result.report.over or interrupted.is_set or reason):
+        while not (self._result.referee_status.over or interrupted.is_set or reason):
             steps += 1
             reason = self._transport.advance(self._simulator, steps * LOOK_PERIOD)
             simulation = self._diagram.GetSubsystemByName("simulation")
@@ -185,15 +185,7 @@ class _Race:
             port = self._diagram.get_output_port(i)
             setattr(outputs, port.get_name().removeprefix("truth."), port.Eval(context))
         outputs.referee_status = self._transport.judged(outputs.referee_status, self._simulator)
-        outputs.laps_ended = self._result.observe(
-            outputs.time,
-            outputs.referee_status,
-            outputs.explorer_status,
-            outputs.gate_map,
-            outputs.lap_plan,
-            outputs.rotor_losses,
-            outputs.gate_shifts,
-        )
+        outputs.laps_ended = self._result.observe(outputs)
         return outputs
 
     def finish(self, reason: str) -> dict:

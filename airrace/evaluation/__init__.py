@@ -1,7 +1,6 @@
 """Many races at once: flown in processes of their own, by workers of a Dask cluster.
 
-jobs.py says what is flown, flight.py and race_process.py fly it on a worker,
-cluster.py hands the races to the workers, store.py keeps every result on disk,
-progress.py shows them, and summary.py, report.py and picture.py make the
-numbers, the tables and the picture. Only cluster.py imports Dask.
+jobs.py says what is flown, worker.py flies it, cluster.py hands the races to the workers,
+store.py keeps every result on disk, progress.py shows them, and summary.py, tables.py and
+overview_plot.py make the numbers, the tables and the picture. Only cluster.py imports Dask.
 """

@@ -4,17 +4,16 @@ Numbers that change all the time have single precision, 10 um at 100 m: the lowe
 of a double would only be noise that cannot be compressed.
 """
 
-import array
-import math
-
 import cv2
 import numpy as np
 from foxglove import messages as fg
 
 from airrace.math.vec3 import columns
-from airrace.recording.topics import BODY, CAMERA, WORLD
 from airrace.systems.types import CameraInfo, Detections
+from airrace.trajopt.reference import Reference
+from airrace.vehicle.state import State
 
+WORLD, BODY, CAMERA = "world", "body", "camera"  # frames
 _GREEN, _SHADE = fg.Color(r=0.2, g=0.9, b=0.3, a=1.0), fg.Color(r=0.0, g=0.0, b=0.0, a=0.5)
 
 
@@ -34,58 +33,55 @@ def vector3(values) -> fg.Vector3:
     return fg.Vector3(x=x, y=y, z=z)
 
 
+def quaternion(values) -> fg.Quaternion:
+    """Returns w, x, y and z as a Quaternion."""
+    w, x, y, z = _single(values)
+    return fg.Quaternion(x=x, y=y, z=z, w=w)
+
+
+def pose(position, orientation=(1.0, 0.0, 0.0, 0.0)) -> fg.Pose:
+    """Returns a position (m) and a quaternion w, x, y, z as a Pose."""
+    return fg.Pose(position=vector3(position), orientation=quaternion(orientation))
+
+
 def _single(values) -> list:
     """Returns numbers rounded to single precision."""
-    return array.array("f", values).tolist()
+    return np.asarray(values, np.float32).tolist()
 
 
-def odometry(time: float, state) -> fg.Odometry:
-    """Returns a state as Foxglove defines it: velocities in the body's frame.
-
-    Args:
-        time: of the state (s).
-        state: list of a floating body's state (13): quaternion of R_WB, p_WB,
-            w_WB and v_WB, both in world.
-    """
-    turn = columns(*state[:4])
-    w, x, y, z, *rest = _single(
-        [*state[:7], *_along(turn, state[10:13]), *_along(turn, state[7:10])]
-    )
-    px, py, pz, vx, vy, vz, wx, wy, wz = rest
+def odometry(state: State) -> fg.Odometry:
+    """Returns a state as Foxglove defines it: velocities in the body's frame."""
+    R_BW = np.array(columns(*state.quaternion))
     return fg.Odometry(
-        timestamp=stamp(time),
+        timestamp=stamp(state.time),
         frame_id=WORLD,
         body_frame_id=BODY,
-        pose=fg.Pose(
-            position=fg.Vector3(x=px, y=py, z=pz), orientation=fg.Quaternion(x=x, y=y, z=z, w=w)
-        ),
-        linear_velocity=fg.Vector3(x=vx, y=vy, z=vz),
-        angular_velocity=fg.Vector3(x=wx, y=wy, z=wz),
+        pose=pose(state.position, state.quaternion),
+        linear_velocity=vector3(R_BW @ state.velocity),
+        angular_velocity=vector3(R_BW @ state.angular_velocity),
     )
 
 
-def _along(axes, v) -> list:
-    """Returns the coordinates of a vector on three axes."""
-    x, y, z = v
-    return [a * x + b * y + c * z for a, b, c in axes]
-
-
-def reference_odometry(time: float, reference) -> fg.Odometry:
-    """Returns the part of a reference (list of 18) that Odometry has fields for.
+def reference_odometry(time: float, reference: Reference) -> fg.Odometry:
+    """Returns the part of a reference that Odometry has fields for.
 
     Its body frame is level, turned by the yaw.
     """
-    yaw, rate = reference[15], reference[16]
-    half = yaw / 2
+    half = reference.yaw / 2
     return odometry(
-        time,
-        [math.cos(half), 0.0, 0.0, math.sin(half), *reference[:3], 0.0, 0.0, rate, *reference[3:6]],
+        State(
+            time,
+            np.array([np.cos(half), 0.0, 0.0, np.sin(half)]),
+            reference.position,
+            np.array([0.0, 0.0, reference.yaw_rate]),
+            reference.velocity,
+        )
     )
 
 
 def rotors(time: float, speeds, thrust_coefficients) -> fg.JointStates:
     """Returns the speeds of rotors (rad/s), and the thrusts that belong to them (N)."""
-    thrusts = _single([c * w * w for w, c in zip(speeds, thrust_coefficients)])
+    thrusts = _single(thrust_coefficients * np.square(speeds))
     return fg.JointStates(
         timestamp=stamp(time),
         joints=[
@@ -95,32 +91,22 @@ def rotors(time: float, speeds, thrust_coefficients) -> fg.JointStates:
     )
 
 
-def transforms(time: float, state, X_BC) -> fg.FrameTransforms:
-    """Returns where the body is, and the camera in it.
-
-    Args:
-        time: of the state (s).
-        state: list of quaternion of R_WB and p_WB, or more.
-        X_BC: RigidTransform.
-    """
-    w, x, y, z = _single(state[:4])
-    mount = X_BC.rotation().ToQuaternion()
+def transforms(state: State, X_BC) -> fg.FrameTransforms:
+    """Returns where the body is, and the camera in it; X_BC: RigidTransform."""
+    mount = X_BC.translation(), X_BC.rotation().ToQuaternion().wxyz()
     return fg.FrameTransforms(
         transforms=[
             fg.FrameTransform(
-                timestamp=stamp(time),
-                parent_frame_id=WORLD,
-                child_frame_id=BODY,
-                translation=vector3(state[4:7]),
-                rotation=fg.Quaternion(x=x, y=y, z=z, w=w),
-            ),
-            fg.FrameTransform(
-                timestamp=stamp(time),
-                parent_frame_id=BODY,
-                child_frame_id=CAMERA,
-                translation=vector3(X_BC.translation().tolist()),
-                rotation=fg.Quaternion(x=mount.x(), y=mount.y(), z=mount.z(), w=mount.w()),
-            ),
+                timestamp=stamp(state.time),
+                parent_frame_id=parent,
+                child_frame_id=child,
+                translation=vector3(translation),
+                rotation=quaternion(rotation),
+            )
+            for parent, child, translation, rotation in (
+                (WORLD, BODY, state.position, state.quaternion),
+                (BODY, CAMERA, *mount),
+            )
         ]
     )
 

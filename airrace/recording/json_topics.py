@@ -1,5 +1,7 @@
 """What Foxglove has no schema for, as JSON with schemas of ours."""
 
+import dataclasses as dc
+
 import numpy as np
 
 from airrace.common.files import finite
@@ -8,13 +10,17 @@ from airrace.systems.referee_status import GateCrossing
 from airrace.systems.types import Detections
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import map_data, rounded, statistics_data
+from airrace.trajopt.reference import as_reference
 
 PLAN_STEP = 0.02  # s between two samples of a plan
 PLAN_COLUMNS = ("x", "y", "z", "vx", "vy", "vz", "yaw")
-_PLAN_ROWS = (0, 1, 2, 3, 4, 5, 15)  # of trajopt/reference.py
+_PLAN_SUMMARY = ("solve_time", "max_speed", "max_acceleration", "max_rotor_thrust")
+_NUMBER, _TEXT, _OBJECT = {"type": "number"}, {"type": "string"}, {"type": "object"}
+_NUMBERS = {"type": "array", "items": _NUMBER}
+_TABLE = {"type": "object", "additionalProperties": _NUMBERS}
 
 
-def _schema(name: str, description: str, properties: dict) -> dict:
+def _schema(name: str, description: str, **properties) -> dict:
     return {
         "type": "object",
         "title": f"airrace.{name}",
@@ -23,66 +29,51 @@ def _schema(name: str, description: str, properties: dict) -> dict:
     }
 
 
-_NUMBER, _TEXT, _OBJECT = {"type": "number"}, {"type": "string"}, {"type": "object"}
-_NUMBERS = {"type": "array", "items": _NUMBER}
-_TABLE = {"type": "object", "additionalProperties": _NUMBERS}
-
-
-def _list(properties):
+def _list(**properties) -> dict:
     return {"type": "array", "items": {"type": "object", "properties": properties}}
+
+
+def _said(schema: dict, description: str) -> dict:
+    return {**schema, "description": description}
 
 
 DETECTIONS = _schema(
     "Detections",
     "All markers found in one image.",
-    {
-        "time": {**_NUMBER, "description": "when the image was taken (s)"},
-        "markers": _list(
-            {
-                "id": _NUMBER,
-                "position": {**_NUMBERS, "description": "of the marker in the camera frame (m)"},
-                "orientation": {**_NUMBERS, "description": "R_CM as a quaternion w, x, y, z"},
-                "reprojection_error": {**_NUMBER, "description": "RMS (px)"},
-                "ambiguity": _NUMBER,
-            }
-        ),
-        "refused": _list({"reason": _TEXT, "id": {"type": ["number", "null"]}}),
-    },
+    time=_said(_NUMBER, "when the image was taken (s)"),
+    markers=_list(
+        id=_NUMBER,
+        position=_said(_NUMBERS, "of the marker in the camera frame (m)"),
+        orientation=_said(_NUMBERS, "R_CM as a quaternion w, x, y, z"),
+        reprojection_error=_said(_NUMBER, "RMS (px)"),
+        ambiguity=_NUMBER,
+    ),
+    refused=_list(reason=_TEXT, id={"type": ["number", "null"]}),
 )
 MAP = _schema(
     "Map",
     "The autonomy's map; see map.json and map_statistics.json.",
-    {"map": _OBJECT, "statistics": _OBJECT},
+    map=_OBJECT,
+    statistics=_OBJECT,
 )
 PLAN = _schema(
     "LapPlan",
     "A plan of laps, from when it was made.",
-    {
-        "lap": {**_NUMBER, "description": "the first lap flown on it"},
-        "start_time": {**_NUMBER, "description": "when the entry starts (s)"},
-        "entry_duration": _NUMBER,
-        "phase": {**_NUMBER, "description": "where on the circuit the entry ends (s)"},
-        "duration": {**_NUMBER, "description": "of the circuit (s)"},
-        "gate_times": {**_NUMBERS, "description": "on the circuit, then its duration (s)"},
-        "solve_time": _NUMBER,
-        "max_speed": _NUMBER,
-        "max_acceleration": _NUMBER,
-        "max_rotor_thrust": _NUMBER,
-        "step": {**_NUMBER, "description": "between two samples (s)"},
-        "entry": {**_TABLE, "description": "samples: m, m/s, rad"},
-        "circuit": _TABLE,
-    },
+    lap=_said(_NUMBER, "the first lap flown on it"),
+    start_time=_said(_NUMBER, "when the entry starts (s)"),
+    entry_duration=_NUMBER,
+    phase=_said(_NUMBER, "where on the circuit the entry ends (s)"),
+    duration=_said(_NUMBER, "of the circuit (s)"),
+    gate_times=_said(_NUMBERS, "on the circuit, then its duration (s)"),
+    **dict.fromkeys(_PLAN_SUMMARY, _NUMBER),
+    step=_said(_NUMBER, "between two samples (s)"),
+    entry=_said(_TABLE, "samples: m, m/s, rad"),
+    circuit=_TABLE,
 )
 CROSSING = _schema(
     "GateCrossing",
-    "A gate that counted.",
-    {
-        "time": _NUMBER,
-        "lap": _NUMBER,
-        "gate": _NUMBER,
-        "offset": {**_NUMBER, "description": "from the gate's midpoint (m)"},
-        "max_speed": {**_NUMBER, "description": "since the one before (m/s)"},
-    },
+    "A gate that counted: when (s), how far from its midpoint (m), how fast since the last (m/s).",
+    **{field.name: _NUMBER for field in dc.fields(GateCrossing)},
 )
 
 
@@ -111,7 +102,7 @@ def full_map_data(gate_map: GateMap) -> dict:
 
 def plan_data(plan: LapPlan) -> dict:
     """Returns a message of the schema PLAN."""
-    report = plan.report
+    summary = {name: getattr(plan.report, name) for name in _PLAN_SUMMARY} if plan.report else {}
     return {
         "lap": plan.lap,
         "start_time": plan.start_time,
@@ -120,16 +111,7 @@ def plan_data(plan: LapPlan) -> dict:
         "duration": plan.circuit.duration,
         # A planner of one's own may know nothing of gates.
         "gate_times": [float(t) for t in getattr(plan.circuit, "gate_times", ())],
-        **(
-            {}
-            if report is None
-            else {
-                "solve_time": report.solve_time,
-                "max_speed": report.max_speed,
-                "max_acceleration": report.max_acceleration,
-                "max_rotor_thrust": report.max_rotor_thrust,
-            }
-        ),
+        **summary,
         "step": PLAN_STEP,
         "entry": _samples(plan.entry),
         "circuit": _samples(plan.circuit),
@@ -137,14 +119,11 @@ def plan_data(plan: LapPlan) -> dict:
 
 
 def _samples(trajectory) -> dict:
-    values = trajectory.sample(np.arange(0.0, trajectory.duration, PLAN_STEP))
-    return {name: _rounded(values[row]) for name, row in zip(PLAN_COLUMNS, _PLAN_ROWS)}
+    samples = as_reference(trajectory.sample(np.arange(0.0, trajectory.duration, PLAN_STEP)))
+    rows = np.vstack([samples.position, samples.velocity, samples.yaw]).round(4)
+    return dict(zip(PLAN_COLUMNS, rows.tolist()))
 
 
 def crossing_data(crossing: GateCrossing) -> dict:
     """Returns a message of the schema CROSSING."""
-    return {name: getattr(crossing, name) for name in CROSSING["properties"]}
-
-
-def _rounded(values, digits=4) -> list:
-    return np.round(values, digits).tolist()
+    return dc.asdict(crossing)

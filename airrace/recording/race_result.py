@@ -3,7 +3,7 @@
 import numpy as np
 
 from airrace.scenario import Scenario
-from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
+from airrace.systems.planning.lap_plan import NO_PLAN, PlanSummary
 from airrace.systems.referee_status import OUT_OF_TIME, RefereeStatus
 from airrace.systems.types import ExplorerEvent, ExplorerStatus
 from airrace.track import Track
@@ -12,61 +12,51 @@ from airrace.vehicle import load_vehicle
 
 
 class RaceResult:
-    """Collects a race's results from looks at its outputs."""
+    """Collects a race's results from its outputs while it goes on.
+
+    Attributes:
+        vehicle: the drone, as its file says.
+        referee_status: the latest.
+        explorer_status: the latest.
+        events: ExplorerEvents, all so far.
+        rotor_losses: number of a rotor, from 1, to when its loss was noticed (s).
+    """
 
     def __init__(self, scenario: Scenario, track: Track, simulation: str = "SITL"):
         """Args: scenario, track: of the race. simulation: SITL or HITL."""
-        self._scenario = scenario
-        self._track = track
+        self._scenario, self._track, self._simulation = scenario, track, simulation
+        self._time, self._plans, self._map_rms = 0.0, {}, {}
         self.vehicle = load_vehicle(scenario.drone)[0]
-        self.rotor_losses = {}  # number of a rotor, from 1, to when it was noticed (s)
-        self._simulation = simulation
-        self._plans = {}
-        self._map_rms = {}
-        self._time = 0.0
-        self._status = ExplorerStatus()
-        self.events = ()  # ExplorerEvents, all so far
-        self.report = RefereeStatus((), False, None, None, 0)
+        self.referee_status = RefereeStatus((), False, None, None, 0)
+        self.explorer_status, self.events = ExplorerStatus(), ()
+        self.rotor_losses = {}
 
     @property
     def laps_flown(self) -> int:
         """Number of complete laps."""
-        return max(len(self.report.crossings) - 1, 0) // len(self._track.gates)
+        return max(len(self.referee_status.crossings) - 1, 0) // len(self._track.gates)
 
-    @property
-    def status(self) -> ExplorerStatus:
-        """The explorer's latest status."""
-        return self._status
-
-    def observe(
-        self,
-        time,
-        report: RefereeStatus,
-        status: ExplorerStatus,
-        gate_map: GateMap,
-        plan: LapPlan,
-        rotor_losses=(),
-        gate_shifts=None,
-    ) -> int:
-        """Takes a look at the race; returns how many laps ended since the last.
+    def observe(self, outputs) -> int:
+        """Takes in what the race's outputs say now; returns how many laps have ended since.
 
         Args:
-            time: of the look (s).
-            report, status, gate_map, plan, rotor_losses: the outputs at that
-                time; for the last, see RotorMonitor.
-            gate_shifts: where the gates stand then, see GateMover; None if they
-                do not move.
+            outputs: a namespace of ``time`` (s) and of the values of the outputs at that
+                time: ``referee_status``, ``explorer_status``, ``gate_map``, ``lap_plan``,
+                ``rotor_losses``, see RotorMonitor, and ``gate_shifts``, see GateMover,
+                None if the gates stand still.
         """
         before = self.laps_flown
-        self._time, self.report, self._status = time, report, status
-        self.events = _events(self.events, status)
-        for i in np.flatnonzero(np.isfinite(rotor_losses)):
-            self.rotor_losses[int(i) + 1] = float(rotor_losses[i])
+        self._time, self.referee_status = outputs.time, outputs.referee_status
+        self.explorer_status = outputs.explorer_status
+        self.events = _events(self.events, outputs.explorer_status)
+        for i in np.flatnonzero(np.isfinite(outputs.rotor_losses)):
+            self.rotor_losses[int(i) + 1] = float(outputs.rotor_losses[i])
+        plan, shifts = outputs.lap_plan, outputs.gate_shifts
         if plan is not NO_PLAN:
             self._plans[plan.lap] = plan
         for lap in range(before + 1, self.laps_flown + 1):
-            track = self._track if gate_shifts is None else self._track.shifted(gate_shifts)
-            self._map_rms[lap] = front_marker_rms(gate_map, track)
+            track = self._track if shifts is None else self._track.shifted(shifts)
+            self._map_rms[lap] = front_marker_rms(outputs.gate_map, track)
         return self.laps_flown - before
 
     def data(self, wall_seconds: float, dnf_reason: str | None = None, wall=()) -> dict:
@@ -79,9 +69,8 @@ class RaceResult:
         """
         laps = [self._lap(k) for k in range(1, self.laps_flown + 1)]
         times = [lap["time_s"] for lap in laps]
-        status = self._status
-        # Looks come a little after the end.
-        time = self.report.end_time if self.report.over else self._time
+        referee, explorer = self.referee_status, self.explorer_status
+        end = referee.end_time if referee.over else self._time  # is observed a little later
         return {
             "track": self._track.name,
             "drone": self.vehicle.name,
@@ -92,12 +81,12 @@ class RaceResult:
                 {"rotor": f.rotor, "time_s": f.time, "noticed_s": self.rotor_losses.get(f.rotor)}
                 for f in self._scenario.rotor_failures
             ],
-            "finished": self.report.finished,
-            "dnf_reason": None if self.report.finished else self._dnf_reason(dnf_reason),
+            "finished": referee.finished,
+            "dnf_reason": None if referee.finished else self._dnf_reason(dnf_reason),
             "exploration": {
-                "success": status.closed_at is not None,
-                "time_s": status.closed_at if status.closed_at is not None else time,
-                "gates_found": len(status.gates),
+                "success": explorer.closed_at is not None,
+                "time_s": end if explorer.closed_at is None else explorer.closed_at,
+                "gates_found": len(explorer.gates),
                 "events": [
                     {"time_s": e.time, "state": e.state, "reason": e.reason} for e in self.events
                 ],
@@ -105,7 +94,7 @@ class RaceResult:
             "laps": laps,
             "mean_lap_s": float(np.mean(times)) if times else None,
             "best_lap_s": min(times, default=None),
-            "collisions": self.report.collisions,
+            "collisions": referee.collisions,
             "wall": {
                 "simulation": self._simulation,
                 "seconds": wall_seconds,
@@ -117,18 +106,17 @@ class RaceResult:
 
     def _dnf_reason(self, other: str | None) -> str | None:
         """Returns why the race ended; for a search in vain, in which state, or for what."""
-        reason, status = self.report.dnf_reason or other, self._status
+        reason, explorer = self.referee_status.dnf_reason or other, self.explorer_status
         if reason != OUT_OF_TIME:
             return reason
-        if not status.done:
-            return f"{reason} in state {status.state}: {status.reason}"
+        if not explorer.done:
+            return f"{reason} in state {explorer.state}: {explorer.reason}"
         return reason if self._plans else f"{reason}: no lap through the map's gates was found"
 
     def _lap(self, lap: int) -> dict:
         n = len(self._track.gates)
-        crossings = self.report.crossings[n * (lap - 1) : n * lap + 1]
-        start = crossings[0].time
-        report = self._plan_summary(lap)
+        crossings = self.referee_status.crossings[n * (lap - 1) : n * lap + 1]
+        start, summary = crossings[0].time, self._plan_summary(lap)
         return {
             "lap": lap,
             "start_s": start,
@@ -137,43 +125,48 @@ class RaceResult:
             "gate_offsets_m": [c.offset for c in crossings[:-1]],
             "max_speed": max(c.max_speed for c in crossings[1:]),
             "map_rms_m": self._map_rms[lap],
-            "plan": report and plan_data(report),
+            "plan": summary and plan_data(summary),
         }
 
-    def _plan_summary(self, lap: int):
-        """Returns the PlanSummary of a lap's plan, or None."""
+    def _plan_summary(self, lap: int) -> PlanSummary | None:
+        """Returns what the plan of a lap promised."""
         plans = [plan for first, plan in sorted(self._plans.items()) if first <= lap]
         return plans[-1].report if plans else None
 
     def _solve_time(self, lap: int) -> float | None:
         """Returns what finding a lap's plan took (s)."""
-        report = self._plan_summary(lap)
-        return report and report.solve_time
+        summary = self._plan_summary(lap)
+        return summary and summary.solve_time
 
 
-def plan_data(report: PlanSummary) -> dict:
+# What race.json calls the parts of a PlanSummary that it holds.
+_PLAN = {
+    "duration_s": "duration",
+    "bound_s": "bound",
+    "over_bound": "gap",
+    "max_speed": "max_speed",
+    "max_acceleration": "max_acceleration",
+    "max_rate": "max_rate",
+    "max_rotor_thrust": "max_rotor_thrust",
+    "max_rotor_thrusts": "max_thrusts",
+    "min_rotor_thrusts": "min_thrusts",
+    "limits_reached": "reached",
+    "pylon_clearance_m": "clearance",
+    "margin_m": "margin",
+    "solver": "solver",
+    "iterations": "iterations",
+    "warm": "warm",
+}
+
+
+def plan_data(summary: PlanSummary) -> dict:
     """Returns what race.json says of a plan: see PlanSummary for what it is."""
-    return {
-        "duration_s": report.duration,
-        "bound_s": report.bound,
-        "over_bound": report.gap,
-        "max_speed": report.max_speed,
-        "max_acceleration": report.max_acceleration,
-        "max_rate": report.max_rate,
-        "max_rotor_thrust": report.max_rotor_thrust,
-        "max_rotor_thrusts": list(report.max_thrusts),
-        "min_rotor_thrusts": list(report.min_thrusts),
-        "limits_reached": list(report.reached),
-        "pylon_clearance_m": report.clearance,
-        "margin_m": report.margin,
-        "solver": report.solver,
-        "iterations": report.iterations,
-        "warm": report.warm,
-    }
+    values = {name: getattr(summary, attribute) for name, attribute in _PLAN.items()}
+    return {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
 
 
 def _events(events: tuple, status: ExplorerStatus) -> tuple:
-    """Returns the events after a look; an explorer of one's own may keep none."""
+    """Returns all events after an observation; an explorer of one's own may keep none."""
     if status.events:
         return status.events
     if events and (events[-1].state, events[-1].time) == (status.state, status.since):

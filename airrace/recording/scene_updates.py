@@ -3,8 +3,7 @@
 import numpy as np
 from foxglove import messages as fg
 
-from airrace.recording.foxglove_messages import stamp, vector3
-from airrace.recording.topics import BODY, CAMERA, WORLD
+from airrace.recording.foxglove_messages import BODY, CAMERA, WORLD, pose, stamp, vector3
 from airrace.rendering.scene.meshes import BOARD_THICKNESS
 from airrace.systems.types import Detections
 from airrace.track import (
@@ -37,28 +36,24 @@ def _entity(time, name, frame=WORLD, **primitives) -> fg.SceneEntity:
     )
 
 
-def _pose(position, quaternion=None) -> fg.Pose:
-    turn = fg.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
-    if quaternion is not None:
-        turn = fg.Quaternion(x=quaternion.x(), y=quaternion.y(), z=quaternion.z(), w=quaternion.w())
-    return fg.Pose(position=vector3(np.asarray(position, float).tolist()), orientation=turn)
-
-
 def _text(position, words, size) -> fg.TextPrimitive:
     return fg.TextPrimitive(
-        pose=_pose(position), billboard=True, font_size=size, color=_BLACK, text=words
+        pose=pose(position), billboard=True, font_size=size, color=_BLACK, text=words
     )
 
 
-def _points(rows) -> list:
-    return [fg.Point3(x=x, y=y, z=z) for x, y, z in np.asarray(rows, float).tolist()]
+def _lines(kind: str, points, thickness, **colors) -> fg.LinePrimitive:
+    """Returns lines through points, (n, 3): "LineStrip", or "LineList" of pairs of ends."""
+    points = [fg.Point3(x=x, y=y, z=z) for x, y, z in np.asarray(points, float).tolist()]
+    kind = getattr(fg.LinePrimitiveLineType, kind)
+    return fg.LinePrimitive(type=kind, thickness=thickness, points=points, **colors)
 
 
 def track_scene(time: float, track: Track, vehicle: Vehicle) -> fg.SceneUpdate:
     """Returns the gates with their boards and numbers, and the drone."""
     pylons = [
         fg.CylinderPrimitive(
-            pose=_pose(foot + [0.0, 0.0, PYLON_HEIGHT / 2]),
+            pose=pose(foot + [0.0, 0.0, PYLON_HEIGHT / 2]),
             size=fg.Vector3(x=2 * PYLON_BASE_RADIUS, y=2 * PYLON_BASE_RADIUS, z=PYLON_HEIGHT),
             bottom_scale=1.0,
             top_scale=PYLON_TIP_RADIUS / PYLON_BASE_RADIUS,
@@ -68,7 +63,7 @@ def track_scene(time: float, track: Track, vehicle: Vehicle) -> fg.SceneUpdate:
     ]
     boards, texts = [], []
     for board in track.boards():
-        turn = board.X_WM.rotation().ToQuaternion()
+        turn = board.X_WM.rotation().ToQuaternion().wxyz()
         # The face is at z = 0 of the marker frame; the black square stands out a little.
         for size, z, paint in (
             (BOARD_SIZE, -BOARD_THICKNESS / 2, _WHITE),
@@ -76,7 +71,7 @@ def track_scene(time: float, track: Track, vehicle: Vehicle) -> fg.SceneUpdate:
         ):
             boards.append(
                 fg.CubePrimitive(
-                    pose=_pose(board.X_WM @ [0.0, 0.0, z], turn),
+                    pose=pose(board.X_WM @ [0.0, 0.0, z], turn),
                     color=paint,
                     size=fg.Vector3(x=size, y=size, z=BOARD_THICKNESS),
                 )
@@ -90,17 +85,13 @@ def track_scene(time: float, track: Track, vehicle: Vehicle) -> fg.SceneUpdate:
 
 
 def _drone(vehicle: Vehicle) -> dict:
-    """Returns the primitives of a drone in its body frame: arms, discs, and where it looks."""
+    """Returns the primitives of a drone in its body frame: arms, discs, and its nose."""
     hubs = [rotor.position for rotor in vehicle.rotors]
-    arms = fg.LinePrimitive(
-        type=fg.LinePrimitiveLineType.LineList,
-        thickness=0.03,
-        color=_BODY,
-        points=_points([p for hub in hubs for p in ([0.0, 0.0, 0.0], hub)]),
-    )
+    ends = [p for hub in hubs for p in ([0.0, 0.0, 0.0], hub)]
+    arms = _lines("LineList", ends, 0.03, color=_BODY)
     discs = [
         fg.CylinderPrimitive(
-            pose=_pose(rotor.position),
+            pose=pose(rotor.position),
             bottom_scale=1.0,
             top_scale=1.0,
             color=_ROTOR,
@@ -109,7 +100,7 @@ def _drone(vehicle: Vehicle) -> dict:
         for rotor in vehicle.rotors
     ]
     nose = fg.ArrowPrimitive(
-        pose=_pose([0.0, 0.0, 0.0]),
+        pose=pose([0.0, 0.0, 0.0]),
         shaft_length=0.2,
         shaft_diameter=0.03,
         head_length=0.1,
@@ -123,16 +114,14 @@ def map_scene(time: float, gate_map: GateMap) -> fg.SceneUpdate:
     """Returns the markers of a map as ellipsoids of three sigma, and its gates as lines."""
     spheres = [
         fg.SpherePrimitive(
-            pose=_pose(m.p_WM),
+            pose=pose(m.p_WM),
             color=_SIGMA,
             size=vector3(2 * np.maximum(_SIGMAS * np.sqrt(m.variance), _LEAST)),
         )
         for m in gate_map.markers
     ]
     ends = [[*foot, gate.p_WG[2]] for gate in gate_map.gates for foot in gate.pylons]
-    lines = fg.LinePrimitive(
-        type=fg.LinePrimitiveLineType.LineList, thickness=0.08, color=_SIGMA, points=_points(ends)
-    )
+    lines = _lines("LineList", ends, 0.08, color=_SIGMA)
     texts = [_text(gate.p_WG, str(gate.number + 1), 1.0) for gate in gate_map.gates]
     return fg.SceneUpdate(
         entities=[_entity(time, "map", spheres=spheres, lines=[lines], texts=texts)]
@@ -149,11 +138,11 @@ def plan_scene(time: float, plans) -> fg.SceneUpdate:
     entities = []
     for age, plan in enumerate(reversed(plans)):
         lines = [
-            fg.LinePrimitive(
-                type=fg.LinePrimitiveLineType.LineStrip,
+            _lines(
+                "LineStrip",
+                part.positions(np.linspace(0.0, part.duration, 300)).T,
+                0.05 if age else 0.12,
                 color=_OLD_PLAN if age else _PLAN,
-                thickness=0.05 if age else 0.12,
-                points=_points(part.positions(np.linspace(0.0, part.duration, 300)).T),
             )
             for part in (plan.entry, plan.circuit)
         ]
@@ -162,7 +151,7 @@ def plan_scene(time: float, plans) -> fg.SceneUpdate:
 
 
 def path_scene(time: float, positions, speeds, max_speed: float) -> fg.SceneUpdate:
-    """Returns a flown way, from blue where it was slow to red where it was fast.
+    """Returns a flown path, from blue where it was slow to red where it was fast.
 
     Args:
         time: (s).
@@ -170,12 +159,8 @@ def path_scene(time: float, positions, speeds, max_speed: float) -> fg.SceneUpda
         max_speed: which is red (m/s).
     """
     shares = np.clip(np.asarray(speeds) / max_speed, 0.0, 1.0).tolist()
-    line = fg.LinePrimitive(
-        type=fg.LinePrimitiveLineType.LineStrip,
-        thickness=0.15,
-        points=_points(positions),
-        colors=[color(s, 0.3 + 0.5 * min(s, 1 - s), 1 - s) for s in shares],
-    )
+    colors = [color(s, 0.3 + 0.5 * min(s, 1 - s), 1 - s) for s in shares]
+    line = _lines("LineStrip", positions, 0.15, colors=colors)
     return fg.SceneUpdate(entities=[_entity(time, "path", lines=[line])])
 
 
@@ -184,7 +169,5 @@ def detection_rays(detections: Detections) -> fg.SceneUpdate:
     ends = [
         p for marker in detections.markers for p in ([0.0, 0.0, 0.0], marker.X_CM.translation())
     ]
-    rays = fg.LinePrimitive(
-        type=fg.LinePrimitiveLineType.LineList, thickness=0.03, color=_RAY, points=_points(ends)
-    )
+    rays = _lines("LineList", ends, 0.03, color=_RAY)
     return fg.SceneUpdate(entities=[_entity(detections.time, "rays", CAMERA, lines=[rays])])

@@ -39,10 +39,10 @@ class RaceLog:
             )
         )
         self._channels = {
-            topic: foxglove.Channel(topic, schema=kind, context=self._context)
-            if isinstance(kind, dict)
-            else kind(topic, context=self._context)
-            for topic, kind in TOPICS.items()
+            name: foxglove.Channel(name, schema=topic.channel, context=self._context)
+            if isinstance(topic.channel, dict)
+            else topic.channel(name, context=self._context)
+            for name, topic in TOPICS.items()
         }
 
     def write(self, topic: str, time: float, message) -> None:

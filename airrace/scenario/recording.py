@@ -14,7 +14,7 @@ class RecordingConfig:
     content: str = "full"  # or "light", without pictures; or "none", no race.mcap
     state_rate: float = 50.0  # Hz, of states, reference and rotors
     pose_rate: float = 30.0  # Hz, of the poses that a 3-D view moves things by
-    image_rate: float = 5.0  # Hz, up to the camera's; at least 3/5 of it, see RaceRecorder
+    image_rate: float = 5.0  # Hz, up to the camera's
     image_width: int = 640  # px, wider pictures are made smaller
     jpeg_quality: int = 75
     flush_period: float = 0.5  # s, what a crash can cost

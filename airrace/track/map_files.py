@@ -10,7 +10,7 @@ from airrace.common.files import write_json
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.track.track import Track, load_track
 
-TRACK = "track"  # in the place of a file: where the gates really are
+TRACK = "track"  # in place of a file: where the gates really are
 
 
 def write_map(directory: Path, gate_map: GateMap) -> None:
@@ -92,19 +92,17 @@ def read_map(name: str, track_name: str) -> GateMap:
         return true_map(load_track(track_name))
     try:
         data = json.loads(Path(name).read_text(encoding="utf-8"))
-        gates = tuple(
+        gates = [
             GateEstimate(
                 number=int(gate["gate"]) - 1,
-                p_WG=_vector(gate["midpoint"]),
-                heading=np.deg2rad(_number(gate["heading_deg"])),
-                spacing=_number(gate["spacing"]),
+                p_WG=_finite(gate["midpoint"], (3,)),
+                heading=np.deg2rad(float(_finite(gate["heading_deg"]))),
+                spacing=float(_finite(gate["spacing"])),
             )
             for gate in data["gates"]
-        )
+        ]
         markers = tuple(
-            MarkerEstimate(
-                int(m["id"]), 1, 0, _vector(m["position"]), np.zeros(3), _vector(m["normal"])
-            )
+            _known_marker(m["id"], _finite(m["position"], (3,)), _finite(m["normal"], (3,)))
             for m in data["markers"]
         )
     except OSError as e:
@@ -126,35 +124,29 @@ def read_map(name: str, track_name: str) -> GateMap:
 
 
 def true_map(track: Track) -> GateMap:
-    """Returns the map that one with perfect eyes would make."""
+    """Returns the map that perfect observations would make."""
     return GateMap(
         gates=tuple(
             GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.pylon_spacing)
             for n, gate in enumerate(track.gates)
         ),
         markers=tuple(
-            MarkerEstimate(
-                board.id,
-                1,
-                0,
-                board.X_WM.translation(),
-                np.zeros(3),
-                board.X_WM.rotation().matrix()[:, 2],
-            )
+            _known_marker(board.id, board.X_WM.translation(), board.X_WM.rotation().matrix()[:, 2])
             for board in track.boards()
         ),
     )
 
 
-def _number(value) -> float:
-    number = float(value)
-    if not np.isfinite(number):
-        raise ValueError
-    return number
+def _known_marker(id, p_WM, normal) -> MarkerEstimate:
+    """Returns a marker whose position is exact."""
+    return MarkerEstimate(
+        id=int(id), count=1, outliers=0, p_WM=p_WM, variance=np.zeros(3), normal=normal
+    )
 
 
-def _vector(values) -> np.ndarray:
-    result = np.array([_number(value) for value in values])
-    if result.shape != (3,):
+def _finite(values, shape=()) -> np.ndarray:
+    """Returns numbers of a file; raises ValueError unless they have a shape and are finite."""
+    numbers = np.asarray(values, float)
+    if numbers.shape != shape or not np.isfinite(numbers).all():
         raise ValueError
-    return result
+    return numbers

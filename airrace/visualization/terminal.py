@@ -115,7 +115,9 @@ class RaceDisplay:
             self._losses += 1
             self._print(f"[{time_noticed:7.1f} s] {loss_line(record, rotor)}")
         for lap in range(record.laps_flown - look.laps_ended, record.laps_flown):
-            first, last = (record.report.crossings[self._gates * k].time for k in (lap, lap + 1))
+            first, last = (
+                record.referee_status.crossings[self._gates * k].time for k in (lap, lap + 1)
+            )
             self._print(f"[{last:7.1f} s] lap {lap + 1}: {last - first:.2f} s")
         now = time.perf_counter()
         if self._live is not None and now - self._last > _REFRESH:
@@ -125,9 +127,9 @@ class RaceDisplay:
     def _line(self, record, look, now) -> str:
         rate = look.time / (now - self._start)
         clock = f"{look.time:6.1f} s simulated, {rate:.1f} x real time"
-        if not record.status.done:
-            return f"exploring  {len(record.status.gates)} gates found   {clock}"
-        crossings = len(record.report.crossings)
+        if not record.explorer_status.done:
+            return f"exploring  {len(record.explorer_status.gates)} gates found   {clock}"
+        crossings = len(record.referee_status.crossings)
         lap = min(max(crossings - 1, 0) // self._gates + 1, self._scenario.laps)
         flown = max(crossings - 1, 0)
         total = self._scenario.laps * self._gates

@@ -12,6 +12,8 @@ from airrace.systems.referee_status import GateCrossing
 from airrace.systems.types import Detection, Detections
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap, MarkerEstimate
+from airrace.trajopt.reference import as_reference
+from airrace.vehicle.state import State
 
 GATES, LAP, FIRST = 10, 5.0, 2.0  # gates; s a lap; s, when gate 1 is crossed first
 OFF = 0.03  # m, off the reference, to the left
@@ -112,16 +114,20 @@ def write_log(log, laps):
     end = FIRST + laps * LAP
     for time in np.arange(0.0, end + 0.5, 0.02).tolist():
         p, v, q = flight(time)
-        state = [*q.tolist(), *p.tolist(), 0.0, 0.0, TURN_RATE, *v.tolist()]
+        state = State(time, q, p, np.array([0.0, 0.0, TURN_RATE]), v)
         for name in ("truth", "estimate", "filtered"):
-            log.write(f"/state/{name}", time, foxglove_messages.odometry(time, state))
+            log.write(f"/state/{name}", time, foxglove_messages.odometry(state))
         left = OFF * np.array([-v[1], v[0], 0.0]) / np.linalg.norm(v)
         yaw = TURN_RATE * (time - FIRST) + np.pi / 2
-        reference = [*(p - left), *v, *np.zeros(9), yaw, TURN_RATE, 0.0]
+        reference = as_reference(np.array([*(p - left), *v, *np.zeros(9), yaw, TURN_RATE, 0.0]))
         log.write("/reference", time, foxglove_messages.reference_odometry(time, reference))
         log.write("/reference/acceleration", time, foxglove_messages.vector3([1.0, 2.0, 3.0]))
-        log.write("/rotors/measured", time, foxglove_messages.rotors(time, [40.0] * 4, [1e-3] * 4))
-        log.write("/rotors/command", time, foxglove_messages.rotors(time, [50.0] * 4, [1e-3] * 4))
+        log.write(
+            "/rotors/measured", time, foxglove_messages.rotors(time, [40.0] * 4, np.full(4, 1e-3))
+        )
+        log.write(
+            "/rotors/command", time, foxglove_messages.rotors(time, [50.0] * 4, np.full(4, 1e-3))
+        )
     marker = Detection(
         id=5, corners=np.zeros((4, 2)), X_CM=RigidTransform([0.0, 3.0, 4.0]), reprojection_error=0.1
     )

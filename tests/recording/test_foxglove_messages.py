@@ -9,6 +9,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from airrace.recording import foxglove_messages
 from airrace.systems.types import Detection, Detections, make_camera_info
+from airrace.trajopt.reference import as_reference
+from airrace.vehicle.state import as_state
 from tests.recording.decoding import decoded, vector
 
 numbers = st.floats(-50, 50)
@@ -31,7 +33,7 @@ def test_a_stamp_is_the_time(time):
 def test_velocities_are_in_the_body_frame(q, p, v, w):
     q = np.array(q) / np.linalg.norm(q)
     R_WB = RotationMatrix(Quaternion(q))
-    message = decoded(foxglove_messages.odometry(1.5, [*q.tolist(), *p, *w, *v]))
+    message = decoded(foxglove_messages.odometry(as_state(np.array([1.5, *q, *p, *w, *v]))))
     assert (message.frame_id, message.body_frame_id) == ("world", "body")
     np.testing.assert_allclose(vector(message.pose.position), p, atol=1e-5)
     np.testing.assert_allclose(vector(message.linear_velocity), R_WB.inverse() @ v, atol=2e-5)
@@ -41,7 +43,7 @@ def test_velocities_are_in_the_body_frame(q, p, v, w):
 def test_a_reference_is_level_and_turned_by_its_yaw():
     reference = np.arange(1.0, 19.0)
     reference[15:17] = np.pi / 2, 0.3
-    message = decoded(foxglove_messages.reference_odometry(0.0, reference.tolist()))
+    message = decoded(foxglove_messages.reference_odometry(0.0, as_reference(reference)))
     o = message.pose.orientation
     np.testing.assert_allclose([o.w, o.x, o.y, o.z], [0.5**0.5, 0, 0, 0.5**0.5], atol=1e-6)
     np.testing.assert_allclose(vector(message.linear_velocity), [5, -4, 6], atol=1e-5)
@@ -49,7 +51,7 @@ def test_a_reference_is_level_and_turned_by_its_yaw():
 
 
 def test_rotors_have_speeds_and_thrusts():
-    joints = decoded(foxglove_messages.rotors(2.0, [10.0, 20.0], [0.01, 0.02])).joints
+    joints = decoded(foxglove_messages.rotors(2.0, [10.0, 20.0], np.array([0.01, 0.02]))).joints
     assert [joint.name for joint in joints] == ["rotor_1", "rotor_2"]
     assert [joint.velocity for joint in joints] == [10.0, 20.0]
     assert [joint.effort for joint in joints] == pytest.approx([1.0, 8.0])
@@ -57,7 +59,11 @@ def test_rotors_have_speeds_and_thrusts():
 
 def test_transforms_lead_from_the_world_to_the_camera():
     X_BC = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.1, 0.2, 0.3])
-    message = decoded(foxglove_messages.transforms(1.0, [1.0, 0, 0, 0, 4, 5, 6], X_BC))
+    message = decoded(
+        foxglove_messages.transforms(
+            as_state(np.array([1.0, 1, 0, 0, 0, 4, 5, 6, *np.zeros(6)])), X_BC
+        )
+    )
     frames = [(t.parent_frame_id, t.child_frame_id) for t in message.transforms]
     assert frames == [("world", "body"), ("body", "camera")]
     np.testing.assert_allclose(vector(message.transforms[0].translation), [4, 5, 6])

@@ -12,17 +12,15 @@ from pydrake.systems.analysis import Simulator
 from airrace.recording.race_recorder import RaceRecorder
 from airrace.recording.topics import TOPICS
 from airrace.recording.writer import RaceLog
+from airrace.scenario import Scenario
 from airrace.scenario.recording import RecordingConfig
 from airrace.systems.planning.lap_plan import LapPlan
 from airrace.systems.referee_status import GateCrossing, RefereeStatus
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import Detections, ExplorerEvent, ExplorerStatus, make_camera_info
-from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.vehicle import load_vehicle
 
-TRACK = load_track("student-airrace")
 STATE = np.array([1.0, 0, 0, 0, 1, 2, 3, 0, 0, 0, 4, 0, 0])
 
 
@@ -31,14 +29,9 @@ class Recording:
 
     def __init__(self, path, moving_gates=False, **config):
         self.path = path
-        vehicle = load_vehicle("Default")[0]
         self.recorder = RaceRecorder(
+            scenario=Scenario(recording=RecordingConfig(**config)),
             log=RaceLog(path),
-            config=RecordingConfig(**config),
-            track=TRACK,
-            vehicle=vehicle,
-            fps=30.0,
-            max_speed=20.0,
             moving_gates=moving_gates,
         )
         self.simulator = Simulator(self.recorder)
@@ -132,33 +125,18 @@ def test_pictures_are_as_many_and_as_small_as_wanted(path):
     assert picture.shape == (18, 32) == (calibration.height, calibration.width)
 
 
-@pytest.mark.parametrize("somebody_looks, count", [(False, 4), (True, 6)])
-def test_pictures_that_are_drawn_anyway_come_first(path, somebody_looks, count):
+@pytest.mark.parametrize("drawn_before", [False, True])
+def test_pictures_are_written_by_the_clock(path, drawn_before):
+    """Whatever somebody else has asked the camera for."""
     recording = Recording(path, image_rate=5.0)
-    views, parts = [], []
-    for _ in range(31):
-        views.append(CameraView((36, 64), lambda pixels, boxes: parts.append(boxes)))
-        if somebody_looks:
-            views[-1].whole()
-        recording.fix(camera_view=views[-1])
-        recording.fly(len(views) / 30 - 1e-3)
-    assert sum(view.is_complete for view in views) == (len(views) if somebody_looks else count)
-    assert len(parts) == sum(view.is_complete for view in views)
-    assert len(recording.messages()["/camera/image"]) == count
-
-
-@pytest.mark.parametrize("period", [5, 8])  # of ArucoDetector's searches of whole pictures
-def test_no_picture_is_drawn_for_the_recording_alone(path, period):
-    recording, count = Recording(path, image_rate=5.0), 0
-    for n in range(121):
+    for n in range(31):
         view = CameraView((36, 64), lambda pixels, boxes: None)
-        if n % period == 0:
+        if drawn_before and n % 2:
             view.whole()
-            count += 1
         recording.fix(camera_view=view)
         recording.fly((n + 1) / 30 - 1e-3)
-        assert view.is_complete == (n % period == 0)
-    assert len(recording.messages()["/camera/image"]) == {5: 13, 8: count}[period]
+    times = [time for time, _ in recording.messages()["/camera/image"]]
+    assert times == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
 
 
 def test_pictures_come_with_what_was_found_in_them(path):
@@ -243,14 +221,7 @@ def test_gates_that_move_are_drawn_anew(path):
 
 
 def test_what_is_not_connected_is_not_recorded(path):
-    recorder = RaceRecorder(
-        log=RaceLog(path),
-        config=RecordingConfig(),
-        track=TRACK,
-        vehicle=load_vehicle("Default")[0],
-        fps=30.0,
-        max_speed=20.0,
-    )
+    recorder = RaceRecorder(scenario=Scenario(), log=RaceLog(path))
     Simulator(recorder).AdvanceTo(0.5)
     recorder.close()
     with open(path, "rb") as file:

@@ -1,5 +1,6 @@
 import json
 import math
+import types
 
 import numpy as np
 import pytest
@@ -36,6 +37,19 @@ def crossings(count, start=100.0, pace=2.0):
 
 def report(count, finished=False, dnf_reason=None, end_time=None, collisions=0):
     return RefereeStatus(crossings(count), finished, dnf_reason, end_time, collisions)
+
+
+def observe(result, time, referee, explorer, gate_map, plan, losses=(), shifts=None):
+    outputs = types.SimpleNamespace(
+        time=time,
+        referee_status=referee,
+        explorer_status=explorer,
+        gate_map=gate_map,
+        lap_plan=plan,
+        rotor_losses=losses,
+        gate_shifts=shifts,
+    )
+    return result.observe(outputs)
 
 
 def plan(lap, duration):
@@ -84,9 +98,9 @@ def gate_map(error=0.0, ids=range(4 * N)):
     )
 
 
-def test_before_the_first_look():
-    record = RaceResult(Scenario(seed=7, trajectory="4"), TRACK)
-    data = record.data(0.5, "interrupted")
+def test_before_the_first_observation():
+    result = RaceResult(Scenario(seed=7, trajectory="4"), TRACK)
+    data = result.data(0.5, "interrupted")
     assert data == {
         "track": "student-airrace",
         "drone": "Default",
@@ -108,26 +122,26 @@ def test_before_the_first_look():
             "plan_solve_times_s": [],
         },
     }
-    assert record.laps_flown == 0 and not record.report.over
+    assert result.laps_flown == 0 and not result.referee_status.over
     wall = RaceResult(Scenario(), TRACK, simulation="HITL").data(1.0, wall={"link": {}})["wall"]
     assert wall["simulation"] == "HITL" and wall["link"] == {}
 
 
 def test_rotor_failures_are_the_scenarios():
     scenario = Scenario(rotor_failures=[RotorFailure(3, 60.0), RotorFailure(1, 50.0)])
-    record = RaceResult(scenario, TRACK)
-    record.observe(50.1, report(0), RACING, GateMap(), NO_PLAN, np.array([50.02, *[np.inf] * 3]))
-    assert record.data(1.0)["rotor_failures"] == [
+    result = RaceResult(scenario, TRACK)
+    observe(result, 50.1, report(0), RACING, GateMap(), NO_PLAN, np.array([50.02, *[np.inf] * 3]))
+    assert result.data(1.0)["rotor_failures"] == [
         {"rotor": 3, "time_s": 60.0, "noticed_s": None},
         {"rotor": 1, "time_s": 50.0, "noticed_s": 50.02},
     ]
 
 
 def test_exploring():
-    record = RaceResult(Scenario(), TRACK)
+    result = RaceResult(Scenario(), TRACK)
     status = ExplorerStatus(state="HOVER", gates=(0, 1, 2))
-    assert record.observe(12.5, report(0), status, gate_map(), NO_PLAN) == 0
-    data = record.data(5.0, "interrupted")
+    assert observe(result, 12.5, report(0), status, gate_map(), NO_PLAN) == 0
+    data = result.data(5.0, "interrupted")
     assert data["exploration"] == {
         "success": False,
         "time_s": 12.5,
@@ -135,59 +149,59 @@ def test_exploring():
         "events": [{"time_s": 0.0, "state": "HOVER", "reason": "power on"}],
     }
     assert (data["wall"]["seconds"], data["wall"]["real_time_factor"]) == (5.0, 2.5)
-    assert record.status is status
+    assert result.explorer_status is status
 
 
 def test_an_exploration_that_fails_took_until_the_end():
-    record = RaceResult(Scenario(), TRACK)
+    result = RaceResult(Scenario(), TRACK)
     over = report(0, dnf_reason="touched pylon_3_left", end_time=12.43, collisions=1)
-    record.observe(12.5, over, ExplorerStatus(gates=(0, 1)), gate_map(), NO_PLAN)
-    data = record.data(5.0, "interrupted")
+    observe(result, 12.5, over, ExplorerStatus(gates=(0, 1)), gate_map(), NO_PLAN)
+    data = result.data(5.0, "interrupted")
     explored = data["exploration"]
     assert (explored["success"], explored["time_s"], explored["gates_found"]) == (False, 12.43, 2)
     assert data["dnf_reason"] == "touched pylon_3_left"  # not what ended the loop
     assert data["collisions"] == 1 and data["finished"] is False
 
 
-def test_every_event_of_the_exploration_is_kept_even_between_two_looks():
-    record = RaceResult(Scenario(), TRACK)
+def test_every_event_of_the_exploration_is_kept_even_between_two_observations():
+    result = RaceResult(Scenario(), TRACK)
     events = [ExplorerEvent(0.05 * k, "HOVER", f"reason {k}") for k in range(5)]
     for n in (2, 5):
         status = ExplorerStatus(state="HOVER", events=tuple(events[:n]))
-        record.observe(0.1 * n, report(0), status, GateMap(), NO_PLAN)
-    assert record.data(1.0)["exploration"]["events"] == [
+        observe(result, 0.1 * n, report(0), status, GateMap(), NO_PLAN)
+    assert result.data(1.0)["exploration"]["events"] == [
         {"time_s": e.time, "state": e.state, "reason": e.reason} for e in events
     ]
 
 
 def test_an_explorer_without_events_is_recorded_by_its_states():
-    record = RaceResult(Scenario(), TRACK)
+    result = RaceResult(Scenario(), TRACK)
     for since, state in ((0.0, "CALIBRATE"), (0.0, "CALIBRATE"), (1.0, "MINE")):
         status = ExplorerStatus(state=state, reason="why", since=since)
-        record.observe(since, report(0), status, GateMap(), NO_PLAN)
-    states = [event["state"] for event in record.data(1.0)["exploration"]["events"]]
+        observe(result, since, report(0), status, GateMap(), NO_PLAN)
+    states = [event["state"] for event in result.data(1.0)["exploration"]["events"]]
     assert states == ["CALIBRATE", "MINE"]
 
 
 def test_a_search_in_vain_ends_with_what_it_tried_last():
-    record = RaceResult(Scenario(), TRACK)
+    result = RaceResult(Scenario(), TRACK)
     over = report(0, dnf_reason="ran out of time", end_time=600.0)
     status = ExplorerStatus(state="LOOK_AROUND", reason="lost, looking left", gates=(0,))
-    record.observe(600.0, over, status, GateMap(), NO_PLAN)
-    assert record.data(1.0)["dnf_reason"] == (
+    observe(result, 600.0, over, status, GateMap(), NO_PLAN)
+    assert result.data(1.0)["dnf_reason"] == (
         "ran out of time in state LOOK_AROUND: lost, looking left"
     )
-    record.observe(600.0, over, RACING, GateMap(), NO_PLAN)
-    assert record.data(1.0)["dnf_reason"] == (
+    observe(result, 600.0, over, RACING, GateMap(), NO_PLAN)
+    assert result.data(1.0)["dnf_reason"] == (
         "ran out of time: no lap through the map's gates was found"
     )
-    record.observe(600.0, over, RACING, GateMap(), plan(1, 19.0))
-    assert record.data(1.0)["dnf_reason"] == "ran out of time"
+    observe(result, 600.0, over, RACING, GateMap(), plan(1, 19.0))
+    assert result.data(1.0)["dnf_reason"] == "ran out of time"
 
 
 def test_a_whole_race():
-    record = RaceResult(Scenario(laps=2), TRACK)
-    looks = [
+    result = RaceResult(Scenario(laps=2), TRACK)
+    observed = [
         (99.0, report(0), gate_map(9.0), plan(1, 19.0), 0),
         (101.0, report(1), gate_map(9.0), plan(1, 19.0), 0),
         (119.9, report(N), gate_map(9.0), plan(2, 18.0), 0),  # the next lap's plan is in force
@@ -195,10 +209,10 @@ def test_a_whole_race():
         (130.0, report(N + 6), gate_map(9.0), plan(2, 18.0), 0),
         (140.1, report(2 * N + 1, finished=True, end_time=140.0), gate_map(0.2), plan(3, 17.0), 1),
     ]
-    for time, seen, seen_map, seen_plan, ended in looks:
-        assert record.observe(time, seen, RACING, seen_map, seen_plan) == ended
-    assert record.laps_flown == 2
-    data = record.data(70.05)
+    for time, seen, seen_map, seen_plan, ended in observed:
+        assert observe(result, time, seen, RACING, seen_map, seen_plan) == ended
+    assert result.laps_flown == 2
+    data = result.data(70.05)
     assert data["finished"] is True and data["dnf_reason"] is None
     explored = data["exploration"]
     assert (explored["success"], explored["time_s"], explored["gates_found"]) == (True, 60.5, N)
@@ -238,50 +252,51 @@ def test_a_whole_race():
 
 
 def test_a_plan_that_is_flown_twice_counts_twice():
-    record = RaceResult(Scenario(), TRACK)
-    record.observe(99.0, report(0), RACING, gate_map(), plan(1, 19.0))
-    record.observe(101.0, report(1), RACING, gate_map(), plan(2, 18.0))
-    record.observe(199.0, report(3 * N + 1), RACING, gate_map(), plan(2, 18.0))
-    laps = record.data(1.0)["laps"]
+    result = RaceResult(Scenario(), TRACK)
+    observe(result, 99.0, report(0), RACING, gate_map(), plan(1, 19.0))
+    observe(result, 101.0, report(1), RACING, gate_map(), plan(2, 18.0))
+    observe(result, 199.0, report(3 * N + 1), RACING, gate_map(), plan(2, 18.0))
+    laps = result.data(1.0)["laps"]
     assert [lap["plan"]["duration_s"] for lap in laps] == [19.0, 18.0, 18.0]
 
 
 def test_a_lap_without_a_plan():
     """A student's planner may not say what it promises."""
-    record = RaceResult(Scenario(), TRACK)
-    record.observe(199.0, report(N + 1), RACING, GateMap(), NO_PLAN)
-    (lap,) = record.data(1.0)["laps"]
+    result = RaceResult(Scenario(), TRACK)
+    observe(result, 199.0, report(N + 1), RACING, GateMap(), NO_PLAN)
+    (lap,) = result.data(1.0)["laps"]
     assert lap["plan"] is None and lap["map_rms_m"] is None
 
 
 def test_laps_of_different_length():
-    record = RaceResult(Scenario(), TRACK)
+    result = RaceResult(Scenario(), TRACK)
     slow = crossings(N + 1, pace=3.0)
     fast = crossings(2 * N + 1, start=slow[-1].time - 2.0 * N)[N + 1 :]
-    record.observe(
+    observe(
+        result,
         1e3,
         RefereeStatus(slow + fast, False, "ran out of time", 9e2, 0),
         RACING,
         gate_map(),
         NO_PLAN,
     )
-    data = record.data(1.0)
+    data = result.data(1.0)
     assert [lap["time_s"] for lap in data["laps"]] == [30.0, 20.0]
     assert (data["mean_lap_s"], data["best_lap_s"]) == (25.0, 20.0)
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.lists(st.integers(0, 12), max_size=12))
-def test_laps_end_once_however_rare_the_looks(steps):
-    record = RaceResult(Scenario(), TRACK)
+def test_laps_end_once_however_rarely_they_are_observed(steps):
+    result = RaceResult(Scenario(), TRACK)
     count = ended = 0
     for step in steps:
         count += step
-        seen = record.observe(10.0 * count, report(count), RACING, gate_map(0.1), NO_PLAN)
+        seen = observe(result, 10.0 * count, report(count), RACING, gate_map(0.1), NO_PLAN)
         ended += seen
         assert seen >= 0
-        assert ended == record.laps_flown == max(count - 1, 0) // N
-    data = record.data(1.0)
+        assert ended == result.laps_flown == max(count - 1, 0) // N
+    data = result.data(1.0)
     assert [lap["lap"] for lap in data["laps"]] == list(range(1, ended + 1))
     assert all(len(lap["gate_times_s"]) == len(lap["gate_offsets_m"]) == N for lap in data["laps"])
     assert json.loads(json.dumps(data, allow_nan=False)) == data  # plain data only
@@ -311,7 +326,7 @@ def test_the_map_is_compared_with_where_the_gates_stand_then():
     shifts = np.zeros((N, 2))
     shifts[:, 1] = 0.5
     for moved, rms in ((shifts, 0.5), (0 * shifts, 0.0), (None, 0.0)):
-        record = RaceResult(Scenario(), TRACK)
+        result = RaceResult(Scenario(), TRACK)
         given = None if moved is None else moved.ravel()
-        record.observe(130.0, report(N + 1), RACING, gate_map(), NO_PLAN, gate_shifts=given)
-        assert record.data(1.0)["laps"][0]["map_rms_m"] == pytest.approx(rms)
+        observe(result, 130.0, report(N + 1), RACING, gate_map(), NO_PLAN, shifts=given)
+        assert result.data(1.0)["laps"][0]["map_rms_m"] == pytest.approx(rms)

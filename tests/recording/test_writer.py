@@ -41,11 +41,11 @@ def test_every_topic_has_a_schema(path):
     log = RaceLog(path)
     schemas = {topic: channel.schema() for topic, channel in log._channels.items()}
     log.close()
-    for topic, kind in TOPICS.items():
-        if isinstance(kind, dict):
-            assert kind["title"].startswith("airrace.") and kind["properties"]
+    for name, (channel, *_) in TOPICS.items():
+        if isinstance(channel, dict):
+            assert channel["title"].startswith("airrace.") and channel["properties"]
         else:
-            assert schemas[topic].name == f"foxglove.{kind.__name__.removesuffix('Channel')}"
+            assert schemas[name].name == f"foxglove.{channel.__name__.removesuffix('Channel')}"
 
 
 def test_what_was_flushed_can_be_read_while_it_is_open(path):

@@ -33,12 +33,20 @@ class Race:
             GateCrossing(10.0 + k, k % N + 1, k // N + 1, 0.1, 9.0) for k in range(crossings)
         )
         finished = crossings == 2 * N + 1
-        report = RefereeStatus(seen, finished, None, seen[-1].time if finished else None, 0)
-        ended = self.record.observe(
-            time, report, ExplorerStatus(**status), GateMap(), NO_PLAN, np.array(rotor_losses)
+        outputs = types.SimpleNamespace(
+            time=time,
+            referee_status=RefereeStatus(
+                seen, finished, None, seen[-1].time if finished else None, 0
+            ),
+            explorer_status=ExplorerStatus(**status),
+            gate_map=GateMap(),
+            lap_plan=NO_PLAN,
+            rotor_losses=np.array(rotor_losses),
+            gate_shifts=None,
         )
+        outputs.laps_ended = self.record.observe(outputs)
         self.display._last = -1.0  # do not wait for the next refresh
-        self.display.show(self.record, types.SimpleNamespace(time=time, laps_ended=ended))
+        self.display.show(self.record, outputs)
 
     def fly(self):
         self.look(0.1)

@@ -2,7 +2,7 @@ import signal
 
 import pytest
 
-from airrace.evaluation.interrupts import interrupts_held, sigterm_as_ctrl_c
+from airrace.common.interrupts import interrupts_held, sigterm_as_ctrl_c
 
 
 def test_sigterm_as_ctrl_c():

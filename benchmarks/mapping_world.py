@@ -2,11 +2,11 @@
 
 import dataclasses as dc
 import functools
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from pydrake.math import RigidTransform
-from rich.progress import track as progress
 
 from airrace.math.random import make_generator
 from airrace.rendering.imaging.camera_effects import ImagingChain
@@ -23,12 +23,27 @@ from airrace.systems.types import Detections, make_camera_info
 from airrace.track import load_track
 from airrace.vehicle import CameraMount
 from airrace.vehicle.state import as_state
+from benchmarks import harness
 from tests.worlds.kinematic_flight import Flight, filtered, fly_laps
 
 CORNERS = ("refitted", "OpenCV")
 _OUTLIER_SIGMA = 3.0  # m, on each coordinate
 _LEAST_OBSERVATIONS = 5  # of a marker that is judged
 _CORNER_SIGMA = 0.1  # px, of OpenCV's corners
+
+
+class Errors(NamedTuple):
+    """What is wrong with what the mapper is given.
+
+    Attributes:
+        seed: of the noise of the state estimate, None for the true state.
+        outliers: share of detections that are far off.
+        offset: by which the poses are older than the images (s).
+    """
+
+    seed: int | None = None
+    outliers: float = 0.0
+    offset: float = 0.0
 
 
 @dc.dataclass(frozen=True)
@@ -66,7 +81,7 @@ class World:
             X_BC=CameraMount().X_BC,
         )
 
-    def frames(self, laps: int, console) -> list[Frame]:
+    def frames(self, laps: int) -> list[Frame]:
         """Flies, takes pictures and measures the markers in them."""
         explorer = self.scenario.explorer
         flights = (
@@ -81,22 +96,16 @@ class World:
         imaging = ImagingChain(
             effects=self.scenario.camera.resolved(), camera_info=self.info, seed=self.scenario.seed
         )
-        renderer, eyes = PlanarRenderer(self.track, imaging.pinhole), _Eyes(self.info)
+        renderer, detector = PlanarRenderer(self.track, imaging.pinhole), _Detector(self.info)
         image = np.empty((self.info.height, self.info.width), np.uint8)
         frames = []
-        for k, (phase, time) in enumerate(progress(times, "Looking", console=console)):
+        for k, (phase, time) in enumerate(harness.progress(times, "Taking pictures")):
             state = flights[phase].state(time)
             X_WB = extrapolate(state, 0.0)
-            imaging.take(
-                renderer.render,
-                X_WB,
-                as_state(state).angular_velocity,
-                as_state(state).velocity,
-                k,
-                image,
-            )
+            motion = as_state(state).angular_velocity, as_state(state).velocity
+            imaging.take(renderer.render, X_WB, *motion, k, image)
             X_WC = X_WB @ self.info.X_BC
-            markers = eyes.look(image)
+            markers = detector.detect(image)
             markers["exact"] = tuple(
                 dc.replace(m, X_CM=X_WC.inverse() @ self.boards[m.id])
                 for m in markers["refitted"]
@@ -106,16 +115,14 @@ class World:
             frames.append(Frame(phase, flights[phase], time, clock, markers))
         return frames
 
-    def map(self, frames, corners, estimator, *, seed=None, outliers=0.0, offset=0.0) -> list:
+    def map(self, frames, corners: str, estimator: str, errors: Errors) -> list:
         """Returns the figures of the map after the exploration and after the laps.
 
         Args:
             frames: from frames().
             corners: which of their markers.
             estimator: which of ESTIMATORS.
-            seed: of the noise of the state estimate, None for the true state.
-            outliers: share of detections that are far off.
-            offset: by which the poses are older than the images (s).
+            errors: of poses and detections.
         """
         settings = {k: v for k, v in vars(self.scenario.perception).items() if k != "latency"}
         mapper = ImageMapper(**settings | {"estimator": estimator})
@@ -123,10 +130,12 @@ class World:
         memory, injected, results = MapperMemory(), {}, []
         for frame, following in zip(frames, [*frames[1:], None]):
             markers = tuple(
-                _grossly_wrong(m, rng, injected) if rng.random() < outliers else m
+                _grossly_wrong(m, rng, injected) if rng.random() < errors.outliers else m
                 for m in frame.markers[corners]
             )
-            X_WC = self._pose(frame.flight, frame.time - offset, seed) @ self.info.X_BC
+            X_WC = (
+                self._pose(frame.flight, frame.time - errors.offset, errors.seed) @ self.info.X_BC
+            )
             memory = mapper.updated(memory, Detections(frame.clock, markers), X_WC, self.info)
             if following is None or following.phase > frame.phase:
                 results.append(self._figures(memory.gate_map, injected))
@@ -169,7 +178,7 @@ class World:
         }
 
 
-class _Eyes:
+class _Detector:
     """Measures markers in pictures, in both ways."""
 
     def __init__(self, info):
@@ -180,7 +189,7 @@ class _Eyes:
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         self._opencv.setDetectorParameters(parameters)
 
-    def look(self, image) -> dict:
+    def detect(self, image) -> dict:
         """Returns tuples of Detection by a key of CORNERS; image: grey levels."""
         ids, quads = self._search.everywhere(image)
         refitted, _ = measure(CameraView.of(image), ids, quads, self._info, np.inf)

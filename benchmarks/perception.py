@@ -7,18 +7,14 @@ reference track the stray markers. `clean` and `realistic` are the presets of th
 scenario's camera, `blurred` adds a defocus of 0.7 px; the drone moves.
 """
 
-import argparse
 import dataclasses as dc
-import json
+import itertools
 import sys
 import time
-from pathlib import Path
+from collections import Counter
 
 import cv2
 import numpy as np
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
 
 from airrace.common.errors import UserError
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
@@ -28,6 +24,8 @@ from airrace.systems.perception.marker_measurement import measure
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.track import load_track
+from benchmarks import harness
+from benchmarks.harness import make_list, progress
 from benchmarks.perception_scenes import (
     INFO,
     ONE_GATE,
@@ -39,9 +37,9 @@ from benchmarks.perception_scenes import (
     vtk_camera,
 )
 
-DISTANCES = (5, 10, 15, 20, 25, 30, 35, 40)  # m
-OBLIQUE = (30, 45)  # degrees
-CAMERAS = {"clean": 0.0, "realistic": 0.0, "blurred": 0.7}  # and their defocus (px)
+_DISTANCES = (5, 10, 15, 20, 25, 30, 35, 40)  # m
+_OBLIQUE = (30, 45)  # degrees
+_CAMERAS = {"clean": 0.0, "realistic": 0.0, "blurred": 0.7}  # and their defocus (px)
 _FLIP = np.deg2rad(15)  # a normal farther off is the other solution's
 _STRAY = 10.0  # px from any board of that ID
 _SEARCH = MarkerSearch()
@@ -49,52 +47,50 @@ _SEARCH = MarkerSearch()
 
 def main(argv=None) -> int:
     """Measures and prints the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--views", type=int, default=200, help="of each distance (default: 200)")
+    parser = harness.make_parser(__doc__)
     parser.add_argument(
-        "--frames", type=int, default=2000, help="to look for strays in (default: 2000)"
+        "--views", type=harness.count, default=200, help="of each distance (default: 200)"
+    )
+    parser.add_argument(
+        "--frames", type=harness.count, default=2000, help="to find strays in (default: 2000)"
     )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path, help="also write the figures to this file")
-    args = parser.parse_args(argv)
-    cv2.setNumThreads(1)
-    results = {
+    return harness.run(parser, argv, measure_all, show)
+
+
+def measure_all(args) -> dict:
+    """Returns the figures of all tables."""
+    cases = itertools.product(_CAMERAS, _OBLIQUE, _DISTANCES)
+    return {
         "accuracy": [
-            measure_accuracy(camera, oblique, distance, args.views, args.seed)
-            for camera, oblique, distance in progress(
-                [(c, o, d) for c in CAMERAS for o in OBLIQUE for d in DISTANCES], "Views"
-            )
+            measure_accuracy(*case, args.views, args.seed)
+            for case in progress(list(cases), "Views")
         ],
-        "renderers": compare_renderers(args.views // 4, args.seed),
+        "renderers": compare_renderers(args.views, args.seed),
         "strays": count_strays(args.frames, args.seed),
         "time": measure_time(),
     }
-    console = Console(width=120)
-    console.print(make_accuracy_table(results["accuracy"]))
-    for name, title in (
-        ("renderers", "Corners, planar against vtk"),
-        ("strays", "Stray markers over the reference track"),
-        ("time", "Time of one frame, one thread"),
-    ):
-        console.print(make_list(results[name], title))
-    if args.json is not None:
-        args.json.write_text(json.dumps(results, indent=1))
-    return 0
 
 
-def progress(items, what):
-    """Returns an iterator over the items that draws a progress bar."""
-    return track(items, what, console=Console(stderr=True))
+def show(results: dict) -> tuple[list, bool]:
+    """Returns the tables; there are no bounds."""
+    tables = [
+        make_accuracy_table(results["accuracy"]),
+        make_list("Corners, planar against vtk", results["renderers"]),
+        make_list("Stray markers over the reference track", results["strays"]),
+        make_list("Time of one frame, one thread", results["time"]),
+    ]
+    return tables, True
 
 
 def make_camera(name, rng):
-    """Returns one of CAMERAS, see planar_camera()."""
+    """Returns one of _CAMERAS, see planar_camera()."""
     effects = PRESETS.get(name, PRESETS["realistic"])
-    return planar_camera(ONE_GATE, effects, defocus=CAMERAS[name], rng=rng)
+    return planar_camera(ONE_GATE, effects, defocus=_CAMERAS[name], rng=rng)
 
 
 def measure_accuracy(camera, most_oblique_deg, distance, count, seed) -> dict:
-    """Looks at random boards at one distance and compares with the truth."""
+    """Compares views of random boards at one distance with the truth."""
     rng = np.random.default_rng(seed)
     shoot = make_camera(camera, rng)
     errors, radial, single, joint, misfit = [], [], [], [], []
@@ -113,13 +109,14 @@ def measure_accuracy(camera, most_oblique_deg, distance, count, seed) -> dict:
         errors.append(error)
         radial.append(np.sum(error * outward, axis=1).mean())
         single.append(pose_error(alone[0].X_CM, view.X_CM))
-        twist = pose_twist(alone[0].X_CM, view.X_CM)
-        misfit.append(twist @ np.linalg.solve(alone[0].covariance, twist) / 6)
+        offset = pose_offset(alone[0].X_CM, view.X_CM)
+        misfit.append(offset @ np.linalg.solve(alone[0].covariance, offset) / 6)
         together, _ = measure(seen, ids, quads, INFO, np.inf)
         joint += [
             pose_error(m.X_CM, view.X_CM) for m in together if m.id == view.board.id and m.joint
         ]
-    ranges, turns = np.reshape(single, (-1, 2)).T
+    ranges, angles = np.reshape(single, (-1, 2)).T
+    joint_ranges, joint_angles = np.reshape(joint or [[np.nan, np.nan]], (-1, 2)).T
     return {
         "camera": camera,
         "most_oblique_deg": most_oblique_deg,
@@ -130,14 +127,12 @@ def measure_accuracy(camera, most_oblique_deg, distance, count, seed) -> dict:
         "radial_bias_px": float(np.mean(radial)),
         "range_bias": float(np.mean(ranges)),
         "range_spread": float(np.std(ranges)),
-        "flips": float(np.mean(turns > _FLIP)),
+        "flips": float(np.mean(angles > _FLIP)),
         "misfit": float(np.median(misfit)),  # squared errors by predicted variances
         "joint": len(joint) / count,
-        "joint_range_bias": float(np.mean([e[0] for e in joint])) if joint else None,
-        "joint_range_spread": float(np.std([e[0] for e in joint])) if joint else None,
-        "joint_turn_rms_deg": float(np.rad2deg(np.sqrt(np.mean([e[1] ** 2 for e in joint]))))
-        if joint
-        else None,
+        "joint_range_bias": float(np.mean(joint_ranges)),
+        "joint_range_spread": float(np.std(joint_ranges)),
+        "joint_angle_rms_deg": float(np.rad2deg(np.sqrt(np.mean(joint_angles**2)))),
     }
 
 
@@ -148,10 +143,10 @@ def pose_error(found, true):
     return ratio - 1, np.arccos(np.clip(cosine, -1, 1))
 
 
-def pose_twist(found, true):
+def pose_offset(found, true):
     """Returns the error as rotation vector (rad) and translation (m) in C, (6,)."""
-    turn = (found.rotation() @ true.rotation().inverse()).ToAngleAxis()
-    return np.concatenate([turn.angle() * turn.axis(), found.translation() - true.translation()])
+    R = (found.rotation() @ true.rotation().inverse()).ToAngleAxis()
+    return np.concatenate([R.angle() * R.axis(), found.translation() - true.translation()])
 
 
 def compare_renderers(count, seed) -> dict:
@@ -167,7 +162,7 @@ def compare_renderers(count, seed) -> dict:
         "vtk, supersampled": vtk_camera(ONE_GATE, 2),
     }
     corners = {name: [] for name in cameras}
-    for _ in progress(range(count), "Renderers"):
+    for _ in progress(range(max(count // 4, 1)), "Renderers"):
         view = random_view(rng, ONE_GATE.boards(), rng.uniform(4, 30), np.deg2rad(45))
         found = {name: find(shoot(view.X_WC), view.board.id) for name, shoot in cameras.items()}
         if all(corner is not None for corner in found.values()):
@@ -189,14 +184,14 @@ def find(picture, id):
 
 
 def count_strays(count, seed) -> dict:
-    """Looks around above the reference track; every second picture is blurred."""
+    """Takes pictures above the reference track, of which every second one is blurred."""
     rng = np.random.default_rng(seed)
     race = load_track("student-airrace")
     boards = {board.id: board.X_WM for board in race.boards()}
     # Defocus and a shutter open for so long blur by several pixels.
     blurred = dc.replace(PRESETS["realistic"], shutter=0.012)
     cameras = (planar_camera(race), planar_camera(race, blurred, defocus=0.8, rng=rng))
-    result = {"frames": count, "markers": 0, "strays": 0}
+    result = Counter(frames=count, markers=0, strays=0)
     for i in progress(range(count), "Strays"):
         gate = race.gates[rng.integers(len(race.gates))]
         p_WC = gate.p_WG + rng.uniform([-40, -40, -5], [40, 40, 5])
@@ -208,8 +203,8 @@ def count_strays(count, seed) -> dict:
             true = np.inf if X_WM is None else project(X_WC.inverse() @ X_WM)
             result["strays"] += int(np.abs(marker.corners - true).max() > _STRAY)
         for reason, _ in sight.detections.refused:
-            result[f"refused: {reason}"] = result.get(f"refused: {reason}", 0) + 1
-    return result
+            result[f"refused: {reason}"] += 1
+    return dict(result)
 
 
 def measure_time() -> dict:
@@ -242,46 +237,23 @@ def measure_time() -> dict:
     }
 
 
-def make_accuracy_table(rows) -> Table:
+def make_accuracy_table(rows):
     """Returns the table of measure_accuracy(), one row a distance."""
-    table = Table(title="One marker, random views; and the same jointly with the gate's other")
-    for name in (
-        "camera",
-        "up to (deg)",
-        "distance (m)",
-        "found",
-        "corner RMS (px)",
-        "radial bias (px)",
-        "range bias",
-        "spread",
-        "flips",
-        "joint bias",
-        "spread",
-    ):
-        table.add_column(name, justify="right")
-    for r in rows:
-        joint = [r["joint_range_bias"], r["joint_range_spread"]]
-        table.add_row(
-            r["camera"],
-            str(r["most_oblique_deg"]),
-            str(r["distance_m"]),
-            f"{r['found']:.3f}",
-            f"{r['corner_rms_px']:.3f}",
-            f"{r['radial_bias_px']:+.3f}",
-            f"{100 * r['range_bias']:+.2f} %",
-            f"{100 * r['range_spread']:.2f} %",
-            f"{100 * r['flips']:.1f} %",
-            *("" if j is None else f"{100 * j:+.2f} %" for j in joint),
-        )
-    return table
-
-
-def make_list(values: dict, title) -> Table:
-    """Returns a table of names and values."""
-    table = Table(title=title, show_header=False)
-    for name, value in values.items():
-        table.add_row(name, f"{value:.3f}" if isinstance(value, float) else str(value))
-    return table
+    columns = {
+        "camera": "{camera}",
+        "up to (deg)": "{most_oblique_deg}",
+        "distance (m)": "{distance_m}",
+        "found": "{found:.3f}",
+        "corner RMS (px)": "{corner_rms_px:.3f}",
+        "radial bias (px)": "{radial_bias_px:+.3f}",
+        "range bias": "{range_bias:+.2%}",
+        "spread": "{range_spread:.2%}",
+        "flips": "{flips:.1%}",
+        "joint bias": "{joint_range_bias:+.2%}",
+        "joint spread": "{joint_range_spread:.2%}",
+    }
+    title = "One marker, random views; and the same jointly with the gate's other"
+    return harness.make_table(title, rows, columns)
 
 
 if __name__ == "__main__":

@@ -7,16 +7,14 @@ physics. The same pictures of it are measured twice, by OpenCV's own corners and
 refitted ones, and the same detections are mapped by both estimators.
 """
 
+import itertools
 import sys
-
-import numpy as np
 
 from airrace.scenario import ESTIMATORS, Scenario
 from airrace.scenario.camera import CameraConfig
 from benchmarks import harness
 from benchmarks.mapping_world import CORNERS, Errors, World
 
-_OFFSET = 0.010  # s, between image and pose
 _REQUIRED = (  # what, case, phase, figure, at most (m, or a share)
     ("true pose, after exploration: mean error", "true pose", 0, "mean", 0.03),
     ("true pose, after exploration: worst marker", "true pose", 0, "worst", 0.08),
@@ -53,15 +51,8 @@ def measure(args) -> list:
         "true pose": Errors(),
         "state noise": Errors(seed=args.seed),
         "outliers": Errors(seed=args.seed, outliers=0.02),
-        "late": Errors(offset=_OFFSET),
     }
-    runs = [
-        (corners, case, estimator)
-        for corners in (*CORNERS, "exact")
-        for case in cases
-        for estimator in ESTIMATORS
-        if corners != "exact" or case == "late"
-    ]
+    runs = list(itertools.product(CORNERS, cases, ESTIMATORS))
     return [
         {
             "corners": corners,
@@ -84,12 +75,12 @@ def show(rows: list) -> tuple[list, bool]:
         "met": lambda row: "yes" if row["met"] else "NO",
     }
     title = "Required of the robust estimator (cm, %, times)"
-    tables = [map_table(rows), offset_table(figures), harness.make_table(title, checks, columns)]
+    tables = [map_table(rows), harness.make_table(title, checks, columns)]
     return tables, all(check["met"] for check in checks)
 
 
 def map_table(rows: list):
-    """Returns the table of all runs on pictures, after the exploration and after the laps.
+    """Returns the table of all rows, after the exploration and after the laps.
 
     Unseen: the worst board of which only the other boards of its gate tell. Rejected: the
     worst marker's share.
@@ -101,41 +92,7 @@ def map_table(rows: list):
                 f"{100 * row['figures'][k][name]:.2f}"
             )
         columns[f"{phase}\nrejected"] = f"{{figures[{k}][rejected]:.0%}}"
-    on_pictures = [row for row in rows if row["corners"] in CORNERS]
     title = "Error of the markers seen five times or more (cm)"
-    return harness.make_table(title, on_pictures, columns)
-
-
-def offset_table(figures: dict):
-    """Returns the table of what poses that are too old do to the map, by marker.
-
-    Predicted is what they do to perfect observations of the same markers; measured is
-    on refitted corners.
-    """
-    rows = []
-    for estimator in ESTIMATORS:
-        late, on_time, exact = (
-            figures[corners, case, estimator][1]["errors"]
-            for corners, case in (
-                ("refitted", "late"),
-                ("refitted", "true pose"),
-                ("exact", "late"),
-            )
-        )
-        common = sorted(late.keys() & on_time.keys() & exact.keys())
-        measured = np.array([np.subtract(late[id], on_time[id]) for id in common])
-        predicted = np.array([exact[id] for id in common])
-        shifts = [100 * np.linalg.norm(x, axis=1) for x in (predicted, measured)]
-        difference = 100 * np.linalg.norm(measured - predicted, axis=1).max()
-        row = {"predicted": shifts[0].mean(), "measured": shifts[1].mean()}
-        rows.append({"estimator": estimator, **row, "difference": difference})
-    columns = {
-        "estimator": "{estimator}",
-        "predicted, mean": "{predicted:.1f}",
-        "measured, mean": "{measured:.1f}",
-        "worst difference": "{difference:.1f}",
-    }
-    title = f"Shift of the map by poses {1000 * _OFFSET:.0f} ms too old (cm)"
     return harness.make_table(title, rows, columns)
 
 

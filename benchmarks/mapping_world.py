@@ -38,12 +38,10 @@ class Errors(NamedTuple):
     Attributes:
         seed: of the noise of the state estimate, None for the true state.
         outliers: share of detections that are far off.
-        offset: by which the poses are older than the images (s).
     """
 
     seed: int | None = None
     outliers: float = 0.0
-    offset: float = 0.0
 
 
 @dc.dataclass(frozen=True)
@@ -54,9 +52,7 @@ class Frame:
         phase: 0 in the exploration, 1 in the laps.
         flight, time: which flight, and when on it (s).
         clock: time since the first picture (s).
-        markers: what was measured in it: a key of CORNERS, or "exact" for the
-            true poses of the markers with refitted corners, to tuples of
-            Detection.
+        markers: what was measured in it: a key of CORNERS to a tuple of Detection.
     """
 
     phase: int
@@ -104,13 +100,7 @@ class World:
             X_WB = extrapolate(state, 0.0)
             motion = as_state(state).angular_velocity, as_state(state).velocity
             imaging.take(renderer.render, X_WB, *motion, k, image)
-            X_WC = X_WB @ self.info.X_BC
             markers = detector.detect(image)
-            markers["exact"] = tuple(
-                dc.replace(m, X_CM=X_WC.inverse() @ self.boards[m.id])
-                for m in markers["refitted"]
-                if m.id in self.boards
-            )
             clock = time + phase * flights[0].duration
             frames.append(Frame(phase, flights[phase], time, clock, markers))
         return frames
@@ -133,9 +123,7 @@ class World:
                 _grossly_wrong(m, rng, injected) if rng.random() < errors.outliers else m
                 for m in frame.markers[corners]
             )
-            X_WC = (
-                self._pose(frame.flight, frame.time - errors.offset, errors.seed) @ self.info.X_BC
-            )
+            X_WC = self._pose(frame.flight, frame.time, errors.seed) @ self.info.X_BC
             memory = mapper.updated(memory, Detections(frame.clock, markers), X_WC, self.info)
             if following is None or following.phase > frame.phase:
                 results.append(self._figures(memory.gate_map, injected))
@@ -155,26 +143,24 @@ class World:
         return filtered(flight, self.scenario.state_estimate, seed)
 
     def _figures(self, gate_map, injected) -> dict:
-        errors, rejected, derived = {}, [0.0], [0.0]
+        errors, rejected, derived = [], [0.0], [0.0]
         for m in gate_map.markers:
             if m.id not in self.boards:
                 continue
-            error = m.p_WM - self.boards[m.id].translation()
+            error = float(np.linalg.norm(m.p_WM - self.boards[m.id].translation()))
             if m.count >= _LEAST_OBSERVATIONS:
-                errors[m.id] = error
+                errors.append(error)
                 wrongly = max(m.outliers - injected.get(m.id, 0), 0)
                 rejected.append(wrongly / (m.count + wrongly))
             elif m.count == 0:
-                derived.append(float(np.linalg.norm(error)))
-        distances = np.linalg.norm(list(errors.values()), axis=1)
+                derived.append(error)
         return {
             "markers": len(errors),
-            "mean": float(np.mean(distances)),
-            "worst": float(np.max(distances)),
+            "mean": float(np.mean(errors)),
+            "worst": max(errors),
             "unseen": max(derived),
             "rejected": max(rejected),
             "refused": gate_map.refused,
-            "errors": {id: error.tolist() for id, error in errors.items()},
         }
 
 

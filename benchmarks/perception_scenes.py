@@ -6,7 +6,7 @@ import itertools
 import cv2
 import numpy as np
 from pydrake.geometry import SceneGraph
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
@@ -15,15 +15,15 @@ from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.systems.types import make_camera_info
-from airrace.track import MARKER_SIZE, Board, Gate, Track
+from airrace.track import Board, Gate, Track
 from airrace.vehicle import CameraMount
+from tests.worlds.pictures import CORNERS_M, look_at, one_gate
 
 INFO = make_camera_info(width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=CameraMount().X_BC)
-ONE_GATE = Track(name="one gate", gates=[Gate(left_pylon=[20.0, 5.0], heading_deg=0.0)])
+ONE_GATE = one_gate()
 TWO_GATES = Track(
     name="two gates", gates=[*ONE_GATE.gates, Gate(left_pylon=[40.0, 5.0], heading_deg=45.0)]
 )
-_CORNERS_M = MARKER_SIZE / 2 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0.0]])
 
 
 @dc.dataclass(frozen=True)
@@ -53,7 +53,7 @@ class View:
 
 def project(X_CM) -> np.ndarray:
     """Returns the pixels of the black square's corners, (4, 2)."""
-    p_C = INFO.K @ (X_CM @ _CORNERS_M.T)
+    p_C = INFO.K @ (X_CM @ CORNERS_M.T)
     return (p_C[:2] / p_C[2]).T
 
 
@@ -85,14 +85,6 @@ def random_view(rng, boards, distance, most_oblique) -> View:
             (view.corners > margin) & (view.corners < [INFO.width - margin, INFO.height - margin])
         ):
             return view
-
-
-def look_at(p_WC, target_W) -> RigidTransform:
-    """Returns the pose of a level camera at p_WC with a target in its centre."""
-    z = (target_W - p_WC) / np.linalg.norm(target_W - p_WC)
-    x = np.cross(z, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), p_WC)
 
 
 def planar_camera(track, effects=CameraEffects(), *, defocus=0.0, rng=None):

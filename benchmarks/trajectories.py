@@ -17,9 +17,7 @@ import numpy as np
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.flyable import clearance_of
-from airrace.trajopt.gate_regions import turn_per_lap, unwrap_headings
-from airrace.trajopt.min_snap.circuit import LEVEL, plan_circuit
-from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
+from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.trajopt.time_optimal.point_mass import point_mass_bound
@@ -135,26 +133,8 @@ def min_snap(dimensions: int) -> dict:
         "gap": lap.duration / best - 1.0,
         "cpu_s": cold,
         "warm_cpu_s": time.process_time() - clock,
-        "solve_cpu_ms": 1e3 * solve_time(course, dimensions, np.diff(lap.gate_times)),
         "ok": lap.duration <= MOST_LAP[dimensions],
     }
-
-
-def solve_time(course, dimensions: int, durations) -> float:
-    """Returns how long minimum snap takes for given durations, a median (s)."""
-    waypoints, offset, times = course.midpoints, np.zeros(3), []
-    if dimensions > 3:
-        waypoints = np.column_stack([waypoints, unwrap_headings(course.headings)])
-        offset = np.array([0.0, 0.0, 0.0, turn_per_lap(course.headings)])
-    level = [DerivativeConstraint(i, 2, LEVEL) for i in range(len(waypoints))]
-    constraints = level if dimensions == 6 else ()
-    for _ in range(21):
-        clock = time.process_time()
-        solve_min_snap(
-            waypoints, durations, periodic=True, period_offset=offset, constraints=constraints
-        )
-        times.append(time.process_time() - clock)
-    return float(np.median(times))
 
 
 def min_snap_table(rows):
@@ -163,7 +143,6 @@ def min_snap_table(rows):
         "dimensions": "{dimensions}",
         "lap (s)": "{duration_s:.2f}",
         "over the bound": "{gap:.1%}",
-        "solved (ms)": "{solve_cpu_ms:.1f}",
         "time (s)": "{cpu_s:.2f}",
         "from itself (s)": "{warm_cpu_s:.2f}",
     }

@@ -18,7 +18,8 @@ from pydrake.systems.sensors import RgbdSensor
 
 from airrace.track import load_track
 from benchmarks import harness
-from benchmarks.perception_scenes import INFO, add_vtk_scene, look_at
+from benchmarks.perception_scenes import INFO, add_vtk_scene
+from tests.worlds.pictures import look_at
 
 _BARE, _COLOUR, _GREY = "RgbdSensor, colour and depth", "airrace, colour", "airrace, grey levels"
 _LIMIT = 1.1  # times the bare one

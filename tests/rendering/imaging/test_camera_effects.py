@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from airrace.common.immutable import read_only
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
-from tests.rendering.picture_tools import CAMERA_INFO, new_picture, one_gate
+from tests.worlds.pictures import CAMERA_INFO, new_picture, one_gate
 
 X_WB = RigidTransform(RollPitchYaw(0.05, 0.1, 0.2), [6.0, 0.0, 5.0])
 W, V = np.array([0.4, -0.8, 1.5]), np.array([12.0, 4.0, -2.0])

@@ -7,7 +7,7 @@ import pytest
 from airrace.common.errors import UserError
 from airrace.rendering.imaging.lens import Lens
 from airrace.systems.types import make_camera_info
-from tests.rendering.picture_tools import CAMERA_INFO, new_picture
+from tests.worlds.pictures import CAMERA_INFO, new_picture
 
 BARREL = (-0.25, 0.08, 0.001, -0.001, 0.0)
 PINCUSHION = (0.08, -0.01, -0.001, 0.002, 0.001)

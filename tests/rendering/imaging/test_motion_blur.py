@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.imaging.motion_blur import Shutter, moved
 from airrace.rendering.planar.renderer import PlanarRenderer
-from tests.rendering.picture_tools import CAMERA_INFO, new_picture, one_gate, project
+from tests.worlds.pictures import CAMERA_INFO, new_picture, one_gate, project
 
 F = CAMERA_INFO.K[0, 0]
 SHUTTER = 0.004

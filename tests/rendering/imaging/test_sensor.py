@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from airrace.rendering.imaging.sensor import Sensor
-from tests.rendering.picture_tools import CAMERA_INFO as INFO
+from tests.worlds.pictures import CAMERA_INFO as INFO
 
 CLEAN = dict(gain=1.0, vignetting=0.0, read_noise=0.0, shot_noise=0.0)
 

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.systems.types import make_camera_info
-from tests.rendering.picture_tools import (
+from tests.worlds.pictures import (
     CAMERA_INFO,
     CORNERS_M,
     grey,

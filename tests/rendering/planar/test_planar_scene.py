@@ -11,7 +11,7 @@ from airrace.rendering.planar.pylon_polygons import in_sight, pylon_boxes
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.textures import BOARD_BACK, EARTH
 from airrace.track import Gate, Track, load_track
-from tests.rendering.picture_tools import CAMERA_INFO, R_BC, look_at, new_picture, one_gate, project
+from tests.worlds.pictures import CAMERA_INFO, R_BC, look_at, new_picture, one_gate, project
 
 GATE = one_gate()
 AWAY = Track(gates=[Gate(left_pylon=[-1e6, 0.0], heading_deg=0.0)])  # out of sight

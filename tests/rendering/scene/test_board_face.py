@@ -11,7 +11,7 @@ from airrace.rendering.scene.board_face import (
 )
 from airrace.rendering.scene.textures import BLACK, WHITE, marker_modules
 from airrace.track import MARKER_SIZE
-from tests.rendering.picture_tools import CAMERA_INFO, look_at, one_gate
+from tests.worlds.pictures import CAMERA_INFO, look_at, one_gate
 
 BOARD = one_gate().boards()[2]
 FINE = 24  # samples of a pixel in either direction

@@ -14,7 +14,7 @@ from airrace.rendering.scene.daylight import SetDaylight
 from airrace.rendering.scene.meshes import BOARD_THICKNESS, board_mesh, ground_mesh, pylon_mesh
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.track import PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS, load_track
-from tests.rendering.picture_tools import one_gate
+from tests.worlds.pictures import one_gate
 
 RADIUS = 0.25
 

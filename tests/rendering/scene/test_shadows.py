@@ -5,7 +5,7 @@ import numpy as np
 from airrace.rendering.scene.shadows import cast, pylon_shadow
 from airrace.rendering.scene.textures import SUN_W
 from airrace.track import BOARD_HEIGHT, PYLON_HEIGHT
-from tests.rendering.picture_tools import one_gate
+from tests.worlds.pictures import one_gate
 
 TRACK = one_gate()
 FOOT = TRACK.pylons()[0]

@@ -7,7 +7,7 @@ import pytest
 from airrace.rendering.planar.background import Background
 from airrace.rendering.scene.textures import HAZE_MOST, HORIZON, haze
 from airrace.rendering.vtk.atmosphere import Atmosphere
-from tests.rendering.picture_tools import CAMERA_INFO, look_at, new_picture
+from tests.worlds.pictures import CAMERA_INFO, look_at, new_picture
 
 X_WC = look_at([0.0, 0.0, 5.0], [20.0, 3.0, 6.0])
 COLOR = np.array([100, 150, 50])

@@ -15,7 +15,7 @@ from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.rendering.scene.textures import SUN_W
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer, check_vtk_available
-from tests.rendering.picture_tools import (
+from tests.worlds.pictures import (
     CAMERA_INFO,
     CORNERS_M,
     grey,

@@ -12,7 +12,7 @@ from airrace.common.immutable import read_only
 from airrace.rendering.imaging.lens import Lens
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.systems.perception.rectifier import Rectifier, rectified_info
-from tests.rendering.picture_tools import (
+from tests.worlds.pictures import (
     CAMERA_INFO,
     CORNERS_M,
     grey,

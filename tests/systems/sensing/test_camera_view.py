@@ -17,7 +17,7 @@ from airrace.systems.sensing.camera import Camera
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import make_camera_info
 from airrace.track import load_track
-from tests.rendering.picture_tools import CAMERA_INFO
+from tests.worlds.pictures import CAMERA_INFO
 
 TRACK = load_track("student-airrace")
 FPS = 30.0

@@ -7,7 +7,6 @@ import sys
 import numpy as np
 import pytest
 
-import airrace.common.jit
 from airrace.common.jit import all_finite, compilable, compiled
 
 
@@ -87,7 +86,3 @@ print(g(1), sum(g.stats.cache_hits.values()))
     (package / "constants.py").write_text("ONE = 2\n")
     assert run() == ("3", "0")
     assert len(list((package / "__pycache__").glob("machine_code-*"))) == 1
-
-
-def test_this_packages_folder_is_used():
-    assert str(airrace.common.jit._cache_folder()) == airrace.common.jit.numba.config.CACHE_DIR

@@ -42,13 +42,6 @@ def rms(flown, reference):
     return np.sqrt(np.mean(deviations(flown, reference) ** 2))
 
 
-def test_the_outputs():
-    flight = MakeFlight(scenario(), hover_reference(5.0))
-    names = [flight.get_output_port(i).get_name() for i in range(flight.num_output_ports())]
-    assert names == ["truth.state", "truth.referee_status", "rotor_speeds", "rotor_losses"]
-    assert flight.num_input_ports() == 0
-
-
 def sources(flight, box):
     """Yields the input ports of a box, and the names of producer and output port."""
     for (consumer, i), (producer, o) in flight.connection_map().items():

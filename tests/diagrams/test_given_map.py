@@ -12,7 +12,6 @@ from airrace.diagrams.race import MakeRace, run_race
 from airrace.diagrams.race_command import main
 from airrace.scenario import Scenario, load_scenario
 from airrace.scenario.camera import CameraConfig
-from tests.diagrams.conftest import hexagon  # noqa: F401  # a fixture
 
 BLIND = CameraConfig(renderer="none")
 

@@ -12,7 +12,7 @@ import pytest
 from airrace.common.errors import UserError
 from airrace.diagrams import race as race_module
 from airrace.diagrams import race_command
-from airrace.diagrams.race import RESULTS, MakeRace, run_race
+from airrace.diagrams.race import run_race
 from airrace.scenario import Scenario, load_scenario
 from airrace.track import load_track
 
@@ -454,21 +454,3 @@ def test_a_signal_in_mid_flight(tmp_path, signum, replay):
     text = log.read_text()
     assert "Did not finish: interrupted" in text and "Traceback" not in text
     assert text.splitlines()[-1] == f"Results: {tmp_path / 'out'}"
-
-
-def test_a_race_has_the_outputs_of_a_recorder():
-    race = MakeRace(Scenario())
-    assert race.get_name() == "race"
-    assert [system.get_name() for system in race.GetSystems()] == ["simulation", "autonomy"]
-    names = [race.get_output_port(i).get_name() for i in range(race.num_output_ports())]
-    assert names == [
-        "truth.referee_status",
-        "truth.state",
-        "explorer_status",
-        "gate_map",
-        "lap_plan",
-        "rotor_losses",
-    ]
-    assert race.num_input_ports() == 0
-
-    assert set(RESULTS) == FILES | {"race.html", "report.html"}

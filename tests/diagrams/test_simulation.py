@@ -8,6 +8,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
+from scipy.spatial.transform import Rotation
 
 from airrace.common.errors import UserError
 from airrace.diagrams.simulation import MakeSimulation, follow_gates
@@ -107,24 +108,12 @@ def test_free_rotation_conserves_momentum_and_energy():
     w = np.array([3.0, 4.0, 5.0])
     flight = Flight(speeds=np.zeros(4), start=start_at([0, 0, 50], w=w)).advance(1.0)
     J = np.array(VEHICLE.inertia)
-    q = flight.state[:4] / np.linalg.norm(flight.state[:4])
-    R = quaternion_matrix(q)
+    R = Rotation.from_quat(flight.state[:4], scalar_first=True).as_matrix()
     spin = flight.state[7:10]
     # The plant integrates to first order: 0.6 % a second at this spin.
     momentum = R @ (J * (R.T @ spin))
     np.testing.assert_allclose(momentum, J * w, atol=5e-3 * np.linalg.norm(J * w))
     assert (J * (R.T @ spin)) @ (R.T @ spin) == pytest.approx(J @ w**2, rel=1e-2)
-
-
-def quaternion_matrix(q):
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.track import load_track, segment_distance
-from airrace.track.layout import Layout, directions, point_distances, segment_distances
+from airrace.track.layout import Layout, point_distances, segment_distances
 
 _points = st.tuples(st.floats(-10, 10), st.floats(-10, 10))
 _segments = st.lists(st.tuples(_points, _points), min_size=2, max_size=6)
@@ -52,11 +52,3 @@ def test_straight_on_leads_through_the_next_gate():
         share = np.linalg.norm(end - left) / np.linalg.norm(right - left)
         np.testing.assert_allclose(left + share * (right - left), end, atol=1e-9)
         assert 0.3 < share < 0.8
-
-
-def test_directions():
-    np.testing.assert_allclose(
-        directions(np.deg2rad([[0.0, 90.0], [180.0, 270.0]])),
-        [[[1, 0], [0, 1]], [[-1, 0], [0, -1]]],
-        atol=1e-12,
-    )

@@ -15,7 +15,6 @@ from airrace.visualization.controls import PAUSE, SPEED
 from airrace.visualization.views import BUTTONS, CHASE, ONBOARD, OVERVIEW
 from tests.analysis.made_up_run import make_run
 from tests.browser import CHROMIUM, Browser
-from tests.diagrams.conftest import hexagon  # noqa: F401  # a fixture
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look with")
 DRONE, GHOST = "drake/visualizer/drone/body", "drake/visualizer/run_0/body"

@@ -22,7 +22,6 @@ from airrace.hitl.channels import make_channels
 from airrace.hitl.companion.wheel import digest, source_digest
 from airrace.hitl.link.endpoint import HEARTBEAT
 from airrace.scenario import Scenario
-from tests.diagrams.conftest import hexagon  # noqa: F401  # a fixture
 from tests.hitl.companion.conftest import ADDRESS
 from tests.hitl.companion.fake_checkout import ROOT
 from tests.hitl.companion.test_lost_connection import programs

@@ -178,7 +178,7 @@ def loss(drone: str, rotors: tuple, phase: float | None, drag: float) -> dict:
         "height_m": float(flown.positions[~after][-1, 2]),
         "found_after_s": float(found_at - _LOSS_TIME),
         "deviation_m": float(deviations(flown, reference)[after].max()) if stays else np.nan,
-        "end": flown.status.dnf_reason,
+        "dnf_reason": flown.status.dnf_reason,
         "descent_s": flown.status.end_time - _LOSS_TIME if landed else np.nan,
         "fastest_sink_m_s": float(-flown.velocities[after, 2].min()),
         "sink_m_s": -vz if landed else np.nan,

@@ -96,9 +96,7 @@ def explore_track(track: Track, world: ExplorationWorld, drone: str) -> dict:
     flown = explore(make_explorer(track, Scenario(drone=drone)), world, track, _TIME_LIMIT)
     status, n = flown.status, len(track.gates)
     room = clear_of_pylons(flown.path, track, load_vehicle(drone)[0].radius)
-    wrong = [
-        crossing for k, crossing in enumerate(flown.crossings) if crossing != k
-    ] or flown.crossings[n:]
+    wrong = [crossing for k, crossing in enumerate(flown.crossings) if crossing != k]
     failure = None
     if room < 0.0:
         failure = f"hit a pylon by {-room:.2f} m"

@@ -7,7 +7,6 @@ loss are declared: the same numbers on every machine.
 """
 
 import argparse
-import dataclasses as dc
 import sys
 import tempfile
 from pathlib import Path
@@ -86,7 +85,6 @@ def fly(scenario: Scenario, delay: float, loss: float) -> dict:
         result = run_race(scenario, Path(folder), transport=transport)
     offsets = [max(lap["gate_offsets_m"]) for lap in result["laps"]]
     return {
-        "link": dc.asdict(link),
         "delay_ms": delay,
         "loss_percent": loss,
         "finished": result["finished"],

@@ -15,12 +15,12 @@ import time
 import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.flight_limits import FlightLimits
-from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.feasibility import clearance_of
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
-from airrace.trajopt.time_optimal.point_mass import point_mass_bound
+from airrace.trajopt.time_optimal.point_mass import PointMassLimits, point_mass_bound
 from airrace.vehicle import DRONES, load_vehicle
 from benchmarks import harness
 from benchmarks.harness import column, groups, make_table
@@ -91,7 +91,7 @@ def point_mass(case: PointMassCase) -> dict:
     row = {"limits": case.name, "ok": True}
     for kind in ("midpoints", "windows"):
         published, clock = getattr(case, kind), time.process_time()
-        found = point_mass_bound(regions(kind, midpoints, headings), **case.limits)
+        found = point_mass_bound(regions(kind, midpoints, headings), PointMassLimits(**case.limits))
         row[kind] = {
             "duration_s": found.duration,
             "published_s": published,
@@ -118,15 +118,16 @@ def point_mass_table(rows):
 
 def min_snap(dimensions: int) -> dict:
     """Plans the minimum-snap lap of the reference track."""
-    course = load_course()
+    midpoints, headings, pylons = course = load_course()
     best = point_mass_bound(
-        regions("midpoints", course.midpoints, course.headings), **ORIGINAL
+        regions("midpoints", midpoints, headings), PointMassLimits(**ORIGINAL)
     ).duration
+    constraints = FlightConstraints(pylons, 2.0, FlightLimits(**ORIGINAL))
     clock = time.process_time()
-    lap = plan_circuit(*course, dimensions, clearance=2.0, **ORIGINAL)
+    lap = plan_circuit(midpoints, headings, dimensions, constraints)
     cold = time.process_time() - clock
     clock = time.process_time()
-    plan_circuit(*course, dimensions, clearance=2.0, previous=lap, **ORIGINAL)
+    plan_circuit(midpoints, headings, dimensions, constraints, previous=lap)
     return {
         "dimensions": dimensions,
         "duration_s": lap.duration,
@@ -171,7 +172,7 @@ def optimal(drone: str, limits: str, kind: str, seed: int | None = None) -> dict
     clock = time.process_time()
     try:
         lap = plan_optimal_circuit(
-            gates, pylons, FlightLimits(vehicle, **LIMITS[limits]), clearance=clearance
+            gates, FlightConstraints(pylons, clearance, FlightLimits(vehicle, **LIMITS[limits]))
         )
     except TrajectoryOptimizationError as e:
         return row | {"fault": str(e), "ok": False}
@@ -186,9 +187,9 @@ def optimal(drone: str, limits: str, kind: str, seed: int | None = None) -> dict
         "max_speed": check.max_speed,
         "max_acceleration": check.max_acceleration,
         "max_rate": check.max_rate,
-        "bearing_deg": np.rad2deg(check.max_bearing),
+        "bearing_deg": np.rad2deg(lap.report.max_bearing),
         "clearance_m": check.clearance - clearance,
-        "reached": list(check.reached),
+        "reached": list(check.active_limits),
         "least_share": least,
         "most_share": most,
     }
@@ -235,19 +236,18 @@ def warm(drone: str, limits: str, seed: int) -> dict:
     step *= MOVED / np.sqrt(np.mean(np.sum(step**2, axis=1)))
     moved = (
         regions("windows", midpoints + step, headings),
-        pylons + np.repeat(step[:, :2], 2, axis=0),
-        limits_of,
+        FlightConstraints(pylons + np.repeat(step[:, :2], 2, axis=0), CLEARANCE, limits_of),
     )
     old = plan_optimal_circuit(
-        regions("windows", midpoints, headings), pylons, limits_of, clearance=CLEARANCE
+        regions("windows", midpoints, headings), FlightConstraints(pylons, CLEARANCE, limits_of)
     )
     effort = Effort(iterations=30, tolerance=1e-4)
     best = min(
-        plan_optimal_circuit(*moved, clearance=CLEARANCE, previous=start, effort=effort).duration
+        plan_optimal_circuit(*moved, previous=start, effort=effort).duration
         for start in (None, old)
     )
     clock = time.process_time()
-    lap = plan_optimal_circuit(*moved, clearance=CLEARANCE, previous=old)
+    lap = plan_optimal_circuit(*moved, previous=old)
     cpu, gap = time.process_time() - clock, lap.duration / best - 1.0
     return {
         "drone": drone,

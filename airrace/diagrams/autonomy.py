@@ -21,7 +21,7 @@ from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
 from airrace.track import load_track
 from airrace.track.map_files import read_map
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.feasibility import clearance_of
 from airrace.vehicle import load_vehicle
 
 

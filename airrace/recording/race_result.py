@@ -150,7 +150,7 @@ _PLAN = {
     "max_rotor_thrust": "max_rotor_thrust",
     "max_rotor_thrusts": "max_thrusts",
     "min_rotor_thrusts": "min_thrusts",
-    "limits_reached": "reached",
+    "limits_reached": "active_limits",
     "pylon_clearance_m": "clearance",
     "margin_m": "margin",
     "solver": "solver",

@@ -1,4 +1,4 @@
-"""What a lap must keep: the limits of the vehicle, and those that a team adds."""
+"""What a flight must keep: the limits of the vehicle, those that a team adds, and pylons."""
 
 import dataclasses as dc
 import functools
@@ -15,7 +15,8 @@ class FlightLimits:
     """Limits of a flight.
 
     Attributes:
-        vehicle: each rotor's thrust must lie between zero and its limit.
+        vehicle: each rotor's thrust must lie between zero and its limit; None for a point that
+            has no rotors.
         thrust_share: of the rotors' limits, that may be used at most; the rest is left
             to the controller. idle_share: likewise, at least.
         max_speed: (m/s). max_acceleration: without gravity (m/s^2).
@@ -25,7 +26,7 @@ class FlightLimits:
         drag: share of the vehicle's drag that acts.
     """
 
-    vehicle: Vehicle
+    vehicle: Vehicle | None = None
     thrust_share: float = 1.0
     idle_share: float = 0.0
     max_speed: float = np.inf
@@ -80,6 +81,34 @@ class FlightLimits:
     def max_specific_force(self) -> float:
         """The greatest thrust over mass of all rotors together (m/s^2)."""
         return float(self.max_thrusts.sum() / self.vehicle.mass)
+
+
+@dc.dataclass(frozen=True, eq=False)
+class FlightConstraints:
+    """What a flight must keep.
+
+    Attributes:
+        pylons: axes to keep clear of, [x, y], (m, 2) m.
+        clearance: from those, a number or (m,) m.
+        limits: of the vehicle, and those added.
+        half_view: angle off the heading within which a time-optimal flight keeps the midpoint
+            of the next gate until it is near (rad); None for any.
+    """
+
+    pylons: np.ndarray
+    clearance: float | np.ndarray
+    limits: FlightLimits
+    half_view: float | None = np.deg2rad(40.0)
+
+    def check(self) -> None:
+        """Raises TrajectoryOptimizationError if nothing can fly within them."""
+        self.limits.check()
+        if not np.isfinite(np.asarray(self.pylons, float)).all():
+            raise TrajectoryOptimizationError("The place of a pylon is not finite.")
+        if self.half_view is not None and not 0.0 < self.half_view <= np.pi:
+            raise TrajectoryOptimizationError(
+                "half_view must be positive, and 180 degrees at most."
+            )
 
 
 def pack(derivatives) -> np.ndarray:

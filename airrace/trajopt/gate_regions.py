@@ -5,7 +5,6 @@ import dataclasses as dc
 import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.linear_constraints import add_equal_rows, add_rows
 
 _LEAST_DISTANCE = 0.1  # m, from gate to gate
 
@@ -84,13 +83,13 @@ class GateRegions:
         if self.half_sizes is not None:
             axes = np.array([self.forward[i], self.rightward[i], [0.0, 0.0, 1.0]])
             room = np.array([0.0, *self.half_sizes[i]])
-            add_rows(program, axes, -room - axes @ offset, room - axes @ offset, step)
+            program.AddLinearConstraint(axes, -room - axes @ offset, room - axes @ offset, step)
         elif self.radius > 0.0:
             program.AddLorentzConeConstraint(
                 np.vstack([np.zeros(3), np.eye(3)]), np.array([self.radius, *offset]), step
             )
         else:
-            add_equal_rows(program, np.eye(3), -offset, step)
+            program.AddLinearEqualityConstraint(np.eye(3), -offset, step)
 
     def nearest(self, points) -> np.ndarray:
         """Returns the points of the regions that are nearest to some points, (n, 3) m."""

@@ -70,7 +70,7 @@ def plan(lap, duration):
             max_rate=6.0,
             clearance=2.0,
             margin=0.4,
-            reached=("speed",),
+            active_limits=("speed",),
             bound=16.0,
             solver="Clarabel",
             iterations=3,

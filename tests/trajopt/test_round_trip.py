@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
 from airrace.track import load_track
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, rotor_thrusts
-from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.reference import as_reference
@@ -28,12 +28,13 @@ def lap(kind, vehicle):
     if kind == "optimal":
         return plan_optimal_circuit(
             GateRegions.windows(MIDPOINTS, HEADINGS, 3.0, 2.5),
-            PYLONS,
-            FlightLimits(vehicle, thrust_share=0.9),
-            clearance=2.0,
+            FlightConstraints(PYLONS, 2.0, FlightLimits(vehicle, thrust_share=0.9)),
         )
     return plan_circuit(
-        MIDPOINTS, HEADINGS, PYLONS, kind, clearance=2.0, max_speed=20.0, max_acceleration=10.0
+        MIDPOINTS,
+        HEADINGS,
+        kind,
+        FlightConstraints(PYLONS, 2.0, FlightLimits(max_speed=20.0, max_acceleration=10.0)),
     )
 
 

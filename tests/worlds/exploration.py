@@ -24,7 +24,7 @@ from airrace.track import (
     Track,
 )
 from airrace.track.gate_map import GateMap
-from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import CameraMount, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state

@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 from airrace.diagrams.flight import MakeFlight, start_in_flight
 from airrace.scenario import Scenario, load_scenario
 from airrace.systems.referee_status import RefereeStatus
+from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.flat_trajectory import flat_outputs, hold
-from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import Circuit, plan_circuit
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import load_vehicle
@@ -108,7 +109,9 @@ def _built(scenario_text: str, reference) -> tuple[Diagram, Simulator]:
 def racing_lap(drone: str) -> Circuit:
     """Returns the 3-D lap of a drone through the true gates of the reference track."""
     clearance = clearance_of(load_vehicle(drone)[0].radius)
-    return plan_circuit(*load_course(), 3, clearance=clearance, **ORIGINAL)
+    midpoints, headings, pylons = load_course()
+    constraints = FlightConstraints(pylons, clearance, FlightLimits(**ORIGINAL))
+    return plan_circuit(midpoints, headings, 3, constraints)
 
 
 @functools.cache

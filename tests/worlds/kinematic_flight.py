@@ -6,8 +6,9 @@ from pydrake.math import RotationMatrix
 from airrace.math.random import make_generator
 from airrace.systems.control.state_filter import StateFilter
 from airrace.track import Track
+from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
-from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY, load_vehicle
@@ -65,11 +66,12 @@ def fly_laps(track: Track, dimensions: int, limits, laps: int) -> Flight:
         plan_circuit(
             [gate.p_WG for gate in track.gates],
             [gate.heading for gate in track.gates],
-            track.pylons()[:, :2],
             dimensions,
-            max_speed=limits[0],
-            max_acceleration=limits[1],
-            clearance=clearance_of(load_vehicle("Default")[0].radius),
+            FlightConstraints(
+                track.pylons()[:, :2],
+                clearance_of(load_vehicle("Default")[0].radius),
+                FlightLimits(max_speed=limits[0], max_acceleration=limits[1]),
+            ),
         ),
         laps,
     )

@@ -5,8 +5,8 @@ import numpy as np
 from airrace.systems.exploring.exploration import gate_pose, known_gates, known_pylons
 from airrace.track import PYLON_HEIGHT
 from airrace.track.gate_map import GateEstimate, GateMap
+from airrace.trajopt.feasibility import MIN_HEIGHT, pylon_distances
 from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.trajopt.flyable import LOWEST, pylon_distances
 
 ABOVE_PYLONS = PYLON_HEIGHT + 3.0  # m
 _RATE = 50.0  # Hz
@@ -47,7 +47,7 @@ def is_clear(
     distances = pylon_distances(p, known_pylons(gate_map))
     if np.any(distances < np.minimum(clearance, distances[0] - _CREEP)):
         return False
-    if p[2].min() < min(LOWEST, p[2, 0] - _CREEP):
+    if p[2].min() < min(MIN_HEIGHT, p[2, 0] - _CREEP):
         return False
     passed = [
         number if forward else None

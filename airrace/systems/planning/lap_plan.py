@@ -11,7 +11,7 @@ from airrace.trajopt.min_snap.circuit import Circuit
 
 @dc.dataclass(frozen=True, eq=False)
 class PlanSummary(Immutable):
-    """What a lap plan promises, from inverse dynamics at 1 kHz of entry and lap.
+    """What a lap plan asks of the vehicle, from inverse dynamics at 1 kHz of entry and lap.
 
     Attributes:
         solve_time: wall time of the solve (s).
@@ -23,7 +23,7 @@ class PlanSummary(Immutable):
         clearance: from the nearest pylon's axis (m).
         margin: between drone and boards that was asked for, at the gate that the map
             knows least (m).
-        reached: names of the limits that are used to the full.
+        active_limits: names of the limits that are used to the full.
         bound: the lap of a point mass with the same limits through the same gates, and as
             far from the pylons (s).
         solver: its name. iterations: of convex programs, or None.
@@ -40,7 +40,7 @@ class PlanSummary(Immutable):
     max_rate: float | None = None
     clearance: float | None = None
     margin: float | None = None
-    reached: tuple = ()
+    active_limits: tuple = ()
     bound: float | None = None
     solver: str = ""
     iterations: int | None = None
@@ -62,7 +62,7 @@ class LapPlan(Immutable):
         entry: from the state at the hand-over onto the circuit.
         circuit: one lap, gate 1 to gate 1.
         phase: time on the circuit at which the entry joins it (s).
-        report: what the plan promises.
+        report: what the plan asks of the vehicle.
     """
 
     lap: int

@@ -9,7 +9,8 @@ from pydrake.systems.framework import EventStatus, LeafSystem
 from airrace.common.immutable import Immutable
 from airrace.scenario.limits import parse_limits
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
-from airrace.systems.planning.lap_planning import LapProblem, plan_lap
+from airrace.systems.planning.lap_planning import plan_lap
+from airrace.systems.planning.laps import LapProblem
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
 from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
@@ -239,7 +240,7 @@ def _is_known(problem: LapProblem, last: LapProblem | None) -> bool:
 
     Once more, it would bring a few hundredths of a percent.
     """
-    return last is not None and last.old is not None and last.asks_for_the_same(problem)
+    return last is not None and last.old is not None and last.has_same_lap(problem)
 
 
 def _switched(memory: _Memory, now: float) -> _Memory:

@@ -7,21 +7,21 @@ import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.trajopt.flight_limits import FlightLimits
-from airrace.trajopt.flyable import (
-    is_flyable,
+from airrace.trajopt.feasibility import (
+    is_feasible,
     passes_forward,
     pylon_distances,
     rotor_excess,
     sample_times,
 )
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import turn_per_lap, unwrap_headings
 from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
 from airrace.trajopt.min_snap.time_allocation import allocate_times
 
 LEVEL = np.array([0.0, 0.0, np.nan, np.nan])  # no horizontal acceleration
-# Of the limits, so that a slightly different way onto the circuit keeps them.
+# Of the limits, so that a slightly different transition onto the circuit keeps them.
 _MARGIN = 0.99
 _APPROACHES = (None, 5.0, 3.0, 2.0, 10.0)  # m before a gate, tried in turn
 _MOST_ROUNDS = 4  # of each, with the gates that were faulty in the last
@@ -54,13 +54,9 @@ class Circuit(FlatTrajectory):
 def plan_circuit(
     midpoints,
     headings,
-    pylons,
     dimensions,
+    constraints: FlightConstraints,
     *,
-    clearance,
-    max_speed,
-    max_acceleration,
-    rotors: FlightLimits | None = None,
     previous: Circuit | None = None,
 ) -> Circuit:
     """Returns the lap through the gates that is shortest within the limits.
@@ -77,26 +73,22 @@ def plan_circuit(
     Args:
         midpoints: of the gates, (n, 3) m.
         headings: of the gates, (n,) rad.
-        pylons: axes to keep clear of, [x, y], (m, 2) m.
         dimensions: 3, 4 or 6.
-        clearance: from the pylons' axes, a number or (m,) m.
-        max_speed, max_acceleration: (m/s), (m/s^2).
-        rotors: whose rotors must be able to fly the lap; it is slowed until they can.
-            None does not ask.
+        constraints: of finite speed and acceleration. If there is a vehicle, the lap is
+            slowed until its rotors can fly it.
         previous: the lap through a similar map, to start from.
 
     Raises:
         TrajectoryOptimizationError: if there is no such lap.
     """
-    limits = dict(max_speed=max_speed, max_acceleration=max_acceleration, rotors=rotors)
-    all_limits = dict(clearance=clearance, **limits)
+    limits = constraints.limits
     gates = _checked(midpoints, headings)
     if previous is not None and len(previous.headings) == len(gates):
         with contextlib.suppress(TrajectoryOptimizationError):
             durations = np.diff(previous.breaks)
             circuit = _solve(gates, previous.approach, dimensions, durations, limits)
-            faults = _faults(circuit, pylons, clearance)
-            if not faults and is_flyable(circuit, pylons, **all_limits):
+            faults = _faults(circuit, constraints)
+            if not faults and is_feasible(circuit, constraints):
                 return circuit
     faults = set()
     for distance in _APPROACHES:
@@ -107,8 +99,8 @@ def plan_circuit(
                 circuit = _solve(gates, approach, dimensions, None, limits)
             except TrajectoryOptimizationError:
                 break
-            new_faults = _faults(circuit, pylons, clearance)
-            if not new_faults and is_flyable(circuit, pylons, **all_limits):
+            new_faults = _faults(circuit, constraints)
+            if not new_faults and is_feasible(circuit, constraints):
                 return circuit
             settled = distance is None or new_faults <= faults
             faults |= new_faults
@@ -134,7 +126,7 @@ def _legs(gates) -> np.ndarray:
     return np.linalg.norm(gates[:, :3] - np.roll(gates[:, :3], 1, axis=0), axis=1)
 
 
-def _solve(gates, approach, dimensions, durations, limits) -> Circuit:
+def _solve(gates, approach, dimensions, durations, limits: FlightLimits) -> Circuit:
     """Returns the shortest lap with some waypoints in front of gates."""
     waypoints, indices = [], []
     for i, (gate, leg) in enumerate(zip(gates, _legs(gates))):
@@ -158,8 +150,8 @@ def _solve(gates, approach, dimensions, durations, limits) -> Circuit:
     durations = allocate_times(
         waypoints,
         initial_durations=durations,
-        max_speed=_MARGIN * limits["max_speed"],
-        max_acceleration=_MARGIN * limits["max_acceleration"],
+        max_speed=_MARGIN * limits.max_speed,
+        max_acceleration=_MARGIN * limits.max_acceleration,
         **problem,
     )
 
@@ -171,16 +163,16 @@ def _solve(gates, approach, dimensions, durations, limits) -> Circuit:
             path = _stack(path, yaw)
         return Circuit(path, [*breaks[indices], breaks[-1]], gates[:, 3], approach)
 
-    return lap(1.0) if limits["rotors"] is None else _slowed(lap, limits["rotors"])
+    return lap(1.0) if limits.vehicle is None else _slowed(lap, limits)
 
 
-def _slowed(lap, rotors: FlightLimits) -> Circuit:
+def _slowed(lap, limits: FlightLimits) -> Circuit:
     """Returns lap(factor) with the least factor, 1 or more, that the rotors can fly."""
-    rotors = dc.replace(rotors, thrust_share=_MARGIN * rotors.thrust_share)
+    limits = dc.replace(limits, thrust_share=_MARGIN * limits.thrust_share)
 
     def excess(factor):
         circuit = lap(factor)
-        return rotor_excess(circuit.sample(sample_times(circuit)), rotors)
+        return rotor_excess(circuit.sample(sample_times(circuit)), limits)
 
     if excess(1.0) <= 0.0:
         return lap(1.0)
@@ -195,12 +187,13 @@ def _slowed(lap, rotors: FlightLimits) -> Circuit:
     return lap(high)
 
 
-def _faults(circuit: Circuit, pylons, clearance) -> set:
+def _faults(circuit: Circuit, constraints: FlightConstraints) -> set:
     """Returns the gates that are passed sideways or nearest to a pylon on the way."""
     gate_times = np.array(circuit.gate_times)
     forward = passes_forward(circuit, gate_times[:-1], circuit.headings)
     times = sample_times(circuit)
-    near = (pylon_distances(circuit.sample(times), pylons) < clearance).any(axis=1)
+    distances = pylon_distances(circuit.sample(times), constraints.pylons)
+    near = (distances < constraints.clearance).any(axis=1)
     nearest = np.abs(times[near, None] - gate_times).argmin(axis=1) % len(forward)
     return {*np.flatnonzero(~forward).tolist(), *nearest.tolist()}
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.time_optimal.lap_costs import smooth_twist
 from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
 from airrace.trajopt.time_optimal.lap_step import LapStep
+from airrace.trajopt.time_optimal.path_terms import angle_cost
 from airrace.trajopt.time_optimal.point_mass import PointMassBound
 from airrace.trajopt.time_optimal.visibility import keep_in_view
 
@@ -30,7 +30,7 @@ def first_lap(
     Args:
         bound: the point mass.
         gates, grid, limits: see there.
-        half_view: see twist_bounds(); None for no bounds.
+        half_view: see angle_bounds(); None for no bounds.
 
     Raises:
         TrajectoryOptimizationError: if it cannot be flown, however slow.
@@ -49,8 +49,8 @@ def first_lap(
     samples = min(laps, key=lambda samples: samples.lap.duration)
     if half_view is not None:
         step = LapStep(samples, grid)
-        step.only_twist()
-        smooth_twist(step, 1.0)
+        step.only_angle()
+        angle_cost(step, 1.0)
         keep_in_view(step, gates, half_view, _VIEW_COST)
         lap = step.solve() or samples.lap
     else:

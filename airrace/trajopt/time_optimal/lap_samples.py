@@ -6,9 +6,9 @@ import functools
 import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.flatness import moments, thrust_vectors, unit_vector
 from airrace.trajopt.flight_limits import FlightLimits, pack
 from airrace.trajopt.reference import as_reference
+from airrace.trajopt.time_optimal.dynamics import angle_dynamics
 from airrace.trajopt.time_optimal.lap_spline import LapSpline, basis
 from airrace.trajopt.time_optimal.thrust_axis_angle import quadrature, transported_axes
 from airrace.vehicle import GRAVITY
@@ -90,7 +90,7 @@ class LapSamples:
     def excess(self) -> float:
         """Returns the largest of all quantities over their limits, less one."""
         limits, flat, units = self.limits, self.flat, self.units
-        thrusts, force, w, _ = twisted_dynamics(flat, units, self.axes, limits)
+        thrusts, force, w, _ = angle_dynamics(flat, units, self.axes, limits)
         speed = np.linalg.norm(as_reference(flat).velocity, axis=0) / units
         acceleration = np.linalg.norm(as_reference(flat).acceleration, axis=0) / units**2
         shares = thrusts / units**2 / limits.max_thrusts[:, None]
@@ -156,43 +156,3 @@ def slowed(lap, grid, limits, turn, tolerance=2e-5) -> LapSamples:
         else:
             slow = (factor, value, samples)
     return slow[2]
-
-
-def twisted_dynamics(flat, units, axes, limits: FlightLimits):
-    """Inverse dynamics with twist in the place of yaw.
-
-    Args:
-        flat: samples as in trajopt/reference.py, in normalised time, (18, N), real
-            or complex.
-        units: of time (s), (N,).
-        axes: of a body without twist, see LapSamples.
-        limits: for vehicle and drag.
-
-    Returns:
-        (thrusts, force, w, alpha): T^2 times the thrust of every rotor, (rotors, N),
-        and the specific force, (3, N); T and T^2 times the angular velocity and
-        acceleration in B, (3, N).
-    """
-    vehicle = limits.vehicle
-    *force, surplus = thrust_vectors(flat, vehicle, GRAVITY * units**2, limits.drag, units)
-    b, db, ddb = (np.array(v) for v in unit_vector(*force))
-    *_, twist, rate, acceleration = as_reference(flat)
-    c, s = np.cos(twist), np.sin(twist)
-    x, y = c * axes[0] + s * axes[1], c * axes[1] - s * axes[0]
-    # The thrust's axis may be off the one that belongs to the axes, a little.
-    x, y = x - np.sum(x * b, axis=0) * b, y - np.sum(y * b, axis=0) * b
-    w = np.array([-np.sum(y * db, axis=0), np.sum(x * db, axis=0), rate])
-    alpha = np.array(
-        [
-            -np.sum(y * ddb, axis=0) + w[1] * w[2],
-            np.sum(x * ddb, axis=0) - w[0] * w[2],
-            acceleration,
-        ]
-    )
-    force = np.array(force[0])
-    thrust = np.sqrt(np.sum(force * force, axis=0))
-    if limits.drag > 0.0:
-        thrust = thrust + surplus * np.sum(as_reference(flat).velocity * b, axis=0)
-    moment = moments(vehicle, w, alpha, limits.drag, units)
-    wrench = np.vstack([vehicle.mass * thrust[None], moment])
-    return limits.from_wrench @ wrench, force, w, alpha

@@ -5,14 +5,19 @@ import dataclasses as dc
 import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.flight_limits import FlightConstraints
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.time_optimal.clearance_rows import cross_forward, keep_clear, shortfall
 from airrace.trajopt.time_optimal.dynamics_limits import limit_dynamics
-from airrace.trajopt.time_optimal.lap_costs import smooth_twist, stay_near
 from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
 from airrace.trajopt.time_optimal.lap_step import LapStep
+from airrace.trajopt.time_optimal.path_terms import (
+    angle_cost,
+    cross_forward,
+    keep_clear,
+    proximal_cost,
+    shortfall,
+)
 from airrace.trajopt.time_optimal.visibility import keep_in_view, out_of_view
 
 PIECES = 6  # of each leg's spline, as a rule
@@ -64,10 +69,7 @@ class LapSearch:
         self,
         gates: GateRegions,
         turn: float,
-        pylons,
-        limits: FlightLimits,
-        clearance,
-        half_view,
+        constraints: FlightConstraints,
         samples: int,
         pieces: int = PIECES,
     ):
@@ -76,15 +78,11 @@ class LapSearch:
         Args:
             gates: to pass; of an open one, with both ends.
             turn: see LapSamples.of().
-            pylons: axes to keep clear of, [x, y], (m, 2) m.
-            limits: to keep.
-            clearance: from the pylons' axes, a number or (m,) m.
-            half_view: of the camera (rad), see plan_optimal_circuit(); or None.
+            constraints: to keep.
             samples, pieces: of each leg.
         """
-        self.gates, self.turn, self.pylons, self.limits = gates, turn, pylons, limits
-        self.clearance, self.view = clearance, None
-        if half_view is not None:
+        self.gates, self.turn, self.constraints, self.view = gates, turn, constraints, None
+        if (half_view := constraints.half_view) is not None:
             self.view = max(half_view - _VIEW_MARGIN, half_view / 2)
         self.grid = Grid(pieces, samples)
 
@@ -95,12 +93,12 @@ class LapSearch:
             TrajectoryOptimizationError: if it cannot be slowed enough.
         """
         if lap.is_closed:
-            return slowed(lap, self.grid, self.limits, self.turn)
-        return LapSamples.of(lap, self.grid, self.limits, self.turn)
+            return slowed(lap, self.grid, self.constraints.limits, self.turn)
+        return LapSamples.of(lap, self.grid, self.constraints.limits, self.turn)
 
     def slowed(self, now: LapSamples, samples: int) -> LapSamples:
         """Returns a lap slowed to what it must keep at more samples of each leg; or raises."""
-        return slowed(now.lap, Grid(now.lap.pieces, samples), self.limits, self.turn)
+        return slowed(now.lap, Grid(now.lap.pieces, samples), self.constraints.limits, self.turn)
 
     def improve(self, now: LapSamples, near: bool, effort: Effort) -> tuple[LapSamples, int]:
         """Returns a better lap, after how many steps; near is to start near the best."""
@@ -143,17 +141,17 @@ class LapSearch:
             place = now.lap.gates[i, 0, :3]
             self.gates.constrain(step.program, i, step.at_gate(i, 0)[0], place)
         limit_dynamics(step, reach)
-        keep_clear(step, self.pylons, self.clearance, _CLEARANCE_COST)
+        keep_clear(step, self.constraints, _CLEARANCE_COST)
         cross_forward(step, self.gates, _FORWARD_COST)
         if self.view is not None:
             keep_in_view(step, self.gates, self.view, _VIEW_COST, _VIEW_REACH)
-        stay_near(step, weight)
-        smooth_twist(step, _TWIST_WEIGHT)
+        proximal_cost(step, weight)
+        angle_cost(step, _TWIST_WEIGHT)
         return step
 
     def merit(self, samples: LapSamples) -> float:
         """Returns what a lap takes and what it lacks (s); less is better."""
-        lack = shortfall(samples.lap, self.pylons, self.clearance)
+        lack = shortfall(samples.lap, self.constraints)
         merit = samples.lap.duration + _CLEARANCE_MERIT * lack
         if self.view is not None:
             merit += _VIEW_MERIT * out_of_view(samples, self.gates, self.view)
@@ -163,9 +161,10 @@ class LapSearch:
 
     def require_clear(self, samples: LapSamples) -> None:
         """Raises TrajectoryOptimizationError if the lap comes too near to anything."""
-        lack = shortfall(samples.lap, self.pylons, self.clearance)
+        lack = shortfall(samples.lap, self.constraints)
         if lack > _TOO_NEAR:
+            clearance = np.min(self.constraints.clearance)
             raise TrajectoryOptimizationError(
-                f"No lap found keeps {np.min(self.clearance):.2f} m clear of all pylons and of "
+                f"No lap found keeps {clearance:.2f} m clear of all pylons and of "
                 f"the ground; the best lacks {lack:.2f} m."
             )

@@ -4,8 +4,7 @@ import numpy as np
 from pydrake.solvers import MathematicalProgram
 
 from airrace.trajopt.cone_solver import solve_cones
-from airrace.trajopt.linear_constraints import add_equal_rows, add_rows
-from airrace.trajopt.time_optimal.dynamics_rows import DynamicsRows
+from airrace.trajopt.time_optimal.dynamics import LinearDynamics
 from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline
 from airrace.trajopt.time_optimal.thrust_axis_angle import turn_gradients
@@ -38,7 +37,7 @@ class LapStep:
     def __init__(self, samples: LapSamples, grid: Grid):
         """Args: samples: of the lap to start from. grid: of the samples."""
         self.lap, self.samples, self.grid = samples.lap, samples, grid
-        self.dynamics = DynamicsRows.linearize(samples)
+        self.dynamics = LinearDynamics.linearize(samples)
         self.program = MathematicalProgram()
         self.excess = None
         T, after = self.lap.durations, self.lap.after
@@ -77,8 +76,7 @@ class LapStep:
             )
             self._units = np.array([T[0], *np.sqrt(T[1:] * T[:-1]), T[-1]])
         self.passed = passed
-        add_equal_rows(
-            self.program,
+        self.program.AddLinearEqualityConstraint(
             np.array([[1.0, -1.0, -1.0]]),
             [0.0],
             [last_twist, self._gates[0, 0, 3], self._turns[-1]],
@@ -122,7 +120,8 @@ class LapStep:
             own = self.rows(leg, every, d_own[here], own_by_T[here], grid.matrices)
             self._axis_turns.append(own - way[:-1])
             row = np.append(way[-1], -1.0)[None]
-            add_equal_rows(self.program, row, [0.0], [*self._variables[leg], self._turns[leg + 1]])
+            variables = np.append(self._variables[leg], self._turns[leg + 1])
+            self.program.AddLinearEqualityConstraint(row, [0.0], variables)
 
     def of(self, leg: int) -> slice:
         """Returns where the samples of a leg are among all."""
@@ -132,7 +131,7 @@ class LapStep:
         """Returns the number of a leg's variables; the last is its relative stretch."""
         return len(self._variables[leg])
 
-    def only_twist(self) -> None:
+    def only_angle(self) -> None:
         """Leaves path and durations as they are."""
         self._fix(self._gates[:, :, :3], self._interior[:, :, :3], self._stretch)
 
@@ -206,7 +205,7 @@ class LapStep:
             self.program.AddLinearCost([slack_cost], slack)
             variables = np.concatenate([variables, slack])
             rows = np.hstack([rows, np.full((len(rows), 1), -1.0)])
-        add_rows(self.program, rows, np.full(len(rows), -np.inf), bounds, variables)
+        self.program.AddLinearConstraint(rows, np.full(len(rows), -np.inf), bounds, variables)
 
     def equal(self, leg, variables, rows, values) -> None:
         """Constrains further variables to equal rows over a leg's variables.
@@ -216,8 +215,7 @@ class LapStep:
             variables: (rows,).
             rows: (rows, variables). values: where there is no step, (rows,).
         """
-        add_equal_rows(
-            self.program,
+        self.program.AddLinearEqualityConstraint(
             np.hstack([rows, -np.eye(len(rows))]),
             -values,
             np.concatenate([self._variables[leg], variables]),

@@ -1,17 +1,46 @@
 """A time-optimal lap as a trajectory in x, y, z and yaw."""
 
+import dataclasses as dc
 from math import comb
 
 import numpy as np
 from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
+from airrace.common.immutable import Immutable
+from airrace.trajopt.feasibility import FlightCheck
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import Circuit
-from airrace.trajopt.plan_summary import LapReport
-from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, twisted_dynamics
+from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, angle_dynamics
 from airrace.trajopt.time_optimal.lap_spline import DEGREE, LapSpline
-from airrace.trajopt.time_optimal.thrust_axis_angle import heading_of_twist
+from airrace.trajopt.time_optimal.thrust_axis_angle import yaw_of_attitude
+
+
+@dc.dataclass(frozen=True, eq=False)
+class LapReport(Immutable):
+    """How a lap was found and what it asks of the vehicle.
+
+    Attributes:
+        duration: of the lap (s).
+        bound: of a point mass with the same limits through the same gates, and as far from
+            the pylons (s).
+        check: of the lap as planned.
+        max_bearing: see visibility.max_bearing() (rad).
+        iterations: of convex programs.
+        warm: whether it started from another lap.
+    """
+
+    duration: float
+    bound: float
+    check: FlightCheck
+    max_bearing: float
+    iterations: int
+    warm: bool
+
+    @property
+    def gap(self) -> float:
+        """How much longer than the bound, as a share of it."""
+        return self.duration / self.bound - 1.0
 
 
 class OptimalCircuit(Circuit):
@@ -77,11 +106,11 @@ def flat_polynomial(
 def _yaw(samples: LapSamples) -> np.ndarray:
     """Returns yaw, its rate and its acceleration at samples, (3, N)."""
     units = samples.units
-    _, force, w, alpha = twisted_dynamics(samples.flat, units, samples.axes, samples.limits)
+    _, force, w, alpha = angle_dynamics(samples.flat, units, samples.axes, samples.limits)
     z = force / np.linalg.norm(force, axis=0)
     c, s = (f(samples.derivatives[0, ..., 3].ravel()) for f in (np.cos, np.sin))
     x, y = (c * samples.axes[0] + s * samples.axes[1], c * samples.axes[1] - s * samples.axes[0])
-    yaw = heading_of_twist((x, y, z), w / units, alpha / units**2)
+    yaw = yaw_of_attitude((x, y, z), w / units, alpha / units**2)
     yaw[0] = np.unwrap(yaw[0])
     return yaw
 

@@ -6,15 +6,14 @@ import functools
 import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
+from airrace.trajopt.feasibility import check_flight, dense_sample_times, passes_forward
 from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, thrust_vectors
-from airrace.trajopt.flight_limits import FlightLimits
-from airrace.trajopt.flyable import passes_forward
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions, unwrap_headings
 from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.min_snap.leg import end_constraints
 from airrace.trajopt.min_snap.min_snap import solve_min_snap
-from airrace.trajopt.plan_summary import check_flight, check_times
 from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_samples import LapSamples
 from airrace.trajopt.time_optimal.lap_search import PIECES, Effort, LapSearch
@@ -33,16 +32,13 @@ _LEAST_DURATION = 0.1  # s
 _AIMS, _AIMS_FROM_NOTHING = (0.998, 0.994, 0.988), (0.995, 0.988)
 
 
-def plan_optimal_way(
+def plan_optimal_transition(
     start,
     durations,
     gates: GateRegions,
     circuit: Circuit,
-    pylons,
-    limits: FlightLimits,
+    constraints: FlightConstraints,
     *,
-    clearance,
-    half_view=np.deg2rad(40.0),
     old=None,
     effort: Effort = _EFFORT,
 ) -> tuple[FlatTrajectory, float]:
@@ -56,10 +52,8 @@ def plan_optimal_way(
         durations: guesses, from the start to gate 1, from there to gate 2 ..., (k,) s.
         gates: of the lap, all of them.
         circuit: the lap.
-        pylons: axes to keep clear of, [x, y], (m, 2) m.
-        limits: of the way; the lap must be within them.
-        clearance: from the pylons' axes, a number or (m,) m.
-        half_view, effort: see plan_optimal_circuit().
+        constraints: of the transition; the lap must be within its limits.
+        effort: see plan_optimal_circuit().
         old: a flight that leads from the start nearly to gate 1, to begin the search
             with: from time to the same as start.
 
@@ -74,10 +68,11 @@ def plan_optimal_way(
     goal = circuit.derivatives(phase)
     passed = _gates_of(gates, start, k)
     yaws = unwrap_headings([start[0, 3], *gates.headings[: k - 1], goal[0, 3]])
+    limits = constraints.limits
     ends = [_Attitude.of(state, limits) for state in (start, goal)]
     turn = ends[1].angle - ends[0].angle
     turn += 2 * np.pi * np.round((yaws[-1] - yaws[0] - turn) / (2 * np.pi))
-    search = LapSearch(passed, turn, pylons, limits, clearance, half_view, effort.samples)
+    search = LapSearch(passed, turn, constraints, effort.samples)
     if old is None:
         points = [circuit.derivatives(t)[0] for t in circuit.gate_times[: k - 1]]
         paths = [
@@ -95,7 +90,7 @@ def plan_optimal_way(
     )
     near = old is not None
     for aim in _AIMS if near else _AIMS_FROM_NOTHING:
-        search.limits = limits.scaled(aim)
+        search.constraints = dc.replace(constraints, limits=limits.scaled(aim))
         now, _ = search.improve(search.settled(now.lap), near, effort)
         near = True
         way, excess = _finished(now, search, limits, goal)
@@ -206,6 +201,8 @@ def _guess(durations, legs, start, goal, ends) -> LapSpline:
 def _finished(now: LapSamples, search: LapSearch, limits: FlightLimits, goal):
     """Returns the way as a trajectory, and by which share it exceeds limits at 1 kHz."""
     way = FlatTrajectory(
-        flat_polynomial(now.lap, search.limits, search.turn, _REFINEMENT, goal[:3, 3])
+        flat_polynomial(now.lap, search.constraints.limits, search.turn, _REFINEMENT, goal[:3, 3])
     )
-    return way, check_flight(way.sample(check_times(way)), search.pylons, limits).excess
+    return way, check_flight(
+        way.sample(dense_sample_times(way)), search.constraints.pylons, limits
+    ).excess

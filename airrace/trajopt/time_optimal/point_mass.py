@@ -1,14 +1,15 @@
 """The lap time of a point mass: what no vehicle with the same limits can beat."""
 
 import dataclasses as dc
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram
 
 from airrace.trajopt.cone_solver import solve_cones
 from airrace.trajopt.errors import TrajectoryOptimizationError
+from airrace.trajopt.flight_limits import FlightConstraints
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.linear_constraints import add_equal_rows, add_rows
 from airrace.vehicle import GRAVITY
 
 _TRUST = 0.5  # of a duration, and of a speed, at first
@@ -39,14 +40,43 @@ class PointMassBound:
     iterations: int
 
 
+class PointMassLimits(NamedTuple):
+    """Limits of a point mass; infinite for none.
+
+    Attributes:
+        max_speed: (m/s). max_acceleration: without gravity (m/s^2).
+        max_specific_force: greatest thrust over mass (m/s^2); one of the last two must be finite.
+    """
+
+    max_speed: float = np.inf
+    max_acceleration: float = np.inf
+    max_specific_force: float = np.inf
+
+
+def point_mass_lap(
+    gates: GateRegions, constraints: FlightConstraints, intervals: int = 8, tolerance: float = 1e-3
+) -> PointMassBound:
+    """Returns the quickest lap of a point mass within the constraints of a flight.
+
+    Args: see point_mass_bound().
+    """
+    limits = constraints.limits
+    return point_mass_bound(
+        gates,
+        PointMassLimits(limits.max_speed, limits.max_acceleration, limits.max_specific_force),
+        constraints.pylons,
+        constraints.clearance,
+        intervals=intervals,
+        tolerance=tolerance,
+    )
+
+
 def point_mass_bound(
     gates: GateRegions,
-    *,
-    max_speed=None,
-    max_acceleration=None,
-    max_specific_force=None,
+    limits: PointMassLimits,
     pylons=(),
     clearance=0.0,
+    *,
     intervals: int = 32,
     tolerance: float = 1e-4,
 ) -> PointMassBound:
@@ -63,9 +93,7 @@ def point_mass_bound(
 
     Args:
         gates: to pass.
-        max_speed: (m/s). max_acceleration: without gravity (m/s^2).
-        max_specific_force: greatest thrust over mass (m/s^2); give one of these
-            two at least.
+        limits: to keep.
         pylons: axes to keep clear of, [x, y], (m, 2) m. clearance: from those, a number
             or (m,) m.
         intervals: of constant acceleration, a leg.
@@ -74,25 +102,26 @@ def point_mass_bound(
     Raises:
         TrajectoryOptimizationError: if there is no such lap, or no limit.
     """
-    limits = [x for x in (max_speed, max_acceleration, max_specific_force) if x is not None]
-    if max_acceleration is None and max_specific_force is None:
+    if np.isinf(limits.max_acceleration) and np.isinf(limits.max_specific_force):
         raise TrajectoryOptimizationError(
             "Without a limit of acceleration or thrust, there is no quickest lap."
         )
-    if not all(np.isfinite(x) and x > 0.0 for x in limits):
+    if not all(x > 0.0 for x in limits):
         raise TrajectoryOptimizationError("The limits must be positive.")
-    if max_specific_force is not None and max_specific_force <= GRAVITY:
+    if limits.max_specific_force <= GRAVITY:
         raise TrajectoryOptimizationError("The greatest thrust is below the weight.")
     chords = np.roll(gates.midpoints, -1, axis=0) - gates.midpoints
     lengths = np.linalg.norm(chords, axis=1)
-    a = max_acceleration if max_acceleration is not None else max_specific_force - GRAVITY
-    speed = min(max_speed or np.inf, np.sqrt(a * lengths.mean()))
+    a = limits.max_acceleration
+    if np.isinf(a):
+        a = limits.max_specific_force - GRAVITY
+    speed = min(limits.max_speed, np.sqrt(a * lengths.mean()))
     T = lengths / speed
     directions = chords / lengths[:, None]
     V = directions + np.roll(directions, 1, axis=0)
     V *= speed / np.maximum(np.linalg.norm(V, axis=1, keepdims=True), 0.1)
 
-    problem = _Problem(gates, intervals, max_speed, max_acceleration, max_specific_force)
+    problem = _Problem(gates, intervals, limits)
     near = _Pylons(np.reshape(pylons, (-1, 2)), clearance, intervals)
     trust, merit, best = _TRUST, np.inf, None
     for iteration in range(1, _ITERATIONS + 1):
@@ -179,7 +208,7 @@ class _Pylons:
 class _Problem:
     """The convex problem about an iterate; its cones are always the same."""
 
-    def __init__(self, gates, intervals, max_speed, max_acceleration, max_specific_force):
+    def __init__(self, gates, intervals, limits: PointMassLimits):
         n, N = len(gates.midpoints), intervals
         self._program = program = MathematicalProgram()
         self._w = program.NewContinuousVariables(3 * n * (N + 1)).reshape(n, N + 1, 3)
@@ -198,18 +227,20 @@ class _Problem:
             gates.constrain(program, i, self._P[i], np.zeros(3))
             w, T, s = self._w[i], self._T[i], self._s[i]
             for j in range(3):
-                add_equal_rows(
-                    program,
+                program.AddLinearEqualityConstraint(
                     np.array([[*weights, 1.0, -1.0]]),
                     np.zeros(1),
                     [*w[:, j], self._P[i, j], self._P[(i + 1) % n, j]],
                 )
-            if max_speed is not None:
-                A = np.diag([max_speed, 1.0, 1.0, 1.0])
+            if np.isfinite(limits.max_speed):
+                A = np.diag([limits.max_speed, 1.0, 1.0, 1.0])
                 for k in range(N + 1):
                     program.AddLorentzConeConstraint(A, np.zeros(4), [T, *w[k]])
-            for limit, gravity in ((max_acceleration, 0.0), (max_specific_force, GRAVITY)):
-                if limit is not None:
+            for limit, gravity in (
+                (limits.max_acceleration, 0.0),
+                (limits.max_specific_force, GRAVITY),
+            ):
+                if np.isfinite(limit):
                     A = np.zeros((4, 7))
                     A[0, 0], A[3, 0] = limit, gravity
                     A[1:, 1:4], A[1:, 4:] = -N * np.eye(3), N * np.eye(3)
@@ -228,8 +259,7 @@ class _Problem:
         add = []
         for i in range(n):
             add.append(
-                add_rows(
-                    program,
+                program.AddLinearConstraint(
                     np.array([[1.0, -2.0 * T[i]]]),
                     [-np.inf],
                     [-(T[i] ** 2)],
@@ -239,8 +269,8 @@ class _Problem:
             for k, g in ((0, i), (-1, (i + 1) % n)):
                 A = np.hstack([np.eye(3), -T[i] * np.eye(3), -V[g][:, None]])
                 add.append(
-                    add_equal_rows(
-                        program, A, -T[i] * V[g], [*self._w[i, k], *self._V[g], self._T[i]]
+                    program.AddLinearEqualityConstraint(
+                        A, -T[i] * V[g], [*self._w[i, k], *self._V[g], self._T[i]]
                     )
                 )
         add.append(
@@ -254,7 +284,9 @@ class _Problem:
                 *self._w[leg, :, 1],
                 self._slack[leg],
             ]
-            add.append(add_rows(program, rows, least, np.full(len(least), np.inf), variables))
+            add.append(
+                program.AddLinearConstraint(rows, least, np.full(len(least), np.inf), variables)
+            )
         self._linearized = add
         result = solve_cones(program)
         if not result.is_success():

@@ -98,7 +98,7 @@ def _thrust_axes(derivatives, durations, limits):
     return unit_vector(*force)
 
 
-def heading_of_twist(axes, w, alpha):
+def yaw_of_attitude(axes, w, alpha):
     """Returns the yaw of an attitude, as attitude_from_force() defines it.
 
     The heading is horizontal and at right angles to the body's y axis.

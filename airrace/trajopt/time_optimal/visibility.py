@@ -2,7 +2,10 @@
 
 import numpy as np
 
+from airrace.trajopt.feasibility import dense_sample_times
 from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.min_snap.circuit import Circuit
+from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_samples import LapSamples
 from airrace.trajopt.time_optimal.lap_step import LapStep
 
@@ -10,7 +13,18 @@ LEAST_RANGE = 8.0  # m, to a gate: nearer, its pylons leave the picture
 _STEP = 1e-30  # of complex-step derivatives
 
 
-def twist_bounds(samples: LapSamples, gates: GateRegions, half_view: float):
+def max_bearing(lap: Circuit, gates: GateRegions) -> float:
+    """Returns the largest bearing of the next gate off the heading, while it is far (rad)."""
+    times = dense_sample_times(lap)
+    r = as_reference(lap.sample(times))
+    following = np.searchsorted(lap.gate_times, times, side="right") % len(gates.midpoints)
+    to_gate = gates.midpoints[following].T[:2] - r.position[:2]
+    off = np.arctan2(to_gate[1], to_gate[0]) - r.yaw
+    off = np.abs((off + np.pi) % (2 * np.pi) - np.pi)
+    return float(off[np.linalg.norm(to_gate, axis=0) > LEAST_RANGE].max(initial=0.0))
+
+
+def angle_bounds(samples: LapSamples, gates: GateRegions, half_view: float):
     """Returns between which twists the next gate's midpoint is within the view.
 
     That is by bearing: pitch and roll tilt the camera as the flight demands.
@@ -71,16 +85,16 @@ def _seen_from_axes(to_gate, turn, b, axes):
 def keep_in_view(
     step: LapStep, gates: GateRegions, half_view: float, cost: float, reach: float = np.inf
 ) -> None:
-    """Adds bounds on the twist, see twist_bounds().
+    """Adds bounds on the twist, see angle_bounds().
 
     Args:
         step: to add to.
-        gates, half_view: see twist_bounds().
+        gates, half_view: see angle_bounds().
         cost: of leaving the view by a radian (s).
         reach: of the step (rad); samples farther from a bound are left out.
     """
     samples, dynamics = step.samples, step.dynamics
-    low, high, _ = twist_bounds(samples, gates, half_view)
+    low, high, _ = angle_bounds(samples, gates, half_view)
     twist = samples.derivatives[0, ..., 3]
     to_gate, seen = _to_next_gate(samples, gates, margin=1.0)
     for bound, sign, turn in ((high, 1.0, half_view), (low, -1.0, -half_view)):
@@ -109,6 +123,6 @@ def _bound_gradients(to_gate, force, turn, axes):
 
 def out_of_view(samples: LapSamples, gates, half_view) -> float:
     """Returns by how much the worst sample leaves the bounds on the twist (rad)."""
-    low, high, seen = twist_bounds(samples, gates, half_view)
+    low, high, seen = angle_bounds(samples, gates, half_view)
     twist = samples.derivatives[0, ..., 3]
     return float(np.max(np.maximum(low - twist, twist - high)[seen], initial=0.0))

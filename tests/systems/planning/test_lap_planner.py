@@ -19,16 +19,21 @@ from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.trajopt.errors import TrajectoryOptimizationError
+from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.flatness import rotor_thrusts
-from airrace.trajopt.flyable import clearance_of
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import plan_circuit
-from airrace.trajopt.min_snap.transition import plan_change, plan_start
+from airrace.trajopt.min_snap.transition import (
+    plan_transition_between_laps,
+    plan_transition_from_hover,
+)
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import GRAVITY, load_vehicle
 
 VEHICLE, _ = load_vehicle("Default")
-LIMITS = dict(clearance=clearance_of(VEHICLE.radius), max_speed=20.0, max_acceleration=10.0)
+CLEARANCE = clearance_of(VEHICLE.radius)
+LIMITS = FlightLimits(max_speed=20.0, max_acceleration=10.0)
 GATES = tuple(
     GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.pylon_spacing)
     for n, gate in enumerate(load_track("student-airrace").gates)
@@ -94,9 +99,8 @@ def test_optimal_laps_are_faster_and_within_the_limits_and_followed_by_the_next(
     snap = plan_circuit(
         [g.p_WG for g in GATES],
         [g.heading for g in GATES],
-        np.array([g.pylons for g in GATES]).reshape(-1, 2),
         4,
-        **LIMITS,
+        FlightConstraints(np.array([g.pylons for g in GATES]).reshape(-1, 2), CLEARANCE, LIMITS),
     )
     for plan in plans:
         assert plan.report.duration < 0.9 * snap.duration
@@ -190,9 +194,8 @@ def test_a_plan_a_lap_from_the_map_as_it_then_stands(dimensions):
         expected = plan_circuit(
             [g.p_WG for g in moved(step)],
             [g.heading for g in GATES],
-            [p for g in moved(step) for p in g.pylons],
             dimensions,
-            **LIMITS,
+            FlightConstraints([p for g in moved(step) for p in g.pylons], CLEARANCE, LIMITS),
         )
         tolerance = 1e-4 if dimensions < 6 else 0.03  # of many local minima
         assert plan.circuit.duration == pytest.approx(expected.duration, rel=tolerance)
@@ -415,20 +418,18 @@ def make_plan(dimensions, phase_zero):
     circuit = plan_circuit(
         [g.p_WG for g in GATES],
         [g.heading for g in GATES],
-        [p for g in GATES for p in g.pylons],
         dimensions,
-        **LIMITS,
+        FlightConstraints([p for g in GATES for p in g.pylons], CLEARANCE, LIMITS),
     )
+    free = FlightConstraints([], CLEARANCE, LIMITS)
     if phase_zero:
         at = circuit.gate_times[-2]
-        entry, phase = (
-            plan_change(circuit.derivatives(at), circuit, circuit.duration - at, [], **LIMITS),
-            0.0,
-        )
+        start, phase = circuit.derivatives(at), 0.0
+        entry = plan_transition_between_laps(start, circuit, circuit.duration - at, free)
     else:
         start = np.zeros((5, 4))
         start[0] = 0, 0, 5, 0.5
-        entry, phase = plan_start(start, circuit, dimensions, [], **LIMITS)
+        entry, phase = plan_transition_from_hover(start, circuit, dimensions, free)
     return LapPlan(lap=3, start_time=12.5, entry=entry, circuit=circuit, phase=phase, report=None)
 
 

@@ -6,20 +6,21 @@ from pydrake.common.value import Value
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
 from airrace.trajopt.flat_trajectory import flat_outputs, hold
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import plan_circuit
-from airrace.trajopt.min_snap.transition import plan_start
+from airrace.trajopt.min_snap.transition import plan_transition_from_hover
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 
-LIMITS = dict(clearance=2.0, max_speed=20.0, max_acceleration=10.0)
+CONSTRAINTS = FlightConstraints([], 2.0, FlightLimits(max_speed=20.0, max_acceleration=10.0))
 MIDPOINTS = np.array([[0, -20, 6], [20, 0, 6], [0, 20, 6], [-20, 0, 6]], float)
 few = settings(max_examples=40)
 
 
 def make_plan():
-    circuit = plan_circuit(MIDPOINTS, np.arange(4) * np.pi / 2, [], 4, **LIMITS)
+    circuit = plan_circuit(MIDPOINTS, np.arange(4) * np.pi / 2, 4, CONSTRAINTS)
     start = np.zeros((5, 4))
     start[0] = -20, -20, 5, 0
-    entry, phase = plan_start(start, circuit, 4, [], **LIMITS)
+    entry, phase = plan_transition_from_hover(start, circuit, 4, CONSTRAINTS)
     return LapPlan(lap=1, start_time=3.0, entry=entry, circuit=circuit, phase=phase, report=None)
 
 

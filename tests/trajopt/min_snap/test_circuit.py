@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from airrace.track import PYLON_HEIGHT, load_track
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import unwrap_headings
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.reference import as_reference
@@ -19,7 +20,7 @@ from airrace.vehicle import GRAVITY
 TRACK = load_track("student-airrace")
 MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
 HEADINGS = np.array([gate.heading for gate in TRACK.gates])
-LIMITS = dict(clearance=2.0, max_speed=20.0, max_acceleration=10.0)
+LIMITS = dict(clearance=2.0, limits=FlightLimits(max_speed=20.0, max_acceleration=10.0))
 each = pytest.mark.parametrize("dimensions", [3, 4, 6])
 few = settings(max_examples=8)
 
@@ -31,7 +32,8 @@ def pylons_of(midpoints, headings, spacing=10.0):
 
 def plan(midpoints, headings, dimensions, **kwargs):
     pylons = pylons_of(np.array(midpoints), np.array(headings))
-    return plan_circuit(midpoints, headings, pylons, dimensions, **LIMITS, **kwargs)
+    constraints = FlightConstraints(pylons, **LIMITS)
+    return plan_circuit(midpoints, headings, dimensions, constraints, **kwargs)
 
 
 @functools.cache
@@ -249,7 +251,7 @@ def test_a_larger_drone_takes_a_turned_gate_straighter():
     pylons = pylons_of(midpoints, headings)
     laps = {
         clearance: plan_circuit(
-            midpoints, headings, pylons, 3, **{**LIMITS, "clearance": clearance}
+            midpoints, headings, 3, FlightConstraints(pylons, **{**LIMITS, "clearance": clearance})
         )
         for clearance in (2.0, 2.4)
     }
@@ -264,7 +266,10 @@ def test_a_larger_drone_takes_a_turned_gate_straighter():
 def test_a_wide_gate_is_crossed_forward_although_no_pylon_says_so(dimensions):
     midpoints, headings = square(2, 1.4, side=80.0)
     circuit = plan_circuit(
-        midpoints, headings, pylons_of(midpoints, headings, 40.0), dimensions, **LIMITS
+        midpoints,
+        headings,
+        dimensions,
+        FlightConstraints(pylons_of(midpoints, headings, 40.0), **LIMITS),
     )
     velocity = np.array([circuit.derivatives(t)[1, :3] for t in circuit.gate_times[:-1]])
     along = velocity[:, 0] * np.cos(headings) + velocity[:, 1] * np.sin(headings)
@@ -303,7 +308,8 @@ def impossible():
 def test_impossible_laps_are_refused_in_time(case, dimensions):
     clock = time.process_time()
     with pytest.raises(TrajectoryOptimizationError):
-        plan_circuit(*impossible()[case], dimensions, **LIMITS)
+        midpoints, headings, pylons = impossible()[case]
+        plan_circuit(midpoints, headings, dimensions, FlightConstraints(pylons, **LIMITS))
     assert time.process_time() - clock < 20.0
 
 
@@ -314,11 +320,12 @@ def test_limits_scale(s):
     circuit = plan_circuit(
         MIDPOINTS,
         HEADINGS,
-        pylons_of(MIDPOINTS, HEADINGS),
         3,
-        clearance=2.0,
-        max_speed=20 / s,
-        max_acceleration=10 / s**2,
+        FlightConstraints(
+            pylons_of(MIDPOINTS, HEADINGS),
+            2.0,
+            FlightLimits(max_speed=20 / s, max_acceleration=10 / s**2),
+        ),
     )
     assert circuit.duration == pytest.approx(s * reference(3).duration, rel=1e-4)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from airrace.track import load_track
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.flyable import peaks, sample_times
+from airrace.trajopt.feasibility import peaks, sample_times
 from airrace.trajopt.min_snap import time_allocation
 from airrace.trajopt.min_snap.leg import plan_leg, trapezoid_durations
 

@@ -10,15 +10,20 @@ from hypothesis import strategies as st
 
 from airrace.track import PYLON_HEIGHT, load_track
 from airrace.trajopt.errors import TrajectoryOptimizationError
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import plan_circuit
-from airrace.trajopt.min_snap.transition import plan_change, plan_start
+from airrace.trajopt.min_snap.transition import (
+    plan_transition_between_laps,
+    plan_transition_from_hover,
+)
 from airrace.trajopt.reference import as_reference
 
 TRACK = load_track("student-airrace")
 MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
 HEADINGS = np.array([gate.heading for gate in TRACK.gates])
 PYLONS = TRACK.pylons()[:, :2]
-LIMITS = dict(clearance=2.0, max_speed=20.0, max_acceleration=10.0)
+LIMITS = dict(clearance=2.0, limits=FlightLimits(max_speed=20.0, max_acceleration=10.0))
+CONSTRAINTS = FlightConstraints(PYLONS, **LIMITS)
 each = pytest.mark.parametrize("dimensions", [3, 4, 6])
 few = settings(max_examples=12)
 
@@ -30,7 +35,7 @@ def pylons_of(midpoints, headings):
 
 @functools.cache
 def reference(dimensions):
-    return plan_circuit(MIDPOINTS, HEADINGS, PYLONS, dimensions, **LIMITS)
+    return plan_circuit(MIDPOINTS, HEADINGS, dimensions, CONSTRAINTS)
 
 
 @functools.cache
@@ -42,7 +47,11 @@ def moved(dimensions, seed, distance=0.3):
     midpoints, headings = MIDPOINTS + step, HEADINGS + rng.normal(scale=0.03, size=len(HEADINGS))
     pylons = pylons_of(midpoints, headings)
     return plan_circuit(
-        midpoints, headings, pylons, dimensions, previous=reference(dimensions), **LIMITS
+        midpoints,
+        headings,
+        dimensions,
+        FlightConstraints(pylons, **LIMITS),
+        previous=reference(dimensions),
     ), pylons
 
 
@@ -103,7 +112,7 @@ STARTS = {
 def test_start(name, dimensions):
     circuit, start = reference(dimensions), hover(*STARTS[name])
     clock = time.process_time()
-    entry, phase = plan_start(start, circuit, dimensions, PYLONS, **LIMITS)
+    entry, phase = plan_transition_from_hover(start, circuit, dimensions, CONSTRAINTS)
     assert time.process_time() - clock < 10.0
     assert_same(entry.derivatives(0.0), start, 4 * [1e-8])
     assert_same(entry.derivatives(entry.duration), circuit.derivatives(phase), 4 * [1e-7])
@@ -128,7 +137,7 @@ def test_start(name, dimensions):
 
 def test_start_in_four_dimensions_turns_with_the_gates():
     circuit = reference(4)
-    entry, phase = plan_start(hover(0, 0, 5, -1), circuit, 4, PYLONS, **LIMITS)
+    entry, phase = plan_transition_from_hover(hover(0, 0, 5, -1), circuit, 4, CONSTRAINTS)
     for i in range(circuit.gate_times.index(phase)):
         yaw = entry.derivatives(entry.breaks[1 + i])[0, 3]
         assert np.cos(yaw - HEADINGS[i]) == pytest.approx(1.0)
@@ -140,7 +149,7 @@ def test_start_in_four_dimensions_turns_with_the_gates():
 def test_the_start_is_quick(dimensions):
     """From rest at 20 m to gate 1 it loses little on a flying start."""
     circuit = reference(dimensions)
-    entry, phase = plan_start(hover(0, 0, 5, 0), circuit, dimensions, PYLONS, **LIMITS)
+    entry, phase = plan_transition_from_hover(hover(0, 0, 5, 0), circuit, dimensions, CONSTRAINTS)
     # At the limit of acceleration, gate 1 is 2 s away, at full speed 1 s.
     assert 1.5 < entry.duration - phase < 2.5
 
@@ -154,9 +163,11 @@ def test_start_onto_a_lap_with_a_waypoint_in_front_of_a_gate():
         askew = headings.copy()
         askew[turned] += 1.4
         pylons = pylons_of(midpoints, askew)
-        circuit = plan_circuit(midpoints, askew, pylons, 4, **LIMITS)
+        circuit = plan_circuit(midpoints, askew, 4, FlightConstraints(pylons, **LIMITS))
         assert turned in circuit.approach
-        entry, phase = plan_start(hover(-25, -30, 5, 0), circuit, 4, pylons, **LIMITS)
+        entry, phase = plan_transition_from_hover(
+            hover(-25, -30, 5, 0), circuit, 4, FlightConstraints(pylons, **LIMITS)
+        )
         assert_same(entry.derivatives(entry.duration), circuit.derivatives(phase), 4 * [1e-7])
         assert_flyable(entry, pylons)
 
@@ -165,7 +176,9 @@ def test_no_start_from_among_pylons():
     wall = [[10, y] for y in range(-60, 61, 2)] + [[-10, y] for y in range(-60, 61, 2)]
     clock = time.process_time()
     with pytest.raises(TrajectoryOptimizationError):
-        plan_start(hover(0, 0, 5, 0), reference(3), 3, [*PYLONS, *wall], **LIMITS)
+        plan_transition_from_hover(
+            hover(0, 0, 5, 0), reference(3), 3, FlightConstraints([*PYLONS, *wall], **LIMITS)
+        )
     assert time.process_time() - clock < 20.0
 
 
@@ -174,8 +187,8 @@ def test_no_start_from_among_pylons():
 def test_a_change_to_the_same_lap_is_its_last_leg(dimensions, late):
     circuit = reference(dimensions)
     start = circuit.gate_times[-2] + late * (circuit.duration - circuit.gate_times[-2])
-    change = plan_change(
-        circuit.derivatives(start), circuit, circuit.duration - start, PYLONS, **LIMITS
+    change = plan_transition_between_laps(
+        circuit.derivatives(start), circuit, circuit.duration - start, CONSTRAINTS
     )
     assert change.duration == pytest.approx(circuit.duration - start, abs=1e-12)
     for t in np.linspace(0.0, change.duration, 20):
@@ -190,7 +203,9 @@ def test_a_change_to_a_moved_lap(dimensions, seed):
     for late in (0.0, 0.05, 0.3):
         at = old.gate_times[-2] + late
         start, duration = old.derivatives(at), old.duration - at
-        change = plan_change(start, new, duration, pylons, **LIMITS)
+        change = plan_transition_between_laps(
+            start, new, duration, FlightConstraints(pylons, **LIMITS)
+        )
         assert_same(change.derivatives(0.0), start, 5 * [1e-7])
         end = change.derivatives(change.duration)
         assert_same(end, new.derivatives(0.0), (1e-7, 1e-7, 1e-7, 1e-6, 1e-5))
@@ -210,7 +225,7 @@ def test_a_change_does_not_unwind_yaw(turns):
     at = circuit.gate_times[-2]
     start = circuit.derivatives(at)
     start[0, 3] += 2 * np.pi * turns
-    change = plan_change(start, circuit, circuit.duration - at, PYLONS, **LIMITS)
+    change = plan_transition_between_laps(start, circuit, circuit.duration - at, CONSTRAINTS)
     assert change.derivatives(change.duration)[0, 3] == pytest.approx(2 * np.pi * (turns + 1))
 
 
@@ -221,7 +236,7 @@ def test_too_late_for_a_change(dimensions, left):
     old, (new, pylons) = reference(dimensions), moved(dimensions, 0, 3.0)
     start = old.derivatives(old.duration - left)
     with pytest.raises(TrajectoryOptimizationError):
-        plan_change(start, new, left, pylons, **LIMITS)
+        plan_transition_between_laps(start, new, left, FlightConstraints(pylons, **LIMITS))
 
 
 def test_a_change_keeps_clear_of_pylons():
@@ -230,4 +245,6 @@ def test_a_change_keeps_clear_of_pylons():
     start, duration = circuit.derivatives(at), circuit.duration - at
     inside = circuit.derivatives(at + duration / 2)[0, :2]
     with pytest.raises(TrajectoryOptimizationError):
-        plan_change(start, circuit, duration, [*PYLONS, inside], **LIMITS)
+        plan_transition_between_laps(
+            start, circuit, duration, FlightConstraints([*PYLONS, inside], **LIMITS)
+        )

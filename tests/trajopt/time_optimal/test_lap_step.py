@@ -1,12 +1,12 @@
-"""What a step promises of the lap after it, to first order."""
+"""What a step predicts of the lap after it, to first order."""
 
 import numpy as np
 import pytest
 
 from airrace.trajopt.flight_limits import FlightLimits, pack
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.time_optimal.dynamics_rows import DynamicsRows
-from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed, twisted_dynamics
+from airrace.trajopt.time_optimal.dynamics import LinearDynamics, angle_dynamics
+from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
 from airrace.trajopt.time_optimal.lap_step import LapStep
 from airrace.trajopt.time_optimal.visibility import keep_in_view
@@ -33,15 +33,15 @@ def samples(limits, seed=0):
 @pytest.mark.parametrize("drag", LIMITS)
 def test_gradients_of_the_dynamics(drag):
     now = samples(LIMITS[drag])
-    rows = DynamicsRows.linearize(now)
+    rows = LinearDynamics.linearize(now)
     rng = np.random.default_rng(1)
     y = now.derivatives.reshape(5, -1, 4)
-    # The twist's third and fourth derivatives do not matter, nor does the place.
+    # The angle's third and fourth derivatives do not matter, nor does the place.
     change, change_T = rng.normal(size=y.shape), rng.normal(size=len(now.units))
     change[3:, :, 3] = change[0, :, :3] = 0.0
 
     def after(h):
-        thrusts, force, w, _ = twisted_dynamics(
+        thrusts, force, w, _ = angle_dynamics(
             pack(y + h * change), now.units + h * change_T, now.axes, now.limits
         )
         vehicle = now.limits.vehicle
@@ -66,7 +66,7 @@ def test_gradients_of_the_dynamics(drag):
 @pytest.mark.parametrize("drag", LIMITS)
 @pytest.mark.parametrize("quantity", ["force", "rotor"])
 def test_rows_say_what_a_step_does(drag, quantity):
-    """The error of what rows promise falls with the square of the step."""
+    """The error of what rows predict falls with the square of the step."""
     now = samples(LIMITS[drag])
     errors = []
     for size in (3e-2, 3e-3):
@@ -81,18 +81,18 @@ def test_rows_say_what_a_step_does(drag, quantity):
             if quantity == "force"
             else (d.d_rest, d.rest_by_T, d.rest)
         )
-        promised = []
+        predicted = []
         for leg in range(4):
             here, variables = step.of(leg), step.program.NewContinuousVariables(GRID.samples)
             r = step.rows(leg, np.arange(GRID.samples), rows[0, here], by_T[0, here])
             step.equal(leg, variables, r, values[0, here])
-            promised.append(variables)
+            predicted.append(variables)
         new = step.solve()
-        promised = step.result.GetSolution(np.concatenate(promised))
-        after = DynamicsRows.linearize(LapSamples.of(new, GRID, now.limits, TURN))
+        predicted = step.result.GetSolution(np.concatenate(predicted))
+        after = LinearDynamics.linearize(LapSamples.of(new, GRID, now.limits, TURN))
         found = (after.force if quantity == "force" else after.rest)[0]
-        assert np.linalg.norm(promised - values[0]) > size
-        errors.append(np.linalg.norm(found - promised))
+        assert np.linalg.norm(predicted - values[0]) > size
+        errors.append(np.linalg.norm(found - predicted))
     assert errors[1] < 0.03 * errors[0]
 
 

@@ -1,4 +1,4 @@
-"""Ways onto a time-optimal lap: without a jump, within the limits, and quick."""
+"""Transitions onto a time-optimal lap: without a jump, within the limits, and quick."""
 
 import functools
 
@@ -7,14 +7,18 @@ import pytest
 
 from airrace.track import load_track
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.flight_limits import FlightLimits
-from airrace.trajopt.flyable import passes_forward, pylon_distances
+from airrace.trajopt.feasibility import (
+    check_flight,
+    dense_sample_times,
+    passes_forward,
+    pylon_distances,
+)
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap.transition import plan_start
-from airrace.trajopt.plan_summary import check_flight, check_times
+from airrace.trajopt.min_snap.transition import plan_transition_from_hover
 from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
-from airrace.trajopt.time_optimal.optimal_transition import plan_optimal_way
+from airrace.trajopt.time_optimal.optimal_transition import plan_optimal_transition
 from airrace.vehicle import load_vehicle
 
 TRACK, VEHICLE = load_track("student-airrace"), load_vehicle("Default")[0]
@@ -43,9 +47,7 @@ def lap(limits, seed=None):
     gates = windows(step)
     return plan_optimal_circuit(
         gates,
-        PYLONS,
-        LIMITS[limits].scaled(0.99),
-        clearance=CLEARANCE,
+        FlightConstraints(PYLONS, CLEARANCE, LIMITS[limits].scaled(0.99)),
         previous=None if seed is None else lap(limits)[0],
     ), gates
 
@@ -56,16 +58,14 @@ def hover(x=0.0, y=0.0, z=5.0, yaw=0.0):
     return result
 
 
-def way(start, first, k, limits, circuit, gates, **options):
+def transition(start, first, k, limits, circuit, gates, **options):
     legs = np.diff(circuit.gate_times)[: k - 1]
-    return plan_optimal_way(
+    return plan_optimal_transition(
         start,
         [first, *legs],
         gates,
         circuit,
-        PYLONS,
-        LIMITS[limits],
-        clearance=CLEARANCE,
+        FlightConstraints(PYLONS, CLEARANCE, LIMITS[limits]),
         **options,
     )
 
@@ -83,7 +83,7 @@ def assert_sound(found, phase, start, circuit, gates, k, limits):
         jump = found.derivatives(t + 1e-9) - found.derivatives(t - 1e-9)
         np.testing.assert_allclose(jump[:4, :3], 0.0, atol=1e-4)
         np.testing.assert_allclose(jump[:3, 3], 0.0, atol=1e-4)
-    samples = found.sample(check_times(found))
+    samples = found.sample(dense_sample_times(found))
     assert check_flight(samples, PYLONS, LIMITS[limits]).excess <= 0.0
     assert pylon_distances(samples, PYLONS).min() > CLEARANCE - 0.06
     assert samples[2].min() > 0.94
@@ -98,7 +98,7 @@ def assert_sound(found, phase, start, circuit, gates, k, limits):
             for j in at
         ]
         assert min(missed) < 0.05
-        times = check_times(found)[at[int(np.argmin(missed))]]
+        times = dense_sample_times(found)[at[int(np.argmin(missed))]]
         assert passes_forward(found, [times], gates.headings[i : i + 1]).all()
 
 
@@ -106,16 +106,19 @@ def assert_sound(found, phase, start, circuit, gates, k, limits):
 @pytest.mark.parametrize("k", [2, 3])
 def test_from_hover(limits, k):
     circuit, gates = lap(limits)
-    found, phase = way(hover(), 2.0, k, limits, circuit, gates)
+    found, phase = transition(hover(), 2.0, k, limits, circuit, gates)
     assert phase == circuit.gate_times[k - 1]
     assert_sound(found, phase, hover(), circuit, gates, k, limits)
 
 
 def test_it_is_quicker_than_minimum_snap():
     circuit, gates = lap("original")
-    found, phase = way(hover(), 2.0, 3, "original", circuit, gates)
-    snap, joined = plan_start(
-        hover(), circuit, 4, PYLONS, clearance=CLEARANCE, max_speed=20.0, max_acceleration=10.0
+    found, phase = transition(hover(), 2.0, 3, "original", circuit, gates)
+    snap, joined = plan_transition_from_hover(
+        hover(),
+        circuit,
+        4,
+        FlightConstraints(PYLONS, CLEARANCE, FlightLimits(max_speed=20.0, max_acceleration=10.0)),
     )
     assert found.duration - phase < 0.7 * (snap.duration - joined)
     # Nothing gets 20 m from rest to gate 1 in less than 2 s, nor to 20 m/s.
@@ -125,7 +128,7 @@ def test_it_is_quicker_than_minimum_snap():
 def test_a_turned_drone_turns_on_the_way():
     circuit, gates = lap("original")
     start = hover(-10.0, 3.0, 4.0, 0.8)
-    found, phase = way(start, 3.0, 2, "original", circuit, gates)
+    found, phase = transition(start, 3.0, 2, "original", circuit, gates)
     assert_sound(found, phase, start, circuit, gates, 2, "original")
 
 
@@ -137,15 +140,15 @@ def test_from_the_lap_before(limits, seed, known):
     at = lap_before.gate_times[-2] + 0.02
     start, left = lap_before.derivatives(at), lap_before.duration - at
     old = (lambda time: lap_before.derivatives(at + time)) if known else None
-    found, phase = way(start, left, 2, limits, new, gates, old=old)
+    found, phase = transition(start, left, 2, limits, new, gates, old=old)
     assert_sound(found, phase, start, new, gates, 2, limits)
     # It costs next to nothing.
     assert abs(found.duration - phase - left) < 0.1
 
 
-def test_the_same_input_gives_the_same_way():
+def test_the_same_input_gives_the_same_transition():
     circuit, gates = lap("original")
-    one, other = (way(hover(), 2.0, 2, "original", circuit, gates)[0] for _ in range(2))
+    one, other = (transition(hover(), 2.0, 2, "original", circuit, gates)[0] for _ in range(2))
     times = np.linspace(0.0, one.duration, 50)
     np.testing.assert_array_equal(one.sample(times), other.sample(times))
 
@@ -160,12 +163,10 @@ def test_none_is_one_clear_error(fault):
         start = hover(17.0, 4.0)
         start[1, :3] = 0.0, 20.0, 0.0
     with pytest.raises(TrajectoryOptimizationError):
-        plan_optimal_way(
+        plan_optimal_transition(
             start,
             [1.0, circuit.gate_times[1]],
             gates,
             circuit,
-            pylons,
-            LIMITS["original"],
-            clearance=CLEARANCE,
+            FlightConstraints(pylons, CLEARANCE, LIMITS["original"]),
         )

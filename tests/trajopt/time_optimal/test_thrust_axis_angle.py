@@ -1,4 +1,4 @@
-"""Twist instead of yaw: axes that do not turn, and the yaw that comes of it."""
+"""The thrust-axis angle instead of yaw: axes that do not turn, and the yaw that comes of it."""
 
 import numpy as np
 import pytest
@@ -7,10 +7,11 @@ from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, inverse_dynamics
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.reference import as_reference
-from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, twisted_dynamics
+from airrace.trajopt.time_optimal.dynamics import angle_dynamics
+from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
 from airrace.trajopt.time_optimal.optimal_circuit import flat_polynomial
-from airrace.trajopt.time_optimal.thrust_axis_angle import heading_of_twist
+from airrace.trajopt.time_optimal.thrust_axis_angle import yaw_of_attitude
 from airrace.vehicle import GRAVITY, load_vehicle
 
 LIMITS = [
@@ -21,7 +22,7 @@ TURN = 2 * np.pi
 
 
 def loop():
-    """Returns a lap round a square, fast enough to lean, with some twist."""
+    """Returns a lap round a square, fast enough to lean, with some thrust-axis angle."""
     angle = np.pi / 2 * np.arange(4)
     forward = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(4)])
     out = np.column_stack([np.sin(angle), -np.cos(angle), np.zeros(4)])
@@ -42,9 +43,9 @@ def test_axes_do_not_turn_about_the_thrust_and_close_with_the_lap(limits):
     lean = np.arccos(np.cross(x, y, axis=0)[2])
     assert lean.max() > 0.5  # else it would be easy
     assert np.abs(turns).max() < 1e-6
-    # At the end the twisted body is as it was at the start.
-    twist = samples.derivatives[0, ..., 3].ravel()
-    body = np.cos(twist) * x + np.sin(twist) * y
+    # At the end the body is as it was at the start.
+    angle = samples.derivatives[0, ..., 3].ravel()
+    body = np.cos(angle) * x + np.sin(angle) * y
     np.testing.assert_allclose(body[:, -1], body[:, 0], atol=0.1)
     assert (
         abs(
@@ -60,7 +61,7 @@ def test_yaw_gives_the_same_thrusts(limits):
     grid = Grid(6, 48)
     samples = LapSamples.of(loop(), grid, limits, TURN)
     units = samples.units
-    thrusts, force, w, alpha = twisted_dynamics(samples.flat, units, samples.axes, limits)
+    thrusts, force, w, alpha = angle_dynamics(samples.flat, units, samples.axes, limits)
     lap = FlatTrajectory(flat_polynomial(samples.lap, limits, TURN, 8))
     times = samples.lap.sample_times(grid.fractions).ravel()
     flat = lap.sample(times)
@@ -78,7 +79,7 @@ def test_yaw_gives_the_same_thrusts(limits):
     )
 
 
-def test_heading_of_twist_inverts_attitude_from_force():
+def test_yaw_of_attitude_inverts_attitude_from_force():
     rng = np.random.default_rng(0)
     force = rng.normal(size=(3, 50)) * 3.0 + [[0.0], [0.0], [12.0]]
     rates = rng.normal(size=(2, 3, 50)) * 5.0
@@ -90,7 +91,7 @@ def test_heading_of_twist_inverts_attitude_from_force():
         tuple(rates[1]),
         heading_vectors(np.cos(yaw), np.sin(yaw), yaw_rate, yaw_acceleration),
     )
-    found = heading_of_twist([np.array(a) for a in axes], np.array(w), np.array(alpha))
+    found = yaw_of_attitude([np.array(a) for a in axes], np.array(w), np.array(alpha))
     np.testing.assert_allclose(found[0], yaw, atol=1e-9)
     np.testing.assert_allclose(found[1], yaw_rate, atol=1e-9)
     np.testing.assert_allclose(found[2], yaw_acceleration, atol=1e-8)

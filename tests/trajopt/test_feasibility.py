@@ -7,21 +7,22 @@ from hypothesis import strategies as st
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.track import PYLON_HEIGHT
-from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.trajopt.flyable import (
-    LOWEST,
+from airrace.trajopt.feasibility import (
     MAX_CROSSING_ANGLE,
+    MIN_HEIGHT,
     clearance_of,
-    is_flyable,
+    is_feasible,
     passes_forward,
     peaks,
     pylon_distances,
     sample_times,
 )
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
 from airrace.vehicle import load_vehicle
 
-LIMITS = dict(clearance=2.0, max_speed=20.0, max_acceleration=10.0)
+LIMITS = dict(clearance=2.0, limits=FlightLimits(max_speed=20.0, max_acceleration=10.0))
 NONE = np.zeros((0, 2))
 few = settings(max_examples=40)
 
@@ -47,14 +48,18 @@ def test_peaks_of_rest_to_rest(distance, duration):
     samples = trajectory.sample(sample_times(trajectory))
     assert peaks(samples) == pytest.approx((speed, acceleration), rel=1e-3)
     assume(abs(speed - 20) > 0.1 and abs(acceleration - 10) > 0.1)
-    assert is_flyable(trajectory, NONE, **LIMITS) == (speed < 20 and acceleration < 10)
+    assert is_feasible(trajectory, FlightConstraints(NONE, **LIMITS)) == (
+        speed < 20 and acceleration < 10
+    )
 
 
 @few
 @given(st.floats(0.0, 3.0))
 def test_height(lowest):
-    assume(abs(lowest - LOWEST) > 1e-6)
-    assert is_flyable(line([0, 0, lowest], [5, 0, 5], 5.0), NONE, **LIMITS) == (lowest > LOWEST)
+    assume(abs(lowest - MIN_HEIGHT) > 1e-6)
+    assert is_feasible(line([0, 0, lowest], [5, 0, 5], 5.0), FlightConstraints(NONE, **LIMITS)) == (
+        lowest > MIN_HEIGHT
+    )
 
 
 @few
@@ -70,8 +75,10 @@ def test_pylons(offset, height, angle, clearance):
     distances = pylon_distances(trajectory.sample(sample_times(trajectory)), [[0, 0], [500, 0]])
     assert distances.shape == (len(sample_times(trajectory)), 2)
     assert distances.min() == pytest.approx(distance, abs=1e-3 + 0.05 * (distance < 1))
-    assert is_flyable(trajectory, [[0, 0], [500, 0]], **limits) == (distance > clearance)
-    assert is_flyable(trajectory, [[500, 0]], **limits)
+    assert is_feasible(trajectory, FlightConstraints([[0, 0], [500, 0]], **limits)) == (
+        distance > clearance
+    )
+    assert is_feasible(trajectory, FlightConstraints([[500, 0]], **limits))
 
 
 def test_the_clearance_grows_with_the_drone():
@@ -81,14 +88,16 @@ def test_the_clearance_grows_with_the_drone():
 
 
 def test_height_alone_is_no_fault():
-    assert is_flyable(line([0, 0, 5], [5, 0, PYLON_HEIGHT + 10], 6.0), [[30, 0]], **LIMITS)
+    assert is_feasible(
+        line([0, 0, 5], [5, 0, PYLON_HEIGHT + 10], 6.0), FlightConstraints([[30, 0]], **LIMITS)
+    )
 
 
 def test_what_is_not_a_number_cannot_be_flown():
     trajectory = line([0, 0, 5], [5, 0, 5], 5.0)
     nan = FlatTrajectory(PiecewisePolynomial.ZeroOrderHold([0, 1.0], np.full((4, 2), np.nan)))
-    assert is_flyable(trajectory, NONE, **LIMITS)
-    assert not is_flyable(nan, NONE, **LIMITS)
+    assert is_feasible(trajectory, FlightConstraints(NONE, **LIMITS))
+    assert not is_feasible(nan, FlightConstraints(NONE, **LIMITS))
 
 
 @few

@@ -1,0 +1,132 @@
+"""The planning problem of a lap, and what finds laps and transitions for it."""
+
+import abc
+import dataclasses as dc
+import functools
+
+import numpy as np
+
+from airrace.common.immutable import Immutable
+from airrace.systems.planning.lap_plan import LapPlan
+from airrace.systems.planning.map_margins import largest_move
+from airrace.trajopt.feasibility import clearance_of, dense_sample_times, pylon_distances
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
+from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.min_snap.circuit import Circuit
+from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_lap
+from airrace.vehicle import Vehicle
+
+_SLACK = 0.05  # m, by which an old lap may miss what is asked of a new one
+
+
+@dc.dataclass(frozen=True, eq=False)
+class LapProblem(Immutable):
+    """All that a plan depends on, so that any process can find it.
+
+    Attributes:
+        trajectory: "3", "4" or "6" dimensions of minimum snap, or "optimal" in time.
+        vehicle: that flies it.
+        max_speed, max_acceleration: (m/s), (m/s^2); inf for none.
+        thrust_share: of the rotors' limits; the rest is for the controller.
+        gates: tuple of GateEstimate, in the order of flight.
+        pylons: axes to keep clear of, [x, y], (m, 2) m; first those of the gates, left
+            and right.
+        margins: between drone and boards of each, for what map and controller leave,
+            (m,) m.
+        start_time: when the plan comes into force (s).
+        start: value and four derivatives of x, y, z (m) and yaw (rad) at that time,
+            (5, 4); at rest, if there is no old plan.
+        old: the LapPlan in force until then, or None before the first.
+    """
+
+    trajectory: str
+    vehicle: Vehicle
+    max_speed: float
+    max_acceleration: float
+    thrust_share: float
+    gates: tuple
+    pylons: np.ndarray
+    margins: np.ndarray
+    start_time: float
+    start: np.ndarray
+    old: LapPlan | None
+
+    def has_same_lap(self, other: "LapProblem") -> bool:
+        """Whether the lap of another problem leads through the very same gates."""
+        return (
+            [gate.number for gate in self.gates] == [gate.number for gate in other.gates]
+            and largest_move(self.gates, other.gates) == 0.0
+            and np.array_equal(self.pylons, other.pylons)
+            and np.array_equal(self.margins, other.margins)
+        )
+
+
+class Laps(abc.ABC):
+    """Finds laps of one kind for a LapProblem, and transitions onto them.
+
+    Attributes:
+        solver: its name.
+        constraints: FlightConstraints of the laps.
+    """
+
+    solver: str
+
+    def __init__(self, problem: LapProblem):
+        """Args: problem: to solve. Raises TrajectoryOptimizationError if there can be no lap."""
+        self._problem = problem
+        limits = FlightLimits(
+            problem.vehicle,
+            thrust_share=problem.thrust_share,
+            max_speed=problem.max_speed,
+            max_acceleration=problem.max_acceleration,
+        )
+        limits.check()
+        clearance = clearance_of(problem.vehicle.radius, problem.margins)
+        self.constraints = FlightConstraints(problem.pylons, clearance, limits)
+        self._gates = self._gate_regions()
+
+    @abc.abstractmethod
+    def _gate_regions(self) -> GateRegions:
+        """Returns where the gates may be crossed."""
+
+    @abc.abstractmethod
+    def lap(self, previous: Circuit | None) -> Circuit:
+        """Returns a lap, searched for from a previous one if there is one.
+
+        Raises:
+            TrajectoryOptimizationError: if none was found.
+        """
+
+    @abc.abstractmethod
+    def transition(self, circuit: Circuit, start, remaining) -> tuple[FlatTrajectory, float]:
+        """Returns the quickest transition onto a lap, and when on the lap it joins (s).
+
+        Args:
+            circuit: the lap.
+            start: value and four derivatives of x, y, z (m) and yaw (rad), (5, 4).
+            remaining: of the lap before, from there to gate 1 (s); None from hover.
+
+        Raises:
+            TrajectoryOptimizationError: if there is none.
+        """
+
+    def bound(self) -> float:
+        """Returns the lap time of a point mass (s)."""
+        return self._point_mass_lap.duration
+
+    @functools.cached_property
+    def _point_mass_lap(self) -> PointMassBound:
+        return point_mass_lap(self._gates, self.constraints)
+
+    def fits(self, circuit: Circuit) -> bool:
+        """Whether a lap leads through the gates, and clear of pylons, as they are known now."""
+        crossed = np.array([circuit.derivatives(t)[0, :3] for t in circuit.gate_times[:-1]])
+        if crossed.shape != self._gates.midpoints.shape:
+            return False
+        missed = np.linalg.norm(self._gates.nearest(crossed) - crossed, axis=1)
+        samples = circuit.sample(dense_sample_times(circuit))
+        distances = pylon_distances(samples, self.constraints.pylons)
+        return bool(
+            missed.max() <= _SLACK and np.all(distances >= self.constraints.clearance - _SLACK)
+        )

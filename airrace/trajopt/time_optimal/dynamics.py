@@ -1,0 +1,113 @@
+"""Inverse dynamics in normalised time, with the thrust-axis angle in the place of yaw.
+
+With s = t / T, T the duration of a leg, all forces are multiplied by T^2 and all angular
+velocities by T: so both are functions of the derivatives with respect to s, and of T where
+gravity and drag come in.
+"""
+
+import dataclasses as dc
+
+import numpy as np
+
+from airrace.trajopt.flatness import moments, thrust_vectors, unit_vector
+from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
+from airrace.vehicle import GRAVITY
+
+_STEP = 1e-30  # of the complex-step derivative: no digits cancel
+# What the inverse dynamics depend on: (derivative, dimension), and then the unit of time.
+_INPUTS = [(k, d) for k in (1, 2, 3, 4) for d in range(3)] + [(k, 3) for k in range(3)]
+_ROWS = np.hstack(as_reference(np.arange(REFERENCE_SIZE))[1:])  # all but the position
+
+
+def angle_dynamics(flat, units, axes, limits: FlightLimits):
+    """Inverse dynamics with twist in the place of yaw.
+
+    Args:
+        flat: samples as in trajopt/reference.py, in normalised time, (18, N), real
+            or complex.
+        units: of time (s), (N,).
+        axes: of a body without twist, see LapSamples.
+        limits: for vehicle and drag.
+
+    Returns:
+        (thrusts, force, w, alpha): T^2 times the thrust of every rotor, (rotors, N),
+        and the specific force, (3, N); T and T^2 times the angular velocity and
+        acceleration in B, (3, N).
+    """
+    vehicle = limits.vehicle
+    *force, surplus = thrust_vectors(flat, vehicle, GRAVITY * units**2, limits.drag, units)
+    b, db, ddb = (np.array(v) for v in unit_vector(*force))
+    *_, twist, rate, acceleration = as_reference(flat)
+    c, s = np.cos(twist), np.sin(twist)
+    x, y = c * axes[0] + s * axes[1], c * axes[1] - s * axes[0]
+    # The thrust's axis may be off the one that belongs to the axes, a little.
+    x, y = x - np.sum(x * b, axis=0) * b, y - np.sum(y * b, axis=0) * b
+    w = np.array([-np.sum(y * db, axis=0), np.sum(x * db, axis=0), rate])
+    alpha = np.array(
+        [
+            -np.sum(y * ddb, axis=0) + w[1] * w[2],
+            np.sum(x * ddb, axis=0) - w[0] * w[2],
+            acceleration,
+        ]
+    )
+    force = np.array(force[0])
+    thrust = np.sqrt(np.sum(force * force, axis=0))
+    if limits.drag > 0.0:
+        thrust = thrust + surplus * np.sum(as_reference(flat).velocity * b, axis=0)
+    moment = moments(vehicle, w, alpha, limits.drag, units)
+    wrench = np.vstack([vehicle.mass * thrust[None], moment])
+    return limits.from_wrench @ wrench, force, w, alpha
+
+
+@dc.dataclass(frozen=True, eq=False)
+class LinearDynamics:
+    """Inverse dynamics of samples in normalised time, and their gradients.
+
+    With T the duration of the leg of a sample:
+
+    Attributes:
+        force: T^2 times the specific force that the thrust makes, (3, N).
+        rest: T^2 times the thrust of every rotor without its share of the thrust
+            that balances this force, (rotors, N).
+        rate: T times the amount of the angular velocity, (1, N).
+        d_force, d_rest, d_rate: by derivatives with respect to normalised time,
+            (rows, N, 5, 4).
+        force_by_T, rest_by_T, rate_by_T: by T, (rows, N).
+    """
+
+    force: np.ndarray
+    rest: np.ndarray
+    rate: np.ndarray
+    d_force: np.ndarray
+    d_rest: np.ndarray
+    d_rate: np.ndarray
+    force_by_T: np.ndarray
+    rest_by_T: np.ndarray
+    rate_by_T: np.ndarray
+
+    @classmethod
+    def linearize(cls, samples) -> "LinearDynamics":
+        """Args: samples: LapSamples."""
+        vehicle = samples.limits.vehicle
+        N, count = len(samples.units), len(_INPUTS) + 1
+        flat = np.repeat(samples.flat[:, None], count, axis=1).astype(complex)
+        T = np.repeat(samples.units[None], count, axis=0).astype(complex)
+        for i, row in enumerate(_ROWS):
+            flat[row, i] += 1j * _STEP
+        T[-1] += 1j * _STEP
+        axes = [np.tile(axis, count) for axis in samples.axes]
+        thrusts, force, w, _ = angle_dynamics(flat.reshape(18, -1), T.ravel(), axes, samples.limits)
+        share = samples.limits.from_wrench[:, :1] * vehicle.mass
+        rest = thrusts - share * np.sqrt(np.sum(force * force, axis=0))
+        rate = np.sqrt(np.sum(w * w, axis=0) + 1e-12)[None]
+        values, gradients, by_T = [], [], []
+        for x in (force, rest, rate):
+            x = x.reshape(len(x), count, N)
+            d = np.zeros((len(x), N, 5, 4))
+            for i, (k, dim) in enumerate(_INPUTS):
+                d[:, :, k, dim] = x[:, i].imag / _STEP
+            values.append(x[:, -1].real)
+            gradients.append(d)
+            by_T.append(x[:, -1].imag / _STEP)
+        return cls(*values, *gradients, *by_T)

@@ -1,0 +1,139 @@
+"""Costs and constraints of a step that concern the path: nearness, smoothness, clearance, gates."""
+
+import numpy as np
+
+from airrace.trajopt.feasibility import MAX_CROSSING_ANGLE, MIN_HEIGHT
+from airrace.trajopt.flight_limits import FlightConstraints
+from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.time_optimal.lap_spline import LapSpline, basis
+from airrace.trajopt.time_optimal.lap_step import LapStep
+
+_SPACING = 0.25  # m, of samples, or so
+_SPARSE = 10  # samples to one constraint of height
+_BAND, _DEPTH = 2.5, 0.05  # m, of constraints beyond the clearance, and the nearest point
+_MARGIN = 0.02  # m, for what lies between samples
+
+
+def proximal_cost(step: LapStep, weight: float) -> None:
+    """Adds the squared change of speed, acceleration, jerk and snap of the path.
+
+    Each is relative to its root mean square over the lap, and the mean of all is
+    weighed against the time: the constraints of a step are good near the lap that
+    it starts from.
+
+    Args:
+        step: to add to.
+        weight: of a change by all of it, as a share of the lap time.
+    """
+    y, T = step.samples.derivatives[..., :3], step.lap.durations
+    n, samples = y.shape[1:3]
+    orders = np.arange(5)
+    powers = T[:, None] ** -orders
+    rms = np.sqrt(np.mean(np.sum((y * powers.T[:, :, None, None]) ** 2, axis=3), axis=(1, 2)))
+    share = np.sqrt(weight * step.lap.duration / (n * samples))
+    for leg in range(n):
+        blocks = []
+        for k in orders[1:]:
+            by_z, by_stretch = step.derivatives(leg, k)
+            scale = share * powers[leg, k] / rms[k]
+            block = np.zeros((3, samples, 4 * by_z.shape[1] + 2))
+            for d in range(3):
+                block[d, :, d:-2:4] = scale * by_z
+                block[d, :, -1] = scale * (by_stretch[:, d] - k * y[k, leg, :, d])
+            blocks.append(block.reshape(3 * samples, -1))
+        rows = np.vstack(blocks)
+        step.least_squares(leg, rows, np.zeros(len(rows)))
+
+
+def angle_cost(step: LapStep, weight: float) -> None:
+    """Adds the mean squared second derivative of the thrust-axis angle (rad/s^2).
+
+    Args:
+        step: to add to.
+        weight: as a share of the lap time.
+    """
+    T, y = step.lap.durations, step.samples.derivatives[2, ..., 3]
+    for leg in range(len(T)):
+        by_z, _ = step.derivatives(leg, 2)
+        scale = np.sqrt(weight * step.lap.duration / y.size) / T[leg] ** 2
+        rows = np.zeros((len(by_z), 4 * by_z.shape[1] + 2))
+        rows[:, 3:-2:4] = scale * by_z
+        step.least_squares(leg, rows, scale * y[leg])
+
+
+def keep_clear(step: LapStep, constraints: FlightConstraints, cost: float) -> None:
+    """Adds half planes that keep the path off the pylons' axes, and a least height.
+
+    Pylons are taken for endless: no lap is meant to lead over one.
+
+    Args:
+        step: to add to.
+        constraints: of the flight.
+        cost: of coming nearer by a metre (s).
+    """
+    for leg, (matrices, place) in enumerate(_places(step.lap)):
+        away, distance = _from_pylons(place, constraints.pylons)
+        room = distance - constraints.clearance
+        nearest = distance.min(axis=0, initial=np.inf)
+        which, pylon = np.nonzero((room < _BAND) & (distance < nearest + _DEPTH))
+        normal = away[which, pylon] / distance[which, pylon][:, None]
+        low = np.flatnonzero(place[:, 2] < MIN_HEIGHT + _BAND)[::_SPARSE]
+        gradients = np.zeros((len(which) + len(low), 1, 4))
+        gradients[: len(which), 0, :2] = -normal
+        gradients[len(which) :, 0, 2] = -1.0
+        rooms = np.concatenate([room[which, pylon] - _MARGIN, place[low, 2] - MIN_HEIGHT - _MARGIN])
+        rows = step.rows(leg, np.concatenate([which, low]), gradients, 0.0, matrices)
+        step.at_most(leg, rows, rooms, slack_cost=cost)
+
+
+def shortfall(lap: LapSpline, constraints: FlightConstraints) -> float:
+    """Returns how much nearer than allowed a lap comes to a pylon or the ground (m)."""
+    lack = 0.0
+    for _, place in _places(lap):
+        _, distance = _from_pylons(place, constraints.pylons)
+        lack = max(
+            lack,
+            np.max(constraints.clearance - distance, initial=-np.inf),
+            MIN_HEIGHT - place[:, 2].min(),
+        )
+    return float(lack)
+
+
+def _places(lap: LapSpline):
+    """Returns leg by leg the matrices (1, k, coefficients) and places (k, 3) of samples."""
+    result = []
+    for leg, z in enumerate(lap.coefficients()):
+        length = np.linalg.norm(np.diff(z[[0, -5], :3], axis=0))
+        count = 20 * int(np.clip(np.ceil(length / _SPACING / 20), 2, 25))
+        matrices = basis(lap.pieces, tuple(np.arange(count) / count))[:1]
+        result.append((matrices, matrices[0] @ z[:, :3]))
+    return result
+
+
+def _from_pylons(place, pylons):
+    """Returns vectors from pylons to samples, (k, m, 2), and their lengths."""
+    away = place[:, None, :2] - np.reshape(pylons, (-1, 2))
+    return away, np.maximum(np.linalg.norm(away, axis=2), 1e-6)
+
+
+def cross_forward(step: LapStep, gates: GateRegions, cost: float) -> None:
+    """Adds that velocities at gates are within MAX_CROSSING_ANGLE of the headings.
+
+    Args:
+        step: to add to.
+        gates: see there.
+        cost: of a wrong speed (s per m/s).
+    """
+    most = 1.0 / np.cos(MAX_CROSSING_ANGLE)
+    for i in step.passed:
+        forward = gates.forward[i]
+        variables, unit = step.at_gate(i, 1)
+        slack = step.program.NewContinuousVariables(1)
+        step.program.AddBoundingBoxConstraint(0.0, np.inf, slack)
+        step.program.AddLinearCost([cost], slack)
+        A = np.zeros((4, 4))
+        A[0, :3], A[0, 3], A[1:, :3] = most * unit * forward, 1.0, unit * np.eye(3)
+        v = step.lap.gates[i, 1, :3]
+        step.program.AddLorentzConeConstraint(
+            A, np.array([most * forward @ v, *v]), [*variables, *slack]
+        )

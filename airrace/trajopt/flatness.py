@@ -3,19 +3,20 @@
 import numpy as np
 
 from airrace.common.jit import compilable
-from airrace.math.vec3 import cross, dot, sum2, sum3
+from airrace.math import vec3
+from airrace.math.vec3 import dot
 from airrace.trajopt.reference import as_reference
 
 
 @compilable
 def unit_vector(n, dn, ddn):
-    """Returns n / |n| and its first two derivatives, given those of n."""
+    """Returns n / |n| and its first two derivatives, given those of n, (3,) or (3, N)."""
     length = dot(n, n) ** 0.5
     scale = 1 / length
-    u = (scale * n[0], scale * n[1], scale * n[2])
+    u = scale * n
     rate = dot(u, dn)
-    du = sum2(scale, dn, -rate / length, u)
-    ddu = sum3(scale, ddn, -(dot(du, dn) + dot(u, ddn)) / length, u, -2 * rate / length, du)
+    du = scale * dn + (-rate / length) * u
+    ddu = scale * ddn + (-(dot(du, dn) + dot(u, ddn)) / length) * u + (-2 * rate / length) * du
     return u, du, ddu
 
 
@@ -27,48 +28,55 @@ def attitude_from_force(force, force_rate, force_acceleration, heading):
     and heading, as in Lee, Leok, McClamroch (CDC 2010), equation (23); the
     derivatives follow from differentiating that construction twice.
 
-    Every vector is a tuple of three components, each a float or an array of
-    samples: floats make this fast enough for a control loop, arrays check a
-    whole trajectory at once.
+    All vectors are (3,), or (3, N) for N samples.
 
     Args:
         force: specific force a + g e_z that the rotors must produce (m/s^2).
         force_rate, force_acceleration: its derivatives.
-        heading: triple of the horizontal unit vector along the yaw and its
-            first two derivatives, each a vector.
+        heading: the horizontal unit vector along the yaw and its
+            first two derivatives, a tuple.
 
     Returns:
         (axes, w, alpha): body axes x, y, z in the world (the columns of
         R_WB); angular velocity (rad/s) and acceleration (rad/s^2), in B.
     """
-    b3, db3, ddb3 = unit_vector(force, force_rate, force_acceleration)
+    b3, db3, ddb3 = unit_vector(
+        np.array((force[0], force[1], force[2])),
+        np.array((force_rate[0], force_rate[1], force_rate[2])),
+        np.array((force_acceleration[0], force_acceleration[1], force_acceleration[2])),
+    )
     h, dh, ddh = heading
     b2, db2, ddb2 = unit_vector(
         cross(b3, h),
-        sum2(1.0, cross(db3, h), 1.0, cross(b3, dh)),
-        sum3(1.0, cross(ddb3, h), 2.0, cross(db3, dh), 1.0, cross(b3, ddh)),
+        cross(db3, h) + cross(b3, dh),
+        cross(ddb3, h) + 2.0 * cross(db3, dh) + cross(b3, ddh),
     )
     b1 = cross(b2, b3)
-    db1 = sum2(1.0, cross(db2, b3), 1.0, cross(b2, db3))
+    db1 = cross(db2, b3) + cross(b2, db3)
     # The entries of R^T dR and of its derivative R^T ddR + dR^T dR.
-    w = (dot(b3, db2), dot(b1, db3), dot(b2, db1))
-    alpha = (
-        dot(b3, ddb2) + dot(db3, db2),
-        dot(b1, ddb3) + dot(db1, db3),
-        -(dot(b1, ddb2) + dot(db1, db2)),
+    w = np.array((dot(b3, db2), dot(b1, db3), dot(b2, db1)))
+    alpha = np.array(
+        (
+            dot(b3, ddb2) + dot(db3, db2),
+            dot(b1, ddb3) + dot(db1, db3),
+            -(dot(b1, ddb2) + dot(db1, db2)),
+        )
     )
     return (b1, b2, b3), w, alpha
 
 
 @compilable
+def cross(a, b):
+    """Returns a x b of vectors (3,) or (3, N)."""
+    return np.array(vec3.cross(a, b))
+
+
+@compilable
 def heading_vectors(cos_yaw, sin_yaw, yaw_rate, yaw_acceleration):
-    """Returns the heading and its two derivatives for attitude_from_force."""
+    """Returns the heading and its two derivatives for attitude_from_force()."""
     zero = 0.0 * cos_yaw
-    h = (cos_yaw, sin_yaw, zero)
-    left = (-sin_yaw, cos_yaw, zero)
-    dh = (yaw_rate * left[0], yaw_rate * left[1], zero)
-    ddh = sum2(yaw_acceleration, left, -yaw_rate * yaw_rate, h)
-    return h, dh, ddh
+    h, left = np.array((cos_yaw, sin_yaw, zero)), np.array((-sin_yaw, cos_yaw, zero))
+    return h, yaw_rate * left, yaw_acceleration * left + (-yaw_rate * yaw_rate) * h
 
 
 def rotor_thrusts(flat_outputs, vehicle, gravity) -> np.ndarray:
@@ -106,8 +114,8 @@ def inverse_dynamics(flat_outputs, vehicle, gravity, drag=0.0):
         *force, heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration)
     )
     thrust = vehicle.mass * (dot(force[0], force[0]) ** 0.5 + surplus * dot(r.velocity, axes[2]))
-    moment = moments(vehicle, np.array(w), np.array(alpha), drag)
-    return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust[None], moment]), np.array(w)
+    moment = moments(vehicle, w, alpha, drag)
+    return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust[None], moment]), w
 
 
 def moments(vehicle, w, alpha, drag=0.0, unit=1.0) -> np.ndarray:
@@ -119,7 +127,7 @@ def moments(vehicle, w, alpha, drag=0.0, unit=1.0) -> np.ndarray:
         drag, unit: see thrust_vectors().
     """
     J = np.array(vehicle.inertia)[:, None]
-    moment = J * alpha + np.array(cross(w, J * w))
+    moment = J * alpha + cross(w, J * w)
     if drag > 0.0:
         moment = moment + drag * np.array(vehicle.drag.angular)[:, None] * unit * w
     return moment
@@ -143,12 +151,12 @@ def thrust_vectors(flat_outputs, vehicle, gravity, drag=0.0, unit=1.0):
         unit: of time (s), a number or (N,).
 
     Returns:
-        (force, its rate, its acceleration, surplus): three vectors per mass, each
-        a tuple of three arrays (N,); the thrust over mass is the amount of the
+        (force, its rate, its acceleration, surplus): three vectors per mass, (3, N);
+        the thrust over mass is the amount of the
         force, and the surplus times the velocity along it.
     """
     _, v, a, j, s, *_ = as_reference(flat_outputs)
-    force = (a[0], a[1], a[2] + gravity)
+    force = np.array((a[0], a[1], a[2] + gravity))
     if drag == 0.0:
         return force, j, s, 0.0
     speed = (dot(v, v) + 1e-12) ** 0.5
@@ -159,9 +167,4 @@ def thrust_vectors(flat_outputs, vehicle, gravity, drag=0.0, unit=1.0):
     c, c_z = (k * unit + q * speed for k, q in zip(linear, quadratic))
     dc = quadratic[0] * dot(v, a) / speed
     ddc = quadratic[0] * ((dot(a, a) + dot(v, j)) / speed - dot(v, a) ** 2 / speed**3)
-    return (
-        sum2(1.0, force, c, v),
-        sum3(1.0, j, dc, v, c, a),
-        sum2(1.0, sum3(1.0, s, ddc, v, 2.0 * dc, a), c, j),
-        c_z - c,
-    )
+    return (force + c * v, j + dc * v + c * a, s + ddc * v + 2.0 * dc * a + c * j, c_z - c)

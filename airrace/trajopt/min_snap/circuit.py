@@ -188,7 +188,7 @@ def _slowed(lap, limits: FlightLimits) -> Circuit:
 
 
 def _faults(circuit: Circuit, constraints: FlightConstraints) -> set:
-    """Returns the gates that are passed sideways or nearest to a pylon on the way."""
+    """Returns the gates that are passed sideways or nearest to where a pylon is too near."""
     gate_times = np.array(circuit.gate_times)
     forward = passes_forward(circuit, gate_times[:-1], circuit.headings)
     times = sample_times(circuit)

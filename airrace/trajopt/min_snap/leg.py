@@ -32,7 +32,7 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
             from, (>= 4, 4).
         waypoints: x, y, z and yaw, (m, 4); yaw turns the shorter way.
         max_speed, max_acceleration: (m/s), (m/s^2); exceeded only by a start
-            that is too fast for the way.
+            that is too fast for it.
 
     Raises:
         TrajectoryOptimizationError: if there is no such flight.

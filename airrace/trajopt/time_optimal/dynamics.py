@@ -21,13 +21,13 @@ _ROWS = np.hstack(as_reference(np.arange(REFERENCE_SIZE))[1:])  # all but the po
 
 
 def angle_dynamics(flat, units, axes, limits: FlightLimits):
-    """Inverse dynamics with twist in the place of yaw.
+    """Returns the inverse dynamics with the thrust-axis angle in the place of yaw.
 
     Args:
         flat: samples as in trajopt/reference.py, in normalised time, (18, N), real
             or complex.
         units: of time (s), (N,).
-        axes: of a body without twist, see LapSamples.
+        axes: of a body that does not turn about its thrust, see LapSamples.
         limits: for vehicle and drag.
 
     Returns:
@@ -37,9 +37,9 @@ def angle_dynamics(flat, units, axes, limits: FlightLimits):
     """
     vehicle = limits.vehicle
     *force, surplus = thrust_vectors(flat, vehicle, GRAVITY * units**2, limits.drag, units)
-    b, db, ddb = (np.array(v) for v in unit_vector(*force))
-    *_, twist, rate, acceleration = as_reference(flat)
-    c, s = np.cos(twist), np.sin(twist)
+    b, db, ddb = unit_vector(*force)
+    *_, angle, rate, acceleration = as_reference(flat)
+    c, s = np.cos(angle), np.sin(angle)
     x, y = c * axes[0] + s * axes[1], c * axes[1] - s * axes[0]
     # The thrust's axis may be off the one that belongs to the axes, a little.
     x, y = x - np.sum(x * b, axis=0) * b, y - np.sum(y * b, axis=0) * b
@@ -51,7 +51,7 @@ def angle_dynamics(flat, units, axes, limits: FlightLimits):
             acceleration,
         ]
     )
-    force = np.array(force[0])
+    force = force[0]
     thrust = np.sqrt(np.sum(force * force, axis=0))
     if limits.drag > 0.0:
         thrust = thrust + surplus * np.sum(as_reference(flat).velocity * b, axis=0)

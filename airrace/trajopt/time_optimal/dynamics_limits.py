@@ -6,22 +6,21 @@ from airrace.trajopt.time_optimal.lap_step import LapStep
 from airrace.vehicle import GRAVITY
 
 
-def limit_dynamics(step: LapStep, reach: float) -> None:
+def limit_dynamics(step: LapStep, band: float) -> None:
     """Adds the limits of speed, acceleration, angular velocity, lift and rotors.
 
     Args:
         step: to add to.
-        reach: share of a limit that a step may change; samples farther from it are
-            left out.
+        band: share of a limit; samples farther from it are left out.
     """
     limits, dynamics = step.samples.limits, step.dynamics
     for leg, T in enumerate(step.lap.durations):
         here = step.of(leg)
-        _cones(step, leg, 1, limits.max_speed, 1.0 - reach)
-        _cones(step, leg, 2, limits.max_acceleration, 1.0 - reach)
-        _rotors(step, leg, reach)
+        _cones(step, leg, 1, limits.max_speed, 1.0 - band)
+        _cones(step, leg, 2, limits.max_acceleration, 1.0 - band)
+        _rotors(step, leg, band)
         lift = dynamics.force[2, here]
-        which = np.flatnonzero(lift < (1.0 + 2.0 * reach) * limits.min_lift * T**2)
+        which = np.flatnonzero(lift < (1.0 + 2.0 * band) * limits.min_lift * T**2)
         rows = step.rows(
             leg,
             which,
@@ -30,7 +29,7 @@ def limit_dynamics(step: LapStep, reach: float) -> None:
         )
         step.at_most(leg, -rows, lift[which] - limits.min_lift * T**2, limit=GRAVITY * T**2)
         rate = dynamics.rate[0, here]
-        which = np.flatnonzero(rate > (1.0 - reach) * limits.max_rate * T)
+        which = np.flatnonzero(rate > (1.0 - band) * limits.max_rate * T)
         rows = step.rows(
             leg,
             which,
@@ -58,7 +57,7 @@ def _cones(step, leg, order, limit, near):
     step.in_cones(leg, rows, values, limit=limit * T**order)
 
 
-def _rotors(step, leg, reach):
+def _rotors(step, leg, band):
     """Adds least <= thrust <= most of each rotor.
 
     A rotor's thrust is a share of the norm of the force, which is convex and is
@@ -72,9 +71,9 @@ def _rotors(step, leg, reach):
     force_by_T, rest_by_T = dynamics.force_by_T[:, here], dynamics.rest_by_T[:, here]
     amount = np.linalg.norm(force, axis=0)
     thrust = share[:, None] * amount + rest
-    high = thrust > (1.0 - reach) * most[:, None] * T**2
+    high = thrust > (1.0 - band) * most[:, None] * T**2
     least = step.samples.limits.min_thrusts
-    low = thrust < (least + reach / 2.0 * most)[:, None] * T**2
+    low = thrust < (least + band / 2.0 * most)[:, None] * T**2
 
     which = np.flatnonzero(high.any(axis=0))
     if len(which):

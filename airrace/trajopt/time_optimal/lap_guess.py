@@ -25,7 +25,7 @@ def first_lap(
     """Returns a lap that crosses gates where and when a point mass does.
 
     Of several, smoother and nearer to it, this is the one that is the quickest when
-    slowed until the limits are kept; its twist is the smoothest in view.
+    slowed until the limits are kept; its thrust-axis angle is the smoothest in view.
 
     Args:
         bound: the point mass.
@@ -44,7 +44,7 @@ def first_lap(
             grid.pieces,
             _smoothness(smoothness, bound.durations),
         )
-        # What turns too fast for the limit will have to take another way.
+        # What turns too fast for the limit will have to take another path.
         laps.append(slowed(lap, grid, dc.replace(limits, max_rate=1e3), gates.turn, 1e-2))
     samples = min(laps, key=lambda samples: samples.lap.duration)
     if half_view is not None:

@@ -42,20 +42,21 @@ class Grid:
 
     @functools.cached_property
     def matrices_between(self) -> np.ndarray:
-        """Likewise, at the nodes of twist.quadrature()."""
+        """Likewise, at the nodes of quadrature()."""
         return basis(self.pieces, tuple(quadrature(self.fractions)))
 
 
 @dc.dataclass(frozen=True, eq=False)
 class LapSamples:
-    """A lap's derivatives in normalised time, the last dimension being the twist.
+    """A lap's derivatives in normalised time, the last dimension being the thrust-axis angle.
 
     Attributes:
-        lap: whose twist closes: a lap turns the body as often as the track does.
+        lap: whose angle closes: a lap turns the body as often as the track does.
         limits: that it is to keep.
         derivatives: (5, n, samples, 4).
         units: duration of every sample's leg, (n samples,) s.
-        axes: x and y of a body without twist, in the world, (2, 3, n samples).
+        axes: x and y, in the world, of a body that does not turn about its thrust,
+            (2, 3, n samples).
     """
 
     lap: LapSpline
@@ -84,7 +85,7 @@ class LapSamples:
 
     @property
     def flat(self) -> np.ndarray:
-        """Samples as in trajopt/reference.py, with twist for yaw, (18, N)."""
+        """Samples as in trajopt/reference.py, with the thrust-axis angle for yaw, (18, N)."""
         return pack(self.derivatives.reshape(5, -1, 4))
 
     def excess(self) -> float:

@@ -1,4 +1,24 @@
-"""The search for the quickest lap, or way: one convex program after another."""
+"""The search for the quickest lap, or transition: one convex program after another.
+
+**Variables** are the derivatives through snap of x, y, z and of the thrust-axis angle at the
+gates, control points of quintic splines between them, and the duration of each leg, see
+lap_spline.py. **The cost** is the lap time. **Constraints**, at samples of each leg:
+
+- speed, acceleration, angular velocity and rotor thrusts, by inverse dynamics in normalised
+  time: dynamics_limits.py;
+- gates are crossed in their windows, and forward: gate_regions.py, path_terms.py;
+- clearance from pylons and the ground: path_terms.py;
+- the next gate is in the camera's view: visibility.py.
+
+Each iteration linearises what is not convex about the last lap and solves a second-order cone
+program (lap_step.py). The change of the lap is penalised (proximal_cost()), which takes the
+place of a trust region: the weight rises if the lap time falls by less than predicted, as in
+Nocedal and Wright, "Numerical optimization", chapter 4. Then the lap is flown slower as a whole
+until all limits are kept, so that every iteration ends with a feasible lap. An open one, whose
+ends are in motion, cannot be slowed: it may exceed limits while the search goes on, at a cost.
+Sequential convex programming of quadrotor flights: Szmuk, Pascucci, Acikmese, "Real-time
+quad-rotor path planning for mobile obstacle avoidance using convex optimization" (IROS 2018).
+"""
 
 import dataclasses as dc
 
@@ -21,11 +41,11 @@ from airrace.trajopt.time_optimal.path_terms import (
 from airrace.trajopt.time_optimal.visibility import keep_in_view, out_of_view
 
 PIECES = 6  # of each leg's spline, as a rule
-_FIRST_WEIGHT, _WARM_WEIGHT = 0.1, 0.02  # of staying near, in the first step
-_MOST_WEIGHT = 100.0
-_FIRST_REACH, _REACH = 0.5, 0.25  # of a step, see limit_dynamics()
-_VIEW_REACH = 0.35  # rad, likewise, see keep_in_view()
-_TWIST_WEIGHT = 1e-4
+_FIRST_WEIGHT, _WARM_WEIGHT = 0.1, 0.02  # of the proximal cost, in the first step
+_MAX_WEIGHT = 100.0
+_FIRST_BAND, _BAND = 0.5, 0.25  # about limits, see limit_dynamics()
+_VIEW_BAND = 0.35  # rad, likewise, see keep_in_view()
+_ANGLE_WEIGHT = 1e-4
 # Costs of what a step cannot avoid: s per rad, per m, per m/s. Laps are compared by
 # the worst of each, at lower costs: steps aim at none, and miss a little.
 _VIEW_COST, _CLEARANCE_COST, _FORWARD_COST = 10.0, 20.0, 1.0
@@ -41,8 +61,7 @@ class Effort:
 
     Attributes:
         iterations: at most, of convex programs.
-        tolerance: promise of an iteration, as a share of the lap time, that is too
-            little to go on.
+        tolerance: predicted gain of an iteration, as a share of the lap time, at which to stop.
         samples: of each leg.
     """
 
@@ -51,7 +70,7 @@ class Effort:
     samples: int = 24
 
     @classmethod
-    def quick(cls) -> "Effort":
+    def in_flight(cls) -> "Effort":
         """Returns one for planning in flight, from a lap through gates that moved a little."""
         return cls(iterations=2, tolerance=5e-3, samples=18)
 
@@ -59,10 +78,10 @@ class Effort:
 class LapSearch:
     """Sequential convex programming from a lap to the quickest one near it.
 
-    Each program is convex about the last lap (see lap_step.py). What comes out is
-    flown slower as a whole, as little as all limits ask for, so that every iteration
-    ends with a lap that can be flown. An open one, whose ends are in motion, cannot
-    be slowed: it may exceed limits while the search goes on, at a cost.
+    Attributes:
+        gates, turn, constraints: see __init__().
+        view: half of the camera's view, less a margin (rad); or None.
+        grid: where legs are sampled.
     """
 
     def __init__(
@@ -100,12 +119,12 @@ class LapSearch:
         """Returns a lap slowed to what it must keep at more samples of each leg; or raises."""
         return slowed(now.lap, Grid(now.lap.pieces, samples), self.constraints.limits, self.turn)
 
-    def improve(self, now: LapSamples, near: bool, effort: Effort) -> tuple[LapSamples, int]:
-        """Returns a better lap, after how many steps; near is to start near the best."""
-        weight, reach = (_WARM_WEIGHT, _REACH) if near else (_FIRST_WEIGHT, _FIRST_REACH)
+    def improve(self, now: LapSamples, warm: bool, effort: Effort) -> tuple[LapSamples, int]:
+        """Returns a better lap, and the number of iterations; warm if it starts near the best."""
+        weight, band = (_WARM_WEIGHT, _BAND) if warm else (_FIRST_WEIGHT, _FIRST_BAND)
         merit, least, iteration = self.merit(now), 0.0, 0
         for iteration in range(1, effort.iterations + 1):
-            step = self._step(now, weight, reach)
+            step = self._step(now, weight, band)
             new = step.solve()
             if new is None:
                 weight *= 10.0
@@ -115,13 +134,12 @@ class LapSearch:
                     after_merit = self.merit(after)
                 except TrajectoryOptimizationError:
                     after_merit = np.inf
-                promised = merit - new.duration - _EXCESS_MERIT * merit * step.excess_found()
+                predicted = merit - new.duration - _EXCESS_MERIT * merit * step.excess_found()
                 gain = merit - after_merit
-                # How much of what was promised came true.
-                ratio = gain / max(promised, 1e-9)
-                small = promised < effort.tolerance * merit
+                ratio = gain / max(predicted, 1e-9)
+                small = predicted < effort.tolerance * merit
                 if gain > 0.0:
-                    now, merit, reach = after, after_merit, _REACH
+                    now, merit, band = after, after_merit, _BAND
                 if small:
                     break
                 if ratio < 0.3:
@@ -129,24 +147,24 @@ class LapSearch:
                 elif ratio > 0.7:
                     weight = max(0.2 * weight, least)
                     least *= 0.5
-            if weight > _MOST_WEIGHT:
+            if weight > _MAX_WEIGHT:
                 break
         return now, iteration
 
-    def _step(self, now: LapSamples, weight, reach) -> LapStep:
+    def _step(self, now: LapSamples, weight, band) -> LapStep:
         step = LapStep(now, self.grid)
         if not now.lap.is_closed:
             step.may_exceed(_EXCESS_COST * now.lap.duration)
         for i in step.passed:
             place = now.lap.gates[i, 0, :3]
             self.gates.constrain(step.program, i, step.at_gate(i, 0)[0], place)
-        limit_dynamics(step, reach)
+        limit_dynamics(step, band)
         keep_clear(step, self.constraints, _CLEARANCE_COST)
         cross_forward(step, self.gates, _FORWARD_COST)
         if self.view is not None:
-            keep_in_view(step, self.gates, self.view, _VIEW_COST, _VIEW_REACH)
+            keep_in_view(step, self.gates, self.view, _VIEW_COST, _VIEW_BAND)
         proximal_cost(step, weight)
-        angle_cost(step, _TWIST_WEIGHT)
+        angle_cost(step, _ANGLE_WEIGHT)
         return step
 
     def merit(self, samples: LapSamples) -> float:

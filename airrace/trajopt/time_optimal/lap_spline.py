@@ -1,4 +1,4 @@
-"""A lap, or a way from state to state, as quintic splines between gates."""
+"""A lap, or a transition from state to state, as quintic splines between gates."""
 
 import dataclasses as dc
 import functools
@@ -19,11 +19,11 @@ class LapSpline:
     ends at two more places, which count as gates.
 
     Attributes:
-        gates: value and four derivatives of x, y, z (m) and twist (rad; see
+        gates: value and four derivatives of x, y, z (m) and thrust-axis angle (rad; see
             thrust_axis_angle.py) at every gate, (n, 5, 4); of an open one (n + 1, 5, 4).
         interior: control points that are left between those, (n, m, 4).
         durations: from each gate to the next, (n,) s.
-        turn: what all legs together add to the twist (rad).
+        turn: what all legs together add to that angle (rad).
     """
 
     gates: np.ndarray
@@ -36,7 +36,7 @@ class LapSpline:
         """Returns the path that has positions at gates and nearly velocities in between.
 
         It minimises the mean squared error of the velocity and a share of the
-        squared snap. The twist is zero.
+        squared snap. The angle is zero.
 
         Args:
             positions: at gates, (n, 3) m.
@@ -111,7 +111,7 @@ class LapSpline:
         return matrices[:, None] @ self.coefficients()
 
     def with_turn(self, turn: float) -> "LapSpline":
-        """Returns the lap with another twist in all.
+        """Returns the lap with another angle in all.
 
         The difference is spread evenly; an open one takes it in its last leg, since
         what it has at its ends is given.

@@ -22,7 +22,7 @@ class LapStep:
     |w| <= T v_max on the normalised velocity w and |u + s g| <= s f_max on the
     normalised acceleration u are second-order cones.
 
-    The axes to which the twist refers turn when the path changes, at a sample by
+    The axes to which the thrust-axis angle refers turn when the path changes, at a sample by
     what all that lies before it adds; that is linearised, too.
 
     Attributes:
@@ -62,12 +62,12 @@ class LapStep:
             for i in range(n)
         ]
         if self.lap.is_closed:
-            # The twist has another value where the lap ends.
-            last_twist, passed = new(1)[0], range(n)
-            self._variables[-1][4 * (ORDERS + m) + 3] = last_twist
+            # The angle has another value where the lap ends.
+            last_angle, passed = new(1)[0], range(n)
+            self._variables[-1][4 * (ORDERS + m) + 3] = last_angle
             self._units = np.sqrt(T * np.roll(T, 1))
         else:
-            last_twist, passed = self._gates[-1, 0, 3], range(1, n)
+            last_angle, passed = self._gates[-1, 0, 3], range(1, n)
             self._fix(
                 self._gates[0, :, :3],
                 self._gates[0, :3, 3],
@@ -79,7 +79,7 @@ class LapStep:
         self.program.AddLinearEqualityConstraint(
             np.array([[1.0, -1.0, -1.0]]),
             [0.0],
-            [last_twist, self._gates[0, 0, 3], self._turns[-1]],
+            [last_angle, self._gates[0, 0, 3], self._turns[-1]],
         )
         self._fix(self._turns[:1])
         orders = np.arange(ORDERS)
@@ -115,11 +115,11 @@ class LapStep:
         self._axis_turns = []
         for leg in range(len(lap.durations)):
             here = self.of(leg)
-            way = sums @ self.rows(leg, nodes, gradients[leg], by_T[leg], grid.matrices_between)
-            way[:, -2] = 1.0  # and what was before
+            turns = sums @ self.rows(leg, nodes, gradients[leg], by_T[leg], grid.matrices_between)
+            turns[:, -2] = 1.0  # and what was before
             own = self.rows(leg, every, d_own[here], own_by_T[here], grid.matrices)
-            self._axis_turns.append(own - way[:-1])
-            row = np.append(way[-1], -1.0)[None]
+            self._axis_turns.append(own - turns[:-1])
+            row = np.append(turns[-1], -1.0)[None]
             variables = np.append(self._variables[leg], self._turns[leg + 1])
             self.program.AddLinearEqualityConstraint(row, [0.0], variables)
 
@@ -170,7 +170,7 @@ class LapStep:
             gradients: of the rows, by derivatives in normalised time, (rows, orders, 4).
             by_T: of the rows, by the leg's duration, (rows,) or a number.
             matrices: of lap_spline.basis(), if not those of the grid; then the
-                twist's value must not matter.
+                angle's value must not matter.
         """
         orders = gradients.shape[1]
         basis = (self.grid.matrices if matrices is None else matrices)[:orders, which]

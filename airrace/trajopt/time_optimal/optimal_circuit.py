@@ -76,7 +76,7 @@ def flat_polynomial(
     breaks, and Hermite interpolants in between.
 
     Args:
-        lap: with twist.
+        lap: to convert.
         limits: for the vehicle's drag.
         turn: of yaw in a lap (rad); of an open one, see LapSamples.of().
         refinement: pieces of yaw to one of the path.

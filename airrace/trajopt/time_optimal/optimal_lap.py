@@ -18,7 +18,7 @@ from airrace.trajopt.time_optimal.visibility import max_bearing
 
 _FINE = 120  # samples of each leg in the last check
 _PRECISION = 16, 1e-4  # of the point mass's lap to start from
-_POOR = 1.015  # times the bound: a slower lap is sought again with finer splines
+_POOR = 1.015  # times the bound: a slower lap is improved with finer splines
 _FINER_PIECES, _FINER = 8, Effort(iterations=10, tolerance=2e-4, samples=40)
 _MOST_HELPFUL = 1.5  # times the bound: a slower lap is none to start from
 # Of time, for an excess of thrust: that goes with its square.
@@ -38,7 +38,7 @@ def plan_optimal_circuit(
 
     Sequential convex programming. Unknown are the derivatives through snap at the
     gates, control points of quintic splines between them, and the durations of
-    the legs; x, y, z and the twist of the body about its thrust (see thrust_axis_angle.py)
+    the legs; x, y, z and the angle of the body about its thrust axis (see thrust_axis_angle.py)
     together. Each program is convex about the last lap (see lap_step.py); then
     the lap is flown slower as a whole, as little as all limits ask for, so that
     every iteration ends with one that can be flown.
@@ -62,7 +62,7 @@ def plan_optimal_circuit(
             gates,
             gates.turn,
             constraints,
-            (effort or Effort.quick()).samples,
+            (effort or Effort.in_flight()).samples,
             previous.spline.pieces,
         )
         with contextlib.suppress(TrajectoryOptimizationError):
@@ -71,7 +71,7 @@ def plan_optimal_circuit(
         precision = _PRECISION if now is None else ()
         bound = point_mass_lap(gates, constraints, *precision)
     warm = now is not None and now.lap.duration < _MOST_HELPFUL * bound.duration
-    effort = effort or (Effort.quick() if warm else Effort())
+    effort = effort or (Effort.in_flight() if warm else Effort())
     if not warm:
         search = LapSearch(gates, gates.turn, constraints, effort.samples)
         now = first_lap(bound, gates, search.grid, constraints.limits, search.view)

@@ -1,4 +1,4 @@
-"""The quickest way onto a time-optimal lap: from hover, and from the lap before."""
+"""Time-optimal transitions onto a time-optimal lap: from hover, and from the lap before."""
 
 import dataclasses as dc
 import functools
@@ -22,14 +22,14 @@ from airrace.trajopt.time_optimal.optimal_circuit import flat_polynomial
 from airrace.vehicle import GRAVITY
 
 _REFINEMENT = 8  # pieces of yaw to one of the path
-# Ways are livelier than laps, and short: what is little of one is nothing to the race.
+# Transitions vary faster than laps, and are short: a small share of one is nothing to the race.
 _EFFORT = Effort(tolerance=2e-3, samples=40)
 _FIT_SAMPLES = 24  # of each leg, for its interior control points
 _SLOWER = (1.0, 1.3, 1.7)  # guesses of all durations
 _LEAST_DURATION = 0.1  # s
-# Of the limits, for what lies between samples; tried in turn. A way that is sought from
-# nothing is livelier there.
-_AIMS, _AIMS_FROM_NOTHING = (0.998, 0.994, 0.988), (0.995, 0.988)
+# Of the limits, for what lies between samples; tried in turn. A transition that is searched
+# for from nothing varies faster there.
+_AIMS, _COLD_AIMS = (0.998, 0.994, 0.988), (0.995, 0.988)
 
 
 def plan_optimal_transition(
@@ -58,7 +58,7 @@ def plan_optimal_transition(
             with: from time to the same as start.
 
     Returns:
-        (way, phase): and the time on the circuit at which it is joined (s).
+        (transition, phase): and the time on the circuit at which it is joined (s).
 
     Raises:
         TrajectoryOptimizationError: if none was found within the limits.
@@ -88,23 +88,23 @@ def plan_optimal_transition(
     now = min(
         (search.settled(_guess(*path, start, goal, ends)) for path in paths), key=search.merit
     )
-    near = old is not None
-    for aim in _AIMS if near else _AIMS_FROM_NOTHING:
+    warm = old is not None
+    for aim in _AIMS if warm else _COLD_AIMS:
         search.constraints = dc.replace(constraints, limits=limits.scaled(aim))
-        now, _ = search.improve(search.settled(now.lap), near, effort)
-        near = True
-        way, excess = _finished(now, search, limits, goal)
+        now, _ = search.improve(search.settled(now.lap), warm, effort)
+        warm = True
+        transition, excess = _finished(now, search, limits, goal)
         if excess <= 0.0:
             break
     else:
         raise TrajectoryOptimizationError(
-            f"No way onto the lap keeps the limits; the best exceeds them by {excess:.1%}."
+            f"No transition onto the lap keeps the limits; the best exceeds them by {excess:.1%}."
         )
     search.require_clear(now)
     times = np.cumsum(now.lap.durations)[:-1]
-    if not passes_forward(way, times, search.gates.headings[1:-1]).all():
-        raise TrajectoryOptimizationError("The way found crosses a gate sideways.")
-    return way, phase
+    if not passes_forward(transition, times, search.gates.headings[1:-1]).all():
+        raise TrajectoryOptimizationError("The transition found crosses a gate sideways.")
+    return transition, phase
 
 
 @dc.dataclass(frozen=True)
@@ -177,7 +177,7 @@ def _guess(durations, legs, start, goal, ends) -> LapSpline:
     for i, end in zip((0, -1), ends):
         gates[i, :3, 3] = 0.0, end.rate, end.acceleration
     gates[0, 0, 3] = ends[0].angle
-    # Twists between are those of an even turn, until the first step.
+    # Angles between are those of an even turn, until the first step.
     share = (breaks / breaks[-1])[1:-1]
     gates[1:-1, 0, 3] = ends[0].angle + share * (ends[1].angle - ends[0].angle)
     lap = LapSpline(
@@ -199,10 +199,10 @@ def _guess(durations, legs, start, goal, ends) -> LapSpline:
 
 
 def _finished(now: LapSamples, search: LapSearch, limits: FlightLimits, goal):
-    """Returns the way as a trajectory, and by which share it exceeds limits at 1 kHz."""
-    way = FlatTrajectory(
+    """Returns the transition as a trajectory, and by which share it exceeds limits at 1 kHz."""
+    transition = FlatTrajectory(
         flat_polynomial(now.lap, search.constraints.limits, search.turn, _REFINEMENT, goal[:3, 3])
     )
-    return way, check_flight(
-        way.sample(dense_sample_times(way)), search.constraints.pylons, limits
+    return transition, check_flight(
+        transition.sample(dense_sample_times(transition)), search.constraints.pylons, limits
     ).excess

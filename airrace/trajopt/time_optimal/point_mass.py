@@ -16,8 +16,8 @@ _TRUST = 0.5  # of a duration, and of a speed, at first
 _MISMATCH_COST = 2.0  # s per m/s of difference in velocity at a gate, in the merit
 _NEARNESS_COST, _NEARNESS_MERIT = 4.0, 2.0  # s per metre nearer to a pylon than allowed
 _ITERATIONS = 40
-_LOOKS = 4  # at the distance from pylons, in each interval
-_REACH, _DEPTH = 3.0, 0.05  # m, of rows beyond the clearance, and the nearest point
+_SAMPLES = 4  # of the distance from pylons, in each interval
+_BAND, _DEPTH = 3.0, 0.05  # m, of rows beyond the clearance, and the nearest point
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -164,15 +164,15 @@ class _Pylons:
 
     def __init__(self, axes, clearance, intervals):
         self._axes, self._clearance = axes, clearance
-        # From w, linear over each interval, to the way flown: integrals of hat functions.
-        x = np.arange(1, _LOOKS * intervals) / _LOOKS
+        # From w, linear over each interval, to the path flown: integrals of hat functions.
+        x = np.arange(1, _SAMPLES * intervals) / _SAMPLES
         u = np.clip(x[:, None] - np.arange(intervals + 1) + 1.0, 0.0, 2.0)
         hats = np.where(u < 1.0, u**2 / 2.0, 1.0 - (2.0 - u) ** 2 / 2.0)
         hats[:, 0] -= 0.5  # half of the first lies before the leg
         self._integrals = hats / intervals
 
     def _away(self, w, P):
-        """Returns vectors from the axes, (n, looks, m, 2), and their lengths."""
+        """Returns vectors from the axes, (n, samples, m, 2), and their lengths."""
         places = P[:, None, :2] + self._integrals @ w[..., :2]
         away = places[:, :, None] - self._axes
         return away, np.maximum(np.linalg.norm(away, axis=3), 1e-6)
@@ -187,7 +187,7 @@ class _Pylons:
         away, distance = self._away(w, P)
         room = distance - self._clearance
         nearest = distance.min(axis=1, keepdims=True, initial=np.inf)
-        for leg, near in enumerate((room < _REACH) & (distance < nearest + _DEPTH)):
+        for leg, near in enumerate((room < _BAND) & (distance < nearest + _DEPTH)):
             which, pylon = np.nonzero(near)
             if not len(which):
                 continue

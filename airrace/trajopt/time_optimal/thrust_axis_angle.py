@@ -1,8 +1,8 @@
-"""Yaw as the twist of the body about its thrust, instead of a heading.
+"""The angle of the body about its thrust axis, in the place of yaw.
 
 Yaw torque is what multirotors have least of. A body that tilts without turning
 about its thrust carries its x and y axes along by parallel transport; relative to
-those, the angle of the body is its twist, whose second derivative is the angular
+those, the second derivative of the body's angle is the angular
 acceleration about z, whatever the tilt does. In terms of a heading, that would be a
 small difference of large terms.
 """
@@ -36,8 +36,8 @@ def transported_axes(derivatives, between, durations, fractions, limits: FlightL
         limits: for the drag.
 
     Returns:
-        (x axes, y axes, turn): in the world, (3, n samples) each; and the twist
-        that a lap must have for its end to meet its start (rad), without full turns.
+        (x axes, y axes, turn): in the world, (3, n samples) each; and the angle
+        that a lap must add for its end to meet its start (rad), without full turns.
     """
     n, samples = derivatives.shape[1:3]
     b, db, _ = _thrust_axes(between, durations, limits)

@@ -1,4 +1,4 @@
-"""The next gate in the camera's view: bounds on the twist."""
+"""The next gate in the camera's view: bounds on the thrust-axis angle."""
 
 import numpy as np
 
@@ -25,7 +25,7 @@ def max_bearing(lap: Circuit, gates: GateRegions) -> float:
 
 
 def angle_bounds(samples: LapSamples, gates: GateRegions, half_view: float):
-    """Returns between which twists the next gate's midpoint is within the view.
+    """Returns between which thrust-axis angles the next gate's midpoint is within the view.
 
     That is by bearing: pitch and roll tilt the camera as the flight demands.
 
@@ -35,7 +35,7 @@ def angle_bounds(samples: LapSamples, gates: GateRegions, half_view: float):
         half_view: greatest angle between bearing and heading (rad).
 
     Returns:
-        (low, high, seen): for every sample, (n, samples) rad, the twists at
+        (low, high, seen): for every sample, (n, samples) rad, the angles at
         the bounds, continuous around the lap; and where the bounds matter.
     """
     n, count = samples.derivatives.shape[1:3]
@@ -47,15 +47,15 @@ def angle_bounds(samples: LapSamples, gates: GateRegions, half_view: float):
     x, y = samples.axes
     b = np.cross(x, y, axis=0)
 
-    def twist(turn):
+    def angle(turn):
         X, Y = _seen_from_axes(to_gate, turn, b, samples.axes)
         return np.arctan2(Y, X)
 
-    centre = np.unwrap(twist(0.0))
+    centre = np.unwrap(angle(0.0))
     current = samples.derivatives[0, ..., 3].ravel()
     centre += 2 * np.pi * np.round(np.mean(current - centre) / (2 * np.pi))
-    low = centre - (centre - twist(-half_view)) % (2 * np.pi)
-    high = centre + (twist(half_view) - centre) % (2 * np.pi)
+    low = centre - (centre - angle(-half_view)) % (2 * np.pi)
+    high = centre + (angle(half_view) - centre) % (2 * np.pi)
     return low.reshape(n, count), high.reshape(n, count), seen
 
 
@@ -83,19 +83,19 @@ def _seen_from_axes(to_gate, turn, b, axes):
 
 
 def keep_in_view(
-    step: LapStep, gates: GateRegions, half_view: float, cost: float, reach: float = np.inf
+    step: LapStep, gates: GateRegions, half_view: float, cost: float, band: float = np.inf
 ) -> None:
-    """Adds bounds on the twist, see angle_bounds().
+    """Adds bounds on the thrust-axis angle, see angle_bounds().
 
     Args:
         step: to add to.
         gates, half_view: see angle_bounds().
         cost: of leaving the view by a radian (s).
-        reach: of the step (rad); samples farther from a bound are left out.
+        band: about a bound (rad); samples farther from it are left out.
     """
     samples, dynamics = step.samples, step.dynamics
     low, high, _ = angle_bounds(samples, gates, half_view)
-    twist = samples.derivatives[0, ..., 3]
+    angles = samples.derivatives[0, ..., 3]
     to_gate, seen = _to_next_gate(samples, gates, margin=1.0)
     for bound, sign, turn in ((high, 1.0, half_view), (low, -1.0, -half_view)):
         by_place, by_force = _bound_gradients(to_gate, dynamics.force, turn, samples.axes)
@@ -104,8 +104,8 @@ def keep_in_view(
         gradients[:, 0, 3] += 1.0
         by_T = -np.sum(by_force * dynamics.force_by_T, axis=0)
         for leg in range(len(low)):
-            room, here = sign * (bound - twist)[leg], step.of(leg)
-            which = np.flatnonzero(seen[leg] & (room < reach))
+            room, here = sign * (bound - angles)[leg], step.of(leg)
+            which = np.flatnonzero(seen[leg] & (room < band))
             rows = step.rows(leg, which, gradients[here][which], by_T[here][which])
             step.at_most(leg, sign * rows, room[which], slack_cost=cost)
 
@@ -122,7 +122,7 @@ def _bound_gradients(to_gate, force, turn, axes):
 
 
 def out_of_view(samples: LapSamples, gates, half_view) -> float:
-    """Returns by how much the worst sample leaves the bounds on the twist (rad)."""
+    """Returns by how much the worst sample leaves the bounds on the angle (rad)."""
     low, high, seen = angle_bounds(samples, gates, half_view)
-    twist = samples.derivatives[0, ..., 3]
-    return float(np.max(np.maximum(low - twist, twist - high)[seen], initial=0.0))
+    angles = samples.derivatives[0, ..., 3]
+    return float(np.max(np.maximum(low - angles, angles - high)[seen], initial=0.0))

@@ -102,13 +102,13 @@ def test_only_samples_near_a_bound_of_the_view_are_kept_in_it(monkeypatch):
         now.lap.gates[:, 0, :3], np.pi / 2 * np.arange(4), np.full(4, 2.0), 1.0
     )
     found = {}
-    for reach in (np.inf, 0.3):
-        found[reach] = []
+    for band in (np.inf, 0.3):
+        found[band] = []
         monkeypatch.setattr(
             LapStep,
             "at_most",
-            lambda step, leg, rows, room, **k: found[reach].extend(zip(rows.tolist(), room)),
+            lambda step, leg, rows, room, **k: found[band].extend(zip(rows.tolist(), room)),
         )
-        keep_in_view(LapStep(now, GRID), gates, np.deg2rad(40.0), 1.0, reach)
+        keep_in_view(LapStep(now, GRID), gates, np.deg2rad(40.0), 1.0, band)
     assert found[0.3] == [each for each in found[np.inf] if each[1] < 0.3]
     assert 0 < len(found[0.3]) < len(found[np.inf]) / 2

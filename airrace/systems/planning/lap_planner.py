@@ -1,4 +1,4 @@
-"""Plans every lap from the map as it then stands."""
+"""When laps are planned, from the map as it then stands, and when plans come into force."""
 
 import dataclasses as dc
 
@@ -18,24 +18,24 @@ from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import Vehicle
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
-_AMPLE = 1.5  # times as long as the search that took too long
-_MOMENT = 1e-12  # s, that only rounding makes
+_LATENCY_FACTOR = 1.5  # of the time of a search that took too long
+_ROUNDING = 1e-12  # s
 
 
 @dc.dataclass(frozen=True, eq=False)
 class _Memory(Immutable):
-    """What the planner remembers.
+    """The state of the planner.
 
     Attributes:
         plan: in force.
-        pending: the one that will replace it, or None.
-        job: the search for that one, if it goes on elsewhere, or None.
-        latency: from the map to the plan in force (s), longer than declared after a
-            search elsewhere took too long.
-        tried_at: when the planner last looked for one (s).
-        tried_lap: the lap at whose end that plan was to come into force.
-        tried_gates: tuple of GateEstimate that it knew of.
-        searched: the LapProblem that it last searched for a plan, or None.
+        pending: the plan that will replace it, or None.
+        job: the search for that plan in another process, or None.
+        latency: from the map to the plan in force (s); longer than declared after a
+            search in another process took too long.
+        tried_at: when the last search began (s).
+        tried_lap: the lap at whose end its plan was to come into force.
+        tried_gates: tuple of GateEstimate of the map that it was given.
+        searched: the LapProblem of the last search, or None.
     """
 
     plan: LapPlan = NO_PLAN
@@ -49,7 +49,7 @@ class _Memory(Immutable):
 
 
 class LapPlanner(LeafSystem):
-    """Section V of the Student AirRace report.
+    """Plans the first lap when the exploration is done, and each next lap in flight.
 
     .. pydrake_system::
 
@@ -65,15 +65,21 @@ class LapPlanner(LeafSystem):
     ``exploration_reference`` see trajopt/reference.py; ``lap_plan`` a
     LapPlan, NO_PLAN until the race begins.
 
-    When the exploration is done, the planner takes the map and solves for a
-    lap through the gates that the explorer found, in its order. It does so
-    again in every lap, such that the plan, which comes into force one declared
-    latency later, does so once the last gate has been passed, and goes on from
-    the state that the old one has then. (Where plans are searched for elsewhere, one
-    that comes too late is not flown, and the next is asked for earlier.) If there is
-    no such plan, or it would be slower without need, the old one goes on, since a lap
-    can be repeated, and nothing is searched for twice; before the first, the planner
-    tries again when the map has changed.
+    **When is a lap planned?** The first, when the exploration is done, through the gates that
+    the explorer found, in its order (Section V of the Student AirRace report). The next ones
+    once a lap each, so late that the map is fresh, and so early that the plan is in force
+    when the last gate has been passed. None is planned for after the end of the race.
+
+    **When does a plan come into force?** One declared latency after its map was taken. It
+    continues from the state that the old plan has at that time. A plan from another process
+    that comes too late is not flown; the next one is asked for earlier.
+
+    **When is there no new plan?** If the search finds none, or refuses it since the old plan is
+    quicker (see plan_lap()), or if the same problem was solved before. Then the old lap is
+    flown again. Before the first plan, the search is repeated when the map has changed.
+
+    **With which margin?** See pylon_margins(): until a lap has shown how far gates move, they
+    count as moving by the scenario's ``first_lap_move``.
     """
 
     def __init__(self, *, vehicle: Vehicle, trajectory: str, config, laps=np.inf, solve=plan_lap):
@@ -84,7 +90,7 @@ class LapPlanner(LeafSystem):
             trajectory: "3", "4", "6" or "optimal", see LapProblem.
             config: a PlannerConfig.
             laps: of the race; none is planned for after its end.
-            solve: from a LapProblem to a LapPlan or None.
+            solve: a function from a LapProblem to a LapPlan or None.
 
         Raises:
             TrajectoryOptimizationError: if the vehicle cannot hover within these limits.
@@ -109,13 +115,13 @@ class LapPlanner(LeafSystem):
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self._period = 1.0 / config.rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._update)
-        # Plans come into force on time, whether or not that is a tick, by an event: the
-        # controller asks for the plan far more often than it changes.
-        self._lag = config.latency % self._period
-        if min(self._lag, self._period - self._lag) < _MOMENT:
-            self._lag = 0.0
+        # Plans come into force by an event of their own, if not at a tick: the output is evaluated
+        # far more often than it changes.
+        self._offset = config.latency % self._period
+        if min(self._offset, self._period - self._offset) < _ROUNDING:
+            self._offset = 0.0
         else:
-            self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, self._lag, self._switch)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, self._offset, self._switch)
         self.DeclareAbstractOutputPort(
             "lap_plan",
             lambda: Value[object](NO_PLAN),
@@ -124,7 +130,7 @@ class LapPlanner(LeafSystem):
         )
 
     def solve_elsewhere(self, submit) -> None:
-        """From now on, plans are searched for while everything else goes on.
+        """From now on, plans are searched for in another process.
 
         Args:
             submit: from a LapProblem to a job: see PlanningWorker.
@@ -136,8 +142,8 @@ class LapPlanner(LeafSystem):
 
     def _in_force_from(self, memory: _Memory, now) -> float:
         """Returns when a plan that is searched for now comes into force (s)."""
-        periods = np.ceil((now + memory.latency - self._lag) / self._period - 1e-6)
-        return float(periods * self._period + self._lag)
+        periods = np.ceil((now + memory.latency - self._offset) / self._period - 1e-6)
+        return float(periods * self._period + self._offset)
 
     def _switch(self, context, state):
         memory = self._recall(context)
@@ -150,30 +156,32 @@ class LapPlanner(LeafSystem):
 
     def _remember(self, state, before: _Memory, after: _Memory) -> EventStatus:
         if after is before:
-            # So that nothing in the whole race need be computed anew.
+            # An update would make Drake compute all outputs of the race anew.
             return EventStatus.DidNothing()
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
         return EventStatus.Succeeded()
 
     def _next(self, context, memory: _Memory, now: float) -> _Memory:
-        """Returns the memory of the next tick, but for a plan whose time has come."""
+        """Returns the memory after a tick, whose pending plan may be due."""
         if memory.pending is not None:
             return memory
         if memory.job is not None:
             if not memory.job.done():
                 return memory
             found = memory.job.result()
-            plan = _in_time(found, now)
+            plan = _if_in_time(found, now)
             after = dc.replace(memory, job=None, pending=plan)
             if found is not None and plan is None:
-                # What was found is not flown, so that it is worth another search.
-                after = dc.replace(after, latency=_AMPLE * (now - memory.tried_at), searched=None)
+                # The plan is not flown: its problem is to be solved again.
+                after = dc.replace(
+                    after, latency=_LATENCY_FACTOR * (now - memory.tried_at), searched=None
+                )
             return after
-        if not self._is_time(context, memory, now):
+        if not self._is_due(context, memory, now):
             return memory
         start_time = self._in_force_from(memory, now)
-        problem = self._Problem(context, memory, start_time)
-        if problem is not None and _is_known(problem, memory.searched):
+        problem = self._make_problem(context, memory, start_time)
+        if problem is not None and _is_repeated(problem, memory.searched):
             problem = None
         elsewhere = problem is not None and self._submit is not None
         return dc.replace(
@@ -186,17 +194,16 @@ class LapPlanner(LeafSystem):
             searched=problem or memory.searched,
         )
 
-    def _is_time(self, context, memory: _Memory, now) -> bool:
-        """Whether to look for a plan now.
+    def _is_due(self, context, memory: _Memory, now) -> bool:
+        """Whether to search for a plan now.
 
-        With a plan that is once a lap, when the new one would come into force
-        between the last gate and gate 1. An entry counts to the lap before,
-        which has been tried, and nothing comes after the race.
+        If there is a plan, that is once a lap, as soon as the new one would come into force
+        between the last gate and gate 1. A transition counts to the lap before.
         """
         if memory.plan is NO_PLAN:
             if not self._explorer.Eval(context).done:
                 return False
-            # What failed once would again, unless the map has changed.
+            # The same map would give no plan again.
             waited = now >= memory.tried_at + _RETRY_PERIOD - 1e-9
             gates = self._map.Eval(context).gates
             first = not np.isfinite(memory.tried_at)
@@ -208,8 +215,8 @@ class LapPlanner(LeafSystem):
             and memory.tried_lap < plan.lap_at(start_time) < self._laps
         )
 
-    def _Problem(self, context, memory: _Memory, start_time) -> LapProblem | None:
-        """Returns what to solve for the plan from a time on, None if a gate is not known."""
+    def _make_problem(self, context, memory: _Memory, start_time) -> LapProblem | None:
+        """Returns the problem of a plan from a time on; None if a gate is not on the map."""
         old, gate_map = memory.plan, self._map.Eval(context)
         known = {gate.number: gate for gate in gate_map.gates}
         found = self._explorer.Eval(context).gates
@@ -222,7 +229,6 @@ class LapPlanner(LeafSystem):
         # The gates to fly through first, then all others to keep clear of.
         gates = tuple(known.pop(number) for number in found)
         every = (*gates, *known.values())
-        # Until a lap has shown whether gates move, and how far, they may have.
         moved = self._first_lap_move if old is NO_PLAN else largest_move(every, memory.tried_gates)
         return LapProblem(
             **self._fixed,
@@ -235,10 +241,10 @@ class LapPlanner(LeafSystem):
         )
 
 
-def _is_known(problem: LapProblem, last: LapProblem | None) -> bool:
-    """Whether the search before was for the same lap, and from a lap already.
+def _is_repeated(problem: LapProblem, last: LapProblem | None) -> bool:
+    """Whether the last search was for the same lap and started from a lap.
 
-    Once more, it would bring a few hundredths of a percent.
+    Another one would make the lap a few hundredths of a percent quicker.
     """
     return last is not None and last.old is not None and last.has_same_lap(problem)
 
@@ -250,11 +256,11 @@ def _switched(memory: _Memory, now: float) -> _Memory:
     return dc.replace(memory, plan=memory.pending, pending=None)
 
 
-def _in_time(plan: LapPlan | None, now: float) -> LapPlan | None:
-    """Returns a plan that was found elsewhere, if it can still be flown, or None.
+def _if_in_time(plan: LapPlan | None, now: float) -> LapPlan | None:
+    """Returns a plan from another process if it can still be flown, or None.
 
-    The first starts at rest, so whenever it is there; a later one goes on from the
-    state that the drone has at its start.
+    The first plan starts from hover, at any time; a later one continues from the state that
+    the drone has at its start.
     """
     if plan is None or plan.start_time >= now:
         return plan

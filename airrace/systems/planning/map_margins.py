@@ -1,25 +1,26 @@
-"""How far from the pylons a plan keeps, by how well the map knows where they stand."""
+"""How far from pylons plans keep, and when a map has changed."""
 
 import numpy as np
 
 _CONTROLLER = 0.3  # m, for what the controller leaves, and the estimate of the state
 _SIGMAS = 3.0
-_MOST, _SHARE = 1.0, 1 / 8  # m, for the map, and of a gate's width: there must be a way through
-_NOISE = 0.1  # m, that better observations move a gate, without its having moved
+_MOST, _SHARE = 1.0, 1 / 8  # m, for the map, and of a gate's width: it must stay passable
+_NOISE = 0.1  # m: smaller moves of an estimate are its own correction
 _CHANGED = 0.02  # m, by which a map differs from one that gave no plan
 _TURN = 5.0  # m, from a gate's midpoint to what turns with its heading
 
 
 def pylon_margins(gates, markers, moved: float = 0.0) -> np.ndarray:
-    """Returns the room between drone and boards that each pylon should have, (2n,) m.
+    """Returns the margin between the drone and the boards of each pylon, (2n,) m.
 
-    It falls as the map gets better, to what the controller needs.
+    That is what the controller needs, three standard deviations of the map, and how far gates
+    move: it falls as the map gets better.
 
     Args:
-        gates: GateEstimates, n of them; left and right pylons take turns in the result.
-        markers: MarkerEstimates of the map. Those of a pylon that are missing say nothing.
-        moved: how far gates of this map may move from one lap to the next (m); as far, any
-            may have moved when the drone is back.
+        gates: GateEstimates, n of them; left and right pylons alternate in the result.
+        markers: MarkerEstimates of the map; missing markers add no margin.
+        moved: how far gates may move until they are passed (m): as far as they moved in the
+            last lap; for the first lap, an assumption.
     """
     sigmas = {}
     for marker in markers:
@@ -34,7 +35,7 @@ def pylon_margins(gates, markers, moved: float = 0.0) -> np.ndarray:
 
 
 def has_changed(gates, before) -> bool:
-    """Whether a map of gates may give a plan where the one before gave none.
+    """Whether a map may give a plan where the map before gave none.
 
     Args: gates, before: GateEstimates.
     """

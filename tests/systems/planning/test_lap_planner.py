@@ -269,14 +269,14 @@ def test_it_does_not_search_twice_for_a_lap_through_the_same_gates():
     bench.fix(gate_map=GateMap(gates=moved([0.001, 0.0, 0.0])))
     bench.follow(200.0, every=0.5)
     assert len(bench.problems) == 3
-    assert dc.replace(second, old=plans[-1], start_time=9.0).asks_for_the_same(second)
+    assert dc.replace(second, old=plans[-1], start_time=9.0).has_same_lap(second)
     for other in (
         dict(gates=second.gates[1:] + second.gates[:1]),
         dict(margins=second.margins + 1e-9),
         dict(gates=moved([0.0, 0.0, 1e-9])),
         dict(pylons=second.pylons[:-2]),
     ):
-        assert not dc.replace(second, **other).asks_for_the_same(second)
+        assert not dc.replace(second, **other).has_same_lap(second)
 
 
 def test_the_problem_says_how_well_pylons_are_known_and_starts_on_the_old_lap():

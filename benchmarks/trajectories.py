@@ -118,7 +118,7 @@ def point_mass_table(rows):
 
 def min_snap(dimensions: int) -> dict:
     """Plans the minimum-snap lap of the reference track."""
-    midpoints, headings, pylons = course = load_course()
+    midpoints, headings, pylons = load_course()
     best = point_mass_bound(
         regions("midpoints", midpoints, headings), PointMassLimits(**ORIGINAL)
     ).duration

@@ -14,7 +14,7 @@ from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.scenario import Scenario
 from airrace.scenario.limits import parse_limits
 from airrace.systems.mapping.gate_mapper import extrapolate
-from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.perception.marker_measurement import measure
 from airrace.systems.perception.marker_pose import locate
 from airrace.systems.perception.marker_search import MarkerSearch, make_detector
@@ -117,16 +117,16 @@ class World:
         settings = {k: v for k, v in vars(self.scenario.perception).items() if k != "latency"}
         mapper = ImageMapper(**settings | {"estimator": estimator})
         rng = make_generator(0, "outliers")
-        memory, injected, results = MapperMemory(), {}, []
+        state, injected, results = MapperState(), {}, []
         for frame, following in zip(frames, [*frames[1:], None]):
             markers = tuple(
                 _grossly_wrong(m, rng, injected) if rng.random() < errors.outliers else m
                 for m in frame.markers[corners]
             )
             X_WC = self._pose(frame.flight, frame.time, errors.seed) @ self.info.X_BC
-            memory = mapper.updated(memory, Detections(frame.clock, markers), X_WC, self.info)
+            state = mapper.updated(state, Detections(frame.clock, markers), X_WC, self.info)
             if following is None or following.phase > frame.phase:
-                results.append(self._figures(memory.gate_map, injected))
+                results.append(self._figures(state.gate_map, injected))
         return results
 
     def _pose(self, flight, time, seed) -> RigidTransform:

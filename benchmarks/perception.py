@@ -19,7 +19,7 @@ import numpy as np
 from airrace.common.errors import UserError
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.scenario.camera import PRESETS
-from airrace.systems.perception.aruco_detector import Sight, look
+from airrace.systems.perception.aruco_detector import DetectorState, detect
 from airrace.systems.perception.marker_measurement import measure
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
@@ -184,13 +184,13 @@ def count_strays(count, seed) -> dict:
         gate = race.gates[rng.integers(len(race.gates))]
         p_WC = gate.p_WG + rng.uniform([-40, -40, -5], [40, 40, 5])
         X_WC = look_at(p_WC, gate.p_WG + rng.uniform(-8, 8, 3))
-        sight = look(_SEARCH, CameraView.of(cameras[i % 2](X_WC)), 0.0, INFO, Sight())
-        for marker in sight.detections.markers:
+        state = detect(_SEARCH, CameraView.of(cameras[i % 2](X_WC)), 0.0, INFO, DetectorState())
+        for marker in state.detections.markers:
             result["markers"] += 1
             X_WM = boards.get(marker.id)
             true = np.inf if X_WM is None else project(X_WC.inverse() @ X_WM)
             result["strays"] += int(np.abs(marker.corners - true).max() > _STRAY)
-        for reason, _ in sight.detections.refused:
+        for reason, _ in state.detections.refused:
             result[f"refused: {reason}"] += 1
     return dict(result)
 
@@ -202,12 +202,12 @@ def measure_time() -> dict:
         cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
     )
     view = CameraView.of(picture)
-    first = look(_SEARCH, view, 0.0, INFO, Sight())
+    first = detect(_SEARCH, view, 0.0, INFO, DetectorState())
     assert len(first.measured) == 4
     calls = {
         "plain": lambda: plain.detectMarkers(picture),
-        "full": lambda: look(_SEARCH, view, 1.0, INFO, Sight()),
-        "tracked": lambda: look(_SEARCH, view, 1 / 30, INFO, first),
+        "full": lambda: detect(_SEARCH, view, 1.0, INFO, DetectorState()),
+        "tracked": lambda: detect(_SEARCH, view, 1 / 30, INFO, first),
     }
     # By turns, so that whatever else the machine does slows down all of them.
     spent = {name: [] for name in calls}

@@ -3,6 +3,8 @@
 python -m airrace.track makes random ones.
 """
 
+from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
+from airrace.track.layout import Layout
 from airrace.track.track import (
     BOARD_HEIGHT,
     BOARD_OFFSET,
@@ -16,5 +18,4 @@ from airrace.track.track import (
     Start,
     Track,
     load_track,
-    segment_distance,
 )

@@ -7,7 +7,8 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from airrace.common.errors import UserError
 from airrace.math.random import make_generator
-from airrace.track.layout import Layout, directions
+from airrace.track.geometry import directions
+from airrace.track.layout import Layout
 from airrace.track.rules import (
     GATE_COUNTS,
     LENGTHS,

@@ -1,10 +1,11 @@
-"""The gates of a track seen from above, as arrays."""
+"""All gates of a track as arrays in the plane, for rules and plots."""
 
 import dataclasses as dc
 import functools
 
 import numpy as np
 
+from airrace.track.geometry import directions
 from airrace.track.track import Track
 
 
@@ -69,41 +70,8 @@ class Layout:
 
     @functools.cached_property
     def straight_ends(self) -> np.ndarray:
-        """Where one who flies straight on from a midpoint meets the next gate, (n, 2) m."""
+        """Where the straight line forward from a midpoint meets the next gate, (n, 2) m."""
         following = np.roll(self.forward, -1, axis=0)
         to_gate = np.roll(self.middle, -1, axis=0) - self.middle
         along = np.sum(to_gate * following, axis=1) / np.sum(self.forward * following, axis=1)
         return self.middle + along[:, None] * self.forward
-
-
-def directions(angles) -> np.ndarray:
-    """Returns unit vectors of angles (rad), shape (..., 2)."""
-    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-
-
-def point_distances(points, starts, ends) -> np.ndarray:
-    """Returns distances of points from segments (m).
-
-    Args:
-        points, starts, ends: arrays that broadcast to (..., 2).
-    """
-    along = ends - starts
-    share = np.sum((points - starts) * along, axis=-1)
-    share = np.clip(share / np.maximum(np.sum(along * along, axis=-1), 1e-12), 0.0, 1.0)
-    return np.linalg.norm(starts + share[..., None] * along - points, axis=-1)
-
-
-def segment_distances(starts, ends) -> np.ndarray:
-    """Returns the distances of n segments from one another, 0 where they cross, (n, n) m.
-
-    Args:
-        starts, ends: (n, 2).
-    """
-    a, b = starts[:, None], ends[:, None]
-    gaps = np.minimum(point_distances(starts, a, b), point_distances(ends, a, b))
-    apart = _side(a, b, starts) * _side(a, b, ends) >= 0  # both ends of j beside line i
-    return np.where(apart | apart.T, np.minimum(gaps, gaps.T), 0.0)
-
-
-def _side(a, b, points):
-    return np.sign((b - a)[..., 0] * (points - a)[..., 1] - (b - a)[..., 1] * (points - a)[..., 0])

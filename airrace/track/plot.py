@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from airrace.common.errors import UserError
-from airrace.track.layout import Layout, directions
+from airrace.track.geometry import directions
+from airrace.track.layout import Layout
 from airrace.track.track import BOARD_SIZE, PYLON_BASE_RADIUS, Track
 
 _GRASS, _PYLON, _FRONT, _BACK = "#eef3e6", "#d9480f", "#ffffff", "#212529"
@@ -34,8 +35,8 @@ def draw_track(track: Track) -> Figure:
         axes.plot(*ends.T, color=_BACK if board.id % 2 else _FRONT, lw=2, zorder=4)
     _draw_start(axes, track)
     length = np.linalg.norm(np.roll(layout.middle, -1, axis=0) - layout.middle, axis=1).sum()
-    way = "counter-clockwise" if layout.turns.sum() > 0 else "clockwise"
-    axes.set_title(f"{track.name}: {len(track.gates)} gates, {length:.0f} m, {way}")
+    direction = "counter-clockwise" if layout.turns.sum() > 0 else "clockwise"
+    axes.set_title(f"{track.name}: {len(track.gates)} gates, {length:.0f} m, {direction}")
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.margins(0.08)
     axes.grid(color="white", zorder=0)

@@ -1,8 +1,9 @@
-"""What makes a track a fair one: the layout rule, room to fly, gates that can be found."""
+"""The rules for tracks: the layout rule, room to fly, gates that can be found."""
 
 import numpy as np
 
-from airrace.track.layout import Layout, directions, point_distances, segment_distances
+from airrace.track.geometry import directions, point_distances, segment_distances
+from airrace.track.layout import Layout
 from airrace.track.track import BOARD_OFFSET, BOARD_SIZE, MARKER_SIZE, Track
 
 GATE_COUNTS = range(8, 21, 2)  # 45-degree turns add up to 360 for no others from 8 to 20
@@ -16,12 +17,12 @@ PYLON_TO_PYLON = 8.0  # of another gate
 PYLON_TO_LEG = 6.0  # of other gates
 LEG_TO_LEG = 10.0  # unless they meet at a gate
 
-# From where a marker is read, almost in every picture by a realistic camera at rest:
-# measured, 28 m at up to 65 degrees off its normal, and 16 m at 70, but not at 75.
+# A realistic camera at rest reads a marker in almost every picture, as measured, from 28 m
+# at up to 65 degrees off its normal, from 16 m at 70 degrees, but not at 75.
 FARTHEST_VIEW = 28.0  # m, to the board's centre
 MOST_OBLIQUE = np.deg2rad(65.0)
 HALF_VIEW = np.deg2rad(40.0)  # to either side; the picture's edge is at 43.4 degrees
-SHORTEST_VIEW = 1.0  # m of the way straight on, from which the next gate is seen
+SHORTEST_VIEW = 1.0  # m of the line straight on, from which the next gate is in view
 _VIEW_STEP = 0.5  # m
 # A pylon and its boards fit into an upright cylinder; that is what hides markers.
 _HIDING_RADIUS = np.hypot(BOARD_OFFSET, BOARD_SIZE / 2)
@@ -98,8 +99,8 @@ def check_layout(layout: Layout) -> None:
 def check_clearances(layout: Layout) -> None:
     """Checks the room between pylons and legs.
 
-    A leg here is the way from midpoint to midpoint and also the way straight on
-    from a midpoint to the next gate, on which one looks for that gate. A way
+    A leg here is the line from midpoint to midpoint, and also the line straight on from a
+    midpoint to the next gate, along which an explorer searches for that gate. A line
     through a wrong gate comes near its pylons, so it is refused as well.
 
     Raises:
@@ -126,10 +127,10 @@ def check_clearances(layout: Layout) -> None:
 
 
 def check_visibility(layout: Layout) -> None:
-    """Checks that the next gate is found by one who flies straight on.
+    """Checks that a flight straight on from each gate finds the next one.
 
-    From some stretch of the way straight on from each gate's midpoint, looking
-    that way at the height of the boards, both front markers of the next gate
+    From some part of the line straight on from each gate's midpoint, with the camera
+    forward at the height of the boards, both front markers of the next gate
     are in view, near and square enough to be read, and not hidden.
 
     Raises:
@@ -183,7 +184,7 @@ def gate_in_view(layout: Layout, gate: int, viewpoints, heading: float) -> np.nd
         layout: the track.
         gate: number of the gate, from 0.
         viewpoints: (k, 2) m; the camera is at the height of the boards there.
-        heading: in which the camera looks (rad).
+        heading: of the camera (rad).
     """
     forward, rightward = layout.forward[gate], layout.rightward[gate]
     centres = layout.pylons[gate] - BOARD_OFFSET * forward  # (2 boards, 2)
@@ -194,7 +195,7 @@ def gate_in_view(layout: Layout, gate: int, viewpoints, heading: float) -> np.nd
     sight = edges - viewpoints[:, None, None]  # (k, 2 boards, 2 edges, 2)
     inside = sight @ directions(heading) >= np.cos(HALF_VIEW) * np.linalg.norm(sight, axis=3)
     seen = np.all(near, axis=1) & np.all(inside, axis=(1, 2))
-    # A board's own pylon is behind it. Few points are left to be looked at.
+    # A board's own pylon is behind it.
     pylons = layout.pylons.reshape(-1, 2)
     for board in range(2):
         others = np.delete(pylons, 2 * gate + board, axis=0)

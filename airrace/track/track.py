@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import functools
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, load_yaml
+from airrace.track.geometry import segment_distances
 
 # What every pylon looks like (metres).
 PYLON_HEIGHT = 12.0
@@ -187,55 +189,25 @@ class Track:
         self._check_clearances()
 
     def _check_clearances(self):
-        segments = [(g.p_WL[:2], g.p_WR[:2]) for g in self.gates]
-        legs = [
-            (g.p_WG[:2], h.p_WG[:2]) for g, h in zip(self.gates, self.gates[1:] + self.gates[:1])
-        ]
-        n = len(self.gates)
-        for i in range(n):
-            for j in range(i + 1, n):
-                _require(
-                    segment_distance(segments[i], segments[j]) > 2 * PYLON_BASE_RADIUS,
-                    f"gates {i + 1} and {j + 1} overlap",
-                )
-                if 1 < j - i < n - 1:
-                    _require(
-                        segment_distance(legs[i], legs[j]) > 0,
-                        f"the track crosses itself after gates {i + 1} and {j + 1}",
-                    )
+        n, middle = len(self.gates), np.array([gate.p_WG[:2] for gate in self.gates])
+        pylons = self.pylons()[:, :2]
+        between_gates = segment_distances(pylons[::2], pylons[1::2])
+        between_legs = segment_distances(middle, np.roll(middle, -1, axis=0))
+        for i, j in itertools.combinations(range(n), 2):
+            _require(
+                between_gates[i, j] > 2 * PYLON_BASE_RADIUS, f"gates {i + 1} and {j + 1} overlap"
+            )
+            _require(
+                not 1 < j - i < n - 1 or between_legs[i, j] > 0,
+                f"the track crosses itself after gates {i + 1} and {j + 1}",
+            )
         start = np.array(self.start.position[:2])
-        distance = np.linalg.norm(self.pylons()[:, :2] - start, axis=1)
+        distance = np.linalg.norm(pylons - start, axis=1)
         nearest = int(np.argmin(distance))
         _require(
             distance[nearest] > PYLON_BASE_RADIUS + 1.0,
             f"the start is too close to a pylon of gate {nearest // 2 + 1}",
         )
-
-
-def segment_distance(a, b) -> float:
-    """Distance between two segments in the plane, 0 if they cross.
-
-    Args:
-        a, b: pairs of end points, each of shape (2,).
-    """
-    (p, q), (r, s) = np.asarray(a, float), np.asarray(b, float)
-
-    def side(o, d, x):
-        return np.sign(d[0] * (x - o)[1] - d[1] * (x - o)[0])
-
-    crossing = side(p, q - p, r) * side(p, q - p, s) < 0
-    crossing &= side(r, s - r, p) * side(r, s - r, q) < 0
-    if crossing:
-        return 0.0
-
-    def to_segment(x, o, e):
-        d = e - o
-        t = np.clip((x - o) @ d / max(d @ d, 1e-300), 0.0, 1.0)
-        return np.linalg.norm(o + t * d - x)
-
-    return float(
-        min(to_segment(r, p, q), to_segment(s, p, q), to_segment(p, r, s), to_segment(q, r, s))
-    )
 
 
 def load_track(name_or_file: str) -> Track:
@@ -248,8 +220,7 @@ def load_track(name_or_file: str) -> Track:
         UserError: if it is missing, malformed or impossible to fly.
     """
     path = find_yaml("tracks", name_or_file)
-    # The checks cost more than the loading, and one race loads its track in
-    # both diagrams.
+    # Kept, because both diagrams of a race load the track, and the checks take a while.
     return _load_track(path, path.stat().st_mtime_ns)
 
 

@@ -8,11 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
-from airrace.track import generator, segment_distance
+from airrace.track import generator
 from airrace.track.generator import generate_track
+from airrace.track.geometry import segment_distances
 from airrace.track.rules import RuleError, check_rules
 
 seeds = st.integers(0, 2**40)
+
+
+def segment_distance(a, b):
+    """Returns the distance of two segments, pairs of end points."""
+    return segment_distances(*np.transpose([a, b], (1, 0, 2)))[0, 1]
+
+
 counts = st.sampled_from([8, 10, 12, 14, 16, 18, 20])
 ways = st.sampled_from(["left", "right"])
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
-from airrace.systems.mapping.marker_statistics import MarkerStatistics, make_map
+from airrace.systems.mapping.report_estimator import MarkerStatistics, make_map
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import map_data, read_map, statistics_data, write_map

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
 from airrace.common.resources import models_path
-from airrace.track import Gate, load_track, segment_distance
+from airrace.track import Gate, load_track
 
 REFERENCE = models_path() / "tracks" / "student-airrace.yaml"
 
@@ -114,19 +114,6 @@ def test_a_changed_file_is_read_again(tmp_path):
 
 
 _points = st.tuples(st.floats(-10, 10), st.floats(-10, 10))
-
-
-@given(_points, _points, _points, _points)
-def test_segment_distance(p, q, r, s):
-    """Symmetric, and never above what sampling the two segments finds."""
-    distance = segment_distance((p, q), (r, s))
-    assert distance == pytest.approx(segment_distance((r, s), (q, p)), abs=1e-9)
-    t = np.linspace(0, 1, 60)[:, None]
-    a = (1 - t) * np.array(p) + t * np.array(q)
-    b = (1 - t) * np.array(r) + t * np.array(s)
-    sampled = np.linalg.norm(a[:, None] - b[None], axis=2).min()
-    spacing = (np.linalg.norm(np.subtract(q, p)) + np.linalg.norm(np.subtract(s, r))) / 59
-    assert sampled - spacing <= distance + 1e-9 <= sampled + 2e-9
 
 
 @given(st.lists(_points, min_size=10, max_size=10))

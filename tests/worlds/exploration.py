@@ -12,7 +12,7 @@ from airrace.math.random import make_generator
 from airrace.scenario import PerceptionConfig, Scenario, StateEstimateConfig
 from airrace.systems.exploring.explorer import Explorer
 from airrace.systems.mapping.gate_mapper import extrapolate
-from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.types import Detection, Detections, ExplorerStatus, make_camera_info
 from airrace.track import (
     BOARD_HEIGHT,
@@ -95,7 +95,7 @@ class ExplorationWorld(LeafSystem):
         self._max_range, self._hidden, self._seed = max_range, hidden, seed
         self._rng = make_generator(seed, "sight")
         settings = {k: v for k, v in vars(perception).items() if k != "latency"}
-        self._mapper, self._mapped = ImageMapper(**settings), MapperMemory()
+        self._mapper, self._mapped = ImageMapper(**settings), MapperState()
         self._pad = self._state = _on_pad(track)
         self._estimate = self._state
         self._detections = Detections()

@@ -1,4 +1,4 @@
-"""Ways that keep clear of pylons and lead through no gap but the right ones."""
+"""Routes that keep clear of pylons and pass the right gates only."""
 
 import numpy as np
 
@@ -10,17 +10,17 @@ from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 ABOVE_PYLONS = PYLON_HEIGHT + 3.0  # m
 _RATE = 50.0  # Hz
-_CREEP = 0.05  # m, by which one who is too near may come nearer still
-_PIECE = 10.0  # m, of the way across: about as long as the climb
-_AT_GATE = 0.3  # m, before a gate's plane one may be through it already
+_TOLERANCE = 0.05  # m, by which a leg that starts too near may come nearer
+_PIECE = 10.0  # m, between waypoints above the pylons: about as long as the climb
+_AT_GATE = 0.3  # m, from a gate's plane: it may have been passed already
 
 
 def positions(leg: FlatTrajectory, after: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Returns times (s), (n,), and positions (m), (3, n), on a leg, at 50 Hz.
 
     Args:
-        leg: of which.
-        after: since when (s).
+        leg: the leg.
+        after: time on it to begin with (s).
     """
     after = min(after, leg.duration)
     times = np.linspace(after, leg.duration, int(_RATE * (leg.duration - after)) + 2)
@@ -30,28 +30,28 @@ def positions(leg: FlatTrajectory, after: float = 0.0) -> tuple[np.ndarray, np.n
 def is_clear(
     leg: FlatTrajectory, gate_map: GateMap, clearance: float, through=(), after: float = 0.0
 ) -> bool:
-    """Whether a leg can be flown by what is known.
+    """Whether a leg keeps clear of everything known.
 
-    It keeps its height, and clear of every pylon that was seen; one who is
-    nearer already must not come nearer. Of the gates of which something was
-    seen, it leads through the right ones, and forward.
+    It keeps its height and its distance from every known pylon; if it starts nearer, it
+    must not come nearer. Of the known gates, also those of which one board was observed,
+    it passes the right ones, in order and in their direction.
 
     Args:
         leg: to check.
-        gate_map: what is known.
+        gate_map: the map.
         clearance: to keep from pylons' axes (m).
         through: numbers of the gates that it has to pass, in order.
-        after: since when on the leg (s).
+        after: time on the leg from which on it is checked (s).
     """
     times, p = positions(leg, after)
     distances = pylon_distances(p, known_pylons(gate_map))
-    if np.any(distances < np.minimum(clearance, distances[0] - _CREEP)):
+    if np.any(distances < np.minimum(clearance, distances[0] - _TOLERANCE)):
         return False
-    if p[2].min() < min(MIN_HEIGHT, p[2, 0] - _CREEP):
+    if p[2].min() < min(MIN_HEIGHT, p[2, 0] - _TOLERANCE):
         return False
     passed = [
         number if forward else None
-        for _, number, forward in passages(times, p, known_gates(gate_map))
+        for _, number, forward in gate_crossings(times, p, known_gates(gate_map))
     ]
     expected = list(through)
     if expected and len(passed) < len(expected):
@@ -61,8 +61,8 @@ def is_clear(
     return passed == expected
 
 
-def passages(times, p, gates) -> list:
-    """Returns when a path leads through gates, below the tips of their pylons.
+def gate_crossings(times, p, gates) -> list:
+    """Returns when a path crosses gates, below the tips of their pylons.
 
     Args:
         times: (n,) s.
@@ -70,8 +70,8 @@ def passages(times, p, gates) -> list:
         gates: GateEstimates.
 
     Returns:
-        (time, number, forward) in order: when (s), through which gate, and
-        whether in the direction of flight.
+        (time, number, forward) in order: when (s), which gate, and whether in the
+        direction of flight.
     """
     result = []
     for gate in gates:
@@ -87,48 +87,48 @@ def passages(times, p, gates) -> list:
     return sorted(result)
 
 
-def over_the_top(start, goal) -> list:
-    """Returns x, y, z, yaw of the way above all pylons, from one pose to another.
+def route_above_pylons(start, goal) -> list:
+    """Returns waypoints x, y, z, yaw of a route above all pylons, from one pose to another.
 
-    Across, it leads through waypoints on the straight way, as Richter, Bry and Roy (2016) add
-    them: a polynomial for a long way next to one for a short climb swings out by as much as
-    the long way is long.
+    There are waypoints on the straight line above, as Richter, Bry and Roy (2016) add them:
+    without, a polynomial of a long distance next to one of a short climb overshoots by as
+    much as that distance.
     """
     climb, descend = (
         np.array([*pose[:2], max(pose[2], ABOVE_PYLONS), goal[3]]) for pose in (start, goal)
     )
     pieces = max(int(np.ceil(np.linalg.norm(descend - climb) / _PIECE)), 1)
     across = np.linspace(climb, descend, pieces + 1)
-    # Who is above them already need not climb, nor who stays there descend.
+    # No climb from above the pylons, and no descent to above them.
     first, last = int(start[2] > PYLON_HEIGHT), pieces + int(goal[2] <= PYLON_HEIGHT)
     return [*across[first:last], goal]
 
 
-def ways(start, goal) -> list:
-    """Returns routes from a pose to another, the best first: straight, or over the top."""
-    return [[goal], over_the_top(start, goal)]
+def direct_routes(start, goal) -> list:
+    """Returns routes from a pose to another, the best first: straight, or above all pylons."""
+    return [[goal], route_above_pylons(start, goal)]
 
 
-def ways_through(start, gates: list[GateEstimate], *, approach: float, beyond: float) -> list:
+def routes_through(start, gates: list[GateEstimate], *, approach: float, beyond: float) -> list:
     """Returns routes through gates, the best first.
 
-    The last gate is new: the ways to those before it are known to be good.
+    The last gate is new: the routes to those before it are known to be clear.
 
     Args:
-        start: x, y, z and yaw of where the first route begins.
+        start: x, y, z and yaw, where all routes begin.
         gates: to pass, in order.
         approach: distance before the last gate from which it is flown through (m).
-        beyond: distance beyond a gate at which a way may end (m).
+        beyond: distance beyond a gate at which a route may end (m).
 
     Returns:
-        lists of x, y, z and yaw, each ending beyond the last gate.
+        lists of waypoints x, y, z and yaw, each ending beyond the last gate.
     """
     *before, new = gates
     passing = [gate_pose(gate) for gate in before]
     out = [gate_pose(before[-1], beyond)] if before else []
     ready = gate_pose(new, -approach)
     end = [gate_pose(new), gate_pose(new, beyond)]
-    over = over_the_top(out[-1] if out else start, ready)
+    over = route_above_pylons(out[-1] if out else start, ready)
     return [
         [*passing, *end],
         [*passing, ready, *end],

@@ -1,61 +1,23 @@
-"""What the explorer knows, and what it makes of it: pure functions."""
-
-import dataclasses as dc
-import functools
-import typing
+"""What follows from what the explorer knows: the next gate, and all gates and pylons known."""
 
 import numpy as np
 
+from airrace.systems.exploring.explorer_memory import Situation
 from airrace.systems.perception.marker_pose import GATE_SPACING
-from airrace.systems.types import Detections
 from airrace.track import BOARD_OFFSET
 from airrace.track.gate_map import GateEstimate, GateMap
 from airrace.vehicle.state import as_state
 
-_LEAST_OBSERVATIONS = 3  # before a marker is believed: the dictionary has strays
-# Section II of the report: the next left pylon is straight ahead of the left
-# pylon, the next heading turned by 45 degrees to either side. With room for the
-# errors of the map, and for tracks that are nearly so:
+_LEAST_OBSERVATIONS = 3  # of a marker that is used: fewer may be misread IDs
+# The layout rule, section II of the report: the next left pylon is straight ahead of the
+# left pylon, the next heading turned by 45 degrees to either side. With tolerances for
+# errors of the map, and for tracks that nearly obey it:
 _TURN, _TURN_TOLERANCE = np.deg2rad(45.0), np.deg2rad(15.0)
 _SIDE_TOLERANCE = 2.5  # m
-_MOST_TURN = np.deg2rad(80.0)  # on the way to a next gate, and there, on any track
+_MOST_TURN = np.deg2rad(80.0)  # after a gate and before the next, on any track
 _STILL = 0.3  # m/s and rad/s, of a drone that stands on its pad
-_STEPS_IN_VAIN = 9  # of a search, before the drone goes back
+_STEPS_IN_VAIN = 9  # of a search that found nothing, before the drone goes back
 _FEWEST_GATES = 3  # of a track
-
-
-@dc.dataclass(frozen=True)
-class Now:
-    """What the explorer knows at one tick.
-
-    Attributes:
-        memory: the explorer's own state.
-        time: (s).
-        detections, gate_map, estimate: its inputs.
-    """
-
-    memory: typing.Any
-    time: float
-    detections: Detections
-    gate_map: GateMap
-    estimate: np.ndarray
-
-    @functools.cached_property
-    def gates(self) -> dict:
-        """The gates of the map by their numbers."""
-        return {gate.number: gate for gate in self.gate_map.gates}
-
-    @functools.cached_property
-    def next_number(self) -> int:
-        """The number of the gate that is looked for."""
-        found = self.memory.status.gates
-        return found[-1] + 1 if found else 0
-
-    @functools.cached_property
-    def last(self) -> GateEstimate | None:
-        """The newest gate of the list as the map has it now, None before the first."""
-        last = self.memory.last
-        return last and self.gates.get(last.number, last)
 
 
 def yaw_of(estimate) -> float:
@@ -95,11 +57,11 @@ def gate_pose(gate: GateEstimate, beyond: float = 0.0) -> np.ndarray:
     return np.array([*(gate.p_WG + beyond * gate.forward), gate.heading])
 
 
-def next_gate(now: Now, closing_range: float) -> GateEstimate | None:
+def next_gate(now: Situation, closing_range: float) -> GateEstimate | None:
     """Returns the gate to fly to, if it has just been found.
 
-    That is the gate with the next number, once the map has it: both its pylons,
-    wherever they were seen from. It may also be gate 1 again, see _closes_loop().
+    That is the gate with the next number, once it is in the map with both pylons, or
+    gate 1 again, see _closes_loop().
 
     Args:
         now: what is known.
@@ -110,25 +72,24 @@ def next_gate(now: Now, closing_range: float) -> GateEstimate | None:
     return now.gates[0] if _closes_loop(now, closing_range) else None
 
 
-def both_in_image(now: Now, number: int) -> bool:
+def both_in_image(now: Situation, number: int) -> bool:
     """Whether both front markers of a gate are in the newest image."""
     return len(_front_markers(now, number)) == 2
 
 
-def _front_markers(now: Now, number: int) -> set:
+def _front_markers(now: Situation, number: int) -> set:
     """Returns the IDs of a gate's front markers in the newest image."""
     return {4 * number, 4 * number + 2} & {marker.id for marker in now.detections.markers}
 
 
-def _closes_loop(now: Now, closing_range: float) -> bool:
+def _closes_loop(now: Situation, closing_range: float) -> bool:
     """Whether gate 1 comes after the last gate.
 
-    Gate 1 can be seen across the track before that. So it must be near, with
-    a front marker in the image, and nothing may be known of a gate with the
-    next number; and it must stand where the layout rule has the gate after the
-    last one. If it does not, both its front markers must be in the image, it
-    must be ahead of the last gate, and the track is known to break the rule, or
-    the search for another gate was in vain.
+    Gate 1 may come into view across the track before that. So it must be near, with a
+    front marker in the image; no board of a gate with the next number may be known; and
+    gate 1 must stand where the layout rule has the gate after the last one. If it does
+    not, both its front markers must be in the image, it must be ahead of the last gate,
+    and other gates must break the rule as well, or the search must have found nothing.
     """
     last, first = now.last, now.gates.get(0)
     if now.next_number < _FEWEST_GATES or first is None:
@@ -139,11 +100,11 @@ def _closes_loop(now: Now, closing_range: float) -> bool:
         return False
     if obeys_rule(last, first):
         return True
-    in_vain = now.memory.steps > _STEPS_IN_VAIN or not _is_by_the_rule(now)
-    return in_vain and both_in_image(now, 0) and _is_ahead(last, first)
+    may_break_rule = now.memory.steps > _STEPS_IN_VAIN or not _all_obey_rule(now)
+    return may_break_rule and both_in_image(now, 0) and _is_ahead(last, first)
 
 
-def _is_by_the_rule(now: Now) -> bool:
+def _all_obey_rule(now: Situation) -> bool:
     """Whether all gates found so far obey the layout rule."""
     found = [now.gates[number] for number in now.memory.status.gates if number in now.gates]
     return all(map(obeys_rule, found, found[1:]))
@@ -162,21 +123,21 @@ def obeys_rule(gate: GateEstimate, following: GateEstimate) -> bool:
 
 
 def _is_ahead(gate: GateEstimate, following: GateEstimate) -> bool:
-    """Whether one can fly from one gate straight to another, through both forward."""
-    way = following.p_WG - gate.p_WG
-    least = np.cos(_MOST_TURN) * np.linalg.norm(way)
-    return bool(way @ gate.forward > least and way @ following.forward > least)
+    """Whether the straight line from one gate to another passes both in their direction."""
+    line = following.p_WG - gate.p_WG
+    least = np.cos(_MOST_TURN) * np.linalg.norm(line)
+    return bool(line @ gate.forward > least and line @ following.forward > least)
 
 
 def presumed_gate(gate_map: GateMap, number: int) -> GateEstimate | None:
-    """Returns where a gate should be by the best known of its boards alone.
+    """Returns where a gate is presumed to be by the best known of its boards alone.
 
     Args:
         gate_map: with any of its four boards, or none.
         number: of the gate.
 
     Returns:
-        None if no board of it was seen, or too seldom to be no mistake.
+        None if no board of it was observed often enough.
     """
     seen = [m for m in gate_map.markers if m.id // 4 == number and m.count >= _LEAST_OBSERVATIONS]
     if not seen:
@@ -195,7 +156,7 @@ def presumed_gate(gate_map: GateMap, number: int) -> GateEstimate | None:
 
 
 def known_gates(gate_map: GateMap) -> list[GateEstimate]:
-    """Returns the gates of the map, and where those should be of which less was seen."""
+    """Returns the gates of the map, and the presumed ones of which less is known."""
     whole = {gate.number for gate in gate_map.gates}
     rest = sorted({marker.id // 4 for marker in gate_map.markers} - whole)
     presumed = (presumed_gate(gate_map, number) for number in rest)
@@ -203,7 +164,7 @@ def known_gates(gate_map: GateMap) -> list[GateEstimate]:
 
 
 def known_pylons(gate_map: GateMap) -> np.ndarray:
-    """Returns the axes of all pylons that were seen, (n, 2) m."""
+    """Returns the axes of all known pylons, (n, 2) m."""
     pylons = [pylon for gate in gate_map.gates for pylon in gate.pylons]
     whole = {gate.number for gate in gate_map.gates}
     pylons += [
@@ -214,8 +175,8 @@ def known_pylons(gate_map: GateMap) -> np.ndarray:
     return np.reshape(pylons, (-1, 2))
 
 
-def described_observation(now: Now, number: int) -> str:
-    """Returns which boards of a gate were seen, in words."""
+def describe_observation(now: Situation, number: int) -> str:
+    """Returns which boards of a gate were observed, in words."""
     seen = [m for m in now.gate_map.markers if m.id // 4 == number and m.count > 0]
     in_image = {marker.id for marker in now.detections.markers}
     ids = " and ".join(str(m.id) for m in seen)
@@ -226,13 +187,13 @@ def described_observation(now: Now, number: int) -> str:
     return f"{what} {ids} of gate {number + 1} {was} seen{behind}"
 
 
-def heading_error(now: Now, gate: GateEstimate) -> float:
-    """Returns how far to the left of where the drone looks a gate is (rad)."""
+def heading_error(now: Situation, gate: GateEstimate) -> float:
+    """Returns the angle from the drone's heading to the left, to a gate (rad)."""
     x, y, _ = gate.p_WG - as_state(now.estimate).position
     return _wrap(np.arctan2(y, x) - yaw_of(now.estimate))
 
 
-def in_words(angle: float) -> str:
+def angle_in_words(angle: float) -> str:
     """Returns an angle (rad) to the left, e.g. "12 degrees right"."""
     return f"{abs(np.rad2deg(angle)):.0f} degrees {'left' if angle >= 0 else 'right'}"
 

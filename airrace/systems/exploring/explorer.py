@@ -1,10 +1,10 @@
-"""Finds the gates of a track that nobody has seen."""
+"""Finds the gates of an unknown track."""
 
 from pydrake.common.value import Value
 from pydrake.systems.framework import EventStatus, LeafSystem
 
 from airrace.systems.exploring import exploration
-from airrace.systems.exploring.explorer_memory import Memory, first_memory
+from airrace.systems.exploring.explorer_memory import Memory, Situation, first_memory
 from airrace.systems.exploring.explorer_states import StateMachine
 from airrace.systems.types import ExplorerStatus
 from airrace.trajopt.flat_trajectory import hold
@@ -32,24 +32,24 @@ class Explorer(LeafSystem):
     see vehicle/state.py; ``exploration_reference`` see
     trajopt/reference.py, ``explorer_status`` an ExplorerStatus.
 
-    States, and what they wait for:
+    The states, and what each waits for; explorer_states.py has the transitions:
 
     - CALIBRATE: nearly level and at rest on the pad; then takes off.
-    - TAKE_OFF: up to the hover height, levelling in the air.
-    - HOVER: the drone at its set-point, looking.
+    - TAKE_OFF: the hover height, levelling in the air.
+    - HOVER: the drone at its set-point, and some images there.
     - TURN_TO_GATE: gate 1 is off the heading, so turn until it is ahead.
-    - STEP_FORWARD: nothing in sight, so on along the last gate's heading.
+    - STEP_FORWARD: no gate in sight, so on along the last gate's heading.
     - LOOK_AROUND: steps forward did not help, so turn on the spot. At the
       start, this comes before any step.
-    - STEP_AROUND: something of the gate was seen, so to where both of its front
-      markers should be.
+    - STEP_AROUND: a board of the gate was observed, so to where both of its front
+      markers should be in view.
     - GO_BACK: all that did not help, so back to the last gate.
-    - LOOK_FROM_ABOVE: nor did a look around there, so search from above the
-      pylons, farther and farther.
-    - FLY_TO_GATE: through every gate found and not yet passed. Gates found on
-      the way extend the leg without a stop; after the last, the search goes on.
-    - AVOID: a pylon that just came into sight is in the way, so stop.
-    - RETURN: gate 1 showed up again, so through what is left and home.
+    - LOOK_FROM_ABOVE: nor did turning there, so search from above the pylons, in growing
+      distances.
+    - FLY_TO_GATE: through every gate found and not yet passed. Gates found
+      meanwhile extend the leg without a stop; after the last, the search goes on.
+    - AVOID: a pylon that was just found is in the way, so stop.
+    - RETURN: gate 1 was found again, so through the gates still ahead and home.
     - DONE: hovering there, ready to race.
 
     From all states between TAKE_OFF and RETURN, FLY_TO_GATE follows as soon as
@@ -87,29 +87,29 @@ class Explorer(LeafSystem):
         self.DeclareAbstractOutputPort(
             "explorer_status",
             lambda: Value[object](ExplorerStatus()),
-            lambda context, output: output.set_value(self._recall(context).status),
+            lambda context, output: output.set_value(self._read_memory(context).status),
             {ticket},
         )
 
-    def _recall(self, context) -> Memory:
+    def _read_memory(self, context) -> Memory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
     def _calc_reference(self, context, output):
-        memory = self._recall(context)
+        memory = self._read_memory(context)
         if memory.leg is None:
-            # Far below the pad, so that the rotors idle: a drone that hovered on
-            # a tilted one would slide.
+            # Far below the pad, so that the rotors idle: with more thrust, the drone
+            # would slide on a tilted pad.
             x, y, z, yaw = exploration.hover_pose(self._estimate.Eval(context))
             output.set_value(hold([x, y, z - _BELOW], yaw))
         else:
             output.set_value(memory.leg.reference(context.get_time() - memory.leg_start))
 
     def _update(self, context, state):
-        memory = self._recall(context)
+        memory = self._read_memory(context)
         if memory.status.done:
             return EventStatus.DidNothing()  # for good
         after = self._machine.next(
-            exploration.Now(
+            Situation(
                 memory=memory,
                 time=context.get_time(),
                 detections=self._detections.Eval(context),
@@ -118,7 +118,7 @@ class Explorer(LeafSystem):
             )
         )
         if after is memory:
-            # So that nothing in the whole race need be computed anew.
+            # Then Drake computes nothing anew that depends on the state.
             return EventStatus.DidNothing()
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
         return EventStatus.Succeeded()

@@ -1,29 +1,31 @@
-"""The state of the explorer."""
+"""What the explorer remembers, and what else it knows at one tick."""
 
 import dataclasses as dc
+import functools
 
 import numpy as np
 
 from airrace.common.immutable import Immutable
-from airrace.systems.types import ExplorerEvent, ExplorerStatus
+from airrace.systems.types import Detections, ExplorerEvent, ExplorerStatus
+from airrace.track.gate_map import GateEstimate, GateMap
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 
 @dc.dataclass(frozen=True, eq=False)
 class Memory(Immutable):
-    """What the explorer remembers.
+    """The explorer's own state.
 
     Attributes:
-        status: what the world may know.
+        status: the output.
         leg, leg_start: trajectory being flown and when it started (s).
         home: hover pose over the start: x, y, z and yaw, (4,).
         aligned: whether the heading was checked against gate 1.
-        last: newest gate of the list, a GateEstimate, or None.
-        ahead: gates on the leg, as they were when it was planned, and the times
-            on it at which they are passed.
-        steps, arounds: of the search for the next gate so far, see search.py.
-        checked: when the leg was last checked against the map (s).
-        blocked: when no way to a gate that was found was free (s).
+        last: newest gate of the list, None before the first.
+        gates_ahead: pairs of a gate on the leg, as it was when the leg was planned, and the
+            time on the leg at which it is passed (s).
+        steps, steps_around: of the search for the next gate so far, see search.py.
+        checked_at: when the leg was last checked against the map (s).
+        blocked_at: when no clear leg to the next gate or step was found (s).
     """
 
     status: ExplorerStatus
@@ -31,12 +33,12 @@ class Memory(Immutable):
     leg_start: float = 0.0
     home: np.ndarray | None = None
     aligned: bool = False
-    last: object = None
-    ahead: tuple = ()
+    last: GateEstimate | None = None
+    gates_ahead: tuple = ()
     steps: int = 0
-    arounds: int = 0
-    checked: float = 0.0
-    blocked: float = -np.inf
+    steps_around: int = 0
+    checked_at: float = 0.0
+    blocked_at: float = -np.inf
 
     @property
     def goal(self) -> np.ndarray:
@@ -67,16 +69,54 @@ class Memory(Immutable):
         )
         return dc.replace(self, status=status)
 
-    def behind(self, time: float) -> "Memory":
+    def without_passed_gates(self, time: float) -> "Memory":
         """Returns the memory without the gates that were passed by a time (s)."""
-        ahead = tuple(pair for pair in self.ahead if self.leg_start + pair[1] > time)
-        return self if len(ahead) == len(self.ahead) else dc.replace(self, ahead=ahead)
+        ahead = tuple(pair for pair in self.gates_ahead if self.leg_start + pair[1] > time)
+        return self if len(ahead) == len(self.gates_ahead) else dc.replace(self, gates_ahead=ahead)
 
     def flying(self, leg: FlatTrajectory, time: float) -> "Memory":
         """Returns the memory of a leg that starts at a time (s)."""
-        return dc.replace(self, leg=leg, leg_start=time, checked=time)
+        return dc.replace(self, leg=leg, leg_start=time, checked_at=time)
 
 
 def first_memory() -> Memory:
     """Returns the memory of a drone that was just switched on."""
     return Memory(ExplorerStatus(events=(ExplorerEvent(0.0, "CALIBRATE", "power on"),)))
+
+
+@dc.dataclass(frozen=True)
+class Situation:
+    """What the explorer knows at one tick.
+
+    Attributes:
+        memory: the explorer's own state.
+        time: (s).
+        detections, gate_map, estimate: its inputs.
+    """
+
+    memory: Memory
+    time: float
+    detections: Detections
+    gate_map: GateMap
+    estimate: np.ndarray
+
+    @functools.cached_property
+    def gates(self) -> dict:
+        """The gates of the map by their numbers."""
+        return {gate.number: gate for gate in self.gate_map.gates}
+
+    @functools.cached_property
+    def next_number(self) -> int:
+        """The number of the gate that is searched for."""
+        found = self.memory.status.gates
+        return found[-1] + 1 if found else 0
+
+    @functools.cached_property
+    def last(self) -> GateEstimate | None:
+        """The newest gate of the list as the map has it now, None before the first."""
+        last = self.memory.last
+        return last and self.gates.get(last.number, last)
+
+    def remembering(self, **changes) -> "Situation":
+        """Returns the situation with changes of the memory."""
+        return dc.replace(self, memory=dc.replace(self.memory, **changes))

@@ -1,4 +1,10 @@
-"""The explorer's states: what each waits for, and what comes next."""
+"""The explorer's state machine: the states, what each waits for, and the transitions.
+
+    CALIBRATE -> TAKE_OFF -> HOVER -> FLY_TO_GATE -> RETURN -> DONE
+
+From HOVER, TURN_TO_GATE and the steps of the search (see search.py) lead back to HOVER, and
+every state of flight to FLY_TO_GATE. AVOID follows if the leg is not clear any more.
+"""
 
 import dataclasses as dc
 import itertools
@@ -6,9 +12,8 @@ import itertools
 import numpy as np
 
 from airrace.systems.exploring import exploration
-from airrace.systems.exploring.exploration import Now
 from airrace.systems.exploring.explorer_legs import LegPlanner
-from airrace.systems.exploring.explorer_memory import Memory
+from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.systems.exploring.search import is_far, leads_to, next_steps
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.vehicle.state import as_state
@@ -20,7 +25,7 @@ _AT_REST = "level and at rest now"
 
 
 class StateMachine:
-    """The states of Explorer; it remembers nothing itself."""
+    """The states of Explorer; what changes is in the Memory of the Situation."""
 
     def __init__(
         self, *, config, hover_height: float, clearance: float, map_is_known: bool = False
@@ -39,210 +44,208 @@ class StateMachine:
             "DONE": lambda now: now.memory,
         }
 
-    def next(self, now: Now) -> Memory:
+    def next(self, now: Situation) -> Memory:
         """Returns the memory of the next tick."""
-        now = dc.replace(now, memory=now.memory.behind(now.time))
+        now = dc.replace(now, memory=now.memory.without_passed_gates(now.time))
         return self._states.get(now.memory.status.state, self._search)(now)
 
-    # The states. Each returns the memory of the next tick.
+    # The states: what happens in a tick. Each returns the memory of the next tick.
 
     def _calibrate(self, now):
-        tilt = np.rad2deg(exploration.tilt(now.estimate))
-        status = now.memory.status
+        """Waits until the drone is level and at rest, then takes off."""
+        memory, status = now.memory, now.memory.status
         fault = exploration.fault_on_pad(now.estimate, self._config.max_level_error_deg)
         if fault is not None:
-            # It is said once, not whenever a number changes.
+            # Only another fault is an event, not another number in it.
             same = fault.split()[0] == status.reason.split()[0]
-            return now.memory if same else now.memory.entered(now.time, "CALIBRATE", fault)
+            return memory if same else memory.entered(now.time, "CALIBRATE", fault)
         if len(status.events) > 1 and status.reason != _AT_REST:
-            return now.memory.entered(now.time, "CALIBRATE", _AT_REST)
+            return memory.entered(now.time, "CALIBRATE", _AT_REST)
         if now.time - status.since < self._config.hover_time:
-            return now.memory
+            return memory
+        tilt = np.rad2deg(exploration.tilt(now.estimate))
         pose = exploration.hover_pose(now.estimate)
         home = pose + [0.0, 0.0, self._hover_height, 0.0]
-        memory = dc.replace(now.memory, home=home, leg=FlatTrajectory.resting(pose))
-        now = dc.replace(now, memory=memory)
+        now = now.remembering(home=home, leg=FlatTrajectory.resting(pose))
         leg = self._legs.plan(now, [[home]])
-        return self._go(now, leg, "TAKE_OFF", f"level within {tilt:.1f} degrees, taking off")
+        return self._follow(now, leg, "TAKE_OFF", f"level within {tilt:.1f} degrees, taking off")
 
     def _take_off(self, now):
-        if self._arrived(now) is None:
+        """Waits for the hover height."""
+        if self._arrival_time(now) is None:
             return now.memory
         return now.memory.entered(now.time, "HOVER", "reached the hover height")
 
     def _hover(self, now):
-        arrived = self._arrived(now)
-        waited = arrived is not None and now.time - arrived >= self._config.hover_time
+        """Waits for the set-point and some images there, then decides what comes next."""
+        arrival = self._arrival_time(now)
+        waited = arrival is not None and now.time - arrival >= self._config.hover_time
         if self._map_is_known:
-            return self._know(now) if waited else now.memory
-        turned = self._turn_to_gate(now, waited)
-        if turned is not None:
-            return turned
-        found = self._found(now)
-        if found is not None:
-            return found
-        return self._seek(now) if waited else now.memory
+            return self._finish_with_known_map(now) if waited else now.memory
+        after = self._turn_to_gate(now, waited) or self._fly_to_next_gate(now)
+        if after is None:
+            return self._take_search_step(now) if waited else now.memory
+        return after
 
     def _search(self, now):
-        """STEP_FORWARD, LOOK_AROUND, STEP_AROUND, GO_BACK, ..., and TURN_TO_GATE."""
+        """All steps of the search, TURN_TO_GATE and AVOID: wait for the set-point or a gate."""
         if now.memory.last is not None or now.memory.aligned:
-            found = self._found(now)
-            if found is not None:
-                return found
-        if self._arrived(now) is not None:
+            after = self._fly_to_next_gate(now)
+            if after is not None:
+                return after
+        if self._arrival_time(now) is not None:
             return now.memory.entered(now.time, "HOVER", "reached the set-point")
-        if self._is_too_far(now) or self._can_go_on(now):
-            return self._seek(now)
-        return self._watch(now)
+        if self._leads_too_near(now) or self._may_step_on(now):
+            return self._take_search_step(now)
+        return self._check_leg(now)
 
     def _fly_to_gate(self, now):
-        found = self._found(now)
-        if found is not None:
-            return found
-        if now.memory.ahead:
-            return self._watch(now)
-        near = exploration.presumed_gate(now.gate_map, now.next_number)
-        if near and self._arrived(now) is None and not is_far(now, near, self._config):
-            return self._watch(now)  # what was seen of it asks for a look at rest
-        return self._seek(now)
+        """Waits for the next gate, or for the last one to be passed."""
+        after = self._fly_to_next_gate(now)
+        if after is not None:
+            return after
+        if now.memory.gates_ahead:
+            return self._check_leg(now)
+        gate = exploration.presumed_gate(now.gate_map, now.next_number)
+        if gate and self._arrival_time(now) is None and not is_far(now, gate, self._config):
+            return self._check_leg(now)  # its other markers may be detected better at rest
+        return self._take_search_step(now)
 
     def _return(self, now):
-        if self._arrived(now) is None:
-            return self._watch(now)
+        """Waits for the arrival over the start."""
+        if self._arrival_time(now) is None:
+            return self._check_leg(now)
         return now.memory.entered(now.time, "DONE", "hovering over the start", done=True)
 
-    # What they share.
+    # The transitions. Each returns the memory in the new state, or None, or the memory as it
+    # was, if its condition is not met.
 
-    def _know(self, now):
-        """Returns the memory of a race without exploring."""
+    def _finish_with_known_map(self, now):
         gates = tuple(gate.number for gate in now.gate_map.gates)
+        reason = f"the map is given, with {len(gates)} gates"
         return now.memory.entered(
-            now.time,
-            "DONE",
-            f"the map is given, with {len(gates)} gates",
-            gates=gates,
-            closed_at=now.time,
-            done=True,
+            now.time, "DONE", reason, gates=gates, closed_at=now.time, done=True
         )
 
     def _turn_to_gate(self, now, waited):
-        """Returns the memory of turning to gate 1, None if there is no reason to."""
+        """Turns to gate 1 if that is off the heading; None if there is no reason to."""
         memory = now.memory
         if memory.aligned or memory.last is not None:
             return None
         gate, what = now.gates.get(0), "gate 1 is off the heading"
         if gate is None and waited:
             gate = exploration.presumed_gate(now.gate_map, 0)
-            what = exploration.described_observation(now, 0)
+            what = exploration.describe_observation(now, 0)
         if gate is None:
             return None
         error = exploration.heading_error(now, gate)
-        angle = exploration.in_words(error)
+        angle = exploration.angle_in_words(error)
         if abs(error) < np.deg2rad(self._config.max_heading_error_deg):
             memory = dc.replace(memory, aligned=True)
             return memory.entered(now.time, "HOVER", f"gate 1 is ahead, {angle}")
-        if self._arrived(now) is None:
+        if self._arrival_time(now) is None:
             return None
         pose = memory.goal
         pose[3] = exploration.yaw_of(now.estimate) + error
         leg = self._legs.plan(now, [[pose]])
-        return self._go(now, leg, "TURN_TO_GATE", f"{what}, {angle}")
+        return self._follow(now, leg, "TURN_TO_GATE", f"{what}, {angle}")
 
-    def _found(self, now):
-        """Returns the memory of flying to a gate just found, or None."""
+    def _fly_to_next_gate(self, now):
+        """Flies to a gate that was just found, after those ahead; None if there is none."""
         memory = now.memory
         gate = exploration.next_gate(now, self._config.closing_range)
-        if gate is None or now.time < memory.blocked + _PERIOD or self._is_at_gate(now):
+        if gate is None or now.time < memory.blocked_at + _PERIOD or self._is_at_gate(now):
             return None
         if memory.last is not None and gate.number == 0:
-            return self._go_home(now)
-        gates = [*self._ahead(now), gate]
+            return self._return_home(now)
+        gates = [*self._gates_ahead(now), gate]
         leg = self._legs.plan_through(now, gates)
         if leg is None:
-            # At rest nothing will change by itself.
-            return (
-                self._seek(now)
-                if self._arrived(now) is not None
-                else dc.replace(memory, blocked=now.time)
-            )
-        how = (
-            "both front markers in one image"
-            if exploration.both_in_image(now, gate.number)
-            else "in the map already"
-        )
-        memory = dc.replace(
-            memory,
-            last=gate,
-            steps=0,
-            arounds=0,
-            status=dc.replace(memory.status, gates=(*memory.status.gates, gate.number)),
-        )
+            if self._arrival_time(now) is not None:
+                # At rest, the next attempt would fail as well.
+                return self._take_search_step(now)
+            return dc.replace(memory, blocked_at=now.time)
+        both = exploration.both_in_image(now, gate.number)
+        how = "both front markers in one image" if both else "in the map already"
+        found = (*memory.status.gates, gate.number)
+        status = dc.replace(memory.status, gates=found)
+        now = now.remembering(last=gate, steps=0, steps_around=0, status=status)
         reason = f"gate {gate.number + 1}: {how}"
-        return self._go_through(dc.replace(now, memory=memory), leg, gates, "FLY_TO_GATE", reason)
+        return self._follow(now, leg, "FLY_TO_GATE", reason, gates)
 
-    def _go_home(self, now):
-        memory, gates = now.memory, self._ahead(now)
+    def _return_home(self, now):
+        memory, gates = now.memory, self._gates_ahead(now)
         leg = self._legs.plan_home(now, gates)
         if leg is None:
-            return dc.replace(memory, blocked=now.time)
+            return dc.replace(memory, blocked_at=now.time)
         reason = f"gate 1 again after {len(memory.status.gates)} gates: the loop is closed"
-        memory = dc.replace(memory, status=dc.replace(memory.status, closed_at=now.time))
-        return self._go_through(dc.replace(now, memory=memory), leg, gates, "RETURN", reason)
+        now = now.remembering(status=dc.replace(memory.status, closed_at=now.time))
+        return self._follow(now, leg, "RETURN", reason, gates)
 
-    def _seek(self, now):
-        """Returns the memory of the next step of the search."""
+    def _take_search_step(self, now):
+        """Takes the first of the next search steps to which a clear leg leads."""
         memory = now.memory
-        if now.time < memory.blocked + _PERIOD:
+        if now.time < memory.blocked_at + _PERIOD:
             return memory
         for step in itertools.islice(next_steps(now, self._config), _MOST_STEPS):
             leg = self._legs.plan(now, step.routes)
             if leg is not None:
-                memory = dc.replace(memory, steps=step.steps, arounds=step.arounds)
-                return self._go(dc.replace(now, memory=memory), leg, step.state, step.reason)
-        memory = dc.replace(memory, blocked=now.time)
-        if self._arrived(now) is None:
+                now = now.remembering(steps=step.steps, steps_around=step.steps_around)
+                return self._follow(now, leg, step.state, step.reason)
+        memory = dc.replace(memory, blocked_at=now.time)
+        if self._arrival_time(now) is None:
             return memory
-        # At rest nothing will change by itself: on to what comes after these.
-        return dc.replace(memory, steps=step.steps, arounds=step.arounds)
+        # At rest, the next attempt would fail as well: skip these steps.
+        return dc.replace(memory, steps=step.steps, steps_around=step.steps_around)
 
-    def _watch(self, now):
-        """Returns the memory after a look at whether the leg is still good."""
-        memory = now.memory
-        if now.time < memory.checked + _PERIOD or self._is_at_gate(now):
-            return memory
-        memory = dc.replace(memory, checked=now.time)
-        now = dc.replace(now, memory=memory)
-        gates = self._ahead(now)
+    def _check_leg(self, now):
+        """Plans the leg again if it is not clear any more, or if the gates ahead have moved."""
+        if now.time < now.memory.checked_at + _PERIOD or self._is_at_gate(now):
+            return now.memory
+        now = now.remembering(checked_at=now.time)
+        memory, gates, state = now.memory, self._gates_ahead(now), now.memory.status.state
         moved = max(
-            (np.linalg.norm(new.p_WG - old.p_WG) for new, (old, _) in zip(gates, memory.ahead)),
+            (
+                np.linalg.norm(new.p_WG - old.p_WG)
+                for new, (old, _) in zip(gates, memory.gates_ahead)
+            ),
             default=0.0,
         )
-        good = self._legs.is_good(now, gates)
-        if good and moved < self._config.replan_distance:
+        is_clear = self._legs.is_clear(now, gates)
+        if is_clear and moved < self._config.replan_distance:
             return memory
-        state = memory.status.state
         if state == "RETURN" or gates:
             plan = self._legs.plan_home if state == "RETURN" else self._legs.plan_through
-            why = (
+            reason = (
                 f"what is ahead is {moved:.1f} m from where it seemed"
-                if good
+                if is_clear
                 else "the way there is not free"
             )
-            return self._go_through(now, plan(now, gates), gates, state, why)
-        return (
-            memory
-            if good
-            else self._go(now, self._legs.plan_stop(now), "AVOID", "something is in the way")
-        )
+            return self._follow(now, plan(now, gates), state, reason, gates)
+        if is_clear:
+            return memory
+        return self._follow(now, self._legs.plan_stop(now), "AVOID", "something is in the way")
 
-    def _is_too_far(self, now):
-        """Whether a step leads too near to a gate of which something was just seen."""
+    def _follow(self, now, leg, state, reason, gates=()):
+        """Returns the memory of a leg through gates, in a new state; as it was for no leg."""
+        if leg is None:
+            return now.memory
+        memory = now.memory.flying(leg, now.time).entered(now.time, state, reason)
+        if gates:
+            times = self._legs.passing_times(leg, gates)
+            memory = dc.replace(memory, gates_ahead=tuple(zip(gates, times)))
+        return memory
+
+    # The conditions.
+
+    def _leads_too_near(self, now):
+        """Whether a step forward ends too near to a gate of which a board was just detected."""
         if now.memory.status.state != "STEP_FORWARD":
             return False
         gate = exploration.presumed_gate(now.gate_map, now.next_number)
         return gate is not None and leads_to(now.memory.goal, gate, self._config)
 
-    def _can_go_on(self, now):
+    def _may_step_on(self, now):
         """Whether one step forward may follow another without a stop."""
         if now.memory.status.state != "STEP_FORWARD":
             return False
@@ -251,30 +254,16 @@ class StateMachine:
         return to_go < braking and next(next_steps(now, self._config)).state == "STEP_FORWARD"
 
     def _is_at_gate(self, now):
-        """Whether a gate is about to be passed: a new leg could only spoil that."""
-        passing = [time for _, time in now.memory.ahead]
-        return bool(passing) and now.memory.leg_start + passing[0] < now.time + _AT_GATE
+        """Whether a gate is about to be passed: too late for another leg."""
+        times = [time for _, time in now.memory.gates_ahead]
+        return bool(times) and now.memory.leg_start + times[0] < now.time + _AT_GATE
 
-    def _ahead(self, now):
+    def _gates_ahead(self, now):
         """Returns the gates on the leg as the map has them now."""
-        return [now.gates.get(gate.number, gate) for gate, _ in now.memory.ahead]
+        return [now.gates.get(gate.number, gate) for gate, _ in now.memory.gates_ahead]
 
-    def _go_through(self, now, leg, gates, state, reason):
-        """Returns the memory of flying a leg through gates; as before if there is none."""
-        memory = self._go(now, leg, state, reason)
-        if leg is None:
-            return memory
-        times = self._legs.passing_times(leg, gates)
-        return dc.replace(memory, ahead=tuple(zip(gates, times)))
-
-    def _go(self, now, leg, state, reason):
-        """Returns the memory of flying a leg; as before if there is none."""
-        if leg is None:
-            return now.memory
-        return now.memory.flying(leg, now.time).entered(now.time, state, reason)
-
-    def _arrived(self, now):
-        """Returns when the drone reached the end of its leg, None before."""
+    def _arrival_time(self, now):
+        """Returns when the drone reached the end of its leg (s), None before."""
         memory = now.memory
         distance = np.linalg.norm(as_state(now.estimate).position - memory.goal[:3])
         near = distance < self._config.reached_distance

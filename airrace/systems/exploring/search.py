@@ -1,22 +1,18 @@
-"""Where to look for a gate that is not in sight: pure functions."""
+"""The search for a gate that is not in sight: the order of steps, and where they lead."""
 
 import dataclasses as dc
 import itertools
 
 import numpy as np
 
-from airrace.systems.exploring.clear_paths import ABOVE_PYLONS, over_the_top, ways
-from airrace.systems.exploring.exploration import (
-    Now,
-    described_observation,
-    gate_pose,
-    presumed_gate,
-)
+from airrace.systems.exploring.clear_paths import ABOVE_PYLONS, direct_routes, route_above_pylons
+from airrace.systems.exploring.exploration import describe_observation, gate_pose, presumed_gate
+from airrace.systems.exploring.explorer_memory import Situation
 from airrace.track import BOARD_OFFSET
 from airrace.track.gate_map import GateEstimate
 
 _ON_THE_SPOT = 2.0  # m
-_ASIDE = 4.0  # m, by which a step gives way
+_ASIDE = 4.0  # m, to the side, of a step that is not clear straight on
 
 
 @dc.dataclass(frozen=True)
@@ -25,78 +21,83 @@ class Step:
 
     Attributes:
         state, reason: of the explorer, when it takes the step.
-        routes: lists of x, y, z and yaw that lead there, the best first.
-        steps, arounds: numbers of steps, and of steps around a gate, that are
-            then behind it.
+        routes: lists of waypoints x, y, z and yaw that lead there, the best first.
+        steps, steps_around: numbers of steps, and of steps around a gate, in the search
+            so far with this one.
     """
 
     state: str
     reason: str
     routes: list
     steps: int
-    arounds: int
+    steps_around: int
 
 
 @dc.dataclass(frozen=True)
 class _Move:
-    """A place to look from, seen from the base: beyond the last gate, or over the start.
+    """A viewpoint relative to the base: beyond the last gate, or over the start.
 
     Attributes:
         state, reason: see Step.
         along: distance from the base (steps).
         bearing: where that is, left of the base's heading (degrees).
-        look: where to look, left of the bearing (degrees).
-        above: whether above all pylons, where nothing can be hit.
+        yaw: of the drone, left of the bearing (degrees).
+        above: whether above all pylons, where no obstacle is.
     """
 
     state: str
     reason: str
     along: float = 0.0
     bearing: float = 0.0
-    look: float = 0.0
+    yaw: float = 0.0
     above: bool = False
 
 
-def _looks(along, *angles, **where):
+def _look_around(along, *angles, **where):
     return [
         _Move(
             "LOOK_AROUND",
             f"no gate ahead, looking {abs(angle):.0f} degrees {'left' if angle > 0 else 'right'}",
             along,
-            look=angle,
+            yaw=angle,
             **where,
         )
         for angle in angles
     ]
 
 
-def _forward(*along):
+def _step_forward(*along):
     return [
-        _Move("STEP_FORWARD", "still no gate in sight" if k else "no gate in sight", k_along)
-        for k, k_along in enumerate(along)
+        _Move("STEP_FORWARD", "still no gate in sight" if k else "no gate in sight", distance)
+        for k, distance in enumerate(along)
     ]
 
 
 _ALL_ROUND = (60.0, -60.0, -120.0, 180.0, 120.0)
 # The next gate is straight ahead of the last one, at up to 70 m, and can be read
 # from 30 m: three steps do, unless something hides it.
-_AFTER_A_GATE = [*_forward(1, 2, 3), *_looks(3, 60, -60), *_forward(4, 5), *_looks(5, 60, -60)]
+_AFTER_A_GATE = [
+    *_step_forward(1, 2, 3),
+    *_look_around(3, 60, -60),
+    *_step_forward(4, 5),
+    *_look_around(5, 60, -60),
+]
 _AT_THE_START = [
-    *_looks(0, *_ALL_ROUND),
-    *_forward(1),
-    *_looks(1, 60, -60),
-    *_forward(2),
-    *_looks(2, 60, -60),
+    *_look_around(0, *_ALL_ROUND),
+    *_step_forward(1),
+    *_look_around(1, 60, -60),
+    *_step_forward(2),
+    *_look_around(2, 60, -60),
 ]
 _LOST = [
     _Move("GO_BACK", "lost"),
-    *_looks(0, *_ALL_ROUND),
+    *_look_around(0, *_ALL_ROUND),
     _Move("LOOK_FROM_ABOVE", "lost, looking from above the pylons", above=True),
-    *_looks(0, *_ALL_ROUND, above=True),
+    *_look_around(0, *_ALL_ROUND, above=True),
     *itertools.chain.from_iterable(
         [
             _Move("LOOK_FROM_ABOVE", "lost, on above the pylons", k, bearing, above=True),
-            *_looks(k, 60, -60, bearing=bearing, above=True),
+            *_look_around(k, 60, -60, bearing=bearing, above=True),
         ]
         for bearing, k in (
             (0, 1),
@@ -116,20 +117,20 @@ _LOST = [
 ]
 
 
-def next_steps(now: Now, config):
+def next_steps(now: Situation, config):
     """Yields steps of the search, the best first; not all may be free to take.
 
-    A gate of which something was seen is stepped around first. Then comes what
-    the report does, and then what finds a gate that the report would not.
+    If a board of the gate was observed, steps around it come first. Then come the steps
+    of the report, and then those that find a gate that the report would not.
 
     Args:
         now: what is known.
         config: an ExplorerConfig.
     """
     gate = presumed_gate(now.gate_map, now.next_number)
-    around, on = _steps_around(now, config, gate), _steps_on(now, config)
+    around, on = _steps_around_gate(now, config, gate), _steps_on(now, config)
     if gate is not None and is_far(now, gate, config):
-        # Its other marker is perhaps just too small to read as yet.
+        # Its other marker may just be too small to be read from here.
         first = next(on)
         if first.state == "STEP_FORWARD" and not leads_to(first.routes[0][0], gate, config):
             yield first
@@ -137,17 +138,17 @@ def next_steps(now: Now, config):
     yield from on
 
 
-def is_far(now: Now, gate: GateEstimate, config) -> bool:
-    """Whether a gate is farther away than the place from which it should be seen well."""
+def is_far(now: Situation, gate: GateEstimate, config) -> bool:
+    """Whether a gate is farther away than where both its markers should be in view."""
     return np.linalg.norm(now.memory.goal[:3] - gate.p_WG) > config.side_distance
 
 
 def leads_to(goal, gate: GateEstimate, config) -> bool:
-    """Whether a step to x, y, z, yaw ends too near to a gate that is not yet known."""
+    """Whether a step to x, y, z, yaw ends too near to a gate that is not yet in the map."""
     return (goal[:3] - gate.p_WG) @ gate.forward > -config.approach_distance
 
 
-def _steps_on(now: Now, config):
+def _steps_on(now: Situation, config):
     memory = now.memory
     base = memory.home if now.last is None else gate_pose(now.last, config.passing_distance)
     first = _AT_THE_START if now.last is None else _AFTER_A_GATE
@@ -163,22 +164,22 @@ def _steps_on(now: Now, config):
             reason,
             _routes(move, memory.goal, goal),
             steps + 1,
-            0 if going_back else memory.arounds,
+            0 if going_back else memory.steps_around,
         )
 
 
-def _steps_around(now: Now, config, gate: GateEstimate | None):
+def _steps_around_gate(now: Situation, config, gate: GateEstimate | None):
     if gate is None:
         return
-    reason = described_observation(now, gate.number)
+    reason = describe_observation(now, gate.number)
     poses = _poses_in_front(gate, config)
-    for k in range(now.memory.arounds, len(poses)):
-        routes = ways(now.memory.goal, poses[k])
+    for k in range(now.memory.steps_around, len(poses)):
+        routes = direct_routes(now.memory.goal, poses[k])
         yield Step("STEP_AROUND", reason, routes, now.memory.steps, k + 1)
 
 
 def _poses_in_front(gate: GateEstimate, config) -> list:
-    """Returns poses from which both front markers of a gate should be seen."""
+    """Returns poses from which both front markers of a gate should be in view."""
     # From the boards, not from the axes of their pylons.
     far, side = config.side_distance + BOARD_OFFSET, config.side_offset
     rightward = np.array([gate.forward[1], -gate.forward[0], 0.0, 0.0])
@@ -202,18 +203,18 @@ def _pose(move: _Move, base, step_length) -> np.ndarray:
             base[0] + far * np.cos(bearing),
             base[1] + far * np.sin(bearing),
             ABOVE_PYLONS if move.above else base[2],
-            bearing + np.deg2rad(move.look),
+            bearing + np.deg2rad(move.yaw),
         ]
     )
 
 
 def _routes(move: _Move, start, goal) -> list:
     if move.above:
-        return [over_the_top(start, goal)]
+        return [route_above_pylons(start, goal)]
     if move.state != "STEP_FORWARD":
-        # Who is lost and looks aside may be among pylons that nobody has seen.
+        # A lost drone may be among pylons that are not known.
         near = np.linalg.norm(goal[:3] - start[:3]) < _ON_THE_SPOT
-        return [[goal] if near else over_the_top(start, goal)]
+        return [[goal] if near else route_above_pylons(start, goal)]
     aside = _ASIDE * np.array([-np.sin(goal[3]), np.cos(goal[3]), 0.0, 0.0])
     half = (start + goal) / 2 * [1, 1, 1, 0] + goal * [0, 0, 0, 1]
-    return [[goal], [goal + aside], [goal - aside], [half], over_the_top(start, goal)]
+    return [[goal], [goal + aside], [goal - aside], [half], route_above_pylons(start, goal)]

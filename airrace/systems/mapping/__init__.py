@@ -1,4 +1,5 @@
 """From detections to the map of the gates.
 
-GateMapper holds the map; gate_estimator.py and marker_statistics.py are the two estimators.
+GateMapper is the system and image_mapper.py what it computes, with one of two estimators:
+robust_estimator.py (which also notices that a gate has moved) or report_estimator.py.
 """

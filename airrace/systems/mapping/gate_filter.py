@@ -1,217 +1,280 @@
-"""An information filter on the pose of a rigid gate: in machine code, see compiled.py.
+"""A Kalman filter on the pose of one gate: a rigid body with four boards as landmarks.
 
-The pose of a gate is x, y, z of its midpoint at the boards' height (m), heading (rad),
-spacing of its pylons (m). Pylons stand upright, so no more is free.
+The state is x = (p_WG, heading, spacing), (5,): midpoint of the gate at the boards' height (m),
+direction of flight (rad), distance between the pylons' axes (m). Pylons stand upright, so a
+gate has no other degree of freedom.
 """
 
+import dataclasses as dc
 import math
 
 import numpy as np
 
+from airrace.common.immutable import Immutable, read_only
 from airrace.common.jit import compiled
-from airrace.math.small_matrices import cholesky, inverse, solve_cholesky, transformed
+from airrace.math.small_matrices import cholesky, inverse, solve_cholesky
+from airrace.systems.mapping.observation import Observation
+from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.track import BOARD_OFFSET
 
-X, Y, Z, HEADING, SPACING = range(5)
-_HEADING_SIGMAS = 3.0  # beyond these, a normal is not believed
-FLOOR = 0.03  # m, of a board's place in tests: errors that observations share
-# What is known fades with time, so that the newest laps always count: variances.
-_FADING = np.array([2e-4, 2e-4, 2e-4, 2e-5, 0.0]) ** 2  # m^2/s, rad^2/s
+CHI_SQUARE_3 = 16.27  # 99.9 % of the squared Mahalanobis distances of a position
+_CHI_SQUARE_4 = 18.47  # and of two observations of a gate: nine equations, five unknowns
+_POSITION_SIGMA = 0.03  # m, added in tests: errors that observations share
+_HEADING_SIGMAS = 3.0  # a normal that is farther off is not used
+# Random walk of the state, so that the newest laps always count: variances.
+_PROCESS_NOISE = np.array([2e-4, 2e-4, 2e-4, 2e-5, 0.0]) ** 2  # m^2/s, rad^2/s
+_SPACING_SIGMA = 1.0  # m, of gates in general
+# A gate has the spacing of the rules if its estimate is so near, and so certain.
+_SPACING_TOLERANCE, _SPACING_CERTAINTY = 0.2, 0.15  # m
+_RULES_SIGMA = 0.005  # m, of the spacing of such a gate
+_HEADING_INFORMATION = 0.1  # 1/rad^2, in a fit, where all normals may be left out
+_ITERATIONS, _TOLERANCE = 8, 1e-4  # m, rad
+
+
+@dc.dataclass(frozen=True, eq=False)
+class GateFilter(Immutable):
+    """The estimate of a gate's pose; a new one for every observation.
+
+    Attributes:
+        state: see above, (5,).
+        covariance: of its error, (5, 5).
+        time: of the newest observation in it (s).
+        obeys_rules: whether the spacing that the rules say is in it, too.
+    """
+
+    state: np.ndarray
+    covariance: np.ndarray
+    time: float
+    obeys_rules: bool = False
+
+    @property
+    def heading(self) -> float:
+        """Direction of flight (rad)."""
+        return float(self.state[3])
+
+    @property
+    def spacing(self) -> float:
+        """Between the pylons' axes (m)."""
+        return float(self.state[4])
+
+    @property
+    def heading_variance(self) -> float:
+        """Of the heading (rad^2)."""
+        return float(self.covariance[3, 3])
+
+    def squared_distance(self, observation: Observation) -> float:
+        """Returns the squared Mahalanobis distance of an observation."""
+        return _squared_distance(self.state, self.covariance, observation)
+
+    def updated(self, observation: Observation, weight: float) -> "GateFilter":
+        """Returns the estimate with one more observation.
+
+        Args:
+            observation: of one of the gate's boards.
+            weight: share of its information that is new, 0 to 1.
+        """
+        dt = max(observation.time - self.time, 0.0)
+        state, covariance = _filtered(self.state, self.covariance, dt, weight, observation)
+        time = max(self.time, observation.time)
+        return GateFilter(read_only(state), read_only(covariance), time, self.obeys_rules)
+
+    def with_rules(self) -> "GateFilter":
+        """Returns the estimate with the spacing that the rules say, if it seems to be that.
+
+        Markers are seen in the right direction much more exactly than at the right
+        distance. Two directions and a known spacing tell the distance.
+        """
+        error, variance = GATE_SPACING - self.spacing, self.covariance[4, 4]
+        if self.obeys_rules or abs(error) > _SPACING_TOLERANCE or variance > _SPACING_CERTAINTY**2:
+            return self
+        gain = self.covariance[:, 4] / (variance + _RULES_SIGMA**2)
+        state = self.state + gain * error
+        covariance = self.covariance - np.outer(gain, self.covariance[4])
+        covariance = (covariance + covariance.T) / 2
+        return GateFilter(read_only(state), read_only(covariance), self.time, obeys_rules=True)
+
+    def is_certain(self, sigma: float) -> bool:
+        """Whether the position has a standard deviation below sigma (m) in every direction."""
+        return _is_below(self.covariance, sigma**2)
+
+
+def fit(observations, before: GateFilter | None = None) -> GateFilter:
+    """Returns the pose that fits some observations best (Gauss-Newton).
+
+    Args:
+        observations: of boards of one gate, at least one. The iteration starts where the
+            last of them alone puts the gate.
+        before: the estimate of the gate before it moved: its spacing is still the same.
+    """
+    obeys_rules = before is not None and before.obeys_rules
+    spacing = before.spacing if obeys_rules else GATE_SPACING
+    last = observations[-1]
+    state = np.array([0.0, 0.0, 0.0, gate_heading(last), spacing])
+    state[:3] = last.p_WM - board_position(state, last.id)[0]
+    sigma = _RULES_SIGMA if obeys_rules else _SPACING_SIGMA
+    prior = np.diag([0.0, 0.0, 0.0, 0.0, sigma**-2])
+    damping = np.diag([0.0, 0.0, 0.0, _HEADING_INFORMATION, 0.0])
+    for _ in range(_ITERATIONS):
+        matrices, vectors = zip(*(_information(read_only(state), o) for o in observations))
+        covariance = np.linalg.inv(prior + damping + np.sum(matrices, axis=0))
+        to_prior = np.array([0.0, 0.0, 0.0, 0.0, spacing - state[4]])
+        step = covariance @ (np.sum(vectors, axis=0) + prior @ to_prior)
+        state = state + step
+        if np.abs(step).max() < _TOLERANCE:
+            break
+    covariance = (covariance + covariance.T) / 2
+    return GateFilter(read_only(state), read_only(covariance), last.time, obeys_rules)
+
+
+def fit_pair(a: Observation, b: Observation, before: GateFilter | None = None) -> GateFilter | None:
+    """Returns the gate that two observations agree on, None if they do not (chi-square test).
+
+    Args:
+        a, b: of boards of one gate. Two of the same image never agree: they share the error
+            of the drone's pose.
+        before: see fit().
+    """
+    if a.time == b.time:
+        return None
+    fitted = fit((a, b), before)
+    misfit = ((fitted.spacing - GATE_SPACING) / _SPACING_SIGMA) ** 2
+    for observation in (a, b):
+        innovation = observation.p_WM - board_position(fitted.state, observation.id)[0]
+        misfit += _normalized_square(innovation, observation.covariance)
+        turn = wrap(gate_heading(observation) - fitted.heading)
+        misfit += turn**2 / observation.heading_variance
+    return fitted if misfit <= _CHI_SQUARE_4 else None
 
 
 @compiled
-def board_position(pose, id):
-    """Returns where a board's centre is on a gate, and its derivative by the pose.
-
-    Args:
-        pose: of the gate, (5,).
-        id: of the marker: 4n left front, 4n+1 left back, 4n+2 right front,
-            4n+3 right back.
-
-    Returns:
-        (p_WM, J): (3,), (3, 5).
-    """
-    half = 0.5 if id & 2 else -0.5  # right, left
-    side, out = half * pose[SPACING], BOARD_OFFSET * facing(id)
-    c, s = math.cos(pose[HEADING]), math.sin(pose[HEADING])
-    p_WM, J = np.empty(3), np.zeros((3, 5))
-    p_WM[X] = pose[X] + out * c + side * s
-    p_WM[Y] = pose[Y] + out * s - side * c
-    p_WM[Z] = pose[Z]
-    J[X, X] = J[Y, Y] = J[Z, Z] = 1.0
-    J[X, HEADING], J[Y, HEADING] = -out * s + side * c, out * c + side * s
-    J[X, SPACING], J[Y, SPACING] = half * s, -half * c
-    return p_WM, J
+def wrap(angle):
+    """Returns an angle in [-pi, pi) (rad)."""
+    return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
 @compiled
 def facing(id):
     """Returns 1 if a board faces in the direction of flight, -1 if against it."""
-    return 1 if id & 1 else -1
+    return 1.0 if id & 1 else -1.0
 
 
 @compiled
-def board(pose, covariance, id):
-    """Returns the position of a board's centre, (3,), and its covariance, (3, 3).
-
-    Args:
-        pose, covariance: of the gate, (5,), (5, 5).
-        id: of the marker.
-    """
-    p_WM, J = board_position(pose, id)
-    return p_WM, transformed(J, covariance)
+def gate_heading(observation):
+    """Returns the gate's heading by the normal of one board (rad)."""
+    x, y, _ = observation.normal
+    return math.atan2(facing(observation.id) * y, facing(observation.id) * x)
 
 
 @compiled
-def boards(pose, covariance, first):
-    """Returns positions, their variances, and normals of a gate's boards, (3, 4, 3).
+def board_position(state, id):
+    """Returns the position of a board's centre, and its derivative by the gate's state.
 
     Args:
-        pose, covariance: see board().
-        first: the lowest ID of the four.
+        state: of the gate, (5,).
+        id: of the marker: 4n left front, 4n+1 left back, 4n+2 right front,
+            4n+3 right back.
+
+    Returns:
+        (p_WM, H): (3,), (3, 5).
     """
-    result = np.zeros((3, 4, 3))
-    for i in range(4):
-        p_WM, variance = board(pose, covariance, first + i)
-        for k in range(3):
-            result[0, i, k], result[1, i, k] = p_WM[k], variance[k, k]
-        result[2, i, 0] = facing(first + i) * math.cos(pose[HEADING])
-        result[2, i, 1] = facing(first + i) * math.sin(pose[HEADING])
+    x, y, z, heading, spacing = state
+    half = 0.5 if id & 2 else -0.5  # right, left
+    side, out = half * spacing, BOARD_OFFSET * facing(id)
+    c, s = math.cos(heading), math.sin(heading)
+    p_WM = np.array([x + out * c + side * s, y + out * s - side * c, z])
+    H = np.array(
+        [
+            [1.0, 0.0, 0.0, -out * s + side * c, half * s],
+            [0.0, 1.0, 0.0, out * c + side * s, -half * c],
+            [0.0, 0.0, 1.0, 0.0, 0.0],
+        ]
+    )
+    return p_WM, H
+
+
+@compiled
+def boards(state, covariance):
+    """Returns position, its variances, and normal of a gate's boards by ID, (4, 3, 3)."""
+    result = np.zeros((4, 3, 3))
+    for id in range(4):
+        p_WM, H = board_position(state, id)
+        result[id, 0], result[id, 1] = p_WM, np.diag(H @ covariance @ H.T)
+        result[id, 2, 0] = facing(id) * math.cos(state[3])
+        result[id, 2, 1] = facing(id) * math.sin(state[3])
     return result
 
 
 @compiled
-def squared_distance(pose, covariance, id, p_WM, p_covariance):
-    """Returns the square of the Mahalanobis distance of an observation from a gate's board.
+def is_behind(state, observation, reach):
+    """Whether a camera was on the wrong side of the face of the board that it saw.
 
     Args:
-        pose, covariance, id: see board().
-        p_WM, p_covariance: where the board was seen, (3,), (3, 3).
+        state: of the gate, (5,).
+        observation: of one of its boards.
+        reach: greatest distance between board and observation (m), for that to be certain.
     """
-    expected, variance = board(pose, covariance, id)
-    for i in range(3):
-        for j in range(3):
-            variance[i, j] += p_covariance[i, j]
-    return weighted_square(p_WM - expected, variance)
+    p_WM, _ = board_position(state, observation.id)
+    x, y, _ = observation.p_WC - p_WM
+    front = facing(observation.id) * (x * math.cos(state[3]) + y * math.sin(state[3]))
+    return np.linalg.norm(observation.p_WM - p_WM) < reach and front < 0.0
 
 
 @compiled
-def is_behind(pose, id, p_WM, p_WC, reach):
-    """Whether a camera is on the wrong side of the face of a board that it claims to have seen.
-
-    Args:
-        pose: of the gate, (5,).
-        id: of the marker.
-        p_WM, p_WC: where the board was seen, and from where, (3,).
-        reach: of what may be that board at all (m).
-    """
-    expected, _ = board_position(pose, id)
-    x, y, z = p_WM - expected
-    beyond = (p_WC[X] - expected[X]) * math.cos(pose[HEADING]) + (p_WC[Y] - expected[Y]) * math.sin(
-        pose[HEADING]
-    )
-    return math.sqrt(x * x + y * y + z * z) < reach and facing(id) * beyond < 0.0
+def _squared_distance(state, covariance, observation):
+    """Returns the squared Mahalanobis distance of an observation: nu^T S^-1 nu."""
+    p_WM, H = board_position(state, observation.id)
+    S = H @ covariance @ H.T + observation.covariance
+    return _normalized_square(observation.p_WM - p_WM, S)
 
 
 @compiled
-def weighted_square(error, covariance):
-    """Returns e^T (C + floor)^-1 e.
-
-    Args:
-        error: of a position (m), (3,).
-        covariance: of that, (3, 3), without the errors that observations share.
-    """
-    total = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            total[i, j] = covariance[i, j] + (FLOOR**2 if i == j else 0.0)
-    solution = solve_cholesky(cholesky(total), error)
-    return error[0] * solution[0] + error[1] * solution[1] + error[2] * solution[2]
+def _normalized_square(error, covariance):
+    """Returns e^T (C + sigma^2 I)^-1 e for a position's error (m), with its shared part."""
+    C = covariance + _POSITION_SIGMA**2 * np.eye(3)
+    return np.dot(error, solve_cholesky(cholesky(C), error))
 
 
 @compiled
-def information(pose, id, p_WM, p_covariance, heading, heading_variance):
-    """Returns what an observation says about a gate: J^T R^-1 J, (5, 5), and J^T R^-1 error, (5,).
+def _information(state, observation):
+    """Returns what an observation says about a gate: H^T R^-1 H, (5, 5), and H^T R^-1 nu, (5,).
 
-    Args:
-        pose: of the gate, (5,).
-        id, p_WM, p_covariance, heading_variance: see Observation.
-        heading: of the gate by the board's normal (rad).
+    H is the derivative of the measurement by the state, R the measurement's covariance and
+    nu the innovation. The measurement is the board's position, and the gate's heading by
+    the board's normal.
     """
-    expected, J = board_position(pose, id)
-    weight = inverse(p_covariance)
-    gain, error = np.zeros((5, 5)), np.zeros(5)
-    for i in range(3):
-        for j in range(3):
-            for m in range(5):
-                weighted = J[i, m] * weight[i, j]
-                error[m] += weighted * (p_WM[j] - expected[j])
-                for n in range(5):
-                    gain[m, n] += weighted * J[j, n]
-    turn = turn_between(heading, pose[HEADING])
-    # Of two poses that a square admits, the detector may have taken the wrong one.
-    if turn**2 < _HEADING_SIGMAS**2 * heading_variance:
-        gain[HEADING, HEADING] += 1 / heading_variance
-        error[HEADING] += turn / heading_variance
-    return gain, error
+    p_WM, H = board_position(state, observation.id)
+    weighted = H.T @ inverse(observation.covariance)
+    matrix, vector = weighted @ H, weighted @ (observation.p_WM - p_WM)
+    turn, variance = wrap(gate_heading(observation) - state[3]), observation.heading_variance
+    # Of the two poses that a square admits, the detector may have taken the wrong one.
+    if turn**2 < _HEADING_SIGMAS**2 * variance:
+        matrix[3, 3] += 1 / variance
+        vector[3] += turn / variance
+    return matrix, vector
 
 
 @compiled
-def turn_between(heading, other):
-    """Returns the first heading less the other (rad), in [-pi, pi)."""
-    return (heading - other + math.pi) % (2 * math.pi) - math.pi
+def _filtered(state, covariance, dt, weight, observation):
+    """Returns state and covariance after one more observation.
+
+    The measurement update of the extended information filter, with w for the weight,
+        P+ = (P^-1 + w H^T R^-1 H)^-1,    x+ = x + P+ w H^T R^-1 nu:
+    Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, section 3.5.
+
+    Args:
+        state, covariance: before, (5,), (5, 5).
+        dt: time since the observation before (s).
+        weight: see GateFilter.updated().
+        observation: of one of the gate's boards.
+    """
+    predicted = covariance + np.diag(dt * _PROCESS_NOISE)
+    matrix, vector = _information(state, observation)
+    after = inverse(inverse(predicted) + weight * matrix)
+    return state + after @ (weight * vector), after
 
 
 @compiled
-def updated(pose, covariance, elapsed, weight, id, p_WM, p_covariance, heading, heading_variance):
-    """Returns pose and covariance after one more observation (extended Kalman filter).
-
-    Args:
-        pose, covariance: before, (5,), (5, 5).
-        elapsed: time since the observation before (s).
-        weight: how much of the observation's information is new, 0 to 1.
-        id, p_WM, p_covariance, heading, heading_variance: see information().
-    """
-    faded = covariance.copy()
-    for k in range(5):
-        faded[k, k] += _FADING[k] * max(elapsed, 0.0)
-    gain, error = information(pose, id, p_WM, p_covariance, heading, heading_variance)
-    for i in range(5):
-        error[i] *= weight
-        for j in range(5):
-            gain[i, j] *= weight
-    return improved(pose, faded, gain, error)
-
-
-@compiled
-def improved(pose, covariance, gain, error):
-    """Returns pose and covariance with what is new.
-
-    Args:
-        pose, covariance: before, (5,), (5, 5).
-        gain, error: J^T R^-1 J, (5, 5), and J^T R^-1 error, (5,), of what is new.
-    """
-    total, better = inverse(covariance), pose.copy()
-    for i in range(5):
-        for j in range(5):
-            total[i, j] += gain[i, j]
-    after = inverse(total)
-    for i in range(5):
-        for j in range(5):
-            better[i] += after[i, j] * error[j]
-    return better, after
-
-
-@compiled
-def is_below(covariance, variance):
-    """Whether no direction has a variance as large as this: v I - C is positive definite.
-
-    Args:
-        covariance: (n, n); what counts are its first three rows and columns.
-        variance: (m^2).
-    """
-    rest = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            rest[i, j] = (variance if i == j else 0.0) - covariance[i, j]
+def _is_below(covariance, variance):
+    """Whether v I - C is positive definite for the position's part of a covariance."""
+    rest = variance * np.eye(3) - covariance[:3, :3]
     return not math.isnan(cholesky(rest)[2, 2])

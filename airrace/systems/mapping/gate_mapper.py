@@ -6,7 +6,7 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 
-from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.mapping.observation import UNKNOWN_TIME
 from airrace.systems.perception.detection_checks import JUMP
 from airrace.systems.ports import read_vector
@@ -14,11 +14,11 @@ from airrace.systems.sensing.pose_history import jumps, last_two, moved, remembe
 from airrace.track.gate_map import GateMap
 from airrace.vehicle.state import STATE_SIZE, as_state
 
-_REACH = 2.0  # periods of the estimate, beyond one it says nothing about the pose
+_LONGEST_GAP = 2.0  # periods of the estimate: an older one says nothing about the pose
 
 
 class GateMapper(LeafSystem):
-    """Makes one map of the observations of all markers.
+    """Estimates where the gates stand, from the observations of all markers.
 
     .. pydrake_system::
 
@@ -33,25 +33,24 @@ class GateMapper(LeafSystem):
     ``detections`` is a Detections, ``camera_info`` a CameraInfo,
     ``filtered_estimate`` see vehicle/state.py; ``gate_map`` a GateMap.
 
-    Detections are in the camera frame of an image of the past, so the mapper
-    remembers the state estimates of the last moments and projects through
-    the one at the image's own time. The filtered ones, as the noise of a single
-    estimate would be most of the map's error.
+    Detections belong to an image of the past, so the mapper keeps a history of state
+    estimates and uses the pose at the image's own time. The estimates are filtered ones,
+    because the noise of a single one would be most of the map's error.
     """
 
     def __init__(self, *, fps, latency, state_rate, link_delay=0.0, **mapping):
         """Constructs the mapper with an empty map.
 
         Args:
-            fps: how often it looks for new detections (Hz).
+            fps: how often it reads new detections (Hz).
             latency: from an image to its detections (s).
             state_rate: of the state estimate (Hz).
-            link_delay: by which detections may be late besides (s).
+            link_delay: additional delay of detections (s).
             mapping: the arguments of ImageMapper.
         """
         LeafSystem.__init__(self)
         self._mapper = ImageMapper(**mapping)
-        self._reach = _REACH / state_rate
+        self._longest_gap = _LONGEST_GAP / state_rate
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
@@ -60,46 +59,46 @@ class GateMapper(LeafSystem):
         history = np.zeros((self._depth, STATE_SIZE))
         history[:, 0] = -1.0
         self._history = self.DeclareDiscreteState(history.ravel())
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / state_rate, 0.0, self._remember)
-        self._memory = self.DeclareAbstractState(Value[object](MapperMemory()))
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / state_rate, 0.0, self._update_history)
+        self._state = self.DeclareAbstractState(Value[object](MapperState()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, latency, self._update_map)
         self.DeclareAbstractOutputPort(
             "gate_map",
             lambda: Value[object](GateMap()),
             self._calc_map,
-            {self.abstract_state_ticket(self._memory)},
+            {self.abstract_state_ticket(self._state)},
         )
 
-    def _remember(self, context, discrete_state):
+    def _update_history(self, context, discrete_state):
         remember(
             discrete_state.get_mutable_value(self._history), read_vector(self._estimate, context)
         )
 
     def _update_map(self, context, state):
         detections = self._detections.Eval(context)
-        memory = context.get_abstract_state(int(self._memory)).get_value()
+        before = context.get_abstract_state(int(self._state)).get_value()
         X_WB, reason = self._pose_at(context, detections.time)
         info = self._info.Eval(context)
         X_WC = None if X_WB is None else X_WB @ info.X_BC
-        after = self._mapper.updated(memory, detections, X_WC, info, reason)
-        state.get_mutable_abstract_state(int(self._memory)).set_value(after)
+        after = self._mapper.updated(before, detections, X_WC, info, reason)
+        state.get_mutable_abstract_state(int(self._state)).set_value(after)
 
     def _pose_at(self, context, time) -> tuple[RigidTransform | None, str | None]:
         """Returns X_WB at a time within the history, or None and why there is none.
 
-        The estimate before that time is carried forward with its velocities,
-        which spares interpolating noise.
+        The estimate before that time is extrapolated with its velocities; the difference
+        of two estimates would be noise.
         """
         history = context.get_discrete_state(self._history).value()
         last, before = last_two(history, self._estimate.Eval(context), time)
-        if as_state(last).time < 0.0 or not time - as_state(last).time <= self._reach:
+        if as_state(last).time < 0.0 or not time - as_state(last).time <= self._longest_gap:
             return None, UNKNOWN_TIME
         if as_state(before).time >= 0.0 and jumps(before, last):
             return None, JUMP
         return extrapolate(last, time - as_state(last).time), None
 
     def _calc_map(self, context, output):
-        output.set_value(context.get_abstract_state(int(self._memory)).get_value().gate_map)
+        output.set_value(context.get_abstract_state(int(self._state)).get_value().gate_map)
 
 
 def extrapolate(estimate, dt) -> RigidTransform:

@@ -1,4 +1,4 @@
-"""From the detections of one image after another to a map: pure functions."""
+"""From the detections of one image after another to a map, without Drake."""
 
 import dataclasses as dc
 from collections import Counter
@@ -6,33 +6,34 @@ from collections import Counter
 from pydrake.math import RigidTransform
 
 from airrace.common.immutable import Immutable
-from airrace.systems.mapping.gate_estimator import RobustEstimator
-from airrace.systems.mapping.marker_statistics import ReportEstimator
 from airrace.systems.mapping.observation import UNKNOWN_TIME, make_observation, refusal
+from airrace.systems.mapping.report_estimator import ReportEstimator
+from airrace.systems.mapping.robust_estimator import RobustEstimator
 from airrace.systems.perception.detection_checks import FOREIGN_ID
 from airrace.systems.types import CameraInfo, Detections
 from airrace.track.gate_map import GateMap
 
 
 @dc.dataclass(frozen=True, eq=False)
-class MapperMemory(Immutable):
+class MapperState(Immutable):
     """The mapper's state.
 
     Attributes:
-        records: what the estimator remembers.
+        tracks: the estimator's state: GateTrack by gate number, or MarkerStatistics by
+            marker ID.
         refused: dict of reasons to counts, without the estimator's own.
-        gate_map: the map that all this amounts to.
-        image_time: of the last image looked at, of use or not (s).
+        gate_map: the map that follows from these.
+        image_time: of the last image, whether it was of use or not (s).
     """
 
-    records: dict = dc.field(default_factory=dict)
+    tracks: dict = dc.field(default_factory=dict)
     refused: dict = dc.field(default_factory=dict)
     gate_map: GateMap = GateMap()
     image_time: float = -1.0
 
 
 class ImageMapper:
-    """Maps image after image; what it knows is in a MapperMemory."""
+    """Maps image after image; what it knows is in a MapperState."""
 
     def __init__(self, *, max_range, max_gates, estimator, outlier_sigma, min_observations):
         """Constructs the mapper.
@@ -42,8 +43,8 @@ class ImageMapper:
             max_gates: IDs of 4 max_gates and more are out of range.
             estimator: "robust" or "report".
             outlier_sigma: of the report's estimator, see MarkerStatistics.
-            min_observations: before the report's estimator takes an observation for an
-                outlier, and of both pylons before a gate is in the map.
+            min_observations: of both pylons before a gate is in the map; and of a marker
+                before the report's estimator refuses outliers.
         """
         self._max_range = max_range
         self._max_id = 4 * max_gates - 1
@@ -56,27 +57,27 @@ class ImageMapper:
 
     def updated(
         self,
-        memory: MapperMemory,
+        state: MapperState,
         detections: Detections,
         X_WC: RigidTransform | None,
         info: CameraInfo,
         no_pose: str = UNKNOWN_TIME,
-    ) -> MapperMemory:
-        """Returns the memory after one more image; an old one changes nothing.
+    ) -> MapperState:
+        """Returns the state after one more image; an old one changes nothing.
 
         Args:
-            memory: before.
+            state: before.
             detections: of the image.
             X_WC: pose of the camera when it was taken, None if unknown.
             info: the camera's calibration.
             no_pose: why the pose is unknown.
         """
-        if detections.time <= memory.gate_map.time or detections.time == memory.image_time:
-            return memory
+        before = state.gate_map
+        if detections.time <= before.time or detections.time == state.image_time:
+            return state
         if not detections.markers and not detections.refused:
-            return memory
-        records = memory.records
-        refused = Counter(memory.refused)
+            return state
+        tracks, refused = state.tracks, Counter(state.refused)
         refused.update(reason for reason, _ in detections.refused)
         for marker in detections.markers:
             reason = refusal(marker, self._max_id, self._max_range)
@@ -84,17 +85,16 @@ class ImageMapper:
                 reason = no_pose
             if reason is None:
                 observation = make_observation(marker, X_WC, info, detections.time)
-                records = self._estimator.updated(records, observation)
+                tracks = self._estimator.updated(tracks, observation)
             else:
                 refused[reason] += 1
-        foreign = [id for reason, id in detections.refused if reason == FOREIGN_ID]
-        before = memory.gate_map
+        foreign = sum(reason == FOREIGN_ID for reason, _ in detections.refused)
         gate_map = self._estimator.make_map(
-            records,
-            # An image of unknown pose may be of an impossible time.
+            tracks,
+            # Without a pose, the image's time may be wrong as well.
             time=before.time if X_WC is None else detections.time,
-            detections=before.detections + len(detections.markers) + len(foreign),
+            detections=before.detections + len(detections.markers) + foreign,
             out_of_range=refused[FOREIGN_ID],
             refused=+refused,
         )
-        return MapperMemory(records, dict(refused), gate_map, detections.time)
+        return MapperState(tracks, dict(refused), gate_map, detections.time)

@@ -1,4 +1,4 @@
-"""A map that is known before the race, in place of eyes."""
+"""A map that is known before the race, in place of camera and mapper."""
 
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
@@ -8,7 +8,7 @@ from airrace.track.gate_map import GateMap
 
 
 class KnownMap(LeafSystem):
-    """Shows a map that never changes.
+    """Outputs a map that never changes.
 
     .. pydrake_system::
 
@@ -31,7 +31,7 @@ class KnownMap(LeafSystem):
 
 
 class NoDetector(LeafSystem):
-    """Sees nothing.
+    """Outputs no detections.
 
     .. pydrake_system::
 

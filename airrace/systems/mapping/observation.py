@@ -1,14 +1,14 @@
-"""A marker as one image puts it into the world, and what is refused before it gets there."""
+"""One marker in one image, in world coordinates, and the checks before that."""
 
-import dataclasses as dc
 import math
+import typing
 
 import numpy as np
 from pydrake.math import RigidTransform
 
-from airrace.common.immutable import Immutable, read_only
+from airrace.common.immutable import read_only
 from airrace.common.jit import compiled
-from airrace.math.small_matrices import cholesky, transformed
+from airrace.math.small_matrices import cholesky
 from airrace.systems.perception.detection_checks import FOREIGN_ID, FROM_BEHIND
 from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.systems.types import CameraInfo, Detection
@@ -25,16 +25,15 @@ UNCONFIRMED = "not yet confirmed"
 # does not show: standard deviations.
 _POSITION = 0.005  # m, of the drone
 _ATTITUDE = 1e-3  # rad, of the drone
-_PULL = 1e-3  # rad, by which the corners may be pulled inwards together
+_RADIAL = 1e-3  # rad, of all corners towards the marker's centre
 _HEADING = np.deg2rad(3.0)  # of the normal of one board
 _FLIP = np.deg2rad(40.0)  # of a normal that may be the wrong one of two
-_WORTHLESS = 100.0  # m^2 and rad^2: from such a variance on, a pose says nothing
-_CORNER = 0.3  # px, of corners whose covariance nobody gave
+_MOST_VARIANCE = 100.0  # m^2 and rad^2: a pose with more says nothing
+_CORNER = 0.3  # px, of corners whose covariance is not known
 
 
-@dc.dataclass(frozen=True, eq=False)
-class Observation(Immutable):
-    """One marker in one image, in the world.
+class Observation(typing.NamedTuple):
+    """One marker in one image, in world coordinates.
 
     Attributes:
         id: the ArUco ID.
@@ -71,12 +70,11 @@ def refusal(marker: Detection, max_id: int, max_range: float) -> str | None:
     covariance = marker.covariance
     if not np.isfinite(X_CM).all() or (covariance is not None and not _is_covariance(covariance)):
         return BROKEN
-    x, y, z = p_CM = X_CM[:, 3].tolist()
-    if math.hypot(*p_CM) > max_range:
+    x, y, z = X_CM[:, 3].tolist()
+    if math.hypot(x, y, z) > max_range:
         return TOO_FAR
-    # Nobody can read a board whose face points away, or that is behind the camera.
-    out = X_CM[:, 2].tolist()
-    if z <= 0.0 or out[0] * x + out[1] * y + out[2] * z >= 0.0:
+    # A board that faces away, or is behind the camera, cannot be read.
+    if z <= 0.0 or X_CM[:, 2] @ X_CM[:, 3] >= 0.0:
         return FROM_BEHIND
     return None
 
@@ -84,15 +82,13 @@ def refusal(marker: Detection, max_id: int, max_range: float) -> str | None:
 def make_observation(
     marker: Detection, X_WC: RigidTransform, info: CameraInfo, time: float
 ) -> Observation:
-    """Returns a detection in the world.
+    """Returns a detection in world coordinates.
 
-    The position's covariance is the detector's, turned into the world, and
-    what the errors of the drone's pose and of the depth add to it: something of
-    a known size at a depth z seems z^2 / size times an angle farther away if
-    its corners seem that angle closer together.
+    The position's covariance is the detector's, rotated into the world, plus that of
+    the drone's pose and of errors that all corners share: see _world_covariance().
 
     Args:
-        marker: a detection that refusal() lets pass.
+        marker: a detection that refusal() accepts.
         X_WC: pose of the camera when the image was taken.
         info: the camera's calibration.
         time: of the image (s).
@@ -103,7 +99,7 @@ def make_observation(
         covariance = read_only(_assumed_covariance(p_CM[2], info.K[0, 0]))
     size = GATE_SPACING if marker.joint else MARKER_SIZE
     X_WM = X_WC @ marker.X_CM
-    in_world = _in_world(X_WC.rotation().matrix(), p_CM, covariance, size)
+    in_world = _world_covariance(X_WC.rotation().matrix(), p_CM, covariance, size)
     return Observation(
         id=marker.id,
         time=time,
@@ -117,46 +113,38 @@ def make_observation(
 
 
 @compiled
-def _in_world(R_WC, p_CM, covariance, size):
-    """Returns the covariance of a marker's x, y, z (m) and turn about the vertical (rad), (4, 4).
+def _world_covariance(R_WC, p_CM, covariance, size):
+    """Returns the covariance of a marker's x, y, z (m) and rotation about the vertical, (4, 4).
+
+    If all corners of something of a known size seem nearer to its centre by an angle, then
+    its distance r seems greater by that angle times r^2 / size.
 
     Args:
         R_WC: rotation of the camera, (3, 3).
         p_CM: position of the marker (m), (3,).
         covariance: of the marker's pose in C, see Detection, (6, 6).
-        size: of what the distance was told by (m).
+        size: of what the distance was determined by (m).
     """
     J = np.zeros((4, 6))
-    for i in range(3):
-        J[3, i] = R_WC[2, i]
-        for j in range(3):
-            J[i, 3 + j] = R_WC[i, j]
-    result = transformed(J, covariance)
-    ray, squared = np.zeros(3), 0.0
-    for i in range(3):
-        squared += p_CM[i] ** 2
-        for j in range(3):
-            ray[i] += R_WC[i, j] * p_CM[j]
-    pull = (_PULL * squared / size) ** 2 / squared
-    for i in range(3):
-        result[i, i] += _POSITION**2 + _ATTITUDE**2 * squared
-        for j in range(3):
-            result[i, j] += pull * ray[i] * ray[j]
+    J[:3, 3:] = R_WC
+    J[3, :3] = R_WC[2]
+    result = J @ covariance @ J.T
+    ray = R_WC @ p_CM
+    squared = np.dot(ray, ray)
+    range_variance = (_RADIAL * squared / size) ** 2
+    result[:3, :3] += (_POSITION**2 + _ATTITUDE**2 * squared) * np.eye(3)
+    result[:3, :3] += range_variance / squared * np.outer(ray, ray)
     return result
 
 
 @compiled
 def _is_covariance(matrix):
     """Whether a matrix is finite and small, and no variance in it is negative."""
-    largest = 0.0
-    for element in matrix.ravel():
-        if not abs(element) < _WORTHLESS:
-            return False
-        largest = max(largest, abs(element))
-    lifted = matrix.copy()
-    for i in range(len(matrix)):
-        lifted[i, i] += 1e-9 * largest + 1e-300  # rounding is no reason
-    return not math.isnan(cholesky(lifted)[-1, -1])
+    if not np.all(np.abs(matrix) < _MOST_VARIANCE):
+        return False
+    # Something is added to the diagonal, because rounding is no fault.
+    rounding = 1e-9 * np.abs(matrix).max() + 1e-300
+    return not math.isnan(cholesky(matrix + rounding * np.eye(len(matrix)))[-1, -1])
 
 
 def _assumed_covariance(depth, focal_length) -> np.ndarray:
@@ -164,5 +152,5 @@ def _assumed_covariance(depth, focal_length) -> np.ndarray:
     angle = _CORNER / focal_length
     across, along = depth * angle, depth**2 * angle / MARKER_SIZE
     turn = depth * angle / MARKER_SIZE
-    # A board that is seen head-on hardly shows that it turns.
+    # Head-on, a rotation out of the image plane hardly moves the corners.
     return np.diag([4 * turn, 4 * turn, turn, across, across, along]) ** 2

@@ -1,4 +1,4 @@
 """From a picture to markers with poses.
 
-ArucoDetector searches, refits corners, solves poses and checks them.
+ArucoDetector is the system; detect() beside it calls search, refit, checks and poses in turn.
 """

@@ -16,27 +16,29 @@ from airrace.systems.types import CameraInfo, Detections
 
 _LONGEST_GAP = 0.1  # s, between images, over which motion can be predicted
 _AT_REST = np.zeros(2)  # px/s
-_EMPTY_PERIOD = 5  # images, of which all of one is searched while no marker is in sight
-PERIODS = 8, 16  # images, of which all of one is searched otherwise; see ArucoDetector
+# Periods of full searches (images): while no marker is found; and otherwise the shortest
+# and the longest, see ArucoDetector.
+_EMPTY_PERIOD = 5
+PERIODS = 8, 16
 
 
 @dc.dataclass(frozen=True, eq=False)
-class Sight(Immutable):
-    """What the detector remembers of one image.
+class DetectorState(Immutable):
+    """What the detector keeps of one image for the next.
 
     Attributes:
-        detections: what it made of it.
+        detections: the result.
         measured: tuple of Detection, with those whose pose jumped: if they stay
-            there, it was the one before that was wrong.
+            there, the pose before was the wrong one.
         velocities: of the centres of the markers, ID to (2,) px/s.
-        tracked: number of images since all of one was searched.
-        period: all of the image that is so many after that one will be searched.
+        age: number of images since the last full search.
+        period: number of images from that search to the next.
     """
 
     detections: Detections = Detections()
     measured: tuple = ()
     velocities: dict = dc.field(default_factory=dict)
-    tracked: float = math.inf
+    age: float = math.inf
     period: int = 0
 
 
@@ -56,25 +58,26 @@ class ArucoDetector(LeafSystem):
     ``camera_view`` is a CameraView, ``camera_image_time`` when it was
     taken (s), ``camera_info`` a CameraInfo; ``detections`` a Detections.
 
-    The output is a function of the inputs and of what was in the last image,
-    which is the state: all of an image is searched every few frames, sooner
-    while no marker is in sight, and less often while none comes or goes. In
-    between, only the regions around the markers that were in the last one are
-    searched. One that is lost there has left, or is too blurred or small: a search
-    of all of the image does not find it either. But who passes a gate will see
-    the next, so then all is searched sooner again.
-    Drake's cache makes sure that an image is searched once, however many look
-    at the detections.
+    detect() is what it computes: search (marker_search.py), refit of the corners
+    (corner_refit.py), checks (detection_checks.py) and poses (marker_pose.py).
+
+    The output is a function of the inputs and of the last image's markers, which are
+    the state. A full search covers the whole image. In the images between two full
+    searches, only regions around the predicted markers are searched. If a marker is not
+    found there, it left the image, or is too blurred or small for a full search as well.
+    Full searches become rarer while the same markers are in the images, and frequent
+    again when one appears or disappears, because then others may appear, too.
+    An image is searched once, however often the output is evaluated.
     """
 
     def __init__(self, *, fps=30.0, max_gates=None, full_search_periods=PERIODS):
         """Constructs the detector.
 
         Args:
-            fps: how often it remembers what it has seen (Hz): the camera's.
+            fps: rate of the camera, at which the state is updated (Hz).
             max_gates: IDs of 4 max_gates and more are refused; None for no limit.
-            full_search_periods: all of every so many images is searched: at first,
-                and at last, if nothing comes or goes; (1, 1) for all of every image.
+            full_search_periods: shortest and longest period of full searches (images);
+                (1, 1) for a full search of every image.
         """
         LeafSystem.__init__(self)
         self._search = MarkerSearch()
@@ -83,31 +86,31 @@ class ArucoDetector(LeafSystem):
         self._view = self.DeclareAbstractInputPort("camera_view", Value[object]())
         self._time = self.DeclareVectorInputPort("camera_image_time", 1)
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
-        self._memory = self.DeclareAbstractState(Value[object](Sight()))
-        self._sight = self.DeclareCacheEntry(
-            "sight",
-            ValueProducer(allocate=lambda: Value[object](Sight()), calc=self._calc_sight),
+        self._state = self.DeclareAbstractState(Value[object](DetectorState()))
+        self._result = self.DeclareCacheEntry(
+            "result",
+            ValueProducer(allocate=lambda: Value[object](DetectorState()), calc=self._calc_result),
             {port.ticket() for port in (self._view, self._time, self._info)}
-            | {self.abstract_state_ticket(self._memory)},
+            | {self.abstract_state_ticket(self._state)},
         )
         # An unrestricted update comes before the camera takes the next image at
         # the same time.
-        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, 0.0, self._remember)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, 0.0, self._update_state)
         self.DeclareAbstractOutputPort(
             "detections",
             lambda: Value[object](Detections()),
-            lambda context, output: output.set_value(self._sight.Eval(context).detections),
-            {self._sight.ticket()},
+            lambda context, output: output.set_value(self._result.Eval(context).detections),
+            {self._result.ticket()},
         )
 
-    def _calc_sight(self, context, sight):
-        last = context.get_abstract_state(int(self._memory)).get_value()
+    def _calc_result(self, context, result):
+        last = context.get_abstract_state(int(self._state)).get_value()
         time = float(self._time.Eval(context)[0])
         if time == last.detections.time:
-            sight.set_value(last)
+            result.set_value(last)
             return
-        sight.set_value(
-            look(
+        result.set_value(
+            detect(
                 self._search,
                 self._view.Eval(context),
                 time,
@@ -118,57 +121,58 @@ class ArucoDetector(LeafSystem):
             )
         )
 
-    def _remember(self, context, state):
-        state.get_mutable_abstract_state(int(self._memory)).set_value(self._sight.Eval(context))
+    def _update_state(self, context, state):
+        state.get_mutable_abstract_state(int(self._state)).set_value(self._result.Eval(context))
 
 
-def look(
+def detect(
     search: MarkerSearch,
     view: CameraView,
     time,
     info: CameraInfo,
-    last: Sight,
+    last: DetectorState,
     *,
     max_id=np.inf,
     full_search_periods=PERIODS,
-) -> Sight:
-    """Returns what is in an image, given what was in the last one.
+) -> DetectorState:
+    """Detects the markers in an image.
 
     Args:
         search: finds the markers.
         view: of the image.
         time: when it was taken (s).
         info: the camera.
-        last: of the last image; Sight() if there was none.
-        max_id, full_search_periods: see ArucoDetector.
+        last: of the last image; DetectorState() if there was none.
+        max_id: IDs beyond it are refused.
+        full_search_periods: see ArucoDetector.
     """
     if reason := checks.check_view(view, time, info):
-        return Sight(Detections(time, (), ((reason, None),)))
+        return DetectorState(Detections(time, (), ((reason, None),)))
     dt = time - last.detections.time
-    least, most = full_search_periods
-    if last.tracked + 1 < last.period and 0 < dt < _LONGEST_GAP:
+    if last.age + 1 < last.period and 0 < dt < _LONGEST_GAP:
         predictions = {
             m.id: m.corners + dt * last.velocities.get(m.id, _AT_REST) for m in last.measured
         }
-        found, tracked = search.around(view, predictions), last.tracked + 1
+        (ids, quads), age = search.around(view, predictions), last.age + 1
     else:
-        found, tracked = search.everywhere(view.whole()), 0
-    measured, refused = measure(view, *found, info, max_id)
-    before = {marker.id: marker for marker in last.measured}
-    period = last.period if tracked else min(2 * last.period, most)
-    if before.keys() != {m.id for m in measured}:
-        period = least
-    if not measured:
-        period = min(least, _EMPTY_PERIOD)
-    jumping = {m.id for m in measured if m.id in before and checks.jumps(m, before[m.id], dt)}
+        (ids, quads), age = search.everywhere(view.whole()), 0
+    measured, refused = measure(view, ids, quads, info, max_id)
+
+    before = {m.id: m for m in last.measured}
+    pairs = [(m, before[m.id]) for m in measured if m.id in before]
+    jumped = {m.id for m, old in pairs if checks.jumps(m, old, dt)}
     detections = Detections(
         time,
-        tuple(m for m in measured if m.id not in jumping),
-        (*refused, *((checks.JUMP, id) for id in sorted(jumping))),
+        tuple(m for m in measured if m.id not in jumped),
+        (*refused, *((checks.JUMP, id) for id in sorted(jumped))),
     )
-    velocities = {
-        m.id: (m.corners - before[m.id].corners).sum(axis=0) / (4 * dt)
-        for m in measured
-        if m.id in before
-    }
-    return Sight(detections, measured, velocities, tracked, period)
+    velocities = {m.id: (m.corners - old.corners).sum(axis=0) / (4 * dt) for m, old in pairs}
+
+    shortest, longest = full_search_periods
+    if not measured:
+        period = min(shortest, _EMPTY_PERIOD)
+    elif before.keys() != {m.id for m in measured}:
+        period = shortest
+    else:
+        period = last.period if age else min(2 * last.period, longest)
+    return DetectorState(detections, measured, velocities, age, period)

@@ -1,19 +1,10 @@
-"""Sub-pixel corners of marker squares: fits a line to each edge, intersects them."""
+"""Sub-pixel corners of marker squares: fits a line to each edge and intersects the lines."""
 
 import numpy as np
 
 from airrace.common.jit import compiled
-from airrace.math.small_matrices import transformed
 from airrace.systems.perception.edge_profile import model_lines
-from airrace.systems.perception.edges import (
-    ACROSS,
-    ALONG,
-    EXTENT,
-    cross,
-    intersect,
-    make_edges,
-    profiles,
-)
+from airrace.systems.perception.edges import ACROSS, ALONG, EXTENT, intersect, make_edges, profiles
 from airrace.systems.perception.interpolation import as_pixels
 
 # Half a profile in the first and the second pass, as a share of the square's
@@ -23,12 +14,12 @@ from airrace.systems.perception.interpolation import as_pixels
 _REACHES = ((0.11, 10.0), (0.085, 5.0))
 # Blur carries rim and modules into the profiles of squares narrower than this (px).
 _SMALL = 65.0
-_FARTHEST = 8.0  # px, from a rough corner to where it is
+_FARTHEST = 8.0  # px, from a rough corner to the refitted one
 FARTHEST_SAMPLE = _FARTHEST + 12.0  # px, from the rough square to any pixel that counts
 _LEAST_CONTRAST = 8.0  # grey levels, from black to white
 _LEAST_POINTS = len(ALONG) / 4  # of a line
 _OUTLIER = 3.0  # robust standard deviations
-_FLOOR = 0.03  # px, of a robust standard deviation
+_LEAST_SIGMA = 0.03  # px, of a robust standard deviation
 _SYSTEMATIC = 0.02  # px, error of an edge that does not show in its scatter
 
 
@@ -48,58 +39,39 @@ def refit(image, quads):
         corners, (n, 4, 2) px, and the covariance of each square's corners
         x0, y0, x1, ..., (n, 8, 8) px^2; NaN where an edge cannot be seen.
     """
-    image, rough = as_pixels(image), np.ascontiguousarray(quads, float).reshape(-1, 4, 2)
-    corners, covariance = np.empty(rough.shape), np.empty((len(rough), 8, 8))
-    for i in range(len(rough)):
-        if not _refit_square(image, rough[i], corners[i], covariance[i]):
-            corners[i], covariance[i] = np.nan, np.nan
-    return corners, covariance
+    image, quads = as_pixels(image), np.ascontiguousarray(quads, float).reshape(-1, 4, 2)
+    corners, covariances = np.empty(quads.shape), np.empty((len(quads), 8, 8))
+    for i, quad in enumerate(quads):
+        corners[i], covariances[i] = _refit_square(image, quad)
+    return corners, covariances
 
 
 @compiled
-def _refit_square(image, rough, corners, covariance):
-    """Refits one square.
-
-    Args:
-        image: see grey_levels().
-        rough: its rough corners, (4, 2) px.
-        corners, covariance: where to write, (4, 2) and (8, 8).
-
-    Returns:
-        whether its edges can be seen.
-    """
+def _refit_square(image, quad):
+    """Returns the corners of one square, (4, 2) px, and their covariance; see refit()."""
+    unseen = np.full((4, 2), np.nan), np.full((8, 8), np.nan)
     lines, variances = np.empty((4, 2)), np.empty((4, 2))
-    refitted, small = rough, False
+    corners, is_small = quad, False
     for k in range(len(_REACHES)):
-        edges = make_edges(refitted)
-        small = min(edges.width) < _SMALL
+        share, farthest = _REACHES[k]
+        edges = make_edges(corners)
+        is_small = edges.width.min() < _SMALL
         for i in range(4):
-            reach = min(_REACHES[k][0] * edges.width[i], _REACHES[k][1])
-            x, y, contrast = _edge_points(image, edges, i, reach, small or k == 0)
-            _fit_line(x, y, contrast, edges.length[i], lines[i], variances[i])
-        refitted = intersect(edges, lines)
-        if not _is_near(refitted, rough):
-            return False
-    if small:
-        edges = make_edges(refitted)
-        refitted = intersect(edges, model_lines(image, edges))
-    corners[:] = refitted
-    covariance[:] = _corner_covariance(make_edges(refitted), variances)
-    return True
+            reach = min(share * edges.width[i], farthest)
+            x, y, contrast = _edge_points(image, edges, i, reach, is_small or k == 0)
+            lines[i], variances[i] = _fit_line(x, y, contrast, edges.length[i])
+        corners = intersect(edges, lines)
+        # Lines that follow no edge may meet anywhere, or be NaN.
+        if not np.all(np.abs(corners - quad) < _FARTHEST):
+            return unseen
+    if is_small:
+        edges = make_edges(corners)
+        corners = intersect(edges, model_lines(image, edges))
+    return corners, _corner_covariance(make_edges(corners), variances)
 
 
 @compiled
-def _is_near(corners, rough):
-    """Whether corners are where they may be; lines through nothing run anywhere."""
-    for i in range(4):
-        for j in range(2):
-            if not abs(corners[i, j] - rough[i, j]) < _FARTHEST:
-                return False
-    return True
-
-
-@compiled
-def _edge_points(image, edges, i, reach, crowded):
+def _edge_points(image, edges, i, reach, is_crowded):
     """Returns where each profile of an edge has its gradient's centroid.
 
     Args:
@@ -107,93 +79,72 @@ def _edge_points(image, edges, i, reach, crowded):
         edges: of the square.
         i: number of the edge.
         reach: half a profile (px).
-        crowded: whether there may be something else in the profiles.
+        is_crowded: whether there may be something else in the profiles.
 
     Returns:
         x along the edge and y outwards, from its middle, (p,) px; and the sums
         of the gradients, (p,) grey levels.
     """
     levels = profiles(image, edges, i, reach)
-    x, y, contrast = np.empty(len(ALONG)), np.empty(len(ALONG)), np.empty(len(ALONG))
-    for k in range(len(ALONG)):
-        total, moment = 0.0, 0.0
-        for j in range(len(ACROSS) - 1):
-            gradient = levels[k, j + 1] - levels[k, j]
-            # What rises outwards is this edge's: rim and modules fall. But so
-            # does half of the noise, and there is more of it on the white side.
-            if gradient > 0.0 or not crowded:
-                total += gradient
-                moment += gradient * (ACROSS[j] + ACROSS[j + 1]) / 2
-        x[k], y[k] = ALONG[k] * edges.length[i], reach * moment / max(total, 1e-6)
-        contrast[k] = total
-    return x, y, contrast
+    gradient = levels[:, 1:] - levels[:, :-1]
+    if is_crowded:
+        # What rises outwards belongs to this edge: rim and modules fall. But so
+        # does half of the noise, and there is more of it on the white side.
+        gradient = np.maximum(gradient, 0.0)
+    contrast = gradient.sum(axis=1)
+    moment = gradient @ ((ACROSS[1:] + ACROSS[:-1]) / 2)
+    return ALONG * edges.length[i], reach * moment / np.maximum(contrast, 1e-6), contrast
 
 
 @compiled
-def _fit_line(x, y, contrast, length, line, variance):
+def _fit_line(x, y, contrast, length):
     """Fits y = offset + slope x, without outliers and profiles that show no edge.
 
     Args:
         x, y, contrast: see _edge_points().
         length: of the edge (px).
-        line, variance: where to write offset and slope, (2,), and their
-            variances, (2,); NaN where there are too few points.
+
+    Returns:
+        (offset, slope), and their variances; NaN where there are too few points.
     """
-    n = len(x)
-    least = max(0.5 * np.median(contrast), _LEAST_CONTRAST)
-    used, residual = np.empty(n, np.bool_), np.empty(n)
-    for k in range(n):
-        used[k] = contrast[k] > least
+    visible = contrast > max(0.5 * np.median(contrast), _LEAST_CONTRAST)
+    used = visible
     for _ in range(2):
-        offset, slope, count, spread = _line(x, y, used)
-        for k in range(n):
-            residual[k] = abs(y[k] - offset - slope * x[k])
-        limit = _OUTLIER * max(1.4826 * np.median(residual), _FLOOR)
-        for k in range(n):
-            used[k] = contrast[k] > least and residual[k] < limit
-    offset, slope, count, spread = _line(x, y, used)
-    squares = 0.0
-    for k in range(n):
-        if used[k]:
-            squares += (y[k] - offset - slope * x[k]) ** 2
-    # Profiles less than a pixel apart look at the same pixels.
-    independent = min(count, count * EXTENT * length / n)
-    scatter = squares / max(independent - 2, 1.0)
-    line[0], line[1] = offset, slope
-    variance[0] = scatter / count + _SYSTEMATIC**2
-    variance[1] = scatter / spread + (_SYSTEMATIC / (0.5 * length)) ** 2
+        offset, slope, spread = _line(x[used], y[used])
+        residual = np.abs(y - offset - slope * x)
+        limit = _OUTLIER * max(1.4826 * np.median(residual), _LEAST_SIGMA)
+        used = visible & (residual < limit)
+    offset, slope, spread = _line(x[used], y[used])
+    residual, count = (y - offset - slope * x)[used], used.sum()
+    # Profiles less than a pixel apart sample the same pixels.
+    independent = min(count, count * EXTENT * length / len(x))
+    scatter = np.dot(residual, residual) / max(independent - 2.0, 1.0)
+    offset_variance = scatter / count + _SYSTEMATIC**2
+    slope_variance = scatter / spread + (_SYSTEMATIC / (0.5 * length)) ** 2
+    return (offset, slope), (offset_variance, slope_variance)
 
 
 @compiled
-def _line(x, y, used):
-    """Fits y = offset + slope x by least squares to the points in use.
+def _line(x, y):
+    """Fits y = offset + slope x to points by least squares.
 
     Returns:
-        offset, slope, number of points, and sum of squared deviations of x; NaN
-        where there are too few points.
+        offset, slope, and sum of squared deviations of x; NaN for too few points.
     """
-    count, mean_x, mean_y = 0.0, 0.0, 0.0
-    for k in range(len(x)):
-        if used[k]:
-            count, mean_x, mean_y = count + 1.0, mean_x + x[k], mean_y + y[k]
-    if count < _LEAST_POINTS:
-        return np.nan, np.nan, np.nan, np.nan
-    mean_x, mean_y = mean_x / count, mean_y / count
-    spread, common = 0.0, 0.0
-    for k in range(len(x)):
-        if used[k]:
-            spread += (x[k] - mean_x) * x[k]
-            common += (x[k] - mean_x) * y[k]
-    slope = common / spread
-    return mean_y - slope * mean_x, slope, count, spread
+    if len(x) < _LEAST_POINTS:
+        return np.nan, np.nan, np.nan
+    deviation = x - x.mean()
+    spread = np.dot(deviation, deviation)
+    slope = np.dot(deviation, y) / spread
+    return y.mean() - slope * x.mean(), slope, spread
 
 
 @compiled
 def _corner_covariance(edges, variances):
     """Propagates the variances of offsets and slopes to the corners.
 
-    A corner moves by u with n_i u = (how far line i moves there) for the two
-    lines through it.
+    The normals n_i, n_j of the two lines through a corner and the distances by which the
+    lines move there give the corner's motion u: n_i u = d_i, n_j u = d_j.
 
     Args:
         edges: of the square.
@@ -202,18 +153,14 @@ def _corner_covariance(edges, variances):
     Returns:
         (8, 8) px^2.
     """
-    J, of_lines = np.zeros((8, 8)), np.zeros((8, 8))
+    J = np.zeros((8, 8))
     for i in range(4):
-        previous = (i + 3) % 4
-        ax, ay = edges.outward[previous, 0], edges.outward[previous, 1]
-        bx, by = edges.outward[i, 0], edges.outward[i, 1]
-        determinant = cross(ax, ay, bx, by)
-        x, y, half = by / determinant, -bx / determinant, edges.length[previous] / 2
-        J[2 * i, 2 * previous], J[2 * i, 2 * previous + 1] = x, x * half
-        J[2 * i + 1, 2 * previous], J[2 * i + 1, 2 * previous + 1] = y, y * half
-        x, y, half = -ay / determinant, ax / determinant, -edges.length[i] / 2
-        J[2 * i, 2 * i], J[2 * i, 2 * i + 1] = x, x * half
-        J[2 * i + 1, 2 * i], J[2 * i + 1, 2 * i + 1] = y, y * half
-        of_lines[2 * i, 2 * i] = variances[i, 0]
-        of_lines[2 * i + 1, 2 * i + 1] = variances[i, 1]
-    return transformed(J, of_lines)
+        j = (i + 3) % 4  # the edge before
+        (ax, ay), (bx, by) = edges.outward[j], edges.outward[i]
+        determinant = ax * by - ay * bx
+        u_j = np.array([by, -bx]) / determinant
+        u_i = np.array([-ay, ax]) / determinant
+        row = slice(2 * i, 2 * i + 2)
+        J[row, 2 * j], J[row, 2 * j + 1] = u_j, u_j * edges.length[j] / 2
+        J[row, 2 * i], J[row, 2 * i + 1] = u_i, -u_i * edges.length[i] / 2
+    return J @ np.diag(variances.ravel()) @ J.T

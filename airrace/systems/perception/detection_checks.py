@@ -1,11 +1,10 @@
-"""Reasons to doubt what looks like a marker."""
+"""Reasons to refuse what looks like a marker."""
 
 import math
 
 import cv2
 import numpy as np
 
-from airrace.common.jit import compiled
 from airrace.systems.perception.marker_modules import misread_modules
 from airrace.systems.types import CameraInfo, Detection
 
@@ -22,7 +21,7 @@ NO_POSE = "no pose"
 JUMP = "pose jumps"
 
 _LEAST_AREA = 100.0  # px^2
-_FARTHEST_REFIT, _FARTHEST_SHARE = 3.0, 0.1  # px, and of the square's width
+_MOST_REFIT, _MOST_REFIT_SHARE = 3.0, 0.1  # px, and of the square's width
 _MOST_MISREAD = 2  # modules; another ID has at least three
 # What a drone can do between two images.
 _MAX_SPEED = 30.0  # m/s
@@ -61,19 +60,19 @@ def check_quad(quad) -> str | None:
 
 
 def check_corners(corners, quad) -> str | None:
-    """Returns why refitted corners are not to be believed, None if they are.
+    """Returns why refitted corners are wrong, None if they may be right.
 
     Args:
         corners: (4, 2) px; NaN where there is no edge.
         quad: what they were refitted from, (4, 2) px.
     """
-    # A refit that runs away has followed the edges of something else.
-    limit = _FARTHEST_REFIT + _FARTHEST_SHARE * math.sqrt(_signed_area(quad))
-    return None if _farthest(corners, quad) < limit else NO_EDGES
+    # A refit that moves farther has followed the edges of something else.
+    limit = _MOST_REFIT + _MOST_REFIT_SHARE * math.sqrt(_signed_area(quad))
+    return None if np.abs(corners - quad).max() < limit else NO_EDGES
 
 
 def check_id(grey, corners, id) -> str | None:
-    """Returns why a marker's ID is not to be believed, None if it is.
+    """Returns why a marker's ID is wrong, None if it may be right.
 
     Args:
         grey, corners, id: see misread_modules().
@@ -84,17 +83,18 @@ def check_id(grey, corners, id) -> str | None:
 def swapped_pair(id, left, right) -> bool:
     """Whether a gate's two markers are on the wrong sides of each other.
 
-    No camera in front of their faces can see that.
+    A camera in front of their faces cannot see that.
 
     Args:
         id: of the marker on the left pylon, as the gate is flown through.
         left, right: corners of the markers on the two pylons, (4, 2) px.
     """
-    return _is_to_the_right(left, right) == bool(id % 2)
+    rightward = left[1] - left[0] + left[2] - left[3]
+    return bool(rightward @ (right - left).sum(axis=0) > 0) == bool(id % 2)
 
 
 def jumps(detection: Detection, before: Detection, dt: float) -> bool:
-    """Whether no drone can move so between two observations of a marker.
+    """Whether no drone can move so between two detections of a marker.
 
     The distance does not depend on the camera's attitude, so it is compared by
     itself, and then the attitude.
@@ -109,9 +109,11 @@ def jumps(detection: Detection, before: Detection, dt: float) -> bool:
     turn = detection.X_CM.rotation() @ before.X_CM.rotation().inverse()
     turned = abs(turn.ToAngleAxis().angle())
     variances = (detection.covariance.diagonal() + before.covariance.diagonal()).tolist()
-    return moved > _MAX_SPEED * dt + _JUMP_SIGMAS * math.sqrt(
-        sum(variances[3:])
-    ) or turned > _MAX_TURN_RATE * dt + _JUMP_SIGMAS * math.sqrt(sum(variances[:3]))
+    turn_sigma, position_sigma = math.sqrt(sum(variances[:3])), math.sqrt(sum(variances[3:]))
+    return (
+        moved > _MAX_SPEED * dt + _JUMP_SIGMAS * position_sigma
+        or turned > _MAX_TURN_RATE * dt + _JUMP_SIGMAS * turn_sigma
+    )
 
 
 def _distance(detection: Detection) -> float:
@@ -119,33 +121,7 @@ def _distance(detection: Detection) -> float:
     return math.hypot(*detection.X_CM.translation().tolist())
 
 
-@compiled
-def _signed_area(quad):
+def _signed_area(quad) -> float:
     """Area (px^2) within corners, negative if they run anticlockwise as seen."""
-    x, y = quad[2, 0] - quad[0, 0], quad[2, 1] - quad[0, 1]
-    u, v = quad[3, 0] - quad[1, 0], quad[3, 1] - quad[1, 1]
-    return (x * v - y * u) / 2
-
-
-@compiled
-def _farthest(corners, quad):
-    """Returns how far from each other coordinates are at most (px); NaN if one is."""
-    farthest = 0.0
-    for i in range(4):
-        for j in range(2):
-            distance = abs(corners[i, j] - quad[i, j])
-            if math.isnan(distance):
-                return distance
-            farthest = max(farthest, distance)
-    return farthest
-
-
-@compiled
-def _is_to_the_right(left, right):
-    """Whether one marker is, as the other is read, to the right of it; corners, (4, 2) px."""
-    along, towards = np.zeros(2), np.zeros(2)
-    for j in range(2):
-        along[j] = left[1, j] - left[0, j] + left[2, j] - left[3, j]
-        for i in range(4):
-            towards[j] += right[i, j] - left[i, j]
-    return along[0] * towards[0] + along[1] * towards[1] > 0
+    (ax, ay), (bx, by) = (quad[2] - quad[0]).tolist(), (quad[3] - quad[1]).tolist()
+    return (ax * by - ay * bx) / 2

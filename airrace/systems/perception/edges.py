@@ -1,6 +1,5 @@
-"""The edges of a marker's square in a picture, in machine code, see compiled.py."""
+"""The edges of a marker's square in a picture."""
 
-import math
 import typing
 
 import numpy as np
@@ -13,6 +12,7 @@ from airrace.systems.perception.interpolation import grey_levels
 EXTENT = 0.7
 ALONG = np.linspace(-EXTENT / 2, EXTENT / 2, 24)
 ACROSS = np.linspace(-1.0, 1.0, 17)
+_NEXT, _OPPOSITE, _PREVIOUS = np.array([1, 2, 3, 0]), np.array([2, 3, 0, 1]), np.array([3, 0, 1, 2])
 
 
 class Edges(typing.NamedTuple):
@@ -35,20 +35,12 @@ class Edges(typing.NamedTuple):
 @compiled
 def make_edges(corners):
     """Returns the Edges of a square from its corners, (4, 2) px."""
-    middle, along, outward = np.empty((4, 2)), np.empty((4, 2)), np.empty((4, 2))
-    length, width = np.empty(4), np.empty(4)
-    for i in range(4):
-        j = (i + 1) % 4
-        x, y = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
-        length[i] = math.hypot(x, y)
-        along[i, 0], along[i, 1] = x / length[i], y / length[i]
-        outward[i, 0], outward[i, 1] = along[i, 1], -along[i, 0]
-        middle[i, 0], middle[i, 1] = corners[i, 0] + x / 2, corners[i, 1] + y / 2
-    for i in range(4):
-        j = (i + 2) % 4
-        width[i] = (middle[i, 0] - middle[j, 0]) * outward[i, 0] + (
-            middle[i, 1] - middle[j, 1]
-        ) * outward[i, 1]
+    sides = corners[_NEXT] - corners
+    length = np.sqrt((sides**2).sum(axis=1))
+    along = sides / length.reshape(4, 1)
+    outward = np.stack((along[:, 1], -along[:, 0]), axis=1)
+    middle = corners + sides / 2
+    width = ((middle - middle[_OPPOSITE]) * outward).sum(axis=1)
     return Edges(middle, along, outward, length, width)
 
 
@@ -62,19 +54,10 @@ def profiles(image, edges, i, reach):
         i: number of the edge.
         reach: half a profile (px).
     """
-    count = len(ALONG) * len(ACROSS)
-    x, y, result = np.empty(count), np.empty(count), np.empty(count)
-    along_x, along_y = edges.along[i, 0], edges.along[i, 1]
-    outward_x, outward_y = edges.outward[i, 0], edges.outward[i, 1]
-    for k in range(len(ALONG)):
-        x_k = edges.middle[i, 0] + ALONG[k] * edges.length[i] * along_x
-        y_k = edges.middle[i, 1] + ALONG[k] * edges.length[i] * along_y
-        first = k * len(ACROSS)
-        for j in range(len(ACROSS)):
-            out = ACROSS[j] * reach
-            x[first + j], y[first + j] = x_k + out * outward_x, y_k + out * outward_y
-    grey_levels(image, x, y, result)
-    return result.reshape(len(ALONG), len(ACROSS))
+    along, across = (ALONG * edges.length[i]).reshape(-1, 1), ACROSS * reach
+    x = edges.middle[i, 0] + along * edges.along[i, 0] + across * edges.outward[i, 0]
+    y = edges.middle[i, 1] + along * edges.along[i, 1] + across * edges.outward[i, 1]
+    return grey_levels(image, x.ravel(), y.ravel()).reshape(x.shape)
 
 
 @compiled
@@ -86,20 +69,14 @@ def intersect(edges, lines):
         lines: offset outwards at each edge's middle (px), and slope against the
             edge, (4, 2).
     """
-    p, d, corners = np.empty((4, 2)), np.empty((4, 2)), np.empty((4, 2))
-    for i in range(4):
-        for j in range(2):
-            p[i, j] = edges.middle[i, j] + lines[i, 0] * edges.outward[i, j]
-            d[i, j] = edges.along[i, j] + lines[i, 1] * edges.outward[i, j]
-    for i in range(4):
-        j = (i + 3) % 4
-        to_previous = cross(p[j, 0] - p[i, 0], p[j, 1] - p[i, 1], d[j, 0], d[j, 1])
-        s = to_previous / cross(d[i, 0], d[i, 1], d[j, 0], d[j, 1])
-        corners[i, 0], corners[i, 1] = p[i, 0] + s * d[i, 0], p[i, 1] + s * d[i, 1]
-    return corners
+    p = edges.middle + lines[:, :1] * edges.outward
+    d = edges.along + lines[:, 1:] * edges.outward
+    previous = d[_PREVIOUS]
+    s = _cross(p[_PREVIOUS] - p, previous) / _cross(d, previous)
+    return p + s.reshape(4, 1) * d
 
 
 @compiled
-def cross(ax, ay, bx, by):
-    """Returns the z component of the cross product of two vectors."""
-    return ax * by - ay * bx
+def _cross(a, b):
+    """Returns the z components of cross products, (n,); a, b: (n, 2)."""
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

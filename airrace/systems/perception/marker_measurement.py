@@ -1,4 +1,4 @@
-"""From rough quads to checked poses."""
+"""From rough quads to detections: refitted corners, checks, poses."""
 
 from collections import Counter
 
@@ -22,48 +22,47 @@ def measure(view: CameraView, ids, quads, info: CameraInfo, max_id):
     Returns:
         tuple of Detection by ID, and tuple of (reason, ID) of what was refused.
     """
-    refused, likely = [], []
+    refused, candidates = [], []
     for id, quad in zip(ids, quads):
-        reason = checks.FOREIGN_ID if id > max_id else checks.check_quad(quad)
-        if reason is None:
-            likely.append((id, quad))
-        else:
+        if reason := checks.FOREIGN_ID if id > max_id else checks.check_quad(quad):
             refused.append((reason, id))
-    grey, passed = _drawn_around([quad for _, quad in likely], view), []
-    for (id, quad), corners, covariance in zip(likely, *refit(grey, [q for _, q in likely])):
-        reason = checks.check_corners(corners, quad) or checks.check_id(grey, corners, id)
-        if reason is None:
+        else:
+            candidates.append((id, quad))
+    quads = [quad for _, quad in candidates]
+    grey, passed = _drawn_around(quads, view), []
+    for (id, quad), corners, covariance in zip(candidates, *refit(grey, quads)):
+        if reason := checks.check_corners(corners, quad) or checks.check_id(grey, corners, id):
+            refused.append((reason, id))
+        else:
             passed.append((id, corners, covariance))
-        else:
-            refused.append((reason, id))
-    usable = {id: rest for id, *rest in passed}
+    usable = {id: (corners, covariance) for id, corners, covariance in passed}
     for id, count in Counter(id for id, *_ in passed).items():
         if count > 1:
             refused += count * [(checks.SEEN_TWICE, id)]
             del usable[id]
-    for pair in _pairs(usable):
-        if checks.swapped_pair(pair[0], *(usable[id][0] for id in pair)):
-            refused += [(checks.FROM_BEHIND, id) for id in pair]
-            usable = {id: rest for id, rest in usable.items() if id not in pair}
+    for left, right in _pairs(usable):
+        if checks.swapped_pair(left, usable[left][0], usable[right][0]):
+            refused += [(checks.FROM_BEHIND, left), (checks.FROM_BEHIND, right)]
+            del usable[left], usable[right]
     located = _locate_all(usable, info)
     refused += [(checks.NO_POSE, id) for id in sorted(usable.keys() - located.keys())]
     return tuple(located[id] for id in sorted(located)), tuple(refused)
 
 
 def _drawn_around(quads, view: CameraView):
-    """Returns an image that is valid where refit() and check_id() look for these quads."""
+    """Returns an image that is valid wherever refit() and check_id() sample these quads."""
     h, w = view.shape
-    reach = FARTHEST_SAMPLE
-    boxes = [
-        (
-            max(int(min(x) - reach), 0),
-            max(int(min(y) - reach), 0),
-            min(int(max(x) + reach), w),
-            min(int(max(y) + reach), h),
+    return view.drawn(
+        *(
+            (
+                max(int(min(x) - FARTHEST_SAMPLE), 0),
+                max(int(min(y) - FARTHEST_SAMPLE), 0),
+                min(int(max(x) + FARTHEST_SAMPLE), w),
+                min(int(max(y) + FARTHEST_SAMPLE), h),
+            )
+            for x, y in (quad.T.tolist() for quad in quads)
         )
-        for x, y in (quad.T.tolist() for quad in quads)
-    ]
-    return view.drawn(*boxes)
+    )
 
 
 def _pairs(ids) -> list:

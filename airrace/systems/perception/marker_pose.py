@@ -8,15 +8,15 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from airrace.common.immutable import read_only
-from airrace.systems.perception.pose_refinement import Pose, best_pose, carried_along
+from airrace.systems.perception.pose_refinement import Pose, best_pose, pose_at
 from airrace.systems.types import CameraInfo, Detection
 from airrace.track import MARKER_SIZE
 
 GATE_SPACING = 10.0  # m, between the axes of a gate's pylons, by the rules
-# A gate is not as the rules say if the corners are this many standard deviations
+# A gate does not have that spacing if the corners are this many standard deviations
 # (root mean square) off the joint pose.
 _MISFIT = 3.0
-# The marker's corners in a frame F that is M turned half a turn about x: a
+# The marker's corners in a frame F, which is M rotated by half a turn about x: a
 # marker that faces the camera then has no rotation.
 _H = MARKER_SIZE / 2
 _POINTS = np.array([[-_H, -_H, 0.0], [_H, -_H, 0.0], [_H, _H, 0.0], [-_H, _H, 0.0]])
@@ -56,7 +56,7 @@ def locate_gate(ids, corners, covariances, info: CameraInfo) -> dict:
         info: the camera.
 
     Returns:
-        ID to Detection of both, or of none if the corners deny that distance.
+        ID to Detection of both, or of none if the corners do not fit that distance.
     """
     if not all(map(_is_extended, corners)):
         return {}
@@ -67,7 +67,7 @@ def locate_gate(ids, corners, covariances, info: CameraInfo) -> dict:
     if pose is None or pose.cost > _MISFIT**2 * corners.size:
         return {}
     return {
-        id: _detection(id, quad, carried_along(pose, p_F), residual, joint=True)
+        id: _detection(id, quad, pose_at(pose, p_F), residual, joint=True)
         for id, quad, p_F, residual in zip(
             ids, corners, (-_TO_RIGHT, _TO_RIGHT), pose.residual.reshape(2, 4, 2)
         )

@@ -1,4 +1,4 @@
-"""Finds markers in pictures with OpenCV, in all of it or in regions."""
+"""Finds markers with OpenCV in a whole picture or in regions of it."""
 
 import cv2
 import numpy as np
@@ -8,11 +8,12 @@ from airrace.systems.sensing.camera_view import CameraView
 
 _SMALLEST_SIDE = 15.0  # px, of a square whose modules can be told apart
 # A region is the marker's predicted bounding box and this much around it, in px and in
-# sizes of the box: for the board, and for what a drone that rolls may move it beyond the
-# prediction. That is seldom much, so what is not found is sought again in a larger one.
+# sizes of the box: for the board, and for the motion that the prediction does not know.
+# A marker that is not found in the smaller region is searched for in the larger one.
 _MARGINS = ((18.0, 0.1), (25.0, 0.3))
-_LEAST_SHARE = 0.5  # of the perimeter expected there: modules look like squares, too
-# OpenCV takes 1.5 us for every ID that something is not, and asks for one after the other.
+_LEAST_SHARE = 0.5  # of the expected perimeter: modules look like squares, too
+# OpenCV compares a square with one ID after the other, 1.5 us each, so it only gets the
+# IDs of most tracks.
 _USUAL = cv2.aruco.Dictionary(DICTIONARY.bytesList[:80], DICTIONARY.markerSize, 0)
 
 
@@ -23,7 +24,7 @@ class MarkerSearch:
         self._detector = make_detector()
 
     def everywhere(self, image):
-        """Searches a picture.
+        """Searches a whole picture.
 
         Args:
             image: grey levels, (h, w), uint8.
@@ -40,11 +41,11 @@ class MarkerSearch:
         return ids, quads
 
     def around(self, view: CameraView, predictions):
-        """Searches a picture for markers near where they are expected.
+        """Searches a picture for markers near their predicted corners.
 
         Args:
             view: of the picture.
-            predictions: ID to the corners expected, (4, 2) px.
+            predictions: ID to predicted corners, (4, 2) px.
 
         Returns:
             as everywhere().
@@ -55,18 +56,18 @@ class MarkerSearch:
         codes = DICTIONARY.bytesList[expected]
         self._detector.setDictionary(cv2.aruco.Dictionary(codes, DICTIONARY.markerSize, 0))
         for margins in _MARGINS:
-            sought = [
-                (_region(box, *margins, view.shape), box)
+            regions = [
+                (*_region(box, *margins, view.shape), box)
                 for id, box in predictions.items()
                 if id not in found
             ]
-            sought = [
-                ((x0, y0, x1, y1), box)
-                for (x0, y0, x1, y1), box in sought
-                if min(x1 - x0, y1 - y0) >= _SMALLEST_SIDE
+            regions = [
+                region
+                for region in regions
+                if min(region[2] - region[0], region[3] - region[1]) >= _SMALLEST_SIDE
             ]
-            picture = view.drawn(*(region for region, _ in sought))
-            for (x0, y0, x1, y1), box in sought:
+            picture = view.drawn(*(region[:4] for region in regions))
+            for x0, y0, x1, y1, box in regions:
                 perimeter = _LEAST_SHARE * cv2.arcLength(box.astype(np.float32), True)
                 ids, quads, _ = self._detect(
                     picture[y0:y1, x0:x1], max(perimeter, 4 * _SMALLEST_SIDE)
@@ -105,13 +106,12 @@ def _region(box, margin, relative_margin, shape) -> tuple[int, int, int, int]:
 def make_detector() -> cv2.aruco.ArucoDetector:
     """Returns OpenCV's detector with parameters for the boards.
 
-    The boards are black on white: one threshold window, and a constant above
-    OpenCV's 7 that passes over most of grass and sky, spare two thirds of the
-    time of OpenCV's default and lose no markers; a larger constant loses them
-    in the dark, a smaller window under blur. Slivers are left out, because
-    OpenCV spends milliseconds on reading one. Modules of small markers are read
-    at twice the default resolution. OpenCV's own refinements pull corners
-    inwards and cost time: see corner_refit.py.
+    The boards are black on white. One threshold window, and a constant above OpenCV's 7
+    that ignores most of grass and sky, take a third of the time of OpenCV's default and
+    lose no markers; a larger constant loses them in the dark, a smaller window under
+    blur. Slivers are left out, because OpenCV spends milliseconds on reading one. Modules
+    of small markers are read at twice the default resolution. OpenCV's own refinements
+    pull corners inwards: see corner_refit.py.
     """
     parameters = cv2.aruco.DetectorParameters()
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = 7

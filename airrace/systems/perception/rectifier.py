@@ -36,17 +36,17 @@ class Rectifier(LeafSystem):
     ``camera_image`` is an ImageRgba8U, ``camera_grey`` an ImageGrey8U,
     ``camera_view`` a CameraView and ``camera_info`` a CameraInfo. The
     outputs have the inputs' names, so the Rectifier fits in front of any system
-    that asks for them: the image is that of K' = P[:, :3] and no distortion,
+    that reads them: the image is that of K' = P[:, :3] and no distortion,
     seen from the frame that R rotates to, and the info says so. What the lens
     did not see is black.
 
-    An output is a function of the input of its name and of the calibration;
-    Drake's cache rectifies an image once, and none that nobody looks at.
+    An output is a function of the input of its name and of the calibration; an image
+    is rectified once, and only if its output is evaluated.
     """
 
     def __init__(self):
         LeafSystem.__init__(self)
-        # All that it does depends on a calibration, which never changes.
+        # Both depend on the calibration, which never changes.
         self._map = functools.lru_cache(maxsize=1)(_map)
         self._rectified = functools.lru_cache(maxsize=1)(rectified_info)
         images = [
@@ -94,7 +94,7 @@ class Rectifier(LeafSystem):
 
 
 def _map(info: CameraInfo) -> PixelMap:
-    """Returns where in the raw image to look for every pixel."""
+    """Returns the place of every pixel in the raw image."""
     return PixelMap(
         *cv2.initUndistortRectifyMap(
             info.K, info.D, info.R, info.P[:, :3], (info.width, info.height), cv2.CV_32FC1

@@ -69,7 +69,7 @@ def test_above_the_tips_is_no_gap_and_near_the_ground_no_way():
 def test_over_the_top_is_free():
     leg = fly(
         [0.0, 0.0, 5.0, 0.0],
-        *clear_paths.over_the_top([0.0, 0.0, 5.0, 0.0], np.array([48.0, 12.0, 6.0, 1.0])),
+        *clear_paths.route_above_pylons([0.0, 0.0, 5.0, 0.0], np.array([48.0, 12.0, 6.0, 1.0])),
     )
     assert clear_paths.is_clear(leg, GATE_MAP, 2.0)
     np.testing.assert_allclose(leg.derivatives(leg.duration, 1)[0], [48.0, 12.0, 6.0, 1.0])
@@ -85,7 +85,7 @@ def test_over_the_top_swings_out_nowhere(far, bearing, start_height, goal_height
         [[np.cos(bearing), np.sin(bearing)], [-np.sin(bearing), np.cos(bearing)]]
     )
     start, goal = [0.0, 0.0, start_height, 0.0], [*far * forward, goal_height, yaw]
-    leg = fly(start, *clear_paths.over_the_top(start, goal))
+    leg = fly(start, *clear_paths.route_above_pylons(start, goal))
     x, y, z = leg.positions(np.linspace(0.0, leg.duration, 500))
     along, aside = forward @ [x, y], left @ [x, y]
     assert z.min() > min(start_height, goal_height) - 0.1
@@ -95,10 +95,10 @@ def test_over_the_top_swings_out_nowhere(far, bearing, start_height, goal_height
     assert leg.duration < 10.5 + far / 4.0
 
 
-def test_passages_are_in_order_with_their_times():
+def test_gate_crossings_are_in_order_with_their_times():
     start = [0.0, 0.0, 6.0, 0.0]
     leg = fly(start, gate_pose(GATES[0]), gate_pose(GATES[1]), gate_pose(GATES[1], 5.0))
-    passed = clear_paths.passages(*clear_paths.positions(leg), GATES)
+    passed = clear_paths.gate_crossings(*clear_paths.positions(leg), GATES)
     assert [(n, forward) for _, n, forward in passed] == [(0, True), (1, True)]
     np.testing.assert_allclose([t for t, *_ in passed], leg.breaks[1:3], atol=1e-2)
 
@@ -111,7 +111,7 @@ def test_a_gate_is_approached_from_the_front_from_anywhere():
         gate_pose(gate, 15.0),
         gate_pose(gate) + [-9.0, 9.0, 0.0, 0.0],
     ):
-        routes = clear_paths.ways_through(pose, [gate], approach=8.0, beyond=5.0)
+        routes = clear_paths.routes_through(pose, [gate], approach=8.0, beyond=5.0)
         legs = [fly(pose, *route) for route in routes]
         assert any(clear_paths.is_clear(leg, GATE_MAP, 2.0, [1]) for leg in legs)
         for route in routes:

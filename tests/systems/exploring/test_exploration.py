@@ -8,7 +8,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring import exploration
-from airrace.systems.mapping.marker_statistics import MarkerStatistics, make_map
+from airrace.systems.exploring.explorer_memory import Situation
+from airrace.systems.mapping.report_estimator import MarkerStatistics, make_map
 from airrace.systems.types import Detection, Detections, ExplorerStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate
@@ -45,7 +46,7 @@ def situation(counts, in_image, last=None, p=(0.0, 0.0, 5.0), steps=0, track=TRA
     )
     markers = tuple(Detection(id, np.zeros((4, 2)), RigidTransform(), 0.0) for id in in_image)
     q = RollPitchYaw(0, 0, 0.3).ToQuaternion().wxyz()
-    return exploration.Now(
+    return Situation(
         memory=memory,
         time=1.0,
         detections=Detections(1.0, markers),
@@ -124,7 +125,7 @@ def test_off_the_rule_gate_1_closes_the_loop_if_it_is_ahead(y, heading_deg, clos
     now = situation({}, [0, 2], p=(15.0, 0.0, 6.0))
     memory = types.SimpleNamespace(last=made[2], steps=0, status=ExplorerStatus(gates=(0, 1, 2)))
     looking = types.SimpleNamespace(gates=made, markers=())
-    now = exploration.Now(memory, 1.0, now.detections, looking, now.estimate)
+    now = Situation(memory, 1.0, now.detections, looking, now.estimate)
     assert exploration.next_gate(now, 40.0) is (made[0] if closes else None)
 
 
@@ -167,7 +168,7 @@ def test_pylons_and_gates_of_which_one_board_was_seen_are_known():
     ],
 )
 def test_observations_in_words(counts, in_image, words):
-    assert exploration.described_observation(situation(counts, in_image), 0) == words
+    assert exploration.describe_observation(situation(counts, in_image), 0) == words
 
 
 @pytest.mark.parametrize(
@@ -185,7 +186,7 @@ def test_the_heading_is_checked_against_a_gate(yaw, error, words):
     now.estimate[1:5] = RollPitchYaw(0.05, -0.05, yaw).ToQuaternion().wxyz()
     found = exploration.heading_error(now, now.gates[0])
     assert found == pytest.approx(error, abs=0.01)
-    assert exploration.in_words(found) == words
+    assert exploration.angle_in_words(found) == words
 
 
 def test_tilt_and_yaw():

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from airrace.scenario import ExplorerConfig
-from airrace.systems.exploring import exploration
 from airrace.systems.exploring.exploration import gate_pose
 from airrace.systems.exploring.explorer_legs import LegPlanner
-from airrace.systems.exploring.explorer_memory import first_memory
+from airrace.systems.exploring.explorer_memory import Situation, first_memory
 from airrace.trajopt.min_snap.leg import plan_leg
 from tests.systems.exploring.test_exploration import mapped, situation
 
@@ -23,7 +22,7 @@ def flying(start, goal, time, counts):
     leg = plan_leg(begin, np.array([goal], float), **LIMITS)
     now = situation(counts, [])
     memory = dc.replace(first_memory().flying(leg, 0.0), home=np.array([0.0, 0.0, 5.0, 0.0]))
-    return exploration.Now(memory, time, now.detections, mapped(counts), now.estimate)
+    return Situation(memory, time, now.detections, mapped(counts), now.estimate)
 
 
 def test_a_leg_goes_on_from_the_motion_of_the_last():
@@ -70,6 +69,6 @@ def test_a_stop_is_soon_and_before_what_is_in_the_way():
 @pytest.mark.parametrize("counts, good", [({}, True), ({0: 9, 2: 9}, False), ({2: 9}, False)])
 def test_the_rest_of_a_leg_is_checked_as_the_map_grows(counts, good):
     now = flying([0, 0, 6, 0], [40, 0, 6, 0], 1.0, counts)
-    assert LEGS.is_good(now, []) is good
+    assert LEGS.is_clear(now, []) is good
     late = dc.replace(now, time=now.memory.leg.duration)
-    assert LEGS.is_good(late, [])
+    assert LEGS.is_clear(late, [])

@@ -57,7 +57,7 @@ def test_a_search_never_ends_and_comes_back_and_up_again_and_again():
     states = [step.state for step in found]
     assert states.count("GO_BACK") > 2
     back = states.index("GO_BACK")
-    assert found[back].reason == "lost, back to gate 1" and found[back].arounds == 0
+    assert found[back].reason == "lost, back to gate 1" and found[back].steps_around == 0
     np.testing.assert_allclose(found[back].routes[-1][-1], [25.0, 0.0, 6.25, 0.0], atol=1e-9)
     assert "LOOK_FROM_ABOVE" not in states[:back]
     assert all(step.routes[-1][-1][2] > 13.0 for step in found if step.state == "LOOK_FROM_ABOVE")
@@ -73,7 +73,7 @@ def test_steps_around_what_was_seen_of_the_gate(id):
     """20 m before the boards of gate 1, whichever was seen."""
     found = steps({id: 9}, [id], count=7)
     assert [s.state for s in found[:6]] == 6 * ["STEP_AROUND"]
-    assert [s.arounds for s in found[:6]] == [1, 2, 3, 4, 5, 6]
+    assert [s.steps_around for s in found[:6]] == [1, 2, 3, 4, 5, 6]
     np.testing.assert_allclose(found[0].routes[0][-1], [-1.0, 0.0, 6.25, 0.0], atol=1e-9)
     assert f"only marker {id} of gate 1 is in sight" in found[0].reason
     for step in found[:6]:  # all look at the gate
@@ -83,8 +83,8 @@ def test_steps_around_what_was_seen_of_the_gate(id):
 
 
 def test_steps_around_that_were_tried_are_not_tried_again():
-    assert steps({2: 9}, [2], arounds=5)[0].arounds == 6
-    assert steps({2: 9}, [2], arounds=6)[0].state == "LOOK_AROUND"
+    assert steps({2: 9}, [2], steps_around=5)[0].steps_around == 6
+    assert steps({2: 9}, [2], steps_around=6)[0].state == "LOOK_AROUND"
 
 
 def test_a_stray_id_is_not_stepped_around():

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from airrace.scenario import ESTIMATORS
-from airrace.systems.mapping.image_mapper import ImageMapper, MapperMemory
+from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.types import Detection, Detections, make_camera_info
 from airrace.track.map_files import map_data, statistics_data
 from airrace.vehicle import CameraMount
@@ -52,7 +52,7 @@ def fuzzed(rng) -> Detection:
 def test_ten_thousand_fuzzed_detections(estimator):
     """Nothing crashes, everything is counted, and the map stays finite."""
     rng = np.random.default_rng(0)
-    mapper, memory, own, foreign = make_mapper(estimator), MapperMemory(), 0, 0
+    mapper, state, own, foreign = make_mapper(estimator), MapperState(), 0, 0
     for k in range(2500):
         markers = tuple(fuzzed(rng) for _ in range(4))
         refused = (("tiny quad", 3), ("foreign ID", 99)) if k % 100 == 0 else ()
@@ -61,8 +61,8 @@ def test_ten_thousand_fuzzed_detections(estimator):
         if rng.random() < 0.95:
             R = RollPitchYaw(rng.normal(0, 0.3, 3)).ToRotationMatrix() @ INFO.X_BC.rotation()
             X_WC = RigidTransform(R, rng.normal(0, 20, 3))
-        memory = mapper.updated(memory, Detections(k / 30, markers, refused), X_WC, INFO)
-    gate_map = memory.gate_map
+        state = mapper.updated(state, Detections(k / 30, markers, refused), X_WC, INFO)
+    gate_map = state.gate_map
     assert gate_map.detections == 10_000 + foreign
     counted = sum(m.count for m in gate_map.markers)
     assert counted + sum(gate_map.refused.values()) == 10_000 + own
@@ -77,14 +77,14 @@ def test_ten_thousand_fuzzed_detections(estimator):
 
 
 @given(st.sampled_from(ESTIMATORS), st.lists(st.integers(0, 2**32), max_size=5))
-def test_the_memory_before_is_not_touched(estimator, seeds):
-    mapper, memories = make_mapper(estimator), [MapperMemory()]
+def test_the_state_before_is_not_touched(estimator, seeds):
+    mapper, states = make_mapper(estimator), [MapperState()]
     for k, seed in enumerate(seeds):
         markers = (fuzzed(np.random.default_rng(seed)),)
-        memories.append(
-            mapper.updated(memories[-1], Detections(float(k), markers), RigidTransform(), INFO)
+        states.append(
+            mapper.updated(states[-1], Detections(float(k), markers), RigidTransform(), INFO)
         )
-    assert [m.gate_map.detections for m in memories] == list(range(len(seeds) + 1))
+    assert [m.gate_map.detections for m in states] == list(range(len(seeds) + 1))
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
@@ -97,7 +97,7 @@ def test_an_image_counts_once(estimator):
         0.0,
     )
     once = mapper.updated(
-        MapperMemory(), Detections(1.0, (marker,), (("tiny quad", 4),)), RigidTransform(), INFO
+        MapperState(), Detections(1.0, (marker,), (("tiny quad", 4),)), RigidTransform(), INFO
     )
     assert once.gate_map.refused["tiny quad"] == 1
     for time in (1.0, 0.5):

@@ -46,7 +46,7 @@ vectors = st.tuples(*[st.floats(-20, 20)] * 3).map(np.array)
 
 
 @given(rotations, vectors, st.integers(0, 100))
-def test_a_observation_is_the_detection_in_the_world(R_WC, p_WC, seed):
+def test_an_observation_is_the_detection_in_the_world(R_WC, p_WC, seed):
     A = np.random.default_rng(seed).standard_normal((6, 6)) / 100
     marker = detection(covariance=A @ A.T)
     X_WC = RigidTransform(R_WC, p_WC)

@@ -4,7 +4,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
 from airrace.systems.perception import detection_checks as checks
-from airrace.systems.perception.aruco_detector import ArucoDetector, Sight, look
+from airrace.systems.perception.aruco_detector import ArucoDetector, DetectorState, detect
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
 from tests.systems.perception.marker_pictures import INFO, gate, picture, pose, project
@@ -21,7 +21,7 @@ def show(detector, context, grey, time):
     detector.GetInputPort("camera_info").FixValue(context, Value[object](INFO))
 
 
-def detect(grey, time=1.5, **kwargs):
+def detected(grey, time=1.5, **kwargs):
     detector = ArucoDetector(**kwargs)
     context = detector.CreateDefaultContext()
     show(detector, context, grey, time)
@@ -34,7 +34,7 @@ def ids(detections):
 
 def test_finds_markers_and_their_poses():
     poses = GATE | LONE
-    found = detect(picture(poses))
+    found = detected(picture(poses))
     assert found.time == 1.5 and found.refused == ()
     assert ids(found) == [0, 2, 39]
     for marker in found.markers:
@@ -51,35 +51,35 @@ def test_finds_markers_and_their_poses():
 
 @pytest.mark.parametrize("grey", [0, 128, 255])
 def test_nothing_in_an_empty_image(grey):
-    assert detect(np.full((720, 1280), grey, np.uint8)).markers == ()
+    assert detected(np.full((720, 1280), grey, np.uint8)).markers == ()
 
 
 def test_nothing_in_noise():
     noise = np.random.default_rng(0).integers(0, 256, (720, 1280), dtype=np.uint8)
-    assert detect(noise).markers == ()
+    assert detected(noise).markers == ()
 
 
 def test_half_an_image():
     grey = picture(GATE | LONE)
     grey[:, 640:] = 0
-    assert set(ids(detect(grey))) < {0, 2, 39}
+    assert set(ids(detected(grey))) < {0, 2, 39}
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (360, 640), (1280, 720)])
 def test_images_of_a_wrong_size_are_refused(shape):
-    found = detect(np.zeros(shape, np.uint8))
+    found = detected(np.zeros(shape, np.uint8))
     assert found.markers == () and found.refused == ((checks.WRONG_IMAGE, None),)
 
 
 def test_an_image_without_a_time_is_refused():
-    found = detect(picture(LONE), time=np.nan)
+    found = detected(picture(LONE), time=np.nan)
     assert found.markers == () and found.refused == ((checks.NO_TIME, None),)
 
 
 def test_foreign_ids():
     grey = picture({500: LONE[39]})
-    assert ids(detect(grey)) == [500]
-    found = detect(grey, max_gates=20)
+    assert ids(detected(grey)) == [500]
+    found = detected(grey, max_gates=20)
     assert found.markers == () and found.refused == ((checks.FOREIGN_ID, 500),)
 
 
@@ -87,18 +87,18 @@ def test_foreign_ids():
 @pytest.mark.parametrize("quarters", range(4))
 def test_all_ids_are_read_whatever_is_up(id, quarters):
     X_CM = pose(0.5, 0.3, 12.0, yaw=0.3, roll=quarters * np.pi / 2 + 0.1)
-    (found,) = detect(picture({id: X_CM})).markers
+    (found,) = detected(picture({id: X_CM})).markers
     assert found.id == id
     np.testing.assert_allclose(found.corners, project(X_CM), atol=0.15)
 
 
 def test_the_same_id_twice_is_refused():
     grey = np.minimum(picture({4: pose(-3, 0, 12)}), picture({4: pose(3, 0, 12)}))
-    assert detect(grey).refused == 2 * ((checks.SEEN_TWICE, 4),)
+    assert detected(grey).refused == 2 * ((checks.SEEN_TWICE, 4),)
 
 
 def test_a_gate_with_its_markers_swapped_is_refused():
-    found = detect(picture(dict(zip((2, 0), GATE.values()))))
+    found = detected(picture(dict(zip((2, 0), GATE.values()))))
     assert found.markers == ()
     assert found.refused == ((checks.FROM_BEHIND, 0), (checks.FROM_BEHIND, 2))
 
@@ -120,11 +120,11 @@ class CountingSearch(MarkerSearch):
 
 
 def watch(pictures, **kwargs):
-    """Looks at pictures at 30 Hz; returns the sights, and where was searched."""
-    search, sights = CountingSearch(), [Sight()]
+    """Detects markers in pictures at 30 Hz; returns the results, and where was searched."""
+    search, results = CountingSearch(), [DetectorState()]
     for k, grey in enumerate(pictures):
-        sights.append(look(search, CameraView.of(grey), k / 30, INFO, sights[-1], **kwargs))
-    return sights[1:], search.calls
+        results.append(detect(search, CameraView.of(grey), k / 30, INFO, results[-1], **kwargs))
+    return results[1:], search.calls
 
 
 def test_tracking_finds_the_same_in_less_of_the_image():
@@ -141,21 +141,21 @@ def test_tracking_finds_the_same_in_less_of_the_image():
 
 
 def test_all_of_an_image_is_searched_every_few_images():
-    sights, calls = watch(4 * [EMPTY] + 6 * [picture(LONE)], full_search_periods=(3, 3))
+    results, calls = watch(4 * [EMPTY] + 6 * [picture(LONE)], full_search_periods=(3, 3))
     assert calls == 3 * ["everywhere", "around", "around"] + ["everywhere"]
-    assert [ids(s.detections) for s in sights] == 6 * [[]] + 4 * [[39]]
+    assert [ids(s.detections) for s in results] == 6 * [[]] + 4 * [[39]]
 
 
 def test_a_lost_marker_is_found_by_the_next_full_search():
     moved = picture({39: pose(-4, -2, 15)})
-    sights, _ = watch([picture(LONE), *4 * [moved]], full_search_periods=(3, 3))
-    assert [ids(s.detections) for s in sights] == [[39], [], [], [39], [39]]
+    results, _ = watch([picture(LONE), *4 * [moved]], full_search_periods=(3, 3))
+    assert [ids(s.detections) for s in results] == [[39], [], [], [39], [39]]
 
 
 def test_new_markers_are_found_by_the_next_full_search():
-    sights, _ = watch([picture(LONE), *8 * [picture(LONE | GATE)]])
-    assert ids(sights[-2].detections) == [39]
-    assert ids(sights[-1].detections) == [0, 2, 39]
+    results, _ = watch([picture(LONE), *8 * [picture(LONE | GATE)]])
+    assert ids(results[-2].detections) == [39]
+    assert ids(results[-1].detections) == [0, 2, 39]
 
 
 def test_all_is_searched_less_often_while_nothing_comes_or_goes():
@@ -171,8 +171,8 @@ def test_all_is_searched_sooner_again_when_a_marker_has_left():
 def test_after_a_gap_all_of_an_image_is_searched():
     search = CountingSearch()
     view = CameraView.of(picture(LONE))
-    first = look(search, view, 0.0, INFO, Sight())
-    look(search, view, 0.5, INFO, first)
+    first = detect(search, view, 0.0, INFO, DetectorState())
+    detect(search, view, 0.5, INFO, first)
     assert search.calls == 2 * ["everywhere"]
 
 
@@ -197,9 +197,9 @@ def test_one_that_is_not_quite_where_it_is_expected_is_found_all_the_same(off):
 
 def test_a_pose_that_jumps_is_refused_until_it_stays():
     near, far = (picture({39: pose(0, 0, z)}) for z in (12.0, 16.0))
-    sights, _ = watch([far, near, near])
-    assert [ids(s.detections) for s in sights] == [[39], [], [39]]
-    assert sights[1].detections.refused == ((checks.JUMP, 39),)
+    results, _ = watch([far, near, near])
+    assert [ids(s.detections) for s in results] == [[39], [], [39]]
+    assert results[1].detections.refused == ((checks.JUMP, 39),)
 
 
 def test_the_image_is_searched_once():

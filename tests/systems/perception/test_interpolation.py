@@ -10,8 +10,7 @@ IMAGE = np.random.default_rng(0).integers(0, 256, (12, 17)).astype(np.uint8)
 
 
 def grey_level(x, y):
-    levels = np.empty(3)
-    grey_levels(IMAGE, np.array([2.0, x, 7.0]), np.array([1.0, y, 4.0]), levels)
+    levels = grey_levels(IMAGE, np.array([2.0, x, 7.0]), np.array([1.0, y, 4.0]))
     assert levels[0] == IMAGE[1, 2] and levels[2] == IMAGE[4, 7]
     return levels[1]
 
@@ -43,8 +42,8 @@ def test_no_pixel_beyond_the_image_is_looked_at(x, y):
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1)])
 def test_a_picture_of_one_row_or_column_has_only_its_own_levels(shape):
-    image, levels = np.full(shape, 90, np.uint8), np.empty(3)
-    grey_levels(image, np.array([-1.0, 0.5, 4.0]), np.array([4.0, 0.5, -1.0]), levels)
+    image = np.full(shape, 90, np.uint8)
+    levels = grey_levels(image, np.array([-1.0, 0.5, 4.0]), np.array([4.0, 0.5, -1.0]))
     assert levels.tolist() == [90.0, 90.0, 90.0]
 
 

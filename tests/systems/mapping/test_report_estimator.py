@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airrace.systems.mapping.marker_statistics import EMPTY, ReportEstimator, make_gate, make_map
 from airrace.systems.mapping.observation import Observation
+from airrace.systems.mapping.report_estimator import EMPTY, ReportEstimator, make_gate, make_map
 from airrace.track import load_track
 
 TRACK = load_track("student-airrace")

@@ -1,4 +1,4 @@
-"""The report's estimator: mean and variance of each marker, on its own."""
+"""The estimator of the Student AirRace report: mean and variance of each marker by itself."""
 
 import dataclasses as dc
 from collections import Counter
@@ -83,21 +83,24 @@ class ReportEstimator:
 
     def make_map(self, statistics: dict, **counters) -> GateMap:
         """Returns the map; counters: the attributes of GateMap that count."""
-        return make_map(statistics, min_observations=self._min_observations, **counters)
+        refused = Counter(counters.pop("refused", {}))
+        refused.update({OFF_MAP: sum(s.outliers for s in statistics.values())})
+        return make_map(
+            statistics,
+            min_observations=self._min_observations,
+            refused=dict(sorted((+refused).items())),
+            **counters,
+        )
 
 
-def make_map(
-    statistics: dict, *, min_observations, time, detections, out_of_range, refused=None
-) -> GateMap:
+def make_map(statistics: dict, *, min_observations, **counters) -> GateMap:
     """Returns the map that the statistics of all markers amount to.
 
     Args:
         statistics: marker ID to MarkerStatistics.
         min_observations: of both front markers before a gate is in the map.
-        time, detections, out_of_range: see GateMap.
-        refused: see GateMap; the outliers come on top.
+        counters: the attributes of GateMap that count.
     """
-    outliers = {OFF_MAP: sum(s.outliers for s in statistics.values())}
     markers = {
         id: MarkerEstimate(
             id=id,
@@ -116,12 +119,9 @@ def make_map(
         if id % 4 == 0 and id + 2 in known
     )
     return GateMap(
-        time=time,
         markers=tuple(markers.values()),
-        gates=tuple(g for g in gates if g is not None),
-        detections=detections,
-        out_of_range=out_of_range,
-        refused=dict(sorted((Counter(refused or {}) + Counter(outliers)).items())),
+        gates=tuple(gate for gate in gates if gate is not None),
+        **counters,
     )
 
 

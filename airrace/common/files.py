@@ -1,10 +1,12 @@
 """Writing results so that a reader never sees half a file."""
 
 import contextlib
+import datetime
 import itertools
 import json
 import math
 import os
+import re
 import tempfile
 from pathlib import Path
 
@@ -48,6 +50,13 @@ def finite(data):
     if isinstance(data, (list, tuple)):
         return [finite(value) for value in data]
     return None if isinstance(data, float) and not math.isfinite(data) else data
+
+
+def run_path(*names: str) -> Path:
+    """Returns runs/<UTC time>-<names>: where results go if nobody says where."""
+    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
+    # Tracks and drones may be called anything; a folder is typed and quoted in shells.
+    return Path("runs") / "-".join([stamp, *(re.sub(r"[^\w.-]+", "-", n)[:60] for n in names)])
 
 
 @contextlib.contextmanager

@@ -1,9 +1,7 @@
 """Evaluates the autonomy over many races: python -m airrace.diagrams.evaluate."""
 
 import argparse
-import datetime
 import os
-import re
 import sys
 from pathlib import Path
 
@@ -122,12 +120,10 @@ def make_parser() -> argparse.ArgumentParser:
 
 def check_options(args) -> None:
     """Raises UserError on the first bad option of this program's own."""
-    if args.tracks < 1:
-        raise UserError(f"--tracks must be at least 1, not {args.tracks}.")
-    if args.track_seed < 0:
-        raise UserError(f"--track_seed must be at least 0, not {args.track_seed}.")
-    if args.workers is not None and args.workers < 1:
-        raise UserError(f"--workers must be at least 1, not {args.workers}.")
+    for name, least in (("tracks", 1), ("track_seed", 0), ("workers", 1)):
+        value = getattr(args, name)
+        if value is not None and value < least:
+            raise UserError(f"--{name} must be at least {least}, not {value}.")
     if args.resume and args.output is None:
         raise UserError("--resume needs --output, the folder of the evaluation to go on with.")
     if args.scenario_name is not None and args.scenario_file is None:
@@ -167,20 +163,14 @@ def resolve(args) -> tuple[list, dict]:
     )
 
 
-def default_output_dir(drone: str) -> Path:
-    """Returns runs/<UTC time>-evaluation-<drone>."""
-    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    return Path("runs") / f"{stamp}-evaluation-{re.sub(r'[^\w.-]+', '-', Path(drone).name)[:60]}"
-
-
 @sigterm_as_ctrl_c()
 def run(args) -> int:
     """Evaluates by parsed arguments; returns the exit code."""
-    from airrace.common.files import results_folder
+    from airrace.common.files import results_folder, run_path
     from airrace.evaluation.store import RaceStore
 
     jobs, settings = resolve(args)
-    output = args.output or default_output_dir(settings["scenario"]["drone"])
+    output = args.output or run_path("evaluation", Path(settings["scenario"]["drone"]).name)
     with results_folder(output, numbered=args.output is None) as folder:
         with RaceStore(folder, settings, resume=args.resume) as store:
             return evaluate(args, jobs, settings, folder, store)

@@ -1,9 +1,7 @@
 """The command line of a race: python -m airrace.diagrams.race, or ./run.bash."""
 
 import contextlib
-import datetime
 import logging
-import re
 import sys
 from pathlib import Path
 
@@ -20,7 +18,7 @@ def main(argv=None) -> int:
 
 def run(args) -> int:
     """Runs the race of parsed arguments; returns the exit code."""
-    from airrace.common.files import results_folder
+    from airrace.common.files import results_folder, run_path
     from airrace.diagrams.race import RESULTS, run_race
     from airrace.diagrams.warm_up import compile_apart
     from airrace.track import load_track
@@ -32,7 +30,8 @@ def run(args) -> int:
     vehicle, _ = load_vehicle(scenario.drone)
     if args.graphviz is not None:
         write_graphviz(args.graphviz, scenario)
-    folder = args.output or default_output_dir(track.name, vehicle.name, scenario.trajectory)
+    kind = f"{scenario.trajectory}d" if scenario.trajectory.isdigit() else scenario.trajectory
+    folder = args.output or run_path(track.name, vehicle.name, kind)
     with results_folder(folder, numbered=args.output is None, refuse=RESULTS) as output_dir:
         meshcat = make_meshcat(track) if args.meshcat else None
         compile_apart(scenario)  # whoever named a bad folder does not wait for it
@@ -46,15 +45,6 @@ def run(args) -> int:
             )
     display.print_summary(result, output_dir)
     return 0 if result["finished"] else 1
-
-
-def default_output_dir(track_name: str, drone_name: str, trajectory: str) -> Path:
-    """Returns runs/<UTC time>-<track>-<drone>-<t>; t is 3d, 4d, 6d or optimal."""
-    stamp = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    # Tracks and drones may be called anything; a folder is typed and quoted in shells.
-    track, drone = (re.sub(r"[^\w.-]+", "-", name)[:60] for name in (track_name, drone_name))
-    kind = f"{trajectory}d" if trajectory.isdigit() else trajectory
-    return Path("runs") / f"{stamp}-{track}-{drone}-{kind}"
 
 
 def write_graphviz(path: Path, scenario) -> None:

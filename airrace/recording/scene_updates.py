@@ -36,6 +36,14 @@ def _entity(time, name, frame=WORLD, **primitives) -> fg.SceneEntity:
     )
 
 
+def _cylinder(position, radius, height, color, top=1.0) -> fg.CylinderPrimitive:
+    """Returns an upright one; top: its radius there, as a share of that at the bottom."""
+    size = fg.Vector3(x=2 * radius, y=2 * radius, z=height)
+    return fg.CylinderPrimitive(
+        pose=pose(position), size=size, bottom_scale=1.0, top_scale=top, color=color
+    )
+
+
 def _text(position, words, size) -> fg.TextPrimitive:
     return fg.TextPrimitive(
         pose=pose(position), billboard=True, font_size=size, color=_BLACK, text=words
@@ -51,14 +59,9 @@ def _lines(kind: str, points, thickness, **colors) -> fg.LinePrimitive:
 
 def track_scene(time: float, track: Track, vehicle: Vehicle) -> fg.SceneUpdate:
     """Returns the gates with their boards and numbers, and the drone."""
+    tip = PYLON_TIP_RADIUS / PYLON_BASE_RADIUS
     pylons = [
-        fg.CylinderPrimitive(
-            pose=pose(foot + [0.0, 0.0, PYLON_HEIGHT / 2]),
-            size=fg.Vector3(x=2 * PYLON_BASE_RADIUS, y=2 * PYLON_BASE_RADIUS, z=PYLON_HEIGHT),
-            bottom_scale=1.0,
-            top_scale=PYLON_TIP_RADIUS / PYLON_BASE_RADIUS,
-            color=_PYLON,
-        )
+        _cylinder(foot + [0, 0, PYLON_HEIGHT / 2], PYLON_BASE_RADIUS, PYLON_HEIGHT, _PYLON, tip)
         for foot in track.pylons()
     ]
     boards, texts = [], []
@@ -89,16 +92,7 @@ def _drone(vehicle: Vehicle) -> dict:
     hubs = [rotor.position for rotor in vehicle.rotors]
     ends = [p for hub in hubs for p in ([0.0, 0.0, 0.0], hub)]
     arms = _lines("LineList", ends, 0.03, color=_BODY)
-    discs = [
-        fg.CylinderPrimitive(
-            pose=pose(rotor.position),
-            bottom_scale=1.0,
-            top_scale=1.0,
-            color=_ROTOR,
-            size=fg.Vector3(x=2 * rotor.radius, y=2 * rotor.radius, z=0.01),
-        )
-        for rotor in vehicle.rotors
-    ]
+    discs = [_cylinder(rotor.position, rotor.radius, 0.01, _ROTOR) for rotor in vehicle.rotors]
     nose = fg.ArrowPrimitive(
         pose=pose([0.0, 0.0, 0.0]),
         shaft_length=0.2,

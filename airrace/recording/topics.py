@@ -37,49 +37,47 @@ class Topic(NamedTuple):
     encode: Callable | None = None
 
 
-def _estimate(port: str) -> Topic:
-    return Topic(
-        fg.OdometryChannel, STATE, port, lambda _, x, vehicle: messages.odometry(as_state(x))
-    )
+def _truth(time, vector, vehicle):
+    return messages.odometry(as_plant_state(vector, time))
 
 
-def _rotors(port: str) -> Topic:
-    return Topic(
-        fg.JointStatesChannel,
-        STATE,
-        port,
-        lambda time, w, vehicle: messages.rotors(time, w, vehicle.thrust_coefficients),
-    )
+def _estimate(time, vector, vehicle):
+    return messages.odometry(as_state(vector))
+
+
+def _reference(time, vector, vehicle):
+    return messages.reference_odometry(time, as_reference(vector))
+
+
+def _acceleration(time, vector, vehicle):
+    return messages.vector3(as_reference(vector).acceleration)
+
+
+def _vector3(time, vector, vehicle):
+    return messages.vector3(vector)
+
+
+def _rotors(time, speeds, vehicle):
+    return messages.rotors(time, speeds, vehicle.thrust_coefficients)
 
 
 TOPICS = {
-    "/state/truth": Topic(
-        fg.OdometryChannel,
-        STATE,
-        "truth.state",
-        lambda time, x, vehicle: messages.odometry(as_plant_state(x, time)),
-    ),
-    "/state/estimate": _estimate("state_estimate"),  # as the autopilot hands it to the autonomy
-    "/state/filtered": _estimate("filtered_estimate"),  # as the controller uses it
-    "/state/disturbance": Topic(  # m/s^2 in world, as the filter finds it
-        fg.Vector3Channel, STATE, "disturbance", lambda time, a, vehicle: messages.vector3(a)
-    ),
-    "/reference": Topic(  # position, yaw and their rates
-        fg.OdometryChannel,
-        STATE,
-        "reference",
-        lambda time, r, vehicle: messages.reference_odometry(time, as_reference(r)),
-    ),
-    "/reference/acceleration": Topic(  # m/s^2 in world
-        fg.Vector3Channel,
-        STATE,
-        "reference",
-        lambda time, r, vehicle: messages.vector3(as_reference(r).acceleration),
-    ),
-    "/rotors/measured": _rotors("rotor_speeds"),  # rad/s; effort: nominal thrust (N)
-    "/rotors/command": _rotors("rotor_speed_command"),
-    "/tf": Topic(fg.FrameTransformsChannel, POSE, "truth.state"),  # world to body to camera
-    "/path": Topic(fg.SceneUpdateChannel, SECOND, "truth.state"),  # flown, coloured by speed
+    "/state/truth": Topic(fg.OdometryChannel, STATE, "truth.state", _truth),
+    # As the autopilot hands it to the autonomy, as the controller uses it, and the
+    # acceleration that it finds (m/s^2 in world).
+    "/state/estimate": Topic(fg.OdometryChannel, STATE, "state_estimate", _estimate),
+    "/state/filtered": Topic(fg.OdometryChannel, STATE, "filtered_estimate", _estimate),
+    "/state/disturbance": Topic(fg.Vector3Channel, STATE, "disturbance", _vector3),
+    # Position, yaw and their rates; m/s^2 in world.
+    "/reference": Topic(fg.OdometryChannel, STATE, "reference", _reference),
+    "/reference/acceleration": Topic(fg.Vector3Channel, STATE, "reference", _acceleration),
+    # rad/s; effort: nominal thrust (N).
+    "/rotors/measured": Topic(fg.JointStatesChannel, STATE, "rotor_speeds", _rotors),
+    "/rotors/command": Topic(fg.JointStatesChannel, STATE, "rotor_speed_command", _rotors),
+    # From world to body (truth), and from body to camera.
+    "/tf": Topic(fg.FrameTransformsChannel, POSE, "truth.state"),
+    # What was flown in the last seconds, coloured by speed.
+    "/path": Topic(fg.SceneUpdateChannel, SECOND, "truth.state"),
     # Pylons and boards where they truly stand; the drone.
     "/scene": Topic(fg.SceneUpdateChannel, CHANGE, "truth.gate_shifts"),
     "/camera/image": Topic(fg.CompressedImageChannel, IMAGE, "camera_view"),

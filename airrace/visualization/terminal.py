@@ -67,12 +67,12 @@ class RaceDisplay:
             with self._patience():
                 self._live.stop()
 
-    def show(self, record: RaceResult, look):
-        """Shows the race at a look; see run_race()."""
+    def show(self, result: RaceResult, outputs):
+        """Shows what the outputs of the race say; see run_race()."""
         with self._patience():
             if not self._events:
-                self._open(record.vehicle.name)
-            self._show(record, look)
+                self._open(result.vehicle.name)
+            self._show(result, outputs)
 
     @contextlib.contextmanager
     def _patience(self):
@@ -104,32 +104,32 @@ class RaceDisplay:
             self._live.start()
 
     def _print(self, line: str):
-        """Prints a line as it is: names and paths may look like markup."""
+        """Prints a line as it is: names and paths may outputs like markup."""
         self._console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
-    def _show(self, record, look):
-        for event in record.events[self._events :]:
+    def _show(self, result, outputs):
+        for event in result.events[self._events :]:
             self._events += 1
             self._print(f"[{event.time:7.1f} s] {event.state}: {event.reason}")
-        for rotor, time_noticed in list(record.rotor_losses.items())[self._losses :]:
+        for rotor, time_noticed in list(result.rotor_losses.items())[self._losses :]:
             self._losses += 1
-            self._print(f"[{time_noticed:7.1f} s] {loss_line(record, rotor)}")
-        for lap in range(record.laps_flown - look.laps_ended, record.laps_flown):
+            self._print(f"[{time_noticed:7.1f} s] {loss_line(result, rotor)}")
+        for lap in range(result.laps_flown - outputs.laps_ended, result.laps_flown):
             first, last = (
-                record.referee_status.crossings[self._gates * k].time for k in (lap, lap + 1)
+                result.referee_status.crossings[self._gates * k].time for k in (lap, lap + 1)
             )
             self._print(f"[{last:7.1f} s] lap {lap + 1}: {last - first:.2f} s")
         now = time.perf_counter()
         if self._live is not None and now - self._last > _REFRESH:
             self._last = now
-            self._live.update(Text(self._line(record, look, now)), refresh=True)
+            self._live.update(Text(self._line(result, outputs, now)), refresh=True)
 
-    def _line(self, record, look, now) -> str:
-        rate = look.time / (now - self._start)
-        clock = f"{look.time:6.1f} s simulated, {rate:.1f} x real time"
-        if not record.explorer_status.done:
-            return f"exploring  {len(record.explorer_status.gates)} gates found   {clock}"
-        crossings = len(record.referee_status.crossings)
+    def _line(self, result, outputs, now) -> str:
+        rate = outputs.time / (now - self._start)
+        clock = f"{outputs.time:6.1f} s simulated, {rate:.1f} x real time"
+        if not result.explorer_status.done:
+            return f"exploring  {len(result.explorer_status.gates)} gates found   {clock}"
+        crossings = len(result.referee_status.crossings)
         lap = min(max(crossings - 1, 0) // self._gates + 1, self._scenario.laps)
         flown = max(crossings - 1, 0)
         total = self._scenario.laps * self._gates
@@ -189,12 +189,12 @@ def lap_table(result: dict) -> Table:
     return table
 
 
-def loss_line(record: RaceResult, rotor: int) -> str:
+def loss_line(result: RaceResult, rotor: int) -> str:
     """Returns what the autonomy makes of a lost rotor, given by its number."""
-    n = len(record.vehicle.rotors)
-    remaining = Remaining(record.vehicle, [i + 1 not in record.rotor_losses for i in range(n)])
+    n = len(result.vehicle.rotors)
+    remaining = Remaining(result.vehicle, [i + 1 not in result.rotor_losses for i in range(n)])
     if remaining.can_fly:
-        return f"rotor {rotor} lost: flying on with the other {n - len(record.rotor_losses)}"
+        return f"rotor {rotor} lost: flying on with the other {n - len(result.rotor_losses)}"
     return f"rotor {rotor} lost: the others cannot hold the yaw, coming down"
 
 

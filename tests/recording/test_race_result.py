@@ -35,7 +35,7 @@ def crossings(count, start=100.0, pace=2.0):
     )
 
 
-def report(count, finished=False, dnf_reason=None, end_time=None, collisions=0):
+def referee(count, finished=False, dnf_reason=None, end_time=None, collisions=0):
     return RefereeStatus(crossings(count), finished, dnf_reason, end_time, collisions)
 
 
@@ -130,7 +130,7 @@ def test_before_the_first_observation():
 def test_rotor_failures_are_the_scenarios():
     scenario = Scenario(rotor_failures=[RotorFailure(3, 60.0), RotorFailure(1, 50.0)])
     result = RaceResult(scenario, TRACK)
-    observe(result, 50.1, report(0), RACING, GateMap(), NO_PLAN, np.array([50.02, *[np.inf] * 3]))
+    observe(result, 50.1, referee(0), RACING, GateMap(), NO_PLAN, np.array([50.02, *[np.inf] * 3]))
     assert result.data(1.0)["rotor_failures"] == [
         {"rotor": 3, "time_s": 60.0, "noticed_s": None},
         {"rotor": 1, "time_s": 50.0, "noticed_s": 50.02},
@@ -140,7 +140,7 @@ def test_rotor_failures_are_the_scenarios():
 def test_exploring():
     result = RaceResult(Scenario(), TRACK)
     status = ExplorerStatus(state="HOVER", gates=(0, 1, 2))
-    assert observe(result, 12.5, report(0), status, gate_map(), NO_PLAN) == 0
+    assert observe(result, 12.5, referee(0), status, gate_map(), NO_PLAN) == 0
     data = result.data(5.0, "interrupted")
     assert data["exploration"] == {
         "success": False,
@@ -154,7 +154,7 @@ def test_exploring():
 
 def test_an_exploration_that_fails_took_until_the_end():
     result = RaceResult(Scenario(), TRACK)
-    over = report(0, dnf_reason="touched pylon_3_left", end_time=12.43, collisions=1)
+    over = referee(0, dnf_reason="touched pylon_3_left", end_time=12.43, collisions=1)
     observe(result, 12.5, over, ExplorerStatus(gates=(0, 1)), gate_map(), NO_PLAN)
     data = result.data(5.0, "interrupted")
     explored = data["exploration"]
@@ -168,7 +168,7 @@ def test_every_event_of_the_exploration_is_kept_even_between_two_observations():
     events = [ExplorerEvent(0.05 * k, "HOVER", f"reason {k}") for k in range(5)]
     for n in (2, 5):
         status = ExplorerStatus(state="HOVER", events=tuple(events[:n]))
-        observe(result, 0.1 * n, report(0), status, GateMap(), NO_PLAN)
+        observe(result, 0.1 * n, referee(0), status, GateMap(), NO_PLAN)
     assert result.data(1.0)["exploration"]["events"] == [
         {"time_s": e.time, "state": e.state, "reason": e.reason} for e in events
     ]
@@ -178,14 +178,14 @@ def test_an_explorer_without_events_is_recorded_by_its_states():
     result = RaceResult(Scenario(), TRACK)
     for since, state in ((0.0, "CALIBRATE"), (0.0, "CALIBRATE"), (1.0, "MINE")):
         status = ExplorerStatus(state=state, reason="why", since=since)
-        observe(result, since, report(0), status, GateMap(), NO_PLAN)
+        observe(result, since, referee(0), status, GateMap(), NO_PLAN)
     states = [event["state"] for event in result.data(1.0)["exploration"]["events"]]
     assert states == ["CALIBRATE", "MINE"]
 
 
 def test_a_search_in_vain_ends_with_what_it_tried_last():
     result = RaceResult(Scenario(), TRACK)
-    over = report(0, dnf_reason="ran out of time", end_time=600.0)
+    over = referee(0, dnf_reason="ran out of time", end_time=600.0)
     status = ExplorerStatus(state="LOOK_AROUND", reason="lost, looking left", gates=(0,))
     observe(result, 600.0, over, status, GateMap(), NO_PLAN)
     assert result.data(1.0)["dnf_reason"] == (
@@ -202,12 +202,12 @@ def test_a_search_in_vain_ends_with_what_it_tried_last():
 def test_a_whole_race():
     result = RaceResult(Scenario(laps=2), TRACK)
     observed = [
-        (99.0, report(0), gate_map(9.0), plan(1, 19.0), 0),
-        (101.0, report(1), gate_map(9.0), plan(1, 19.0), 0),
-        (119.9, report(N), gate_map(9.0), plan(2, 18.0), 0),  # the next lap's plan is in force
-        (120.1, report(N + 1), gate_map(0.3), plan(2, 18.0), 1),
-        (130.0, report(N + 6), gate_map(9.0), plan(2, 18.0), 0),
-        (140.1, report(2 * N + 1, finished=True, end_time=140.0), gate_map(0.2), plan(3, 17.0), 1),
+        (99.0, referee(0), gate_map(9.0), plan(1, 19.0), 0),
+        (101.0, referee(1), gate_map(9.0), plan(1, 19.0), 0),
+        (119.9, referee(N), gate_map(9.0), plan(2, 18.0), 0),  # the next lap's plan is in force
+        (120.1, referee(N + 1), gate_map(0.3), plan(2, 18.0), 1),
+        (130.0, referee(N + 6), gate_map(9.0), plan(2, 18.0), 0),
+        (140.1, referee(2 * N + 1, finished=True, end_time=140.0), gate_map(0.2), plan(3, 17.0), 1),
     ]
     for time, seen, seen_map, seen_plan, ended in observed:
         assert observe(result, time, seen, RACING, seen_map, seen_plan) == ended
@@ -253,9 +253,9 @@ def test_a_whole_race():
 
 def test_a_plan_that_is_flown_twice_counts_twice():
     result = RaceResult(Scenario(), TRACK)
-    observe(result, 99.0, report(0), RACING, gate_map(), plan(1, 19.0))
-    observe(result, 101.0, report(1), RACING, gate_map(), plan(2, 18.0))
-    observe(result, 199.0, report(3 * N + 1), RACING, gate_map(), plan(2, 18.0))
+    observe(result, 99.0, referee(0), RACING, gate_map(), plan(1, 19.0))
+    observe(result, 101.0, referee(1), RACING, gate_map(), plan(2, 18.0))
+    observe(result, 199.0, referee(3 * N + 1), RACING, gate_map(), plan(2, 18.0))
     laps = result.data(1.0)["laps"]
     assert [lap["plan"]["duration_s"] for lap in laps] == [19.0, 18.0, 18.0]
 
@@ -263,7 +263,7 @@ def test_a_plan_that_is_flown_twice_counts_twice():
 def test_a_lap_without_a_plan():
     """A student's planner may not say what it promises."""
     result = RaceResult(Scenario(), TRACK)
-    observe(result, 199.0, report(N + 1), RACING, GateMap(), NO_PLAN)
+    observe(result, 199.0, referee(N + 1), RACING, GateMap(), NO_PLAN)
     (lap,) = result.data(1.0)["laps"]
     assert lap["plan"] is None and lap["map_rms_m"] is None
 
@@ -292,7 +292,7 @@ def test_laps_end_once_however_rarely_they_are_observed(steps):
     count = ended = 0
     for step in steps:
         count += step
-        seen = observe(result, 10.0 * count, report(count), RACING, gate_map(0.1), NO_PLAN)
+        seen = observe(result, 10.0 * count, referee(count), RACING, gate_map(0.1), NO_PLAN)
         ended += seen
         assert seen >= 0
         assert ended == result.laps_flown == max(count - 1, 0) // N
@@ -328,5 +328,5 @@ def test_the_map_is_compared_with_where_the_gates_stand_then():
     for moved, rms in ((shifts, 0.5), (0 * shifts, 0.0), (None, 0.0)):
         result = RaceResult(Scenario(), TRACK)
         given = None if moved is None else moved.ravel()
-        observe(result, 130.0, report(N + 1), RACING, gate_map(), NO_PLAN, shifts=given)
+        observe(result, 130.0, referee(N + 1), RACING, gate_map(), NO_PLAN, shifts=given)
         assert result.data(1.0)["laps"][0]["map_rms_m"] == pytest.approx(rms)

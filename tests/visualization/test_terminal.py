@@ -25,7 +25,7 @@ class Race:
 
     def __init__(self, console, track=TRACK, meshcat=None, laps=2, **fields):
         scenario = Scenario(laps=laps, **fields)
-        self.record = RaceResult(scenario, track)
+        self.result = RaceResult(scenario, track)
         self.display = RaceDisplay(scenario, track, meshcat, console)
 
     def look(self, time, crossings=0, rotor_losses=(), **status):
@@ -44,9 +44,9 @@ class Race:
             rotor_losses=np.array(rotor_losses),
             gate_shifts=None,
         )
-        outputs.laps_ended = self.record.observe(outputs)
+        outputs.laps_ended = self.result.observe(outputs)
         self.display._last = -1.0  # do not wait for the next refresh
-        self.display.show(self.record, outputs)
+        self.display.show(self.result, outputs)
 
     def fly(self):
         self.look(0.1)
@@ -58,7 +58,7 @@ class Race:
         for k in range(1, 2 * N + 2):
             self.look(9.5 + k, k, **done)
         self.display.close()
-        result = self.record.data(12.0)
+        result = self.result.data(12.0)
         self.display.print_summary(result, "runs/here")
         return result
 
@@ -122,7 +122,7 @@ def test_a_race_that_does_not_finish():
     console = plain()
     race = Race(console)
     race.look(9.0, 5, done=True)
-    race.display.print_summary(race.record.data(1.0, "interrupted"), "runs/here")
+    race.display.print_summary(race.result.data(1.0, "interrupted"), "runs/here")
     assert "Did not finish: interrupted; 1 s of work, 9.0 x real time.\n" in console.file.getvalue()
     assert "lap" not in console.file.getvalue().split("Did not finish")[0].split("2 laps")[1]
 
@@ -134,7 +134,7 @@ def test_names_are_printed_as_they_are():
     race = Race(console, track=types.SimpleNamespace(name=name, gates=TRACK.gates))
     race.look(0.1)
     output = f"runs/{name}/{'x' * 80}"
-    race.display.print_summary(race.record.data(1.0, name), output)
+    race.display.print_summary(race.result.data(1.0, name), output)
     for line in (f"on {name}, optimal", f"Did not finish: {name};", f"Results: {output}\n"):
         assert line in console.file.getvalue()
 

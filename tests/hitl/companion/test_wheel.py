@@ -16,7 +16,9 @@ def test_wheel_of_this_checkout_has_all_that_a_race_needs(tmp_path):
     assert wheel.name.endswith("-py3-none-any.whl")
     modules = {path.relative_to(ROOT).as_posix() for path in (ROOT / "airrace").rglob("*.py")}
     assert modules <= set(names)
-    assert "airrace/hitl/companion/board.sh" in names
+    assert {"airrace/hitl/companion/board.sh", "airrace/analysis/templates/report.html"} <= set(
+        names
+    )
     models = {
         f"airrace/{path.relative_to(ROOT).as_posix()}"
         for path in (ROOT / "models").rglob("*")

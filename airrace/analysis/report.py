@@ -10,12 +10,10 @@ import numpy as np
 from airrace.analysis.run import Run
 from airrace.common.errors import exit_code
 from airrace.common.files import write_text
+from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK
 from airrace.scenario import trajectory_name
 
 FILE = "report.html"
-# Mean laps of the original system on student-airrace, from rest to rest (s).
-ORIGINAL = (("3-D", 40.60), ("4-D", 41.52), ("6-D", 41.21))
-_ORIGINAL_TRACK = "student-airrace"
 # Topics that it says nothing of.
 _WITHOUT = (
     "/state/estimate",
@@ -52,7 +50,7 @@ def make_report(run: Run) -> str:
         trajectory=trajectory_name(result["trajectory"]),
         facts=_facts(run),
         splits=np.array([np.diff([*lap["gate_times_s"], lap["time_s"]]) for lap in result["laps"]]),
-        original=ORIGINAL if result["track"] == _ORIGINAL_TRACK else (),
+        original=ORIGINAL_LAPS if result["track"] == ORIGINAL_TRACK else {},
         figures=_figures(run),
     )
 

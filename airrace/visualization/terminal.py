@@ -9,13 +9,10 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from airrace.recording.race_result import RaceResult
+from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, RaceResult
 from airrace.scenario import trajectory_name
 from airrace.vehicle.rotor_loss import Remaining
 
-# Mean laps of the original system on its own track (s).
-# Three dimensions were the nearest to an optimal lap that it had.
-ORIGINAL_MEAN_LAP = {"3": 40.60, "4": 41.52, "6": 41.21, "optimal": 40.60}
 _REFRESH = 0.1  # s
 
 
@@ -142,8 +139,9 @@ class RaceDisplay:
         if result["finished"]:
             mean = result["mean_lap_s"]
             line = f"Finished: mean lap {mean:.2f} s, best {result['best_lap_s']:.2f} s"
-            if result["track"] == "student-airrace":
-                original = ORIGINAL_MEAN_LAP[result["trajectory"]]
+            if result["track"] == ORIGINAL_TRACK:
+                # Three dimensions were the nearest to an optimal lap that it had.
+                original = ORIGINAL_LAPS.get(result["trajectory"], ORIGINAL_LAPS["3"])
                 line += f" (the original system: mean {original:.2f} s)"
         else:
             line = f"Did not finish: {result['dnf_reason']}"

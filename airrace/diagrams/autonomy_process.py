@@ -28,14 +28,7 @@ class AutonomyProcess:
     """Runs the autonomy of a scenario until the simulation says farewell."""
 
     def __init__(
-        self,
-        scenario,
-        bus,
-        output_dir,
-        log=print,
-        stop=lambda: False,
-        clock=time.monotonic,
-        in_process=False,
+        self, scenario, bus, output_dir, log=print, stop=lambda: False, clock=time.monotonic
     ):
         """Constructs it; it listens from now on.
 
@@ -46,23 +39,21 @@ class AutonomyProcess:
             log: takes lines.
             stop: asked now and then; whether to end.
             clock: of the Endpoint (s).
-            in_process: whether laps are planned here, while everything else waits.
         """
         self._scenario, self._output_dir = scenario, output_dir
         self._log, self._stop = log, stop
         self._autonomy = MakeAutonomy(scenario)
         self.rows = make_channels(scenario, pictures_wanted(self._autonomy))
-        self._endpoint = Endpoint(
-            AUTONOMY, [*(row.as_channel() for row in self.rows), *CHANNELS], bus, clock
-        )
+        self._endpoint = Endpoint(AUTONOMY, [*self.rows, *CHANNELS], bus, clock)
         self._responder = Responder(self._endpoint)
-        # Started now, so that it is there when the first lap is to be planned.
-        self._worker = None if in_process else PlanningWorker()
         self._beaten = -1.0
         self._delay = 0.0  # s, there and back, that is compensated for
 
     def run(self, resume=None, patience: float = 60.0) -> int:
         """Waits for a simulation and races; returns the exit code.
+
+        Laps are planned in a process of their own, while control goes on; in lockstep
+        they are planned here, while everything else waits.
 
         Args:
             resume: folder with the checkpoint of an autonomy that has ended, to
@@ -72,29 +63,21 @@ class AutonomyProcess:
         Raises:
             UserError: if there is none, or nothing to resume.
         """
-        planner = self._autonomy.GetSubsystemByName("lap_planner")
-        phase = phases.RACING if resume else phases.READY
-        try:
+        # The worker starts now, so that it is there when the first lap is to be planned.
+        with contextlib.closing(PlanningWorker()) as worker:
+            expected = phases.RACING if resume else phases.READY
             hear_peer(
-                self._endpoint,
-                phases.WAITING,
-                "",
-                lambda heard: heard.phase == phase,
-                timeout=patience,
-                poll=self._poll,
+                self._endpoint, phases.WAITING, expected=expected, timeout=patience, poll=self._poll
             )
-        except BaseException:
-            self._worker.close()
-            raise
-        mode, _, rate = self._endpoint.peer_heartbeat.value.text.partition(" ")
-        self.build(lossless=mode == LOCKSTEP)
-        with contextlib.closing(self._worker):
+            mode, _, rate = self._endpoint.peer_heartbeat.value.text.partition(" ")
+            self.build(lossless=mode == LOCKSTEP)
             if mode == LOCKSTEP:
                 code = self._race_in_lockstep()
             else:
                 self._endpoint.clock.rate = float(rate or 1.0)
+                planner = self._autonomy.GetSubsystemByName("lap_planner")
                 if isinstance(planner, LapPlanner):
-                    planner.solve_elsewhere(self._worker.submit)
+                    planner.solve_elsewhere(worker.submit)
                 code = self._race(resume)
         writer = self._simulator.get_system().GetSubsystemByName("gate_map_writer")
         writer.ForcedPublish(writer.GetMyContextFromRoot(self._context))

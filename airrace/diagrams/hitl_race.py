@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses as dc
 import importlib.util
+import socket
 import time
 from pathlib import Path
 
@@ -31,9 +32,16 @@ _FAREWELL = 3.0  # s, that the autonomy has to end by itself
 
 
 def default_url(companion: str) -> str:
-    """Returns the LCM URL for --companion: only another computer gets beyond this one."""
-    there = companion not in ("local", BY_HAND)
-    return DEFAULT_URL.replace("ttl=0", "ttl=1") if there else DEFAULT_URL
+    """Returns the LCM URL for --companion: only another computer gets beyond this one.
+
+    An autonomy on this computer gets a UDP port that is free, so that races beside one
+    another do not disturb each other.
+    """
+    if companion == "local":
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+            s.bind(("", 0))
+            return DEFAULT_URL.replace("7667", str(s.getsockname()[1]))
+    return DEFAULT_URL if companion == BY_HAND else DEFAULT_URL.replace("ttl=0", "ttl=1")
 
 
 def prepared(scenario: Scenario, lockstep: bool) -> Scenario:
@@ -79,70 +87,60 @@ def remote_transport(
         UserError: if the autonomy cannot be started, or the link cannot carry a race.
     """
     # What waits for the time is the link, not Drake's Simulator.
-    rate, scenario.simulator_config.target_realtime_rate = (
-        scenario.simulator_config.target_realtime_rate,
-        0.0,
-    )
+    config = scenario.simulator_config
+    rate, config.target_realtime_rate = config.target_realtime_rate, 0.0
     bus = open_lcm(url)
-    wanted = pictures_wanted(MakeAutonomy(scenario))
-    rows = make_channels(scenario, wanted)
+    rows = make_channels(scenario, pictures_wanted(MakeAutonomy(scenario)))
     with contextlib.ExitStack() as stack:
-        autonomy, last = None, [""]
-
-        def log(line):
-            last[0] = line
-            note(f"autonomy: {line}")
-
+        poll = poll_start = lambda: None
         if companion != BY_HAND:
             address = parse_address(companion)
             there = LocalCompanion() if address is None else make_companion(address)
             stack.enter_context(contextlib.closing(there))
-            files = files_of(scenario)
-            arguments = [
-                "--role",
-                "autonomy",
-                "--lcm_url",
-                url,
-                "--scenario_file",
-                "scenario.yaml",
-                "--output",
-                OUTPUT,
-            ]
-            autonomy = there.start(arguments, files, log)
-            stack.callback(_collect, autonomy, output_dir / "autonomy", note)
-
-        def poll_start():
-            if autonomy is not None and (code := autonomy.poll()) is not None:
-                raise UserError(
-                    f"The autonomy ended with exit code {code} before the race: "
-                    f"{last[0].removeprefix('airrace: ')}"
-                )
-
+            poll, poll_start = _start(there, scenario, url, output_dir / "autonomy", note, stack)
         if not lockstep:
             warm_up(scenario)
             findings = measure(bus, scenario, _TEST, poll=poll_start, patience=_START)
             if reason := refusal(diagnose(findings)):
                 raise UserError(reason)
-        endpoint = Endpoint(SIMULATION, [row.as_channel() for row in rows], bus)
+        endpoint = Endpoint(SIMULATION, rows, bus)
         stack.callback(endpoint.close)
-        hear_peer(
-            endpoint,
-            phases.WAITING,
-            "",
-            lambda heard: heard.phase == phases.WAITING,
-            timeout=_START,
-            poll=poll_start,
-        )
-        poll = autonomy.poll if autonomy else lambda: None
-        yield (
-            LockstepRemote(rows, endpoint, poll)
-            if lockstep
-            else RealTimeRemote(rows, endpoint, poll, rate)
-        )
+        hear_peer(endpoint, phases.WAITING, timeout=_START, poll=poll_start)
+        if lockstep:
+            yield LockstepRemote(rows, endpoint, poll)
+        else:
+            yield RealTimeRemote(rows, endpoint, poll, rate)
+
+
+def _start(companion, scenario, url, folder, note, stack):
+    """Starts the autonomy, which is ended and whose files are fetched when the stack unwinds.
+
+    Returns:
+        its poll(), and one that raises UserError if it has ended.
+    """
+    last = [""]
+
+    def log(line):
+        last[0] = line
+        note(f"autonomy: {line}")
+
+    arguments = ["--role", "autonomy", "--lcm_url", url, "--output", OUTPUT]
+    arguments += ["--scenario_file", "scenario.yaml"]
+    autonomy = companion.start(arguments, files_of(scenario), log)
+    stack.callback(_collect, autonomy, folder, note)
+
+    def poll_start():
+        if (code := autonomy.poll()) is not None:
+            raise UserError(
+                f"The autonomy ended with exit code {code} before the race: "
+                f"{last[0].removeprefix('airrace: ')}"
+            )
+
+    return autonomy.poll, poll_start
 
 
 def _collect(autonomy, folder: Path, note):
-    """Waits for the autonomy's end, or ends it, and brings what it has written."""
+    """Waits for the autonomy's end, or ends it after a while, and brings what it has written."""
     end = time.monotonic() + _FAREWELL
     while autonomy.poll() is None and time.monotonic() < end:
         time.sleep(0.02)
@@ -182,12 +180,7 @@ def files_of(scenario: Scenario) -> dict[str, bytes]:
 def _module_files(name: str) -> dict[str, bytes]:
     """Returns the files of a top-level module or package outside of any site-packages."""
     found = importlib.util.find_spec(name)
-    if (
-        name == "airrace"
-        or found is None
-        or found.origin is None
-        or ("site-packages" in found.origin)
-    ):
+    if name == "airrace" or not (found and found.origin) or "site-packages" in found.origin:
         return {}
     origin = Path(found.origin)
     if origin.name != "__init__.py":

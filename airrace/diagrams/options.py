@@ -56,8 +56,8 @@ def make_parser() -> argparse.ArgumentParser:
     race.add_argument(
         "--lcm_url",
         metavar="URL",
-        help="HITL: of LCM (default: udpm://239.255.76.67:7667?ttl=0, and ttl=1 "
-        "with --companion USER@HOST)",
+        help="HITL: of LCM (default: udpm://239.255.76.67:7667?ttl=0, with a free port for "
+        "--companion local, and ttl=1 for USER@HOST)",
     )
     race.add_argument(
         "--lockstep",

@@ -14,7 +14,7 @@ class SimulatedRemote(RealTimeRemote):
     """Races over a link that is as bad as declared; the same race every time.
 
     It is the code of a race in real time but for the waiting: whatever either
-    side computes takes no time. See airrace/diagrams/transport.py.
+    side computes takes no time. See airrace/hitl/transport.py.
     """
 
     def __init__(self, scenario, link: LinkConfig, output_dir):
@@ -26,15 +26,11 @@ class SimulatedRemote(RealTimeRemote):
             output_dir: of the autonomy.
         """
         self._link = SimulatedLink(link)
-        self._autonomy = AutonomyProcess(
-            scenario, self._link.bus(), output_dir, clock=self._link.clock, in_process=True
-        )
+        clock = self._link.clock
+        self._autonomy = AutonomyProcess(scenario, self._link.bus(), output_dir, clock=clock)
         self._autonomy.build(lossless=False)
         rows = self._autonomy.rows
-        endpoint = Endpoint(
-            SIMULATION, [row.as_channel() for row in rows], self._link.bus(), clock=self._link.clock
-        )
-        super().__init__(rows, endpoint)
+        super().__init__(rows, Endpoint(SIMULATION, rows, self._link.bus(), clock))
 
     def begin(self, simulator):
         context = simulator.get_mutable_context()

@@ -2,7 +2,8 @@
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from airrace.hitl.channels import PICTURES, SIMULATION
+from airrace.hitl.link.endpoint import SIMULATION
+from airrace.hitl.link.image_messages import PICTURE_PORTS
 from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.systems.control.delay_compensator import DelayCompensator
@@ -21,7 +22,7 @@ class Receivers:
         """Args: rows: the table. role: of this side."""
         builder = DiagramBuilder()
         self._receivers = [
-            builder.AddNamedSystem(row.channel, LcmReceiver(row))
+            builder.AddNamedSystem(row.name, LcmReceiver(row))
             for row in rows
             if row.sender != role and not row.ports[0].startswith("truth.")
         ]
@@ -77,9 +78,7 @@ class Senders:
         for row in rows:
             if row.sender != role:
                 continue
-            sender = builder.AddNamedSystem(
-                f"send_{row.channel}", LcmSender(row, endpoint, lossless)
-            )
+            sender = builder.AddNamedSystem(f"send_{row.name}", LcmSender(row, endpoint, lossless))
             for port in row.ports:
                 builder.Connect(source.GetOutputPort(port), sender.GetInputPort(port))
             self.senders.append(sender)
@@ -98,19 +97,19 @@ class Senders:
             sender.last_message = None
             sender.ForcedPublish(sender.GetMyContextFromRoot(root_context))
             if sender.last_message is not None:
-                sent.append((sender.row.channel, sender.last_message))
+                sent.append((sender.row.name, sender.last_message))
         return sent
 
 
 def pictures_wanted(autonomy: Diagram) -> tuple:
-    """Returns which ports of PICTURES the systems of an autonomy look at."""
+    """Returns which of PICTURE_PORTS the systems of an autonomy use."""
     names = {
         box.get_input_port(i).get_name()
         for box in autonomy.GetSystems()
         if box.get_name() != "rectifier"
         for i in range(box.num_input_ports())
     }
-    return tuple(port for port in PICTURES if port in names)
+    return tuple(port for port in PICTURE_PORTS if port in names)
 
 
 def MakeAutonomySide(scenario, autonomy: Diagram, rows, role, endpoint, lossless: bool, output_dir):

@@ -24,7 +24,7 @@ class LcmReceiver(LeafSystem):
     """
 
     def __init__(self, row):
-        """Args: row: of diagrams/channels.py."""
+        """Args: row: of hitl/channels.py."""
         LeafSystem.__init__(self)
         self._row = row
         self._shown = self.DeclareAbstractState(Value[object](_Values(row.initial, 0.0)))
@@ -46,7 +46,7 @@ class LcmReceiver(LeafSystem):
     @property
     def channel(self) -> str:
         """That it holds the values of."""
-        return self._row.channel
+        return self._row.name
 
     def receive(self, context, values: dict, time: float) -> None:
         """Shows other values, by port, that were sent at a simulated time (s)."""

@@ -26,7 +26,7 @@ class LcmSender(LeafSystem):
         """Constructs the sender.
 
         Args:
-            row: of diagrams/channels.py.
+            row: of hitl/channels.py.
             endpoint: sends the messages.
             lossless: whether every change must arrive as it is: in lockstep.
         """
@@ -79,7 +79,7 @@ class LcmSender(LeafSystem):
         clock = time.perf_counter()
         others = {port: self.GetInputPort(port).Eval(context) for port in self._row.ports[1:]}
         message = self._row.encode(lossless=self._lossless, **{first: value}, **others)
-        self.last_message = self._endpoint.publish(self._row.channel, message, now)
+        self.last_message = self._endpoint.publish(self._row.name, message, now)
         self._sent, self._sent_at = mark, now
         self._encode_time += time.perf_counter() - clock
         self._count += 1

@@ -28,7 +28,7 @@ class Remote:
         """Constructs the transport.
 
         Args:
-            rows: of diagrams/channels.py.
+            rows: of hitl/channels.py.
             endpoint: that has heard the autonomy.
             poll: called at every look, for the log of the autonomy's process; returns
                 its exit code if it has ended.
@@ -94,14 +94,7 @@ class LockstepRemote(Remote):
 
     def begin(self, simulator):
         context = simulator.get_mutable_context()
-        hear_peer(
-            self._endpoint,
-            phases.READY,
-            LOCKSTEP,
-            lambda heard: heard.phase == phases.READY,
-            timeout=_PATIENCE,
-            poll=self._poll,
-        )
+        hear_peer(self._endpoint, phases.READY, LOCKSTEP, timeout=_PATIENCE, poll=self._poll)
         self._exchange = Exchange(self._endpoint, self._receivers, self._senders)
         next(self._times)
         self._exchange.send(context)
@@ -144,7 +137,6 @@ class RealTimeRemote(Remote):
             self._endpoint,
             phases.READY,
             f"{REAL_TIME} {self._rate!r}",
-            lambda heard: heard.phase == phases.READY,
             timeout=_PATIENCE,
             poll=lambda: self._show_start(context),
         )

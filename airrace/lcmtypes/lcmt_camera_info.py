@@ -10,13 +10,13 @@ import struct
 import airrace.lcmtypes
 
 class lcmt_camera_info(object):
-    """ As ROS's sensor_msgs/CameraInfo; matrices row by row. """
+    """ As ROS's sensor_msgs/CameraInfo; see CameraInfo in airrace/systems/types.py. """
 
-    __slots__ = ["header", "width", "height", "K", "D", "R", "P", "R_BC", "p_BC"]
+    __slots__ = ["header", "width", "height", "K", "D", "R", "P", "X_BC"]
 
-    __typenames__ = ["airrace.lcmtypes.lcmt_header", "int32_t", "int32_t", "double", "double", "double", "double", "double", "double"]
+    __typenames__ = ["airrace.lcmtypes.lcmt_header", "int32_t", "int32_t", "double", "double", "double", "double", "double"]
 
-    __dimensions__ = [None, None, None, [9], [5], [9], [12], [9], [3]]
+    __dimensions__ = [None, None, None, [3, 3], [5], [3, 3], [3, 4], [3, 4]]
 
     def __init__(self):
         self.header = airrace.lcmtypes.lcmt_header()
@@ -25,22 +25,16 @@ class lcmt_camera_info(object):
         """ LCM Type: int32_t """
         self.height = 0
         """ LCM Type: int32_t """
-        self.K = [ 0.0 for dim0 in range(9) ]
-        """ LCM Type: double[9] """
+        self.K = [ [ 0.0 for dim1 in range(3) ] for dim0 in range(3) ]
+        """ LCM Type: double[3][3] """
         self.D = [ 0.0 for dim0 in range(5) ]
         """ LCM Type: double[5] """
-        self.R = [ 0.0 for dim0 in range(9) ]
-        """ LCM Type: double[9] """
-        self.P = [ 0.0 for dim0 in range(12) ]
-        """ LCM Type: double[12] """
-        self.R_BC = [ 0.0 for dim0 in range(9) ]
-        """ LCM Type: double[9] """
-        self.p_BC = [ 0.0 for dim0 in range(3) ]
-        """
-        of the camera in the body
-        LCM Type: double[3]
-        """
-
+        self.R = [ [ 0.0 for dim1 in range(3) ] for dim0 in range(3) ]
+        """ LCM Type: double[3][3] """
+        self.P = [ [ 0.0 for dim1 in range(4) ] for dim0 in range(3) ]
+        """ LCM Type: double[3][4] """
+        self.X_BC = [ [ 0.0 for dim1 in range(4) ] for dim0 in range(3) ]
+        """ LCM Type: double[3][4] """
 
     def encode(self):
         buf = BytesIO()
@@ -52,12 +46,15 @@ class lcmt_camera_info(object):
         assert self.header._get_packed_fingerprint() == airrace.lcmtypes.lcmt_header._get_packed_fingerprint()
         self.header._encode_one(buf)
         buf.write(struct.pack(">ii", self.width, self.height))
-        buf.write(struct.pack('>9d', *self.K[:9]))
+        for i0 in range(3):
+            buf.write(struct.pack('>3d', *self.K[i0][:3]))
         buf.write(struct.pack('>5d', *self.D[:5]))
-        buf.write(struct.pack('>9d', *self.R[:9]))
-        buf.write(struct.pack('>12d', *self.P[:12]))
-        buf.write(struct.pack('>9d', *self.R_BC[:9]))
-        buf.write(struct.pack('>3d', *self.p_BC[:3]))
+        for i0 in range(3):
+            buf.write(struct.pack('>3d', *self.R[i0][:3]))
+        for i0 in range(3):
+            buf.write(struct.pack('>4d', *self.P[i0][:4]))
+        for i0 in range(3):
+            buf.write(struct.pack('>4d', *self.X_BC[i0][:4]))
 
     @staticmethod
     def decode(data: bytes):
@@ -74,19 +71,26 @@ class lcmt_camera_info(object):
         self = lcmt_camera_info()
         self.header = airrace.lcmtypes.lcmt_header._decode_one(buf)
         self.width, self.height = struct.unpack(">ii", buf.read(8))
-        self.K = struct.unpack('>9d', buf.read(72))
+        self.K = []
+        for i0 in range(3):
+            self.K.append(struct.unpack('>3d', buf.read(24)))
         self.D = struct.unpack('>5d', buf.read(40))
-        self.R = struct.unpack('>9d', buf.read(72))
-        self.P = struct.unpack('>12d', buf.read(96))
-        self.R_BC = struct.unpack('>9d', buf.read(72))
-        self.p_BC = struct.unpack('>3d', buf.read(24))
+        self.R = []
+        for i0 in range(3):
+            self.R.append(struct.unpack('>3d', buf.read(24)))
+        self.P = []
+        for i0 in range(3):
+            self.P.append(struct.unpack('>4d', buf.read(32)))
+        self.X_BC = []
+        for i0 in range(3):
+            self.X_BC.append(struct.unpack('>4d', buf.read(32)))
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_camera_info in parents: return 0
         newparents = parents + [lcmt_camera_info]
-        tmphash = (0xc06f68c7c4e6dfc4+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0xea0fb876a53e413+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

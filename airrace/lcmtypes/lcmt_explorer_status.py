@@ -12,11 +12,11 @@ import airrace.lcmtypes
 class lcmt_explorer_status(object):
     """ See ExplorerStatus in airrace/systems/types.py. """
 
-    __slots__ = ["header", "state", "reason", "since", "num_gates", "gates", "closed", "closed_at", "done", "num_events", "events"]
+    __slots__ = ["header", "state", "reason", "since", "num_gates", "gates", "num_closed_at", "closed_at", "done", "num_events", "events"]
 
-    __typenames__ = ["airrace.lcmtypes.lcmt_header", "string", "string", "double", "int32_t", "int32_t", "boolean", "double", "boolean", "int32_t", "airrace.lcmtypes.lcmt_explorer_event"]
+    __typenames__ = ["airrace.lcmtypes.lcmt_header", "string", "string", "double", "int32_t", "int32_t", "int32_t", "double", "boolean", "int32_t", "airrace.lcmtypes.lcmt_explorer_event"]
 
-    __dimensions__ = [None, None, None, None, None, ["num_gates"], None, None, None, None, ["num_events"]]
+    __dimensions__ = [None, None, None, None, None, ["num_gates"], None, ["num_closed_at"], None, None, ["num_events"]]
 
     def __init__(self):
         self.header = airrace.lcmtypes.lcmt_header()
@@ -35,10 +35,14 @@ class lcmt_explorer_status(object):
 
         self.gates = []
         """ LCM Type: int32_t[num_gates] """
-        self.closed = False
-        """ LCM Type: boolean """
-        self.closed_at = 0.0
-        """ LCM Type: double """
+        self.num_closed_at = 0
+        """ LCM Type: int32_t """
+        self.closed_at = []
+        """
+        0 or 1
+        LCM Type: double[num_closed_at]
+        """
+
         self.done = False
         """
         (s)
@@ -69,7 +73,9 @@ class lcmt_explorer_status(object):
         buf.write(b"\0")
         buf.write(struct.pack(">di", self.since, self.num_gates))
         buf.write(struct.pack('>%di' % self.num_gates, *self.gates[:self.num_gates]))
-        buf.write(struct.pack(">bdbi", self.closed, self.closed_at, self.done, self.num_events))
+        buf.write(struct.pack(">i", self.num_closed_at))
+        buf.write(struct.pack('>%dd' % self.num_closed_at, *self.closed_at[:self.num_closed_at]))
+        buf.write(struct.pack(">bi", self.done, self.num_events))
         for i0 in range(self.num_events):
             assert self.events[i0]._get_packed_fingerprint() == airrace.lcmtypes.lcmt_explorer_event._get_packed_fingerprint()
             self.events[i0]._encode_one(buf)
@@ -94,8 +100,8 @@ class lcmt_explorer_status(object):
         self.reason = buf.read(__reason_len)[:-1].decode('utf-8', 'replace')
         self.since, self.num_gates = struct.unpack(">di", buf.read(12))
         self.gates = struct.unpack('>%di' % self.num_gates, buf.read(self.num_gates * 4))
-        self.closed = bool(struct.unpack('b', buf.read(1))[0])
-        self.closed_at = struct.unpack(">d", buf.read(8))[0]
+        self.num_closed_at = struct.unpack(">i", buf.read(4))[0]
+        self.closed_at = struct.unpack('>%dd' % self.num_closed_at, buf.read(self.num_closed_at * 8))
         self.done = bool(struct.unpack('b', buf.read(1))[0])
         self.num_events = struct.unpack(">i", buf.read(4))[0]
         self.events = []
@@ -107,7 +113,7 @@ class lcmt_explorer_status(object):
     def _get_hash_recursive(parents):
         if lcmt_explorer_status in parents: return 0
         newparents = parents + [lcmt_explorer_status]
-        tmphash = (0x26563bcf00aaf61f+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_explorer_event._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0x79ff696ef3d9bf79+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_explorer_event._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

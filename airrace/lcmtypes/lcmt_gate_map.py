@@ -10,7 +10,7 @@ import struct
 import airrace.lcmtypes
 
 class lcmt_gate_map(object):
-    """ See GateMap in airrace/systems/types.py. """
+    """ See GateMap in airrace/track/gate_map.py. """
 
     __slots__ = ["header", "time", "num_markers", "markers", "num_gates", "gates", "detections", "out_of_range", "num_refused", "refused_reasons", "refused_counts"]
 

@@ -10,9 +10,9 @@ import struct
 import airrace.lcmtypes
 
 class lcmt_lap_plan(object):
-    """ See LapPlan in airrace/systems/lap_plan.py; lap 0 means that there is none. """
+    """ See LapPlan in airrace/systems/planning/lap_plan.py; lap 0 means that there is none. """
 
-    __slots__ = ["header", "lap", "start_time", "phase", "entry", "circuit", "num_gates", "gate_times", "headings", "num_approaches", "approach_gates", "approach_distances", "report"]
+    __slots__ = ["header", "lap", "start_time", "phase", "entry", "circuit", "num_gates", "gate_times", "headings", "num_approaches", "approach_gates", "approach_distances", "summary"]
 
     __typenames__ = ["airrace.lcmtypes.lcmt_header", "int32_t", "double", "double", "airrace.lcmtypes.lcmt_polynomials", "airrace.lcmtypes.lcmt_polynomials", "int32_t", "double", "double", "int32_t", "int32_t", "double", "string"]
 
@@ -59,7 +59,7 @@ class lcmt_lap_plan(object):
         """ LCM Type: int32_t[num_approaches] """
         self.approach_distances = []
         """ LCM Type: double[num_approaches] """
-        self.report = ""
+        self.summary = ""
         """
         (m)
         LCM Type: string
@@ -86,9 +86,9 @@ class lcmt_lap_plan(object):
         buf.write(struct.pack(">i", self.num_approaches))
         buf.write(struct.pack('>%di' % self.num_approaches, *self.approach_gates[:self.num_approaches]))
         buf.write(struct.pack('>%dd' % self.num_approaches, *self.approach_distances[:self.num_approaches]))
-        __report_encoded = self.report.encode('utf-8')
-        buf.write(struct.pack('>I', len(__report_encoded)+1))
-        buf.write(__report_encoded)
+        __summary_encoded = self.summary.encode('utf-8')
+        buf.write(struct.pack('>I', len(__summary_encoded)+1))
+        buf.write(__summary_encoded)
         buf.write(b"\0")
 
     @staticmethod
@@ -114,15 +114,15 @@ class lcmt_lap_plan(object):
         self.num_approaches = struct.unpack(">i", buf.read(4))[0]
         self.approach_gates = struct.unpack('>%di' % self.num_approaches, buf.read(self.num_approaches * 4))
         self.approach_distances = struct.unpack('>%dd' % self.num_approaches, buf.read(self.num_approaches * 8))
-        __report_len = struct.unpack('>I', buf.read(4))[0]
-        self.report = buf.read(__report_len)[:-1].decode('utf-8', 'replace')
+        __summary_len = struct.unpack('>I', buf.read(4))[0]
+        self.summary = buf.read(__summary_len)[:-1].decode('utf-8', 'replace')
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_lap_plan in parents: return 0
         newparents = parents + [lcmt_lap_plan]
-        tmphash = (0x5b84978a6ad674d0+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_polynomials._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_polynomials._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0xea6b6d41205964d0+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_polynomials._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_polynomials._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

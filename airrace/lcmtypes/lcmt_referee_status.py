@@ -10,13 +10,13 @@ import struct
 import airrace.lcmtypes
 
 class lcmt_referee_status(object):
-    """ See RefereeStatus in airrace/systems/referee.py; for spectators. """
+    """ See RefereeStatus in airrace/systems/referee_status.py; for spectators. """
 
-    __slots__ = ["header", "num_crossings", "crossings", "finished", "dnf_reason", "over", "end_time", "collisions"]
+    __slots__ = ["header", "num_crossings", "crossings", "finished", "num_dnf_reason", "dnf_reason", "num_end_time", "end_time", "collisions"]
 
-    __typenames__ = ["airrace.lcmtypes.lcmt_header", "int32_t", "airrace.lcmtypes.lcmt_gate_crossing", "boolean", "string", "boolean", "double", "int32_t"]
+    __typenames__ = ["airrace.lcmtypes.lcmt_header", "int32_t", "airrace.lcmtypes.lcmt_gate_crossing", "boolean", "int32_t", "string", "int32_t", "double", "int32_t"]
 
-    __dimensions__ = [None, None, ["num_crossings"], None, None, None, None, None]
+    __dimensions__ = [None, None, ["num_crossings"], None, None, ["num_dnf_reason"], None, ["num_end_time"], None]
 
     def __init__(self):
         self.header = airrace.lcmtypes.lcmt_header()
@@ -27,12 +27,22 @@ class lcmt_referee_status(object):
         """ LCM Type: airrace.lcmtypes.lcmt_gate_crossing[num_crossings] """
         self.finished = False
         """ LCM Type: boolean """
-        self.dnf_reason = ""
-        """ LCM Type: string """
-        self.over = False
-        """ LCM Type: boolean """
-        self.end_time = 0.0
-        """ LCM Type: double """
+        self.num_dnf_reason = 0
+        """ LCM Type: int32_t """
+        self.dnf_reason = []
+        """
+        0 or 1
+        LCM Type: string[num_dnf_reason]
+        """
+
+        self.num_end_time = 0
+        """ LCM Type: int32_t """
+        self.end_time = []
+        """
+        0 or 1
+        LCM Type: double[num_end_time]
+        """
+
         self.collisions = 0
         """
         (s)
@@ -53,12 +63,15 @@ class lcmt_referee_status(object):
         for i0 in range(self.num_crossings):
             assert self.crossings[i0]._get_packed_fingerprint() == airrace.lcmtypes.lcmt_gate_crossing._get_packed_fingerprint()
             self.crossings[i0]._encode_one(buf)
-        buf.write(struct.pack(">b", self.finished))
-        __dnf_reason_encoded = self.dnf_reason.encode('utf-8')
-        buf.write(struct.pack('>I', len(__dnf_reason_encoded)+1))
-        buf.write(__dnf_reason_encoded)
-        buf.write(b"\0")
-        buf.write(struct.pack(">bdi", self.over, self.end_time, self.collisions))
+        buf.write(struct.pack(">bi", self.finished, self.num_dnf_reason))
+        for i0 in range(self.num_dnf_reason):
+            __dnf_reason_encoded = self.dnf_reason[i0].encode('utf-8')
+            buf.write(struct.pack('>I', len(__dnf_reason_encoded)+1))
+            buf.write(__dnf_reason_encoded)
+            buf.write(b"\0")
+        buf.write(struct.pack(">i", self.num_end_time))
+        buf.write(struct.pack('>%dd' % self.num_end_time, *self.end_time[:self.num_end_time]))
+        buf.write(struct.pack(">i", self.collisions))
 
     @staticmethod
     def decode(data: bytes):
@@ -79,17 +92,21 @@ class lcmt_referee_status(object):
         for i0 in range(self.num_crossings):
             self.crossings.append(airrace.lcmtypes.lcmt_gate_crossing._decode_one(buf))
         self.finished = bool(struct.unpack('b', buf.read(1))[0])
-        __dnf_reason_len = struct.unpack('>I', buf.read(4))[0]
-        self.dnf_reason = buf.read(__dnf_reason_len)[:-1].decode('utf-8', 'replace')
-        self.over = bool(struct.unpack('b', buf.read(1))[0])
-        self.end_time, self.collisions = struct.unpack(">di", buf.read(12))
+        self.num_dnf_reason = struct.unpack(">i", buf.read(4))[0]
+        self.dnf_reason = []
+        for i0 in range(self.num_dnf_reason):
+            __dnf_reason_len = struct.unpack('>I', buf.read(4))[0]
+            self.dnf_reason.append(buf.read(__dnf_reason_len)[:-1].decode('utf-8', 'replace'))
+        self.num_end_time = struct.unpack(">i", buf.read(4))[0]
+        self.end_time = struct.unpack('>%dd' % self.num_end_time, buf.read(self.num_end_time * 8))
+        self.collisions = struct.unpack(">i", buf.read(4))[0]
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_referee_status in parents: return 0
         newparents = parents + [lcmt_referee_status]
-        tmphash = (0x151ed3bc1f0df08b+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_gate_crossing._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0xf4ab5e6879ed8d04+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_gate_crossing._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

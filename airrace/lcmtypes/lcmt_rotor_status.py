@@ -10,7 +10,7 @@ import struct
 import airrace.lcmtypes
 
 class lcmt_rotor_status(object):
-    """ What the motor controllers report; see RotorBank. """
+    """ What the motor controllers measure; see RotorBank. """
 
     __slots__ = ["header", "time", "count", "speed", "expected"]
 
@@ -25,7 +25,7 @@ class lcmt_rotor_status(object):
         """ LCM Type: double """
         self.count = 0
         """
-        of the report (s)
+        of the measurement (s)
         LCM Type: int32_t
         """
 

@@ -10,7 +10,7 @@ import struct
 import airrace.lcmtypes
 
 class lcmt_state_estimate(object):
-    """ See airrace/vehicle/state.py; all in the world frame W. """
+    """ See State in airrace/vehicle/state.py; all in the world frame W. """
 
     __slots__ = ["header", "time", "quaternion", "position", "angular_velocity", "velocity"]
 

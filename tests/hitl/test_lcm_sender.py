@@ -54,7 +54,7 @@ def test_what_is_sent_is_what_is_received(port):
     bench = Bench(port, lossless=True)
     assert bench.at(0.25) == 1
     channel, message, time = bench.sent.messages[0]
-    assert (channel, time) == (bench.row.channel, 0.25)
+    assert (channel, time) == (bench.row.name, 0.25)
     receiver = LcmReceiver(bench.row)
     context = receiver.CreateDefaultContext()
     receiver.receive(context, bench.row.decode(message), time)

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -26,15 +25,23 @@ class LocalCompanion:
         self, arguments: Sequence[str], files: Mapping[str, bytes], log: Callable[[str], None]
     ) -> "LocalAutonomy":
         """See Companion.start()."""
+        folder = None
         try:
-            autonomy = LocalAutonomy(arguments, files, log)
+            folder = Path(tempfile.mkdtemp(prefix="airrace-"))
+            (folder / OUTPUT).mkdir()
+            for name, contents in files.items():
+                path = folder / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(contents)
+            self._running.append(LocalAutonomy(arguments, folder, log))
         except OSError as e:
+            if folder is not None:
+                shutil.rmtree(folder, ignore_errors=True)
             raise UserError(
                 f"The autonomy cannot be started here ({e.strerror}); make room in "
                 f"{tempfile.gettempdir()}, or end other programs."
             ) from None
-        self._running.append(autonomy)
-        return autonomy
+        return self._running[-1]
 
     def close(self) -> None:
         """See Companion.close()."""
@@ -47,37 +54,29 @@ class LocalCompanion:
 class LocalAutonomy:
     """A process of this computer; see airrace.hitl.companion.Autonomy."""
 
-    def __init__(self, arguments, files, log):
-        """Starts it. Args: see Companion.start(). Raises: OSError."""
-        self._log = log
-        self._folder = Path(tempfile.mkdtemp(prefix="airrace-"))
-        try:
-            (self._folder / OUTPUT).mkdir()
-            for name, contents in files.items():
-                path = self._folder / name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_bytes(contents)
-            # Two files, not a pipe: nobody waits for anybody, and nothing is torn.
-            self._written = open(self._folder / "log", "wb")
+    def __init__(self, arguments: Sequence[str], folder: Path, log: Callable[[str], None]):
+        """Starts it.
+
+        Args:
+            arguments, log: see Companion.start().
+            folder: its working directory, with its files.
+
+        Raises:
+            OSError: if it cannot be started.
+        """
+        self._log, self._folder, self._rest = log, folder, ""
+        # A file, not a pipe: neither side waits for the other.
+        with open(folder / "log", "wb") as written:
             self._process = subprocess.Popen(
                 [sys.executable, "-u", "-m", "airrace.diagrams.hitl", *arguments],
-                cwd=self._folder,
+                cwd=folder,
                 stdin=subprocess.DEVNULL,
-                stdout=self._written,
+                stdout=written,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
                 env=child_environment(),
             )
-        except BaseException:
-            self.remove()
-            raise
-        self._lines = open(self._folder / "log", encoding="utf-8", errors="replace")
-        self._rest = ""
-
-    @property
-    def pid(self) -> int:
-        """Of the process."""
-        return self._process.pid
+        self._lines = open(folder / "log", encoding="utf-8", errors="replace")
 
     def poll(self) -> int | None:
         """See Autonomy.poll()."""
@@ -93,18 +92,15 @@ class LocalAutonomy:
         """See Autonomy.stop()."""
         for signum, patience in ((signal.SIGTERM, timeout), (signal.SIGKILL, 5.0)):
             if self._process.poll() is None:
-                with contextlib.suppress(ProcessLookupError):
-                    os.killpg(self._process.pid, signum)
+                self._signal_group(signum)
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     self._process.wait(patience)
+        self._signal_group(signal.SIGKILL)  # workers that it has left behind
         self.poll()
 
-    def wait(self, timeout: float) -> int | None:
-        """Waits for the end, at most some time (s); returns what poll() does."""
-        end = time.monotonic() + timeout
-        while (code := self.poll()) is None and time.monotonic() < end:
-            time.sleep(0.02)
-        return code
+    def _signal_group(self, signum):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signum)
 
     def collect(self, folder: Path) -> None:
         """See Autonomy.collect()."""
@@ -117,4 +113,5 @@ class LocalAutonomy:
 
     def remove(self) -> None:
         """Removes its working directory."""
+        self._lines.close()
         shutil.rmtree(self._folder, ignore_errors=True)

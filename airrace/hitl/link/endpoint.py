@@ -15,6 +15,7 @@ from airrace.hitl.link.clock import PeerClock
 from airrace.hitl.link.statistics import ChannelStatistics
 from airrace.lcmtypes import lcmt_heartbeat
 
+SIMULATION, AUTONOMY = "simulation", "autonomy"  # the roles
 HEARTBEAT = "AIRRACE_HEARTBEAT"
 HEARTBEAT_PERIOD = 0.05  # s
 # The loopback of this computer alone. Whoever wants more says so.
@@ -45,7 +46,7 @@ class Channel:
     message_type: type
     sender: str
     decode: object
-    max_size: int
+    max_size: int = 64 << 10
     timed: bool = False
 
 

@@ -1,4 +1,7 @@
-"""Camera pictures as Drake's lcmt_image_array; see adapters.py."""
+"""Camera pictures as Drake's lcmt_image_array."""
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -9,8 +12,33 @@ from airrace.hitl.link.packets import MALFORMED, NOT_FINITE, OVERSIZED, Dropped
 from airrace.systems.sensing.camera_view import CameraView
 
 JPEG_QUALITY = 80
-# How the pictures are called in the messages: grey levels and colour.
+# Names of the pictures in the messages: (h, w), and RGBA, (h, w, 4).
 GREY, COLOUR = "grey", "colour"
+_LARGEST = 8192  # px, width and height
+
+
+class PicturePort(NamedTuple):
+    """A port of pictures: which picture it shows, and its values from pixels and back."""
+
+    picture: str
+    pixels_of: Callable
+    value_of: Callable
+
+
+def _image_of(kind):
+    def value_of(pixels):
+        image = kind(pixels.shape[1], pixels.shape[0])
+        image.mutable_data[:] = pixels.reshape(image.data.shape)
+        return image
+
+    return value_of
+
+
+PICTURE_PORTS = {
+    "camera_view": PicturePort(GREY, lambda view: view.whole(), CameraView.of),
+    "camera_grey": PicturePort(GREY, lambda image: image.data[..., 0], _image_of(ImageGrey8U)),
+    "camera_image": PicturePort(COLOUR, lambda image: image.data, _image_of(ImageRgba8U)),
+}
 
 
 def encode_pictures(pictures: dict, time: float, lossless: bool) -> lcmt_image_array:
@@ -46,35 +74,19 @@ def decode_pictures(message: lcmt_image_array) -> tuple[dict, float]:
     return pictures, times.pop()
 
 
-def view_of(pictures: dict, shape) -> CameraView:
-    """Returns the grey picture as the port camera_view has it.
+def port_value(port: str, pictures: dict, shape):
+    """Returns the value of one of PICTURE_PORTS.
 
     Args:
+        port: its name.
         pictures: see encode_pictures().
         shape: (h, w) that the picture must have, else Dropped is raised.
     """
-    return CameraView.of(_picture(pictures, GREY, shape))
-
-
-def grey_of(pictures: dict, shape) -> ImageGrey8U:
-    """Returns the grey picture as the port camera_grey has it; see view_of()."""
-    image = ImageGrey8U(shape[1], shape[0])
-    image.mutable_data[..., 0] = _picture(pictures, GREY, shape)
-    return image
-
-
-def rgba_of(pictures: dict, shape) -> ImageRgba8U:
-    """Returns the colour picture as the port camera_image has it; see view_of()."""
-    image = ImageRgba8U(shape[1], shape[0])
-    image.mutable_data[:] = _picture(pictures, COLOUR, (*shape, 4))
-    return image
-
-
-def _picture(pictures, name, shape) -> np.ndarray:
-    picture = pictures.get(name)
-    if picture is None or picture.shape != tuple(shape):
+    kind = PICTURE_PORTS[port]
+    picture = pictures.get(kind.picture)
+    if picture is None or picture.shape[:2] != tuple(shape):
         raise Dropped(MALFORMED)
-    return picture
+    return kind.value_of(picture)
 
 
 def _encoded(name, picture, time, lossless) -> lcmt_image:
@@ -118,7 +130,7 @@ def _name_and_time(frame_name):
 
 
 def _decoded(image: lcmt_image, name) -> np.ndarray:
-    if not (0 < image.width <= 8192 and 0 < image.height <= 8192):
+    if not (0 < image.width <= _LARGEST and 0 < image.height <= _LARGEST):
         raise Dropped(OVERSIZED)
     if len(image.data) != image.size or image.compression_method not in (
         lcmt_image.COMPRESSION_METHOD_PNG,

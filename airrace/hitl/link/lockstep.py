@@ -150,14 +150,21 @@ class Exchange:
         )
 
 
-def hear_peer(endpoint, phase: str, text: str, until, timeout: float, poll=lambda: None) -> None:
-    """Sends heartbeats until the other side is there.
+def hear_peer(
+    endpoint,
+    phase: str,
+    text: str = "",
+    *,
+    expected: str | None = None,
+    timeout: float,
+    poll=lambda: None,
+) -> None:
+    """Sends heartbeats until the other side is in a phase.
 
     Args:
         endpoint: of this side.
         phase, text: of the heartbeats.
-        until: from the newest heartbeat of the other side, an lcmt_heartbeat, to
-            whether that is it.
+        expected: phase of the other side; None: the same.
         timeout: (s), since a doctor was last there.
         poll: called now and then; may raise.
 
@@ -175,7 +182,7 @@ def hear_peer(endpoint, phase: str, text: str, until, timeout: float, poll=lambd
         poll()
         heard = endpoint.peer_heartbeat
         if heard is not None and endpoint.silence < 1.0:
-            if until(heard.value):
+            if heard.value.phase == (expected or phase):
                 return
             if heard.value.phase == phases.TESTING:
                 start = now  # the doctor's measurement may take longer than this side waits

@@ -1,4 +1,4 @@
-"""The lap plan as a message; see adapters.py."""
+"""The lap plan as a message."""
 
 import dataclasses as dc
 import json
@@ -9,7 +9,7 @@ from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace import lcmtypes
-from airrace.hitl.link.messages import check_finite
+from airrace.hitl.link.codec import Codec, check_finite
 from airrace.hitl.link.packets import MALFORMED, NOT_FINITE, Dropped
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
 from airrace.trajopt.flat_trajectory import FlatTrajectory
@@ -35,7 +35,7 @@ def encode_lap_plan(plan: LapPlan) -> lcmtypes.lcmt_lap_plan:
     message.num_approaches = len(circuit.approach)
     message.approach_gates = [int(gate) for gate in circuit.approach]
     message.approach_distances = [float(d) for d in circuit.approach.values()]
-    message.report = json.dumps(
+    message.summary = json.dumps(
         dc.asdict(plan.report), allow_nan=False, default=lambda number: number.item()
     )
     return message
@@ -66,26 +66,26 @@ def decode_lap_plan(message) -> LapPlan:
             dict(zip(message.approach_gates, message.approach_distances)),
         ),
         phase=message.phase,
-        report=_decoded_report(message.report),
+        report=_decoded_summary(message.summary),
     )
 
 
-def _decoded_report(text: str) -> PlanSummary:
+def _decoded_summary(text: str) -> PlanSummary:
     try:
         values = json.loads(text)
-        report = PlanSummary(
+        summary = PlanSummary(
             **{
                 name: tuple(value) if isinstance(value, list) else value
                 for name, value in values.items()
             }
         )
-        numbers = [getattr(report, name) for name in _NUMBERS]
-        numbers += [*report.max_thrusts, *report.min_thrusts]
+        numbers = [getattr(summary, name) for name in _NUMBERS]
+        numbers += [*summary.max_thrusts, *summary.min_thrusts]
         if not all(number is None or math.isfinite(number) for number in numbers):
             raise Dropped(NOT_FINITE)
     except (ValueError, TypeError, AttributeError, RecursionError):
         raise Dropped(MALFORMED) from None
-    return report
+    return summary
 
 
 def _encoded(trajectory: FlatTrajectory) -> lcmtypes.lcmt_polynomials:
@@ -123,3 +123,6 @@ def _decoded(message) -> PiecewisePolynomial:
         [np.array([[Polynomial(row)] for row in segment]) for segment in numbers],
         list(message.breaks),
     )
+
+
+LAP_PLAN = Codec(lcmtypes.lcmt_lap_plan, encode_lap_plan, decode_lap_plan)

@@ -89,14 +89,7 @@ def measure(
     """
     endpoint = Endpoint("simulation", CHANNELS, bus)
     try:
-        hear_peer(
-            endpoint,
-            phases.TESTING,
-            "",
-            lambda heard: heard.phase == phases.WAITING,
-            patience,
-            poll,
-        )
+        hear_peer(endpoint, phases.TESTING, expected=phases.WAITING, timeout=patience, poll=poll)
         return _Test(endpoint, scenario).run(duration, poll, show)
     finally:
         endpoint.close()

@@ -216,7 +216,7 @@ def test_a_cable_that_is_pulled_in_mid_lap(board, hexagon, tmp_path, pulled):  #
 def test_a_flood_changes_nothing(board, hexagon, tmp_path):  # noqa: F811
     """Of messages that were overtaken long ago, and of torn ones, on all channels."""
     calm = race(tmp_path / "sitl", "--track", hexagon)[1]
-    names = [row.channel for row in make_channels(Scenario(track=hexagon))]
+    names = [row.name for row in make_channels(Scenario(track=hexagon))]
     flood = subprocess.Popen(
         [
             sys.executable,

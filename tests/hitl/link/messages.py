@@ -106,7 +106,7 @@ def message_of(row, given=None):
 def packed():
     """Returns channel to (bytes, message type, decode) of all types, the heartbeat included."""
     result = {
-        row.channel: (pack(message_of(row), STAMP), row.message_type, row.decode) for row in ROWS
+        row.name: (pack(message_of(row), STAMP), row.message_type, row.decode) for row in ROWS
     }
     for kind in (lcmtypes.lcmt_heartbeat, lcmtypes.lcmt_link_status):
         result[kind.__name__] = (pack(kind(), STAMP), kind, lambda message: message)

@@ -13,7 +13,7 @@ from airrace.hitl.link.endpoint import HEARTBEAT, Endpoint, open_lcm
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from tests.hitl.link.messages import ROWS, message_of, values
 
-CHANNELS = [row.as_channel() for row in ROWS]
+CHANNELS = ROWS
 COMMAND = next(row for row in ROWS if row.ports == ("rotor_speed_command",))
 MAP = next(row for row in ROWS if row.ports == ("gate_map",))
 
@@ -46,13 +46,13 @@ def greet(ends, count=4):
 
 
 def send(ends, row, time=0.0, given=None):
-    data = ends.autonomy.publish(row.channel, message_of(row, given), time)
+    data = ends.autonomy.publish(row.name, message_of(row, given), time)
     ends.simulation.drain()
     return data
 
 
 def dropped(ends, row=COMMAND):
-    return dict(ends.simulation.statistics[row.channel].dropped)
+    return dict(ends.simulation.statistics[row.name].dropped)
 
 
 def test_they_find_each_other_and_the_newest_message_counts(link):
@@ -62,19 +62,19 @@ def test_they_find_each_other_and_the_newest_message_counts(link):
     for k in range(3):
         given["rotor_speed_command"] = np.full(4, 10.0 + k)
         send(link, COMMAND, 0.1 * k, given)
-    received = link.simulation.newest(COMMAND.channel)
+    received = link.simulation.newest(COMMAND.name)
     assert received.value["rotor_speed_command"].tolist() == [12.0] * 4
     assert received.stamp == packets.Stamp(link.autonomy.session, 3, 0.2)
-    assert link.autonomy.newest(COMMAND.channel) is None  # one's own is not received
+    assert link.autonomy.newest(COMMAND.name) is None  # one's own is not received
     assert dropped(link) == {}
 
 
 def test_a_command_that_comes_early_waits_for_its_time(link):
     for time in (0.10, 0.20, 0.30):
         send(link, COMMAND, time)
-    assert link.simulation.newest(COMMAND.channel, 0.05) is None
-    assert link.simulation.newest(COMMAND.channel, 0.25).stamp.time == 0.20
-    assert link.simulation.newest(COMMAND.channel, 0.30).stamp.time == 0.30
+    assert link.simulation.newest(COMMAND.name, 0.05) is None
+    assert link.simulation.newest(COMMAND.name, 0.25).stamp.time == 0.20
+    assert link.simulation.newest(COMMAND.name, 0.30).stamp.time == 0.30
     send(link, COMMAND, 1e9)
     assert dropped(link) == {packets.MALFORMED: 1}
 
@@ -82,20 +82,20 @@ def test_a_command_that_comes_early_waits_for_its_time(link):
 def test_repeated_and_overtaken_messages_are_dropped_and_counted(link):
     first, second = send(link, MAP, 0.1), send(link, MAP, 0.2)
     for data in (first, second, first):
-        link.air.send(MAP.channel, data)
+        link.air.send(MAP.name, data)
     link.simulation.drain()
     assert dropped(link, MAP) == {packets.REPLAYED: 3}
-    assert link.simulation.newest(MAP.channel).stamp.time == 0.2
+    assert link.simulation.newest(MAP.name).stamp.time == 0.2
 
 
 def test_old_times_are_stale_and_skipped_numbers_are_missing(link):
     send(link, MAP, 10.0)
     send(link, COMMAND, 5.0)
     assert dropped(link) == {packets.STALE: 1}
-    link.autonomy._sequences[MAP.channel] += 7
+    link.autonomy._sequences[MAP.name] += 7
     send(link, MAP, 10.1)
-    assert link.simulation.statistics[MAP.channel].missing == 7
-    link.autonomy._sequences[MAP.channel] += 10**7
+    assert link.simulation.statistics[MAP.name].missing == 7
+    link.autonomy._sequences[MAP.name] += 10**7
     send(link, MAP, 10.2)
     assert dropped(link, MAP) == {packets.MALFORMED: 1}
 
@@ -110,7 +110,7 @@ def test_what_cannot_be_sent_is_lost(link, monkeypatch):
         pulled.setattr(link.air, "send", refuse)
         send(link, MAP, 0.2)
     send(link, MAP, 0.3)
-    statistics = link.simulation.statistics[MAP.channel]
+    statistics = link.simulation.statistics[MAP.name]
     assert (statistics.received, statistics.lost) == (2, 1)
 
 
@@ -119,9 +119,9 @@ def test_nan_oversized_torn_and_foreign(link):
     send(link, COMMAND, 0.0, nan)
     data = send(link, COMMAND)
     for bad in (data[:-1], b"", bytes(COMMAND.max_size + 1)):
-        link.air.send(COMMAND.channel, bad)
+        link.air.send(COMMAND.name, bad)
     stranger = Endpoint("autonomy", [], link.air.bus(), clock=link.air.clock)
-    stranger.publish(COMMAND.channel, message_of(COMMAND), 0.0)
+    stranger.publish(COMMAND.name, message_of(COMMAND), 0.0)
     link.simulation.drain()
     assert dropped(link) == {
         packets.NOT_FINITE: 1,
@@ -129,7 +129,7 @@ def test_nan_oversized_torn_and_foreign(link):
         packets.OVERSIZED: 1,
         packets.FOREIGN: 1,
     }
-    assert link.simulation.statistics[COMMAND.channel].received == 1
+    assert link.simulation.statistics[COMMAND.name].received == 1
 
 
 def test_another_number_of_rotors_is_malformed(link):
@@ -149,7 +149,7 @@ def test_a_recording_of_an_earlier_run_is_foreign(link):
         for channel, data in recording:
             link.air.send(channel, data)
         later.simulation.drain()
-    assert later.simulation.peer == 0 and later.simulation.newest(COMMAND.channel) is None
+    assert later.simulation.peer == 0 and later.simulation.newest(COMMAND.name) is None
     # Whoever is alive gets in all the same.
     later.autonomy = end("autonomy", link.air)
     greet(later)
@@ -165,8 +165,8 @@ def test_who_starts_again_is_let_in_and_who_is_gone_is_not(link):
     greet(link)
     assert link.simulation.peer == link.autonomy.session != old.session
     send(link, COMMAND, 1.5)
-    assert link.simulation.newest(COMMAND.channel).stamp.sequence == 1  # counted anew
-    data = old.publish(COMMAND.channel, message_of(COMMAND), 2.0)
+    assert link.simulation.newest(COMMAND.name).stamp.sequence == 1  # counted anew
+    data = old.publish(COMMAND.name, message_of(COMMAND), 2.0)
     link.simulation.drain()
     assert data and dropped(link)[packets.FOREIGN] == 1
 
@@ -185,9 +185,9 @@ def test_nobody_else_gets_in_while_the_other_side_is_alive(link):
 def test_a_flood_of_stale_messages_changes_nothing(link):
     sound = send(link, COMMAND, 0.5)
     for _ in range(20_000):
-        link.air.send(COMMAND.channel, sound)
+        link.air.send(COMMAND.name, sound)
     link.simulation.drain()
-    statistics = link.simulation.statistics[COMMAND.channel]
+    statistics = link.simulation.statistics[COMMAND.name]
     assert (statistics.received, dict(statistics.dropped)) == (1, {packets.REPLAYED: 20_000})
 
 
@@ -199,10 +199,10 @@ def test_over_lcm_itself():
             one.beat("waiting", 0.0)
             one.drain()
     assert ends[0].peer == ends[1].session and ends[1].peer == ends[0].session
-    ends[1].publish(MAP.channel, message_of(MAP), 0.1)
+    ends[1].publish(MAP.name, message_of(MAP), 0.1)
     ends[0].wait(1.0)
     ends[0].drain()
-    assert ends[0].newest(MAP.channel) is not None
+    assert ends[0].newest(MAP.name) is not None
     assert HEARTBEAT in ends[0].statistics
 
 

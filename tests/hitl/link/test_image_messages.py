@@ -45,14 +45,20 @@ def test_as_the_ports_have_them():
     grey = texture(*SHAPE)
     colour = np.dstack([grey] * 4)
     found = {image_messages.GREY: grey, image_messages.COLOUR: colour}
-    np.testing.assert_array_equal(image_messages.view_of(found, SHAPE).whole(), grey)
-    np.testing.assert_array_equal(image_messages.grey_of(found, SHAPE).data[..., 0], grey)
-    np.testing.assert_array_equal(image_messages.rgba_of(found, SHAPE).data, colour)
-    for make in (image_messages.view_of, image_messages.grey_of, image_messages.rgba_of):
+    np.testing.assert_array_equal(
+        image_messages.port_value("camera_view", found, SHAPE).whole(), grey
+    )
+    np.testing.assert_array_equal(
+        image_messages.port_value("camera_grey", found, SHAPE).data[..., 0], grey
+    )
+    np.testing.assert_array_equal(
+        image_messages.port_value("camera_image", found, SHAPE).data, colour
+    )
+    for port in image_messages.PICTURE_PORTS:
         with pytest.raises(Dropped):
-            make(found, (SHAPE[0], SHAPE[1] + 1))
+            image_messages.port_value(port, found, (SHAPE[0], SHAPE[1] + 1))
         with pytest.raises(Dropped):
-            make({}, SHAPE)
+            image_messages.port_value(port, {}, SHAPE)
 
 
 @pytest.mark.parametrize("lossless", [True, False])

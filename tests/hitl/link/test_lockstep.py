@@ -128,7 +128,7 @@ def test_a_peer_that_never_comes():
     endpoint = Endpoint("simulation", [], SimulatedLink(LinkConfig()).bus())
     endpoint.wait = lambda timeout: None
     with pytest.raises(UserError, match="No autonomy answered within 0 s: check"):
-        hear_peer(endpoint, "waiting", "", lambda heard: True, timeout=0.05)
+        hear_peer(endpoint, "waiting", timeout=0.05)
 
 
 @pytest.mark.parametrize("comes", [True, False])
@@ -152,6 +152,6 @@ def test_a_doctor_may_measure_for_longer_than_the_patience(comes):
     autonomy.wait = pass_time
     gives_up = pytest.raises(UserError, match="within 5 s")
     with contextlib.nullcontext() if comes else gives_up:
-        hear_peer(autonomy, "waiting", "", lambda heard: heard.phase == "ready", 5.0, be_the_other)
+        hear_peer(autonomy, "waiting", expected="ready", timeout=5.0, poll=be_the_other)
     # Who was heard a second ago counts as there.
     assert link.time - begun == pytest.approx(20.0 if comes else 26.0, abs=0.5)

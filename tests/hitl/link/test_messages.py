@@ -11,7 +11,7 @@ from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from tests.hitl.link.messages import ROWS, STAMP, message_of, packed, values
 
-BY_CHANNEL = {row.channel: row for row in ROWS}
+BY_CHANNEL = {row.name: row for row in ROWS}
 
 
 def same(a, b):
@@ -86,11 +86,17 @@ def number_paths(message, path=()):
         elif hasattr(value, "__slots__"):
             yield from number_paths(value, (*path, name))
         else:
-            for i, item in enumerate(value):
-                if isinstance(item, float):
-                    yield (*path, name, i)
-                elif hasattr(item, "__slots__"):
-                    yield from number_paths(item, (*path, name, i))
+            yield from item_paths(value, (*path, name))
+
+
+def item_paths(items, path):
+    for i, item in enumerate(items):
+        if isinstance(item, float):
+            yield (*path, i)
+        elif hasattr(item, "__slots__"):
+            yield from number_paths(item, (*path, i))
+        elif isinstance(item, (list, tuple)):
+            yield from item_paths(item, (*path, i))
 
 
 def set_at(message, path, value):

@@ -86,13 +86,7 @@ class AutonomyProcess:
     def build(self, lossless: bool) -> None:
         """Makes the Simulator."""
         diagram, self._receivers, self._senders, self._compensator = MakeAutonomySide(
-            self._scenario,
-            self._autonomy,
-            self.rows,
-            AUTONOMY,
-            self._endpoint,
-            lossless,
-            self._output_dir,
+            self._scenario, self._autonomy, self.rows, self._endpoint, lossless, self._output_dir
         )
         self._simulator = Simulator(diagram)
         self._context = self._simulator.get_mutable_context()
@@ -142,7 +136,7 @@ class AutonomyProcess:
 
     def is_ready(self) -> bool:
         """Whether something has come on every channel."""
-        return not self._receivers.missing(self._endpoint)
+        return self._receivers.are_complete(self._endpoint)
 
     def start(self, resume=None) -> None:
         """Initializes the Simulator; see run()."""

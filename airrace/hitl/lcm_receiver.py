@@ -13,50 +13,43 @@ class LcmReceiver(LeafSystem):
 
         name: LcmReceiver
         output_ports:
-        - the ports of the row
+        - the ports of the channel
         - the first of them, with _time added
 
     It is the counterpart of an LcmSender on the other side of the link: its output
-    ports have the names and types of that one's input ports. What they show is
-    the state, which Receive() sets between two steps of the Simulator, so that
-    within a step everybody sees the same message. The last port, a vector of one
+    ports have the names and types of that one's input ports. They show
+    the state, which receive() sets between two steps of the Simulator, so that
+    all systems see the same message within a step. The last port, a vector of one
     number, is the simulated time at which that was sent (s).
     """
 
-    def __init__(self, row):
-        """Args: row: of hitl/channels.py."""
+    def __init__(self, channel):
+        """Args: channel: a PortChannel."""
         LeafSystem.__init__(self)
-        self._row = row
-        self._shown = self.DeclareAbstractState(Value[object](_Values(row.initial, 0.0)))
-        ticket = {self.abstract_state_ticket(self._shown)}
-        for port in row.ports:
-            model = row.model(port)
+        self.channel = channel.name
+        self._state = self.DeclareAbstractState(Value[object](_Values(channel.initial, 0.0)))
+        ticket = {self.abstract_state_ticket(self._state)}
+        for port in channel.ports:
+            model = channel.model(port)
             if isinstance(model, int):
                 self.DeclareVectorOutputPort(port, model, self._calc(port), ticket)
             else:
                 self.DeclareAbstractOutputPort(port, model.Clone, self._calc(port), ticket)
-
-        self.DeclareVectorOutputPort(
-            f"{row.ports[0]}_time",
-            1,
-            lambda context, output: output.SetAtIndex(0, self._now(context).time),
-            ticket,
-        )
-
-    @property
-    def channel(self) -> str:
-        """That it holds the values of."""
-        return self._row.name
+        time_port = f"{channel.ports[0]}_time"
+        self.DeclareVectorOutputPort(time_port, 1, self._calc_time, ticket)
 
     def receive(self, context, values: dict, time: float) -> None:
         """Shows other values, by port, that were sent at a simulated time (s)."""
-        context.SetAbstractState(int(self._shown), _Values(values, time))
+        context.SetAbstractState(int(self._state), _Values(values, time))
 
-    def _now(self, context):
-        return context.get_abstract_state(int(self._shown)).get_value()
+    def _values(self, context) -> "_Values":
+        return context.get_abstract_state(int(self._state)).get_value()
 
     def _calc(self, port):
-        return lambda context, output: output.set_value(self._now(context).by_port[port])
+        return lambda context, output: output.set_value(self._values(context).by_port[port])
+
+    def _calc_time(self, context, output):
+        output.SetAtIndex(0, self._values(context).time)
 
 
 class _Values(Immutable):

@@ -10,11 +10,11 @@ import struct
 class lcmt_channel_statistics(object):
     """ What one side has received on a channel. """
 
-    __slots__ = ["channel", "received", "missing", "dropped", "rate", "jitter", "age_median", "age_p99", "bytes", "encode_time", "decode_time"]
+    __slots__ = ["channel", "received", "missing", "dropped", "rate", "jitter", "age_median", "age_p99", "bytes", "decode_time"]
 
-    __typenames__ = ["string", "int64_t", "int64_t", "int64_t", "double", "double", "double", "double", "double", "double", "double"]
+    __typenames__ = ["string", "int64_t", "int64_t", "int64_t", "double", "double", "double", "double", "double", "double"]
 
-    __dimensions__ = [None, None, None, None, None, None, None, None, None, None, None]
+    __dimensions__ = [None, None, None, None, None, None, None, None, None, None]
 
     def __init__(self):
         self.channel = ""
@@ -59,15 +59,9 @@ class lcmt_channel_statistics(object):
         LCM Type: double
         """
 
-        self.encode_time = 0.0
-        """
-        mean
-        LCM Type: double
-        """
-
         self.decode_time = 0.0
         """
-        mean (s)
+        mean
         LCM Type: double
         """
 
@@ -83,7 +77,7 @@ class lcmt_channel_statistics(object):
         buf.write(struct.pack('>I', len(__channel_encoded)+1))
         buf.write(__channel_encoded)
         buf.write(b"\0")
-        buf.write(struct.pack(">qqqddddddd", self.received, self.missing, self.dropped, self.rate, self.jitter, self.age_median, self.age_p99, self.bytes, self.encode_time, self.decode_time))
+        buf.write(struct.pack(">qqqdddddd", self.received, self.missing, self.dropped, self.rate, self.jitter, self.age_median, self.age_p99, self.bytes, self.decode_time))
 
     @staticmethod
     def decode(data: bytes):
@@ -100,13 +94,13 @@ class lcmt_channel_statistics(object):
         self = lcmt_channel_statistics()
         __channel_len = struct.unpack('>I', buf.read(4))[0]
         self.channel = buf.read(__channel_len)[:-1].decode('utf-8', 'replace')
-        self.received, self.missing, self.dropped, self.rate, self.jitter, self.age_median, self.age_p99, self.bytes, self.encode_time, self.decode_time = struct.unpack(">qqqddddddd", buf.read(80))
+        self.received, self.missing, self.dropped, self.rate, self.jitter, self.age_median, self.age_p99, self.bytes, self.decode_time = struct.unpack(">qqqdddddd", buf.read(72))
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_channel_statistics in parents: return 0
-        tmphash = (0xdd052ce7167b0075) & 0xffffffffffffffff
+        tmphash = (0x26e54ac4027a4aad) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -11,6 +11,7 @@ import time
 import pytest
 
 from airrace.common.resources import models_path
+from airrace.diagrams.hitl_race import default_url
 from airrace.hitl.companion import OUTPUT, READY
 
 pytestmark = pytest.mark.skipif(
@@ -87,6 +88,30 @@ def test_lockstep_equals_sitl_to_the_last_bit(hexagon, tmp_path):
         for path in ("sitl", "hitl", "hitl/autonomy")
     ]
     assert maps[0] == maps[1] == maps[2]
+
+
+def test_two_races_at_once_do_not_disturb_each_other(hexagon, tmp_path):
+    """In one network: each has an LCM port of its own."""
+    first, second = (
+        " ".join(f"'{word}'" for word in race(tmp_path / name, hexagon, "-s", "HITL", "--lockstep"))
+        for name in ("first", "second")
+    )
+    script = tmp_path / "both.sh"
+    script.write_text(f"{first} & {second}; echo second $?; wait $!; echo first $?\n")
+    text = start("bash", str(script)).communicate(timeout=180)[0]
+    assert "second 1" in text and "first 1" in text, text
+    results = [load(tmp_path / name) for name in ("first", "second")]
+    for result in results:
+        del result["wall"]
+        assert result["dnf_reason"].startswith("ran out of time"), text
+    assert results[0] == results[1]
+
+
+def test_default_urls():
+    urls = {default_url("local") for _ in range(2)}
+    assert len(urls) == 2 and all(url.endswith("?ttl=0") for url in urls)
+    assert default_url("none") == "udpm://239.255.76.67:7667?ttl=0"
+    assert default_url("pilot@10.0.0.2") == "udpm://239.255.76.67:7667?ttl=1"
 
 
 def test_in_real_time_slowed_down(hexagon, tmp_path):

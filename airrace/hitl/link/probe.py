@@ -9,24 +9,24 @@ from drake import lcmt_image_array
 
 from airrace import lcmtypes
 from airrace.hitl.link import image_messages, messages, phases
-from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, Channel, Endpoint
+from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT_PERIOD, SIMULATION, Channel, Endpoint
 from airrace.hitl.link.lockstep import hear_peer
 
 _SIZE = 4 << 20  # bytes
-PICTURE, STATE, COMMAND, REPORT = (
-    f"AIRRACE_TEST_{name}" for name in ("PICTURE", "STATE", "COMMAND", "REPORT")
+PICTURE, STATE, COMMAND, STATUS = (
+    f"AIRRACE_TEST_{name}" for name in ("PICTURE", "STATE", "COMMAND", "STATUS")
 )
 CHANNELS = (
-    Channel(PICTURE, lcmt_image_array, "simulation", image_messages.decode_pictures, _SIZE),
-    Channel(STATE, lcmtypes.lcmt_rotors, "simulation", messages.decode_rotors, _SIZE),
-    Channel(COMMAND, lcmtypes.lcmt_rotors, "autonomy", messages.decode_rotors, _SIZE),
-    Channel(REPORT, lcmtypes.lcmt_link_status, "autonomy", lambda message: message, _SIZE),
+    Channel(PICTURE, lcmt_image_array, SIMULATION, image_messages.decode_pictures, _SIZE),
+    Channel(STATE, lcmtypes.lcmt_rotors, SIMULATION, messages.decode_rotors, _SIZE),
+    Channel(COMMAND, lcmtypes.lcmt_rotors, AUTONOMY, messages.decode_rotors, _SIZE),
+    Channel(STATUS, lcmtypes.lcmt_link_status, AUTONOMY, lambda message: message, _SIZE),
 )
-_REPORT_PERIOD = 0.2  # s
+_STATUS_PERIOD = 0.2  # s
 _PAUSE = 1.0  # s, after which another test begins
 _DETAIL = 24  # px, of the picture's texture
-# Fields of the report, and where the kernel shows them.
-_OF_THE_KERNEL = {
+# Fields of lcmt_link_status, and where the kernel shows them.
+_KERNEL_SETTINGS = {
     "receive_buffer": "core/rmem_max",
     "fragment_time": "ipv4/ipfrag_time",
     "fragment_memory": "ipv4/ipfrag_high_thresh",
@@ -87,7 +87,7 @@ def measure(
     Raises:
         UserError: if there is no autonomy.
     """
-    endpoint = Endpoint("simulation", CHANNELS, bus)
+    endpoint = Endpoint(SIMULATION, CHANNELS, bus)
     try:
         hear_peer(endpoint, phases.TESTING, expected=phases.WAITING, timeout=patience, poll=poll)
         return _Test(endpoint, scenario).run(duration, poll, show)
@@ -102,8 +102,7 @@ class _Test:
         self._endpoint = endpoint
         self._rates = {PICTURE: scenario.camera.fps, STATE: scenario.controller.rate}
         self._texture = texture(scenario.camera.height, scenario.camera.width)
-        self._ages, self._answered = [], 0
-        self._encode_time = self._pictures = 0
+        self._ages, self._answered, self._encode_time = [], 0, 0.0
 
     def run(self, duration, poll, show) -> LinkFindings:
         start = beaten = time.monotonic()
@@ -118,12 +117,10 @@ class _Test:
                 poll()
                 show((now - start) / duration)
                 self._endpoint.beat(phases.TESTING, now)
-            self._endpoint.wait(min(due.values()) - time.monotonic())
-            self._take()
-        end = now + 2 * _REPORT_PERIOD  # what is still on its way
+            self._receive(min(due.values()) - time.monotonic())
+        end = now + 2 * _STATUS_PERIOD  # what is still on its way
         while time.monotonic() < end:
-            self._endpoint.wait(0.01)
-            self._take()
+            self._receive(0.01)
         return self._findings(duration)
 
     def _send(self, channel, now):
@@ -131,15 +128,14 @@ class _Test:
             message = messages.encode_rotors(np.array([now]))
         else:
             clock = time.perf_counter()
-            shifted = np.roll(self._texture, self._pictures, axis=1)
-            message = image_messages.encode_pictures(
-                {image_messages.GREY: shifted}, now, lossless=False
-            )
+            shifted = np.roll(self._texture, self._endpoint.sequence(PICTURE), axis=1)
+            pictures = {image_messages.GREY: shifted}
+            message = image_messages.encode_pictures(pictures, now, lossless=False)
             self._encode_time += time.perf_counter() - clock
-            self._pictures += 1
         self._endpoint.publish(channel, message, now)
 
-    def _take(self):
+    def _receive(self, timeout):
+        self._endpoint.wait(timeout)
         self._endpoint.drain()
         answer = self._endpoint.newest(COMMAND)
         if answer is not None and answer.stamp.sequence != self._answered:
@@ -147,21 +143,24 @@ class _Test:
             self._ages.append(answer.arrival - float(answer.value[0]))
 
     def _findings(self, duration):
-        report = self._endpoint.newest(REPORT)
-        got = {c.channel: c for c in report.value.channels} if report else {}
+        endpoint = self._endpoint
+        received = endpoint.newest(STATUS)
+        status = received.value if received else lcmtypes.lcmt_link_status()
+        channels = {each.channel: each for each in status.channels}
         nothing = lcmtypes.lcmt_channel_statistics()
+        pictures = endpoint.sequence(PICTURE)
         return LinkFindings(
             duration=duration,
-            pictures=got.get(PICTURE, nothing),
-            states=got.get(STATE, nothing),
-            commands=self._endpoint.statistics[COMMAND],
+            pictures=channels.get(PICTURE, nothing),
+            states=channels.get(STATE, nothing),
+            commands=endpoint.statistics[COMMAND],
             ages=np.array(self._ages),
-            round_trip=self._endpoint.clock.round_trip,
-            offset=self._endpoint.clock.offset,
-            encode_time=self._encode_time / max(self._pictures, 1),
-            picture_rate=self._pictures / duration,
-            state_rate=self._endpoint.sequence(STATE) / duration,
-            **{name: getattr(report.value, name) if report else 0 for name in _OF_THE_KERNEL},
+            round_trip=endpoint.clock.round_trip,
+            offset=endpoint.clock.offset,
+            encode_time=self._encode_time / max(pictures, 1),
+            picture_rate=pictures / duration,
+            state_rate=endpoint.sequence(STATE) / duration,
+            **{name: getattr(status, name) for name in _KERNEL_SETTINGS},
         )
 
 
@@ -177,10 +176,10 @@ class Responder:
     """The autonomy's part of a test."""
 
     def __init__(self, endpoint):
-        """Args: endpoint: of the autonomy, which hears CHANNELS."""
+        """Args: endpoint: of the autonomy, which receives on CHANNELS."""
         self._endpoint = endpoint
         self._answered = (0, 0)
-        self._last, self._reported = -np.inf, 0.0
+        self._last, self._status_sent = -np.inf, 0.0
 
     def respond(self) -> None:
         """Answers what has come since the last call."""
@@ -188,20 +187,17 @@ class Responder:
         if received is None:
             return
         mark = (received.stamp.session, received.stamp.sequence)
-        now = time.monotonic()
+        now, sim_time = time.monotonic(), received.stamp.time
         if mark != self._answered:
-            self._answered = mark
-            self._last = now
-            self._endpoint.publish(
-                COMMAND, messages.encode_rotors(received.value), received.stamp.time
-            )
-        if now - self._last < _PAUSE and now - self._reported > _REPORT_PERIOD:
-            self._reported = now
-            self._endpoint.publish(REPORT, self._report(), received.stamp.time)
+            self._answered, self._last = mark, now
+            self._endpoint.publish(COMMAND, messages.encode_rotors(received.value), sim_time)
+        if now - self._last < _PAUSE and now - self._status_sent > _STATUS_PERIOD:
+            self._status_sent = now
+            self._endpoint.publish(STATUS, self._status(), sim_time)
 
-    def _report(self):
+    def _status(self):
         message = lcmtypes.lcmt_link_status()
-        for name, path in _OF_THE_KERNEL.items():
+        for name, path in _KERNEL_SETTINGS.items():
             setattr(message, name, _kernel_setting(path))
         for channel in (PICTURE, STATE):
             statistics = self._endpoint.statistics[channel]

@@ -6,6 +6,7 @@ import numpy as np
 
 from airrace.hitl.link.packets import REPLAYED
 
+_TIMING = ("rate", "jitter", "age_median", "age_p99", "bytes", "decode_time")
 _RECENT = 4096  # messages that the timing is of
 
 
@@ -15,7 +16,7 @@ class ChannelStatistics:
     Attributes:
         received: messages that were used.
         missing: messages that should have come, by the sequence numbers, when a later one did.
-        dropped: reason (see wire.REASONS) to count.
+        dropped: reason (see packets.py) to count.
     """
 
     def __init__(self):
@@ -58,23 +59,11 @@ class ChannelStatistics:
         ``jitter`` is the 99th percentile of how far an age is from their median: the delay
         variation of RFC 5481, about the median. Messages that are lost do not add to it.
         """
-        names = ("rate", "jitter", "age_median", "age_p99", "bytes", "decode_time")
         if len(self._recent) < 2:
-            return dict.fromkeys(names, 0.0)
+            return dict.fromkeys(_TIMING, 0.0)
         arrival, age, size, decoding = np.array(self._recent).T
-        return dict(
-            zip(
-                names,
-                map(
-                    float,
-                    (
-                        (len(arrival) - 1) / max(arrival[-1] - arrival[0], 1e-9),
-                        np.percentile(np.abs(age - np.median(age)), 99),
-                        np.median(age),
-                        np.percentile(age, 99),
-                        size.mean(),
-                        decoding.mean(),
-                    ),
-                ),
-            )
-        )
+        median, age_p99 = np.percentile(age, (50, 99))
+        rate = (len(arrival) - 1) / max(arrival[-1] - arrival[0], 1e-9)
+        jitter = np.percentile(np.abs(age - median), 99)
+        numbers = rate, jitter, median, age_p99, size.mean(), decoding.mean()
+        return dict(zip(_TIMING, map(float, numbers)))

@@ -1,9 +1,7 @@
 """Either side of a HITL race by hand, and the doctor: python -m airrace.diagrams.hitl."""
 
 import argparse
-import signal
 import sys
-import types
 from pathlib import Path
 
 from airrace.common.errors import exit_code
@@ -74,11 +72,7 @@ def make_hitl_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def run_autonomy(args) -> int:
-    """Runs the autonomy; returns the exit code."""
-    from airrace.common.files import results_folder
-    from airrace.diagrams.autonomy_process import AutonomyProcess
-    from airrace.diagrams.warm_up import warm_up
+def _scenario_and_bus(args):
     from airrace.hitl.link.endpoint import DEFAULT_URL, open_lcm
     from airrace.scenario import load_scenario
 
@@ -88,21 +82,23 @@ def run_autonomy(args) -> int:
         scenario_text=args.scenario_text,
     )
     scenario.check()
-    flag = types.SimpleNamespace(is_set=False)
+    return scenario, open_lcm(args.lcm_url or DEFAULT_URL)
 
-    def end(signum, frame):
-        flag.is_set = True
-        signal.signal(signum, signal.SIG_DFL)  # a second one means it
 
-    for signum in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(signum, end)
-    warm_up(scenario, briefly=args.resume is not None)
-    with results_folder(args.output) as folder:
-        process = AutonomyProcess(
-            scenario, open_lcm(args.lcm_url or DEFAULT_URL), folder, stop=lambda: flag.is_set
-        )
-        print(READY, flush=True)
-        return process.run(resume=args.resume, patience=args.patience)
+def run_autonomy(args) -> int:
+    """Runs the autonomy; returns the exit code."""
+    from airrace.common.files import results_folder
+    from airrace.common.interrupts import interrupt_flag
+    from airrace.diagrams.autonomy_process import AutonomyProcess
+    from airrace.diagrams.warm_up import warm_up
+
+    scenario, bus = _scenario_and_bus(args)
+    with interrupt_flag() as interrupted:
+        warm_up(scenario, briefly=args.resume is not None)
+        with results_folder(args.output) as folder:
+            process = AutonomyProcess(scenario, bus, folder, stop=lambda: interrupted.is_set)
+            print(READY, flush=True)
+            return process.run(resume=args.resume, patience=args.patience)
 
 
 def run_doctor(args) -> int:
@@ -111,20 +107,14 @@ def run_doctor(args) -> int:
     from rich.progress import Progress
 
     from airrace.hitl.link.doctor import diagnose, make_table, refusal
-    from airrace.hitl.link.endpoint import DEFAULT_URL, open_lcm
     from airrace.hitl.link.probe import measure
-    from airrace.scenario import load_scenario
 
-    scenario = load_scenario(
-        filename=args.scenario_file,
-        scenario_name=args.scenario_name,
-        scenario_text=args.scenario_text,
-    )
+    scenario, bus = _scenario_and_bus(args)
     console = Console()
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("measuring the link", total=1.0)
         findings = measure(
-            open_lcm(args.lcm_url or DEFAULT_URL),
+            bus,
             scenario,
             args.duration,
             show=lambda share: progress.update(task, completed=share),
@@ -139,18 +129,19 @@ def run_doctor(args) -> int:
 
 def main(argv=None) -> int:
     """The command-line program; returns its exit code."""
-    args, rest = make_hitl_parser().parse_known_args(argv)
+    parser = make_hitl_parser()
+    args, rest = parser.parse_known_args(argv)
     if args.role == "simulation":
         from airrace.diagrams.hitl_race import BY_HAND
         from airrace.diagrams.race_command import run
 
-        own = argparse.ArgumentParser(add_help=False)
-        own.add_argument("--role")
-        _, others = own.parse_known_args(argv)
+        role = argparse.ArgumentParser(add_help=False)
+        role.add_argument("--role")
+        _, others = role.parse_known_args(argv)
         race = make_parser().parse_args([*others, "-s", "HITL", "--companion", BY_HAND])
         return exit_code(lambda: run(race))
     if rest:
-        make_hitl_parser().error(f"unrecognized arguments: {' '.join(rest)}")
+        parser.error(f"unrecognized arguments: {' '.join(rest)}")
     return exit_code(lambda: run_doctor(args) if args.doctor else run_autonomy(args))
 
 

@@ -67,7 +67,7 @@ look() {
 }
 
 set_up() {
-  environment=$cache/environments/$1 package=$cache/packages/$2
+  environment=$cache/environments/$1
   # All programs of a set-up end when the connection is lost: then the input ends.
   exec 3<&0 8>>"$cache/set_up.lock"
   (cat <&3 >/dev/null 2>&1; kill -s KILL 0) 8>&- >/dev/null 2>&1 &
@@ -78,20 +78,9 @@ set_up() {
   }
   is_environment "$environment" || make_environment "$1" "$3" "$4" "$5"
   touch "$environment/complete"
-  if ! is_complete "$package"; then
-    say step 'installing this airrace'
-    rm -rf "$package"
-    install_with_pip --no-deps --no-index --target "$package" "$cache/wheels/$2"/*.whl ||
-      refuse 'This airrace cannot be installed on {host} ({said}); mend what it says there.'
-  fi
-  touch "$package/complete"
+  touch "$cache/packages/$2/complete"
   remove_unused
-  rm -rf "$cache/wheelhouse/$1" "$cache/wheels/$2"
-}
-
-install_with_pip() {
-  "$environment/bin/python" -I -m pip install --no-input --disable-pip-version-check \
-    --no-cache-dir --progress-bar off --only-binary :all: "$@" 2>&1
+  rm -rf "$cache/wheelhouse/$1"
 }
 
 make_environment() {
@@ -111,7 +100,9 @@ environments ({said}); run there 'sudo apt-get install python3-venv'."
     set --
     remedy='connect it to the internet, or bring the wheels along with --wheels'
   fi
-  install_with_pip --require-hashes "$@" --requirement "$lock" ||
+  "$environment/bin/python" -I -m pip install --no-input --disable-pip-version-check \
+    --no-cache-dir --progress-bar off --only-binary :all: --require-hashes "$@" \
+    --requirement "$lock" 2>&1 ||
     refuse "Installing requirements.lock on {host} failed ({said}); $remedy."
   error=$("$environment/bin/python" -I -c 'import pydrake.common' 2>&1) || {
     echo "$error"

@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses as dc
 import hashlib
-import tempfile
 from pathlib import Path
 
 from rich.console import Console
@@ -17,13 +16,18 @@ from rich.progress import (
 )
 
 from airrace.common.errors import UserError
+from airrace.hitl.companion.checkout import digest, pack, source_digest
 from airrace.hitl.companion.ssh import ConnectionLost, SshConnection
 from airrace.hitl.companion.ssh_errors import file_error, is_disk_full, last_line
-from airrace.hitl.companion.wheel import build_wheel, digest, source_digest
 
 _SCRIPT = Path(__file__).with_name("board.sh")
 _ROOM = 1_500_000  # kB; an environment takes 630 MB, its wheels 130 MB, at times twice
 _MARK = "airrace-"
+# A folder is there as a whole or not at all.
+_UNPACK = (
+    'rm -rf "$0" "$0.part" && mkdir -p "$0.part" && tar -x -f - -C "$0.part" && '
+    'touch "$0.part/complete" && mv "$0.part" "$0"'
+)
 
 
 @dc.dataclass(frozen=True)
@@ -105,10 +109,11 @@ def set_up(
             display.progress(i, len(locked))
             connection.put(f"{cache}/wheelhouse/{environment}/{wheel.name}", wheel.read_bytes())
     if "package" not in found:
-        display.step("building the wheel of this airrace")
-        with tempfile.TemporaryDirectory(prefix="airrace-") as folder:
-            wheel = build_wheel(checkout, Path(folder))
-            connection.put(f"{cache}/wheels/{package}/{wheel.name}", wheel.read_bytes())
+        display.step("bringing this airrace")
+        folder = f"{cache}/packages/{package}"
+        code, _, error = connection.run(["sh", "-c", _UNPACK, folder], pack(checkout))
+        if code:
+            raise file_error(error, folder, address)
     total = sum("==" in line for line in lock.read_text(encoding="utf-8").splitlines())
     source = "OFFLINE" if locked else "ONLINE"
     arguments = environment, package, found["python"], _ROOM, source

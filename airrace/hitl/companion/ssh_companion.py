@@ -13,6 +13,7 @@ from pathlib import Path
 from airrace.common.errors import UserError
 from airrace.hitl.companion import OUTPUT
 from airrace.hitl.companion.address import Address
+from airrace.hitl.companion.checkout import checkout_path
 from airrace.hitl.companion.set_up import (
     Board,
     SetUpDisplay,
@@ -22,7 +23,6 @@ from airrace.hitl.companion.set_up import (
     set_up,
 )
 from airrace.hitl.companion.ssh import ConnectionLost, SshConnection
-from airrace.hitl.companion.wheel import checkout_path
 
 _START_TIMEOUT = 20.0  # s
 _RETRY_PERIOD = 10.0  # s from one attempt to connect to the next

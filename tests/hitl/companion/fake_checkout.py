@@ -90,7 +90,7 @@ def make_checkout(folder: Path, drake: str = "") -> tuple[Path, Path]:
     )
     (checkout / "airrace" / "diagrams").mkdir(parents=True)
     (checkout / "models").mkdir()
-    for name in ("pyproject.toml", "README.md", "LICENSE", "models/package.xml"):
+    for name in ("pyproject.toml", "models/package.xml"):
         shutil.copy(ROOT / name, checkout / name)
     for name in ("airrace/__init__.py", "airrace/diagrams/__init__.py"):
         (checkout / name).touch()

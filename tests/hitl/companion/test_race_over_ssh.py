@@ -19,7 +19,7 @@ import pytest
 from airrace.common.resources import models_path
 from airrace.diagrams.hitl_race import default_url
 from airrace.hitl.channels import make_channels
-from airrace.hitl.companion.wheel import digest, source_digest
+from airrace.hitl.companion.checkout import digest, source_digest
 from airrace.hitl.link.endpoint import HEARTBEAT
 from airrace.scenario import Scenario
 from tests.hitl.companion.conftest import ADDRESS

@@ -75,7 +75,7 @@ def test_set_up_is_done_once(companion, hosts, checkout, capfd):
     start(again, "farewell")
     again.close()
     shown = capfd.readouterr().err
-    assert "connecting" in shown and "install" not in shown and "building" not in shown
+    assert "connecting" in shown and "install" not in shown and "bringing" not in shown
 
     # Other code, the same lock: the environment stays.
     changed = checkout[0] / "airrace" / "new.py"
@@ -87,7 +87,7 @@ def test_set_up_is_done_once(companion, hosts, checkout, capfd):
     finally:
         changed.unlink()
     shown = capfd.readouterr().err
-    assert "building the wheel" in shown and "requirements.lock" not in shown
+    assert "bringing this airrace" in shown and "requirements.lock" not in shown
     assert (stamp.parent / "pyvenv.cfg").stat().st_ino == before
     assert len(list(cache.glob("packages/*/airrace/new.py"))) == 1
 

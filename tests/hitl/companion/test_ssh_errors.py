@@ -193,12 +193,6 @@ def test_folder_that_may_not_be_written(hosts, refusal):
     assert "on 10.0.0.2 cannot be used" in sentence
 
 
-def test_wheel_that_cannot_be_built(hosts, refusal, tmp_path):
-    broken, wheels = make_checkout(tmp_path)
-    (broken / "pyproject.toml").write_text("[project\n")
-    assert "wheel for the companion cannot be built" in refusal(checkout=broken, wheels=wheels)
-
-
 def test_wheels_that_are_not_the_locked_ones(hosts, refusal, tmp_path):
     checkout, wheels = make_checkout(tmp_path)
     lock = checkout / "requirements.lock"

@@ -1,0 +1,62 @@
+import io
+import tarfile
+
+import pytest
+
+import airrace
+from airrace.common.errors import UserError
+from airrace.hitl.companion.checkout import checkout_path, digest, pack, source_digest
+from tests.hitl.companion.fake_checkout import ROOT, make_checkout
+
+
+def test_what_is_brought_has_all_that_a_race_needs():
+    names = set(tarfile.open(fileobj=io.BytesIO(pack(ROOT))).getnames())
+    for folder in ("airrace", "models"):
+        files = {
+            path.relative_to(ROOT).as_posix()
+            for path in (ROOT / folder).rglob("*")
+            if path.is_file() and "__pycache__" not in path.parts
+        }
+        assert files <= names
+    assert "airrace/hitl/companion/board.sh" in names
+    assert not any("__pycache__" in name for name in names)
+
+
+def test_changes_that_are_not_committed_count(tmp_path):
+    checkout, _ = make_checkout(tmp_path)
+    first = source_digest(checkout)
+    (checkout / "airrace" / "__pycache__").mkdir()
+    (checkout / "airrace" / "__pycache__" / "x.pyc").touch()
+    (checkout / "notes.txt").touch()
+    assert source_digest(checkout) == first
+    (checkout / "airrace" / "new.py").touch()
+    second = source_digest(checkout)
+    assert second != first
+    (checkout / "airrace" / "new.py").rename(checkout / "airrace" / "newer.py")
+    assert source_digest(checkout) not in (first, second)
+
+
+def test_digest_tells_names_and_contents_apart(tmp_path):
+    for folder, files in {"1": {"a": "bc"}, "2": {"ab": "c"}, "3": {"a": "b", "c": ""}}.items():
+        (tmp_path / folder / "x").mkdir(parents=True)
+        for name, text in files.items():
+            (tmp_path / folder / "x" / name).write_text(text)
+    assert len({digest(tmp_path / folder / "x") for folder in "123"}) == 3
+
+
+def test_failures_are_one_sentence(tmp_path, monkeypatch):
+    checkout, _ = make_checkout(tmp_path)
+
+    def refuse(archive, name, *_):
+        raise OSError(5, "Input/output error", str(name))
+
+    monkeypatch.setattr(tarfile.TarFile, "add", refuse)
+    with pytest.raises(UserError, match="__init__.py cannot be read .*; mend the checkout in"):
+        pack(checkout)
+
+
+def test_checkout(tmp_path, monkeypatch):
+    assert checkout_path() == ROOT
+    monkeypatch.setattr(airrace, "__file__", str(tmp_path / "site-packages/airrace/__init__.py"))
+    with pytest.raises(UserError, match="is no checkout"):
+        checkout_path()

@@ -6,11 +6,11 @@ import time
 from pydrake.systems.analysis import InitializeParams, Simulator
 
 from airrace.diagrams.autonomy import MakeAutonomy
-from airrace.hitl.channels import AUTONOMY, make_channels
+from airrace.hitl.channels import make_channels
 from airrace.hitl.checkpoint import CHECKPOINT_PERIOD, restore, save
 from airrace.hitl.lcm_bridge import MakeAutonomySide, pictures_wanted
 from airrace.hitl.link import phases
-from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, Endpoint
+from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT_PERIOD, Endpoint
 from airrace.hitl.link.lockstep import Exchange, PeerLost, hear_peer, lockstep_times
 from airrace.hitl.link.probe import CHANNELS, Responder
 from airrace.hitl.planning_worker import PlanningWorker
@@ -43,8 +43,8 @@ class AutonomyProcess:
         self._scenario, self._output_dir = scenario, output_dir
         self._log, self._stop = log, stop
         self._autonomy = MakeAutonomy(scenario)
-        self.rows = make_channels(scenario, pictures_wanted(self._autonomy))
-        self._endpoint = Endpoint(AUTONOMY, [*self.rows, *CHANNELS], bus, clock)
+        self.channels = make_channels(scenario, pictures_wanted(self._autonomy))
+        self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock)
         self._responder = Responder(self._endpoint)
         self._beaten = -1.0
         self._delay = 0.0  # s, there and back, that is compensated for
@@ -86,7 +86,12 @@ class AutonomyProcess:
     def build(self, lossless: bool) -> None:
         """Makes the Simulator."""
         diagram, self._receivers, self._senders, self._compensator = MakeAutonomySide(
-            self._scenario, self._autonomy, self.rows, self._endpoint, lossless, self._output_dir
+            self._scenario,
+            self._autonomy,
+            self.channels,
+            self._endpoint,
+            lossless,
+            self._output_dir,
         )
         self._simulator = Simulator(diagram)
         self._context = self._simulator.get_mutable_context()

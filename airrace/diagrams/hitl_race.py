@@ -11,14 +11,14 @@ from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, models_path
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.warm_up import warm_up
-from airrace.hitl.channels import SIMULATION, make_channels
+from airrace.hitl.channels import make_channels
 from airrace.hitl.companion import OUTPUT
 from airrace.hitl.companion.address import parse_address
 from airrace.hitl.companion.local import LocalCompanion
 from airrace.hitl.lcm_bridge import pictures_wanted
 from airrace.hitl.link import phases
 from airrace.hitl.link.doctor import diagnose, refusal
-from airrace.hitl.link.endpoint import DEFAULT_URL, Endpoint, open_lcm
+from airrace.hitl.link.endpoint import DEFAULT_URL, SIMULATION, Endpoint, open_lcm
 from airrace.hitl.link.lockstep import hear_peer
 from airrace.hitl.link.probe import measure
 from airrace.hitl.remote_autonomy import LockstepRemote, RealTimeRemote
@@ -27,7 +27,9 @@ from airrace.vehicle import DRONES, find_vehicle
 
 BY_HAND = "none"  # --companion, if somebody starts the autonomy by hand
 _TEST = 1.0  # s, of the link before a race
-_START = 180.0  # s, that an autonomy may take to start: the first time, it compiles
+# s, that an autonomy may take to start, if somebody else starts it, and if its end would be
+# noticed: the first time, it compiles, which takes minutes on a board.
+_START_BY_HAND, _START = 180.0, 600.0
 _FAREWELL = 3.0  # s, that the autonomy has to end by itself
 
 
@@ -90,9 +92,10 @@ def remote_transport(
     config = scenario.simulator_config
     rate, config.target_realtime_rate = config.target_realtime_rate, 0.0
     bus = open_lcm(url)
-    rows = make_channels(scenario, pictures_wanted(MakeAutonomy(scenario)))
+    channels = make_channels(scenario, pictures_wanted(MakeAutonomy(scenario)))
     with contextlib.ExitStack() as stack:
         poll = poll_start = lambda: None
+        patience = _START_BY_HAND if companion == BY_HAND else _START
         if companion != BY_HAND:
             address = parse_address(companion)
             there = LocalCompanion() if address is None else make_companion(address)
@@ -100,16 +103,16 @@ def remote_transport(
             poll, poll_start = _start(there, scenario, url, output_dir / "autonomy", note, stack)
         if not lockstep:
             warm_up(scenario)
-            findings = measure(bus, scenario, _TEST, poll=poll_start, patience=_START)
+            findings = measure(bus, scenario, _TEST, poll=poll_start, patience=patience)
             if reason := refusal(diagnose(findings)):
                 raise UserError(reason)
-        endpoint = Endpoint(SIMULATION, rows, bus)
+        endpoint = Endpoint(SIMULATION, channels, bus)
         stack.callback(endpoint.close)
-        hear_peer(endpoint, phases.WAITING, timeout=_START, poll=poll_start)
+        hear_peer(endpoint, phases.WAITING, timeout=patience, poll=poll_start)
         if lockstep:
-            yield LockstepRemote(rows, endpoint, poll)
+            yield LockstepRemote(channels, endpoint, poll)
         else:
-            yield RealTimeRemote(rows, endpoint, poll, rate)
+            yield RealTimeRemote(channels, endpoint, poll, rate)
 
 
 def _start(companion, scenario, url, folder, note, stack):

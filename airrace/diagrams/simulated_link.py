@@ -1,9 +1,8 @@
 """HITL without hardware: both sides in one process, in simulated time, on a simulated link."""
 
 from airrace.diagrams.autonomy_process import AutonomyProcess
-from airrace.hitl.channels import SIMULATION
 from airrace.hitl.link import phases
-from airrace.hitl.link.endpoint import Endpoint
+from airrace.hitl.link.endpoint import SIMULATION, Endpoint
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from airrace.hitl.remote_autonomy import RealTimeRemote
 
@@ -29,8 +28,8 @@ class SimulatedRemote(RealTimeRemote):
         clock = self._link.clock
         self._autonomy = AutonomyProcess(scenario, self._link.bus(), output_dir, clock=clock)
         self._autonomy.build(lossless=False)
-        rows = self._autonomy.rows
-        super().__init__(rows, Endpoint(SIMULATION, rows, self._link.bus(), clock))
+        channels = self._autonomy.channels
+        super().__init__(channels, Endpoint(SIMULATION, channels, self._link.bus(), clock))
 
     def begin(self, simulator):
         context = simulator.get_mutable_context()

@@ -3,54 +3,49 @@
 import dataclasses as dc
 import time
 
-from airrace.hitl.channels import SIMULATION
 from airrace.hitl.lcm_bridge import Receivers, Senders
 from airrace.hitl.link import phases
-from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD
+from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, SIMULATION
 from airrace.hitl.link.lockstep import Exchange, PeerLost, hear_peer, lockstep_times
 from airrace.hitl.transport import LOOK_PERIOD
 from airrace.systems.control.command_watchdog import HOVER, LAND, AddCommandWatchdog
 
 LOCKSTEP, REAL_TIME = "lockstep", "realtime"  # what the simulation's heartbeats say
-_TICK = 0.001  # s between looks at the link
+_TICK = 0.001  # s between polls of the link
 _BEHIND = 0.1  # s of the wall's clock that the simulation catches up; the rest is lost
 _FAREWELLS = 5
 _PATIENCE = 30.0  # s
 
 
 class Remote:
-    """What the two ways of racing over a link have in common; see InProcess for the methods."""
+    """What the two ways of racing over a link have in common; see Transport for the methods."""
 
     simulation = "HITL"
     mode = ""
 
-    def __init__(self, rows, endpoint, poll=lambda: None):
+    def __init__(self, channels, endpoint, poll=lambda: None):
         """Constructs the transport.
 
         Args:
-            rows: of hitl/channels.py.
+            channels: PortChannels of the race.
             endpoint: that has heard the autonomy.
-            poll: called at every look, for the log of the autonomy's process; returns
+            poll: called again and again, for the log of the autonomy's process; returns
                 its exit code if it has ended.
         """
-        self._rows, self._endpoint, self._poll = rows, endpoint, poll
+        self._channels, self._endpoint, self._poll = channels, endpoint, poll
         self._beaten = self._shown = -1.0
 
     def AddToBuilder(self, builder, scenario, simulation):
-        self._receivers = Receivers(self._rows, SIMULATION)
+        self._receivers = Receivers(self._channels, SIMULATION)
         autonomy = builder.AddSystem(self._receivers.diagram)
         autonomy.set_name("autonomy")
         self._add_command(builder, scenario, simulation, autonomy)
         builder.Connect(
             autonomy.GetOutputPort("explorer_status"), simulation.GetInputPort("explorer_status")
         )
+        lossless = self.mode == LOCKSTEP
         self._senders = Senders(
-            builder,
-            simulation,
-            self._rows,
-            SIMULATION,
-            self._endpoint,
-            lossless=self.mode == LOCKSTEP,
+            builder, simulation, self._channels, SIMULATION, self._endpoint, lossless
         )
         return autonomy
 
@@ -60,21 +55,9 @@ class Remote:
             time.sleep(HEARTBEAT_PERIOD / 5)
 
     def wall(self, simulator):
-        return {
-            "link": {
-                "mode": self.mode,
-                "round_trip_s": self._endpoint.clock.round_trip,
-                "channels": {
-                    name: {
-                        "received": s.received,
-                        "missing": s.missing,
-                        "dropped": dict(s.dropped),
-                        **s.timing(),
-                    }
-                    for name, s in self._endpoint.statistics.items()
-                },
-            }
-        }
+        channels = {name: each.summary() for name, each in self._endpoint.statistics.items()}
+        round_trip = self._endpoint.clock.round_trip
+        return {"link": {"mode": self.mode, "round_trip_s": round_trip, "channels": channels}}
 
     def judged(self, report, simulator):
         return report
@@ -121,9 +104,9 @@ class RealTimeRemote(Remote):
 
     mode = REAL_TIME
 
-    def __init__(self, rows, endpoint, poll=lambda: None, rate: float = 1.0):
+    def __init__(self, channels, endpoint, poll=lambda: None, rate: float = 1.0):
         """Args: rate: seconds of simulated time a second. The others: see Remote."""
-        super().__init__(rows, endpoint, poll)
+        super().__init__(channels, endpoint, poll)
         self._rate = rate
         self._start = self._late = 0.0  # by the endpoint's clock, s
         self._ticks = 0

@@ -53,6 +53,11 @@ class ChannelStatistics:
         """Share of the messages that never came."""
         return self.lost / max(self.missing + self.received, 1)
 
+    def summary(self) -> dict:
+        """Returns counts and timing, for race.json."""
+        counts = {"received": self.received, "missing": self.missing}
+        return {**counts, "dropped": dict(self.dropped), **self.timing()}
+
     def timing(self) -> dict:
         """Returns rate (Hz), jitter, age_median, age_p99, decode_time (s), bytes.
 

@@ -144,7 +144,7 @@ def look_at(eye, target) -> RigidTransform:
 
 def lines_at(run, time, speed) -> list:
     """Returns the lines of the scoreboard of a run at a time (s)."""
-    from airrace.systems.referee_status import GateCrossing, RefereeStatus
+    from airrace.systems.types import GateCrossing, RefereeStatus
 
     lap, crossings = run.result["laps"][0], []
     gate_times = [*lap["gate_times_s"], lap["time_s"]]

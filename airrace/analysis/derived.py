@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from airrace.math.angles import wrap_angle
 from airrace.track import Track
 
 _STATES = ("state", "estimate", "filtered")
@@ -67,7 +68,7 @@ def _tracking(state: pd.DataFrame, reference: pd.DataFrame) -> pd.DataFrame:
     yaw = off.pop("yaw")
     off.insert(0, "time", state["time"])
     off["distance"] = np.linalg.norm(off[["x", "y", "z"]], axis=1)
-    off["yaw"] = np.arctan2(np.sin(yaw), np.cos(yaw))
+    off["yaw"] = wrap_angle(yaw)
     return off
 
 

@@ -16,8 +16,7 @@ from airrace.hitl.link.messages import of_size
 from airrace.hitl.link.plan_messages import LAP_PLAN
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.referee_status import RefereeStatus
-from airrace.systems.types import ExplorerStatus
+from airrace.systems.types import ExplorerStatus, RefereeStatus
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import STATE_SIZE

@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from airrace.scenario import Scenario
-from airrace.systems.referee_status import RefereeStatus
+from airrace.systems.types import RefereeStatus
 
 LOOK_PERIOD = 0.1  # s of simulated time between looks at the race
 

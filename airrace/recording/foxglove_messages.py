@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from foxglove import messages as fg
 
-from airrace.math.vec3 import columns
+from airrace.math.quaternion import rotation_matrix
 from airrace.systems.types import CameraInfo, Detections
 from airrace.trajopt.reference import Reference
 from airrace.vehicle.state import State
@@ -51,7 +51,7 @@ def _single(values) -> list:
 
 def odometry(state: State) -> fg.Odometry:
     """Returns a state as Foxglove defines it: velocities in the body's frame."""
-    R_BW = np.array(columns(*state.quaternion))
+    R_BW = rotation_matrix(state.quaternion).T
     return fg.Odometry(
         timestamp=stamp(state.time),
         frame_id=WORLD,

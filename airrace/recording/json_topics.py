@@ -6,8 +6,7 @@ import numpy as np
 
 from airrace.common.files import finite
 from airrace.systems.planning.lap_plan import LapPlan
-from airrace.systems.referee_status import GateCrossing
-from airrace.systems.types import Detections
+from airrace.systems.types import Detections, GateCrossing
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import map_data, rounded, statistics_data
 from airrace.trajopt.reference import as_reference

@@ -14,8 +14,7 @@ from airrace.recording.writer import FILE, RaceLog
 from airrace.scenario import Scenario, scenario_yaml
 from airrace.scenario.limits import parse_limits
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.referee_status import RefereeStatus
-from airrace.systems.types import Detections, ExplorerStatus
+from airrace.systems.types import Detections, ExplorerStatus, RefereeStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.trajopt.reference import REFERENCE_SIZE

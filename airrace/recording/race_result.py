@@ -4,8 +4,8 @@ import numpy as np
 
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN, PlanSummary
-from airrace.systems.referee_status import OUT_OF_TIME, RefereeStatus
-from airrace.systems.types import ExplorerEvent, ExplorerStatus
+from airrace.systems.referee import OUT_OF_TIME
+from airrace.systems.types import ExplorerEvent, ExplorerStatus, RefereeStatus
 from airrace.track import Track
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle

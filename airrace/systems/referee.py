@@ -2,6 +2,7 @@
 
 import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import Value
@@ -10,34 +11,77 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compilable, compiled
+from airrace.math.vec3 import dot
 from airrace.systems.ports import read_vector
-from airrace.systems.referee_status import (
-    ARENA,
-    DIVERGED,
-    FINISHED,
-    GROUND,
-    TIMEOUT,
-    TOUCHED,
-    VERDICTS,
-    GateCrossing,
-    RefereeStatus,
-)
-from airrace.systems.types import ExplorerStatus
+from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.track import Track
 from airrace.track.gate_opening import GateOpening, find
 from airrace.vehicle.disturbances import failures_clause
+from airrace.vehicle.state import as_plant_state
 
-# Columns of the table of crossings.
-_TIME, _OFFSET, _MAX_SPEED = range(3)
-# The memory: when and where the last look was, whether the drone has taken off, how many
-# gates it has crossed, its greatest speed since the last of them, the verdict, the index of
-# what it touched, when the race ended, and the impulse of all contacts up to the last look.
-_LOOK, _PLACE, _AIRBORNE, _CROSSINGS, _FASTEST = 0, slice(1, 4), 4, 5, 6
-_VERDICT, _THING, _END, _IMPULSE = 7, 8, 9, slice(10, 16)
-_BEFORE = np.array([0.0, *3 * [np.nan], *12 * [0.0]])  # no crossing before the second look
-_POSITION = slice(4, 7)  # in the plant's state
 _FLOOR = ("ground", "pad")
-_OVER = -1  # there is a verdict already
+OUT_OF_TIME = "ran out of time"
+# Verdicts, and the reasons of those that are not a success.
+UNDECIDED, FINISHED, GROUND, TOUCHED, ARENA, TIMEOUT, DIVERGED = range(7)
+_REASONS = {
+    GROUND: "hit the ground",
+    TOUCHED: "touched {what}",
+    ARENA: "left the arena",
+    TIMEOUT: OUT_OF_TIME,
+    DIVERGED: "the simulation failed",
+}
+
+
+class Course(NamedTuple):
+    """What a flight is judged by.
+
+    Attributes:
+        gates: see GateOpening, (n, 10).
+        take_off_height: above which the drone flies (m).
+        time_limit: for the whole race (s).
+        arena_min: x and y of the arena (m), (2,).
+        arena_max: its x, y and z (m), (3,).
+    """
+
+    gates: np.ndarray
+    take_off_height: float
+    time_limit: float
+    arena_min: np.ndarray
+    arena_max: np.ndarray
+
+
+class RefereeMemory(NamedTuple):
+    """What the referee remembers: numbers only, so that a step copies no objects.
+
+    Attributes:
+        time: of the last update (s).
+        airborne: whether the drone has taken off.
+        crossings: number of gates that counted.
+        max_speed: since the last of them (m/s).
+        verdict: see above. end_time: when the race ended, or now (s).
+        thing: index of what was touched.
+        position: p_WB at the last update (m), (3,).
+        impulse: of all contacts until then, (6,).
+    """
+
+    time: float
+    airborne: float
+    crossings: float
+    max_speed: float
+    verdict: float
+    end_time: float
+    thing: float
+    position: np.ndarray
+    impulse: np.ndarray
+
+
+# Nothing is crossed before the second update.
+_START = RefereeMemory(*7 * [0.0], np.full(3, np.nan), np.zeros(6))
+
+
+@compilable
+def _as_memory(v) -> RefereeMemory:
+    return RefereeMemory(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7:10], v[10:16])
 
 
 class Referee(LeafSystem):
@@ -56,7 +100,7 @@ class Referee(LeafSystem):
         output_ports:
         - report
 
-    ``state`` is the plant's floating-body state (13), ``contact_results``
+    ``state`` is the plant's floating-base state (13), ``contact_results``
     the plant's, ``contact_impulse`` the sum over all of its steps of the generalized
     contact force on the drone (6), ``geometry_query`` SceneGraph's,
     ``explorer_status`` the autonomy's ExplorerStatus: laps count
@@ -67,10 +111,10 @@ class Referee(LeafSystem):
     two pylon axes, from the front, above the ground and below the pylons'
     tips, in racing order. A lap runs from gate 1 to gate 1. Any contact after
     take-off, leaving the arena, or the time limit ends the race; on the pad,
-    only contact with something else than the ground does. The referee looks less
-    often than the plant steps: that the impulse is another than at the last look
-    tells it of a touch in between, even of a single step. What is nearest then is
-    what was touched.
+    only contact with something else than the ground does. The referee is updated less
+    often than the plant: if the impulse has changed since the last update, there was
+    a contact in between, even if it lasted one step. What is nearest then is what was
+    touched.
     """
 
     def __init__(
@@ -91,7 +135,7 @@ class Referee(LeafSystem):
         Args:
             track: with the true gates.
             laps: to fly.
-            period: between looks (s).
+            period: of updates (s).
             time_limit: for the whole race (s).
             arena_margin: how far beyond the outermost pylons, and above the
                 ground, the arena reaches (m).
@@ -102,16 +146,13 @@ class Referee(LeafSystem):
             moving_gates: whether the gates move.
         """
         LeafSystem.__init__(self)
-        self._gates = np.array([GateOpening(gate).numbers for gate in track.gates])
         feet = track.pylons()[:, :2]
-        self._bounds = np.array(
-            [
-                standing_height + 0.4,
-                time_limit,
-                *(feet.min(0) - arena_margin),
-                *(feet.max(0) + arena_margin),
-                arena_margin,
-            ]
+        self._course = Course(
+            gates=np.array([GateOpening(gate).numbers for gate in track.gates]),
+            take_off_height=standing_height + 0.4,
+            time_limit=float(time_limit),
+            arena_min=feet.min(0) - arena_margin,
+            arena_max=np.append(feet.max(0) + arena_margin, float(arena_margin)),
         )
         self._names = body_names
         self._failures = rotor_failures
@@ -127,8 +168,7 @@ class Referee(LeafSystem):
         self._shifts, self._stay = None, np.zeros(2 * len(track.gates))
         if moving_gates:
             self._shifts = self.DeclareVectorInputPort("gate_shifts", 2 * len(track.gates))
-        # Numbers only, so that a step copies no objects.
-        self._memory = self.DeclareDiscreteState(_BEFORE)
+        self._memory = self.DeclareDiscreteState(np.hstack(_START))
         self._table = self.DeclareDiscreteState(3 * self._total)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._judge)
         self.DeclareAbstractOutputPort(
@@ -139,40 +179,38 @@ class Referee(LeafSystem):
         )
 
     def _judge(self, context, discrete_state):
-        m = discrete_state.get_mutable_value(self._memory)
+        memory = discrete_state.get_mutable_value(self._memory)
+        if _as_memory(memory).verdict != UNDECIDED:
+            return
         shifts = self._stay if self._shifts is None else read_vector(self._shifts, context)
-        crossing, offset, pushed, where = _look(
-            m,
+        crossing, offset, pushed, verdict = _observe(
+            memory,
             context.get_time(),
             read_vector(self._state, context),
             read_vector(self._impulse, context),
-            self._gates,
             shifts,
-            self._bounds,
+            self._course,
         )
-        if where == _OVER:
-            return
-        # What it touched since the last look is held to have come before a gate.
-        name = None
-        if pushed and where != DIVERGED:
-            name = self._touched(context, m[_AIRBORNE])
+        m, name = _as_memory(memory), None
+        if pushed and verdict != DIVERGED:
+            name = self._touched(context, m.airborne)
+        # What was touched since the last update is held to have come before a gate.
         if name in _FLOOR:
-            m[_VERDICT] = GROUND
+            m = m._replace(verdict=GROUND)
         elif name is not None:
-            m[_VERDICT], m[_THING] = TOUCHED, self._touchable.index(name)
+            m = m._replace(verdict=TOUCHED, thing=self._touchable.index(name))
         elif crossing >= 0.0 and self._explorer.Eval(context).done:
-            row = 3 * int(m[_CROSSINGS])
-            discrete_state.get_mutable_value(self._table)[row : row + 3] = (
-                crossing,
-                offset,
-                m[_FASTEST],
-            )
-            m[_CROSSINGS] += 1
-            m[_FASTEST] = 0.0
-            if m[_CROSSINGS] == self._total:
-                m[_VERDICT], m[_END] = FINISHED, crossing
-        if m[_VERDICT] == 0.0:
-            m[_VERDICT] = where
+            row = 3 * int(m.crossings)
+            table = discrete_state.get_mutable_value(self._table)
+            table[row : row + 3] = crossing, offset, m.max_speed
+            m = m._replace(crossings=m.crossings + 1, max_speed=0.0)
+            if m.crossings == self._total:
+                m = m._replace(verdict=FINISHED, end_time=crossing)
+        elif verdict == UNDECIDED:
+            return
+        if m.verdict == UNDECIDED:
+            m = m._replace(verdict=verdict)
+        memory[:] = np.hstack(m)
 
     def _touched(self, context, airborne) -> str | None:
         """Returns the name of what pushed the drone, now or between two looks."""
@@ -191,87 +229,76 @@ class Referee(LeafSystem):
         return None
 
     def _calc_report(self, context, output):
-        m = context.get_discrete_state(self._memory).value()
+        m = _as_memory(context.get_discrete_state(self._memory).value())
         table = context.get_discrete_state(self._table).value()
-        crossings = _crossings(table[: 3 * int(m[_CROSSINGS])].tobytes(), len(self._gates))
-        verdict = int(m[_VERDICT])
-        reason = None
-        end_time = float(m[_END])
-        if verdict > FINISHED:
-            what = self._touchable[int(m[_THING])] if verdict == TOUCHED else ""
-            reason = VERDICTS[verdict].format(what=what)
+        verdict, reason = int(m.verdict), None
+        if verdict in _REASONS:
+            reason = _REASONS[verdict]
+            if verdict == TOUCHED:
+                reason = reason.format(what=self._touchable[int(m.thing)])
             if verdict in (GROUND, TOUCHED, ARENA):
-                reason += failures_clause(self._failures, end_time)
+                reason += failures_clause(self._failures, m.end_time)
         output.set_value(
             RefereeStatus(
-                crossings=crossings,
+                crossings=_crossings(table[: 3 * int(m.crossings)].tobytes(), len(self._stay) // 2),
                 finished=verdict == FINISHED,
                 dnf_reason=reason,
-                end_time=end_time if verdict else None,
+                end_time=float(m.end_time) if verdict else None,
                 collisions=int(verdict in (GROUND, TOUCHED)),
             )
         )
 
 
-@functools.lru_cache(maxsize=4)  # asked for again and again, while there is no new one
+@functools.lru_cache(maxsize=4)  # the report is evaluated far more often than gates are crossed
 def _crossings(table: bytes, gates: int) -> tuple:
     """Returns the GateCrossings of the rows of a table, on a track of so many gates."""
     return tuple(
         GateCrossing(
-            time=row[_TIME],
-            gate=i % gates + 1,
-            lap=i // gates + 1,
-            offset=row[_OFFSET],
-            max_speed=row[_MAX_SPEED],
+            time=time, gate=i % gates + 1, lap=i // gates + 1, offset=offset, max_speed=max_speed
         )
-        for i, row in enumerate(np.frombuffer(table).reshape(-1, 3).tolist())
+        for i, (time, offset, max_speed) in enumerate(np.frombuffer(table).reshape(-1, 3).tolist())
     )
 
 
 @compiled
-def _look(m, time, state, impulse, gates, shifts, bounds):
-    """Notes in the memory what can be seen of the drone, unless the race is over.
+def _observe(memory, time, state, impulse, shifts, course):
+    """Updates the memory with what is seen of the drone.
 
     Args:
-        m: the memory. time: (s). state, impulse: see Referee.
-        gates: see GateOpening, (n, 10).
-        shifts: of those, (2 n,) m.
-        bounds: the height at which it has taken off, the time limit, and the arena: least x
-            and y, greatest x, y and z.
+        memory: vector of a RefereeMemory, (16,); changed.
+        time: (s).
+        state, impulse: see Referee.
+        shifts: of the gates, (2 n,) m.
+        course: see there.
 
     Returns:
-        when it crossed the next gate since the look before (s), -1 if it did not; how far
-        from the midpoint (m); whether it was pushed since then; and the verdict on where
-        and when it is, or _OVER.
+        when the drone crossed the next gate since the last update (s), -1 if it did not; how
+        far from the midpoint (m); whether it was pushed since then; and the verdict on its
+        place and the time.
     """
-    if m[_VERDICT] != 0.0:
-        return -1.0, 0.0, False, _OVER
-    p = state[_POSITION]
-    m[_END] = time
-    if p[2] > bounds[0]:
-        m[_AIRBORNE] = 1.0
-    x, y, z = state[-3:]
-    m[_FASTEST] = max(m[_FASTEST], math.sqrt(x * x + y * y + z * z))
+    m, state = _as_memory(memory), as_plant_state(state)
+    p, v = state.position, state.velocity
+    airborne = 1.0 if p[2] > course.take_off_height else m.airborne
     crossing, offset = -1.0, 0.0
-    if m[_AIRBORNE]:
-        gate = int(m[_CROSSINGS]) % len(gates)
-        share, offset = find(gates[gate], m[_PLACE], p, shifts[2 * gate], shifts[2 * gate + 1])
+    if airborne:
+        gate = int(m.crossings) % len(course.gates)
+        share, offset = find(
+            course.gates[gate], m.position, p, shifts[2 * gate], shifts[2 * gate + 1]
+        )
         if not math.isnan(share):
-            crossing = m[_LOOK] + share * (time - m[_LOOK])
-    pushed = False
-    for i in range(len(impulse)):
-        pushed = pushed or impulse[i] != m[_IMPULSE.start + i]
-    m[_LOOK], m[_PLACE], m[_IMPULSE] = time, p, impulse
-    return crossing, offset, pushed, _whereabouts(p, time, bounds)
+            crossing = m.time + share * (time - m.time)
+    pushed = np.any(impulse != m.impulse)
+    numbers = (time, airborne, m.crossings, max(m.max_speed, math.sqrt(dot(v, v))), 0.0, time, 0.0)
+    memory[:] = np.concatenate((np.array(numbers), p, impulse))
+    return crossing, offset, pushed, _verdict(p, time, course)
 
 
 @compilable
-def _whereabouts(p, time, bounds):
-    """Returns a verdict on where and when the drone is, 0 if it is fine."""
-    x, y, z = p
-    if not math.isfinite(x + y + z):
+def _verdict(p, time, course):
+    """Returns the verdict on a position and a time."""
+    if not math.isfinite(np.sum(p)):
         return DIVERGED
-    _, limit, x0, y0, x1, y1, z1 = bounds
-    if not (x0 < x < x1 and y0 < y < y1 and z < z1):
+    inside = np.all(p[:2] > course.arena_min) and np.all(p < course.arena_max)
+    if not inside:
         return ARENA
-    return TIMEOUT if time >= limit else 0
+    return TIMEOUT if time >= course.time_limit else UNDECIDED

@@ -5,6 +5,7 @@ import functools
 
 import numpy as np
 
+from airrace.math.angles import wrap_angle
 from airrace.track.geometry import directions
 from airrace.track.track import Track
 
@@ -61,7 +62,7 @@ class Layout:
     def turns(self) -> np.ndarray:
         """Change of heading on each leg, in -pi to pi, left positive, (n,) rad."""
         turns = np.roll(self.headings, -1) - self.headings
-        return (turns + np.pi) % (2 * np.pi) - np.pi
+        return wrap_angle(turns)
 
     @functools.cached_property
     def lengths(self) -> np.ndarray:

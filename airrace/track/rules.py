@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from airrace.math.angles import wrap_angle
 from airrace.track.geometry import directions, point_distances, segment_distances
 from airrace.track.layout import Layout
 from airrace.track.track import BOARD_OFFSET, BOARD_SIZE, MARKER_SIZE, Track
@@ -159,7 +160,7 @@ def check_start(track: Track, layout: Layout) -> None:
     start = np.array(track.start.position[:2])
     to_gate = layout.middle[0] - start
     bearing = np.arctan2(to_gate[1], to_gate[0])
-    turn = abs((bearing - np.deg2rad(track.start.heading_deg) + np.pi) % (2 * np.pi) - np.pi)
+    turn = abs(wrap_angle(bearing - np.deg2rad(track.start.heading_deg)))
     _require_start(to_gate @ layout.forward[0] > 0, "it is beyond gate 1")
     _require_start(
         turn <= START_TURN + _TOLERANCE, f"gate 1 is {np.rad2deg(turn):.1f} degrees off its heading"

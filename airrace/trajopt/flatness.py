@@ -3,8 +3,7 @@
 import numpy as np
 
 from airrace.common.jit import compilable
-from airrace.math import vec3
-from airrace.math.vec3 import dot
+from airrace.math.vec3 import cross, dot
 from airrace.trajopt.reference import as_reference
 
 
@@ -40,11 +39,7 @@ def attitude_from_force(force, force_rate, force_acceleration, heading):
         (axes, w, alpha): body axes x, y, z in the world (the columns of
         R_WB); angular velocity (rad/s) and acceleration (rad/s^2), in B.
     """
-    b3, db3, ddb3 = unit_vector(
-        np.array((force[0], force[1], force[2])),
-        np.array((force_rate[0], force_rate[1], force_rate[2])),
-        np.array((force_acceleration[0], force_acceleration[1], force_acceleration[2])),
-    )
+    b3, db3, ddb3 = unit_vector(force, force_rate, force_acceleration)
     h, dh, ddh = heading
     b2, db2, ddb2 = unit_vector(
         cross(b3, h),
@@ -63,12 +58,6 @@ def attitude_from_force(force, force_rate, force_acceleration, heading):
         )
     )
     return (b1, b2, b3), w, alpha
-
-
-@compilable
-def cross(a, b):
-    """Returns a x b of vectors (3,) or (3, N)."""
-    return np.array(vec3.cross(a, b))
 
 
 @compilable

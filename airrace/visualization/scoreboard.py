@@ -6,8 +6,7 @@ from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import LeafSystem
 
-from airrace.systems.referee_status import RefereeStatus
-from airrace.systems.types import ExplorerStatus
+from airrace.systems.types import ExplorerStatus, RefereeStatus
 from airrace.visualization.meshcat_page import LEFT, Audience
 from airrace.visualization.picture import FixedPicture
 

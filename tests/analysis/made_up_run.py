@@ -8,8 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from airrace.recording import foxglove_messages, json_topics
 from airrace.recording.writer import FILE, RaceLog
 from airrace.scenario import Scenario, scenario_yaml
-from airrace.systems.referee_status import GateCrossing
-from airrace.systems.types import Detection, Detections
+from airrace.systems.types import Detection, Detections, GateCrossing
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.trajopt.reference import as_reference

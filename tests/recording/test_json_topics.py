@@ -6,8 +6,7 @@ from pydrake.math import RigidTransform
 
 from airrace.recording import json_topics
 from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
-from airrace.systems.referee_status import GateCrossing
-from airrace.systems.types import Detection, Detections
+from airrace.systems.types import Detection, Detections, GateCrossing
 from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 

@@ -15,9 +15,15 @@ from airrace.recording.writer import RaceLog
 from airrace.scenario import Scenario
 from airrace.scenario.recording import RecordingConfig
 from airrace.systems.planning.lap_plan import LapPlan
-from airrace.systems.referee_status import GateCrossing, RefereeStatus
 from airrace.systems.sensing.camera_view import CameraView
-from airrace.systems.types import Detections, ExplorerEvent, ExplorerStatus, make_camera_info
+from airrace.systems.types import (
+    Detections,
+    ExplorerEvent,
+    ExplorerStatus,
+    GateCrossing,
+    RefereeStatus,
+    make_camera_info,
+)
 from airrace.track.gate_map import GateMap
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from airrace.recording.race_result import RaceResult, front_marker_rms
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
-from airrace.systems.referee_status import GateCrossing, RefereeStatus
-from airrace.systems.types import ExplorerEvent, ExplorerStatus
+from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.vehicle.disturbances import RotorFailure

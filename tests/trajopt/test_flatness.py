@@ -13,9 +13,9 @@ def attitude(t, a, j, s, yaw, rate, acceleration):
     force = np.array([a[0], a[1], a[2] + 9.81]) + np.multiply(j, t) + np.multiply(s, t * t / 2)
     heading = yaw + rate * t + acceleration * t * t / 2
     axes, w, alpha = attitude_from_force(
-        tuple(force),
-        tuple(np.add(j, np.multiply(s, t))),
-        s,
+        force,
+        np.add(j, np.multiply(s, t)),
+        np.array(s),
         heading_vectors(np.cos(heading), np.sin(heading), rate + acceleration * t, acceleration),
     )
     return np.array(axes).T, np.array(w), np.array(alpha), force

@@ -1,8 +1,7 @@
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from airrace.systems.referee_status import GateCrossing, RefereeStatus
-from airrace.systems.types import ExplorerStatus
+from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.visualization.meshcat_page import HUD
 from airrace.visualization.scoreboard import Scoreboard, draw_lines, scoreboard_lines
 from tests.visualization.meshcat_tools import Watching, fix

@@ -9,8 +9,7 @@ from rich.console import Console
 from airrace.recording.race_result import RaceResult
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.referee_status import GateCrossing, RefereeStatus
-from airrace.systems.types import ExplorerStatus
+from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.vehicle.disturbances import RotorFailure

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from airrace.diagrams.flight import MakeFlight, start_in_flight
 from airrace.scenario import Scenario, load_scenario
-from airrace.systems.referee_status import RefereeStatus
+from airrace.systems.types import RefereeStatus
 from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.flat_trajectory import flat_outputs, hold
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits

@@ -43,9 +43,9 @@ def flat_state(f, time: float) -> np.ndarray:
     """
     r = as_reference(f)
     axes, w_B, _ = attitude_from_force(
-        tuple(r.acceleration + [0.0, 0.0, GRAVITY]),
-        tuple(r.jerk),
-        tuple(r.snap),
+        r.acceleration + [0.0, 0.0, GRAVITY],
+        r.jerk,
+        r.snap,
         heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration),
     )
     R_WB = RotationMatrix.ProjectToRotationMatrix(np.column_stack(axes))

@@ -8,8 +8,13 @@ from airrace import lcmtypes
 from airrace.common.immutable import read_only
 from airrace.hitl.link.codec import Codec, check_finite, field_codec
 from airrace.hitl.link.packets import MALFORMED, NOT_FINITE, Dropped
-from airrace.systems.referee_status import GateCrossing, RefereeStatus
-from airrace.systems.types import CameraInfo, ExplorerEvent, ExplorerStatus
+from airrace.systems.types import (
+    CameraInfo,
+    ExplorerEvent,
+    ExplorerStatus,
+    GateCrossing,
+    RefereeStatus,
+)
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.vehicle.state import State, as_state, state_vector
 

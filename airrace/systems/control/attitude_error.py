@@ -1,80 +1,66 @@
-"""Errors of attitude for controllers, and rotations fast enough for their loops."""
+"""Errors of attitude for controllers."""
 
 import math
 
 import numpy as np
 
 from airrace.common.jit import compilable
-from airrace.math import vec3
+from airrace.math.vec3 import cross, dot
 
 
 @compilable
-def attitude_error(E, w) -> tuple:
-    """Returns the error vector e_R of a relative attitude, in B, (3,).
+def attitude_error(R_DB, w) -> np.ndarray:
+    """Returns the error e_R of the body's attitude from the desired one, in B, (3,).
 
-    The tilt of the thrust axis and the yaw are told apart, as by Brescianini
+    The tilt of the thrust axis and the yaw are separated, as by Brescianini
     and D'Andrea, "Tilt-prioritized quadrocopter attitude control" (IEEE T-CST
-    2020), so that a large error in yaw, which multirotors are slow to mend,
-    does not turn the correction of the tilt aside. To first order it is
-    equation (19) of Lee, Leok, McClamroch (CDC 2010).
+    2020), so that a large error in yaw, which multirotors correct slowly,
+    does not change the direction in which the tilt is corrected. To first order
+    it is equation (19) of Lee, Leok, McClamroch (CDC 2010).
 
     Args:
-        E: R_d^T R, (3, 3), an array or its rows.
-        w: angular velocity in B, see tilt_error().
+        R_DB: R_WD^T R_WB, (3, 3).
+        w: angular velocity in B (rad/s), (3,), see tilt_error().
     """
-    # The last row of E is the desired z axis in B.
-    x, y, _ = tilt_error(E[2], (0.0, 0.0, 1.0), w)
-    yaw = math.atan2(E[1][0] - E[0][1], E[0][0] + E[1][1])
-    return x, y, 2.0 * math.sin(yaw / 2)
+    # The last row of R_DB is the desired z axis in B.
+    x, y, _ = tilt_error(R_DB[2], np.array((0.0, 0.0, 1.0)), w)
+    yaw = math.atan2(R_DB[1, 0] - R_DB[0, 1], R_DB[0, 0] + R_DB[1, 1])
+    return np.array((x, y, 2.0 * math.sin(yaw / 2)))
 
 
 @compilable
-def tilt_error(n_d, n, w) -> tuple:
+def tilt_error(n_d, n, w) -> np.ndarray:
     """Returns 2 sin(angle / 2) about the axis that turned n_d into n, (3,).
 
     It grows all the way to half a turn, as in Lee, "Geometric tracking control
     of the attitude dynamics of a rigid body on SO(3)" (ACC 2011), equation (10);
     n_d x n, sin(angle), would vanish there, and leave an inverted drone inverted.
-    At half a turn any axis will do: the one it is turning about already.
+    At half a turn every axis across n is right: the drone's own turn goes on, and
+    at rest any axis is taken.
 
     Args:
         n_d: unit vector in B that should be at n, (3,).
         n: unit vector fixed in B, (3,).
-        w: angular velocity in B, (3,).
+        w: angular velocity in B (rad/s), (3,).
     """
-    cosine = math.sqrt(max(0.5 + 0.5 * vec3.dot(n_d, n), 0.0))  # of half the angle
-    if cosine > 1e-3:
-        x, y, z = vec3.cross(n_d, n)
-        return x / cosine, y / cosine, z / cosine
-    # The way on, and if at rest, across n.
-    axis = vec3.sum2(vec3.dot(w, n), n, -1.0, w)
-    if vec3.dot(axis, axis) < 1e-6:
-        if abs(n[0]) <= abs(n[1]) and abs(n[0]) <= abs(n[2]):
-            axis = vec3.cross(n, (1.0, 0.0, 0.0))
-        elif abs(n[1]) <= abs(n[2]):
-            axis = vec3.cross(n, (0.0, 1.0, 0.0))
-        else:
-            axis = vec3.cross(n, (0.0, 0.0, 1.0))
-    scale = 2.0 / math.sqrt(vec3.dot(axis, axis))
-    return scale * axis[0], scale * axis[1], scale * axis[2]
+    half_cosine = math.sqrt(max(0.5 + 0.5 * dot(n_d, n), 0.0))
+    if half_cosine > 1e-3:
+        return cross(n_d, n) / half_cosine
+    axis = dot(w, n) * n - w
+    if dot(axis, axis) < 1e-6:
+        least = np.zeros(3)
+        least[np.argmin(np.abs(n))] = 1.0
+        axis = cross(n, least)
+    return 2.0 / math.sqrt(dot(axis, axis)) * axis
 
 
 @compilable
-def turned_back(moment, angle: float) -> tuple:
+def lead_moment(moment, angle: float) -> np.ndarray:
     """Returns a moment turned by -angle about z, (3,).
 
-    What the rotors of a spinning body do late, they do in a direction that has
-    turned with the body; this makes up for it.
+    The rotors of a spinning body answer late, in a direction that has turned with
+    the body by then; this compensates for it.
     """
     c, s = math.cos(angle), math.sin(angle)
-    return c * moment[0] + s * moment[1], c * moment[1] - s * moment[0], moment[2]
-
-
-def cross(a, b) -> np.ndarray:
-    """Returns a x b; numpy's own costs ten times as much on a single pair."""
-    return np.array(vec3.cross(a.tolist(), b.tolist()))
-
-
-def rotation_matrix(w, x, y, z) -> np.ndarray:
-    """Returns the rotation matrix (3, 3) of a quaternion of any length."""
-    return np.array(vec3.columns(w, x, y, z)).T
+    x, y, z = moment
+    return np.array((c * x + s * y, c * y - s * x, z))

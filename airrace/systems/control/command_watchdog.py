@@ -1,8 +1,7 @@
 """What a flight controller does when the companion computer falls silent."""
 
-import dataclasses as dc
 import math
-import operator
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -19,7 +18,6 @@ from airrace.vehicle.state import STATE_SIZE, as_state
 # How old a command may be (s).
 HOLD_AFTER, HOVER_AFTER, LAND_AFTER = 0.1, 0.5, 2.0
 FOLLOW, HOLD, HOVER, LAND = range(4)  # modes
-MODES = ("follow", "hold", "hover", "land")
 _BRAKE = 6.0  # m/s^2, on the way to the hover
 _DESCENT, _LAST_DESCENT = 2.0, 0.5  # m/s, and over the last metre
 _LOW = 1.0  # m over the ground; from there a landing is finished
@@ -28,13 +26,19 @@ _BELOW = 3.0  # m under the pad: the rotors idle
 _NOTHING = np.full(REFERENCE_SIZE, np.nan)
 
 
-@dc.dataclass(slots=True)
-class _Memory:
-    """What the watchdog remembers, as one vector.
+class WatchdogMemory(NamedTuple):
+    """What the watchdog remembers, as a vector of numbers.
 
-    ``last`` is when the newest command was sent, ``x`` to ``yaw`` where the drone
-    was and how fast when it was left alone, at ``since``, or now while a command is
-    held; ``landing`` when the descent began. The rest is for the record.
+    Attributes:
+        mode: FOLLOW, HOLD, HOVER or LAND.
+        last: when the newest command was sent (s).
+        since: when the drone was last under command (s).
+        landing: when the descent began (s).
+        x, y, z, yaw: its pose then (m, rad). vx, vy, vz: its velocity then (m/s).
+        pad: height at which it stood at the start (m).
+        airborne: whether it has taken off.
+        oldest: age of the oldest command that was in force (s).
+        holds, hovers, landings: how often each began.
     """
 
     mode: float = FOLLOW
@@ -44,22 +48,16 @@ class _Memory:
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
+    yaw: float = 0.0
     vx: float = 0.0
     vy: float = 0.0
     vz: float = 0.0
-    yaw: float = 0.0
     pad: float = math.nan
     airborne: float = 0.0
     oldest: float = 0.0
     holds: float = 0.0
     hovers: float = 0.0
     landings: float = 0.0
-
-    def vector(self) -> np.ndarray:
-        return np.array(_numbers(self))
-
-
-_numbers = operator.attrgetter(*(field.name for field in dc.fields(_Memory)))
 
 
 class CommandWatchdog(LeafSystem):
@@ -81,20 +79,20 @@ class CommandWatchdog(LeafSystem):
     ``rotor_speed_command_time`` when that was sent (s). While it is fresh it goes
     through. If it is older than 0.1 s, the last one is held; after 0.5 s
     ``own_command``, of a controller that follows ``reference``
-    (trajopt/reference.py), levels the drone, brakes it and lets it hover;
+    (a trajopt.Reference), levels the drone, brakes it and lets it hover;
     after 2 s it lands. While commands are fresh the reference is NaN, at which that
     controller rests. As soon as a fresh command comes, it is followed again,
     unless the drone is about to touch down. On the pad, the rotors idle.
     """
 
     def __init__(self, *, rotors: int, rate: float):
-        """Constructs the watchdog. Args: rotors: how many. rate: of its looks (Hz)."""
+        """Constructs the watchdog. Args: rotors: how many. rate: of its updates (Hz)."""
         LeafSystem.__init__(self)
         self._command = self.DeclareVectorInputPort("rotor_speed_command", rotors)
         self._time = self.DeclareVectorInputPort("rotor_speed_command_time", 1)
         self._own = self.DeclareVectorInputPort("own_command", rotors)
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
-        self._memory = self.DeclareDiscreteState(_Memory().vector())
+        self._memory = self.DeclareDiscreteState(np.array(WatchdogMemory()))
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._watch)
         self.DeclareVectorOutputPort(
             "rotor_speed_command",
@@ -109,41 +107,42 @@ class CommandWatchdog(LeafSystem):
             {self.xd_ticket(), self.time_ticket()},
         )
 
-    def recall(self, context) -> _Memory:
+    def recall(self, context) -> WatchdogMemory:
         """Returns what it remembers."""
-        return _Memory(*context.get_discrete_state(self._memory).value().tolist())
+        return WatchdogMemory(*context.get_discrete_state(self._memory).value().tolist())
 
     def _watch(self, context, discrete_state):
-        m = self.recall(context)
-        now = context.get_time()
-        estimate = self._estimate.Eval(context).tolist()
-        height = as_state(estimate).position[2]
-        if math.isnan(m.pad):
-            m.pad = height
-        if height > m.pad + _AIRBORNE:
-            m.airborne = 1.0
-        m.last = max(m.last, min(float(self._time.Eval(context)[0]), now))
-        age = now - m.last
-        m.oldest = max(m.oldest, age)
+        m, now = self.recall(context), context.get_time()
+        estimate = self._estimate.Eval(context)
+        state = as_state(estimate)
+        height = state.position[2]
+        pad = height if math.isnan(m.pad) else m.pad
+        airborne = 1.0 if height > pad + _AIRBORNE else m.airborne
+        last = max(m.last, min(float(self._time.Eval(context)[0]), now))
+        age = now - last
         mode = int(age > HOLD_AFTER) + int(age > HOVER_AFTER) + int(age > LAND_AFTER)
-        if m.mode == LAND and m.airborne and height < _LOW:
+        if m.mode == LAND and airborne and height < _LOW:
             mode = LAND
-        if mode >= HOLD and m.mode < HOVER:
-            m.since = now
-            m.x, m.y, m.z, m.yaw = hover_pose(np.array(estimate))
-            m.vx, m.vy, m.vz = as_state(estimate).velocity
-        m.hovers += mode >= HOVER and m.mode < HOVER
-        if mode == LAND and m.mode < LAND:
-            m.landing = now
-            m.landings += 1
-        if mode >= HOLD and m.mode < HOLD:
-            m.holds += 1
-        m.mode = mode
-        discrete_state.set_value(self._memory, m.vector())
+        before = m.mode
+        if mode >= HOLD and before < HOVER:
+            x, y, z, yaw = hover_pose(estimate)
+            vx, vy, vz = state.velocity
+            m = m._replace(since=now, x=x, y=y, z=z, yaw=yaw, vx=vx, vy=vy, vz=vz)
+        m = m._replace(
+            mode=mode,
+            last=last,
+            landing=now if mode == LAND and before < LAND else m.landing,
+            pad=pad,
+            airborne=airborne,
+            oldest=max(m.oldest, age),
+            holds=m.holds + (mode >= HOLD and before < HOLD),
+            hovers=m.hovers + (mode >= HOVER and before < HOVER),
+            landings=m.landings + (mode == LAND and before < LAND),
+        )
+        discrete_state.set_value(self._memory, np.array(m))
 
     def _calc_command(self, context, output):
-        mode = context.get_discrete_state(self._memory).value()[0]
-        source = self._own if mode >= HOVER else self._command
+        source = self._own if self.recall(context).mode >= HOVER else self._command
         output.set_value(source.Eval(context))
 
     def _calc_reference(self, context, output):
@@ -151,10 +150,10 @@ class CommandWatchdog(LeafSystem):
         output.set_value(_NOTHING if m.mode == FOLLOW else stopping(m, context.get_time()))
 
 
-def stopping(m: _Memory, time: float) -> np.ndarray:
+def stopping(m: WatchdogMemory, time: float) -> np.ndarray:
     """Returns the reference of a drone that is left alone, (18,).
 
-    It brakes evenly along the way it was flying, stays there, and sinks if it is
+    It brakes evenly in the direction of flight, stays there, and descends if it is
     to land.
 
     Args:
@@ -163,26 +162,25 @@ def stopping(m: _Memory, time: float) -> np.ndarray:
     """
     if not m.airborne:
         return hold([m.x, m.y, m.z - _BELOW], m.yaw)
-    v = np.array([m.vx, m.vy, m.vz])
+    p, v = np.array([m.x, m.y, m.z]), np.array([m.vx, m.vy, m.vz])
     speed = math.hypot(*v)
-    t = min(time - m.since, speed / _BRAKE)
-    braking = time - m.since < speed / _BRAKE
     direction = v / max(speed, 1e-9)
-    result = hold(np.array([m.x, m.y, m.z]) + (speed * t - _BRAKE * t * t / 2) * direction, m.yaw)
-    if braking:
-        as_reference(result).velocity[:] = (speed - _BRAKE * t) * direction
-        as_reference(result).acceleration[:] = -_BRAKE * direction
+    t = min(time - m.since, speed / _BRAKE)
+    result = hold(p + (speed * t - _BRAKE * t * t / 2) * direction, m.yaw)
+    reference = as_reference(result)
+    if time - m.since < speed / _BRAKE:
+        reference.velocity[:] = (speed - _BRAKE * t) * direction
+        reference.acceleration[:] = -_BRAKE * direction
     if m.mode == LAND:
         # Fast down to the last metre, and slowly on, beneath the ground.
-        z, falling = result[2], time - m.landing
-        quick = max(z - _LOW, 0.0) / _DESCENT
-        rate = _DESCENT if falling < quick else _LAST_DESCENT
-        result[2] = (
-            z - _DESCENT * falling
-            if falling < quick
-            else min(z, _LOW) - _LAST_DESCENT * (falling - quick)
-        )
-        as_reference(result).velocity[2] -= rate
+        z, elapsed = reference.position[2], time - m.landing
+        fast = max(z - _LOW, 0.0) / _DESCENT
+        if elapsed < fast:
+            height, rate = z - _DESCENT * elapsed, _DESCENT
+        else:
+            height, rate = min(z, _LOW) - _LAST_DESCENT * (elapsed - fast), _LAST_DESCENT
+        reference.position[2] = height
+        reference.velocity[2] -= rate
     return result
 
 

@@ -1,21 +1,40 @@
 """The state at the time at which a command will arrive, over a link that takes its time."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from airrace.common.jit import all_finite, compilable, compiled
-from airrace.math.vec3 import columns, cross, in_axes, sum3
-from airrace.systems.plant.rotor_bank import turn
+from airrace.common.jit import all_finite, compiled
+from airrace.math.quaternion import integrate, rotation_matrix
+from airrace.math.vec3 import cross
 from airrace.vehicle import GRAVITY, Vehicle
-from airrace.vehicle.state import STATE_SIZE, as_state
+from airrace.vehicle.rotors import RotorDynamics, make_rotor_dynamics, next_speeds
+from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
 
 _LEAST = 0.004  # s, less is not worth the work
 _MOST = 0.25  # s, beyond which no model is good enough
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _FOLLOWS = 0.6  # of the least speed commanded in a while: a rotor below has stopped
 _WHILE = 30  # commands
+
+
+class RigidBodyModel(NamedTuple):
+    """What the prediction knows of the drone.
+
+    Attributes:
+        mass: (kg). inertia: principal moments in B (kg m^2), (3,).
+        allocation: from the rotors' thrusts to [f, Mx, My, Mz], (4, n).
+        rotors: their RotorDynamics, for one period.
+        period: of a step (s).
+    """
+
+    mass: float
+    inertia: np.ndarray
+    allocation: np.ndarray
+    rotors: RotorDynamics
+    period: float
 
 
 class DelayCompensator(LeafSystem):
@@ -32,7 +51,7 @@ class DelayCompensator(LeafSystem):
         - state_estimate
         - rotor_speeds
 
-    For state_estimate see vehicle/state.py, the others have one speed a rotor
+    ``state_estimate`` is a vehicle.State (14), the others have one speed a rotor
     (rad/s). The command is the one that is being sent. The outputs are the inputs
     carried forward by the delay there and back: by the rotors' lag and the
     equations of motion of a rigid body, under the commands that have been sent
@@ -46,10 +65,13 @@ class DelayCompensator(LeafSystem):
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
         self._period = 1.0 / rate
-        self._mass, self._J = float(vehicle.mass), np.array(vehicle.inertia, float)
-        self._allocation, self._c_f = vehicle.allocation, vehicle.thrust_coefficients
-        self._max_speeds = vehicle.max_speeds
-        self._blend = 1.0 - math.exp(-self._period / vehicle.rotor_lag)
+        self._model = RigidBodyModel(
+            mass=float(vehicle.mass),
+            inertia=np.array(vehicle.inertia, float),
+            allocation=vehicle.allocation,
+            rotors=make_rotor_dynamics(vehicle, self._period),
+            period=self._period,
+        )
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", n)
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
@@ -74,7 +96,7 @@ class DelayCompensator(LeafSystem):
         )
 
     def set_delay(self, context, delay: float) -> None:
-        """Sets the delay, there and back (s), from Rounded()."""
+        """Sets the delay, there and back (s), from rounded()."""
         context.SetDiscreteState(self._delay, [delay])
 
     def rounded(self, delay: float, before: float) -> float:
@@ -104,98 +126,43 @@ class DelayCompensator(LeafSystem):
         """Returns the two outputs."""
         estimate, speeds = self._estimate.Eval(context), self._speeds.Eval(context)
         delay = context.get_discrete_state(self._delay).value()[0]
-        if delay >= _LEAST and all_finite(estimate):
-            _predict(
-                estimate,
-                speeds,
-                context.get_discrete_state(self._history).value(),
-                context.get_discrete_state(self._since).value()[0],
-                delay,
-                self._period,
-                self._mass,
-                self._J,
-                self._allocation,
-                self._c_f,
-                self._max_speeds,
-                self._blend,
-            )
-        return estimate, speeds
+        if delay < _LEAST or not all_finite(estimate):
+            return estimate, speeds
+        commands = context.get_discrete_state(self._history).value().reshape(-1, len(speeds))
+        since = context.get_discrete_state(self._since).value()[0]
+        return _predict(estimate, speeds, commands, since, delay, self._model)
 
 
 @compiled
-def _predict(
-    estimate, speeds, history, since, delay, period, mass, J, allocation, c_f, max_speeds, blend
-):
-    """Carries estimate, (14,), and speeds, (n,), forward by a delay (s).
+def _predict(estimate, speeds, commands, since, delay, model):
+    """Returns estimate, (14,), and speeds (rad/s), (n,), carried forward by a delay (s).
 
     Args:
-        history: commands, newest first, one after the other.
+        commands: newest first, (depth, n).
         since: when the newest was made (s).
-        the others: see _carry().
+        model: a RigidBodyModel.
     """
-    history = history.reshape(-1, len(speeds))
+    state, mass, J, h = as_state(estimate), model.mass, model.inertia, model.period
+    c_f = model.rotors.thrust_coefficients
+    p, v, quaternion = state.position.copy(), state.velocity.copy(), state.quaternion.copy()
+    R_WB = rotation_matrix(quaternion)
+    w = R_WB.T @ state.angular_velocity
+    g_W = np.array((0.0, 0.0, GRAVITY))
+    turning, flying = speeds.copy(), np.sum(c_f * speeds**2) > _FLYING * mass * GRAVITY
     # The command in force at the time of the estimate, and those after it.
-    first = int(math.floor((since - as_state(estimate).time) / period)) + 1
-    first = min(max(first, 0), len(history) - 1)
-    carried = speeds.copy()
-    _carry(
-        estimate,
-        carried,
-        history,
-        first,
-        int(round(delay / period)),
-        period,
-        mass,
-        J,
-        allocation,
-        c_f,
-        max_speeds,
-        blend,
-    )
-    estimate[0] += delay
+    first = int(math.floor((since - state.time) / h)) + 1
+    first = min(max(first, 0), len(commands) - 1)
+    for k in range(int(round(delay / h))):
+        turning = next_speeds(turning, commands[max(first - k, 0)], model.rotors)
+        if flying:
+            wrench = model.allocation @ (c_f * turning**2)
+            w = w + h * (wrench[1:] - cross(w, J * w)) / J
+            quaternion = integrate(quaternion, R_WB @ w, h)
+            R_WB = rotation_matrix(quaternion)
+            p = p + h * v
+            v = v + h * (wrench[0] / mass * R_WB[:, 2] - g_W)
+    after = speeds.copy()
     for i in range(len(speeds)):
-        wanted = np.min(history[first : first + _WHILE, i])
-        if not speeds[i] < _FOLLOWS * wanted:
-            speeds[i] = carried[i]
-
-
-@compilable
-def _carry(estimate, speeds, history, first, steps, h, mass, J, allocation, c_f, max_speeds, blend):
-    """Carries estimate, (14,), and speeds, (n,), forward by some steps.
-
-    Args:
-        history: commands, newest first, (depth, n).
-        first: the one in force; it and those after it follow.
-        h: a step (s).
-        allocation: from the rotors' thrusts to thrust and moments, (4, n).
-        c_f, max_speeds, blend: of the rotors, see rotor_bank.turn().
-    """
-    p, q, v, w = (
-        as_state(estimate).position,
-        as_state(estimate).quaternion,
-        as_state(estimate).velocity,
-        as_state(estimate).angular_velocity,
-    )
-    axes = columns(q[0], q[1], q[2], q[3])
-    rates = np.array(in_axes(w, axes))
-    thrusts = c_f * speeds**2
-    flying = np.sum(allocation[0] * thrusts) > _FLYING * mass * GRAVITY
-    for k in range(steps):
-        turn(speeds, thrusts, history[max(first - k, 0)], max_speeds, blend, c_f)
-        if not flying:
-            continue
-        wrench, gyro = np.sum(allocation * thrusts, axis=1), cross(rates, J * rates)
-        for i in range(3):
-            rates[i] += h * (wrench[1 + i] - gyro[i]) / J[i]
-        a, b, c = 0.5 * h * rates[0], 0.5 * h * rates[1], 0.5 * h * rates[2]
-        q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
-        q[0], q[1] = q0 - q1 * a - q2 * b - q3 * c, q1 + q0 * a + q2 * c - q3 * b
-        q[2], q[3] = q2 + q0 * b + q3 * a - q1 * c, q3 + q0 * c + q1 * b - q2 * a
-        length = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
-        for i in range(4):
-            q[i] /= length
-        axes = columns(q[0], q[1], q[2], q[3])
-        for i in range(3):
-            p[i] += h * v[i]
-            v[i] += h * (wrench[0] / mass * axes[2][i] - (GRAVITY if i == 2 else 0.0))
-    w[:] = np.array(sum3(rates[0], axes[0], rates[1], axes[1], rates[2], axes[2]))
+        if not speeds[i] < _FOLLOWS * np.min(commands[first : first + _WHILE, i]):
+            after[i] = turning[i]
+    return state_vector(State(state.time + delay, quaternion, p, R_WB @ w, v)), after

@@ -4,7 +4,9 @@ import math
 
 import numpy as np
 
-from airrace.systems.control.attitude_error import cross, rotation_matrix, tilt_error, turned_back
+from airrace.math.quaternion import rotation_matrix
+from airrace.math.vec3 import cross
+from airrace.systems.control.attitude_error import lead_moment, tilt_error
 from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import as_state
@@ -45,27 +47,26 @@ class ReducedAttitude:
         """Returns total thrust (N) and moments in B (N m), shape (4,).
 
         Args:
-            estimate: of vehicle/state.py, (14,).
+            estimate: vector of a State, (14,).
             disturbance: acceleration to lean against (m/s^2), in the world, (3,).
             remaining: the rotors; their thrusts follow without regard to yaw.
         """
-        R = rotation_matrix(*as_state(estimate).quaternion.tolist())
-        w = as_state(estimate).angular_velocity @ R
+        state = as_state(estimate)
+        R = rotation_matrix(state.quaternion)
+        w = state.angular_velocity @ R
         axis = self.spin_axis(w[2], remaining)
-        force = self._desired_force(as_state(estimate).velocity, disturbance)
+        force = self._desired_force(state.velocity, disturbance)
         amount = math.sqrt(force.dot(force))
         n_d = force @ R / amount
         # As if the axes did not spin: their turning moves what is at rest.
         spin = w.dot(axis)
         w_side = w - spin * axis
         acceleration = (
-            -self._k_R * np.array(tilt_error(n_d, axis, w))
-            - self._k_w * w_side
-            - spin * cross(axis, w_side)
+            -self._k_R * tilt_error(n_d, axis, w) - self._k_w * w_side - spin * cross(axis, w_side)
         )
         trim = cross(spin * axis, spin * self._J * axis)
         moment = self._J * acceleration + cross(w, self._J * w) - trim
-        moment = np.array(turned_back(moment, ROTOR_DELAY * w[2])) + trim
+        moment = lead_moment(moment, ROTOR_DELAY * w[2]) + trim
         # Keeps up the vertical part of the thrust when tilted.
         cosine = n_d.dot(axis)
         lift = min(1.0 / cosine, _MOST_LIFT) if cosine > 0.0 else 0.0

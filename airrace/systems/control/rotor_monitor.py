@@ -6,6 +6,7 @@ from pydrake.systems.framework import LeafSystem
 from airrace.common.jit import compiled
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle
+from airrace.vehicle.rotors import as_rotor_status
 
 _SHARE = 0.8  # of the speed that it should have: a rotor below that does not follow
 _LEAST = 0.2  # of the greatest speed: below, there is nothing to tell by
@@ -23,17 +24,15 @@ class RotorMonitor(LeafSystem):
         output_ports:
         - rotor_losses
 
-    ``rotor_status``, (1 + 2n,), is RotorBank's: time, speeds, and the speeds of
-    rotors that work. ``rotor_losses`` is the time at which each rotor was found to
-    be lost (s), infinite for those that work, (n,).
+    ``rotor_status`` is a vehicle.RotorStatus (1 + 2n). ``rotor_losses`` is the time at
+    which each rotor was found to be lost (s), infinite for those that work, (n,).
 
-    A rotor is lost for good once the reports of some milliseconds on end say that it
-    is clearly slower than it should be. Whose commands those are, and when they
-    arrived, makes no difference, nor how many reports got lost.
+    A rotor is lost for good once all reports of some milliseconds say that it is
+    clearly slower than it should be.
     """
 
     def __init__(self, *, vehicle: Vehicle, rate: float):
-        """Constructs the monitor. Args: vehicle: the rotor table. rate: of its looks (Hz)."""
+        """Constructs the monitor. Args: vehicle: the rotor table. rate: of comparing (Hz)."""
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
         self._least = _LEAST * vehicle.max_speeds
@@ -59,18 +58,15 @@ def _compare(slow_since, losses, report, least, now):
     """Notes which rotors do not follow, and which are lost since now.
 
     Args:
-        slow_since: see RotorMonitor (s), (n,). losses: of the rotors (s), (n,).
-        report: see RotorMonitor, (1 + 2n,).
+        slow_since: see RotorMonitor (s), (n,); changed.
+        losses: of the rotors (s), (n,); changed.
+        report: vector of a RotorStatus, (1 + 2n,).
         least: expected speeds up to which there is nothing to tell by (rad/s), (n,).
         now: (s).
     """
-    n = len(losses)
-    for i in range(n):
-        speed, expected = report[1 + i], report[1 + n + i]
-        # Written such that a speed that is not a number is too low.
-        if expected > least[i] and not speed >= _SHARE * expected:
-            slow_since[i] = min(slow_since[i], report[0])
-        else:
-            slow_since[i] = np.inf
-        if report[0] - slow_since[i] >= _PATIENCE:
-            losses[i] = min(losses[i], now)
+    status = as_rotor_status(report)
+    # Written such that a speed that is not a number is too low.
+    slow = (status.expected > least) & ~(status.speeds >= _SHARE * status.expected)
+    slow_since[:] = np.where(slow, np.minimum(slow_since, status.time), np.inf)
+    lost = status.time - slow_since >= _PATIENCE
+    losses[:] = np.where(lost, np.minimum(losses, now), losses)

@@ -1,16 +1,18 @@
 """Smooths the state estimate for the controller, and finds what pushes the drone."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import DiscreteAlgebraicRiccatiEquation
 from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import all_finite, compilable, compiled
-from airrace.math.vec3 import columns, dot, triple
+from airrace.math.quaternion import integrate, rotation_matrix
+from airrace.math.vec3 import dot
 from airrace.systems.ports import read_vector
 from airrace.vehicle import GRAVITY, Vehicle
-from airrace.vehicle.state import STATE_SIZE, as_state
+from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
 
 # What the filter is tuned for; the first two are the reference system's noise.
 _POSITION_SIGMA = 0.005  # m
@@ -21,11 +23,31 @@ _MAX_DISTURBANCE = 8.0  # m/s^2
 _GAP = 0.1  # s without an estimate, after which the filter begins anew
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 
-# The memory: time, time of the newest estimate, position, velocity, and what carries them
-# on: the thrust per mass and the disturbance, all in one vector because it is handed over
-# at every tick.
-_NOW, _NEWEST, _MOTION, _THRUST, _PUSH = 0, 1, slice(2, 8), 8, slice(9, 12)
-_NOTHING = np.array([-1.0, -1.0, *10 * [0.0]])
+
+class FilterMemory(NamedTuple):
+    """What the filter remembers, beside the disturbance.
+
+    Attributes:
+        time: to which it has predicted (s).
+        newest: time of the newest estimate (s), negative before the first.
+        thrust: of the rotors, per mass (m/s^2).
+        position: p_WB then (m), (3,).
+        velocity: v_WB then (m/s), (3,).
+    """
+
+    time: float
+    newest: float
+    thrust: float
+    position: np.ndarray
+    velocity: np.ndarray
+
+
+_NOTHING = FilterMemory(-1.0, -1.0, 0.0, np.zeros(3), np.zeros(3))
+
+
+@compilable
+def _as_memory(vector) -> FilterMemory:
+    return FilterMemory(vector[0], vector[1], vector[2], vector[3:6], vector[6:9])
 
 
 class StateFilter(LeafSystem):
@@ -41,7 +63,7 @@ class StateFilter(LeafSystem):
         - filtered_estimate
         - disturbance
 
-    ``state_estimate`` and ``filtered_estimate``: see vehicle/state.py;
+    ``state_estimate`` and ``filtered_estimate`` are of vehicle.State (14);
     ``rotor_speeds`` as reported (rad/s); ``disturbance`` (3) is the acceleration
     that rotors and gravity do not explain, by wind, drag, or a wrong mass (m/s^2,
     in the world).
@@ -67,138 +89,100 @@ class StateFilter(LeafSystem):
         self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
-        self._memory = self.DeclareDiscreteState(_NOTHING)
+        self._memory = self.DeclareDiscreteState(np.hstack(_NOTHING))
         self._disturbance = self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
         self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_estimate)
         self.DeclareStateOutputPort("disturbance", self._disturbance)
 
     def _update(self, context, discrete_state):
-        _update(
+        discrete_state.get_mutable_value(self._memory)[:] = _update(
             discrete_state.get_mutable_value(self._memory),
             discrete_state.get_mutable_value(self._disturbance),
             read_vector(self._estimate, context),
-            read_vector(self._speeds, context),
-            self._thrust_per_mass,
+            self._thrust(read_vector(self._speeds, context)),
             self._gain,
             context.get_time(),
         )
 
+    def _thrust(self, speeds) -> float:
+        """Returns the thrust per mass of the rotors that report a speed (m/s^2)."""
+        return float(self._thrust_per_mass @ np.square(np.where(np.isfinite(speeds), speeds, 0.0)))
+
     def _calc_estimate(self, context, output):
-        estimate = self._estimate.Eval(context)
-        _carry_forward(
-            estimate, context.get_discrete_state(self._memory).value(), context.get_time()
+        output.set_value(
+            _carried_forward(
+                read_vector(self._estimate, context),
+                context.get_discrete_state(self._memory).value(),
+                context.get_discrete_state(self._disturbance).value(),
+                context.get_time(),
+            )
         )
-        output.set_value(estimate)
 
 
 @compilable
-def _thrust(speeds, coefficients) -> float:
-    """Returns the thrust per mass of the rotors that report a speed (m/s^2)."""
-    thrust = 0.0
-    for i in range(len(speeds)):
-        if math.isfinite(speeds[i]):
-            thrust += coefficients[i] * speeds[i] * speeds[i]
-    return thrust
-
-
-@compilable
-def _move(motion, quaternion, thrust, disturbance, dt):
-    """Carries position and velocity, (6,), forward.
+def _predict(memory: FilterMemory, quaternion, thrust, disturbance, time):
+    """Returns position and velocity at a time (s), at constant acceleration.
 
     Args:
         quaternion: of R_WB, (4,).
         thrust: per mass (m/s^2). disturbance: see StateFilter.
-        dt: (s).
     """
-    _, _, up = columns(*quaternion)
-    for i in range(3):
-        a = thrust * up[i] + disturbance[i] - (GRAVITY if i == 2 else 0.0)
-        p, v = motion[i], motion[3 + i]
-        motion[i], motion[3 + i] = p + dt * (v + 0.5 * dt * a), v + dt * a
+    p, v, dt = memory.position, memory.velocity, time - memory.time
+    g_W = np.array((0.0, 0.0, GRAVITY))
+    a = thrust * rotation_matrix(quaternion)[:, 2] + disturbance - g_W
+    return p + dt * (v + 0.5 * dt * a), v + dt * a
+
+
+@compilable
+def _quaternion_at(state: State, time):
+    """Returns the unit quaternion of R_WB a short time after a state estimate, (4,)."""
+    return integrate(state.quaternion, state.angular_velocity, time - state.time)
 
 
 @compiled
-def _carry_forward(estimate, memory, time):
-    """Makes the estimate for a time of the newest one, (14,), which stays if it is not finite."""
-    if memory[_NEWEST] < 0.0 or not all_finite(estimate):
-        return
-    quaternion, motion = predict_quaternion(estimate, time), memory[_MOTION].copy()
-    _move(motion, quaternion, memory[_THRUST], memory[_PUSH], time - memory[_NOW])
-    state = as_state(estimate)
-    estimate[0] = time
-    for i in range(4):
-        state.quaternion[i] = quaternion[i]
-    state.position[:], state.velocity[:] = motion[:3], motion[3:]
+def _carried_forward(estimate, memory, disturbance, time):
+    """Returns the estimate for a time (s), (14,); the newest one if that is not finite."""
+    m, state = _as_memory(memory), as_state(estimate)
+    if m.newest < 0.0 or not all_finite(estimate):
+        return estimate.copy()
+    quaternion = _quaternion_at(state, time)
+    position, velocity = _predict(m, quaternion, m.thrust, disturbance, time)
+    return state_vector(State(time, quaternion, position, state.angular_velocity, velocity))
 
 
 @compiled
-def _update(memory, disturbance, estimate, speeds, coefficients, gain, now):
-    """Takes in an estimate, if it is new; else goes on to the present.
+def _update(memory, disturbance, estimate, thrust, gain, now):
+    """Predicts and corrects by an estimate, if it is new; else predicts the present.
 
     Args:
-        memory, disturbance: changed; see StateFilter.
+        memory: vector of a FilterMemory, (9,).
+        disturbance: see StateFilter, (3,); changed.
         estimate: (14,).
-        speeds: of the rotors, as reported (rad/s), (n,).
-        coefficients: of their thrusts per mass, (n,).
+        thrust: per mass (m/s^2).
         gain: see kalman_gain().
         now: (s).
+
+    Returns:
+        the memory after it, (9,).
     """
+    m, state = _as_memory(memory), as_state(estimate)
     if not all_finite(estimate):
-        return  # the prediction goes on from the last that was
-    time, motion, thrust = as_state(estimate).time, memory[_MOTION], _thrust(speeds, coefficients)
-    is_new, begins = time > memory[_NEWEST], memory[_NEWEST] < 0.0 or time > memory[_NEWEST] + _GAP
-    if begins:
-        motion[:3], motion[3:] = as_state(estimate).position, as_state(estimate).velocity
-    else:
+        return memory.copy()  # the prediction goes on from the last that was
+    time, p, v = state.time, state.position.copy(), state.velocity.copy()
+    is_new, begins = time > m.newest, m.newest < 0.0 or time > m.newest + _GAP
+    if not begins:
         until = time if is_new else now
-        _move(
-            motion, predict_quaternion(estimate, until), thrust, disturbance, until - memory[_NOW]
-        )
+        p, v = _predict(m, _quaternion_at(state, until), thrust, disturbance, until)
         if is_new:
-            _correct(motion, disturbance, estimate, thrust >= _FLYING * GRAVITY, gain)
-    memory[_THRUST], memory[_PUSH] = thrust, disturbance
-    memory[_NOW] = time if is_new or begins else now
-    memory[_NEWEST] = max(time, memory[_NEWEST])
-
-
-@compilable
-def _correct(motion, disturbance, estimate, flying, gain):
-    """Corrects position, velocity and, if it flies, disturbance by an estimate of that time."""
-    state = as_state(estimate)
-    for i in range(3):
-        e_p = state.position[i] - motion[i]
-        e_v = state.velocity[i] - motion[3 + i]
-        motion[i] = motion[i] + gain[0, 0] * e_p + gain[0, 1] * e_v
-        motion[3 + i] = motion[3 + i] + gain[1, 0] * e_p + gain[1, 1] * e_v
-        if flying:
-            disturbance[i] += gain[2, 0] * e_p + gain[2, 1] * e_v
-    length = math.sqrt(dot(disturbance, disturbance))
-    for i in range(3):
-        disturbance[i] *= min(1.0, _MAX_DISTURBANCE / max(length, 1e-9))
-
-
-@compilable
-def predict_quaternion(estimate, time: float) -> tuple:
-    """Returns the unit quaternion of R_WB a short time after a state estimate, (4,).
-
-    Args:
-        estimate: of vehicle/state.py, (14,).
-        time: (s).
-    """
-    w, x, y, z = estimate[1], estimate[2], estimate[3], estimate[4]
-    half = (time - as_state(estimate).time) / 2
-    a, b, c = triple(as_state(estimate).angular_velocity, 0)
-    a, b, c = half * a, half * b, half * c
-    # The product of 1 + [a, b, c] / 1, which is normalised, and the quaternion.
-    q = (
-        w - a * x - b * y - c * z,
-        x + a * w + b * z - c * y,
-        y + b * w + c * x - a * z,
-        z + c * w + a * y - b * x,
-    )
-    length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return q[0] / length, q[1] / length, q[2] / length, q[3] / length
+            e_p, e_v = state.position - p, state.velocity - v
+            p, v = p + gain[0, 0] * e_p + gain[0, 1] * e_v, v + gain[1, 0] * e_p + gain[1, 1] * e_v
+            if thrust >= _FLYING * GRAVITY:
+                disturbance += gain[2, 0] * e_p + gain[2, 1] * e_v
+            length = math.sqrt(dot(disturbance, disturbance))
+            disturbance *= min(1.0, _MAX_DISTURBANCE / max(length, 1e-9))
+    predicted_to = time if is_new or begins else now
+    return np.concatenate((np.array((predicted_to, max(time, m.newest), thrust)), p, v))
 
 
 def kalman_gain(dt: float) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from airrace.math.angles import wrap_angle
 from airrace.systems.exploring.explorer_memory import Situation
 from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.track import BOARD_OFFSET
@@ -114,7 +115,7 @@ def obeys_rule(gate: GateEstimate, following: GateEstimate) -> bool:
     """Whether a gate stands where the layout rule has the one after a gate."""
     to_left = following.pylons[0] - gate.pylons[0]
     aside = gate.forward[0] * to_left[1] - gate.forward[1] * to_left[0]
-    turn = abs(_wrap(following.heading - gate.heading))
+    turn = abs(wrap_angle(following.heading - gate.heading))
     return bool(
         to_left @ gate.forward[:2] > 0.0
         and abs(aside) < _SIDE_TOLERANCE
@@ -190,7 +191,7 @@ def describe_observation(now: Situation, number: int) -> str:
 def heading_error(now: Situation, gate: GateEstimate) -> float:
     """Returns the angle from the drone's heading to the left, to a gate (rad)."""
     x, y, _ = gate.p_WG - as_state(now.estimate).position
-    return _wrap(np.arctan2(y, x) - yaw_of(now.estimate))
+    return wrap_angle(np.arctan2(y, x) - yaw_of(now.estimate))
 
 
 def angle_in_words(angle: float) -> str:
@@ -202,8 +203,3 @@ def _horizontal(vector) -> np.ndarray:
     """Returns the unit vector along the horizontal part of a vector, (3,)."""
     flat = vector * [1.0, 1.0, 0.0]
     return flat / max(np.linalg.norm(flat), 1e-9)
-
-
-def _wrap(angle) -> float:
-    """Returns the angle in [-pi, pi)."""
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)

@@ -12,6 +12,7 @@ import numpy as np
 
 from airrace.common.immutable import Immutable, read_only
 from airrace.common.jit import compiled
+from airrace.math.angles import wrap_angle
 from airrace.math.small_matrices import cholesky, inverse, solve_cholesky
 from airrace.systems.mapping.observation import Observation
 from airrace.systems.perception.marker_pose import GATE_SPACING
@@ -141,15 +142,9 @@ def fit_pair(a: Observation, b: Observation, before: GateFilter | None = None) -
     for observation in (a, b):
         innovation = observation.p_WM - board_position(fitted.state, observation.id)[0]
         misfit += _normalized_square(innovation, observation.covariance)
-        turn = wrap(gate_heading(observation) - fitted.heading)
+        turn = wrap_angle(gate_heading(observation) - fitted.heading)
         misfit += turn**2 / observation.heading_variance
     return fitted if misfit <= _CHI_SQUARE_4 else None
-
-
-@compiled
-def wrap(angle):
-    """Returns an angle in [-pi, pi) (rad)."""
-    return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
 @compiled
@@ -245,7 +240,7 @@ def _information(state, observation):
     p_WM, H = board_position(state, observation.id)
     weighted = H.T @ inverse(observation.covariance)
     matrix, vector = weighted @ H, weighted @ (observation.p_WM - p_WM)
-    turn, variance = wrap(gate_heading(observation) - state[3]), observation.heading_variance
+    turn, variance = wrap_angle(gate_heading(observation) - state[3]), observation.heading_variance
     # Of the two poses that a square admits, the detector may have taken the wrong one.
     if turn**2 < _HEADING_SIGMAS**2 * variance:
         matrix[3, 3] += 1 / variance

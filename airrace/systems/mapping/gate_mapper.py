@@ -108,5 +108,5 @@ def extrapolate(estimate, dt) -> RigidTransform:
         estimate: vector of vehicle/state.py, (14,).
         dt: (s).
     """
-    pose = moved(estimate, dt)
-    return RigidTransform(Quaternion(pose[:4]), pose[4:])
+    quaternion, p_WB = moved(estimate, dt)
+    return RigidTransform(Quaternion(quaternion), p_WB)

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from airrace.math.angles import wrap_angle
+
 _CONTROLLER = 0.3  # m, for what the controller leaves, and the estimate of the state
 _SIGMAS = 3.0
 _MOST, _SHARE = 1.0, 1 / 8  # m, for the map, and of a gate's width: it must stay passable
@@ -54,7 +56,7 @@ def largest_move(gates, before) -> float:
         if gate.number not in known:
             continue
         old = known[gate.number]
-        turn = (gate.heading - old.heading + np.pi) % (2 * np.pi) - np.pi
+        turn = wrap_angle(gate.heading - old.heading)
         moves += [
             np.linalg.norm(gate.p_WG - old.p_WG),
             _TURN * abs(turn),

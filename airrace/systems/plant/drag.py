@@ -10,8 +10,10 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compiled
-from airrace.math.vec3 import columns, dot, sum2, triple
+from airrace.math.quaternion import rotation_matrix
+from airrace.math.vec3 import dot
 from airrace.vehicle import Vehicle
+from airrace.vehicle.state import as_plant_state
 
 
 class Drag(LeafSystem):
@@ -26,15 +28,13 @@ class Drag(LeafSystem):
         output_ports:
         - spatial_forces
 
-    ``state`` is the plant's floating-body state (13): quaternion of R_WB
-    (w, x, y, z), p_WB, w_WB, v_WB; ``wind`` (3) the air's velocity in the
-    world (m/s). ``spatial_forces`` is a list of one
-    ExternallyAppliedSpatialForce, for the plant: with v the velocity through
-    the air and w the angular velocity, both in B, the force is
-    -(linear + quadratic |v|) v at the centre of mass and the moment
-    -angular w. The part that is linear in v is the rotors' (Faessler, Franchi
-    and Scaramuzza, "Differential flatness of quadrotor dynamics subject to
-    rotor drag", 2018).
+    ``state`` is the plant's floating-base state (13), see vehicle.State; ``wind`` (3)
+    the air's velocity in the world (m/s). ``spatial_forces`` is a list of one
+    ExternallyAppliedSpatialForce, for the plant: with v the velocity through the air
+    and w the angular velocity, both in B, the force is -(linear + quadratic |v|) v at
+    the centre of mass and the moment -angular w. The part that is linear in v is the
+    rotors' (Faessler, Franchi and Scaramuzza, "Differential flatness of quadrotor
+    dynamics subject to rotor drag", 2018).
     """
 
     def __init__(self, *, vehicle: Vehicle, share: float, body_index: BodyIndex):
@@ -48,7 +48,9 @@ class Drag(LeafSystem):
         """
         LeafSystem.__init__(self)
         drag = vehicle.drag
-        self._coefficients = share * np.array([drag.linear, drag.quadratic, drag.angular])
+        self._coefficients = [
+            share * np.array(c) for c in (drag.linear, drag.quadratic, drag.angular)
+        ]
         self._body_index = body_index
         self._state = self.DeclareVectorInputPort("state", 13)
         self._wind = self.DeclareVectorInputPort("wind", 3)
@@ -61,27 +63,16 @@ class Drag(LeafSystem):
         force.body_index = self._body_index
         force.p_BoBq_B = np.zeros(3)
         force.F_Bq_W = SpatialForce(
-            _drag(self._state.Eval(context), self._wind.Eval(context), self._coefficients)
+            _drag(self._state.Eval(context), self._wind.Eval(context), *self._coefficients)
         )
         output.set_value([force])
 
 
 @compiled
-def _drag(state, wind, coefficients):
-    """Returns moment (N m) and force (N) in the world, (6,); see Drag.
-
-    Args:
-        coefficients: linear, quadratic and angular, (3, 3).
-    """
-    axes = columns(state[0], state[1], state[2], state[3])  # of R_WB
-    w, v = triple(state, 7), sum2(1.0, triple(state, 10), -1.0, wind)
-    speed = math.sqrt(dot(v, v))
-    result = np.zeros(6)
-    for i in range(3):
-        axis = axes[i]
-        t = coefficients[2, i] * dot(axis, w)
-        f = (coefficients[0, i] + coefficients[1, i] * speed) * dot(axis, v)
-        for k in range(3):
-            result[k] -= t * axis[k]
-            result[3 + k] -= f * axis[k]
-    return result
+def _drag(state, wind, linear, quadratic, angular):
+    """Returns moment (N m) and force (N) in the world, (6,); see Drag."""
+    state = as_plant_state(state)
+    R_WB = rotation_matrix(state.quaternion)
+    w_B, v_B = R_WB.T @ state.angular_velocity, R_WB.T @ (state.velocity - wind)
+    force = -(linear + quadratic * math.sqrt(dot(v_B, v_B))) * v_B
+    return np.concatenate((R_WB @ (-angular * w_B), R_WB @ force))

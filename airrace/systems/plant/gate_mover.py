@@ -1,6 +1,7 @@
 """Moves the gates between laps."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -8,9 +9,28 @@ from pydrake.systems.framework import LeafSystem
 from airrace.math.random import make_generator
 from airrace.track import Track
 from airrace.track.gate_opening import GateOpening
+from airrace.vehicle.state import as_plant_state
 
-PERIOD = 0.01  # s, between two looks at the drone
+PERIOD = 0.01  # s, between two updates
 _FAR = 20.0  # m, from the drone to a gate that may move
+
+
+class GateMoverMemory(NamedTuple):
+    """What the mover remembers.
+
+    Attributes:
+        passages: number of gates that the drone has passed.
+        position: p_WB at the last update (m), (3,).
+        moved: after which of its passages each gate moved last, from 1, (n,).
+    """
+
+    passages: float
+    position: np.ndarray
+    moved: np.ndarray
+
+
+def _as_memory(vector) -> GateMoverMemory:
+    return GateMoverMemory(vector[0], vector[1:4], vector[4:])
 
 
 class GateMover(LeafSystem):
@@ -24,7 +44,7 @@ class GateMover(LeafSystem):
         output_ports:
         - gate_shifts
 
-    ``state`` is the plant's floating-body state (13). ``gate_shifts`` (2 n) is how
+    ``state`` is the plant's floating-base state (13). ``gate_shifts`` (2 n) is how
     far each gate has moved from its place in the track's file, x and y of gate 1,
     then of gate 2 and so on (m, world); the headings stay.
 
@@ -49,34 +69,33 @@ class GateMover(LeafSystem):
         self._max_shift = max_shift
         self._seed = seed
         n = len(track.gates)
-        # Where the drone was, how many gates it has passed, and for each gate for
-        # which passage it moved last.
-        self._memory = self.DeclareDiscreteState([math.nan] * 3 + [0.0] * (1 + n))
+        memory = GateMoverMemory(0.0, np.full(3, np.nan), np.zeros(n))
+        self._memory = self.DeclareDiscreteState(np.hstack(memory))
         self._shifts = self.DeclareDiscreteState(2 * n)
         self._state = self.DeclareVectorInputPort("state", 13)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
         self.DeclareStateOutputPort("gate_shifts", self._shifts)
 
     def _update(self, context, discrete_state):
-        memory = context.get_discrete_state(self._memory).value().copy()
+        memory = _as_memory(context.get_discrete_state(self._memory).value())
         shifts = context.get_discrete_state(self._shifts).value().reshape(-1, 2)
         n = len(self._openings)
-        p = self._state.Eval(context)[4:7]
-        gate = int(memory[3]) % n
-        if self._openings[gate].find(memory[:3], p, shifts[gate]):
-            memory[3] += 1
-        memory[:3] = p
+        p = as_plant_state(self._state.Eval(context)).position
+        gate, passages = int(memory.passages) % n, memory.passages
+        if self._openings[gate].find(memory.position, p, shifts[gate]):
+            passages += 1
         # How often each gate has been passed and left half a lap behind.
-        due = (memory[3] - 1 - n // 2 - np.arange(n)) // n + 1
-        late = np.flatnonzero(due > memory[4:])
+        due = (passages - 1 - n // 2 - np.arange(n)) // n + 1
+        late = np.flatnonzero(due > memory.moved)
+        moved = memory.moved.copy()
         if len(late):
             distances = np.hypot(*(self._places + shifts - p[:2]).T)
+            shifts = shifts.copy()
             for gate in late[distances[late] > _FAR]:
-                memory[4 + gate] = due[gate]
-                shifts = shifts.copy()
+                moved[gate] = due[gate]
                 shifts[gate] = self._next_shift(shifts[gate], gate, int(due[gate]))
             discrete_state.set_value(self._shifts, shifts.ravel())
-        discrete_state.set_value(self._memory, memory)
+        discrete_state.set_value(self._memory, np.hstack(GateMoverMemory(passages, p, moved)))
 
     def _next_shift(self, old, gate, passage) -> np.ndarray:
         """Returns where a gate moves to after a passage, (2,), from its place in the file."""

@@ -13,8 +13,8 @@ from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.rendering.imaging.camera_effects import ImagingChain
 from airrace.rendering.imaging.motion_blur import MeanPicture, moved
-from airrace.systems.plant.plant_steps import lead
 from airrace.systems.sensing.camera_view import CameraView
+from airrace.systems.sensing.state_estimate import plant_lead
 from airrace.systems.types import CameraInfo
 
 
@@ -202,7 +202,9 @@ class Camera(LeafSystem):
         q = sample[:4]
         X_WB = RigidTransform(Quaternion(q / math.sqrt(q.dot(q))), sample[4:7])
         if self._state_period > 0.0:
-            X_WB = moved(X_WB, sample[7:10], sample[10:13], -lead(sample[13], self._state_period))
+            X_WB = moved(
+                X_WB, sample[7:10], sample[10:13], -plant_lead(sample[13], self._state_period)
+            )
         args = () if self._query is None else (self._query.Eval(context),)
         if self._shifts is not None:
             args = (sample[14:].reshape(-1, 2),)

@@ -1,13 +1,14 @@
 """The state estimate that the simulated autopilot hands to the autonomy."""
 
+import math
+
 from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compiled
 from airrace.math.random import NoiseSequence
-from airrace.systems.plant.plant_steps import lead
 from airrace.systems.ports import read_vector
 from airrace.systems.sensing.pose_history import moved
-from airrace.vehicle.state import STATE_SIZE, as_state
+from airrace.vehicle.state import STATE_SIZE, as_plant_state, as_state, state_vector
 
 _MOMENT = 1e-9  # s, that only rounding makes
 
@@ -43,8 +44,7 @@ class StateEstimate(LeafSystem):
         """
         LeafSystem.__init__(self)
         self._rate = rate
-        self._position_sigma = position_sigma
-        self._velocity_sigma = velocity_sigma
+        self._sigmas = position_sigma, velocity_sigma
         self._noise = NoiseSequence(seed, "state_estimate", 5)
         self._state_period = state_period
         self._state = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
@@ -56,31 +56,42 @@ class StateEstimate(LeafSystem):
 
     def _sample(self, context, discrete_state):
         time = context.get_time()
-        _sample(
-            discrete_state.get_mutable_value(),
-            time,
+        discrete_state.get_mutable_value()[:] = _sampled(
             read_vector(self._state, context),
-            lead(time, self._state_period),
+            time,
+            plant_lead(time, self._state_period),
             self._noise[round(time * self._rate)],
-            self._position_sigma,
-            self._velocity_sigma,
+            self._sigmas,
         )
 
 
 @compiled
-def _sample(sample, time, state, ahead, noise, position_sigma, velocity_sigma):
-    """Fills a sample, (14,).
+def _sampled(plant_state, time, lead, noise, sigmas):
+    """Returns a sample, (14,).
 
     Args:
+        plant_state: (13,), and by how much it is ahead of that time: lead (s).
         time: of the sample (s).
-        state: of the plant, (13,), and by how much it is ahead of that time (s).
         noise: standard normal numbers, (5,), of position, v_x and v_y.
-        position_sigma, velocity_sigma: see StateEstimate.
+        sigmas: of position and velocity, see StateEstimate.
     """
-    sample[0], sample[1:] = time, state
-    parts = as_state(sample)
-    if ahead > _MOMENT:
-        pose = moved(sample, -ahead)
-        parts.quaternion[:], parts.position[:] = pose[:4], pose[4:]
-    parts.position[:] += position_sigma * noise[:3]
-    parts.velocity[:2] *= 1.0 + velocity_sigma * noise[3:]
+    sample = state_vector(as_plant_state(plant_state, time))
+    state, (position_sigma, velocity_sigma) = as_state(sample), sigmas
+    if lead > _MOMENT:
+        state.quaternion[:], state.position[:] = moved(sample, -lead)
+    state.position[:] += position_sigma * noise[:3]
+    state.velocity[:2] *= 1.0 + velocity_sigma * noise[3:]
+    return sample
+
+
+def plant_lead(time: float, period: float) -> float:
+    """Returns by how much the state that a discrete plant shows at a time is ahead of it (s).
+
+    Between its steps a plant shows the state at the end of the step; at the time of a step,
+    before it is made, the one of that time.
+
+    Args:
+        time: at which the state is read (s).
+        period: of the plant's steps (s); 0 if its state is continuous.
+    """
+    return math.ceil(time / period - 1e-6) * period - time if period > 0.0 else 0.0

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from airrace.math.angles import wrap_angle
 from airrace.trajopt.feasibility import dense_sample_times
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import Circuit
@@ -20,7 +21,7 @@ def max_bearing(lap: Circuit, gates: GateRegions) -> float:
     following = np.searchsorted(lap.gate_times, times, side="right") % len(gates.midpoints)
     to_gate = gates.midpoints[following].T[:2] - r.position[:2]
     off = np.arctan2(to_gate[1], to_gate[0]) - r.yaw
-    off = np.abs((off + np.pi) % (2 * np.pi) - np.pi)
+    off = np.abs(wrap_angle(off))
     return float(off[np.linalg.norm(to_gate, axis=0) > LEAST_RANGE].max(initial=0.0))
 
 

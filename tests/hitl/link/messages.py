@@ -9,9 +9,14 @@ from airrace.hitl.channels import make_channels
 from airrace.hitl.link.packets import Stamp, pack
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
-from airrace.systems.referee_status import GateCrossing, RefereeStatus
 from airrace.systems.sensing.camera_view import CameraView
-from airrace.systems.types import ExplorerEvent, ExplorerStatus, make_camera_info
+from airrace.systems.types import (
+    ExplorerEvent,
+    ExplorerStatus,
+    GateCrossing,
+    RefereeStatus,
+    make_camera_info,
+)
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.min_snap.circuit import Circuit

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydrake.common.eigen_geometry import AngleAxis, Quaternion
+from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RotationMatrix
 
-from airrace.systems.control import attitude_error
-from airrace.systems.control.attitude_error import cross, rotation_matrix, turned_back
+from airrace.systems.control.attitude_error import attitude_error, lead_moment, tilt_error
 
 Z = np.array([0.0, 0.0, 1.0])
 REST = np.zeros(3)
@@ -17,14 +16,6 @@ vectors = st.tuples(numbers, numbers, numbers).map(np.array)
 units = vectors.filter(lambda v: np.linalg.norm(v) > 0.1).map(lambda v: v / np.linalg.norm(v))
 headings = st.floats(-np.pi, np.pi)
 half_turns = st.floats(0.0, np.pi)
-
-
-def error(E, w):
-    return np.array(attitude_error.attitude_error(E, w))
-
-
-def tilt_error(n_d, n, w):
-    return np.array(attitude_error.tilt_error(n_d, n, w))
 
 
 def across(heading):
@@ -44,13 +35,13 @@ def vee(S):
 def test_to_first_order_it_is_lees(axis, angle, w):
     E = turn(angle, axis)
     lee = vee(E - E.T) / 2
-    np.testing.assert_allclose(error(E, w), lee, atol=angle**2 + 1e-15)
+    np.testing.assert_allclose(attitude_error(E, w), lee, atol=angle**2 + 1e-15)
     np.testing.assert_allclose(lee, angle * axis, atol=1e-9)
 
 
 @given(headings, half_turns, vectors)
 def test_a_tilt_counts_twice_the_sine_of_half_its_angle(heading, angle, w):
-    e = error(turn(angle, across(heading)), w)
+    e = attitude_error(turn(angle, across(heading)), w)
     assert np.hypot(e[0], e[1]) == pytest.approx(2 * np.sin(angle / 2), abs=1e-6)
     if angle < 3.1:
         np.testing.assert_allclose(e, 2 * np.sin(angle / 2) * across(heading), atol=1e-9)
@@ -61,7 +52,7 @@ def test_it_grows_all_the_way_to_half_a_turn(heading, one, other):
     """In tilt as well as in yaw."""
     low, high = sorted((one, other))
     for axis, part in ((across(heading), slice(2)), (Z, slice(2, 3))):
-        small, large = (error(turn(a, axis), REST)[part] for a in (low, high))
+        small, large = (attitude_error(turn(a, axis), REST)[part] for a in (low, high))
         assert np.linalg.norm(small) <= np.linalg.norm(large) + 1e-12
 
 
@@ -69,7 +60,7 @@ def test_it_grows_all_the_way_to_half_a_turn(heading, one, other):
 def test_at_half_a_turn_it_does_not_vanish(heading, w):
     E = turn(np.pi, across(heading))
     exact = np.diag([1.0, -1.0, -1.0])
-    for e in (error(E, w), error(E, REST), error(exact, REST)):
+    for e in (attitude_error(E, w), attitude_error(E, REST), attitude_error(exact, REST)):
         assert np.hypot(e[0], e[1]) == pytest.approx(2.0)  # there is no yaw to speak of
 
 
@@ -98,13 +89,13 @@ def test_yaw_and_tilt_are_told_apart(heading, tilt, yaw, w):
     """In whichever order they are made, neither part knows of the other."""
     swing, twist = turn(tilt, across(heading)), turn(yaw, Z)
     for E in (swing @ twist, twist @ swing):
-        e = error(E, w)
+        e = attitude_error(E, w)
         assert np.hypot(e[0], e[1]) == pytest.approx(2 * np.sin(tilt / 2), abs=1e-9)
         if abs(yaw) < 3.14:  # at half a turn, either sign will do
             assert e[2] == pytest.approx(2 * np.sin(yaw / 2), abs=1e-6)
     # The tilt as the turned body sees it.
     np.testing.assert_allclose(
-        error(swing @ twist, w)[:2], (twist.T @ error(swing, w))[:2], atol=1e-6
+        attitude_error(swing @ twist, w)[:2], (twist.T @ attitude_error(swing, w))[:2], atol=1e-6
     )
 
 
@@ -112,8 +103,8 @@ def test_yaw_and_tilt_are_told_apart(heading, tilt, yaw, w):
 def test_it_turns_with_the_body(axis, angle, yaw, w):
     """Seen from axes that are turned about z, it is the same vector."""
     T, E = turn(yaw, Z), turn(angle, axis)
-    e = error(T.T @ E @ T, T.T @ w)
-    np.testing.assert_allclose(e, T.T @ error(E, w), atol=1e-9)
+    e = attitude_error(T.T @ E @ T, T.T @ w)
+    np.testing.assert_allclose(e, T.T @ attitude_error(E, w), atol=1e-9)
 
 
 @given(units, units, vectors, units, half_turns)
@@ -126,23 +117,6 @@ def test_tilt_errors_turn_with_all_vectors(n_d, n, w, axis, angle):
 
 
 @given(vectors, headings)
-def test_turned_back(moment, angle):
+def test_lead_moment(moment, angle):
     expected = turn(-angle, Z) @ moment
-    np.testing.assert_allclose(turned_back(moment, angle), expected, atol=1e-12)
-
-
-@given(vectors, vectors)
-def test_cross(a, b):
-    np.testing.assert_allclose(cross(a, b), np.cross(a, b), atol=1e-15)
-
-
-@given(
-    st.tuples(*[numbers] * 4).map(np.array).filter(lambda q: np.linalg.norm(q) > 0.1),
-    st.floats(0.1, 10.0),
-)
-def test_rotation_matrix_is_drakes(q, length):
-    R = rotation_matrix(*(length * q).tolist())
-    expected = RotationMatrix(Quaternion(q / np.linalg.norm(q))).matrix()
-    np.testing.assert_allclose(R, expected, atol=1e-12)
-    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(R) == pytest.approx(1.0)
+    np.testing.assert_allclose(lead_moment(moment, angle), expected, atol=1e-12)

@@ -167,8 +167,8 @@ def fly(silent, until):
     plant.SetFloatingBaseBodyPoseInWorldFrame(plant_context, plant.GetBodyByName("body"), X_WB)
     plant.SetVelocities(plant_context, np.array([1.0, -2.0, 0.5, 8.0, 3.0, 0.0]))
     m = watchdog.recall(watchdog.GetMyContextFromRoot(context))
-    m.pad, m.airborne = 0.0, 1.0
-    watchdog.GetMyMutableContextFromRoot(context).SetDiscreteState(0, m.vector())
+    m = m._replace(pad=0.0, airborne=1.0)
+    watchdog.GetMyMutableContextFromRoot(context).SetDiscreteState(0, np.array(m))
     simulator.Initialize()
     simulator.AdvanceTo(until)
     data = log.FindLog(context)

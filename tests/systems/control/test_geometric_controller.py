@@ -10,7 +10,8 @@ from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.systems.analysis import Simulator
 
-from airrace.systems.control.attitude_error import cross, turned_back
+from airrace.math.vec3 import cross
+from airrace.systems.control.attitude_error import lead_moment
 from airrace.systems.control.geometric_controller import GeometricController, limited
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY
 from airrace.trajopt.flat_trajectory import hold
@@ -137,7 +138,7 @@ def test_yaw_does_not_turn_the_correction_of_a_tilt_aside(drone, heading, tilt, 
     np.testing.assert_allclose(both[:2], alone[:2], atol=1e-6)
     spinning = calc(hold(P, 0.0), estimate(R=R, w=spin * R.matrix()[:, 2]))[1:]
     # What is about z damps the spin besides.
-    expected = turned_back(alone, ROTOR_DELAY * spin)
+    expected = lead_moment(alone, ROTOR_DELAY * spin)
     np.testing.assert_allclose(spinning[:2], expected[:2], atol=1e-6)
 
 
@@ -148,14 +149,14 @@ def test_feed_forward_is_inverse_dynamics(drone, a, j, s, yaw, rate, acceleratio
     vehicle = VEHICLES[drone]
     a, j, s = 5 * a, 8 * j, 8 * s
     reference = np.hstack(Reference(P, np.zeros(3), a, j, s, yaw, rate, acceleration))
-    force = (a[0], a[1], a[2] + GRAVITY)
+    force = a + [0.0, 0.0, GRAVITY]
     axes, w, _ = attitude_from_force(
         force, j, s, heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
     )
     R = RotationMatrix(np.array(axes).T)
     wrench = CONTROLLERS[drone].calc_wrench(reference, estimate(R=R, w=R.matrix() @ w))
     expected = vehicle.allocation @ rotor_thrusts(reference[:, None], vehicle, GRAVITY)[:, 0]
-    expected[1:] = turned_back(expected[1:], ROTOR_DELAY * w[2])
+    expected[1:] = lead_moment(expected[1:], ROTOR_DELAY * w[2])
     np.testing.assert_allclose(wrench, expected, atol=1e-8, rtol=1e-8)
 
 
@@ -209,7 +210,7 @@ def test_a_spin_does_not_turn_the_damping_of_the_others(drone, w, spin):
     vehicle = VEHICLES[drone]
     w = np.array([w[0], w[1], spin])
     moment = CONTROLLERS[drone].calc_wrench(hold(P, 0.0), estimate(w=w))[1:]
-    moment = turned_back(moment, -ROTOR_DELAY * spin)  # what the rotors will have done
+    moment = lead_moment(moment, -ROTOR_DELAY * spin)  # what the rotors will have done
     J = np.array(vehicle.inertia)
     acceleration = (moment - np.cross(w, J * w)) / J
     across = np.array([w[0], w[1], 0.0])
@@ -293,7 +294,7 @@ def test_what_is_not_finite_keeps_the_last_command(drone, port, size, bad):
 def test_a_wrench_that_is_not_finite_keeps_the_last_command(bad):
     bench = Bench(VEHICLES["Default"])
     last = bench.update().copy()
-    bench.controller.calc_wrench = lambda reference, estimate: np.array([9.81, 0.0, bad, 0.0])
+    bench.controller.calc_wrench = lambda *_: np.array([9.81, 0.0, bad, 0.0])
     np.testing.assert_array_equal(bench.update(), last)
 
 

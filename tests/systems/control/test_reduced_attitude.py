@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RotationMatrix
 
-from airrace.systems.control.attitude_error import turned_back
+from airrace.systems.control.attitude_error import lead_moment
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY, ReducedAttitude
 from airrace.vehicle import GRAVITY, load_vehicle
 from airrace.vehicle.rotor_loss import Remaining
@@ -129,7 +129,7 @@ def test_the_spin_does_not_turn_the_damping(w, spin, left):
     trim = np.cross(along, J * along)
     moment = reduced.wrench(estimate(R, R.matrix() @ w), CALM, left)[1:]
     # What the rotors will have done, late.
-    moment = trim + np.array(turned_back(moment - trim, -ROTOR_DELAY * spin))
+    moment = trim + np.array(lead_moment(moment - trim, -ROTOR_DELAY * spin))
     acceleration = (moment - np.cross(w, J * w)) / J
     gain = DEFAULT.gains.angular_velocity
     np.testing.assert_allclose(acceleration + np.cross(along, beside), -gain * beside, atol=1e-5)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydrake.common.eigen_geometry import AngleAxis, Quaternion
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 from pydrake.systems.analysis import Simulator
 
 from airrace.systems.control import state_filter
-from airrace.systems.control.state_filter import StateFilter, kalman_gain, predict_quaternion
+from airrace.systems.control.state_filter import StateFilter, kalman_gain
 from airrace.vehicle import GRAVITY, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state
 
@@ -200,21 +200,6 @@ rotations = (
     .filter(lambda q: np.linalg.norm(q) > 0.1)
     .map(lambda q: RotationMatrix(Quaternion(q / np.linalg.norm(q))))
 )
-
-
-@given(rotations, vectors, st.floats(0.0, 0.05), st.floats(0.0, 100.0))
-def test_the_attitude_is_carried_forward(R, w, dt, time):
-    """To second order: the error is a twelfth of the cube of the angle. A rotation it stays."""
-    w = 20 * w
-    estimate = np.concatenate([[time], R.ToQuaternion().wxyz(), np.zeros(3), w, np.zeros(3)])
-    q = predict_quaternion(estimate, time + dt)
-    assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-12)
-    rate = np.linalg.norm(w)
-    if rate > 1e-3:
-        exact = RotationMatrix(AngleAxis(rate * dt, w / rate)) @ R
-        assert angle_between(q, exact) <= (rate * dt) ** 3 / 12 + 1e-7
-    else:
-        assert angle_between(q, R) <= 1e-4
 
 
 def test_the_output_is_of_the_present():

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydrake.systems.analysis import Simulator
 
-from airrace.systems.sensing.state_estimate import StateEstimate
+from airrace.systems.sensing.state_estimate import StateEstimate, plant_lead
 from airrace.vehicle.state import as_state
 
 TRUTH = np.array([1.0, 0, 0, 0, 1, 2, 3, 0.1, 0.2, 0.3, 10, -5, 1])
@@ -61,3 +63,18 @@ def test_between_steps_of_the_plant_the_estimate_is_of_its_own_time():
         simulator.AdvanceTo(time + 1e-4)
         estimate = system.get_output_port().Eval(context)
         np.testing.assert_allclose(estimate, [time, *state(time)], rtol=0, atol=1e-8)
+
+
+@given(st.integers(0, 10**6), st.floats(0.0, 1.0), st.sampled_from([0.001, 0.002, 0.005]))
+def test_the_end_of_the_step_is_shown(step, share, period):
+    time = (step + share) * period
+    shown = time + plant_lead(time, period)
+    assert shown / period == pytest.approx(round(shown / period), abs=1e-5)
+    assert -1e-5 * period <= plant_lead(time, period) <= period
+
+
+def test_at_the_time_of_a_step_and_of_what_has_no_steps():
+    assert plant_lead(0.0, 0.001) == 0.0
+    assert plant_lead(3 * 0.001, 0.001) == pytest.approx(0.0, abs=1e-15)
+    assert plant_lead(0.005, 0.002) == pytest.approx(0.001)
+    assert plant_lead(0.1234, 0.0) == 0.0

@@ -136,7 +136,7 @@ def tilts_at_gates(circuit):
     r = as_reference(s)
     heading = heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration)
     force = r.acceleration + np.array([[0.0], [0.0], [GRAVITY]])
-    axes, _, _ = attitude_from_force(tuple(force), tuple(r.jerk), tuple(r.snap), heading)
+    axes, _, _ = attitude_from_force(force, r.jerk, r.snap, heading)
     return np.arccos(np.clip(axes[2][2], -1.0, 1.0))
 
 

@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from airrace.math.angles import wrap_angle
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import MIN_HEIGHT, pylon_distances
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
@@ -87,7 +88,7 @@ def off_axis(lap, midpoints):
     following = np.searchsorted(lap.gate_times, times, side="right") % len(midpoints)
     to_gate = midpoints[following].T[:2] - samples[:2]
     off = np.arctan2(to_gate[1], to_gate[0]) - as_reference(samples).yaw
-    off = np.abs((off + np.pi) % (2 * np.pi) - np.pi)
+    off = np.abs(wrap_angle(off))
     return off[np.linalg.norm(to_gate, axis=0) > LEAST_RANGE].max()
 
 

@@ -86,10 +86,7 @@ def test_yaw_of_attitude_inverts_attitude_from_force():
     yaw = np.sort(rng.uniform(-3, 3, 50))
     yaw_rate, yaw_acceleration = rng.normal(size=(2, 50)) * 2.0
     axes, w, alpha = attitude_from_force(
-        tuple(force),
-        tuple(rates[0]),
-        tuple(rates[1]),
-        heading_vectors(np.cos(yaw), np.sin(yaw), yaw_rate, yaw_acceleration),
+        force, *rates, heading_vectors(np.cos(yaw), np.sin(yaw), yaw_rate, yaw_acceleration)
     )
     found = yaw_of_attitude([np.array(a) for a in axes], np.array(w), np.array(alpha))
     np.testing.assert_allclose(found[0], yaw, atol=1e-9)

@@ -1,0 +1,63 @@
+"""How rotors follow their commands, for the simulated ones and for predictions."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.common.jit import compilable
+from airrace.vehicle.vehicle import Vehicle
+
+
+class RotorDynamics(NamedTuple):
+    """First-order lag of the speeds of n rotors, advanced in steps of one period.
+
+    Attributes:
+        thrust_coefficients: c_f in thrust = c_f w^2 (N s^2), (n,).
+        max_speeds: (rad/s), (n,).
+        step_share: how much of a step in the command is made in one period, 0 to 1.
+    """
+
+    thrust_coefficients: np.ndarray
+    max_speeds: np.ndarray
+    step_share: float
+
+
+def make_rotor_dynamics(vehicle: Vehicle, period: float) -> RotorDynamics:
+    """Args: vehicle: the rotor table. period: of a step (s)."""
+    step_share = 1.0 - math.exp(-period / vehicle.rotor_lag)
+    return RotorDynamics(vehicle.thrust_coefficients, vehicle.max_speeds, step_share)
+
+
+@compilable
+def next_speeds(speeds, command, rotors: RotorDynamics) -> np.ndarray:
+    """Returns the speeds one period later (rad/s), (n,).
+
+    Args:
+        speeds: now (rad/s), (n,).
+        command: (rad/s), (n,); negative ones and NaN count as zero.
+        rotors: all of them.
+    """
+    target = np.where(command > 0.0, np.minimum(command, rotors.max_speeds), 0.0)
+    return speeds + rotors.step_share * (target - speeds)
+
+
+class RotorStatus(NamedTuple):
+    """What the motor controllers report of n rotors, the vector ``rotor_status``, (1 + 2n,).
+
+    Attributes:
+        time: of the report (s).
+        speeds: measured (rad/s), (n,).
+        expected: of rotors that work, after the commands that arrived (rad/s), (n,).
+    """
+
+    time: float
+    speeds: np.ndarray
+    expected: np.ndarray
+
+
+@compilable
+def as_rotor_status(vector) -> RotorStatus:
+    """Returns the parts of a vector (1 + 2n,) as views of it."""
+    n = len(vector) // 2
+    return RotorStatus(vector[0], vector[1 : 1 + n], vector[1 + n :])

@@ -38,8 +38,8 @@ def integrate(q, w_W, dt) -> np.ndarray:
         (
             w - b * x - c * y - d * z,
             x + b * w + c * z - d * y,
-            y - b * z + c * w + d * x,
-            z + b * y - c * x + d * w,
+            y + c * w + d * x - b * z,
+            z + d * w + b * y - c * x,
         )
     )
     return product / math.sqrt(np.sum(product * product))

@@ -1,6 +1,5 @@
 """How rotors follow their commands, for the simulated ones and for predictions."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +24,7 @@ class RotorDynamics(NamedTuple):
 
 def make_rotor_dynamics(vehicle: Vehicle, period: float) -> RotorDynamics:
     """Args: vehicle: the rotor table. period: of a step (s)."""
-    step_share = 1.0 - math.exp(-period / vehicle.rotor_lag)
+    step_share = float(1.0 - np.exp(-period / vehicle.rotor_lag))
     return RotorDynamics(vehicle.thrust_coefficients, vehicle.max_speeds, step_share)
 
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.common.jit import compiled
-from airrace.math.vec3 import cross, dot
+from airrace.math.vec3 import cross, dot, rotate
 
 numbers = st.floats(-1.0, 1.0)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)
@@ -21,6 +21,13 @@ def test_products_are_numpys(a, b):
     for product, vector in (compiled_products(a, b), (dot(a, b), cross(a, b))):
         np.testing.assert_allclose(product, a @ b, atol=1e-15)
         np.testing.assert_allclose(vector, np.cross(a, b), atol=1e-15)
+
+
+def test_a_matrix_times_a_vector():
+    rng = np.random.default_rng(0)
+    R, v = rng.normal(size=(3, 3)), rng.normal(size=3)
+    np.testing.assert_allclose(rotate(R, v), R @ v)
+    np.testing.assert_allclose(rotate(R.T, v), R.T @ v)
 
 
 def test_many_at_once():

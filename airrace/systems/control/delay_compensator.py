@@ -8,7 +8,7 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import all_finite, compiled
 from airrace.math.quaternion import integrate, rotation_matrix
-from airrace.math.vec3 import cross
+from airrace.math.vec3 import cross, rotate
 from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.rotors import RotorDynamics, make_rotor_dynamics, next_speeds
 from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
@@ -146,7 +146,7 @@ def _predict(estimate, speeds, commands, since, delay, model):
     c_f = model.rotors.thrust_coefficients
     p, v, quaternion = state.position.copy(), state.velocity.copy(), state.quaternion.copy()
     R_WB = rotation_matrix(quaternion)
-    w = R_WB.T @ state.angular_velocity
+    w = rotate(R_WB.T, state.angular_velocity)
     g_W = np.array((0.0, 0.0, GRAVITY))
     turning, flying = speeds.copy(), np.sum(c_f * speeds**2) > _FLYING * mass * GRAVITY
     # The command in force at the time of the estimate, and those after it.
@@ -157,7 +157,7 @@ def _predict(estimate, speeds, commands, since, delay, model):
         if flying:
             wrench = model.allocation @ (c_f * turning**2)
             w = w + h * (wrench[1:] - cross(w, J * w)) / J
-            quaternion = integrate(quaternion, R_WB @ w, h)
+            quaternion = integrate(quaternion, rotate(R_WB, w), h)
             R_WB = rotation_matrix(quaternion)
             p = p + h * v
             v = v + h * (wrench[0] / mass * R_WB[:, 2] - g_W)
@@ -165,4 +165,4 @@ def _predict(estimate, speeds, commands, since, delay, model):
     for i in range(len(speeds)):
         if not speeds[i] < _FOLLOWS * np.min(commands[first : first + _WHILE, i]):
             after[i] = turning[i]
-    return state_vector(State(state.time + delay, quaternion, p, R_WB @ w, v)), after
+    return state_vector(State(state.time + delay, quaternion, p, rotate(R_WB, w), v)), after

@@ -9,7 +9,7 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import all_finite, compilable, compiled
 from airrace.math.quaternion import rotation_matrix
-from airrace.math.vec3 import cross, dot
+from airrace.math.vec3 import cross, dot, rotate
 from airrace.systems.control.attitude_error import attitude_error, lead_moment
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY, ReducedAttitude
 from airrace.systems.ports import read_vector
@@ -117,9 +117,9 @@ class GeometricController(LeafSystem):
             max_force=_THRUST_SHARE * max_lift / vehicle.mass,
         )
         self._rotors = make_rotor_dynamics(vehicle, 1.0 / rate)
-        self._overdrive = (
-            1.0 - math.exp(-1.0 / (rate * min(_SHORT_LAG, vehicle.rotor_lag)))
-        ) / self._rotors.step_share
+        self._overdrive = _step_share(rate, min(_SHORT_LAG, vehicle.rotor_lag)) / _step_share(
+            rate, vehicle.rotor_lag
+        )
         self._reduced = ReducedAttitude(vehicle)
         self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
@@ -201,9 +201,11 @@ def lee_wrench(reference: Reference, state: State, parameters: ControlParameters
             reference.yaw_acceleration,
         ),
     )
-    R_WB, R_WD = rotation_matrix(state.quaternion), np.column_stack(axes)
-    R_BD = R_WB.T @ R_WD
-    w, w_d, alpha_d = R_WB.T @ state.angular_velocity, R_BD @ w_D, R_BD @ alpha_D
+    R_WB, (x_D, y_D, z_D) = rotation_matrix(state.quaternion), axes
+    R_BW = R_WB.T
+    R_BD = np.column_stack((rotate(R_BW, x_D), rotate(R_BW, y_D), rotate(R_BW, z_D)))
+    w = rotate(R_BW, state.angular_velocity)
+    w_d, alpha_d = rotate(R_BD, w_D), rotate(R_BD, alpha_D)
     e_R, e_w = attitude_error(R_BD.T, w), w - w_d
     spin = np.array((-e_w[2] * e_w[1], e_w[2] * e_w[0], 0.0))
     alpha = -k_R * e_R - k_w * e_w - spin - cross(w, w_d) + alpha_d
@@ -255,3 +257,8 @@ def _attitude_gains(vehicle: Vehicle):
     k_R = np.full(3, vehicle.gains.attitude)
     k_R[2] = min(k_R[2], max(moment, 0.0) / vehicle.inertia[2] / _YAW_REACH)
     return k_R, vehicle.gains.angular_velocity * np.sqrt(k_R / vehicle.gains.attitude)
+
+
+def _step_share(rate, lag) -> float:
+    """Returns how much of a step a first-order lag makes in one period."""
+    return 1.0 - math.exp(-1.0 / (rate * lag))

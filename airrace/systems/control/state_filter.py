@@ -107,7 +107,8 @@ class StateFilter(LeafSystem):
 
     def _thrust(self, speeds) -> float:
         """Returns the thrust per mass of the rotors that report a speed (m/s^2)."""
-        return float(self._thrust_per_mass @ np.square(np.where(np.isfinite(speeds), speeds, 0.0)))
+        speeds = np.where(np.isfinite(speeds), speeds, 0.0)
+        return float(np.sum(self._thrust_per_mass * speeds * speeds))
 
     def _calc_estimate(self, context, output):
         output.set_value(

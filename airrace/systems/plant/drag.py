@@ -11,7 +11,7 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compiled
 from airrace.math.quaternion import rotation_matrix
-from airrace.math.vec3 import dot
+from airrace.math.vec3 import dot, rotate
 from airrace.vehicle import Vehicle
 from airrace.vehicle.state import as_plant_state
 
@@ -73,6 +73,7 @@ def _drag(state, wind, linear, quadratic, angular):
     """Returns moment (N m) and force (N) in the world, (6,); see Drag."""
     state = as_plant_state(state)
     R_WB = rotation_matrix(state.quaternion)
-    w_B, v_B = R_WB.T @ state.angular_velocity, R_WB.T @ (state.velocity - wind)
-    force = -(linear + quadratic * math.sqrt(dot(v_B, v_B))) * v_B
-    return np.concatenate((R_WB @ (-angular * w_B), R_WB @ force))
+    v = state.velocity - wind
+    w_B, v_B = rotate(R_WB.T, state.angular_velocity), rotate(R_WB.T, v)
+    force = -(linear + quadratic * math.sqrt(dot(v, v))) * v_B
+    return np.concatenate((rotate(R_WB, -angular * w_B), rotate(R_WB, force)))

@@ -11,6 +11,7 @@ from collections import Counter
 import numpy as np
 
 from airrace.common.immutable import Immutable, read_only
+from airrace.math.angles import wrap_angle
 from airrace.systems.mapping import gate_filter
 from airrace.systems.mapping.gate_filter import CHI_SQUARE_3, GateFilter
 from airrace.systems.mapping.observation import OFF_MAP, UNCONFIRMED, Observation
@@ -200,7 +201,7 @@ def _map_of_gate(number, track: GateTrack, min_observations) -> GateMap:
     gate = GateEstimate(
         number=number,
         p_WG=read_only(estimate.state[:3]),
-        heading=gate_filter.wrap(estimate.heading),
+        heading=wrap_angle(estimate.heading),
         spacing=estimate.spacing,
     )
     return GateMap(

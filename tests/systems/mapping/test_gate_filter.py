@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.common.immutable import read_only
+from airrace.math.angles import wrap_angle
 from airrace.systems.mapping import gate_filter as gf
 from tests.systems.mapping.gate_observations import SIGMA, make_gate, see
 
@@ -20,7 +21,7 @@ def state_of(gate):
 
 def error(estimate, gate):
     difference = estimate.state - state_of(gate)
-    difference[3] = gf.wrap(difference[3])
+    difference[3] = wrap_angle(difference[3])
     return difference
 
 
@@ -102,7 +103,7 @@ def test_turning_the_world_turns_the_estimate(gate, seed, turn, shift):
 
     here, there = filtered(observations), filtered([moved(s) for s in observations])
     np.testing.assert_allclose(R @ here.state[:3] + t, there.state[:3], atol=1e-6)
-    assert gf.wrap(here.heading + turn - there.heading) == pytest.approx(0.0, abs=1e-6)
+    assert wrap_angle(here.heading + turn - there.heading) == pytest.approx(0.0, abs=1e-6)
     np.testing.assert_allclose(
         R @ here.covariance[:3, :3] @ R.T, there.covariance[:3, :3], atol=1e-8
     )

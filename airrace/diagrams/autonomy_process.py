@@ -11,11 +11,11 @@ from airrace.hitl.checkpoint import CHECKPOINT_PERIOD, restore, save
 from airrace.hitl.lcm_bridge import MakeAutonomySide, pictures_wanted
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT_PERIOD, Endpoint
-from airrace.hitl.link.lockstep import Exchange, PeerLost, hear_peer, lockstep_times
+from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
 from airrace.hitl.link.probe import CHANNELS, Responder
 from airrace.hitl.planning_worker import PlanningWorker
 from airrace.hitl.remote_autonomy import LOCKSTEP
-from airrace.hitl.transport import LOOK_PERIOD
+from airrace.hitl.transport import POLL_PERIOD
 from airrace.systems.planning.lap_planner import LapPlanner
 
 LEFT, STOPPED, LOST = 0, 1, 3  # exit codes
@@ -46,7 +46,7 @@ class AutonomyProcess:
         self.channels = make_channels(scenario, pictures_wanted(self._autonomy))
         self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock)
         self._responder = Responder(self._endpoint)
-        self._beaten = -1.0
+        self._heartbeat_sent = -1.0
         self._delay = 0.0  # s, there and back, that is compensated for
 
     def run(self, resume=None, patience: float = 60.0) -> int:
@@ -66,7 +66,7 @@ class AutonomyProcess:
         # The worker starts now, so that it is there when the first lap is to be planned.
         with contextlib.closing(PlanningWorker()) as worker:
             expected = phases.RACING if resume else phases.READY
-            hear_peer(
+            await_peer(
                 self._endpoint, phases.WAITING, expected=expected, timeout=patience, poll=self._poll
             )
             mode, _, rate = self._endpoint.peer_heartbeat.value.text.partition(" ")
@@ -104,8 +104,10 @@ class AutonomyProcess:
     def _race_in_lockstep(self) -> int:
         exchange = Exchange(self._endpoint, self._receivers, self._senders)
         try:
-            exchange.receive(self._context, self._stop, poll=lambda: self._beat(phases.READY))
-            for now in lockstep_times(self._scenario, LOOK_PERIOD):
+            exchange.receive(
+                self._context, self._stop, poll=lambda: self._send_heartbeat(phases.READY)
+            )
+            for now in lockstep_times(self._scenario, POLL_PERIOD):
                 if now == 0.0:
                     self._simulator.Initialize()
                     exchange.send(self._context)
@@ -120,17 +122,17 @@ class AutonomyProcess:
 
     def _race(self, resume) -> int:
         while not self.is_ready():
-            self._breathe(phases.WAITING)
+            self._wait_and_poll(phases.WAITING)
             if self._endpoint.silence > _PATIENCE:
                 return self._lost()
         self.start(resume)
         while self._phase() == phases.READY and not self._ended():
             self._receivers.receive(self._context, self._endpoint)
-            self._breathe(phases.READY)
+            self._wait_and_poll(phases.READY)
         self._endpoint.clock.restart()
         saved = self._endpoint.now()
         while not self._ended():
-            self._breathe(phases.RACING)
+            self._wait_and_poll(phases.RACING)
             self.step()
             if self._endpoint.now() - saved > CHECKPOINT_PERIOD:
                 saved = self._endpoint.now()
@@ -187,17 +189,17 @@ class AutonomyProcess:
         self._log(f"airrace: the simulation fell silent for {_PATIENCE:.0f} s")
         return LOST
 
-    def _beat(self, phase):
+    def _send_heartbeat(self, phase):
         now = self._endpoint.now()
-        if now - self._beaten >= HEARTBEAT_PERIOD:
-            self._beaten = now
-            self._endpoint.beat(phase, self._context.get_time())
+        if now - self._heartbeat_sent >= HEARTBEAT_PERIOD:
+            self._heartbeat_sent = now
+            self._endpoint.send_heartbeat(phase, self._context.get_time())
 
-    def hear(self, phase) -> None:
+    def poll_link(self, phase) -> None:
         """Takes in what has come, and shows that it is alive."""
         self._endpoint.drain()
-        self._beat(phase)
+        self._send_heartbeat(phase)
 
-    def _breathe(self, phase):
+    def _wait_and_poll(self, phase):
         self._endpoint.wait(_TICK)
-        self.hear(phase)
+        self.poll_link(phase)

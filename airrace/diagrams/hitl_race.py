@@ -19,7 +19,7 @@ from airrace.hitl.lcm_bridge import pictures_wanted
 from airrace.hitl.link import phases
 from airrace.hitl.link.doctor import diagnose, refusal
 from airrace.hitl.link.endpoint import DEFAULT_URL, SIMULATION, Endpoint, open_lcm
-from airrace.hitl.link.lockstep import hear_peer
+from airrace.hitl.link.lockstep import await_peer
 from airrace.hitl.link.probe import measure
 from airrace.hitl.remote_autonomy import LockstepRemote, RealTimeRemote
 from airrace.scenario import LINK_DELAY, Scenario, scenario_yaml
@@ -108,7 +108,7 @@ def remote_transport(
                 raise UserError(reason)
         endpoint = Endpoint(SIMULATION, channels, bus)
         stack.callback(endpoint.close)
-        hear_peer(endpoint, phases.WAITING, timeout=patience, poll=poll_start)
+        await_peer(endpoint, phases.WAITING, timeout=patience, poll=poll_start)
         if lockstep:
             yield LockstepRemote(channels, endpoint, poll)
         else:
@@ -174,8 +174,8 @@ def files_of(scenario: Scenario) -> dict[str, bytes]:
             if path.is_file():
                 files[f"drone/{path.relative_to(folder).as_posix()}"] = path.read_bytes()
         scenario = dc.replace(scenario, drone="./drone")
-    for box in scenario.systems.values():
-        files |= _module_files(box.partition(":")[0].partition(".")[0])
+    for system in scenario.systems.values():
+        files |= _module_files(system.partition(":")[0].partition(".")[0])
     files["scenario.yaml"] = scenario_yaml(scenario, absolute=False).encode()
     return files
 

@@ -17,7 +17,7 @@ from airrace.common.files import write_json, write_text
 from airrace.common.interrupts import interrupt_flag
 from airrace.diagrams.in_process import InProcess
 from airrace.diagrams.simulation import MakeSimulation, follow_gates
-from airrace.hitl.transport import LOOK_PERIOD, Transport
+from airrace.hitl.transport import POLL_PERIOD, Transport
 from airrace.recording.race_recorder import AddRecorder, close_recording
 from airrace.recording.race_result import RaceResult
 from airrace.scenario import Scenario, scenario_yaml
@@ -166,7 +166,7 @@ class _Race:
         steps, reason = 0, None
         while not (self._result.referee_status.over or interrupted.is_set or reason):
             steps += 1
-            reason = self._transport.advance(self._simulator, steps * LOOK_PERIOD)
+            reason = self._transport.advance(self._simulator, steps * POLL_PERIOD)
             simulation = self._diagram.GetSubsystemByName("simulation")
             follow_gates(simulation, self._simulator.get_mutable_context())
             outputs = self._observe()

@@ -35,21 +35,21 @@ class SimulatedRemote(RealTimeRemote):
         context = simulator.get_mutable_context()
         while not self._autonomy.is_ready():
             self._link.time += _TICK
-            self._beat(self._link.time, 0.0)
-            self._show_start(context)
+            self._send_heartbeat(self._link.time, 0.0)
+            self._send_initial_values(context)
             self._endpoint.drain()
-            self._autonomy.hear(phases.WAITING)
+            self._autonomy.poll_link(phases.WAITING)
         self._autonomy.start()
         self._start = self._link.time
 
     def _wait_for(self, tick, sim_time):
         self._link.time = self._start + tick
         self._let_autonomy_step(tick)
-        self._beat(self._link.time, sim_time)
+        self._send_heartbeat(self._link.time, sim_time)
         self._endpoint.drain()
 
     def _let_autonomy_step(self, now):
-        self._autonomy.hear(phases.RACING)
+        self._autonomy.poll_link(phases.RACING)
         self._autonomy.step()
 
     def end(self, simulator):

@@ -57,7 +57,7 @@ def compile_apart(scenario: Scenario) -> None:
         return
     jit.remove_stale()
     blind = scenario.camera.renderer == NO_CAMERA
-    # A link is for races that look for themselves.
+    # A link is for races that explore.
     scenario = dc.replace(scenario, map="", camera=CameraConfig() if blind else scenario.camera)
     console = Console(stderr=True)
     with (

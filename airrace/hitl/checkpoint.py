@@ -19,9 +19,9 @@ def save(folder: Path, autonomy, root_context) -> None:
         root_context: of the diagram that it is part of.
     """
     states = {}
-    for box in autonomy.GetSystems():
-        context = box.GetMyContextFromRoot(root_context)
-        states[box.get_name()] = (
+    for system in autonomy.GetSystems():
+        context = system.GetMyContextFromRoot(root_context)
+        states[system.get_name()] = (
             [
                 context.get_discrete_state(i).CopyToVector()
                 for i in range(context.num_discrete_state_groups())
@@ -47,9 +47,9 @@ def restore(folder: Path, autonomy, root_context) -> None:
     path = Path(folder) / CHECKPOINT
     try:
         states = pickle.loads(path.read_bytes())
-        for box in autonomy.GetSystems():
-            discrete, abstract = states[box.get_name()]
-            context = box.GetMyMutableContextFromRoot(root_context)
+        for system in autonomy.GetSystems():
+            discrete, abstract = states[system.get_name()]
+            context = system.GetMyMutableContextFromRoot(root_context)
             for i, value in enumerate(discrete):
                 context.SetDiscreteState(i, value)
             for i, value in enumerate(abstract):
@@ -59,7 +59,7 @@ def restore(folder: Path, autonomy, root_context) -> None:
             f"--resume {folder} has no {CHECKPOINT} ({e.strerror}); name the --output folder of "
             "the autonomy that has ended."
         ) from None
-    except Exception as e:  # whatever a pickle of other systems makes of itself
+    except Exception as e:  # a pickle of other systems may raise anything
         raise UserError(
             f"{path} does not fit this scenario ({type(e).__name__}: {e}); start without --resume."
         ) from None

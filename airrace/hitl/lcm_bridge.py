@@ -103,10 +103,10 @@ class Senders:
 def pictures_wanted(autonomy: Diagram) -> tuple[str, ...]:
     """Returns which of PICTURE_PORTS the systems of an autonomy use."""
     names = {
-        box.get_input_port(i).get_name()
-        for box in autonomy.GetSystems()
-        if box.get_name() != "rectifier"
-        for i in range(box.num_input_ports())
+        system.get_input_port(i).get_name()
+        for system in autonomy.GetSystems()
+        if system.get_name() != "rectifier"
+        for i in range(system.num_input_ports())
     }
     return tuple(port for port in PICTURE_PORTS if port in names)
 

@@ -6,8 +6,8 @@ import time
 from airrace.hitl.lcm_bridge import Receivers, Senders
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, SIMULATION
-from airrace.hitl.link.lockstep import Exchange, PeerLost, hear_peer, lockstep_times
-from airrace.hitl.transport import LOOK_PERIOD
+from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
+from airrace.hitl.transport import POLL_PERIOD
 from airrace.systems.control.command_watchdog import HOVER, LAND, AddCommandWatchdog
 
 LOCKSTEP, REAL_TIME = "lockstep", "realtime"  # what the simulation's heartbeats say
@@ -33,7 +33,7 @@ class Remote:
                 its exit code if it has ended.
         """
         self._channels, self._endpoint, self._poll = channels, endpoint, poll
-        self._beaten = self._shown = -1.0
+        self._heartbeat_sent = self._shown = -1.0
 
     def AddToBuilder(self, builder, scenario, simulation):
         self._receivers = Receivers(self._channels, SIMULATION)
@@ -51,7 +51,7 @@ class Remote:
 
     def end(self, simulator):
         for _ in range(_FAREWELLS):
-            self._endpoint.beat(phases.OVER, simulator.get_context().get_time())
+            self._endpoint.send_heartbeat(phases.OVER, simulator.get_context().get_time())
             time.sleep(HEARTBEAT_PERIOD / 5)
 
     def wall(self, simulator):
@@ -73,11 +73,11 @@ class LockstepRemote(Remote):
             autonomy.GetOutputPort("rotor_speed_command"),
             simulation.GetInputPort("rotor_speed_command"),
         )
-        self._times = lockstep_times(scenario, LOOK_PERIOD)
+        self._times = lockstep_times(scenario, POLL_PERIOD)
 
     def begin(self, simulator):
         context = simulator.get_mutable_context()
-        hear_peer(self._endpoint, phases.READY, LOCKSTEP, timeout=_PATIENCE, poll=self._poll)
+        await_peer(self._endpoint, phases.READY, LOCKSTEP, timeout=_PATIENCE, poll=self._poll)
         self._exchange = Exchange(self._endpoint, self._receivers, self._senders)
         next(self._times)
         self._exchange.send(context)
@@ -116,18 +116,18 @@ class RealTimeRemote(Remote):
 
     def begin(self, simulator):
         context = simulator.get_mutable_context()
-        hear_peer(
+        await_peer(
             self._endpoint,
             phases.READY,
             f"{REAL_TIME} {self._rate!r}",
             timeout=_PATIENCE,
-            poll=lambda: self._show_start(context),
+            poll=lambda: self._send_initial_values(context),
         )
         self._endpoint.clock.rate = self._rate
         self._endpoint.clock.restart()
         self._start = self._endpoint.now()
 
-    def _show_start(self, context):
+    def _send_initial_values(self, context):
         """Sends what the autonomy needs to begin, again and again: messages get lost."""
         self._poll()
         if self._endpoint.now() - self._shown > 2 * HEARTBEAT_PERIOD:
@@ -153,17 +153,17 @@ class RealTimeRemote(Remote):
         due = self._start + self._late + tick / self._rate
         while True:
             now = self._endpoint.now()
-            self._beat(now, sim_time)
+            self._send_heartbeat(now, sim_time)
             self._endpoint.drain()
             if now >= due:
                 self._late += max(now - due - _BEHIND, 0.0)
                 return
             self._endpoint.wait(due - now)
 
-    def _beat(self, now, sim_time):
-        if now - self._beaten >= HEARTBEAT_PERIOD:
-            self._beaten = now
-            self._endpoint.beat(phases.RACING, sim_time, f"{REAL_TIME} {self._rate!r}")
+    def _send_heartbeat(self, now, sim_time):
+        if now - self._heartbeat_sent >= HEARTBEAT_PERIOD:
+            self._heartbeat_sent = now
+            self._endpoint.send_heartbeat(phases.RACING, sim_time, f"{REAL_TIME} {self._rate!r}")
 
     def wall(self, simulator):
         m = self._watchdog_memory(simulator.get_context())

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from airrace.scenario import Scenario
 from airrace.systems.types import RefereeStatus
 
-LOOK_PERIOD = 0.1  # s of simulated time between looks at the race
+POLL_PERIOD = 0.1  # s of simulated time between two polls of the race
 
 
 class Transport(Protocol):

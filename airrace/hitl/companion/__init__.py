@@ -25,9 +25,9 @@ class Autonomy(typing.Protocol):
     def poll(self) -> int | None:
         """Hands new lines of its output to the log; returns its exit code, None while it runs.
 
-        Never blocks, and never raises. One that cannot be reached any more may still
-        fly: it has ended, with -1, once it was told to stop. The exit codes are 0 after
-        the simulation's farewell, 3 if the simulation fell silent, 1 when told to stop, 2
+        Never blocks, and never raises. An autonomy that cannot be reached any more may still
+        fly: it counts as running until it is told to stop, and then as ended with -1. The exit
+        codes are 0 after the race, 3 if the simulation fell silent, 1 when told to stop, 2
         on bad input (its last line says what).
         """
 

@@ -1,6 +1,6 @@
 # What airrace does on a companion computer. The workstation sends this text over ssh:
 #
-#   sh -c "$(cat board.sh)" board look ENVIRONMENT PACKAGE
+#   sh -c "$(cat board.sh)" board inspect ENVIRONMENT PACKAGE
 #   sh -c "$(cat board.sh)" board set_up ENVIRONMENT PACKAGE PYTHON KILOBYTES ONLINE|OFFLINE
 #   sh -c "$(cat board.sh)" board run FOLDER UDP_PORT PYTHON
 #   sh -c "$(cat board.sh)" board stop FOLDER SECONDS
@@ -57,7 +57,7 @@ find_python() {
   fi
 }
 
-look() {
+inspect() {
   say cache "$cache"
   say machine "$(uname -s) $(uname -m)"
   is_environment "$cache/environments/$1" && say environment there

@@ -99,7 +99,7 @@ def set_up(
     display.step("looking for Python")
     lock = checkout / "requirements.lock"
     environment, package = digest(lock), source_digest(checkout)
-    found = look(connection, address.host, environment, package)
+    found = inspect_board(connection, address.host, environment, package)
     cache, locked = found["cache"], find_wheels(wheels, lock) if wheels else []
     if "environment" not in found:
         connection.put(f"{cache}/locks/{environment}.txt", lock.read_bytes())
@@ -136,14 +136,16 @@ def set_up(
     )
 
 
-def look(connection: SshConnection, host: str, environment: str, package: str) -> dict[str, str]:
+def inspect_board(
+    connection: SshConnection, host: str, environment: str, package: str
+) -> dict[str, str]:
     """Returns what is on a companion: ``cache``, ``python``, and what else board.sh tells.
 
     Raises:
         UserError: if it is no computer for airrace.
         ConnectionLost: if the connection goes.
     """
-    _, output, error = connection.run(board_command("look", environment, package))
+    _, output, error = connection.run(board_command("inspect", environment, package))
     output = output.decode(errors="replace")
     found = dict(map(event_of, output.splitlines()))
     if "cache" not in found:

@@ -1,22 +1,22 @@
-"""The other side's clocks, from what its messages say."""
+"""Estimates of the other side's clocks, from the time stamps of its messages."""
 
 import collections
 import math
 
 _WINDOW = 0.5  # s, in which the quickest message tells the time
-_MOST_AHEAD = 0.015  # s, beyond the newest stamp: who sends no more may stand still
+_MOST_AHEAD = 0.015  # s, beyond the newest stamp: a side that sends nothing may stand still
 _EXCHANGES = 64  # heartbeats of which the quickest counts
 
 
 class PeerClock:
     """What the other side's clocks show.
 
-    Two of them: the simulated time, which may stand still or go slowly, and the
-    computer's own. Each heartbeat brings back when we sent one and how long it
-    lay there, as in NTP (RFC 5905): this gives the round trip, and if both ways
+    There are two: the simulated time, which may stand still or run slowly, and the clock
+    of the computer. Each heartbeat says when the one that it answers was sent and how long
+    the answer took, as in NTP (RFC 5905): this gives the round trip, and if both directions
     take the same time, the offset between the computers' clocks. Of all heartbeats
-    that bring back the same one of ours, the quickest counts: after a pause of our
-    own, those that came meanwhile seem to have taken as long as they lay here.
+    that answer the same one of ours, the quickest counts: those that arrive while
+    this process pauses seem to have taken as long as the pause.
     """
 
     def __init__(self, rate: float = 1.0):
@@ -27,7 +27,7 @@ class PeerClock:
         self._exchanges = collections.deque(maxlen=_EXCHANGES)  # (round trip, offset), s
         self._answered = -math.inf  # when we sent what the newest exchange began with, s
 
-    def hear(self, heartbeat, arrival: float) -> None:
+    def add_heartbeat(self, heartbeat, arrival: float) -> None:
         """Takes a heartbeat that came at a time of our computer's clock (s)."""
         if heartbeat.peer_sent <= 0:
             return
@@ -42,7 +42,7 @@ class PeerClock:
         self._exchanges.append(exchange)
         self._answered = sent
 
-    def stamp(self, sim_time: float, arrival: float) -> None:
+    def add_stamp(self, sim_time: float, arrival: float) -> None:
         """Takes the simulated time at which a message was sent, and when it came (s)."""
         self._newest = max(self._newest, sim_time)
         offset = sim_time - self.rate * arrival

@@ -1,4 +1,4 @@
-"""One side's end of the link: sends messages, and keeps the newest that came and are sound."""
+"""One side's end of the link: sends messages, and keeps the newest valid one of each channel."""
 
 import collections
 import contextlib
@@ -84,16 +84,16 @@ class Endpoint:
         """Constructs the endpoint, which listens from now on.
 
         Args:
-            role: "simulation" or "autonomy"; a "doctor" hears both.
+            role: SIMULATION or AUTONOMY.
             channels: all Channels of the link; it receives on those of the other side.
             bus: from open_lcm(); in tests, two endpoints may share a memq.
             clock: of this computer (s).
         """
         self.role = role
         self.session = int.from_bytes(os.urandom(7)) | 1
-        self.peer = 0  # session of the other side, 0 until it is heard
+        self.peer = 0  # session of the other side, 0 while unknown
         self.peer_heartbeat = None  # Received, the newest
-        self._stranger = None  # Received, a heartbeat of nobody known
+        self._stranger = None  # Received, a heartbeat of another session
         self.clock = PeerClock()
         self.statistics = {}  # name of a channel to ChannelStatistics
         self._bus = bus
@@ -122,7 +122,7 @@ class Endpoint:
         self._subscriptions.append(subscription)
 
     def close(self) -> None:
-        """Hears nothing any more."""
+        """Receives nothing any more."""
         for subscription in self._subscriptions:
             self._bus.unsubscribe(subscription)
         self._subscriptions.clear()
@@ -145,7 +145,7 @@ class Endpoint:
         """Returns the sequence number of what was last sent on a channel, 0 if nothing was."""
         return self._sequences.get(channel, 0)
 
-    def beat(
+    def send_heartbeat(
         self,
         phase: str,
         sim_time: float,
@@ -175,12 +175,12 @@ class Endpoint:
             select.select([self._bus], [], [], timeout)
 
     def drain(self) -> None:
-        """Takes in all that has come. Never raises."""
+        """Receives all messages that wait. Never raises."""
         while self._bus.handle_timeout(0):
             pass
 
     def keep_all(self, keep) -> None:
-        """From now on hands everything sound to keep(channel, received), in any order."""
+        """From now on hands every valid message to keep(channel, received), in any order."""
         self._keep = keep
 
     def show(self, channel: str, received: Received) -> None:
@@ -188,7 +188,7 @@ class Endpoint:
         self._newest[channel] = received
 
     def newest(self, channel: str, sim_time: float = float("inf")) -> Received | None:
-        """Returns the newest sound value on a channel, None before the first.
+        """Returns the newest valid value on a channel, None before the first.
 
         Args:
             channel: its name.
@@ -201,7 +201,7 @@ class Endpoint:
 
     @property
     def silence(self) -> float:
-        """Since when the other side's heartbeats are missing (s); infinite before the first."""
+        """Time since the other side's last heartbeat (s); infinite before the first."""
         if self.peer_heartbeat is None:
             return float("inf")
         return self.now() - self.peer_heartbeat.arrival
@@ -213,16 +213,16 @@ class Endpoint:
             message, stamp = packets.unpack(data, channel.message_type, channel.max_size)
             if channel.name == HEARTBEAT:
                 if message.role == self.role:
-                    return  # one's own comes back, or a second one's
+                    return  # our own, or of a second process with this role
                 self._check_heartbeat(message, stamp, arrival)
             last = self._check(channel.name, stamp)
             if channel.timed and stamp.time > self._sim_time + _LONG_AGO:
-                raise packets.Dropped(packets.MALFORMED)  # it would block the way of all others
+                raise packets.Dropped(packets.MALFORMED)  # it would block all others
             value = channel.decode(message)
         except packets.Dropped as e:
             statistics.drop(e.args[0])
             return
-        except (Exception, SystemExit):  # the last is what Drake's assertions become
+        except (Exception, SystemExit):  # Drake's assertions become SystemExit
             statistics.drop(packets.MALFORMED)
             return
         self._last[channel.name] = max(last, stamp.sequence)
@@ -237,10 +237,10 @@ class Endpoint:
             self._keep(channel.name, received)
         if channel.name == HEARTBEAT:
             self.peer_heartbeat = received
-            self.clock.hear(value, arrival)
-        self.clock.stamp(stamp.time, arrival)
+            self.clock.add_heartbeat(value, arrival)
+        self.clock.add_stamp(stamp.time, arrival)
         age = self.clock.age(stamp.time, arrival)
-        statistics.take(
+        statistics.add(
             max(stamp.sequence - last - 1, 0) if last else 0,
             len(data),
             age,
@@ -262,12 +262,12 @@ class Endpoint:
         return last
 
     def _check_heartbeat(self, message, stamp, arrival):
-        """Lets a new session of the other side in, if it proves that it is alive.
+        """Accepts a new session of the other side, if it proves that it is live.
 
-        The proof is that it has just heard us: a recording of an earlier run
-        names another session of ours, one of this run an old time. Who has not
-        heard us yet is answered by a heartbeat of ours, unless the other side that
-        we know is alive.
+        The proof is that it has just received a heartbeat of ours: a recording of an earlier
+        run names another session of ours, one of this run an old time. A process that has
+        received none yet is answered by our next heartbeat, unless the known other side is
+        alive. Raises Dropped.
         """
         if stamp.session == self.peer:
             return

@@ -15,16 +15,16 @@ class PeerLost(Exception):
     """The other side does not answer any more; the argument says since when (s)."""
 
 
-def lockstep_times(scenario, look_period: float):
+def lockstep_times(scenario, poll_period: float):
     """Yields all times (s), from 0, at which one side may need what the other one has.
 
-    That is whenever a box of either side does something. Drake's own arithmetic,
-    so that they are the same to the last bit. A box of one's own with other
-    periods sees what was there at most one step of the plant before.
+    That is whenever a system of either side has an update. The arithmetic is Drake's,
+    so that times are equal to the last bit. A system of the user's with another period
+    sees values that are at most one step of the plant old.
 
     Args:
         scenario: of the race.
-        look_period: between looks at the race (s).
+        poll_period: between two polls of the race (s).
     """
     fps = scenario.camera.fps
     latency = scenario.camera.resolved().latency
@@ -33,11 +33,11 @@ def lockstep_times(scenario, look_period: float):
         (1.0 / fps, 0.0),
         (1.0 / fps, latency),
         (1.0 / fps, scenario.perception.latency + latency),
-        (look_period, 0.0),
+        (poll_period, 0.0),
     }
     periods |= {
-        (1.0 / box.rate, 0.0)
-        for box in (
+        (1.0 / system.rate, 0.0)
+        for system in (
             scenario.rotors,
             scenario.state_estimate,
             scenario.referee,
@@ -53,7 +53,7 @@ def lockstep_times(scenario, look_period: float):
     last = None
     while True:
         now, k, period, offset = coming[0]
-        # Looks are at k times the period, others at the offset and that: the same for 0.
+        # Drake has events at offset + k * period.
         heapq.heapreplace(coming, (offset + (k + 1) * period, k + 1, period, offset))
         if now != last:
             last = now
@@ -68,7 +68,7 @@ class Exchange:
 
         Args:
             endpoint: which takes messages in any order from now on.
-            receivers, senders: of diagrams/lcm_bridge.py.
+            receivers, senders: of this side, see lcm_bridge.py.
         """
         self._endpoint, self._receivers, self._senders = endpoint, receivers, senders
         self._sent = self._received = 0  # ticks
@@ -93,7 +93,7 @@ class Exchange:
         sent = self._senders.send(root_context)
         for channel, _ in sent:
             self._sequences[channel] = self._endpoint.sequence(channel)
-        beat = self._endpoint.beat(
+        beat = self._endpoint.send_heartbeat(
             phases.RACING, root_context.get_time(), step=self._sent, belongs=self._sequences
         )
         self._outgoing = (self._outgoing[1], [*sent, (HEARTBEAT, beat)])
@@ -150,7 +150,7 @@ class Exchange:
         )
 
 
-def hear_peer(
+def await_peer(
     endpoint,
     phase: str,
     text: str = "",
@@ -176,7 +176,7 @@ def hear_peer(
         now = endpoint.now()
         if now - beaten >= HEARTBEAT_PERIOD:
             beaten = now
-            endpoint.beat(phase, 0.0, text)
+            endpoint.send_heartbeat(phase, 0.0, text)
         endpoint.wait(HEARTBEAT_PERIOD / 5)
         endpoint.drain()
         poll()

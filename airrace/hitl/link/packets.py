@@ -1,4 +1,4 @@
-"""From messages to bytes and back. What arrives is not trusted, and raises only Dropped."""
+"""From messages to bytes and back. Bytes that arrive are not trusted; they raise only Dropped."""
 
 import dataclasses as dc
 import math

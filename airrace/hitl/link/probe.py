@@ -10,7 +10,7 @@ from drake import lcmt_image_array
 from airrace import lcmtypes
 from airrace.hitl.link import image_messages, messages, phases
 from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT_PERIOD, SIMULATION, Channel, Endpoint
-from airrace.hitl.link.lockstep import hear_peer
+from airrace.hitl.link.lockstep import await_peer
 
 _SIZE = 4 << 20  # bytes
 PICTURE, STATE, COMMAND, STATUS = (
@@ -89,7 +89,7 @@ def measure(
     """
     endpoint = Endpoint(SIMULATION, CHANNELS, bus)
     try:
-        hear_peer(endpoint, phases.TESTING, expected=phases.WAITING, timeout=patience, poll=poll)
+        await_peer(endpoint, phases.TESTING, expected=phases.WAITING, timeout=patience, poll=poll)
         return _Test(endpoint, scenario).run(duration, poll, show)
     finally:
         endpoint.close()
@@ -116,7 +116,7 @@ class _Test:
                 beaten = now
                 poll()
                 show((now - start) / duration)
-                self._endpoint.beat(phases.TESTING, now)
+                self._endpoint.send_heartbeat(phases.TESTING, now)
             self._receive(min(due.values()) - time.monotonic())
         end = now + 2 * _STATUS_PERIOD  # what is still on its way
         while time.monotonic() < end:

@@ -54,7 +54,7 @@ class SimulatedLink:
             return
         message = self.time + max(delay, 0.0), next(self._order), channel, data
         for bus in self._buses:
-            bus.expect(message)
+            bus.enqueue(message)
 
 
 class SimulatedBus:
@@ -66,7 +66,7 @@ class SimulatedBus:
         self._subscriptions = []
         self._messages = []  # a heap of (arrival, order, channel, data)
 
-    def expect(self, message: tuple) -> None:
+    def enqueue(self, message: tuple) -> None:
         """Takes a message that is under way: (arrival, order, channel, data)."""
         if any(s.channel == message[2] for s in self._subscriptions):
             heapq.heappush(self._messages, message)

@@ -29,7 +29,7 @@ class ChannelStatistics:
         """Counts a message that is not used."""
         self.dropped[reason] += 1
 
-    def take(self, missing: int, size: int, age: float, arrival: float, decoding: float) -> None:
+    def add(self, missing: int, size: int, age: float, arrival: float, decoding: float) -> None:
         """Counts a message, and those between the one before and it that did not come.
 
         Args:
@@ -45,7 +45,7 @@ class ChannelStatistics:
 
     @property
     def lost(self) -> int:
-        """Number of messages that never came: who comes after a later one is late, not lost."""
+        """Number of messages that never came; one that came after a later one is not lost."""
         return max(self.missing - self.dropped[REPLAYED], 0)
 
     @property

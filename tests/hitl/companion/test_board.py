@@ -123,7 +123,7 @@ def test_output_that_is_no_text(cache):
 def test_looks_for_what_is_there(cache, damage, environment, package):
     for name in damage:
         (cache / name).unlink()
-    with Action(cache, "look", "e", "p") as action:
+    with Action(cache, "inspect", "e", "p") as action:
         lines = action.stdout.read().splitlines()
     assert action.returncode == 0 and f"airrace-cache: {cache}" in lines
     assert any(line.startswith("airrace-python: /") for line in lines)

@@ -23,7 +23,7 @@ def test_round_trip_and_offset_come_from_the_quickest_exchange():
     assert (clock.round_trip, clock.usual_round_trip, clock.offset) == (0.0, 0.0, 0.0)
     for k in range(20):
         start, late = OURS + k, 0.02 * (k % 4)
-        clock.hear(heartbeat(start, start + 0.01 + late, start + 0.3), start + 0.31)
+        clock.add_heartbeat(heartbeat(start, start + 0.01 + late, start + 0.3), start + 0.31)
     assert clock.round_trip == pytest.approx(0.02, abs=1e-6)
     assert clock.offset == pytest.approx(OFFSET, abs=1e-6)
     assert clock.usual_round_trip == pytest.approx(0.08, abs=1e-6)
@@ -34,19 +34,19 @@ def test_a_pause_of_our_own_is_no_delay_of_the_link():
     clock = PeerClock()
     for k in range(64):
         start = OURS + 0.05 * k
-        clock.hear(heartbeat(start, start + 0.02, start + 0.05), start + 0.07)
+        clock.add_heartbeat(heartbeat(start, start + 0.02, start + 0.05), start + 0.07)
     last, now = start + 0.05, start + 1.05
     for k in range(20):
-        clock.hear(heartbeat(last, last + 0.02, last + 0.03 + 0.05 * k), now)
+        clock.add_heartbeat(heartbeat(last, last + 0.02, last + 0.03 + 0.05 * k), now)
     assert clock.usual_round_trip == pytest.approx(0.04, abs=1e-6)
     assert clock.offset == pytest.approx(OFFSET, abs=1e-6)
 
 
 def test_what_cannot_be_is_not_taken():
     clock = PeerClock()
-    clock.hear(types.SimpleNamespace(peer_sent=0, peer_received=0, sent=1), OURS)
-    clock.hear(heartbeat(OURS + 1.0, OURS + 1.1, OURS + 1.2), OURS)  # of the future
-    clock.hear(heartbeat(OURS - 50.0, OURS, OURS), OURS)  # of long ago
+    clock.add_heartbeat(types.SimpleNamespace(peer_sent=0, peer_received=0, sent=1), OURS)
+    clock.add_heartbeat(heartbeat(OURS + 1.0, OURS + 1.1, OURS + 1.2), OURS)  # of the future
+    clock.add_heartbeat(heartbeat(OURS - 50.0, OURS, OURS), OURS)  # of long ago
     assert clock.round_trip == 0.0
 
 
@@ -56,7 +56,7 @@ def test_simulated_time_by_the_quickest_messages_and_not_far_ahead(rate):
     assert clock.sim_time(OURS) == 0.0
     for k in range(200):
         late = 0.004 if k % 3 else 0.0
-        clock.stamp(rate * 0.005 * k, OURS + 0.005 * k + 0.002 + late)
+        clock.add_stamp(rate * 0.005 * k, OURS + 0.005 * k + 0.002 + late)
     now = OURS + 1.0
     assert clock.sim_time(now) == pytest.approx(rate * 0.998, abs=1e-9)
     # The simulation stands still: so does the clock, soon.
@@ -66,7 +66,7 @@ def test_simulated_time_by_the_quickest_messages_and_not_far_ahead(rate):
 def test_a_simulation_that_falls_behind_is_followed():
     clock = PeerClock()
     for k in range(100):
-        clock.stamp(0.01 * k, OURS + 0.01 * k)
+        clock.add_stamp(0.01 * k, OURS + 0.01 * k)
     for k in range(100, 200):  # 0.3 s late from here on
-        clock.stamp(0.01 * k, OURS + 0.01 * k + 0.3)
+        clock.add_stamp(0.01 * k, OURS + 0.01 * k + 0.3)
     assert clock.sim_time(OURS + 2.3) == pytest.approx(2.0, abs=0.02)

@@ -99,7 +99,7 @@ def test_a_link_in_memory_is_measured():
     scenario.camera.width, scenario.camera.height = 320, 180
 
     def poll():
-        autonomy.beat("waiting", 0.0)
+        autonomy.send_heartbeat("waiting", 0.0)
 
     # The autonomy answers whenever the simulation takes in what came.
     drain = Endpoint.drain

@@ -40,7 +40,7 @@ def greet(ends, count=4):
     for _ in range(count):
         for one in (ends.simulation, ends.autonomy):
             ends.air.time += 0.05
-            one.beat("waiting", 0.0)
+            one.send_heartbeat("waiting", 0.0)
             for other in (ends.simulation, ends.autonomy):
                 other.drain()
 
@@ -145,7 +145,7 @@ def test_a_recording_of_an_earlier_run_is_foreign(link):
     later = types.SimpleNamespace(air=link.air, simulation=end("simulation", link.air))
     for _ in range(5):
         later.air.time += 1.0
-        later.simulation.beat("waiting", 0.0)
+        later.simulation.send_heartbeat("waiting", 0.0)
         for channel, data in recording:
             link.air.send(channel, data)
         later.simulation.drain()
@@ -176,7 +176,7 @@ def test_nobody_else_gets_in_while_the_other_side_is_alive(link):
     for _ in range(20):
         link.air.time += 0.05
         for one in (link.simulation, link.autonomy, third):
-            one.beat("waiting", 0.0)
+            one.send_heartbeat("waiting", 0.0)
         for one in (link.simulation, link.autonomy, third):
             one.drain()
     assert link.simulation.peer == link.autonomy.session
@@ -196,7 +196,7 @@ def test_over_lcm_itself():
     ends = [Endpoint(role, CHANNELS, bus) for role in ("simulation", "autonomy")]
     for _ in range(4):
         for one in ends:
-            one.beat("waiting", 0.0)
+            one.send_heartbeat("waiting", 0.0)
             one.drain()
     assert ends[0].peer == ends[1].session and ends[1].peer == ends[0].session
     ends[1].publish(MAP.name, message_of(MAP), 0.1)

@@ -11,9 +11,9 @@ from airrace.common.errors import UserError
 from airrace.diagrams.race import MakeRace
 from airrace.hitl.link import lockstep
 from airrace.hitl.link.endpoint import Channel, Endpoint
-from airrace.hitl.link.lockstep import Exchange, hear_peer, lockstep_times
+from airrace.hitl.link.lockstep import Exchange, await_peer, lockstep_times
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
-from airrace.hitl.transport import LOOK_PERIOD
+from airrace.hitl.transport import POLL_PERIOD
 from airrace.scenario import Scenario
 
 
@@ -31,16 +31,16 @@ def test_nothing_happens_in_a_race_but_at_a_tick(preset):
     simulator.set_monitor(see)
     simulator.AdvanceTo(0.35)
     ticks = set(
-        itertools.takewhile(lambda time: time <= 0.35, lockstep_times(scenario, LOOK_PERIOD))
+        itertools.takewhile(lambda time: time <= 0.35, lockstep_times(scenario, POLL_PERIOD))
     )
     assert len(steps) > 350
     assert sorted(steps - {0.35} - ticks) == []
 
 
 def test_ticks_are_in_order_and_hold_the_looks():
-    times = list(itertools.islice(lockstep_times(Scenario(), LOOK_PERIOD), 3000))
+    times = list(itertools.islice(lockstep_times(Scenario(), POLL_PERIOD), 3000))
     assert times[0] == 0.0 and all(a < b for a, b in itertools.pairwise(times))
-    assert {k * LOOK_PERIOD for k in range(20)} <= set(times)
+    assert {k * POLL_PERIOD for k in range(20)} <= set(times)
 
 
 class Side:
@@ -102,7 +102,7 @@ def test_an_exchange_gives_every_tick_its_own_messages_whatever_is_lost(loss, mo
     sides = [Side("simulation", link), Side("autonomy", link)]
     for side in 4 * sides:
         link.time += 0.05
-        side.endpoint.beat("ready", 0.0)
+        side.endpoint.send_heartbeat("ready", 0.0)
         side.endpoint.drain()
     link._config = LinkConfig(delay=0.001, jitter=0.001, loss=loss)
     monkeypatch.setattr(lockstep, "_RESEND", 0.0)
@@ -128,7 +128,7 @@ def test_a_peer_that_never_comes():
     endpoint = Endpoint("simulation", [], SimulatedLink(LinkConfig()).bus())
     endpoint.wait = lambda timeout: None
     with pytest.raises(UserError, match="No autonomy answered within 0 s: check"):
-        hear_peer(endpoint, "waiting", timeout=0.05)
+        await_peer(endpoint, "waiting", timeout=0.05)
 
 
 @pytest.mark.parametrize("comes", [True, False])
@@ -145,13 +145,13 @@ def test_a_doctor_may_measure_for_longer_than_the_patience(comes):
     def be_the_other():
         simulation.drain()
         if link.time < begun + 20.0:
-            simulation.beat("testing", 0.0)
+            simulation.send_heartbeat("testing", 0.0)
         elif comes:
-            simulation.beat("ready", 0.0)
+            simulation.send_heartbeat("ready", 0.0)
 
     autonomy.wait = pass_time
     gives_up = pytest.raises(UserError, match="within 5 s")
     with contextlib.nullcontext() if comes else gives_up:
-        hear_peer(autonomy, "waiting", expected="ready", timeout=5.0, poll=be_the_other)
+        await_peer(autonomy, "waiting", expected="ready", timeout=5.0, poll=be_the_other)
     # Who was heard a second ago counts as there.
     assert link.time - begun == pytest.approx(20.0 if comes else 26.0, abs=0.5)

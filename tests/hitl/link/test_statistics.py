@@ -12,7 +12,7 @@ def statistics_of(times, ages) -> ChannelStatistics:
     statistics, before = ChannelStatistics(), 0
     for number, (time, age) in enumerate(zip(times, ages)):
         missing = max(round((time - before) * 30) - 1, 0) if number else 0
-        statistics.take(missing, 100, age, time + age, 0.001)
+        statistics.add(missing, 100, age, time + age, 0.001)
         before = time
     return statistics
 
@@ -49,7 +49,7 @@ def test_delays_that_differ_are():
 def test_who_is_late_is_not_lost():
     statistics = ChannelStatistics()
     for missing in (0, 1, 3):
-        statistics.take(missing, 100, 0.0, 0.0, 0.0)
+        statistics.add(missing, 100, 0.0, 0.0, 0.0)
     assert (statistics.lost, statistics.loss) == (4, 4 / 7)
     for _ in range(3):
         statistics.drop(REPLAYED)

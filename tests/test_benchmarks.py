@@ -84,6 +84,15 @@ def test_an_exploration(run):
     assert rows_of(table, "least room to a pylon") == [[f"{rows[0]['room_m']:.2f} m"]]
 
 
+def test_perception(run):
+    table, figures, _ = run("perception", "--views", 1, "--frames", 2)
+    near = next(row for row in figures["accuracy"] if row["camera"] == "clean")
+    assert near["found"] == 1.0 and near["corner_rms_px"] < 0.1
+    assert rows_of(table, "clean")[0][2:4] == ["1.000", f"{near['corner_rms_px']:.3f}"]
+    assert figures["strays"]["frames"] == 2 and figures["strays"]["strays"] == 0
+    assert rows_of(table, "tracked (ms)") == [[f"{figures['time']['tracked (ms)']:.3f}"]]
+
+
 def test_trajectories(run):
     table, figures, _ = run("trajectories", "--quick", "--only", "bounds", "minsnap")
     assert all(row["ok"] for rows in figures.values() for row in rows)

@@ -10,7 +10,7 @@ from airrace.analysis.figures_laps import states, time_lost
 from airrace.analysis.figures_signals import map_by_lap, rotor_usage
 from airrace.analysis.report import main, make_report, write_report
 from airrace.common.errors import UserError
-from tests.analysis.made_up_run import FIRST, GATES, LAP, MAP_ERROR, make_run
+from tests.worlds.made_up_run import FIRST, GATES, LAP, MAP_ERROR, make_run
 
 SECTIONS = [
     "Laps",

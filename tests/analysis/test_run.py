@@ -9,7 +9,7 @@ from airrace.analysis.__main__ import main
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml
 from airrace.recording.writer import RaceLog
-from tests.analysis.made_up_run import (
+from tests.worlds.made_up_run import (
     FIRST,
     GATES,
     LAP,

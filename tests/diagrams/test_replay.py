@@ -6,7 +6,7 @@ from airrace.analysis import load_run
 from airrace.common.errors import UserError
 from airrace.diagrams.replay import main
 from airrace.visualization.ghosts import make_ghosts, show_ghosts
-from tests.analysis.made_up_run import FIRST, LAP, flight, make_run
+from tests.worlds.made_up_run import FIRST, LAP, flight, make_run
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ import pytest
 from airrace.diagrams.replay import main as replay
 from airrace.visualization.controls import PAUSE, SPEED
 from airrace.visualization.views import BUTTONS, CHASE, ONBOARD, OVERVIEW
-from tests.analysis.made_up_run import make_run
-from tests.browser import CHROMIUM, Browser
+from tests.visualization.browser import CHROMIUM, Browser
+from tests.worlds.made_up_run import make_run
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look with")
 DRONE, GHOST = "drake/visualizer/drone/body", "drake/visualizer/run_0/body"

@@ -7,6 +7,7 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from scipy.special import expit
 
 from airrace.math.random import make_generator
 from airrace.scenario import PerceptionConfig, Scenario, StateEstimateConfig
@@ -31,14 +32,15 @@ from airrace.vehicle.state import STATE_SIZE, as_state
 from tests.worlds.kinematic_flight import flat_state, noisy
 
 _INFO = make_camera_info(width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=CameraMount().X_BC)
-# What `benchmarks.perception`'s detector reads of the realistic camera's pictures: half
-# of the markers that look this narrow, none that look this flat or this small.
+# What the detector reads in the realistic camera's pictures, by `benchmarks.perception`: half
+# of the markers of this width, and none that are seen more obliquely or are less high.
 _WIDTH, _SOFTNESS = 10.2, 0.6  # px
-_FLATTEST = np.cos(np.deg2rad(72.0))
-_SMALLEST = 17.0  # px
+_MOST_OBLIQUE = np.cos(np.deg2rad(72.0))
+_LEAST_HEIGHT = 17.0  # px
 _SHUTTER, _MOST_BLUR = 0.004, 0.25  # s, and of a marker's width
 # A pylon and its boards fit into an upright cylinder; that is what hides markers.
 _HIDING_RADIUS = np.hypot(BOARD_OFFSET, BOARD_SIZE / 2)
+_RATE = 20.0  # Hz, of the camera
 _NOISE = 0.15  # px, of corners
 _BOARD_RADIUS = 1.25  # m, of the cylinder around a pylon's boards
 
@@ -56,34 +58,25 @@ class ExplorationWorld(LeafSystem):
         - detections
         - gate_map
 
-    The attitude is that of a multirotor that accelerates so, so that the camera
-    turns up when it brakes. Markers are seen as often and as well as from the
-    realistic camera, and mapped by the real ImageMapper. What happened is kept
-    in plain attributes: this world is used once.
+    The attitude is that of a multirotor with the reference's acceleration, so the camera
+    turns up when it brakes. Markers are detected as often and as precisely as in pictures
+    of the realistic camera, and mapped by the real ImageMapper. The state is kept in plain
+    attributes, not in the Context: a world is used once.
 
     Attributes:
         path: positions so far, list of (3,).
     """
 
     def __init__(
-        self,
-        track: Track,
-        *,
-        seed=0,
-        max_range=np.inf,
-        hidden=lambda id, p_WB: False,
-        perception=PerceptionConfig(),
-        rate=20.0,
+        self, track: Track, *, seed=0, hidden=lambda id, p_WB: False, perception=PerceptionConfig()
     ):
         """Constructs the world with the drone on its pad.
 
         Args:
             track: with the true gates.
             seed: of the noise of observations and state estimate.
-            max_range: of an observation (m).
             hidden: (ID, p_WB) to whether something else hides a marker.
             perception: of the mapper.
-            rate: of the camera (Hz).
         """
         LeafSystem.__init__(self)
         boards = track.boards()
@@ -92,7 +85,7 @@ class ExplorationWorld(LeafSystem):
         self._p_WM = np.array([X.translation() for X in self._X_WM])
         self._normals = np.array([X.rotation().col(2) for X in self._X_WM])
         self._pylons = track.pylons()[:, :2]
-        self._max_range, self._hidden, self._seed = max_range, hidden, seed
+        self._hidden, self._seed = hidden, seed
         self._rng = make_generator(seed, "sight")
         settings = {k: v for k, v in vars(perception).items() if k != "latency"}
         self._mapper, self._mapped = ImageMapper(**settings), MapperState()
@@ -117,7 +110,7 @@ class ExplorationWorld(LeafSystem):
             lambda c, o: o.set_value(self._mapped.gate_map),
             now,
         )
-        self.DeclarePeriodicPublishEvent(1 / rate, 0.5 / rate, self._publish_observations)
+        self.DeclarePeriodicPublishEvent(1 / _RATE, 0.5 / _RATE, self._publish_observations)
 
     def _publish_observations(self, context):
         time = context.get_time()
@@ -147,12 +140,12 @@ class ExplorationWorld(LeafSystem):
         width = height * facing
         u, v = _INFO.K[:2] @ (p_CM / depth[:, None]).T
         margin = 0.75 * height
-        seen = (p_CM[:, 2] > 0.5) & (distance < self._max_range) & (height > _SMALLEST)
-        seen &= (facing > _FLATTEST) & (np.abs(u - _INFO.width / 2) < _INFO.width / 2 - margin)
+        seen = (p_CM[:, 2] > 0.5) & (height > _LEAST_HEIGHT)
+        seen &= (facing > _MOST_OBLIQUE) & (np.abs(u - _INFO.width / 2) < _INFO.width / 2 - margin)
         seen &= np.abs(v - _INFO.height / 2) < _INFO.height / 2 - margin
         seen &= _SHUTTER * _INFO.K[0, 0] * turn_rate < _MOST_BLUR * width
-        luck = self._rng.uniform(size=len(width))
-        seen &= luck < 0.99 / (1 + np.exp(-np.clip((width - _WIDTH) / _SOFTNESS, -50, 50)))
+        probability = 0.99 * expit((width - _WIDTH) / _SOFTNESS)
+        seen &= self._rng.uniform(size=len(width)) < probability
         return [
             i
             for i in np.flatnonzero(seen)
@@ -198,7 +191,7 @@ class Exploration:
 
     Attributes:
         status: the last one.
-        path: positions, (n, 3) m, and `rate` of them a second.
+        path: positions, (n, 3) m, at the camera's rate.
         crossings: numbers of the gates flown through, below the pylons' tips, in
             order; negative, -1 - number, against their direction.
     """

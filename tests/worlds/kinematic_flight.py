@@ -1,4 +1,4 @@
-"""A flight without physics: the camera goes exactly where a plan leads."""
+"""A flight without physics: the drone is exactly where its reference is."""
 
 import numpy as np
 from pydrake.math import RotationMatrix
@@ -13,15 +13,20 @@ from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY, load_vehicle
 from airrace.vehicle.state import State, as_state, state_vector
+from tests.worlds.reference_laps import Course
 
 
 class Flight:
-    """A flat trajectory, flown perfectly, some number of times on end."""
+    """Laps along a closed trajectory, flown without any error.
 
-    def __init__(self, trajectory, rounds: int = 1):
-        """Args: trajectory: a FlatTrajectory. rounds: of a closed one."""
+    Attributes:
+        duration: of all laps (s).
+    """
+
+    def __init__(self, trajectory, laps: int):
+        """Args: trajectory: a FlatTrajectory. laps: how many."""
         self._trajectory = trajectory
-        self.duration = rounds * trajectory.duration
+        self.duration = laps * trajectory.duration
 
     def acceleration(self, time: float) -> np.ndarray:
         """Returns it at a time (s), (3,) m/s^2."""
@@ -35,7 +40,7 @@ class Flight:
 
 
 def flat_state(f, time: float) -> np.ndarray:
-    """Returns the vector of vehicle/state.py of who flies a reference exactly, (14,).
+    """Returns the vector of vehicle/state.py of a drone that is on a reference, (14,).
 
     Args:
         f: the sample of trajopt/reference.py, (18,).
@@ -62,19 +67,14 @@ def fly_laps(track: Track, dimensions: int, limits, laps: int) -> Flight:
         limits: of speed (m/s) and acceleration (m/s^2).
         laps: how many.
     """
-    return Flight(
-        plan_circuit(
-            [gate.p_WG for gate in track.gates],
-            [gate.heading for gate in track.gates],
-            dimensions,
-            FlightConstraints(
-                track.pylons()[:, :2],
-                clearance_of(load_vehicle("Default")[0].radius),
-                FlightLimits(max_speed=limits[0], max_acceleration=limits[1]),
-            ),
-        ),
-        laps,
+    course = Course.of(track)
+    constraints = FlightConstraints(
+        course.pylons,
+        clearance_of(load_vehicle("Default")[0].radius),
+        FlightLimits(max_speed=limits[0], max_acceleration=limits[1]),
     )
+    lap = plan_circuit(course.midpoints, course.headings, dimensions, constraints)
+    return Flight(lap, laps)
 
 
 def filtered(flight: Flight, config, seed: int) -> np.ndarray:

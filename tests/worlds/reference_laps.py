@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.track import load_track
+from airrace.track import Track, load_track
 from airrace.track.generator import generate_track
 from airrace.trajopt.gate_regions import GateRegions
 
@@ -55,15 +55,19 @@ class Course(NamedTuple):
     headings: np.ndarray
     pylons: np.ndarray
 
+    @classmethod
+    def of(cls, track: Track) -> "Course":
+        """Returns the course of a track."""
+        return cls(
+            np.array([gate.p_WG for gate in track.gates]),
+            np.array([gate.heading for gate in track.gates]),
+            track.pylons()[:, :2],
+        )
+
 
 def load_course(seed: int | None = None) -> Course:
     """Returns the reference track, or the generated track of a seed."""
-    track = load_track("student-airrace") if seed is None else generate_track(seed)
-    return Course(
-        np.array([gate.p_WG for gate in track.gates]),
-        np.array([gate.heading for gate in track.gates]),
-        track.pylons()[:, :2],
-    )
+    return Course.of(load_track("student-airrace") if seed is None else generate_track(seed))
 
 
 def regions(kind: str, midpoints, headings, window=WINDOW) -> GateRegions:

@@ -1,9 +1,10 @@
-# What airrace does on a companion computer. The workstation sends this text over ssh:
+# What airrace does on a companion computer. The workstation sends this text over ssh, as the
+# standard input of one of
 #
-#   sh -c "$(cat board.sh)" board inspect ENVIRONMENT PACKAGE
-#   sh -c "$(cat board.sh)" board set_up ENVIRONMENT PACKAGE PYTHON KILOBYTES ONLINE|OFFLINE
-#   sh -c "$(cat board.sh)" board run FOLDER UDP_PORT PYTHON
-#   sh -c "$(cat board.sh)" board stop FOLDER SECONDS
+#   sh -s inspect ENVIRONMENT PACKAGE
+#   sh -s set_up ENVIRONMENT PACKAGE PYTHON KILOBYTES ONLINE|OFFLINE
+#   sh -s run FOLDER UDP_PORT PYTHON
+#   sh -s stop FOLDER SECONDS
 #
 # ENVIRONMENT and PACKAGE are digests of the lock and of airrace's files. What it says to the
 # workstation are lines that begin with "airrace-"; {host} and {said} in them are filled in
@@ -171,4 +172,5 @@ stop() {
   flock -w 5 "$cache/run.lock" true
 }
 
-"$@"
+# On one line: nothing more is read from an input that stays open.
+"$@"; exit

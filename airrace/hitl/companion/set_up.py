@@ -45,10 +45,9 @@ class Board:
     package: str
 
 
-def board_command(action: str, *arguments) -> list[str]:
-    """Returns the command line of an action of board.sh."""
-    script = _SCRIPT.read_text(encoding="utf-8")
-    return ["sh", "-c", script, "board", action, *map(str, arguments)]
+def board_command(action: str, *arguments) -> tuple[list[str], bytes]:
+    """Returns the command line of an action of board.sh, and its standard input."""
+    return ["sh", "-s", action, *map(str, arguments)], _SCRIPT.read_bytes()
 
 
 def event_of(line: str) -> tuple[str, str]:
@@ -117,7 +116,7 @@ def set_up(
     total = sum("==" in line for line in lock.read_text(encoding="utf-8").splitlines())
     source = "OFFLINE" if locked else "ONLINE"
     arguments = environment, package, found["python"], _ROOM, source
-    lines, events = connection.start(board_command("set_up", *arguments)), []
+    lines, events = connection.start(*board_command("set_up", *arguments)), []
     while isinstance(line := lines.get(), str):
         events.append(event_of(line))
         kind, text = events[-1]
@@ -145,7 +144,7 @@ def inspect_board(
         UserError: if it is no computer for airrace.
         ConnectionLost: if the connection goes.
     """
-    _, output, error = connection.run(board_command("inspect", environment, package))
+    _, output, error = connection.run(*board_command("inspect", environment, package))
     output = output.decode(errors="replace")
     found = dict(map(event_of, output.splitlines()))
     if "cache" not in found:

@@ -44,6 +44,7 @@ class SshConnection:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
+        self._followed = []
         try:
             self._connection = self._wait(self._connect(identity))
         except BaseException:
@@ -129,26 +130,30 @@ class SshConnection:
         code = -1 if done.returncode is None else done.returncode
         return code, done.stdout, done.stderr.decode(errors="replace")
 
-    def start(self, arguments: list[str]) -> queue.SimpleQueue:
+    def start(self, arguments: list[str], data: bytes) -> queue.SimpleQueue:
         """Starts a command whose standard input stays open.
 
         Args:
             arguments: of the command; each reaches it as it is.
+            data: what it finds on its standard input.
 
         Returns:
             a queue of the lines that it writes to standard output or error, and at last
             of its exit code (int), or None if the connection was lost before.
         """
         lines = queue.SimpleQueue()
-        asyncio.run_coroutine_threadsafe(self._follow(shlex.join(arguments), lines), self._loop)
+        coroutine = self._follow(shlex.join(arguments), data.decode(), lines)
+        # Kept, since the loop itself does not keep its tasks alive.
+        self._followed.append(asyncio.run_coroutine_threadsafe(coroutine, self._loop))
         return lines
 
-    async def _follow(self, command, lines):
+    async def _follow(self, command, text, lines):
         code = None
         with contextlib.suppress(asyncssh.Error, OSError):
             process = await self._connection.create_process(
                 command, stderr=asyncssh.STDOUT, errors="replace"
             )
+            process.stdin.write(text)
             async for line in process.stdout:
                 if line:  # there is none at the very end
                     lines.put(line.rstrip("\r\n"))

@@ -149,7 +149,7 @@ class RemoteAutonomy:
         for path, contents in {**files, "command": command.encode()}.items():
             connection.put(f"{self._folder}/{path}", contents)
         self._lines = connection.start(
-            board_command("run", self._folder, _udp_port(arguments), board.python)
+            *board_command("run", self._folder, _udp_port(arguments), board.python)
         )
         try:
             self._await_start()
@@ -192,7 +192,7 @@ class RemoteAutonomy:
             return
         with contextlib.suppress(UserError, ConnectionLost):
             # Else it ends by itself: the simulation's heartbeats are missing.
-            self._companion.connection().run(board_command("stop", self._folder, timeout))
+            self._companion.connection().run(*board_command("stop", self._folder, timeout))
         end = time.monotonic() + 5.0
         while self.poll() is None and not self._lost and time.monotonic() < end:
             time.sleep(0.02)

@@ -17,8 +17,9 @@ class Action(subprocess.Popen):
     """An action of board.sh, started in a session of its own, as by an ssh server."""
 
     def __init__(self, cache, *words):
+        command, script = board_command(*words)
         super().__init__(
-            board_command(*words),
+            command,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -27,6 +28,8 @@ class Action(subprocess.Popen):
             env={**os.environ, "XDG_CACHE_HOME": str(cache.parent)},
             start_new_session=True,
         )
+        self.stdin.write(script.decode())
+        self.stdin.flush()
 
     def line(self):
         return self.stdout.readline().rstrip("\n")

@@ -1,7 +1,7 @@
 """Whole races: simulated on one host, flown by the autonomy that ssh has started on the other.
 
 Most take minutes of real time and both cores of a small machine, so one after the other:
-AIRRACE_LONG_TESTS=1 ./test.bash -n 0 tests/companion/test_race_over_ssh.py
+AIRRACE_LONG_TESTS=1 ./test.bash -n 0 tests/hitl/companion/test_race_over_ssh.py
 """
 
 import contextlib

@@ -44,11 +44,6 @@ class CameraView(Immutable):
         view._draw, view._missing = None, np.zeros((0, 0), bool)
         return view
 
-    @property
-    def is_complete(self) -> bool:
-        """Whether all of it has been drawn already, so that whole() costs nothing."""
-        return not self._missing.any()
-
     def whole(self) -> np.ndarray:
         """Returns the picture, (h, w); not to be written to."""
         return self.drawn((0, 0, self.shape[1], self.shape[0]))

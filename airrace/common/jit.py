@@ -1,10 +1,10 @@
 """Machine code for functions that work on numbers and small arrays, by Numba.
 
-Where Python's own time counts (control loops, pixels), a function is written as
-plainly as in C and marked ``@compiled``. The first call compiles it, which takes
-seconds; the result is kept on disk beside the byte code of this package. Functions
-marked ``@compilable`` may be called by compiled ones, and stay Python otherwise:
-with numbers or arrays alike.
+Where Python's own time counts (control loops, pixels), a function is marked
+``@compiled``. The first call compiles it, which takes seconds; the result is kept on disk
+beside the byte code of this package. Functions marked ``@compilable`` may be called by
+compiled ones, and stay Python otherwise: with numbers or arrays alike. What has parts is a
+NamedTuple of numbers and arrays.
 """
 
 import hashlib
@@ -22,22 +22,40 @@ _PACKAGE = Path(__file__).parents[1]
 def _cache_folder() -> Path:
     """Returns where the machine code of these very sources is kept.
 
-    Numba sees that the file of a function has changed, but not those of the functions
+    Numba notices that the file of a function has changed, but not those of the functions
     and constants that it uses. So the folder is named after the contents of all files
-    with compiled functions, and of those that they import from.
+    with compiled functions, and of those that define what they import.
     """
     files = {path: path.read_bytes() for path in sorted(_PACKAGE.rglob("*.py"))}
-    used = {path for path, text in files.items() if b"airrace.common.jit" in text}
-    imports = re.compile(rb"^from %b\.?(\S*) import (.*)$" % _PACKAGE.name.encode(), re.M)
-    for path in list(used):
-        for line in imports.findall(files[path]):
-            module = [_PACKAGE.joinpath(*line[0].decode().split("."))]
-            module += [module[0] / name.strip() for name in line[1].decode().split(",")]
-            used |= {each.with_suffix(".py") for each in module} & files.keys()
+    compiling = {path for path, text in files.items() if b"airrace.common.jit" in text}
+    used = compiling.union(*(_definitions(path, files) for path in compiling))
     digest = hashlib.sha256()
     for path in sorted(used):
         digest.update(files[path])
     return _PACKAGE / "__pycache__" / f"machine_code-{digest.hexdigest()[:16]}"
+
+
+def _definitions(path, files, name=None):
+    """Yields the files that define what a file imports from this package.
+
+    Where a package's __init__.py exports a name of another file, that file is among them.
+
+    Args:
+        path: of the file.
+        files: the contents of all, by path.
+        name: the only name to look for; by default all.
+    """
+    pattern = rb"^from %b\.?(\S*) import (?:\(([^)]*)\)|(.*))$" % _PACKAGE.name.encode()
+    for module, lines, line in re.findall(pattern, files[path], re.M):
+        folder = _PACKAGE.joinpath(*module.decode().split("."))
+        for item in (lines or line).decode().split(","):
+            words = item.split()  # such as: a, or: a as b
+            if not words or name not in (None, words[-1]):
+                continue
+            places = folder / f"{words[0]}.py", folder.with_suffix(".py"), folder / "__init__.py"
+            for source in [place for place in places if place in files][:1]:
+                yield source
+                yield from _definitions(source, files, words[0])
 
 
 if not numba.config.CACHE_DIR:  # $NUMBA_CACHE_DIR

@@ -1,12 +1,14 @@
 """Functions as machine code, and where it is kept."""
 
 import math
+import os
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 
+from airrace.common import jit
 from airrace.common.jit import all_finite, compilable, compiled
 
 
@@ -52,7 +54,13 @@ def test_machine_code_is_kept_and_goes_with_its_sources(tmp_path):
     package.mkdir()
     lines = "from airrace.common.jit import compiled\n"
     (package / "constants.py").write_text("ONE = 1\n")
-    inner = lines + "from package.constants import ONE\n@compiled\ndef f(x):\n    return x + ONE\n"
+    # A package that exports what one of its files defines.
+    exports = package / "exports"
+    exports.mkdir()
+    (exports / "__init__.py").write_text("from package.exports.zero import (\n    ZERO,\n)\n")
+    (exports / "zero.py").write_text("ZERO = 0\n")
+    imports = "from package.constants import ONE\nfrom package.exports import ZERO as NONE\n"
+    inner = lines + imports + "@compiled\ndef f(x):\n    return x + ONE + NONE\n"
     (package / "inner.py").write_text(inner)
     (package / "outer.py").write_text(
         lines + "from package.inner import f\n@compiled\ndef g(x):\n    return f(x)\n"
@@ -81,8 +89,32 @@ print(g(1), sum(g.stats.cache_hits.values()))
     assert run() == ("2", "1")
     (package / "other.py").write_text("changed = True\n")
     assert run() == ("2", "1")
-    (package / "inner.py").write_text(inner.replace("ONE\n@", "ONE\n\n\n@"))
+    (package / "inner.py").write_text(inner.replace("@", "\n\n@"))
     assert run() == ("2", "0")
     (package / "constants.py").write_text("ONE = 2\n")
     assert run() == ("3", "0")
+    (exports / "zero.py").write_text("ZERO = 5\n")
+    assert run() == ("8", "0")
     assert len(list((package / "__pycache__").glob("machine_code-*"))) == 1
+
+
+def test_importing_airrace_prints_nothing_deletes_nothing_and_compiles_nothing(tmp_path):
+    old = jit._PACKAGE / "__pycache__" / "machine_code-of_a_test"
+    old.mkdir(parents=True)
+    program = """
+import importlib, pkgutil, airrace
+for module in pkgutil.walk_packages(airrace.__path__, "airrace."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+"""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        )
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+        assert old.is_dir() and not list(tmp_path.rglob("*.nbc"))
+    finally:
+        old.rmdir()

@@ -68,21 +68,6 @@ def heading_vectors(cos_yaw, sin_yaw, yaw_rate, yaw_acceleration):
     return h, yaw_rate * left, yaw_acceleration * left + (-yaw_rate * yaw_rate) * h
 
 
-def rotor_thrusts(flat_outputs, vehicle, gravity) -> np.ndarray:
-    """Inverse dynamics of a trajectory, without drag.
-
-    Args:
-        flat_outputs: samples as in trajopt/reference.py, shape (18, N).
-        vehicle: the airrace.vehicle.Vehicle.
-        gravity: (m/s^2).
-
-    Returns:
-        thrust of every rotor (N), shape (n, N), by the pseudo-inverse of the
-        allocation; not clipped to the limits.
-    """
-    return inverse_dynamics(flat_outputs, vehicle, gravity)[0]
-
-
 def inverse_dynamics(flat_outputs, vehicle, gravity, drag=0.0):
     """Inverse dynamics of a trajectory through the air at rest.
 

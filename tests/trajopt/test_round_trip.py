@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
 from airrace.track import load_track
-from airrace.trajopt.flatness import attitude_from_force, heading_vectors, rotor_thrusts
+from airrace.trajopt.flatness import attitude_from_force, heading_vectors, inverse_dynamics
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import plan_circuit
@@ -73,7 +73,7 @@ def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
     begin = 0.3 * trajectory.duration
     times = begin + STEP * np.arange(int(SPAN / STEP))
     # Thrusts are held over a step: take them from its middle.
-    thrusts = rotor_thrusts(trajectory.sample(times + STEP / 2), vehicle, GRAVITY)
+    thrusts = inverse_dynamics(trajectory.sample(times + STEP / 2), vehicle, GRAVITY)[0]
     samples = trajectory.sample(np.append(times, times[-1] + STEP))
     R, w, v = pose_and_rates(samples[:, 0])
     plant.SetFloatingBaseBodyPoseInWorldFrame(

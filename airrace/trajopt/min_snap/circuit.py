@@ -16,7 +16,7 @@ from airrace.trajopt.feasibility import (
 )
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
-from airrace.trajopt.gate_regions import turn_per_lap, unwrap_headings
+from airrace.trajopt.gate_regions import GateRegions, turn_per_lap
 from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
 from airrace.trajopt.min_snap.time_allocation import allocate_times
 
@@ -26,7 +26,6 @@ _MARGIN = 0.99
 _APPROACHES = (None, 5.0, 3.0, 2.0, 10.0)  # m before a gate, tried in turn
 _MOST_ROUNDS = 4  # of each, with the gates that were faulty in the last
 _MOST_SLOWING = 20.0  # times the durations within limits of speed and acceleration
-_LEAST_DISTANCE = 0.1  # m, from gate to gate
 
 
 class Circuit(FlatTrajectory):
@@ -82,7 +81,8 @@ def plan_circuit(
         TrajectoryOptimizationError: if there is no such lap.
     """
     limits = constraints.limits
-    gates = _checked(midpoints, headings)
+    regions = GateRegions.balls(midpoints, headings, 0.0)
+    gates = np.column_stack([regions.midpoints, regions.headings])
     if previous is not None and len(previous.headings) == len(gates):
         with contextlib.suppress(TrajectoryOptimizationError):
             durations = np.diff(previous.breaks)
@@ -109,16 +109,6 @@ def plan_circuit(
         if not faults:
             break  # there is nothing to try
     raise TrajectoryOptimizationError("No lap is within the limits and clear of all pylons.")
-
-
-def _checked(midpoints, headings) -> np.ndarray:
-    """Returns the gates as x, y, z (m) and yaw (rad), unwrapped, (n, 4)."""
-    if len(midpoints) < 2 or not (np.all(np.isfinite(midpoints)) and np.all(np.isfinite(headings))):
-        raise TrajectoryOptimizationError("A lap needs two gates or more, at finite places.")
-    gates = np.column_stack([midpoints, unwrap_headings(headings)])
-    if _legs(gates).min() < _LEAST_DISTANCE:
-        raise TrajectoryOptimizationError("Two gates, one after the other, coincide.")
-    return gates
 
 
 def _legs(gates) -> np.ndarray:

@@ -8,7 +8,7 @@ from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.gate_regions import unwrap_headings
 from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, MinSnapProblem, solve_min_snap
-from airrace.trajopt.min_snap.time_allocation import stretched
+from airrace.trajopt.min_snap.time_allocation import durations_within_limits
 
 _EXCESSES = (1.0, 1.2, 1.5, 2.0)  # of the limits, tried in turn
 _LEAST_FACTOR, _MOST_FACTOR = 0.7, 4.0  # of the first guess of the durations
@@ -59,9 +59,9 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
         for share in _FIRST_SHARES if len(guess) > 1 else (1.0,):
             shared = np.concatenate([[share * guess[0]], guess[1:]])
             with contextlib.suppress(TrajectoryOptimizationError):
-                durations = stretched(
-                    shared,
+                durations = durations_within_limits(
                     problem,
+                    shared,
                     excess * limits,
                     min_factor=_LEAST_FACTOR,
                     max_factor=_MOST_FACTOR,

@@ -15,50 +15,23 @@ _SAMPLES, _FINE_SAMPLES = 12, 64  # of a segment: to optimise, and to polish
 
 
 def durations_within_limits(
-    waypoints,
-    durations,
-    *,
-    max_speed,
-    max_acceleration,
-    constraints=(),
-    min_factor=0.7,
-    max_factor=4.0,
-    **options,
+    problem: MinSnapProblem, durations, limits, *, min_factor=0.7, max_factor=4.0
 ) -> np.ndarray:
     """Returns the shortest multiple of the durations that meets the limits.
-
-    Args:
-        waypoints, constraints, options: see solve_min_snap().
-        durations: (segments,) s, like those returned.
-        max_speed: (m/s), of the norm over the first three dimensions.
-        max_acceleration: (m/s^2), likewise, gravity not included.
-        min_factor: the least factor, even where the limits allow less.
-        max_factor: where the search, if there is one, gives up.
-
-    Raises:
-        ValueError: if the input is malformed.
-        TrajectoryOptimizationError: if no factor meets the limits.
-    """
-    problem = MinSnapProblem.build(waypoints, constraints=constraints, **options)
-    return stretched(
-        durations,
-        problem,
-        [max_speed, max_acceleration],
-        min_factor=min_factor,
-        max_factor=max_factor,
-    )
-
-
-def stretched(durations, problem: MinSnapProblem, limits, *, min_factor, max_factor=4.0):
-    """Returns what durations_within_limits() does, of a problem that is stated already.
 
     If the trajectory keeps its shape, the factor follows from its excess. Otherwise it
     is searched upwards, solving anew for every factor.
 
     Args:
         problem: of x, y, z, and more or less.
-        limits: of speed (m/s) and acceleration (m/s^2).
-        the others: see durations_within_limits().
+        durations: (segments,) s, like those returned.
+        limits: of speed (m/s) and acceleration (m/s^2), of their norms, without gravity.
+        min_factor: the least factor, even where the limits allow less.
+        max_factor: where the search, if there is one, gives up.
+
+    Raises:
+        ValueError: if the input is malformed.
+        TrajectoryOptimizationError: if no factor meets the limits.
     """
     durations, limits = np.array(durations, float), _checked(limits, problem)
     problem.require_unique()
@@ -93,15 +66,7 @@ def stretched(durations, problem: MinSnapProblem, limits, *, min_factor, max_fac
 
 
 def allocate_times(
-    waypoints,
-    *,
-    max_speed,
-    max_acceleration,
-    constraints=(),
-    periodic=False,
-    period_offset=None,
-    initial_durations=None,
-    **options,
+    waypoints, *, max_speed, max_acceleration, initial_durations=None, **options
 ) -> np.ndarray:
     """Returns the segment durations (s) that make the trajectory the fastest.
 
@@ -115,17 +80,16 @@ def allocate_times(
     without those, and from perturbations of the best, always the same ones.
 
     Args:
-        waypoints, constraints, periodic, period_offset, options: see
-            solve_min_snap(); only the first three dimensions matter.
-        max_speed, max_acceleration: see durations_within_limits().
+        waypoints, options: see MinSnapProblem.build(); only the first three dimensions matter.
+        max_speed, max_acceleration: limits of the norms of both (m/s), (m/s^2).
         initial_durations: (segments,) s, to start from, without restarts.
 
     Raises: like durations_within_limits().
     """
     positions = np.array(waypoints, float)[..., :3]
-    constraints = [dc.replace(c, value=c.value[:3]) for c in constraints]
-    offset = None if period_offset is None else np.array(period_offset, float)[..., :3]
-    options |= dict(periodic=periodic, period_offset=offset)
+    constraints = [dc.replace(c, value=c.value[:3]) for c in options.pop("constraints", ())]
+    if options.get("period_offset") is not None:
+        options["period_offset"] = np.array(options["period_offset"], float)[..., :3]
     problem = MinSnapProblem.build(positions, constraints=constraints, **options)
     limits = _checked([max_speed, max_acceleration], problem)
     ends = problem.ends(problem.values)
@@ -142,7 +106,7 @@ def allocate_times(
         for bound in (1.0, 0.99, 0.9):  # on samples: it may be exceeded between them
             durations = _minimize_total(samples, rows, bound, start, chords / limits[0])
             with contextlib.suppress(TrajectoryOptimizationError):
-                return [stretched(durations, problem, limits, min_factor=0.9)]
+                return [durations_within_limits(problem, durations, limits, min_factor=0.9)]
         return []
 
     equal_speeds = chords / (0.75 * limits[0])
@@ -155,7 +119,9 @@ def allocate_times(
         raise TrajectoryOptimizationError(
             f"No durations found meet {_in_words(limits)}; relax them or the fixed derivatives."
         )
-    relaxed = [c for c in constraints if not periodic and c.waypoint in (0, -1, len(chords))]
+    relaxed = [
+        c for c in constraints if not options.get("periodic") and c.waypoint in (0, -1, len(chords))
+    ]
     if not warm and len(relaxed) < len(constraints):
         loose = MinSnapProblem.build(positions, constraints=relaxed, **options)
         for start in solve(equal_speeds, loose):

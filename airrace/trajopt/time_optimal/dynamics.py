@@ -11,13 +11,12 @@ import numpy as np
 
 from airrace.trajopt.flatness import moments, thrust_vectors, unit_vector
 from airrace.trajopt.flight_limits import FlightLimits
-from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
+from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY
 
-_STEP = 1e-30  # of the complex-step derivative: no digits cancel
+_STEP = 1e-30  # of complex-step derivatives
 # What the inverse dynamics depend on: (derivative, dimension), and then the unit of time.
 _INPUTS = [(k, d) for k in (1, 2, 3, 4) for d in range(3)] + [(k, 3) for k in range(3)]
-_ROWS = np.hstack(as_reference(np.arange(REFERENCE_SIZE))[1:])  # all but the position
 
 
 def angle_dynamics(flat, units, axes, limits: FlightLimits):
@@ -89,25 +88,47 @@ class LinearDynamics:
     @classmethod
     def linearize(cls, samples) -> "LinearDynamics":
         """Args: samples: LapSamples."""
-        vehicle = samples.limits.vehicle
-        N, count = len(samples.units), len(_INPUTS) + 1
-        flat = np.repeat(samples.flat[:, None], count, axis=1).astype(complex)
-        T = np.repeat(samples.units[None], count, axis=0).astype(complex)
-        for i, row in enumerate(_ROWS):
-            flat[row, i] += 1j * _STEP
-        T[-1] += 1j * _STEP
-        axes = [np.tile(axis, count) for axis in samples.axes]
-        thrusts, force, w, _ = angle_dynamics(flat.reshape(18, -1), T.ravel(), axes, samples.limits)
-        share = samples.limits.from_wrench[:, :1] * vehicle.mass
-        rest = thrusts - share * np.sqrt(np.sum(force * force, axis=0))
-        rate = np.sqrt(np.sum(w * w, axis=0) + 1e-12)[None]
-        values, gradients, by_T = [], [], []
-        for x in (force, rest, rate):
-            x = x.reshape(len(x), count, N)
-            d = np.zeros((len(x), N, 5, 4))
-            for i, (k, dim) in enumerate(_INPUTS):
-                d[:, :, k, dim] = x[:, i].imag / _STEP
-            values.append(x[:, -1].real)
-            gradients.append(d)
-            by_T.append(x[:, -1].imag / _STEP)
+        limits, copies = samples.limits, len(_INPUTS) + 1
+        axes = [np.tile(axis, copies) for axis in samples.axes]
+
+        def quantities(flat, units):
+            thrusts, force, w, _ = angle_dynamics(flat, units, axes, limits)
+            share = limits.from_wrench[:, :1] * limits.vehicle.mass
+            rest = thrusts - share * np.sqrt(np.sum(force * force, axis=0))
+            return force, rest, np.sqrt(np.sum(w * w, axis=0) + 1e-12)[None]
+
+        found = complex_step_gradients(quantities, samples.flat, samples.units, _INPUTS)
+        values, gradients, by_T = zip(*found)
         return cls(*values, *gradients, *by_T)
+
+
+def complex_step_gradients(function, flat, units, inputs):
+    """Returns values and gradients of functions of samples.
+
+    No digits cancel: Squire and Trapp, "Using complex variables to estimate derivatives of real
+    functions" (SIAM Review 1998).
+
+    Args:
+        function: from M samples, (18, M), and their units, (M,), both complex, to arrays (rows, M);
+            M is N times one more than there are inputs.
+        flat: samples, References as vectors in normalised time, (18, N).
+        units: of time (s), (N,).
+        inputs: which derivatives of flat it depends on, as (derivative, dimension).
+
+    Returns:
+        of every array of the function: (values, gradients, by_T), (rows, N), (rows, N, 5, 4) by
+        derivatives in normalised time, and (rows, N) by the units.
+    """
+    copies = np.repeat(flat[:, None], len(inputs) + 1, axis=1).astype(complex)
+    T = np.repeat(units[None], len(inputs) + 1, axis=0).astype(complex)
+    for i, (k, d) in enumerate(inputs):
+        copies[3 * k + d if d < 3 else 15 + k, i] += 1j * _STEP
+    T[-1] += 1j * _STEP
+    result = []
+    for x in function(copies.reshape(len(flat), -1), T.ravel()):
+        x = x.reshape(len(x), len(inputs) + 1, len(units))
+        gradients = np.zeros((len(x), len(units), 5, 4))
+        for i, (k, d) in enumerate(inputs):
+            gradients[:, :, k, d] = x[:, i].imag / _STEP
+        result.append((x[:, -1].real, gradients, x[:, -1].imag / _STEP))
+    return result

@@ -19,6 +19,7 @@ from airrace.trajopt.time_optimal.lap_samples import LapSamples
 from airrace.trajopt.time_optimal.lap_search import PIECES, Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
 from airrace.trajopt.time_optimal.optimal_circuit import flat_polynomial
+from airrace.trajopt.time_optimal.thrust_axis_angle import least_rotation_axes
 from airrace.vehicle import GRAVITY
 
 _REFINEMENT = 8  # pieces of yaw to one of the path
@@ -124,10 +125,8 @@ class _Attitude:
         axes, w, alpha = attitude_from_force(
             *force, heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
         )
-        (x, _, b), scale = axes, 1.0 / (1.0 + axes[2][2])
-        e1 = np.array([1.0 - scale * b[0] ** 2, -scale * b[0] * b[1], -b[0]])
-        e2 = np.array([-scale * b[0] * b[1], 1.0 - scale * b[1] ** 2, -b[1]])
-        return cls(float(np.arctan2(x @ e2, x @ e1)), float(w[2]), float(alpha[2]))
+        e1, e2 = least_rotation_axes(axes[2])
+        return cls(float(np.arctan2(axes[0] @ e2, axes[0] @ e1)), float(w[2]), float(alpha[2]))
 
 
 def _gates_of(gates: GateRegions, start, k: int) -> GateRegions:

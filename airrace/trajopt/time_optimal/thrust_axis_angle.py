@@ -11,9 +11,9 @@ import numpy as np
 
 from airrace.trajopt.flatness import thrust_vectors, unit_vector
 from airrace.trajopt.flight_limits import FlightLimits, pack
+from airrace.trajopt.time_optimal.dynamics import complex_step_gradients
 from airrace.vehicle import GRAVITY
 
-_STEP = 1e-30  # of complex-step derivatives
 _NODES, _WEIGHTS = (0.5 * (x + o) for x, o in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0)))
 
 
@@ -40,18 +40,15 @@ def transported_axes(derivatives, between, durations, fractions, limits: FlightL
         that a lap must add for its end to meet its start (rad), without full turns.
     """
     n, samples = derivatives.shape[1:3]
-    b, db, _ = _thrust_axes(between, durations, limits)
-    rate = (b[1] * db[0] - b[0] * db[1]) / (1.0 + b[2])
+    flat, units = pack(between.reshape(5, -1, 4)), np.repeat(durations, between.shape[2])
+    rate = _least_rotation_rate(*_thrust_axes(flat, units, limits))
     widths = np.diff(np.append(fractions, 1.0))
     angle = np.sum(rate.reshape(n, samples, -1) * _WEIGHTS, axis=2) * widths
     angle = np.cumsum(angle.ravel())
     turn = float(angle[-1])
     angle = np.concatenate([[0.0], angle[:-1]])
-    b, _, _ = _thrust_axes(derivatives, durations, limits)
-    # The least rotation's x and y axes, then turned back by the angle.
-    k = 1.0 / (1.0 + b[2])
-    e1 = np.array([1.0 - k * b[0] ** 2, -k * b[0] * b[1], -b[0]])
-    e2 = np.array([-k * b[0] * b[1], 1.0 - k * b[1] ** 2, -b[1]])
+    b, _ = _thrust_axes(pack(derivatives.reshape(5, -1, 4)), np.repeat(durations, samples), limits)
+    e1, e2 = least_rotation_axes(b)
     c, s = np.cos(angle), np.sin(angle)
     return c * e1 - s * e2, s * e1 + c * e2, turn
 
@@ -68,34 +65,41 @@ def turn_gradients(between, durations, fractions, limits: FlightLimits):
         its end, (samples + 1, nodes).
     """
     n, count = between.shape[1:3]
+
+    def rates(flat, units):
+        return [_least_rotation_rate(*_thrust_axes(flat, units, limits))[None]]
+
     inputs = [(k, d) for k in (1, 2, 3) for d in range(3)]
-    flat = pack(between.reshape(5, -1, 4))
-    units = np.repeat(durations, count)
-    copies = np.repeat(flat[:, None], len(inputs) + 1, axis=1).astype(complex)
-    T = np.repeat(units[None], len(inputs) + 1, axis=0).astype(complex)
-    for i, (k, d) in enumerate(inputs):
-        copies[3 * k + d, i] += 1j * _STEP
-    T[-1] += 1j * _STEP
-    T = T.ravel()
-    *force, _ = thrust_vectors(
-        copies.reshape(18, -1), limits.vehicle, GRAVITY * T**2, limits.drag, T
-    )
-    b, db, _ = unit_vector(*force)
-    rate = ((b[1] * db[0] - b[0] * db[1]) / (1.0 + b[2])).imag.reshape(-1, n, count) / _STEP
-    gradients = np.zeros((n, count, 5, 4))
-    for i, (k, d) in enumerate(inputs):
-        gradients[:, :, k, d] = rate[i]
+    flat, units = pack(between.reshape(5, -1, 4)), np.repeat(durations, count)
+    [(_, gradients, by_T)] = complex_step_gradients(rates, flat, units, inputs)
     widths = np.diff(np.append(fractions, 1.0))
     each = np.kron(np.diag(widths), _WEIGHTS)
     sums = np.vstack([np.zeros(count), np.cumsum(each, axis=0)])
-    return gradients, rate[-1], sums
+    return gradients.reshape(n, count, 5, 4), by_T.reshape(n, count), sums
 
 
-def _thrust_axes(derivatives, durations, limits):
-    units = np.repeat(durations, derivatives.shape[2])
-    flat = pack(derivatives.reshape(5, -1, 4))
-    *force, _ = thrust_vectors(flat, limits.vehicle, GRAVITY * units**2, limits.drag, units)
-    return unit_vector(*force)
+def least_rotation_axes(b):
+    """Returns the x and y axes that the least rotation from the vertical to b gives, (3, N) each.
+
+    Args: b: unit vectors, (3, N).
+    """
+    k = 1.0 / (1.0 + b[2])
+    return (
+        np.array([1.0 - k * b[0] ** 2, -k * b[0] * b[1], -b[0]]),
+        np.array([-k * b[0] * b[1], 1.0 - k * b[1] ** 2, -b[1]]),
+    )
+
+
+def _least_rotation_rate(b, db):
+    """Returns how fast the least rotation from the vertical to b turns about b, (N,) rad."""
+    return (b[1] * db[0] - b[0] * db[1]) / (1.0 + b[2])
+
+
+def _thrust_axes(flat, units, limits):
+    """Returns unit vectors along the thrust, and their derivatives, (3, N) each."""
+    gravity = GRAVITY * units**2
+    *force, _ = thrust_vectors(flat, limits.vehicle, gravity, limits.drag, units)
+    return unit_vector(*force)[:2]
 
 
 def yaw_of_attitude(axes, w, alpha):

@@ -15,7 +15,7 @@ from airrace.systems.control.attitude_error import lead_moment
 from airrace.systems.control.geometric_controller import GeometricController, limited
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY
 from airrace.trajopt.flat_trajectory import hold
-from airrace.trajopt.flatness import attitude_from_force, heading_vectors, rotor_thrusts
+from airrace.trajopt.flatness import attitude_from_force, heading_vectors, inverse_dynamics
 from airrace.trajopt.reference import Reference, as_reference
 from airrace.vehicle import GRAVITY, Rotor, Vehicle, load_vehicle
 from airrace.vehicle.allocation import Allocator
@@ -155,7 +155,7 @@ def test_feed_forward_is_inverse_dynamics(drone, a, j, s, yaw, rate, acceleratio
     )
     R = RotationMatrix(np.array(axes).T)
     wrench = CONTROLLERS[drone].calc_wrench(reference, estimate(R=R, w=R.matrix() @ w))
-    expected = vehicle.allocation @ rotor_thrusts(reference[:, None], vehicle, GRAVITY)[:, 0]
+    expected = vehicle.allocation @ inverse_dynamics(reference[:, None], vehicle, GRAVITY)[0][:, 0]
     expected[1:] = lead_moment(expected[1:], ROTOR_DELAY * w[2])
     np.testing.assert_allclose(wrench, expected, atol=1e-8, rtol=1e-8)
 

@@ -21,7 +21,7 @@ from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.flat_trajectory import hold
-from airrace.trajopt.flatness import rotor_thrusts
+from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.min_snap.transition import (
@@ -397,7 +397,7 @@ def test_the_report_is_true(dimensions):
         assert report.max_acceleration == pytest.approx(
             np.linalg.norm(as_reference(samples).acceleration, axis=0).max(), rel=1e-3
         )
-        thrusts = rotor_thrusts(samples, VEHICLE, GRAVITY)
+        thrusts = inverse_dynamics(samples, VEHICLE, GRAVITY)[0]
         assert report.max_rotor_thrust == pytest.approx(thrusts.max(), rel=0.01)
         assert report.max_speed <= 20.0 and report.max_acceleration <= 10.0
         assert thrusts.min() > 0.0 and report.max_rotor_thrust < VEHICLE.max_thrusts.min()

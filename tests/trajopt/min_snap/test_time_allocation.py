@@ -10,7 +10,7 @@ from airrace.track import load_track
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.gate_regions import turn_per_lap, unwrap_headings
 from airrace.trajopt.min_snap.limits import peak_speed_and_acceleration
-from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
+from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, MinSnapProblem, solve_min_snap
 from airrace.trajopt.min_snap.time_allocation import allocate_times, durations_within_limits
 
 NAN = np.nan
@@ -22,6 +22,12 @@ seeds = st.integers(0, 10**6)
 @pytest.fixture(scope="module")
 def midpoints():
     return np.array([gate.p_WG for gate in load_track("student-airrace").gates])
+
+
+def shortest(waypoints, durations, *, max_speed, max_acceleration, min_factor=0.7, **options):
+    problem = MinSnapProblem.build(waypoints, **options)
+    limits = [max_speed, max_acceleration]
+    return durations_within_limits(problem, durations, limits, min_factor=min_factor)
 
 
 def make_waypoints(seed, periodic=True):
@@ -74,19 +80,15 @@ def test_exact_scaling(seed, max_speed, max_acceleration):
     waypoints = make_waypoints(seed)
     guess = chords(waypoints) / 100
     limits = dict(max_speed=max_speed, max_acceleration=max_acceleration)
-    durations = durations_within_limits(waypoints, guess, periodic=True, **limits)
+    durations = shortest(waypoints, guess, periodic=True, **limits)
     np.testing.assert_allclose(durations / guess, durations[0] / guess[0])
     assert_touches(solve_min_snap(waypoints, durations, periodic=True), **limits)
     # A time that is long enough is shortened, but not below min_factor.
     np.testing.assert_allclose(
-        durations_within_limits(waypoints, 1.2 * durations, periodic=True, **limits),
-        durations,
-        rtol=1e-7,
+        shortest(waypoints, 1.2 * durations, periodic=True, **limits), durations, rtol=1e-7
     )
     np.testing.assert_allclose(
-        durations_within_limits(
-            waypoints, 1.2 * durations, periodic=True, min_factor=0.95, **limits
-        ),
+        shortest(waypoints, 1.2 * durations, periodic=True, min_factor=0.95, **limits),
         1.14 * durations,
     )
 
@@ -103,9 +105,9 @@ def test_searched_scaling(seed, speed):
     ]
     guess = chords(waypoints)[:-1] / 10
     options = dict(constraints=constraints, **LIMITS)
-    durations = durations_within_limits(waypoints, guess, min_factor=0.3, **options)
+    durations = shortest(waypoints, guess, min_factor=0.3, **options)
     assert_touches(solve_min_snap(waypoints, durations, constraints=constraints))
-    again = durations_within_limits(waypoints, durations, min_factor=1.0, **options)
+    again = shortest(waypoints, durations, min_factor=1.0, **options)
     np.testing.assert_allclose(again, durations, rtol=1e-6)
 
 
@@ -113,15 +115,13 @@ def test_no_scale_is_enough():
     # It flies away from the goal, at the limit.
     constraints = [DerivativeConstraint(0, 1, [-20, 0, 0]), DerivativeConstraint(0, 2, [-5, 0, 0])]
     options = dict(constraints=constraints + rest((1, 2))[2:], **LIMITS)
-    for find in (lambda **o: durations_within_limits(durations=[2.0], **o), allocate_times):
+    for find in (lambda **o: shortest(durations=[2.0], **o), allocate_times):
         with pytest.raises(TrajectoryOptimizationError, match="relax"):
             find(waypoints=[[0, 0, 5], [40, 0, 5]], **options)
 
 
 def test_reference_track(midpoints):
-    equal_speeds = durations_within_limits(
-        midpoints, chords(midpoints) / 20, periodic=True, **LIMITS
-    )
+    equal_speeds = shortest(midpoints, chords(midpoints) / 20, periodic=True, **LIMITS)
     assert equal_speeds.sum() == pytest.approx(27.23, abs=0.01)
     durations = allocate_times(midpoints, periodic=True, **LIMITS)
     assert durations.sum() < 21.99
@@ -170,7 +170,7 @@ def test_it_is_a_local_minimum(seed):
     rng = np.random.default_rng(seed)
     for size in (0.5, 0.1, 0.01):
         other = durations * np.exp(size * rng.normal(size=len(durations)))
-        other = durations_within_limits(waypoints, other, periodic=True, min_factor=0.1, **LIMITS)
+        other = shortest(waypoints, other, periodic=True, min_factor=0.1, **LIMITS)
         assert other.sum() > durations.sum() * (1 - 1e-4)
 
 
@@ -203,8 +203,8 @@ def test_it_is_deterministic_and_warm_starts_agree():
 def test_rest_to_rest_on_a_line(distance):
     waypoints = distance * np.array([[0, 0, 0], [0.6, 0.0, 0.8]])
     durations = allocate_times(waypoints, constraints=rest(), **LIMITS)
-    shortest = max(35 / 16 * distance / 20, np.sqrt(84 / 5**1.5 * distance / 10))
-    assert durations == pytest.approx([shortest], rel=1e-6)
+    least = max(35 / 16 * distance / 20, np.sqrt(84 / 5**1.5 * distance / 10))
+    assert durations == pytest.approx([least], rel=1e-6)
 
 
 @few
@@ -216,7 +216,7 @@ def test_open_trajectory_from_flight_to_rest(seed):
     constraints = [DerivativeConstraint(0, 1, velocity), *rest()[3:]]
     durations = allocate_times(waypoints, constraints=constraints, **LIMITS)
     assert_touches(solve_min_snap(waypoints, durations, constraints=constraints))
-    guess = durations_within_limits(
+    guess = shortest(
         waypoints, chords(waypoints)[:-1] / 10, constraints=constraints, min_factor=0.2, **LIMITS
     )
     assert durations.sum() < guess.sum()
@@ -287,5 +287,5 @@ def test_waypoints_that_differ_in_yaw_alone_take_no_time():
     with pytest.raises(ValueError, match="coincide"):
         allocate_times(turn, constraints=[], **LIMITS)
     constraints = [DerivativeConstraint(i, k, np.zeros(4)) for i in (0, -1) for k in (1, 2, 3)]
-    durations = durations_within_limits(turn, [2.0], constraints=constraints, **LIMITS)
+    durations = shortest(turn, [2.0], constraints=constraints, **LIMITS)
     assert durations == pytest.approx([0.7 * 2.0])

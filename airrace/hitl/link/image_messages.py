@@ -97,12 +97,12 @@ def _encoded(name, picture, time, lossless) -> lcmt_image:
     image.channel_type = lcmt_image.CHANNEL_TYPE_UINT8
     image.pixel_format = lcmt_image.PIXEL_FORMAT_GRAY
     pixels = picture
-    if name == COLOUR:  # OpenCV takes the bytes as BGR: what is in the file is right
-        image.pixel_format = (
-            lcmt_image.PIXEL_FORMAT_RGBA if lossless else lcmt_image.PIXEL_FORMAT_RGB
-        )
-        code = cv2.COLOR_RGBA2BGRA if lossless else cv2.COLOR_RGBA2BGR
-        pixels = cv2.cvtColor(picture, code)
+    if name == COLOUR and lossless:  # OpenCV's order is BGR; in the file it is RGB
+        image.pixel_format = lcmt_image.PIXEL_FORMAT_RGBA
+        pixels = cv2.cvtColor(picture, cv2.COLOR_RGBA2BGRA)
+    elif name == COLOUR:
+        image.pixel_format = lcmt_image.PIXEL_FORMAT_RGB
+        pixels = cv2.cvtColor(picture, cv2.COLOR_RGBA2BGR)
     if lossless:
         image.compression_method = lcmt_image.COMPRESSION_METHOD_PNG
         # Run lengths: noise does not get smaller, whatever the effort.
@@ -130,36 +130,30 @@ def _name_and_time(frame_name):
 
 
 def _decoded(image: lcmt_image, name) -> np.ndarray:
-    if not (0 < image.width <= _LARGEST and 0 < image.height <= _LARGEST):
+    size = image.width, image.height
+    if not all(0 < each <= _LARGEST for each in size):
         raise Dropped(OVERSIZED)
-    if len(image.data) != image.size or image.compression_method not in (
-        lcmt_image.COMPRESSION_METHOD_PNG,
-        lcmt_image.COMPRESSION_METHOD_JPEG,
-    ):
+    methods = (lcmt_image.COMPRESSION_METHOD_PNG, lcmt_image.COMPRESSION_METHOD_JPEG)
+    if len(image.data) != image.size or image.compression_method not in methods:
         raise Dropped(MALFORMED)
-    data = np.frombuffer(image.data, np.uint8)
-    if _real_size(image.data) != (image.width, image.height):
-        raise Dropped(MALFORMED)  # OpenCV would believe the file
+    if _size_of_file(image.data) != size:  # which OpenCV would believe
+        raise Dropped(MALFORMED)
     flag = cv2.IMREAD_GRAYSCALE if name == GREY else cv2.IMREAD_UNCHANGED
     try:
-        pixels = cv2.imdecode(data, flag)
+        pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), flag)
     except cv2.error:
         pixels = None
-    if (
-        pixels is None
-        or pixels.dtype != np.uint8
-        or pixels.shape[:2] != (image.height, image.width)
-    ):
+    if pixels is None or pixels.dtype != np.uint8 or pixels.shape[1::-1] != size:
         raise Dropped(MALFORMED)
     if name == GREY:
         return pixels
-    codes = {3: cv2.COLOR_BGR2RGBA, 4: cv2.COLOR_BGRA2RGBA}
-    if pixels.ndim != 3 or pixels.shape[2] not in codes:
+    channels = pixels.shape[2] if pixels.ndim == 3 else 1
+    if channels not in (3, 4):
         raise Dropped(MALFORMED)
-    return cv2.cvtColor(pixels, codes[pixels.shape[2]])
+    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGBA if channels == 3 else cv2.COLOR_BGRA2RGBA)
 
 
-def _real_size(data: bytes) -> tuple[int, int] | None:
+def _size_of_file(data: bytes) -> tuple[int, int] | None:
     """Returns width and height that a PNG or JPEG file says it has, None if neither."""
     if data[:8] == b"\x89PNG\r\n\x1a\n" and data[12:16] == b"IHDR":
         return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])

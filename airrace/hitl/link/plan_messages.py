@@ -12,7 +12,7 @@ from airrace import lcmtypes
 from airrace.hitl.link.codec import Codec, check_finite
 from airrace.hitl.link.packets import MALFORMED, NOT_FINITE, Dropped
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
-from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.flat_trajectory import FlatTrajectory, segment_coefficients
 from airrace.trajopt.min_snap.circuit import Circuit
 
 _ROWS = 4
@@ -89,16 +89,7 @@ def _decoded_summary(text: str) -> PlanSummary:
 
 
 def _encoded(trajectory: FlatTrajectory) -> lcmtypes.lcmt_polynomials:
-    polynomial = trajectory.polynomial
-    segments = [
-        polynomial.getPolynomialMatrix(i)[:, 0] for i in range(polynomial.get_number_of_segments())
-    ]
-    size = 1 + max(p.GetDegree() for segment in segments for p in segment)
-    numbers = np.zeros((len(segments), _ROWS, size))
-    for i, segment in enumerate(segments):
-        for row, p in enumerate(segment):
-            coefficients = p.GetCoefficients()
-            numbers[i, row, : len(coefficients)] = coefficients
+    numbers = segment_coefficients(trajectory.polynomial)
     message = lcmtypes.lcmt_polynomials()
     message.breaks = list(trajectory.breaks)
     message.num_breaks, message.num_numbers = len(message.breaks), numbers.size

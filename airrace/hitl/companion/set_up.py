@@ -23,7 +23,7 @@ from airrace.hitl.companion.ssh_errors import file_error, is_disk_full, last_lin
 _SCRIPT = Path(__file__).with_name("board.sh")
 _ROOM = 1_500_000  # kB; an environment takes 630 MB, its wheels 130 MB, at times twice
 _MARK = "airrace-"
-# A folder is there as a whole or not at all.
+# The folder "$0" is there as a whole or not at all.
 _UNPACK = (
     'rm -rf "$0" "$0.part" && mkdir -p "$0.part" && tar -x -f - -C "$0.part" && '
     'touch "$0.part/complete" && mv "$0.part" "$0"'
@@ -99,13 +99,15 @@ def set_up(
     lock = checkout / "requirements.lock"
     environment, package = digest(lock), source_digest(checkout)
     found = inspect_board(connection, address.host, environment, package)
-    cache, locked = found["cache"], find_wheels(wheels, lock) if wheels else []
+    cache, locked = found["cache"], []
     if "environment" not in found:
         connection.put(f"{cache}/locks/{environment}.txt", lock.read_bytes())
-        if locked:
-            display.step("bringing the wheels")
+    if "environment" not in found and wheels is not None:
+        locked = find_wheels(wheels, lock)
+        display.step("bringing the wheels")
+        sizes = [wheel.stat().st_size for wheel in locked]
         for i, wheel in enumerate(locked):
-            display.progress(i, len(locked))
+            display.progress(sum(sizes[:i]), sum(sizes))
             connection.put(f"{cache}/wheelhouse/{environment}/{wheel.name}", wheel.read_bytes())
     if "package" not in found:
         display.step("bringing this airrace")

@@ -1,4 +1,4 @@
-"""Minimum-snap laps, transitions and legs through waypoints.
+"""Minimum-snap laps (circuit.py), transitions onto them (transition.py), and legs (leg.py).
 
-min_snap.py solves for given durations; time_allocation.py finds the durations.
+min_snap.py solves for given durations; time_allocation.py finds the durations within limits.py.
 """

@@ -1,4 +1,4 @@
-"""The quickest laps within what the rotors can do.
+"""Time-optimal laps and transitions within what the rotors can do.
 
-optimal_lap.py is where to start; it improves a lap by one convex program after another.
+optimal_lap.py and optimal_transition.py plan them; lap_search.py states the method.
 """

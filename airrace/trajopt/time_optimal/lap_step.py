@@ -1,4 +1,4 @@
-"""A convex program in a step from one lap to a better one."""
+"""The convex program of one iteration: its variables, and constraints on samples of the lap."""
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram

@@ -36,12 +36,8 @@ def plan_optimal_circuit(
 ) -> OptimalCircuit:
     """Returns the quickest lap through the gates that the vehicle can fly.
 
-    Sequential convex programming. Unknown are the derivatives through snap at the
-    gates, control points of quintic splines between them, and the durations of
-    the legs; x, y, z and the angle of the body about its thrust axis (see thrust_axis_angle.py)
-    together. Each program is convex about the last lap (see lap_step.py); then
-    the lap is flown slower as a whole, as little as all limits ask for, so that
-    every iteration ends with one that can be flown.
+    The search of lap_search.py starts from a previous lap or from that of a point mass; the lap
+    found is slowed until it keeps its limits at 1 kHz.
 
     Args:
         gates: to pass.

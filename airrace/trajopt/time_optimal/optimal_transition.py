@@ -110,7 +110,7 @@ def plan_optimal_transition(
 
 @dc.dataclass(frozen=True)
 class _Attitude:
-    """How a body is turned about its thrust: against the least rotation (rad), and on."""
+    """The angle about the thrust axis, from the least rotation's axes (rad), and derivatives."""
 
     angle: float
     rate: float

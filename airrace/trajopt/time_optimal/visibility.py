@@ -42,7 +42,7 @@ def angle_bounds(samples: LapSamples, gates: GateRegions, half_view: float):
     n, count = samples.derivatives.shape[1:3]
     to_gate, seen = _to_next_gate(samples, gates)
     follow = _to_next_gate(samples, gates, margin=1.0)[1]
-    # Beside a gate its bearing swings: what matters there is only to go on with it.
+    # Beside a gate its bearing turns fast; its direction of flight takes the place of it.
     ahead = np.repeat(np.roll(gates.forward, -1, axis=0)[:n, :2], count, axis=0).T
     to_gate = np.where(follow.ravel(), to_gate, ahead)
     x, y = samples.axes

@@ -88,7 +88,7 @@ def test_another_process_would_find_the_same_plan(trajectory):
 
 
 @pytest.mark.parametrize("seed", [1047, 1143])
-def test_no_way_onto_a_lap_loops_before_a_gate(seed):
+def test_no_transition_onto_a_lap_loops_before_a_gate(seed):
     """There, a search from the best of its guesses ends with a loop that takes two seconds."""
     track, _ = generated_track(seed)
     hover = np.zeros((5, 4))

@@ -189,17 +189,15 @@ def optimal(drone: str, limits: str, kind: str, seed: int | None = None) -> dict
         "max_rate": check.max_rate,
         "bearing_deg": np.rad2deg(lap.report.max_bearing),
         "clearance_m": check.clearance - clearance,
-        "reached": list(check.active_limits),
         "least_share": least,
         "most_share": most,
     }
-    row["ok"] = -TOLERANCE <= least and most <= 1.0 + TOLERANCE and row["clearance_m"] > 0.0
+    good = -TOLERANCE <= least and most <= 1.0 + TOLERANCE and row["clearance_m"] > 0.0
     if seed is None:
-        row["ok"] &= lap.duration <= MOST.get((drone, limits, kind), np.inf) and cpu <= MOST_TIME
+        good &= lap.duration <= MOST.get((drone, limits, kind), np.inf) and cpu <= MOST_TIME
     else:
-        row["ok"] &= row["gap"] <= WORST_GAP
-    row["ok"] = bool(row["ok"])
-    return row
+        good &= row["gap"] <= WORST_GAP
+    return row | {"ok": bool(good)}
 
 
 def optimal_table(rows):

@@ -25,7 +25,7 @@ _GAP = 0.1  # s, beyond which the past is not caught up with
 
 
 class AutonomyProcess:
-    """Runs the autonomy of a scenario until the simulation says farewell."""
+    """Runs the autonomy of a scenario until the simulation ends the race."""
 
     def __init__(
         self, scenario, bus, output_dir, log=print, stop=lambda: False, clock=time.monotonic
@@ -165,7 +165,7 @@ class AutonomyProcess:
             )
         now = self._sim_time()
         if now > self._context.get_time() + _GAP:
-            self._context.SetTime(now)  # nobody waits for the commands of the past
+            self._context.SetTime(now)  # commands of the past are of no use
             self._initialize(fresh=False)
         elif now > self._context.get_time():
             self._simulator.AdvanceTo(now)

@@ -25,10 +25,10 @@ from airrace.hitl.remote_autonomy import LockstepRemote, RealTimeRemote
 from airrace.scenario import LINK_DELAY, Scenario, scenario_yaml
 from airrace.vehicle import DRONES, find_vehicle
 
-BY_HAND = "none"  # --companion, if somebody starts the autonomy by hand
+BY_HAND = "none"  # --companion, if the user starts the autonomy
 _TEST = 1.0  # s, of the link before a race
-# s, that an autonomy may take to start, if somebody else starts it, and if its end would be
-# noticed: the first time, it compiles, which takes minutes on a board.
+# s that an autonomy may take to start: by the user, and by the race, which notices its end. The
+# first time it compiles, which takes minutes on a board.
 _START_BY_HAND, _START = 180.0, 600.0
 _FAREWELL = 3.0  # s, that the autonomy has to end by itself
 

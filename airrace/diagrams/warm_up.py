@@ -1,4 +1,4 @@
-"""Compiles what a race calls before it starts: real time waits for nobody."""
+"""Compiles what a race calls before it starts: in real time there is no time for it."""
 
 import dataclasses as dc
 import subprocess
@@ -31,8 +31,7 @@ def warm_up(scenario: Scenario, briefly: bool = False) -> None:
 
     Args:
         scenario: of the race.
-        briefly: for one who goes on with a race: the code is on the disk, and a drone is
-            waiting in the air.
+        briefly: to go on with a race: the code is on the disk, and a drone is hovering.
     """
     scenario = dc.replace(scenario, link_delay=LINK_DELAY)
     with tempfile.TemporaryDirectory() as folder:

@@ -50,7 +50,7 @@ class PlanningJob(Immutable):
             self._is_done = True  # without a worker there is no plan
 
     def __reduce__(self):
-        return (type(None), ())  # in a checkpoint: whoever goes on begins anew
+        return (type(None), ())  # in a checkpoint, where no worker goes on with it
 
     def done(self) -> bool:
         """Whether there is a result."""

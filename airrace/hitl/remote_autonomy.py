@@ -28,7 +28,7 @@ class Remote:
 
         Args:
             channels: PortChannels of the race.
-            endpoint: that has heard the autonomy.
+            endpoint: of this side, connected to the autonomy.
             poll: called again and again, for the log of the autonomy's process; returns
                 its exit code if it has ended.
         """

@@ -126,7 +126,7 @@ remove_unused() {
 }
 
 # Runs FOLDER/command and prints its output, which is kept in FOLDER/output/autonomy.log, too.
-# When the connection is lost it runs on: it notices by itself when nobody answers any more.
+# When the connection is lost it runs on: it ends by itself when the simulation is silent.
 run() {
   cd "$1" || exit
   exec 9>>"$cache/run.lock"

@@ -75,7 +75,7 @@ class PeerClock:
         """Returns the simulated time that shows at a time of our computer's clock (s).
 
         That is without the time that messages take. It runs on between messages, but
-        not for long: if nothing comes any more, nobody knows whether it still runs.
+        not for long: without messages it is unknown whether it still runs.
         """
         while len(self._stamps) > 1 and self._stamps[0][0] < now - _WINDOW:
             self._stamps.popleft()

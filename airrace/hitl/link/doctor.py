@@ -40,10 +40,10 @@ def diagnose(findings) -> list[Row]:
     loss = max(1.0 - pictures.received / max(f.picture_rate * f.duration, 1.0), 0.0)
     states_lost = states.missing / max(states.received + states.missing, 1)
     p50, p99 = np.percentile(f.ages, (50, 99)) if len(f.ages) else (np.inf, np.inf)
-    # The kernel keeps the parts that came of each torn picture for as long as it is set to.
+    # The kernel keeps the parts that came of each incomplete picture for fragment_time.
     # When its memory for them is full, no picture arrives any more.
     kept = loss * f.picture_rate * f.fragment_time * _OVERHEAD * pictures.bytes
-    torn = kept / f.fragment_memory if f.fragment_memory else 0.0
+    share = kept / f.fragment_memory if f.fragment_memory else 0.0
     rate = f.state_rate
     table = (
         # What, found, form, good, bearable, remedy.
@@ -68,7 +68,7 @@ def diagnose(findings) -> list[Row]:
             *("receive buffer there, at most", f.receive_buffer / 1024, "{:.0f} KiB"),
             *(_BUFFER, 0.0, f"{_SOCKETS} there"),
         ),
-        ("memory for torn pictures there", 100 * torn, "{:.0f} %", 50.0, 100.0, _FRAGMENTS),
+        ("memory for torn pictures there", 100 * share, "{:.0f} %", 50.0, 100.0, _FRAGMENTS),
     )
     return [_judged(*row) for row in table]
 

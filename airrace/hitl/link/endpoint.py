@@ -25,7 +25,7 @@ _QUEUE = 4000  # messages that wait at most
 _LARGEST_HEARTBEAT = 16 << 10  # bytes
 _MOST_AHEAD = 1_000_000  # of the sequence number, beyond which it is made up
 _LONG_AGO = 1.0  # s, by which a message may be sent before the newest and still count
-_OLD_ECHO = 3.0  # s, since what a new session claims to have heard of us
+_OLD_ECHO = 3.0  # s, age of the heartbeat of ours that a new session answers
 _DOUBT = 0.3  # s of silence, after which another session may be the other side
 
 

@@ -107,7 +107,7 @@ class Exchange:
             poll: called while it waits.
 
         Returns:
-            whether the other side has said farewell, or stop() was true.
+            whether the other side has ended the race, or stop() was true.
 
         Raises:
             PeerLost: if it does not answer.

@@ -83,7 +83,7 @@ def unpack(data: bytes, message_type, max_size: int):
         max_size: of the data.
 
     Raises:
-        Dropped: if it is too large, torn, of another type or version, or its
+        Dropped: if it is too large, incomplete, of another type or version, or its
             checksum is wrong.
     """
     if len(data) > max_size:

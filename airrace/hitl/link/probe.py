@@ -47,7 +47,7 @@ class LinkFindings:
         encode_time: of a picture here (s).
         picture_rate, state_rate: at which they were sent (Hz).
         receive_buffer: that the other side's kernel grants (bytes).
-        fragment_time: for which it keeps what came of a torn picture (s).
+        fragment_time: for which it keeps the parts of an incomplete picture (s).
         fragment_memory: that it has for them (bytes), 0 if unknown.
     """
 

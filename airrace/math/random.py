@@ -26,7 +26,7 @@ class NoiseSequence:
     """Standard normal vectors addressed by index: a pure function of it.
 
     A system that keeps a Generator would hide mutable state from its
-    Context; one that looks its noise up by the tick count does not.
+    Context; one that takes its noise by the tick count does not.
     """
 
     def __init__(self, seed: int, name: str, size: int):

@@ -1,16 +1,16 @@
-"""What a vector port shows, at a glance."""
+"""Reading vector ports without a copy."""
 
 
 def read_vector(port, context):
-    """Returns what an input port shows, (n,): as its Eval(), but not a copy of it.
+    """Returns the value of an input port, (n,): like its Eval(), but not a copy.
 
-    The copy is a third of what it costs to hand a vector to a system in Python, and some
-    are handed over at every step of the plant.
+    The copy is a third of the cost of reading a vector in Python, and some are read at
+    every step of the plant.
 
     Args:
         port: a vector-valued InputPort. context: of its system.
 
     Returns:
-        an array that is not to be written to, nor kept: it is Drake's own memory.
+        an array that must be neither written to nor kept: it is Drake's own memory.
     """
     return port.EvalBasicVector(context).value()

@@ -59,7 +59,7 @@ class RefereeMemory(NamedTuple):
         crossings: number of gates that counted.
         max_speed: since the last of them (m/s).
         verdict: see above. end_time: when the race ended, or now (s).
-        thing: index of what was touched.
+        touched: index of what was touched.
         position: p_WB at the last update (m), (3,).
         impulse: of all contacts until then, (6,).
     """
@@ -70,7 +70,7 @@ class RefereeMemory(NamedTuple):
     max_speed: float
     verdict: float
     end_time: float
-    thing: float
+    touched: float
     position: np.ndarray
     impulse: np.ndarray
 
@@ -198,7 +198,7 @@ class Referee(LeafSystem):
         if name in _FLOOR:
             m = m._replace(verdict=GROUND)
         elif name is not None:
-            m = m._replace(verdict=TOUCHED, thing=self._touchable.index(name))
+            m = m._replace(verdict=TOUCHED, touched=self._touchable.index(name))
         elif crossing >= 0.0 and self._explorer.Eval(context).done:
             row = 3 * int(m.crossings)
             table = discrete_state.get_mutable_value(self._table)
@@ -213,7 +213,7 @@ class Referee(LeafSystem):
         memory[:] = np.hstack(m)
 
     def _touched(self, context, airborne) -> str | None:
-        """Returns the name of what pushed the drone, now or between two looks."""
+        """Returns the name of what pushed the drone, now or between two updates."""
         contacts = self._contacts.Eval(context)
         pairs = [
             contacts.point_pair_contact_info(i).point_pair()
@@ -235,7 +235,7 @@ class Referee(LeafSystem):
         if verdict in _REASONS:
             reason = _REASONS[verdict]
             if verdict == TOUCHED:
-                reason = reason.format(what=self._touchable[int(m.thing)])
+                reason = reason.format(what=self._touchable[int(m.touched)])
             if verdict in (GROUND, TOUCHED, ARENA):
                 reason += failures_clause(self._failures, m.end_time)
         output.set_value(

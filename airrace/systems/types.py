@@ -71,9 +71,9 @@ class Detection(Immutable):
         joint: whether X_CM was solved together with that of the marker on the
             other pylon of the gate. The errors of the two are then those of
             one rigid body: count their mean once, not as two.
-        ambiguity: misfit of X_CM divided by that of the other pose that a flat
-            thing admits, 0 to 1: near 1 they look alike, and the rotation may
-            be the wrong one. 0 if there is no other worth mention.
+        ambiguity: misfit of X_CM divided by that of the other pose that a planar
+            marker admits, 0 to 1: near 1 the poses are hard to tell apart, and the
+            rotation may be the wrong one. 0 if there is no other.
     """
 
     id: int

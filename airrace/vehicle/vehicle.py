@@ -65,7 +65,7 @@ class Drag:
 
 @dc.dataclass
 class CameraMount:
-    """Where the camera is, and where it looks.
+    """Pose of the camera in the body.
 
     Attributes:
         position: of the optical centre in the body frame, [x, y, z] (m).

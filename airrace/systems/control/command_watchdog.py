@@ -18,7 +18,7 @@ from airrace.vehicle.state import STATE_SIZE, as_state
 # How old a command may be (s).
 HOLD_AFTER, HOVER_AFTER, LAND_AFTER = 0.1, 0.5, 2.0
 FOLLOW, HOLD, HOVER, LAND = range(4)  # modes
-_BRAKE = 6.0  # m/s^2, on the way to the hover
+_BRAKE = 6.0  # m/s^2, before the hover
 _DESCENT, _LAST_DESCENT = 2.0, 0.5  # m/s, and over the last metre
 _LOW = 1.0  # m over the ground; from there a landing is finished
 _AIRBORNE = 0.4  # m over where it stood
@@ -61,7 +61,7 @@ class WatchdogMemory(NamedTuple):
 
 
 class CommandWatchdog(LeafSystem):
-    """Stands between a link and the rotors.
+    """Passes commands from a link to the rotors, and lands the drone without them.
 
     .. pydrake_system::
 

@@ -1,4 +1,4 @@
-"""The state at the time at which a command will arrive, over a link that takes its time."""
+"""The state at the time at which a command will arrive over a slow link."""
 
 import math
 from typing import NamedTuple
@@ -13,8 +13,8 @@ from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.rotors import RotorDynamics, make_rotor_dynamics, next_speeds
 from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
 
-_LEAST = 0.004  # s, less is not worth the work
-_MOST = 0.25  # s, beyond which no model is good enough
+_LEAST = 0.004  # s; shorter delays are ignored
+_MOST = 0.25  # s; the model is not good enough for longer ones
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _FOLLOWS = 0.6  # of the least speed commanded in a while: a rotor below has stopped
 _WHILE = 30  # commands
@@ -38,7 +38,7 @@ class RigidBodyModel(NamedTuple):
 
 
 class DelayCompensator(LeafSystem):
-    """Predicts what the drone does while messages are under way.
+    """Predicts the motion of the drone over the delay of a link.
 
     .. pydrake_system::
 
@@ -102,7 +102,7 @@ class DelayCompensator(LeafSystem):
     def rounded(self, delay: float, before: float) -> float:
         """Returns the delay to use (s): whole periods, another one only if it matters.
 
-        It is never more than a model is good for, 0.25 s, however long the link takes.
+        It is at most 0.25 s, for which the model is good enough.
 
         Args:
             delay: measured (s).
@@ -119,7 +119,7 @@ class DelayCompensator(LeafSystem):
         command = self._command.Eval(context)
         history[len(command) :] = history[: -len(command)]
         history[: len(command)] = command
-        # What is seen now was made one period ago.
+        # The command on the port now was computed one period ago.
         discrete_state.get_mutable_value(self._since)[0] = context.get_time() - self._period
 
     def _predicted(self, context):

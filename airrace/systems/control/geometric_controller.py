@@ -23,7 +23,7 @@ from airrace.vehicle.state import STATE_SIZE, State, as_state
 _THRUST_SHARE = 0.95  # of what the rotors have: the rest is for the attitude
 _LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
 _YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have for it
-_SHORT_LAG = 0.01  # s, that the rotors' lag is made to look like
+_SHORT_LAG = 0.01  # s, the rotors' apparent lag under overdriven commands
 
 _NONE = np.zeros(3)
 
@@ -72,8 +72,8 @@ class GeometricController(LeafSystem):
 
     The desired angular velocity and acceleration come from the jerk and snap
     of the reference; the derivatives of the feedback terms, which would need
-    the acceleration of the drone, are left out. The rotors are driven beyond
-    the speeds that they should have, by as much as makes them get there sooner.
+    the acceleration of the drone, are left out. Commands of rotor
+    speeds overshoot, so that the rotors reach the desired speeds sooner.
 
     With rotors lost, the wrench is allocated to the rest. If those cannot hold
     the yaw, the controller ignores the reference and descends: see ReducedAttitude.

@@ -1,4 +1,4 @@
-"""Smooths the state estimate for the controller, and finds what pushes the drone."""
+"""A Kalman filter of the state, for the controller, that also estimates disturbances."""
 
 import math
 from typing import NamedTuple
@@ -82,7 +82,7 @@ class StateFilter(LeafSystem):
         Args:
             vehicle: mass and rotors.
             state_rate: of the state estimate (Hz).
-            rate: how often it looks for a new one (Hz).
+            rate: of updates (Hz).
         """
         LeafSystem.__init__(self)
         self._gain = kalman_gain(1.0 / state_rate)

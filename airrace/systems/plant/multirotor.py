@@ -157,8 +157,8 @@ def AddMultirotor(
         failures: of rotors, see RotorBank.
         forces: output ports of what else acts on the drone, for the plant's
             input port of applied spatial forces.
-        visible: whether somebody will look at the drone, through Meshcat: its pictures
-            cost every step of the plant.
+        visible: whether the drone is drawn, in Meshcat: its visuals cost time at every
+            step of the plant.
 
     Returns:
         the RotorBank, whose input ``rotor_speed_command`` is left open.

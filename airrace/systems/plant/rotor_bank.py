@@ -48,7 +48,7 @@ class RotorBank(LeafSystem):
         self._period = period
         self._rotors = make_rotor_dynamics(vehicle, period)
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
-        # The thrusts are a state, too, so that no call of Python stands in the plant's way.
+        # The thrusts are a state, too, so that the plant never has to call Python.
         self._speeds = self.DeclareDiscreteState(n)
         self._thrusts = self.DeclareDiscreteState(n)
         self._status = self.DeclareDiscreteState(1 + 2 * n)

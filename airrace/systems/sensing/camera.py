@@ -16,6 +16,7 @@ from airrace.rendering.imaging.motion_blur import MeanPicture, moved
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.sensing.state_estimate import plant_lead
 from airrace.systems.types import CameraInfo
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 
 class Renderer(typing.Protocol):
@@ -53,33 +54,28 @@ class Camera(LeafSystem):
         - camera_image_time
         - camera_info
 
-    ``state`` is a floating body's slice of a MultibodyPlant's state, shape
-    (13,): quaternion w, x, y, z of R_WB, position p_WB (m), angular velocity
-    w_WB (rad/s) and velocity v_WB (m/s), both expressed in world. ``gate_shifts``
-    (2 n) is where the gates stand, see GateMover; it is part of a sample, too.
+    ``state`` is the plant's floating-base state (13), see vehicle.State; ``gate_shifts``
+    (2 n) is where the gates stand, see GateMover.
 
-    The camera samples the state and the time at initialization and then at all
-    multiples of 1/fps. ``camera_image`` (abstract, ImageRgba8U) shows the world
-    from the sampled pose; ``camera_grey`` (abstract, ImageGrey8U) is the same picture
-    in grey levels, drawn as such, which is several times as fast: up to rounding,
-    what OpenCV makes of the colours. ``camera_view`` (abstract, CameraView) is
-    that picture, too, but drawn piece by piece where somebody looks; so whoever
-    looks only at parts should look there. ``camera_image_time`` (vector, shape (1,)) is
-    when that was (s): the middle of the exposure. All are there ``latency`` later,
-    but for the first ones, which are there from the beginning. ``camera_info``
-    (abstract, CameraInfo) never changes.
+    The camera samples its inputs at initialization and then at all multiples of 1/fps.
+    A picture shows the world from the sampled pose. There are three forms of it:
+    ``camera_image`` (abstract, ImageRgba8U); ``camera_grey`` (abstract, ImageGrey8U), which
+    is drawn several times as fast and equals, up to rounding, what OpenCV makes of the
+    colours; and ``camera_view`` (abstract, CameraView), of which only the parts that are
+    read are drawn. ``camera_image_time`` (vector, shape (1,)) is the time of the sample (s),
+    the middle of the exposure. All appear ``latency`` after it, but for the first ones,
+    which are there from the beginning. ``camera_info`` (abstract, CameraInfo) never changes.
 
-    A MultibodyPlant with sampled output ports steps before the discrete updates
-    of the same time, so its state is that of one plant step later then. Switch
-    them off (``SetUseSampledOutputPorts(False)``) if that matters. Between its
-    steps a discrete plant shows the state at the end of the step; the camera goes
-    back from there to when the picture is taken.
+    A MultibodyPlant with sampled output ports steps before the discrete updates of the
+    same time, so its state is that of one plant step later then: switch them off
+    (``SetUseSampledOutputPorts(False)``). Between its steps a discrete plant shows the
+    state at the end of the step; the camera extrapolates back to the time of the sample.
 
-    The picture is a function of the sample only, so Drake's cache keeps it
-    until the next one: a frame is drawn at most once in either way however many
-    look at it, and never if nobody does. With a renderer that needs ``geometry_query``
-    this relies on a scene that stands still while it is looked at. The drone itself
-    moves, so it must be invisible to that renderer: give its visuals no perception role.
+    A picture is a function of the sample only, so Drake's cache keeps it until the next
+    one: each form is drawn at most once, and never if nobody reads it. With a renderer
+    that needs ``geometry_query`` this holds only if the scene does not change in between.
+    The drone itself moves, so it must be invisible to that renderer: give its visuals no
+    perception role.
     """
 
     def __init__(
@@ -111,7 +107,7 @@ class Camera(LeafSystem):
         self._fps = fps
         self._renderer = renderer
         self._imaging = imaging
-        self._state = self.DeclareVectorInputPort("state", 13)
+        self._state = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
         self._query = None
         if renderer.needs_query_object:
             self._query = self.DeclareAbstractInputPort("geometry_query", Value(QueryObject()))
@@ -119,11 +115,11 @@ class Camera(LeafSystem):
         if moving_gates and not renderer.needs_query_object:
             self._shifts = self.DeclareVectorInputPort("gate_shifts", 2 * moving_gates)
 
-        # A sample is the state, the time, and where gates that move are. The one that
-        # the outputs show is an abstract state: any discrete update spoils what Drake's
-        # cache holds of all discrete states, so the picture would be drawn anew when the
-        # next sample is taken.
-        blank = (1.0, *np.zeros(13 if self._shifts is None else 13 + 2 * moving_gates).tolist())
+        # A sample is a vector of State, and where gates that move are. The one that the
+        # outputs show is an abstract state: any discrete update would invalidate Drake's
+        # cache of all discrete states, and the picture would be drawn anew.
+        blank = np.zeros(STATE_SIZE + (0 if self._shifts is None else 2 * moving_gates))
+        as_state(blank).quaternion[0] = 1.0
         self._shown = self.DeclareAbstractState(Value[object](blank))
         # The periodic event at t = 0 happens only in the first step, after the
         # first publish; so the first sample is taken at initialization, too.
@@ -162,11 +158,9 @@ class Camera(LeafSystem):
             prerequisites_of_calc={self.nothing_ticket()},
         )
 
-    def _sample_now(self, context):
-        sample = (*self._state.Eval(context).tolist(), context.get_time())
-        if self._shifts is None:
-            return sample
-        return (*sample, *self._shifts.Eval(context).tolist())
+    def _sample_now(self, context) -> np.ndarray:
+        inputs = [self._state] if self._shifts is None else [self._state, self._shifts]
+        return np.hstack([context.get_time(), *(port.Eval(context) for port in inputs)])
 
     def _show_now(self, context, state):
         shown = state.get_mutable_abstract_state(int(self._shown))
@@ -176,11 +170,11 @@ class Camera(LeafSystem):
         discrete_state.set_value(self._newest, self._sample_now(context))
 
     def _show_newest(self, context, state):
-        newest = context.get_discrete_state(self._newest).value()
-        state.get_mutable_abstract_state(int(self._shown)).set_value(tuple(newest.tolist()))
+        newest = context.get_discrete_state(self._newest).value().copy()
+        state.get_mutable_abstract_state(int(self._shown)).set_value(newest)
 
-    def _shown_parts(self, context):
-        return np.array(context.get_abstract_state(int(self._shown)).get_value())
+    def _shown_sample(self, context) -> np.ndarray:
+        return context.get_abstract_state(int(self._shown)).get_value()
 
     def _calc_image(self, context, output):
         self._picture(context).draw(output.get_mutable_value().mutable_data)
@@ -197,17 +191,15 @@ class Camera(LeafSystem):
 
     def _picture(self, context):
         """Returns what draws the picture: draw(out, boxes=None), see Exposure."""
-        sample = self._shown_parts(context)
+        sample = self._shown_sample(context)
+        time, q, p_WB, w_WB, v_WB = as_state(sample)
         # The plant's integrator lets the quaternion's norm drift a little.
-        q = sample[:4]
-        X_WB = RigidTransform(Quaternion(q / math.sqrt(q.dot(q))), sample[4:7])
+        X_WB = RigidTransform(Quaternion(q / math.sqrt(q.dot(q))), p_WB)
         if self._state_period > 0.0:
-            X_WB = moved(
-                X_WB, sample[7:10], sample[10:13], -plant_lead(sample[13], self._state_period)
-            )
+            X_WB = moved(X_WB, w_WB, v_WB, -plant_lead(time, self._state_period))
         args = () if self._query is None else (self._query.Eval(context),)
         if self._shifts is not None:
-            args = (sample[14:].reshape(-1, 2),)
+            args = (sample[STATE_SIZE:].reshape(-1, 2),)
 
         def expose(poses, X_WC):
             if hasattr(self._renderer, "expose"):
@@ -217,8 +209,7 @@ class Camera(LeafSystem):
         if self._imaging is None:
             X_WC = X_WB @ self._info.X_BC
             return expose([(1.0, X_WC)], X_WC)
-        frame = round(sample[13] * self._fps)
-        return self._imaging.picture(expose, X_WB, sample[7:10], sample[10:13], frame)
+        return self._imaging.picture(expose, X_WB, w_WB, v_WB, round(time * self._fps))
 
     def _calc_time(self, context, output):
-        output.SetAtIndex(0, self._shown_parts(context)[13])
+        output.SetAtIndex(0, as_state(self._shown_sample(context)).time)

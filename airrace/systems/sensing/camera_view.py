@@ -1,4 +1,4 @@
-"""Pictures that are drawn where somebody looks."""
+"""A picture whose parts are drawn when they are read."""
 
 import numpy as np
 
@@ -9,12 +9,11 @@ _TILE_W, _TILE_H = 16, 12  # what is drawn at least (px)
 
 
 class CameraView(Immutable):
-    """A picture in grey levels whose parts are drawn when they are asked for.
+    """A picture in grey levels whose parts are drawn when they are read.
 
-    What a pixel shows does not depend on who asked for what before, so that a
-    view is a value like any picture; only the time it takes differs. A view of
-    a picture that is there already, such as one that came over a cable:
-    ``CameraView.of(picture)``.
+    The value of a pixel does not depend on what was read before, so that a view is a
+    value like any picture; only the time it takes differs. A view of a picture that is
+    complete already, such as one that was received: ``CameraView.of(picture)``.
 
     Attributes:
         shape: of the picture, (h, w).
@@ -58,8 +57,7 @@ class CameraView(Immutable):
     def drawn(self, *regions) -> np.ndarray:
         """Returns an array of the whole picture, (h, w), of which some regions are valid.
 
-        For who needs pixels at the places that they have in the picture, or more
-        than one region: all at once are drawn faster than one after the other.
+        Several regions at once are drawn faster than one after the other.
 
         Args:
             regions: each (x0, y0, x1, y1), see region().
@@ -74,7 +72,7 @@ class CameraView(Immutable):
 
 @compiled
 def _taken(missing, regions, h, w):
-    """Takes what is missing of some regions out of the tiles of a picture.
+    """Marks the missing tiles of some regions as drawn, and returns them.
 
     Args:
         missing: which tiles are; changed.
@@ -94,7 +92,7 @@ def _taken(missing, regions, h, w):
             for j in range(x0 // _TILE_W, right):
                 if not missing[i, j]:
                     continue
-                # As far to the right as all is missing, then as far down.
+                # Extends to the right while tiles are missing, then down.
                 i1, j1 = i + 1, j + 1
                 while j1 < right and missing[i, j1]:
                     j1 += 1

@@ -1,4 +1,4 @@
-"""The state estimate that the simulated autopilot hands to the autonomy."""
+"""The state estimate of the simulated autopilot, the only one that the autonomy gets."""
 
 import math
 

@@ -189,12 +189,12 @@ def gate_in_view(layout: Layout, gate: int, viewpoints, heading: float) -> np.nd
     """
     forward, rightward = layout.forward[gate], layout.rightward[gate]
     centres = layout.pylons[gate] - BOARD_OFFSET * forward  # (2 boards, 2)
-    sight = centres - viewpoints[:, None]  # (k, 2 boards, 2)
-    distance = np.linalg.norm(sight, axis=2)
-    near = (distance <= FARTHEST_VIEW) & (sight @ forward >= np.cos(MOST_OBLIQUE) * distance)
+    ray = centres - viewpoints[:, None]  # (k, 2 boards, 2)
+    distance = np.linalg.norm(ray, axis=2)
+    near = (distance <= FARTHEST_VIEW) & (ray @ forward >= np.cos(MOST_OBLIQUE) * distance)
     edges = centres[:, None] + MARKER_SIZE / 2 * np.array([-rightward, rightward])
-    sight = edges - viewpoints[:, None, None]  # (k, 2 boards, 2 edges, 2)
-    inside = sight @ directions(heading) >= np.cos(HALF_VIEW) * np.linalg.norm(sight, axis=3)
+    ray = edges - viewpoints[:, None, None]  # (k, 2 boards, 2 edges, 2)
+    inside = ray @ directions(heading) >= np.cos(HALF_VIEW) * np.linalg.norm(ray, axis=3)
     seen = np.all(near, axis=1) & np.all(inside, axis=(1, 2))
     # A board's own pylon is behind it.
     pylons = layout.pylons.reshape(-1, 2)

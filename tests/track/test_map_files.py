@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
-from airrace.systems.mapping.report_estimator import MarkerStatistics, make_map
+from airrace.systems.mapping.report_estimator import MarkerStatistics, ReportEstimator
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import map_data, read_map, statistics_data, write_map
@@ -14,6 +14,8 @@ from airrace.track.map_files import map_data, read_map, statistics_data, write_m
 TRUTH = read_map("track", "student-airrace")
 _numbers = st.floats(-1e4, 1e4)
 _vectors = st.tuples(_numbers, _numbers, _numbers).map(np.array)
+
+ESTIMATOR = ReportEstimator(outlier_sigma=3.0, min_observations=5)
 
 
 @st.composite
@@ -31,9 +33,8 @@ def maps(draw):
         for id in ids
     }
     out_of_range = draw(st.integers(0, 100))
-    return make_map(
+    return ESTIMATOR.make_map(
         statistics,
-        min_observations=5,
         time=draw(st.floats(0, 1e3)),
         detections=out_of_range + draw(st.integers(0, 1000)),
         out_of_range=out_of_range,
@@ -98,8 +99,7 @@ def test_the_files_say_what_the_map_says(tmp_path_factory, gate_map):
 def test_a_broken_map_still_makes_valid_files(tmp_path):
     lost = MarkerStatistics(9, 0, np.full(3, np.nan), np.zeros(3), np.ones(3))
     write_map(
-        tmp_path,
-        make_map({0: lost}, min_observations=5, time=float("nan"), detections=9, out_of_range=0),
+        tmp_path, ESTIMATOR.make_map({0: lost}, time=float("nan"), detections=9, out_of_range=0)
     )
     for name in ("map.json", "map_statistics.json"):
         text = (tmp_path / name).read_text()

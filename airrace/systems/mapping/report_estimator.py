@@ -85,44 +85,29 @@ class ReportEstimator:
         """Returns the map; counters: the attributes of GateMap that count."""
         refused = Counter(counters.pop("refused", {}))
         refused.update({OFF_MAP: sum(s.outliers for s in statistics.values())})
-        return make_map(
-            statistics,
-            min_observations=self._min_observations,
+        markers = {
+            id: MarkerEstimate(
+                id=id,
+                count=s.count,
+                outliers=s.outliers,
+                p_WM=read_only(s.mean),
+                variance=read_only(s.variance),
+                normal=read_only(s.normal / max(np.linalg.norm(s.normal), 1e-9)),
+            )
+            for id, s in sorted(statistics.items())
+        }
+        known = {id for id, s in statistics.items() if s.count >= self._min_observations}
+        gates = (
+            make_gate(id // 4, markers[id].p_WM, markers[id + 2].p_WM)
+            for id in sorted(known)
+            if id % 4 == 0 and id + 2 in known
+        )
+        return GateMap(
+            markers=tuple(markers.values()),
+            gates=tuple(gate for gate in gates if gate is not None),
             refused=dict(sorted((+refused).items())),
             **counters,
         )
-
-
-def make_map(statistics: dict, *, min_observations, **counters) -> GateMap:
-    """Returns the map that the statistics of all markers amount to.
-
-    Args:
-        statistics: marker ID to MarkerStatistics.
-        min_observations: of both front markers before a gate is in the map.
-        counters: the attributes of GateMap that count.
-    """
-    markers = {
-        id: MarkerEstimate(
-            id=id,
-            count=s.count,
-            outliers=s.outliers,
-            p_WM=read_only(s.mean),
-            variance=read_only(s.variance),
-            normal=read_only(s.normal / max(np.linalg.norm(s.normal), 1e-9)),
-        )
-        for id, s in sorted(statistics.items())
-    }
-    known = {id for id, s in statistics.items() if s.count >= min_observations}
-    gates = (
-        make_gate(id // 4, markers[id].p_WM, markers[id + 2].p_WM)
-        for id in sorted(known)
-        if id % 4 == 0 and id + 2 in known
-    )
-    return GateMap(
-        markers=tuple(markers.values()),
-        gates=tuple(gate for gate in gates if gate is not None),
-        **counters,
-    )
 
 
 def make_gate(number: int, p_WL, p_WR) -> GateEstimate | None:

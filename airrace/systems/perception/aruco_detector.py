@@ -42,6 +42,20 @@ class DetectorState(Immutable):
     period: int = 0
 
 
+@dc.dataclass(frozen=True)
+class DetectorConfig:
+    """Settings of detect().
+
+    Attributes:
+        max_id: greater IDs are refused.
+        full_search_periods: shortest and longest period of full searches (images);
+            (1, 1) for a full search of every image.
+    """
+
+    max_id: float = math.inf
+    full_search_periods: tuple[int, int] = PERIODS
+
+
 class ArucoDetector(LeafSystem):
     """Detects ArUco markers and their poses in the camera frame.
 
@@ -76,13 +90,12 @@ class ArucoDetector(LeafSystem):
         Args:
             fps: rate of the camera, at which the state is updated (Hz).
             max_gates: IDs of 4 max_gates and more are refused; None for no limit.
-            full_search_periods: shortest and longest period of full searches (images);
-                (1, 1) for a full search of every image.
+            full_search_periods: see DetectorConfig.
         """
         LeafSystem.__init__(self)
         self._search = MarkerSearch()
-        self._max_id = np.inf if max_gates is None else 4 * max_gates - 1
-        self._periods = full_search_periods
+        max_id = math.inf if max_gates is None else 4 * max_gates - 1
+        self._config = DetectorConfig(max_id, full_search_periods)
         self._view = self.DeclareAbstractInputPort("camera_view", Value[object]())
         self._time = self.DeclareVectorInputPort("camera_image_time", 1)
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
@@ -116,8 +129,7 @@ class ArucoDetector(LeafSystem):
                 time,
                 self._info.Eval(context),
                 last,
-                max_id=self._max_id,
-                full_search_periods=self._periods,
+                self._config,
             )
         )
 
@@ -131,9 +143,7 @@ def detect(
     time,
     info: CameraInfo,
     last: DetectorState,
-    *,
-    max_id=np.inf,
-    full_search_periods=PERIODS,
+    config: DetectorConfig = DetectorConfig(),
 ) -> DetectorState:
     """Detects the markers in an image.
 
@@ -143,8 +153,7 @@ def detect(
         time: when it was taken (s).
         info: the camera.
         last: of the last image; DetectorState() if there was none.
-        max_id: IDs beyond it are refused.
-        full_search_periods: see ArucoDetector.
+        config: settings.
     """
     if reason := checks.check_view(view, time, info):
         return DetectorState(Detections(time, (), ((reason, None),)))
@@ -156,7 +165,7 @@ def detect(
         (ids, quads), age = search.around(view, predictions), last.age + 1
     else:
         (ids, quads), age = search.everywhere(view.whole()), 0
-    measured, refused = measure(view, ids, quads, info, max_id)
+    measured, refused = measure(view, ids, quads, info, config.max_id)
 
     before = {m.id: m for m in last.measured}
     pairs = [(m, before[m.id]) for m in measured if m.id in before]
@@ -168,7 +177,7 @@ def detect(
     )
     velocities = {m.id: (m.corners - old.corners).sum(axis=0) / (4 * dt) for m, old in pairs}
 
-    shortest, longest = full_search_periods
+    shortest, longest = config.full_search_periods
     if not measured:
         period = min(shortest, _EMPTY_PERIOD)
     elif before.keys() != {m.id for m in measured}:

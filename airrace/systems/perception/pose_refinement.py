@@ -34,6 +34,20 @@ class Pose(typing.NamedTuple):
     ambiguity: float
 
 
+class _Problem(typing.NamedTuple):
+    """What is minimised: r^T W r of the residual r, corners less projections.
+
+    Attributes:
+        points, corners, camera: see best_pose().
+        weights: inverses W of the corners' covariances, (m, 8, 8).
+    """
+
+    points: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+    camera: np.ndarray
+
+
 @compiled
 def best_pose(points, corners, covariances, camera, seeds):
     """Returns the best Pose from several to start from.
@@ -48,12 +62,12 @@ def best_pose(points, corners, covariances, camera, seeds):
     weights = np.empty_like(covariances)
     for m in range(len(covariances)):
         weights[m] = inverse(covariances[m])
+    problem = _Problem(points, corners, weights, camera)
     best = Pose(np.eye(3), np.zeros(3), np.nan, corners, np.zeros((6, 6)), 0.0)
     other = np.inf  # the cost of the best pose that is really another
     for seed in seeds:
         limit = np.inf if math.isnan(best.cost) else _MOST_COST * (best.cost + corners.size)
-        R, t = rotation(seed[:3]), seed[3:].copy()
-        pose = _refined(points, corners, weights, camera, R, t, limit)
+        pose = _refined(problem, rotation(seed[:3]), seed[3:].copy(), limit)
         if math.isnan(pose.cost):
             continue
         if not pose.cost >= best.cost:
@@ -75,25 +89,19 @@ def pose_at(pose, p):
 
 
 @compiled
-def _refined(points, corners, weights, camera, R, t, limit):
-    """Minimises the cost r^T W r of the residual r (Levenberg-Marquardt).
+def _refined(problem, R, t, limit):
+    """Minimises the cost from a pose R, t by Levenberg-Marquardt, unless it exceeds a limit there.
 
     The covariance is the inverse of J^T W J at the minimum.
-
-    Args:
-        points, corners, camera: see best_pose().
-        weights: inverses W of the corners' covariances, (m, 8, 8).
-        R, t: pose to start from.
-        limit: greatest cost of a pose to start from.
     """
-    residual, H, g, cost = _linearized(points, corners, weights, camera, R, t)
+    residual, H, g, cost = _linearized(problem, R, t)
     if cost > limit:
         return Pose(R, t, np.nan, residual, H, 0.0)
     damping = 1e-6
     for _ in range(_MAX_ITERATIONS):
         step = solve_cholesky(cholesky(H + damping * np.diag(np.diag(H))), g)
         R_new, t_new = rotation(step[:3]) @ R, t + step[3:]
-        trial = _linearized(points, corners, weights, camera, R_new, t_new)
+        trial = _linearized(problem, R_new, t_new)
         if not trial[3] <= cost + _CONVERGED:
             damping *= 100.0
             continue
@@ -101,19 +109,20 @@ def _refined(points, corners, weights, camera, R, t, limit):
         residual, H, g, cost = trial
         if damping < 1.0 and np.dot(step, H @ step) < _CONVERGED:
             break
-    if not np.all(points @ R[2] + t[2] > 0.0):
+    if not np.all(problem.points @ R[2] + t[2] > 0.0):
         cost = np.nan
     return Pose(R, t, cost, residual, inverse(H), 0.0)
 
 
 @compiled
-def _linearized(points, corners, weights, camera, R, t):
+def _linearized(problem, R, t):
     """Linearises the projection by a small rotation and shift of F, both in C.
 
     Returns:
         residual r, corners less projections, (4 m, 2); J^T W J, (6, 6); J^T W r,
         (6,); and r^T W r.
     """
+    points, corners, weights, camera = problem
     residual, J = np.empty(corners.shape), np.empty((corners.size, 6))
     for k in range(len(points)):
         q = R @ points[k]

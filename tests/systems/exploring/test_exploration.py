@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring import exploration
 from airrace.systems.exploring.explorer_memory import Situation
-from airrace.systems.mapping.report_estimator import MarkerStatistics, make_map
+from airrace.systems.mapping.report_estimator import MarkerStatistics, ReportEstimator
 from airrace.systems.types import Detection, Detections, ExplorerStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate
@@ -32,7 +32,8 @@ def mapped(counts, track=TRACK):
         )
         for id, n in counts.items()
     }
-    return make_map(statistics, min_observations=5, time=0.0, detections=0, out_of_range=0)
+    estimator = ReportEstimator(outlier_sigma=3.0, min_observations=5)
+    return estimator.make_map(statistics, time=0.0, detections=0, out_of_range=0)
 
 
 def situation(counts, in_image, last=None, p=(0.0, 0.0, 5.0), steps=0, track=TRACK):

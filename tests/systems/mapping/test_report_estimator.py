@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.systems.mapping.observation import Observation
-from airrace.systems.mapping.report_estimator import EMPTY, ReportEstimator, make_gate, make_map
+from airrace.systems.mapping.report_estimator import EMPTY, ReportEstimator, make_gate
 from airrace.track import load_track
 
 TRACK = load_track("student-airrace")
@@ -59,12 +59,8 @@ def test_two_boards_in_one_place_are_no_gate():
 
 
 def test_the_map_is_read_only():
-    gate_map = make_map(
-        {0: EMPTY.updated(np.ones(3), np.ones(3), 3.0, 5)},
-        min_observations=1,
-        time=0.0,
-        detections=1,
-        out_of_range=0,
+    gate_map = ReportEstimator(outlier_sigma=3.0, min_observations=1).make_map(
+        {0: EMPTY.updated(np.ones(3), np.ones(3), 3.0, 5)}, time=0.0, detections=1, out_of_range=0
     )
     with pytest.raises(ValueError):
         gate_map.markers[0].p_WM[0] = 2.0

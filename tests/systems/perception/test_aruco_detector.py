@@ -4,7 +4,12 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
 from airrace.systems.perception import detection_checks as checks
-from airrace.systems.perception.aruco_detector import ArucoDetector, DetectorState, detect
+from airrace.systems.perception.aruco_detector import (
+    ArucoDetector,
+    DetectorConfig,
+    DetectorState,
+    detect,
+)
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
 from tests.systems.perception.marker_pictures import INFO, gate, picture, pose, project
@@ -121,9 +126,9 @@ class CountingSearch(MarkerSearch):
 
 def watch(pictures, **kwargs):
     """Detects markers in pictures at 30 Hz; returns the results, and where was searched."""
-    search, results = CountingSearch(), [DetectorState()]
+    search, results, config = CountingSearch(), [DetectorState()], DetectorConfig(**kwargs)
     for k, grey in enumerate(pictures):
-        results.append(detect(search, CameraView.of(grey), k / 30, INFO, results[-1], **kwargs))
+        results.append(detect(search, CameraView.of(grey), k / 30, INFO, results[-1], config))
     return results[1:], search.calls
 
 

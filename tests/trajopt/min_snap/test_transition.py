@@ -1,4 +1,4 @@
-"""The ways onto a lap: without a jump, forward, and within the limits."""
+"""Transitions onto a lap: without a jump, forward, and within the limits."""
 
 import functools
 import time
@@ -65,7 +65,7 @@ def assert_same(ours, theirs, tolerances):
     )
 
 
-def assert_flyable(trajectory, pylons=PYLONS):
+def assert_feasible(trajectory, pylons=PYLONS):
     times = np.linspace(0, trajectory.duration, int(1000 * trajectory.duration))
     samples = trajectory.sample(times)
     # Between the samples of the planner's own check, peaks may be a bit higher.
@@ -118,7 +118,7 @@ def test_start(name, dimensions):
     assert_same(entry.derivatives(entry.duration), circuit.derivatives(phase), 4 * [1e-7])
     for t in entry.breaks[1:-1]:
         assert_same(entry.derivatives(t - 1e-9), entry.derivatives(t + 1e-9), 5 * [1e-5])
-    assert_flyable(entry)
+    assert_feasible(entry)
     # It joins at a gate, and has passed all before, the first one included, forward.
     joined = circuit.gate_times.index(phase)
     assert 1 <= joined <= 3
@@ -169,7 +169,7 @@ def test_start_onto_a_lap_with_a_waypoint_in_front_of_a_gate():
             hover(-25, -30, 5, 0), circuit, 4, FlightConstraints(pylons, **LIMITS)
         )
         assert_same(entry.derivatives(entry.duration), circuit.derivatives(phase), 4 * [1e-7])
-        assert_flyable(entry, pylons)
+        assert_feasible(entry, pylons)
 
 
 def test_no_start_from_among_pylons():
@@ -211,7 +211,7 @@ def test_a_change_to_a_moved_lap(dimensions, seed):
         assert_same(end, new.derivatives(0.0), (1e-7, 1e-7, 1e-7, 1e-6, 1e-5))
         for t in change.breaks[1:-1]:
             assert_same(change.derivatives(t - 1e-9), change.derivatives(t + 1e-9), 5 * [1e-5])
-        assert_flyable(change, pylons)
+        assert_feasible(change, pylons)
         assert duration - 1e-9 <= change.duration <= 1.05 * duration
         # Nothing is left of the old lap, and the way there did not wander off.
         yaw = change.derivatives(change.duration)[0, 3] - start[0, 3]

@@ -1,4 +1,4 @@
-"""Laps of quintic splines: smooth all around, and what dilation and twist do."""
+"""Laps of quintic splines: smooth all around, and what dilation and the thrust-axis angle do."""
 
 import numpy as np
 import pytest
@@ -89,33 +89,33 @@ def open_spline():
 
 
 def test_an_open_one_leads_from_gate_to_gate():
-    way = open_spline()
-    assert not way.is_closed and way.after.tolist() == [1, 2, 3]
-    ends = way.evaluate(basis(way.pieces, (0.0, 1.0)))  # (5, 3, 2, 4)
-    powers = way.durations ** np.arange(5)[:, None]
+    spline = open_spline()
+    assert not spline.is_closed and spline.after.tolist() == [1, 2, 3]
+    ends = spline.evaluate(basis(spline.pieces, (0.0, 1.0)))  # (5, 3, 2, 4)
+    powers = spline.durations ** np.arange(5)[:, None]
     for leg in range(3):
         for end in (0, 1):
             np.testing.assert_allclose(
-                ends[:, leg, end] / powers[:, leg, None], way.gates[leg + end], atol=1e-9
+                ends[:, leg, end] / powers[:, leg, None], spline.gates[leg + end], atol=1e-9
             )
 
 
 def test_another_turn_of_an_open_one_is_at_its_end():
-    way = open_spline()
-    other = way.with_turn(2.0)
-    assert other.gates[-1, 0, 3] == pytest.approx(way.gates[0, 0, 3] + 2.0)
-    np.testing.assert_array_equal(other.gates[:-1], way.gates[:-1])
-    np.testing.assert_array_equal(other.gates[-1, 1:], way.gates[-1, 1:])
+    spline = open_spline()
+    other = spline.with_turn(2.0)
+    assert other.gates[-1, 0, 3] == pytest.approx(spline.gates[0, 0, 3] + 2.0)
+    np.testing.assert_array_equal(other.gates[:-1], spline.gates[:-1])
+    np.testing.assert_array_equal(other.gates[-1, 1:], spline.gates[-1, 1:])
 
 
 def test_a_step_of_an_open_one_keeps_what_its_ends_have():
-    way = open_spline()
-    z = way.coefficients() + np.random.default_rng(0).normal(size=way.coefficients().shape)
-    new = way.stepped(z, 1.1 * way.durations, 0.3)
+    spline = open_spline()
+    z = spline.coefficients() + np.random.default_rng(0).normal(size=spline.coefficients().shape)
+    new = spline.stepped(z, 1.1 * spline.durations, 0.3)
     for i in (0, -1):
-        np.testing.assert_array_equal(new.gates[i, :, :3], way.gates[i, :, :3])
-        np.testing.assert_array_equal(new.gates[i, 1:3, 3], way.gates[i, 1:3, 3])
-    assert new.gates[0, 0, 3] == way.gates[0, 0, 3] and new.turn == 0.3
+        np.testing.assert_array_equal(new.gates[i, :, :3], spline.gates[i, :, :3])
+        np.testing.assert_array_equal(new.gates[i, 1:3, 3], spline.gates[i, 1:3, 3])
+    assert new.gates[0, 0, 3] == spline.gates[0, 0, 3] and new.turn == 0.3
     # With nothing changed, nothing changes.
-    same = way.stepped(way.coefficients(), way.durations, way.turn)
-    np.testing.assert_allclose(same.gates, way.gates, atol=1e-9)
+    same = spline.stepped(spline.coefficients(), spline.durations, spline.turn)
+    np.testing.assert_allclose(same.gates, spline.gates, atol=1e-9)

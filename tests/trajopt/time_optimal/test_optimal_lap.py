@@ -60,7 +60,7 @@ def small(drone="Default", limits="rotor"):
 
 
 def assert_raceable(lap, midpoints, headings, limits=None, drone="Default", half_size=(3.2, 2.5)):
-    """Checks anew all that a lap promises."""
+    """Checks anew that a lap keeps its limits."""
     limits = limits or {}
     samples = lap.sample(np.arange(0.0, lap.duration, 1e-3))
     least, most = rotor_shares(lap, VEHICLES[drone])

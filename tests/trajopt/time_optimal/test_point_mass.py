@@ -46,9 +46,9 @@ def test_it_keeps_its_limits_and_its_gates():
     np.testing.assert_allclose(found.positions, gates.nearest(found.positions), atol=1e-6)
     # It is one motion: velocities integrate to the positions, and go on at gates.
     middle = (found.velocities[:, 1:] + found.velocities[:, :-1]) / 2
-    way = np.sum(middle * step, axis=1)
+    path = np.sum(middle * step, axis=1)
     np.testing.assert_allclose(
-        found.positions + way, np.roll(found.positions, -1, axis=0), atol=1e-4
+        found.positions + path, np.roll(found.positions, -1, axis=0), atol=1e-4
     )
     np.testing.assert_allclose(
         found.velocities[:, -1], np.roll(found.velocities[:, 0], -1, axis=0), atol=0.01
@@ -80,7 +80,7 @@ def test_impossible_limits_are_refused(limits):
 
 
 def test_pylons_in_the_way_cost_time_and_are_kept_off():
-    """Between two gates 40 m apart, one pylon stands in the straight way."""
+    """Between two gates 40 m apart, one pylon stands on the straight line."""
     gates = GateRegions.balls([[0, 0, 5], [40, 0, 5]], [0.0, np.pi], 0.0)
     limits = PointMassLimits(20.0, 10.0)
     free = point_mass_bound(gates, limits)
@@ -91,9 +91,9 @@ def test_pylons_in_the_way_cost_time_and_are_kept_off():
         # Positions from velocities that are linear in between.
         N = v.shape[1] - 1
         for leg in range(2):
-            way = np.cumsum((v[leg, 1:] + v[leg, :-1]) / 2 * T[leg] / N, axis=0)
-            places = bound.positions[leg] + way
+            path = np.cumsum((v[leg, 1:] + v[leg, :-1]) / 2 * T[leg] / N, axis=0)
+            places = bound.positions[leg] + path
             assert np.linalg.norm(places[:, :2] - [20.0, 0.3], axis=1).min() > clearance - 0.05
-    # Those that are not in the way cost nothing.
+    # Those elsewhere cost nothing.
     aside = point_mass_bound(gates, limits, [[20.0, 60.0]], 3.0)
     assert aside.duration == pytest.approx(free.duration, rel=1e-4)

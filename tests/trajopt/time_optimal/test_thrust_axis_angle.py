@@ -102,7 +102,7 @@ def test_drag_is_what_thrust_and_weight_leave():
     as_reference(flat).velocity[:] *= 3.0
     thrusts, _ = inverse_dynamics(flat, vehicle, GRAVITY, 1.0)
     v = as_reference(flat).velocity
-    # Any thrust's axis will do that gives the acceleration: look for it.
+    # Any thrust's axis will do that gives the acceleration: search for it.
     speed = np.linalg.norm(v, axis=0)
     k = np.array(vehicle.drag.linear)[:, None] + np.array(vehicle.drag.quadratic)[:, None] * speed
     wanted = vehicle.mass * (as_reference(flat).acceleration + [[0.0], [0.0], [GRAVITY]])

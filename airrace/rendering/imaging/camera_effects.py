@@ -5,9 +5,9 @@ import functools
 
 import numpy as np
 
+from airrace.rendering.images import as_boxes
 from airrace.rendering.imaging.lens import Lens
 from airrace.rendering.imaging.motion_blur import MeanPicture, Shutter
-from airrace.rendering.imaging.pixels import whole
 from airrace.rendering.imaging.sensor import Sensor
 
 
@@ -71,7 +71,7 @@ class ImagingChain:
             render: draws the world for the camera ``pinhole``; called with its
                 pose X_WC and the array to draw into.
             X_WB, w_WB, v_WB, frame: see picture().
-            out: RGBA or grey levels, see pixels.py; overwritten.
+            out: RGBA or grey levels, see images.py; overwritten.
         """
         expose = functools.partial(MeanPicture, render)
         self.picture(expose, X_WB, w_WB, v_WB, frame).draw(out)
@@ -105,7 +105,7 @@ class _TakenPicture:
     frame: int
 
     def draw(self, out, boxes=None) -> None:
-        boxes = [whole(out)] if boxes is None else boxes
+        boxes = as_boxes(boxes, out)
         if self.lens is None:
             self.ideal.draw(out, boxes)
         else:

@@ -8,8 +8,6 @@ import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RigidTransform, RotationMatrix
 
-from airrace.common.jit import compiled
-
 _DISTANCE = 10.0  # how far away a thing is whose blur decides on the effort (m)
 _SHARP = 1.0  # blur up to here is not drawn (px)
 _STEP = 2.5  # blur that one exposure stands for (px)
@@ -49,7 +47,7 @@ class MeanPicture:
         """Draws it.
 
         Args:
-            out: RGBA or grey levels, see pixels.py; overwritten.
+            out: RGBA or grey levels, see images.py; overwritten.
             boxes: ignored: the parts that must be drawn.
         """
         (total, X_WC), *others = self._poses
@@ -57,26 +55,13 @@ class MeanPicture:
         picture = np.empty_like(out) if others else None
         for weight, X_WC in others:
             self._render(X_WC, picture)
-            total = add_picture(out, total, picture, weight)
-
-
-def add_picture(mean, total, picture, weight) -> float:
-    """Adds a picture to a weighted mean in place.
-
-    Args:
-        mean: of pictures whose weights add up to ``total``.
-        picture, weight: the one to add.
-
-    Returns:
-        what all weights now add up to.
-    """
-    share = weight / (total + weight)
-    cv2.addWeighted(mean, 1 - share, picture, share, 0.0, dst=mean)
-    return total + weight
+            total += weight
+            share = weight / total
+            cv2.addWeighted(out, 1 - share, picture, share, 0.0, dst=out)
 
 
 class Shutter:
-    """Tells from where to look for one picture.
+    """Tells from which poses to draw one picture.
 
     The picture is the mean over the time that the shutter is open, which ranges
     from half of it before to half of it after the sampled pose. That integral
@@ -89,11 +74,11 @@ class Shutter:
         """Args: time: how long it is open (s). camera_info: calibration."""
         self._time = time
         self._X_BC = camera_info.X_BC
-        # Rays to the picture's middle and halfway to its sides and corners.
+        # Points before the picture's middle and halfway to its sides and corners.
         w, h = camera_info.width, camera_info.height
-        pixels = np.array([[w * x, h * y, 4.0] for x in (1, 2, 3) for y in (1, 2, 3)]) / 4
+        self._pixels = np.array([[w * x, h * y, 4.0] for x in (1, 2, 3) for y in (1, 2, 3)]).T / 4
         self._K = camera_info.K
-        self._p_C = _DISTANCE * pixels @ np.linalg.inv(self._K).T
+        self._p_C = _DISTANCE * np.linalg.inv(self._K) @ self._pixels
 
     def poses(self, X_WB, w_WB, v_WB) -> list:
         """Returns pairs of a weight and X_WC; the weights add up to 1.
@@ -107,34 +92,22 @@ class Shutter:
         if self._time == 0:
             return [(1.0, X_WC(0.0))]
         half = self._time / 2
-        X_01 = X_WC(-half).InvertAndCompose(X_WC(half))
-        length = _longest_way(X_01.rotation().matrix(), X_01.translation(), self._K, self._p_C)
+        length = self._blur(X_WC(-half).InvertAndCompose(X_WC(half)))
         if length <= _SHARP:
             return [(1.0, X_WC(0.0))]
-        nodes, weights = _quadrature(min(max(2, int(np.ceil(length / _STEP))), _MOST))
+        nodes, weights = _quadrature(min(max(2, math.ceil(length / _STEP)), _MOST))
         return [(weight, X_WC(half * node)) for node, weight in zip(nodes, weights)]
 
+    def _blur(self, X_01) -> float:
+        """Returns how far a point moves in the picture at most (px).
 
-@compiled
-def _longest_way(R_01, p_01, K, p_C):
-    """Returns the longest way of a nominal point, (n, 3), in the picture (px).
-
-    Args: R_01, p_01: from the beginning of the exposure to its end. K: calibration.
-    """
-    farthest, before, after = 0.0, np.empty(3), np.empty(3)
-    for p in p_C:
-        before[:], after[:] = 0.0, 0.0
-        for row in range(3):
-            moved_by = p_01[row]
-            for j in range(3):
-                moved_by += R_01[row, j] * p[j]
-            for i in range(3):
-                before[i] += K[i, row] * p[row]
-                after[i] += K[i, row] * moved_by
-        depth = max(after[2], 0.1 * _DISTANCE)
-        x, y = after[0] / depth - before[0] / before[2], after[1] / depth - before[1] / before[2]
-        farthest = max(farthest, math.hypot(x, y))
-    return farthest
+        Args:
+            X_01: the camera's pose at the end of the exposure, in that at its beginning.
+        """
+        R_01, p_01 = X_01.rotation().matrix(), X_01.translation()
+        x, y, depth = self._K @ (R_01 @ self._p_C + p_01[:, None])
+        depth = np.maximum(depth, 0.1 * _DISTANCE)
+        return np.hypot(x / depth - self._pixels[0], y / depth - self._pixels[1]).max()
 
 
 @functools.cache

@@ -1,18 +1,52 @@
 """The image sensor: exposure, vignetting and noise."""
 
 import functools
+import typing
 
 import numpy as np
 
 from airrace.common.jit import compilable, compiled
 from airrace.math.random import make_generator
-from airrace.rendering.imaging.pixels import LUMA, deep, whole
+from airrace.rendering.images import LUMA, as_boxes, with_channels
 
 _LUMA = np.float32(LUMA)
 _MARGIN = 256  # of the sheet of noise beyond a picture (px)
 _BLOCK = 1024  # pictures whose places in it are drawn together
 _STEPS = 25.0  # of noise, a standard deviation; beyond 127 of them it is cut off
 _ZERO, _HALF, _ONE, _WHITEST = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(255.0)
+
+
+class Light(typing.NamedTuple):
+    """How much of the light becomes signal.
+
+    Attributes:
+        gain: on the brightness.
+        vignetting: what is lost of it, per 1 - cos^4 of the angle off axis.
+        across, down: squared tangents of this angle, along a row, (w,), and a column, (h,).
+    """
+
+    gain: float
+    vignetting: float
+    across: np.ndarray
+    down: np.ndarray
+
+
+class Noise(typing.NamedTuple):
+    """The noise of one picture, float32.
+
+    Attributes:
+        read, shot: its variance in the dark, and for each grey level.
+        sheet: normal numbers, int8; empty for no noise.
+        x, y: the place in the sheet that is the picture's first pixel.
+        step: what 1 is there, in standard deviations, with a sign.
+    """
+
+    read: float
+    shot: float
+    sheet: np.ndarray
+    x: int
+    y: int
+    step: float
 
 
 class Sensor:
@@ -39,19 +73,16 @@ class Sensor:
             shot_noise: variance for each grey level of brightness.
             seed: of the noise, >= 0.
         """
-        self._changes = gain != 1 or vignetting != 0
-        self._noisy = read_noise > 0 or shot_noise > 0
+        self._is_ideal = gain == 1 and vignetting == 0 and read_noise == 0 and shot_noise == 0
         K, w, h = camera_info.K, camera_info.width, camera_info.height
-        # Squared tangents of the angle off axis, along a row and down a column.
-        self._off_axis = (
-            np.float32(((np.arange(w) - K[0, 2]) / K[0, 0]) ** 2),
-            np.float32(((np.arange(h) - K[1, 2]) / K[1, 1]) ** 2),
-        )
-        most = 1 - (1 + sum(tan2.max() for tan2 in self._off_axis)) ** -2.0
-        self._light = gain, vignetting / most
-        self._variance = read_noise**2, shot_noise
-        self._sheet = np.zeros((0, 0), np.int8)
-        if not self._noisy:
+        across = np.float32(((np.arange(w) - K[0, 2]) / K[0, 0]) ** 2)
+        down = np.float32(((np.arange(h) - K[1, 2]) / K[1, 1]) ** 2)
+        most = 1 - (1 + (across.max() + down.max())) ** -2.0
+        self._light = Light(np.float32(gain), np.float32(vignetting / most), across, down)
+        read, shot = np.float32(read_noise**2), np.float32(shot_noise)
+        self._noise = Noise(read, shot, np.zeros((0, 0), np.int8), 0, 0, _ZERO)
+        self._places = None
+        if not (read_noise > 0 or shot_noise > 0):
             return
 
         @functools.lru_cache(maxsize=2)
@@ -63,83 +94,65 @@ class Sensor:
         rng = make_generator(seed, "camera_noise_sheet")
         sheet = rng.standard_normal((h + _MARGIN, w + _MARGIN), np.float32)
         # Bytes, because most of the time is spent on fetching them.
-        self._sheet = np.clip(np.round(_STEPS * sheet), -127, 127).astype(np.int8)
+        sheet = np.clip(np.round(_STEPS * sheet), -127, 127).astype(np.int8)
+        self._noise = self._noise._replace(sheet=sheet)
 
     def expose(self, image, frame: int, boxes=None) -> None:
         """Changes a picture in place; opaque pixels stay opaque.
 
         Args:
-            image: RGBA or grey levels, see pixels.py.
+            image: RGBA or grey levels, see images.py.
             frame: number of the picture >= 0; the noise is a function of it and
                 of the place.
             boxes: the parts of it that are changed, (n, 4); None: all of it.
         """
-        if self._changes or self._noisy:
-            boxes = np.array([whole(image)] if boxes is None else boxes, np.int64).reshape(-1, 4)
-            y, x, turned = 0, 0, 0
-            if self._noisy:
-                y, x, turned = self._places(frame // _BLOCK)[frame % _BLOCK]
-            _expose(
-                deep(image),
-                boxes,
-                *self._light,
-                *self._off_axis,
-                *self._variance,
-                self._sheet,
-                y,
-                x,
-                (1.0 - 2.0 * turned) / _STEPS,
-            )
+        if self._is_ideal:
+            return
+        noise = self._noise
+        if self._places is not None:
+            y, x, turned = self._places(frame // _BLOCK)[frame % _BLOCK]
+            noise = noise._replace(x=x, y=y, step=np.float32((1.0 - 2.0 * turned) / _STEPS))
+        _expose(with_channels(image), as_boxes(boxes, image), self._light, noise)
 
 
 @compiled
-def _expose(image, boxes, gain, vignetting, across, down, read, shot, sheet, y, x, step):
-    """Does to boxes of a picture, (h, w, channels), what Sensor says.
-
-    Args:
-        gain: on the brightness.
-        vignetting: what is lost of it, per 1 - cos^4 of the angle off axis.
-        across, down: its squared tangents, along a row, (w,), and a column, (h,).
-        read, shot: variance of the noise in the dark, and for each grey level.
-        sheet: of normal numbers; empty for no noise.
-        y, x: the place in the sheet that is the picture's first pixel.
-        step: what 1 is there, in standard deviations, with a sign.
-    """
-    channels = image.shape[2]
-    gain, vignetting, step = np.float32(gain), np.float32(vignetting), np.float32(step)
-    read, shot = np.float32(read), np.float32(shot)
+def _expose(image, boxes, light, noise):
+    """Does to boxes of a picture, (h, w, channels), what Sensor says."""
+    channels, step = image.shape[2], noise.step
     silence = np.zeros(image.shape[1], np.int8)
     for x0, y0, x1, y1 in boxes:
-        aside = across[x0:x1]
-        factors, noise = np.empty(len(aside), np.float32), np.empty(len(aside), np.float32)
+        across = light.across[x0:x1]
+        factors, added = np.empty(len(across), np.float32), np.empty(len(across), np.float32)
         for row in range(y0, y1):
-            samples = sheet[y + row, x + x0 : x + x1] if len(sheet) > 0 else silence[x0:x1]
-            for k in range(len(aside)):
-                cos2 = _ONE / (_ONE + aside[k] + down[row])
-                factors[k] = gain * (_ONE - vignetting * (_ONE - cos2 * cos2))
+            samples = silence[x0:x1]
+            if len(noise.sheet) > 0:
+                samples = noise.sheet[noise.y + row, noise.x + x0 : noise.x + x1]
+            for k in range(len(across)):
+                cos2 = _ONE / (_ONE + across[k] + light.down[row])
+                factors[k] = light.gain * (_ONE - light.vignetting * (_ONE - cos2 * cos2))
             if channels == 1:
                 only = image.reshape(len(image), -1)[row, x0:x1]
-                for k in range(len(aside)):
+                for k in range(len(across)):
                     level = factors[k] * np.float32(only[k])
                     only[k] = _grey_level(
-                        level + step * np.float32(samples[k]) * _sigma(level, read, shot)
+                        level + step * np.float32(samples[k]) * _sigma(level, noise)
                     )
                 continue
             pixels = image[row, x0:x1]
-            for k in range(len(aside)):
+            for k in range(len(across)):
                 level = _LUMA[0] * np.float32(pixels[k, 0])
                 for c in range(1, 3):
                     level += _LUMA[c] * np.float32(pixels[k, c])
-                noise[k] = step * np.float32(samples[k]) * _sigma(factors[k] * level, read, shot)
-            for k in range(len(aside)):
+                added[k] = step * np.float32(samples[k]) * _sigma(factors[k] * level, noise)
+            for k in range(len(across)):
                 for c in range(3):
-                    pixels[k, c] = _grey_level(factors[k] * np.float32(pixels[k, c]) + noise[k])
+                    pixels[k, c] = _grey_level(factors[k] * np.float32(pixels[k, c]) + added[k])
 
 
 @compilable
-def _sigma(level, read, shot):
+def _sigma(level, noise):
     """Returns the standard deviation of the noise at a brightness."""
-    return np.sqrt(read + shot * min(level, _WHITEST))
+    return np.sqrt(noise.read + noise.shot * min(level, _WHITEST))
 
 
 @compilable

@@ -1,34 +1,25 @@
-"""Sky and ground of the planar renderer."""
+"""Sky and ground of the planar renderer.
+
+The background is soft, so it is drawn at a quarter of the size and enlarged. A ray through a
+pixel meets the sky, or the ground, which is a textured plane behind haze.
+"""
+
+import typing
 
 import numpy as np
 
 from airrace.common.jit import compiled
-from airrace.rendering.imaging.pixels import colors_for, deep, to_grey, whole
-from airrace.rendering.planar.background_tiles import HALF, TILE_H, TILE_W, draw_tiles
-from airrace.rendering.planar.enlarging import enlarge
-from airrace.rendering.scene.textures import (
-    GRASS,
-    HORIZON,
-    grass_detail,
-    grass_squares,
-    haze,
-    sky_color,
-)
+from airrace.rendering.images import Box, colors_for, to_grey
+from airrace.rendering.scene.textures import GRASS, HORIZON, grass_detail, haze, sky_color
 
-_SHRINK = 4  # the background is soft: it is drawn at a quarter of the size
-
-
-class _GrassLayer:
-    """One scale of the ground's texture."""
-
-    def __init__(self, *, tile, strength):
-        self.tile = tile  # side of the texture on the ground (m)
-        self.strength = strength  # grey levels from bright to dark
-        self.texel = tile / len(grass_detail())
-
-
-_LAYERS = (_GrassLayer(tile=30.0, strength=70.0), _GrassLayer(tile=330.0, strength=60.0))
-_TEXELS, _STRENGTHS = np.array([(layer.texel, layer.strength) for layer in _LAYERS]).T.copy()
+_SHRINK = 4
+_HALF = 1024  # entries of the look-up tables on either side of the horizon
+_LOWEST = 0.05  # m, of the camera, as the background is drawn
+# Layers of the ground's texture: side of a tile on the ground (m), and grey levels from bright
+# to dark.
+_TILES, _STRENGTHS = np.array([30.0, 330.0]), np.array([70.0, 60.0])
+_TEXELS = _TILES / len(grass_detail())  # m
+_DENSITY = 1.0 / _TEXELS  # texels a metre
 # Colours of grass and horizon, and how much darker the texture makes them: less so in the
 # blue, which grass has little of. By channels of the picture.
 _GROUND = {
@@ -37,130 +28,193 @@ _GROUND = {
 }
 
 
+class Tables(typing.NamedTuple):
+    """What a ray shows, by the sine of its angle below the horizon.
+
+    Attributes:
+        colors: of the sky, then of the ground, (2 _HALF, channels).
+        darkening: how much darker the texture makes each channel per grey level, (2 _HALF,
+            layers, channels).
+    """
+
+    colors: np.ndarray
+    darkening: np.ndarray
+
+
+class Rays(typing.NamedTuple):
+    """The rays of a small picture.
+
+    Attributes:
+        p_WC: where they begin, (3,) m.
+        R_Wuv: takes (u, v, 1) to their directions in the world, (3, 3).
+        shortening: 1 / lengths of these, (h, w).
+    """
+
+    p_WC: np.ndarray
+    R_Wuv: np.ndarray
+    shortening: np.ndarray
+
+
 class Background:
     """Everything that lies behind pylons and boards, for a camera."""
 
     def __init__(self, camera_info):
-        self.width, self.height = camera_info.width, camera_info.height
-        self.w, self.h = -(-self.width // _SHRINK), -(-self.height // _SHRINK)
-        # Small pixel i covers the pixels from 4i to 4i + 3; their mean is its
-        # centre. Scaled by the true ratio, should the size not divide by 4.
-        sx, sy = self.width / self.w, self.height / self.h
-        S = np.array([[sx, 0, (sx - 1) / 2], [0, sy, (sy - 1) / 2], [0, 0, 1]])
-        self.K_inverse = np.linalg.inv(camera_info.K) @ S  # of the small picture
-        u, v = np.meshgrid(np.arange(self.w), np.arange(self.h))
-        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ self.K_inverse.T
-        self.shortening = 1.0 / np.linalg.norm(rays, axis=2)
-        self._focal = 1 / self.K_inverse[1, 1]
-        sky = sky_color((np.arange(HALF)[::-1] + 0.5) / HALF)
+        self._w, self._h = -(-camera_info.width // _SHRINK), -(-camera_info.height // _SHRINK)
+        # Small pixel i covers the pixels from 4i to 4i + 3; their mean is its centre.
+        centre = (_SHRINK - 1) / 2
+        S = np.array([[_SHRINK, 0, centre], [0, _SHRINK, centre], [0, 0, 1]])
+        self._K_inverse = np.linalg.inv(camera_info.K) @ S  # of the small picture
+        u, v = np.meshgrid(np.arange(self._w), np.arange(self._h))
+        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ self._K_inverse.T
+        self._shortening = 1.0 / np.linalg.norm(rays, axis=2)
+        # Of the grass, with a row and a column more for interpolation.
+        self._texture = np.pad(grass_detail(), (0, 1), mode="wrap")
+        self._focal = 1 / self._K_inverse[1, 1]
+        sky = sky_color((np.arange(_HALF)[::-1] + 0.5) / _HALF)
         self._sky = {channels: colors_for(channels, sky) for channels in _GROUND}
 
-    def paint(self, X_WC, out, box=None) -> None:
-        """Fills a picture, or a box of it.
+    def paint(self, out, boxes, poses) -> None:
+        """Fills boxes of a picture with the mean of the backgrounds from some poses.
 
         Args:
-            X_WC: pose of the camera; z forward, x right, y down.
-            out: RGBA or grey levels, see pixels.py.
-            box: see there; None for all of it.
+            out: the picture, (h, w, channels).
+            boxes: (n, 4).
+            poses: pairs of a weight and the camera's pose X_WC; the weights add up to 1.
         """
-        Backdrop(self, [(1.0, X_WC)]).paint(deep(out), np.array([box or whole(out)]))
+        rays = [
+            Rays(X.translation(), X.rotation().matrix() @ self._K_inverse, self._shortening)
+            for _, X in poses
+        ]
+        channels = out.shape[2]
+        tables = [self._tables(each.p_WC[2], channels) for each in rays]
+        for box in (Box(*box) for box in np.asarray(boxes).tolist()):
+            # What it shows of the small picture, and a pixel more for interpolation.
+            small = Box(
+                max(box.x0 // _SHRINK - 1, 0),
+                max(box.y0 // _SHRINK - 1, 0),
+                min((box.x1 - 1) // _SHRINK + 2, self._w),
+                min((box.y1 - 1) // _SHRINK + 2, self._h),
+            )
+            pictures = [_draw(small, *each, self._texture) for each in zip(rays, tables)]
+            mean = pictures[0]
+            if len(poses) > 1:
+                weights = [np.float32(weight) for weight, _ in poses]
+                mean = np.uint8(sum(w * picture for w, picture in zip(weights, pictures)) + 0.5)
+            _enlarge(mean, small, out, box)
 
-    def tables(self, height, channels):
-        """Returns colours and contrasts over the sine of the depression angle.
-
-        Args:
-            height: of the camera (m).
-            channels: of the picture.
-
-        Returns:
-            colours, sky, then ground, (2 HALF, channels); and how much darker the layers
-            of grass make each channel at most, (2 HALF, layers, channels).
-        """
-        tables = np.zeros((2 * HALF, channels)), np.zeros((2 * HALF, len(_LAYERS), channels))
-        tables[0][:HALF] = self._sky[channels]
-        _fill_tables(*tables, height, self._focal, *_GROUND[channels], _TEXELS, _STRENGTHS)
+    def _tables(self, height, channels) -> Tables:
+        """Returns the Tables of a camera at a height (m)."""
+        tables = Tables(
+            np.empty((2 * _HALF, channels)), np.zeros((2 * _HALF, len(_TEXELS), channels))
+        )
+        tables.colors[:_HALF] = self._sky[channels]
+        _fill_ground(tables, max(height, _LOWEST), self._focal, *_GROUND[channels])
         return tables
 
 
 @compiled
-def _fill_tables(colors, darkening, height, focal, grass, horizon, tint, texels, strengths):
-    """Fills the ground's half of the tables; see Background.tables().
+def _fill_ground(tables, height, focal, grass, horizon, tint) -> None:
+    """Fills the ground's half of Tables.
 
     Args:
-        focal: of the small picture (px).
-        grass, horizon, tint: colours, and how much the layers show in them, (channels,).
-        texels, strengths: of the layers, (n,) m and grey levels.
+        height: of the camera (m). focal: of the small picture (px).
+        grass, horizon, tint: colours, and how much the texture shows in them, (channels,).
     """
-    for i in range(HALF):
-        sine = (i + 0.5) / HALF
+    for i in range(_HALF):
+        sine = (i + 0.5) / _HALF
         clear = 1.0 - haze(height / sine)
-        # A texture is shown as long as its texels are no smaller than a pixel's
+        # A layer is shown as long as its texels are no smaller than a pixel's
         # footprint, which is longest along the line of sight.
         footprint = height / sine**2 / focal
         for c in range(len(grass)):
             level = clear * grass[c] + (1.0 - clear) * horizon[c]
-            for k in range(len(texels)):
-                contrast = clear * strengths[k] / (1.0 + (footprint / texels[k] / 2) ** 2)
+            for k in range(len(_TEXELS)):
+                contrast = clear * _STRENGTHS[k] / (1.0 + (footprint / _TEXELS[k] / 2) ** 2)
                 # The texture only darkens: its mean is added to the colour.
                 level += contrast * tint[c] / 2
                 if contrast >= 0.5:  # a grey level is the least that shows
-                    darkening[HALF + i, k, c] = contrast * tint[c] / 255
-            colors[HALF + i, c] = min(level, 255.0)
+                    tables.darkening[_HALF + i, k, c] = contrast * tint[c] / 255
+            tables.colors[_HALF + i, c] = min(level, 255.0)
 
 
-class Backdrop:
-    """The background of one picture, or the mean of several, to be painted piece by piece."""
+@compiled
+def _draw(box, rays, tables, texture):
+    """Returns a box of the small picture, (h, w, channels)."""
+    x, y, height = rays.p_WC[0], rays.p_WC[1], max(rays.p_WC[2], _LOWEST)
+    X, Y, Z = rays.R_Wuv
+    channels = tables.colors.shape[1]
+    out = np.empty((box.y1 - box.y0, box.x1 - box.x0, channels), np.uint8)
+    for v in range(box.y0, box.y1):
+        for u in range(box.x0, box.x1):
+            down = -(Z[0] * u + (Z[1] * v + Z[2]))
+            entry = int((_HALF - 1) * down * rays.shortening[v, u] + _HALF)
+            pixel = out[v - box.y0, u - box.x0]
+            if down <= 0.0:
+                for c in range(channels):
+                    pixel[c] = np.uint8(tables.colors[entry, c] + 0.5)
+                continue
+            along = height / max(down, 1e-9)
+            x_W = x + along * (X[0] * u + (X[1] * v + X[2]))
+            y_W = y + along * (Y[0] * u + (Y[1] * v + Y[2]))
+            near = _interpolate(texture, x_W * _DENSITY[0], y_W * _DENSITY[0])
+            far = _interpolate(texture, x_W * _DENSITY[1], y_W * _DENSITY[1])
+            for c in range(channels):
+                level = tables.colors[entry, c] + 0.5
+                level -= near * tables.darkening[entry, 0, c]
+                level -= far * tables.darkening[entry, 1, c]
+                pixel[c] = np.uint8(np.int32(max(level, 0.0)))
+    return out
 
-    def __init__(self, background: Background, poses):
-        """Args: background: of all pictures. poses: pairs of a weight and X_WC."""
-        self._background, self._poses = background, poses
-        self._drawn = {}  # by the number of channels
 
-    def paint(self, out, boxes) -> None:
-        """Fills boxes, (n, 4), of a picture, (h, w, channels)."""
-        channels = out.shape[2]
-        if channels not in self._drawn:
-            self._drawn[channels] = [
-                (weight, _SmallPicture(self._background, X_WC, channels))
-                for weight, X_WC in self._poses
-            ]
-        pictures = [(weight, small.drawn(out, boxes)) for weight, small in self._drawn[channels]]
-        if len(pictures) == 1:
-            mean = pictures[0][1]
-        else:
-            mean = np.uint8(sum(np.float32(weight) * small for weight, small in pictures) + 0.5)
-        for box in boxes:
-            enlarge(mean, out, box)
+@compiled
+def _interpolate(texture, p, q):
+    """Returns the texture of grass at (p, q) texels, between them bilinearly."""
+    a, b = np.floor(p), np.floor(q)
+    right, below = p - a, q - b
+    size = len(texture) - 1
+    i, j = int(b) & (size - 1), int(a) & (size - 1)
+    here, aside = float(texture[i, j]), float(texture[i, j + 1])
+    under, across = float(texture[i + 1, j]), float(texture[i + 1, j + 1])
+    top, bottom = here + right * (aside - here), under + right * (across - under)
+    return top + below * (bottom - top)
 
 
-class _SmallPicture:
-    """The background at a quarter of the size, of which parts are drawn when needed."""
+@compiled
+def _enlarge(picture, small, out, box) -> None:
+    """Draws a box: interpolates bilinearly to twice the small size, and doubles pixels.
 
-    def __init__(self, background: Background, X_WC, channels):
-        self._background = background
-        self._p_WC = X_WC.translation()
-        self._height = max(self._p_WC[2], 0.05)
-        self._ray_W = X_WC.rotation().matrix() @ background.K_inverse
-        self._tables = background.tables(self._height, channels)
-        w, h = background.w, background.h
-        self._pixels = np.zeros((h, w, channels), np.uint8)
-        self._done = np.zeros((-(-h // TILE_H), -(-w // TILE_W)), np.bool_)
-
-    def drawn(self, out, boxes):
-        """Returns it, (h, w, channels), valid where boxes of the large one need it."""
-        draw_tiles(
-            self._pixels,
-            self._done,
-            boxes,
-            out.shape[1],
-            out.shape[0],
-            self._ray_W,
-            self._background.shortening,
-            self._p_WC[0],
-            self._p_WC[1],
-            self._height,
-            *self._tables,
-            grass_squares(),
-            _TEXELS,
+    Args:
+        picture: a part of the small picture. small: which part.
+        out: the large picture, (h, w, channels). box: the box of it.
+    """
+    h, w, channels = picture.shape
+    n, source, target = w * channels, picture.reshape(h, -1), out.reshape(len(out), -1)
+    padded = np.empty(n + 2 * channels, np.uint16)  # with the first and the last column twice
+    before, here, after = padded[:n], padded[channels:-channels], padded[2 * channels :]
+    left, right = np.empty(n, np.uint8), np.empty(n, np.uint8)  # halves of small pixels
+    enlarged = np.empty((w, _SHRINK, channels), np.uint8)
+    first, last = box.x0 * channels, box.x1 * channels
+    origin = _SHRINK * small.x0 * channels
+    for y in range(box.y0, box.y1):
+        if y == box.y0 or y % 2 == 0:
+            # Of two pixels, the nearer one has three quarters of the weight.
+            row, lower = y // _SHRINK - small.y0, y // 2 % 2
+            near, far = source[row], source[min(max(row + 2 * lower - 1, 0), h - 1)]
+            for k in range(n):
+                here[k] = np.uint16(3) * np.uint16(near[k]) + np.uint16(far[k])
+            for c in range(channels):
+                before[c], after[n - channels + c] = here[c], here[n - channels + c]
+            for k in range(n):
+                level = np.uint16(3) * here[k] + np.uint16(8)
+                left[k] = np.uint8((level + before[k]) >> 4)
+                right[k] = np.uint8((level + after[k]) >> 4)
+            for c in range(channels):
+                for j in range(w):
+                    enlarged[j, 0, c] = enlarged[j, 1, c] = left[j * channels + c]
+                    enlarged[j, 2, c] = enlarged[j, 3, c] = right[j * channels + c]
+        row_in, row_out = (
+            enlarged.reshape(-1)[first - origin : last - origin],
+            target[y, first:last],
         )
-        return self._pixels
+        for k in range(len(row_out)):  # Numba is slow at copying slices
+            row_out[k] = row_in[k]

@@ -1,149 +1,299 @@
-"""Convex polygons with smooth edges: which pixels they cover, and how much of them."""
+"""Convex polygons with smooth edges: lists of them, and how they are painted, back to front.
+
+Along an edge, (a, b) is the unit normal outwards and a x + b y + c the distance from it (px); a
+colour fades out over a pixel of such distances (an edge function: Pineda, SIGGRAPH 1988).
+"""
 
 import math
+import typing
 
-from airrace.common.jit import compilable
+import numpy as np
 
-NEAR = 0.05  # nothing nearer to the camera than this is drawn (m)
-# Between which distances from an edge, outwards (px), a colour fades out. Facets of one
-# body overlap by as much as they fade, or what is behind would shine through the seams.
-OVERLAPPING, EXACT = (0.0, 1.0), (-0.5, 0.5)
+from airrace.common.jit import compilable, compiled
+from airrace.rendering.images import Box, as_box, colors_for, intersection, is_empty
+from airrace.rendering.planar.marker_face import face_levels
+
+MOST_SIDES = 5  # four, and one where the near plane cuts a corner off
+WHOLE = 256  # what the shares of exposures add up to
+_TILE_W, _TILE_H = 512, 64  # what is averaged at once stays in the processor's caches
+_SEAM = 1e-6  # px
+_GREY = 4  # where a colour has its grey level, after RGBA
+
+
+# Up to which distance from an edge, outwards (px), a colour fades out; a pixel before, it is
+# full. Facets of one body overlap by as much as they fade, or what is behind would shine
+# through the seams.
+EXACT, OVERLAPPING = 0.5, 1.0
+
+POLYGON = np.dtype(
+    [
+        ("box", np.int64, 4),  # the pixels that it can touch
+        ("sides", np.int64),
+        ("end", np.float64),  # EXACT or OVERLAPPING
+        ("a", np.float64, MOST_SIDES),
+        ("b", np.float64, MOST_SIDES),
+        ("c", np.float64, MOST_SIDES),
+        # On row y, the fade is from column x_full + slope y to column x_end + slope y.
+        ("slope", np.float64, MOST_SIDES),
+        ("x_full", np.float64, MOST_SIDES),
+        ("x_end", np.float64, MOST_SIDES),
+        ("color", np.float64, 5),  # RGBA and the grey level
+        ("has_face", np.bool_),  # of a board, in place of the colour
+    ],
+    align=True,
+)
+
+
+class DisplayList(typing.NamedTuple):
+    """The polygons of one or more exposures, back to front.
+
+    Attributes:
+        polygons: of the type POLYGON, (n,).
+        faces: of those that have one, FACE, (n,).
+        starts: the first polygon of each exposure, and the end of the last, (k + 1,).
+    """
+
+    polygons: np.ndarray
+    faces: np.ndarray
+    starts: np.ndarray
+
+
+class Span(typing.NamedTuple):
+    """What a polygon touches of a row: columns start to stop - 1; full_start to full_stop - 1 are
+    full of it."""
+
+    start: int
+    full_start: int
+    full_stop: int
+    stop: int
+
+
+def with_grey(colors) -> np.ndarray:
+    """Returns colours, RGB (n, 3), as polygons have them, (n, 5)."""
+    return np.column_stack([colors_for(4, colors), colors_for(1, colors)])
 
 
 @compilable
-def clip_near(points_h, clipped) -> int:
-    """Finds the part of a convex polygon in front of the near plane.
+def set_polygon(polygon, corners, n, end, color, box) -> None:
+    """Fills a POLYGON; corners that coincide have no edge between them.
 
     Args:
-        points_h: corners (u z, v z, z), (n, 3): pixel times depth, and depth.
-        clipped: where to put the corners of the rest, (u, v) in pixels, (n + 1, 2).
-
-    Returns:
-        how many corners it has; 0 if nothing is left.
+        polygon: the POLYGON.
+        corners: (n or more, 2) px, either way round. n: how many; none fill the box.
+        end: EXACT or OVERLAPPING. color: (5,).
+        box: what the polygon can touch.
     """
-    n, count = len(points_h), 0
+    polygon.box[0], polygon.box[1], polygon.box[2], polygon.box[3] = box.x0, box.y0, box.x1, box.y1
+    polygon.end, polygon.has_face = end, False
+    polygon.color[:] = color
+    area = 0.0
     for i in range(n):
-        x, y, z = points_h[i, 0], points_h[i, 1], points_h[i, 2]
-        j = i + 1 if i + 1 < n else 0
-        after = points_h[j, 2]
-        if z >= NEAR:
-            clipped[count, 0], clipped[count, 1] = x / z, y / z
-            count += 1
-        if (z >= NEAR) != (after >= NEAR):
-            share = (NEAR - z) / (after - z)
-            clipped[count, 0] = (x + share * (points_h[j, 0] - x)) / NEAR
-            clipped[count, 1] = (y + share * (points_h[j, 1] - y)) / NEAR
-            count += 1
-    return count
-
-
-@compilable
-def edge_lines(corners, n, low, high, lines, row) -> int:
-    """Finds the lines along the edges of a convex polygon.
-
-    A line is a, b, c such that a x + b y + c is the distance of (x, y) from it, outwards;
-    and k, x_low, x_high such that on row y these distances are at columns x_low + k y and
-    x_high + k y. Corners that coincide have no line.
-
-    Args:
-        corners: (n or more, 2) px. n: how many there are.
-        low, high: distances, see spans().
-        lines: where to put them, (rows, n or more, 6). row: which row of it.
-
-    Returns:
-        how many there are.
-    """
-    area, count = 0.0, 0
-    for i in range(n):
-        j = i + 1 if i + 1 < n else 0
+        j = (i + 1) % n
         area += corners[i, 0] * corners[j, 1] - corners[i, 1] * corners[j, 0]
     sign = 1.0 if area > 0.0 else -1.0
+    side = 0
     for i in range(n):
-        j = i + 1 if i + 1 < n else 0
         x, y = corners[i, 0], corners[i, 1]
-        dx, dy = corners[j, 0] - x, corners[j, 1] - y
+        dx, dy = corners[(i + 1) % n, 0] - x, corners[(i + 1) % n, 1] - y
         length = math.sqrt(dx * dx + dy * dy)
         if length > 1e-6:
             a, b = sign * dy / length, -sign * dx / length
             c = -a * x - b * y
-            lines[row, count, 0], lines[row, count, 1], lines[row, count, 2] = a, b, c
+            polygon.a[side], polygon.b[side], polygon.c[side] = a, b, c
             if abs(a) > 1e-9:
-                lines[row, count, 3] = -b / a
-                lines[row, count, 4] = (low - c) / a
-                lines[row, count, 5] = (high - c) / a
-            count += 1
-    return count
+                polygon.slope[side] = -b / a
+                polygon.x_full[side] = (end - 1.0 - c) / a
+                polygon.x_end[side] = (end - c) / a
+            side += 1
+    polygon.sides = side
 
 
 @compilable
-def spans(lines, y, low, high, x0, x1):
-    """Returns which pixels of a row a polygon touches, and which of them it fills.
+def end_at_seam(polygon, edge) -> None:
+    """Ends a polygon sharply at one of its edges, where another polygon begins.
+
+    A pixel there is painted by the polygon that its centre is in. Fading out over each other
+    is for edges that something else is behind; inside of a body it would take half as much
+    time again, and nobody sees it.
 
     Args:
-        lines: of its edges, see edge_lines().
-        y: the row.
-        low, high: up to where it fills, and from where on it does not touch, px outwards.
-        x0, x1: of the columns looked at, the first and the one after the last.
-
-    Returns:
-        first and last column that it touches, and that it fills, and none if the
-        last is less than the first.
+        polygon: a POLYGON; if it has not four sides, nothing happens.
+        edge: its index.
     """
-    a0, a1, b0, b1 = float(x0), x1 - 1.0, float(x0), x1 - 1.0
-    for i in range(len(lines)):
-        a, way = lines[i, 0], lines[i, 3] * y
-        if a > 1e-9:
-            a1, b1 = min(a1, lines[i, 5] + way), min(b1, lines[i, 4] + way)
-        elif a < -1e-9:
-            a0, b0 = max(a0, lines[i, 5] + way), max(b0, lines[i, 4] + way)
-        else:
-            d = lines[i, 1] * y + lines[i, 2]
-            if d > high:
-                return x0, x0 - 1, x0, x0 - 1
-            if d > low:
-                b1 = b0 - 1.0
-    if not a0 <= a1:
-        return x0, x0 - 1, x0, x0 - 1
-    first, last = int(math.ceil(a0)), int(math.floor(a1))
-    filled, until = int(math.ceil(max(b0, a0))), int(math.floor(min(b1, a1)))
-    if filled > until:
-        return first, last, last + 1, last
-    return first, last, filled, until
+    if polygon.sides == 4:
+        a, c = polygon.a[edge], polygon.c[edge]
+        # A little more than nothing: rounding must leave no gap.
+        end = (_SEAM - c) / a if abs(a) > 1e-9 else polygon.x_full[edge]
+        polygon.x_full[edge] = polygon.x_end[edge] = end
 
 
 @compilable
-def cover(lines, x, y, low, high) -> float:
-    """Returns how much of a pixel a polygon covers, 0 to 1; see spans()."""
-    if low < 0.0 and len(lines) == 4:
+def row_span(polygon, y, x0, x1) -> Span:
+    """Returns what a polygon touches of columns x0 to x1 - 1 of row y."""
+    nothing = Span(x0, x0, x0, x0)
+    low, high, full_low, full_high = float(x0), x1 - 1.0, float(x0), x1 - 1.0
+    for i in range(polygon.sides):
+        a, along = polygon.a[i], polygon.slope[i] * y
+        if a > 1e-9:
+            high = min(high, polygon.x_end[i] + along)
+            full_high = min(full_high, polygon.x_full[i] + along)
+        elif a < -1e-9:
+            low = max(low, polygon.x_end[i] + along)
+            full_low = max(full_low, polygon.x_full[i] + along)
+        else:
+            distance = polygon.b[i] * y + polygon.c[i]
+            if distance > polygon.end:
+                return nothing
+            if distance > polygon.end - 1.0:
+                full_high = full_low - 1.0
+    if not low <= high:
+        return nothing
+    start, stop = int(math.ceil(low)), int(math.floor(high)) + 1
+    full_start = int(math.ceil(max(full_low, low)))
+    full_stop = int(math.floor(min(full_high, high))) + 1
+    if full_start >= full_stop:
+        return Span(start, stop, stop, stop)
+    return Span(start, full_start, full_stop, stop)
+
+
+@compilable
+def coverage(polygon, x, y) -> float:
+    """Returns how much of a pixel a polygon covers, 0 to 1."""
+    if polygon.end == EXACT and polygon.sides == 4:
         # What opposite edges leave of the pixel in either direction: so a polygon that is
         # smaller than a pixel is as faint as it should be.
-        part = 1.0
+        share = 1.0
         for i in range(2):
             left = -1.0
             for k in (i, i + 2):
-                d = lines[k, 0] * x + lines[k, 1] * y + lines[k, 2]
-                left += min(max((high - d) / (high - low), 0.0), 1.0)
-            part *= max(left, 0.0)
-        return part
-    farthest = low
-    for k in range(len(lines)):
-        farthest = max(farthest, lines[k, 0] * x + lines[k, 1] * y + lines[k, 2])
-    return max(high - farthest, 0.0) / (high - low)
+                distance = polygon.a[k] * x + polygon.b[k] * y + polygon.c[k]
+                left += min(max(polygon.end - distance, 0.0), 1.0)
+            share *= max(left, 0.0)
+        return share
+    farthest = polygon.end - 1.0
+    for k in range(polygon.sides):
+        farthest = max(farthest, polygon.a[k] * x + (polygon.b[k] * y + polygon.c[k]))
+    return max(polygon.end - farthest, 0.0)
+
+
+@compiled
+def paint(image, boxes, display_list, shares) -> None:
+    """Paints the mean of exposures over a background.
+
+    Args:
+        image: the background, (h, w, channels), uint8; painted over.
+        boxes: the parts to paint, (n, 4).
+        display_list: of the exposures.
+        shares: of the exposures, uint16; they add up to WHOLE.
+    """
+    scratch = np.empty((5, image.shape[1]), np.float32)
+    if len(shares) == 1:
+        for k in range(len(boxes)):
+            _paint_exposure(image, as_box(boxes[k]), display_list, 0, scratch)
+        return
+    layer, total = np.empty_like(image), np.empty(image.shape, np.uint16)
+    for k in range(len(boxes)):
+        box = as_box(boxes[k])
+        for y in range(box.y0, box.y1, _TILE_H):
+            for x in range(box.x0, box.x1, _TILE_W):
+                tile = Box(x, y, min(x + _TILE_W, box.x1), min(y + _TILE_H, box.y1))
+                # What all exposures have in common need not be averaged.
+                tile = _touched(tile, display_list.polygons)
+                if not is_empty(tile):
+                    _average(image, tile, display_list, shares, layer, total, scratch)
 
 
 @compilable
-def bounds(corners, n, box):
-    """Returns the pixels that a polygon can touch, inside of a box.
+def _touched(box, polygons) -> Box:
+    """Returns the smallest box that holds what polygons can touch of a box."""
+    x0, y0, x1, y1 = box.x1, box.y1, box.x0, box.y0
+    for i in range(len(polygons)):
+        part = intersection(as_box(polygons[i].box), box)
+        if not is_empty(part):
+            x0, y0, x1, y1 = min(x0, part.x0), min(y0, part.y0), max(x1, part.x1), max(y1, part.y1)
+    return Box(x0, y0, x1, y1)
+
+
+@compilable
+def _average(image, box, display_list, shares, layer, total, scratch) -> None:
+    """Paints the mean of exposures into a box; see paint().
 
     Args:
-        corners: (n or more, 2) px. n: how many there are.
-        box: see pixels.py.
+        layer, total: scratch, like the image, of uint8 and uint16.
     """
-    x0, y0, x1, y1 = box[2], box[3], box[0], box[1]
-    for i in range(n):
-        x, y = corners[i, 0], corners[i, 1]
-        if not abs(x) + abs(y) < 1e8:
-            return box[0], box[1], box[2], box[3]
-        x0, y0 = min(x0, int(x) - 2), min(y0, int(y) - 2)
-        x1, y1 = max(x1, int(x) + 3), max(y1, int(y) + 3)
-    return max(x0, box[0]), max(y0, box[1]), min(x1, box[2]), min(y1, box[3])
+    h, channels = len(image), image.shape[2]
+    first, last = box.x0 * channels, box.x1 * channels
+    behind, levels, sums = image.reshape(h, -1), layer.reshape(h, -1), total.reshape(h, -1)
+    for k in range(len(shares)):
+        for y in range(box.y0, box.y1):
+            below, level = behind[y, first:last], levels[y, first:last]
+            for j in range(len(level)):
+                level[j] = below[j]
+        _paint_exposure(layer, box, display_list, k, scratch)
+        for y in range(box.y0, box.y1):
+            level, so_far = levels[y, first:last], sums[y, first:last]
+            for j in range(len(level)):
+                before = so_far[j] if k > 0 else np.uint16(WHOLE // 2)
+                so_far[j] = np.uint16(before + np.uint16(shares[k] * np.uint16(level[j])))
+    for y in range(box.y0, box.y1):
+        mean, so_far = behind[y, first:last], sums[y, first:last]
+        for j in range(len(mean)):
+            mean[j] = np.uint8(so_far[j] // np.uint16(WHOLE))
+
+
+@compilable
+def _paint_exposure(image, box, display_list, k, scratch) -> None:
+    """Paints a box of exposure k over what is there."""
+    for i in range(display_list.starts[k], display_list.starts[k + 1]):
+        polygon = display_list.polygons[i]
+        part = intersection(as_box(polygon.box), box)
+        if not is_empty(part):
+            if polygon.has_face:
+                _paint_face(image, part, polygon, display_list.faces[i], scratch)
+            else:
+                _paint_color(image, part, polygon)
+
+
+@compiled
+def _paint_color(image, box, polygon) -> None:
+    """Paints a polygon in its colour, within a box."""
+    channels = image.shape[2]
+    color = polygon.color[_GREY:] if channels == 1 else polygon.color[:channels]
+    for y in range(box.y0, box.y1):
+        row, span = image[y], row_span(polygon, y, box.x0, box.x1)
+        for c in range(channels):
+            level = np.uint8(color[c] + 0.5)
+            for pixel in row[span.full_start : span.full_stop]:
+                pixel[c] = level
+        for start, stop in ((span.start, span.full_start), (span.full_stop, span.stop)):
+            for x in range(start, stop):
+                share = coverage(polygon, x, y)
+                for c in range(channels):
+                    row[x, c] = _blend(row[x, c], color[c], share)
+
+
+@compiled
+def _paint_face(image, box, polygon, face, scratch) -> None:
+    """Paints a polygon with the face of a board, within a box; opacity stays as it is."""
+    shown = min(image.shape[2], 3)
+    for y in range(box.y0, box.y1):
+        row, span = image[y], row_span(polygon, y, box.x0, box.x1)
+        if span.start == span.stop:
+            continue
+        levels = face_levels(face, span.start, span.stop, y, scratch)
+        full = levels[span.full_start - span.start : span.full_stop - span.start]
+        pixels = row[span.full_start : span.full_stop]
+        for c in range(shown):
+            for k in range(len(full)):
+                pixels[k, c] = np.uint8(np.int32(full[k] + np.float32(0.5)))
+        for start, stop in ((span.start, span.full_start), (span.full_stop, span.stop)):
+            for x in range(start, stop):
+                share = coverage(polygon, x, y)
+                for c in range(shown):
+                    row[x, c] = _blend(row[x, c], levels[x - span.start], share)
+
+
+@compilable
+def _blend(behind, level, share):
+    """Returns a level over what is behind it, of which it hides a share."""
+    return np.uint8(np.int32(behind + share * (level - float(behind)) + 0.5))

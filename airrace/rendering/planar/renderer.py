@@ -1,13 +1,51 @@
 """Draws the scene without a graphics library: flat boards, convex pylons, a plane."""
 
+import functools
+import typing
+
 import numpy as np
 
-from airrace.rendering.planar.background import Backdrop, Background
-from airrace.rendering.planar.exposure import Exposure
-from airrace.rendering.planar.scene_polygons import look
-from airrace.rendering.scene.board_face import marker_crossings
+from airrace.common.jit import compilable, compiled
+from airrace.rendering.images import Box, as_boxes, touches, with_channels
+from airrace.rendering.planar.background import Background
+from airrace.rendering.planar.marker_face import FACE, marker_crossings, set_face
+from airrace.rendering.planar.polygons import (
+    EXACT,
+    POLYGON,
+    WHOLE,
+    DisplayList,
+    paint,
+    set_polygon,
+    with_grey,
+)
+from airrace.rendering.planar.projection import View, bounding_box, clip_near
+from airrace.rendering.planar.pylons import MOST_FACETS, add_pylon, is_inside, pylon_box
+from airrace.rendering.scene.textures import BOARD_BACK, EARTH, PYLON_COLOR
+from airrace.track import BOARD_SIZE
 
+# Corners (x, y, 1) of a board in its plane.
+_CORNERS = np.array([[-1.0, 1.0, 0], [1.0, 1.0, 0], [1.0, -1.0, 0], [-1.0, -1.0, 0]])
+_CORNERS = _CORNERS * BOARD_SIZE / 2 + [0.0, 0.0, 1.0]
+_NUMBERS = np.arange(4)
+_BACK, _EARTH, _INSIDE = with_grey([BOARD_BACK, EARTH, np.array(PYLON_COLOR) / 2])
+_NO_CORNERS = np.empty((0, 2))
 _SHARING = 4  # exposures, whose blur the background is too soft to show
+
+
+class Scene(typing.NamedTuple):
+    """The pylons and boards of a track.
+
+    Attributes:
+        feet: of the pylons, two a gate, (2 n, 3) m.
+        p_FM_W: of the boards, two a pylon, from its foot, (4 n, 3) m.
+        R_MW: of the boards, (4 n, 3, 3).
+        crossings: of their markers, see marker_crossings(), (4 n, 8).
+    """
+
+    feet: np.ndarray
+    p_FM_W: np.ndarray
+    R_MW: np.ndarray
+    crossings: np.ndarray
 
 
 class PlanarRenderer:
@@ -28,29 +66,28 @@ class PlanarRenderer:
             camera_info: a CameraInfo; distortion is not drawn.
         """
         self._background = Background(camera_info)
-        self._K = camera_info.K
-        self._size = np.array([camera_info.width, camera_info.height])
-        self._feet = np.array(track.pylons(), float)
-        boards = track.boards()
-        # Of the boards, from the feet of their pylons.
-        self._p_FM_W = np.array([board.X_WM.translation() for board in boards])
-        self._p_FM_W -= np.repeat(self._feet, 2, axis=0)
-        self._R_WM = np.array([board.X_WM.rotation().matrix() for board in boards])
-        self._crossings = np.array([marker_crossings(board.id) for board in boards])
-        self._stay = np.zeros((len(track.gates), 2))
+        self._K = np.array(camera_info.K)
+        self._picture = Box(0, 0, camera_info.width, camera_info.height)
+        feet, boards = np.array(track.pylons(), float), track.boards()
+        self._scene = Scene(
+            feet,
+            np.array([board.X_WM.translation() for board in boards]) - np.repeat(feet, 2, axis=0),
+            np.array([board.X_WM.rotation().matrix().T for board in boards]),
+            np.array([marker_crossings(board.id) for board in boards]),
+        )
 
     def render(self, X_WC, out, gate_shifts=None) -> None:
         """Draws a picture.
 
         Args:
             X_WC: pose of the camera frame C: z forward, x right, y down.
-            out: RGBA or grey levels, see pixels.py; contiguous; overwritten.
+            out: RGBA or grey levels, see images.py; contiguous; overwritten.
             gate_shifts: of every gate from its place in the track, (n, 2) m, if
                 gates move.
         """
         self.expose([(1.0, X_WC)], X_WC, gate_shifts).draw(out)
 
-    def expose(self, poses, X_WC, gate_shifts=None) -> Exposure:
+    def expose(self, poses, X_WC, gate_shifts=None) -> "Exposure":
         """Returns the mean of several pictures from nearly the same place.
 
         The background has no detail that a little motion would blur: that of the pose in
@@ -63,23 +100,132 @@ class PlanarRenderer:
             X_WC: the pose in the middle.
             gate_shifts: as for render().
         """
+        scene = self._scene
+        if gate_shifts is not None:
+            feet = scene.feet.copy()
+            feet[:, :2] += np.repeat(gate_shifts, 2, axis=0)
+            scene = scene._replace(feet=feet)
         behind = [(1.0, X_WC)]
         if len(poses) > _SHARING:
             behind = [(0.5, poses[1][1]), (0.5, poses[-2][1])]
-        shifts = self._stay if gate_shifts is None else gate_shifts
+        R_WC = np.array([X_WC.rotation().matrix() for _, X_WC in poses])
+        p_WC = np.array([X_WC.translation() for _, X_WC in poses])
         return Exposure(
-            [weight for weight, _ in poses],
-            Backdrop(self._background, behind),
-            lambda boxes: look(
-                np.array([X_WC.rotation().matrix() for _, X_WC in poses]),
-                np.array([X_WC.translation() for _, X_WC in poses]),
-                self._K,
-                self._size,
-                self._feet,
-                self._p_FM_W,
-                self._R_WM,
-                self._crossings,
-                np.asarray(shifts, float),
-                boxes,
-            ),
+            functools.partial(self._background.paint, poses=behind),
+            lambda parts: _display_list(scene, R_WC, p_WC, self._K, self._picture, parts),
+            _shares(tuple(weight for weight, _ in poses)),
         )
+
+
+class Exposure:
+    """The mean of pictures, any part of which can be drawn by itself.
+
+    A pixel does not depend on what else is drawn, or when.
+    """
+
+    def __init__(self, paint_background, display_list, shares):
+        """Args: functions of (out, boxes) and of boxes; shares: see paint()."""
+        self._paint_background, self._display_list = paint_background, display_list
+        self._shares = shares
+
+    def draw(self, out, boxes=None) -> None:
+        """Draws it.
+
+        Args:
+            out: RGBA or grey levels, see images.py; overwritten.
+            boxes: the parts to draw, none of which overlap; None: all of it.
+        """
+        boxes, out = as_boxes(boxes, out), with_channels(out)
+        self._paint_background(out, boxes)
+        paint(out, boxes, self._display_list(boxes), self._shares)
+
+
+@functools.lru_cache(maxsize=16)
+def _shares(weights) -> np.ndarray:
+    """Returns weights as whole numbers: it is quick to multiply and add bytes by them."""
+    return np.diff(np.rint(WHOLE * np.cumsum([0.0, *weights]))).astype(np.uint16)
+
+
+@compiled
+def _display_list(scene, R_WC, p_WC, K, picture, parts):
+    """Returns the DisplayList of a scene in exposures from some poses of the camera.
+
+    Args:
+        scene: the Scene.
+        R_WC, p_WC: the poses, (k, 3, 3) and (k, 3).
+        K: calibration. picture: Box of all pixels.
+        parts: of the picture, boxes (m, 4); what touches none is left out.
+    """
+    room = len(p_WC) * (len(scene.feet) * MOST_FACETS + len(scene.p_FM_W))
+    polygons, faces = np.empty(room, POLYGON), np.empty(room, FACE)
+    starts, n = np.zeros(len(p_WC) + 1, np.int64), 0
+    for k in range(len(p_WC)):
+        view = View(K @ R_WC[k].T, picture, parts)
+        p_CF_W = scene.feet - p_WC[k]
+        distance = np.hypot(p_CF_W[:, 0], p_CF_W[:, 1])
+        if p_WC[k, 2] <= 0.0:
+            set_polygon(polygons[n], _NO_CORNERS, 0, EXACT, _EARTH, picture)
+            n += 1
+        elif is_inside(p_CF_W[np.argmin(distance)]):
+            set_polygon(polygons[n], _NO_CORNERS, 0, EXACT, _INSIDE, picture)
+            n += 1
+        else:
+            for i in np.argsort(-distance, kind="mergesort"):
+                n = _add_post(polygons, faces, n, scene, i, p_CF_W[i], view)
+        starts[k + 1] = n
+    return DisplayList(polygons[:n], faces[:n], starts)
+
+
+@compilable
+def _add_post(polygons, faces, n, scene, i, p_CF_W, view) -> int:
+    """Adds pylon i and its boards, back to front (the painter's algorithm).
+
+    A pylon and its two boards stand in an upright cylinder of the pylon's radius. The
+    cylinders are disjoint and equally thick, so none hides another one whose axis is
+    nearer. Within one, the plane of a board lies between the board's viewer and the pylon.
+    (It cuts the pylon's foot, but only one who looks along it would notice.)
+
+    Returns:
+        how many polygons there are now.
+    """
+    box = pylon_box(p_CF_W, view)
+    if not touches(box, view.parts):
+        return n
+    for front in (False, True):
+        for b in range(2 * i, 2 * i + 2):
+            p_CM_W = p_CF_W + scene.p_FM_W[b]
+            if (p_CM_W @ scene.R_MW[b, 2] < 0.0) == front:
+                X = scene.R_MW[b].copy()
+                X[2] = p_CM_W
+                crossings = scene.crossings[b]
+                n = _add_board(polygons, faces, n, view.P @ X.T, crossings, front, view)
+        if not front:
+            n = add_pylon(polygons, n, p_CF_W, view, box)
+    return n
+
+
+@compiled
+def _add_board(polygons, faces, n, H, crossings, front, view) -> int:
+    """Adds a board.
+
+    Args:
+        polygons, faces: POLYGONs and FACEs. n: how many there are so far.
+        H: homography from (x, y, 1) of its plane to pixels, (3, 3).
+        crossings: see marker_crossings().
+        front: whether its face is seen, or its back.
+        view: see View.
+
+    Returns:
+        how many polygons there are now.
+    """
+    corners = np.empty((5, 2))
+    count = clip_near(_CORNERS @ H.T, _NUMBERS, corners)
+    box = bounding_box(corners, count, view.picture)
+    if not touches(box, view.parts):
+        return n
+    set_polygon(polygons[n], corners, count, EXACT, _BACK, box)
+    if front:
+        polygons[n].has_face = True
+        middle = (box.x0 + min(box.x1 + 1, view.picture.x1)) / 2
+        set_face(faces[n], H, crossings, box.x0, middle)
+    return n + 1

@@ -58,23 +58,6 @@ def grass_detail(size: int = 512) -> np.ndarray:
     return image
 
 
-@functools.cache
-def grass_squares() -> np.ndarray:
-    """Returns grass_detail() in squares of two by two texels, which are fetched at once.
-
-    Returns:
-        Shape (size * size,), size a power of two, uint32, read-only. From the least byte:
-        the texel, the one to the right, the one below, and the one to the right of that.
-    """
-    grass = grass_detail().astype(np.uint32)
-    below = np.roll(grass, -1, axis=0)
-    squares = grass | np.roll(grass, -1, axis=1) << 8
-    squares |= below << 16 | np.roll(below, -1, axis=1) << 24
-    squares = squares.ravel()
-    squares.setflags(write=False)
-    return squares
-
-
 def sky_color(sin_elevation) -> np.ndarray:
     """Returns the colour of the sky, paler towards the horizon.
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from airrace.common.jit import compiled
-from airrace.rendering.imaging.pixels import LUMA, deep, to_grey
+from airrace.rendering.images import LUMA, to_grey, with_channels
 from airrace.rendering.planar.background import Background
 from airrace.rendering.scene.textures import HAZE_LENGTH, HORIZON, haze
 
@@ -38,12 +38,14 @@ class Atmosphere:
             depth: z of everything in C (m), (h, w), float32; infinite where
                 there is nothing.
             picture: RGBA, (h, w, 4), uint8.
-            out: RGBA or grey levels, see pixels.py; overwritten. It must not be the picture.
+            out: RGBA or grey levels, see images.py; overwritten. It must not be the picture.
         """
         first, end = _sky_rows(depth)
         if first < end:
-            self._background.paint(X_WC, out, (0, first, out.shape[1], end))
-        _apply(picture, depth, self._rate, self._clear, self._veil, deep(out))
+            self._background.paint(
+                with_channels(out), [(0, first, out.shape[1], end)], [(1.0, X_WC)]
+            )
+        _apply(picture, depth, self._rate, self._clear, self._veil, with_channels(out))
 
 
 @compiled

@@ -146,7 +146,7 @@ class VtkRenderer:
 
         Args:
             X_WC: pose of the camera frame C: z forward, x right, y down.
-            out: RGBA or grey levels, see pixels.py; overwritten.
+            out: RGBA or grey levels, see images.py; overwritten.
             query_object: the SceneGraph's.
         """
         world = SceneGraph.world_frame_id()

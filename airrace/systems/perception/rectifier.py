@@ -11,7 +11,7 @@ from pydrake.systems.framework import LeafSystem
 from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.common.immutable import read_only
-from airrace.rendering.imaging.pixel_maps import PixelMap
+from airrace.rendering.imaging.lens import PixelMap
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import CameraInfo
 

@@ -1,0 +1,83 @@
+"""Images, and boxes of pixels in them.
+
+An image is uint8, RGBA, (h, w, 4), or grey levels, (h, w). The centre of pixel (u, v) has these
+coordinates; its value is image[v, u]. Compiled functions take both kinds as (h, w, channels).
+"""
+
+import typing
+
+import numpy as np
+
+from airrace.common.jit import compilable
+
+LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as OpenCV's
+
+
+class Box(typing.NamedTuple):
+    """Columns x0 to x1 - 1 of rows y0 to y1 - 1."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+
+@compilable
+def as_box(numbers) -> Box:
+    """Returns the Box of an array, (4,)."""
+    return Box(numbers[0], numbers[1], numbers[2], numbers[3])
+
+
+@compilable
+def intersection(a: Box, b: Box) -> Box:
+    """Returns the pixels that are in both boxes."""
+    return Box(max(a.x0, b.x0), max(a.y0, b.y0), min(a.x1, b.x1), min(a.y1, b.y1))
+
+
+@compilable
+def is_empty(box: Box) -> bool:
+    """Whether there is no pixel in a box."""
+    return box.x0 >= box.x1 or box.y0 >= box.y1
+
+
+@compilable
+def touches(box: Box, boxes) -> bool:
+    """Whether a box shares a pixel with any of some others, (n, 4)."""
+    for i in range(len(boxes)):
+        if not is_empty(intersection(box, as_box(boxes[i]))):
+            return True
+    return False
+
+
+def whole_box(image) -> Box:
+    """Returns the box of all pixels of an image."""
+    return Box(0, 0, image.shape[1], image.shape[0])
+
+
+def crop(image, box) -> np.ndarray:
+    """Returns the pixels in a box, not copied."""
+    x0, y0, x1, y1 = box
+    return image[y0:y1, x0:x1]
+
+
+def as_boxes(boxes, image) -> np.ndarray:
+    """Returns boxes as an array, (n, 4); without any, that of all of the image."""
+    return np.array([whole_box(image)] if boxes is None else boxes, np.int64).reshape(-1, 4)
+
+
+def with_channels(image) -> np.ndarray:
+    """Returns an image as (h, w, channels), not copied."""
+    return image[..., None] if image.ndim == 2 else image
+
+
+def to_grey(color):
+    """Returns the grey levels of colours, (..., 3)."""
+    return np.asarray(color) @ LUMA
+
+
+def colors_for(channels: int, colors) -> np.ndarray:
+    """Returns colours, RGB (n, 3), as images have them, (n, channels): grey, or opaque."""
+    colors = np.asarray(colors, float)
+    if channels == 1:
+        return to_grey(colors)[:, None]
+    return np.column_stack([colors, np.full(len(colors), 255.0)])

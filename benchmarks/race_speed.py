@@ -36,9 +36,9 @@ TIMES = ("simulated_s", "wall_s", "cpu_s")
 _REST = "runner: status, files, set-up"
 # Parts of boxes, and what is no box.
 _PARTS = {
-    "airrace.rendering.planar.exposure.Exposure.draw": "Camera: drawing",
+    "airrace.rendering.planar.renderer.Exposure.draw": "Camera: drawing",
     "airrace.rendering.vtk.vtk_renderer.VtkRenderer.render": "Camera: drawing",
-    "airrace.rendering.imaging.pixel_maps.PixelMap.bend": "lens and Rectifier: bending",
+    "airrace.rendering.imaging.lens.PixelMap.bend": "lens and Rectifier: bending",
     "airrace.rendering.imaging.sensor.Sensor.expose": "Camera: sensor",
     "airrace.systems.perception.marker_search.MarkerSearch.everywhere": "ArucoDetector: all of it",
     "airrace.systems.perception.marker_search.MarkerSearch.around": "ArucoDetector: regions",

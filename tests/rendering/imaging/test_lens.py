@@ -1,16 +1,24 @@
-"""Distorted pictures are where K and D say."""
+"""Distorted pictures are where K and D say, and maps draw boxes as they draw pictures."""
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
-from airrace.rendering.imaging.lens import Lens
+from airrace.rendering.imaging.lens import Lens, PixelMap
 from airrace.systems.types import make_camera_info
 from tests.worlds.pictures import CAMERA_INFO, new_picture
 
 BARREL = (-0.25, 0.08, 0.001, -0.001, 0.0)
 PINCUSHION = (0.08, -0.01, -0.001, 0.002, 0.001)
+V, U = np.mgrid[:60, :80].astype(float)
+# Turned, stretched, and bent outwards.
+BENT = PixelMap(
+    20 + 0.9 * U - 0.3 * V + 2e-3 * (U - 40) ** 2, 5 + 0.2 * U + 1.1 * V + 1e-3 * (V - 30) ** 2
+)
+SOURCE = np.random.default_rng(0).integers(0, 256, (110, 130), np.uint8)
 
 
 def make_info(D, fov_y_deg=55.95):
@@ -73,3 +81,27 @@ def test_the_pinhole_picture_holds_all_that_the_lens_sees():
 def test_impossible_lenses_are_refused(D, fov_y_deg):
     with pytest.raises(UserError, match="camera.effects.distortion folds .*smaller"):
         Lens(make_info(D, fov_y_deg))
+
+
+@given(st.integers(0, 78), st.integers(0, 58), st.integers(1, 80), st.integers(1, 60))
+def test_a_box_needs_no_more_than_its_source(x0, y0, w, h):
+    box = x0, y0, min(x0 + w, 80), min(y0 + h, 60)
+    whole, piece = np.zeros((60, 80), np.uint8), np.zeros((60, 80), np.uint8)
+    BENT.bend(SOURCE, whole)
+    a0, b0, a1, b1 = BENT.source(box, (130, 110))
+    hidden = np.zeros_like(SOURCE)
+    hidden[b0:b1, a0:a1] = SOURCE[b0:b1, a0:a1]
+    BENT.bend(hidden, piece, box)
+    inside = np.s_[box[1] : box[3], box[0] : box[2]]
+    np.testing.assert_array_equal(piece[inside], whole[inside])
+    piece[inside] = 0
+    assert not piece.any()
+
+
+def test_nothing_comes_from_beyond_the_source():
+    aside = PixelMap(U - 200.0, V)
+    picture = np.full((60, 80, 4), 7, np.uint8)
+    aside.bend(np.full((60, 80, 4), 99, np.uint8), picture)
+    assert np.all(picture == [0, 0, 0, 255])
+    x0, y0, x1, y1 = aside.source((0, 0, 80, 60), (80, 60))
+    assert x0 == x1

@@ -7,7 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from airrace.rendering.planar.pylon_polygons import in_sight, pylon_boxes
+from airrace.rendering.images import Box
+from airrace.rendering.planar.projection import NEAR, View
+from airrace.rendering.planar.pylons import pylon_box
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.textures import BOARD_BACK, EARTH
 from airrace.track import Gate, Track, load_track
@@ -169,17 +171,17 @@ def test_grey_levels_are_those_of_the_colours():
     st.tuples(*2 * [st.floats(-40, 40)], st.floats(-2, 20)),
 )
 def test_what_is_left_out_as_out_of_sight_is(turn, p_WC):
-    """Neither a pylon nor a point where a board may be is in the picture then."""
+    """No point of a pylon, or where a board may be, is in the picture beyond the pylon's box."""
     roll, yaw, pitch = turn
-    size = np.array([CAMERA_INFO.width, CAMERA_INFO.height])
     P = CAMERA_INFO.K @ body_pose(roll, pitch, yaw, [0, 0, 0]).rotation().matrix().T
-    p_CF_W = np.array([[5.0, 2.0, 0.0], [-9.0, 30.0, 0.0], [0.3, 0.2, 0.0]]) - p_WC
-    seen = in_sight(p_CF_W, P, size)
-    all_boxes = pylon_boxes(p_CF_W, P, size, np.full(3, True))
-    np.testing.assert_array_equal(pylon_boxes(p_CF_W, P, size, seen), all_boxes)
+    picture = Box(0, 0, CAMERA_INFO.width, CAMERA_INFO.height)
     angles, heights = np.meshgrid(np.linspace(0, 6.2, 20), np.linspace(5.5, 7.0, 6))
     around = [1.25 * np.cos(angles), 1.25 * np.sin(angles), heights]  # corners of boards
-    for foot in p_CF_W[~seen]:
-        x, y, z = P @ (foot[:, None] + np.reshape(around, (3, -1)))
-        inside = (z > 0) & (x >= 0) & (x <= size[0] * z) & (y >= 0) & (y <= size[1] * z)
-        assert not inside.any()
+    for foot in ([5.0, 2.0, 0.0], [-9.0, 30.0, 0.0], [0.3, 0.2, 0.0]):
+        p_CF_W = np.array(foot) - p_WC
+        box = pylon_box(p_CF_W, View(P, picture, np.array([picture])))
+        x, y, z = P @ (p_CF_W[:, None] + np.reshape(around, (3, -1)))
+        seen = z > NEAR
+        u, v = x[seen] / z[seen], y[seen] / z[seen]
+        shown = (u > 0) & (u < picture.x1 - 1) & (v > 0) & (v < picture.y1 - 1)
+        assert np.all((u >= box.x0) & (u < box.x1) & (v >= box.y0) & (v < box.y1) | ~shown)

@@ -11,6 +11,7 @@ from tests.worlds.pictures import CAMERA_INFO, look_at, new_picture
 
 X_WC = look_at([0.0, 0.0, 5.0], [20.0, 3.0, 6.0])
 COLOR = np.array([100, 150, 50])
+ALL = [(0, 0, CAMERA_INFO.width, CAMERA_INFO.height)]
 SHAPE = CAMERA_INFO.height, CAMERA_INFO.width
 
 
@@ -57,7 +58,7 @@ def test_no_level_is_more_than_white():
 
 def test_things_before_the_sky_leave_it_as_it_is():
     background, picture = new_picture(), new_picture()
-    Background(CAMERA_INFO).paint(X_WC, background)
+    Background(CAMERA_INFO).paint(background, ALL, [(1.0, X_WC)])
     black = np.zeros_like(picture)
     depths = np.full(SHAPE, 10.0, np.float32)
     depths[101:103, 7], depths[250, 600:700] = np.inf, np.inf
@@ -69,5 +70,5 @@ def test_things_before_the_sky_leave_it_as_it_is():
 
 def test_where_there_is_nothing_there_is_sky():
     background = new_picture()
-    Background(CAMERA_INFO).paint(X_WC, background)
+    Background(CAMERA_INFO).paint(background, ALL, [(1.0, X_WC)])
     assert np.array_equal(looked_at(np.inf), background[..., :3])

@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from airrace.rendering.scene.board_face import (
-    face_levels,
-    find_samples,
-    marker_crossings,
-    modules_from_pixels,
-)
+from airrace.common.jit import compiled
+from airrace.rendering.planar.marker_face import FACE, face_levels, marker_crossings, set_face
 from airrace.rendering.scene.textures import BLACK, WHITE, marker_modules
 from airrace.track import MARKER_SIZE
 from tests.worlds.pictures import CAMERA_INFO, look_at, one_gate
@@ -23,19 +19,21 @@ def homography(X_WC):
     return CAMERA_INFO.K @ np.column_stack([X_CM.rotation().matrix()[:, :2], X_CM.translation()])
 
 
+def make_face(H, first, middle):
+    face = np.zeros(1, FACE)[0]
+    set_compiled(face, H, marker_crossings(BOARD.id), first, middle)
+    return face
+
+
+@compiled
+def set_compiled(face, H, crossings, first, middle):
+    set_face(face, H, crossings, first, middle)
+
+
 def drawn(H, box):
-    to_modules, samples = np.empty((3, 3)), np.empty(2, np.int64)
-    modules_from_pixels(H, to_modules)
-    find_samples(to_modules, *(H[:2, 2] / H[2, 2]), samples)
     x0, y0, x1, y1 = box
-    anchor, scratch = np.array([x0, (x0 + x1) / 2]), np.empty((5, x1 - x0), np.float32)
-    crossings = marker_crossings(BOARD.id)
-    return np.array(
-        [
-            face_levels(scratch, x1 - x0, to_modules, crossings, anchor, 0, y, samples).copy()
-            for y in range(y0, y1)
-        ]
-    )
+    face, scratch = make_face(H, x0, (x0 + x1) / 2), np.empty((5, x1 - x0), np.float32)
+    return np.array([face_levels(face, x0, x1, y, scratch).copy() for y in range(y0, y1)])
 
 
 def supersampled(H, box):
@@ -69,9 +67,7 @@ def test_pixels_are_means_over_their_areas(distance, rms, roll, azimuth):
 
 def test_a_row_does_not_depend_on_where_it_starts():
     H = homography(look_at(BOARD.X_WM @ [1.0, 0.4, 9.0], BOARD.X_WM.translation(), 0.2))
-    to_modules, scratch = np.empty((3, 3)), np.empty((5, 300), np.float32)
-    modules_from_pixels(H, to_modules)
-    rest = (to_modules, marker_crossings(BOARD.id), np.array([560.0, 640.0]))
-    one = np.array([1, 1])
-    whole = face_levels(scratch, 160, *rest, 0, 360, one).copy()
-    np.testing.assert_array_equal(face_levels(scratch, 77, *rest, 41, 360, one), whole[41:118])
+    face, scratch = make_face(H, 560.0, 640.0), np.empty((5, 300), np.float32)
+    face["across"] = face["down"] = 1
+    whole = face_levels(face, 560, 720, 360, scratch).copy()
+    np.testing.assert_array_equal(face_levels(face, 601, 678, 360, scratch), whole[41:118])

@@ -55,7 +55,7 @@ def run(args) -> int:
     from airrace.analysis.run import load_run
     from airrace.common.errors import UserError
     from airrace.common.files import write_text
-    from airrace.visualization.ghosts import legend_html, make_ghosts, show_ghosts
+    from airrace.visualization.ghosts import make_ghosts, show_ghosts, with_legend
     from airrace.visualization.race_view import MakeMeshcat
 
     if args.lap is not None and args.align != "lap":
@@ -82,8 +82,7 @@ def run(args) -> int:
         name = ghost.color if len(ghosts) > 1 else "the drone"
         print(f"{name}: {ghost.run.folder}")
     if args.html is not None:
-        page = meshcat.StaticHtml().replace("</body>", legend_html(ghosts) + "</body>", 1)
-        write_text(args.html, page)
+        write_text(args.html, with_legend(meshcat.StaticHtml(), ghosts))
         print(f"Replay: {args.html}")
         return 0
     print(f"Watch it at {meshcat.web_url()}; Ctrl-C ends it.")

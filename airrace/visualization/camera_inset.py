@@ -2,15 +2,14 @@
 
 import cv2
 import numpy as np
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat, Rgba
-from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 
-from airrace.rendering.imaging.motion_blur import moved
+from airrace.rendering.imaging.motion_blur import pose_of
 from airrace.systems.sensing.camera import Renderer
 from airrace.systems.types import CameraInfo, Detections
+from airrace.vehicle.state import as_plant_state
 from airrace.visualization.meshcat_page import LEFT, Audience
 from airrace.visualization.picture import FixedPicture
 
@@ -55,7 +54,7 @@ class CameraInset(LeafSystem):
 
     The picture is a small one of its own, seen from where the drone was when the
     detector's image was taken, with the markers it found framed; the camera's large
-    one is drawn only where the detector looks. A ray leads to each marker. Nothing
+    one is drawn only where the detector searches. A ray leads to each marker. Nothing
     is drawn if nobody watches, but for the camera's frustum, once.
     """
 
@@ -81,7 +80,7 @@ class CameraInset(LeafSystem):
             body_path: where a MeshcatVisualizer draws the drone.
             moving_gates: how many gates there are, if they move, else 0.
             audience: of the page.
-            period: between two looks at the detections (s).
+            period: between two drawings (s).
         """
         LeafSystem.__init__(self)
         self._meshcat = meshcat
@@ -108,14 +107,12 @@ class CameraInset(LeafSystem):
     def _draw(self, context):
         if not self._audience.waits():
             return
-        state = self._state.Eval(context)
+        state = as_plant_state(self._state.Eval(context))
         detections = self._detections.Eval(context)
         age = context.get_time() - detections.time
         if not 0.0 <= age <= _OLDEST:
             age, detections = 0.0, Detections()
-        q = state[:4] / np.linalg.norm(state[:4])
-        X_WB = moved(RigidTransform(Quaternion(q), state[4:7]), state[7:10], state[10:13], -age)
-        X_WC = X_WB @ self._info.X_BC
+        X_WC = pose_of(state, -age) @ self._info.X_BC
         self._draw_rays(X_WC, detections.markers)
         shifts = () if self._shifts is None else (self._shifts.Eval(context).reshape(-1, 2),)
         self._renderer.render(X_WC, self._image, *shifts)

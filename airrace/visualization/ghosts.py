@@ -1,29 +1,20 @@
-"""Several flown runs in one Meshcat: drones of different colours, and their ways."""
+"""Several flown runs in one Meshcat: drones of different colours, and their paths."""
 
 import dataclasses as dc
 import logging
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
-from pydrake.geometry import (
-    IllustrationProperties,
-    Meshcat,
-    MeshcatVisualizer,
-    MeshcatVisualizerParams,
-    Rgba,
-    RoleAssign,
-    Sphere,
-)
+from pydrake.geometry import IllustrationProperties, Meshcat, Rgba, RoleAssign, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
 
 from airrace.analysis import Run
 from airrace.common.errors import UserError
 from airrace.rendering.scene.pad import AddPad
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.vehicle import load_vehicle
+from airrace.visualization.meshcat_page import draw_bodies
 
 RATE = 30.0  # Hz, of a replay's frames
 # Blue, orange, green, purple, ...: far apart for all eyes.
@@ -113,7 +104,7 @@ def make_ghosts(runs, align: str = "start", lap: int = 1) -> list:
 
 
 def show_ghosts(meshcat: Meshcat, ghosts, progress=lambda share: None) -> None:
-    """Draws track, drones and their ways, and records the flight for the page's controls.
+    """Draws track, drones and their paths, and records the flight for the page's controls.
 
     Args:
         meshcat: to show it in.
@@ -142,8 +133,10 @@ def show_ghosts(meshcat: Meshcat, ghosts, progress=lambda share: None) -> None:
 
 def _draw_scene(meshcat, ghosts):
     """Draws the track, and drones that do not move yet."""
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    draw_bodies(meshcat, lambda plant, scene_graph: _add_bodies(plant, scene_graph, ghosts))
+
+
+def _add_bodies(plant, scene_graph, ghosts):
     track = ghosts[0].run.track
     AddScenery(plant, track)
     AddPad(plant, track.start, ghosts[0].run.vehicle.radius)
@@ -155,10 +148,6 @@ def _draw_scene(meshcat, ghosts):
         plant.RenameModelInstance(instance, f"run_{i}")
         if len(ghosts) > 1:
             _paint(plant, scene_graph, plant.GetBodyByName("body", instance), ghost.color)
-    plant.Finalize()
-    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, MeshcatVisualizerParams())
-    diagram = builder.Build()
-    diagram.ForcedPublish(diagram.CreateDefaultContext())
 
 
 def _paint(plant, scene_graph, body, color):
@@ -174,8 +163,8 @@ def _paint(plant, scene_graph, body, color):
     drake.setLevel(level)
 
 
-def legend_html(ghosts) -> str:
-    """Returns an element that says which drone is which run."""
+def with_legend(page: str, ghosts) -> str:
+    """Returns a page of ghosts, HTML, with a legend that says which drone is which run."""
     from html import escape
 
     rows = []
@@ -188,8 +177,9 @@ def legend_html(ghosts) -> str:
             f'background:rgb({r},{g},{b});border-radius:50%"></span> '
             f"{escape(words)}</div>"
         )
-    return (
+    legend = (
         '<div style="position:absolute;left:12px;bottom:12px;padding:8px 12px;'
         "background:rgba(255,255,255,.85);color:#222;font:14px/1.5 sans-serif;"
         f'border-radius:6px">{"".join(rows)}</div>'
     )
+    return page.replace("</body>", legend + "</body>", 1)

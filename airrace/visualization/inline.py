@@ -5,12 +5,9 @@ import logging
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
 
 from airrace.rendering.scene.scenery import AddScenery
-from airrace.visualization.meshcat_page import MakeMeshcat
+from airrace.visualization.meshcat_page import MakeMeshcat, draw_bodies
 from airrace.visualization.tubes import speed_colors, tube
 
 _RADIUS = 0.12  # m
@@ -55,13 +52,12 @@ def show_runs(*runs, align: str = "start", height: int = 480) -> Frame:
     Raises:
         UserError: if they cannot be shown together.
     """
-    from airrace.visualization.ghosts import legend_html, make_ghosts, show_ghosts
+    from airrace.visualization.ghosts import make_ghosts, show_ghosts, with_legend
 
     ghosts = make_ghosts(runs, align)
     meshcat = _quiet_meshcat(runs[0].track)
     show_ghosts(meshcat, ghosts)
-    page = meshcat.StaticHtml()
-    return show_page(page.replace("</body>", legend_html(ghosts) + "</body>", 1), height)
+    return show_page(with_legend(meshcat.StaticHtml(), ghosts), height)
 
 
 def show_paths(track, paths, max_speed: float = 20.0, height: int = 480) -> Frame:
@@ -74,13 +70,7 @@ def show_paths(track, paths, max_speed: float = 20.0, height: int = 480) -> Fram
         height: of the frame (px).
     """
     meshcat = _quiet_meshcat(track)
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-    AddScenery(plant, track)
-    plant.Finalize()
-    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, MeshcatVisualizerParams())
-    diagram = builder.Build()
-    diagram.ForcedPublish(diagram.CreateDefaultContext())
+    draw_bodies(meshcat, lambda plant, _: AddScenery(plant, track))
     for k, (positions, speeds) in enumerate(paths):
         vertices, faces = tube(positions, _RADIUS)
         colors = np.repeat(speed_colors(speeds, max_speed), 3, axis=0).T

@@ -29,7 +29,7 @@ class MapVisualizer(LeafSystem):
     """
 
     def __init__(self, *, meshcat: Meshcat, period: float = 0.5):
-        """Args: meshcat: to draw in. period: between two looks (s)."""
+        """Args: meshcat: to draw in. period: between two drawings (s)."""
         LeafSystem.__init__(self)
         self._meshcat = meshcat
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object](GateMap()))

@@ -1,21 +1,24 @@
-"""The page: a Meshcat server that looks at a track, and who looks at it."""
+"""The page: a Meshcat server that shows a track, and who watches it."""
 
 import logging
 import time
 
 import numpy as np
-from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.geometry import Meshcat, MeshcatParams, MeshcatVisualizer, MeshcatVisualizerParams
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
 
-from airrace.rendering.scene.daylight import SetDaylight
+from airrace.rendering.scene.textures import HORIZON, ZENITH
 
-# What hangs before the page's camera and moves with it. The camera is an object
-# of the page's scene, so it can have children like any other.
+# What is fixed to the page's camera. The camera is an object of the page's scene, so it can
+# have children like any other.
 HUD = "/Cameras/default/rotated/<object>/hud"
-LEFT = -0.95  # where the left edge of what hangs there is; see picture.FixedPicture
+LEFT = -0.95  # left edge of what is fixed to it; see picture.FixedPicture
+_OPENING = 3.0  # s, for which a page that opens is left alone
 
 
 def MakeMeshcat(track) -> Meshcat:
-    """Starts a Meshcat server on loopback, looking at the track.
+    """Starts a Meshcat server on loopback that shows a track on a fine day.
 
     Args:
         track: the airrace.track.Track.
@@ -26,7 +29,10 @@ def MakeMeshcat(track) -> Meshcat:
     logging.getLogger("drake").addFilter(_is_no_late_page)
     meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
     meshcat.SetCameraPose(*overview(track))
-    SetDaylight(meshcat)
+    # Meshcat's default is a dim studio.
+    meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 2.0)
+    meshcat.SetProperty("/Background/<object>", "top_color", list(np.array(ZENITH) / 255))
+    meshcat.SetProperty("/Background/<object>", "bottom_color", list(np.array(HORIZON) / 255))
     meshcat.SetProperty("/Cameras/default/rotated/<object>", "far", 1000.0)
     meshcat.SetProperty("/Grid", "visible", False)
     meshcat.SetProperty("/Axes", "visible", False)
@@ -39,18 +45,31 @@ def _is_no_late_page(record) -> bool:
 
 
 def overview(track) -> tuple[np.ndarray, np.ndarray]:
-    """Returns from where all of a track is seen, and where to look, in world (m)."""
+    """Returns from where all of a track is seen, and the point in the middle, in world (m)."""
     feet = track.pylons()
     middle = feet.mean(axis=0)
     size = np.ptp(feet[:, :2], axis=0).max()
     return middle + [-0.35 * size, -0.6 * size, 0.5 * size], middle
 
 
-_OPENING = 3.0  # s
+def draw_bodies(meshcat: Meshcat, add) -> None:
+    """Draws bodies that stand still.
+
+    Args:
+        meshcat: to draw in.
+        add: a function that adds them to a MultibodyPlant and a SceneGraph.
+    """
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    add(plant, scene_graph)
+    plant.Finalize()
+    MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, MeshcatVisualizerParams())
+    diagram = builder.Build()
+    diagram.ForcedPublish(diagram.CreateDefaultContext())
 
 
 class Audience:
-    """Who looks at a page, and when they were last shown something.
+    """Who watches a page, and when they were last shown something.
 
     Some things are drawn only if somebody sees them, and no faster than eyes
     follow, however fast the race is simulated. That makes the page depend on the

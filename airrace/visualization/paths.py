@@ -1,4 +1,4 @@
-"""The way that the drone has flown, and the laps that it plans."""
+"""The path that the drone has flown, and the laps that it plans."""
 
 import numpy as np
 from pydrake.common.value import Value
@@ -7,13 +7,14 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 
 from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.vehicle.state import as_plant_state
 from airrace.visualization.meshcat_page import Audience
 from airrace.visualization.tubes import speed_colors, tube
 
 HERE = "here"
 _HERE_COLOR = Rgba(1.0, 0.9, 0.1, 0.35)
 _CHUNK = 30  # points a mesh
-_FLOWN_RADIUS, _PLAN_RADIUS = 0.09, 0.12  # m; a well flown plan is around the way
+_FLOWN_RADIUS, _PLAN_RADIUS = 0.09, 0.12  # m; a well flown plan is around the flown path
 _CURRENT = Rgba(1.0, 1.0, 1.0, 0.35)
 _EARLIER = (0.35, 0.25, 0.18, 0.1)  # opacity of the plans before it, newest first
 _SAMPLE = 0.1  # s
@@ -30,9 +31,8 @@ class PathVisualizer(LeafSystem):
 
     ``truth.state`` is the plant's floating-body state (13). The path is drawn in
     pieces, so that a long race costs no more per point than a short one: each when
-    it is complete, and while somebody looks, as it grows. A forced publish draws
-    what is there. A translucent ball around the drone shows where to look: from afar, half a metre
-    is too small to see.
+    it is complete, and while somebody watches, as it grows. A forced publish draws
+    what is there. A translucent ball marks the drone, which is too small to see from afar.
     """
 
     def __init__(
@@ -64,11 +64,11 @@ class PathVisualizer(LeafSystem):
         self.DeclareForcedPublishEvent(lambda context: self._draw())
 
     def _follow(self, context):
-        state = self._state.Eval(context)
-        p_WB = state[4:7].copy()
+        state = as_plant_state(self._state.Eval(context))
+        p_WB = state.position.copy()
         self._meshcat.SetTransform(HERE, RigidTransform(p_WB), context.get_time())
         self._points.append(p_WB)
-        self._speeds.append(float(np.linalg.norm(state[10:13])))
+        self._speeds.append(float(np.linalg.norm(state.velocity)))
         if (len(self._points) - 1) % _CHUNK == 0 or self._audience.waits():
             self._draw()
 
@@ -98,7 +98,7 @@ class PlanVisualizer(LeafSystem):
     """
 
     def __init__(self, *, meshcat: Meshcat, period: float = 0.1):
-        """Args: meshcat: to draw in. period: between two looks (s)."""
+        """Args: meshcat: to draw in. period: between two drawings (s)."""
         LeafSystem.__init__(self)
         self._meshcat = meshcat
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))

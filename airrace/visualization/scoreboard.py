@@ -7,6 +7,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import LeafSystem
 
 from airrace.systems.types import ExplorerStatus, RefereeStatus
+from airrace.vehicle.state import as_plant_state
 from airrace.visualization.meshcat_page import LEFT, Audience
 from airrace.visualization.picture import FixedPicture
 
@@ -111,7 +112,7 @@ class Scoreboard(LeafSystem):
             meshcat: to draw in.
             gates: of the track. laps: to fly.
             audience: of the page.
-            period: between two looks at the race (s).
+            period: between two drawings (s).
         """
         LeafSystem.__init__(self)
         self._picture = FixedPicture(meshcat, "scoreboard", left=LEFT, top=0.72, width=0.6)
@@ -127,7 +128,7 @@ class Scoreboard(LeafSystem):
     def _draw(self, context):
         if not self._audience.waits():
             return
-        speed = float(np.linalg.norm(self._state.Eval(context)[10:13]))
+        speed = float(np.linalg.norm(as_plant_state(self._state.Eval(context)).velocity))
         lines = scoreboard_lines(
             context.get_time(),
             speed,

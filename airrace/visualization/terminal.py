@@ -101,7 +101,7 @@ class RaceDisplay:
             self._live.start()
 
     def _print(self, line: str):
-        """Prints a line as it is: names and paths may outputs like markup."""
+        """Prints a line as it is: names and paths may look like markup."""
         self._console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
     def _show(self, result, outputs):

@@ -1,11 +1,12 @@
 """Where the page's camera is: above the track, behind the drone, or in it."""
 
 import numpy as np
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import LeafSystem
 
+from airrace.rendering.imaging.motion_blur import pose_of
+from airrace.vehicle.state import as_plant_state
 from airrace.visualization.paths import HERE
 
 OVERVIEW, CHASE, ONBOARD = "overview", "chase", "onboard"
@@ -47,7 +48,7 @@ class ViewDirector(LeafSystem):
 
         Args:
             meshcat: of the page.
-            overview: from where to see all, and where to look, see page.overview().
+            overview: from where to see all, see overview().
             body_path: where the drone is drawn.
             X_BC: pose of the drone's camera.
             period: between two poses (s).
@@ -72,9 +73,7 @@ class ViewDirector(LeafSystem):
             if clicks != self._clicks[view]:
                 self._clicks[view] = clicks
                 self.show(view)
-        state = self._state.Eval(context)
-        q = state[:4] / np.linalg.norm(state[:4])
-        X_WB = RigidTransform(Quaternion(q), state[4:7])
+        X_WB = pose_of(as_plant_state(self._state.Eval(context)))
         if self._view == CHASE:
             self._meshcat.SetCameraPose(*self._chase(X_WB))
         elif self._view == ONBOARD:
@@ -101,6 +100,6 @@ class ViewDirector(LeafSystem):
         self._meshcat.SetProperty(self._body_path, "visible", view != ONBOARD)
 
     def end(self) -> None:
-        """Leaves the drone; whoever looks at all of the track may go on as they were."""
+        """Leaves the drone; a view of all of the track stays as it is."""
         if self._view != OVERVIEW:
             self.show(OVERVIEW)

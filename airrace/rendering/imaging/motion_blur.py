@@ -5,13 +5,24 @@ import math
 
 import cv2
 import numpy as np
-from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
+
+from airrace.vehicle.state import State
 
 _DISTANCE = 10.0  # how far away a thing is whose blur decides on the effort (m)
 _SHARP = 1.0  # blur up to here is not drawn (px)
 _STEP = 2.5  # blur that one exposure stands for (px)
 _MOST = 6  # exposures a picture
+
+
+def pose_of(state: State, dt: float = 0.0) -> RigidTransform:
+    """Returns X_WB of a state after a time (s) of constant velocities; see moved()."""
+    q = state.quaternion / np.linalg.norm(state.quaternion)  # integrators let it drift
+    X_WB = RigidTransform(Quaternion(q), state.position)
+    if dt == 0.0:
+        return X_WB
+    return moved(X_WB, state.angular_velocity, state.velocity, dt)
 
 
 def moved(X_WB, w_WB, v_WB, dt) -> RigidTransform:

@@ -10,7 +10,6 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.rendering.scene.daylight import SetDaylight
 from airrace.rendering.scene.meshes import BOARD_THICKNESS, board_mesh, ground_mesh, pylon_mesh
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.track import PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS, load_track
@@ -165,7 +164,6 @@ def test_meshcat_scene_is_light():
     AddScenery(plant, load_track("student-airrace"))
     plant.Finalize()
     meshcat = Meshcat()
-    SetDaylight(meshcat)
     empty = len(meshcat.StaticHtml())
     MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat)
     diagram = builder.Build()

@@ -183,6 +183,8 @@ class AutonomyProcess:
         return self._endpoint.peer_heartbeat.value.phase
 
     def _ended(self) -> bool:
+        if self._endpoint.silence > _PATIENCE:
+            self._endpoint.drain()  # a pause of this process is no silence of the simulation
         return self._phase() == phases.OVER or self._stop() or self._endpoint.silence > _PATIENCE
 
     def _lost(self) -> int:

@@ -26,7 +26,7 @@ def race(hexagon, tmp_path, link, time_limit, stall=(0.0, 0.0), **fields):
 
         def advance(self, simulator, end):
             result = super().advance(simulator, end)
-            modes.append((end, int(self._watchdog(simulator.get_context()).mode)))
+            modes.append((end, int(self._watchdog_memory(simulator.get_context()).mode)))
             return result
 
     result = run_race(scenario, tmp_path, transport=Watched(scenario, LinkConfig(**link), folder))

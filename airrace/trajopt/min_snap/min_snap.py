@@ -11,14 +11,16 @@ from fractions import Fraction
 from math import comb, factorial, perm
 
 import numpy as np
+import scipy.linalg
 from pydrake.polynomial import Polynomial
-from pydrake.solvers import MathematicalProgram, Solve
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
 
 MAX_DEGREE = 19  # beyond, monomials lose too many digits
-NOT_UNIQUE = (
+# What overflows ends in an error that says what to do.
+_QUIET = np.errstate(all="ignore")
+_NOT_UNIQUE = (
     "The minimum-snap trajectory is not unique, or its segment durations are too unlike each "
     "other; add waypoints or DerivativeConstraints, or even out the durations."
 )
@@ -62,37 +64,8 @@ def solve_min_snap(waypoints, durations, **options) -> PiecewisePolynomial:
     """
     problem = MinSnapProblem.build(waypoints, **options)
     durations = problem.check_durations(durations)
-    _, hessian, gradient = problem.assemble(durations)
-    scale = 1.0 / np.sqrt(np.diag(hessian))
-    hessian = hessian * scale[:, None] * scale
-    derivatives = problem.values.copy()
-    for j, fixed in enumerate(problem.fixed.T):
-        if not fixed.all():
-            free = ~fixed
-            linear = hessian[np.ix_(free, fixed)] @ (problem.values[fixed, j] / scale[fixed])
-            linear += gradient[free, j] * scale[free]
-            derivatives[free, j] = scale[free] * _minimize(hessian[np.ix_(free, free)], linear)
-    return problem.trajectory(durations, derivatives)
-
-
-def _minimize(hessian, linear):
-    """Returns the x that minimises x' hessian x / 2 + linear' x."""
-    size = max(np.abs(linear).max(), 1e-300)  # makes the tolerances relative
-    program = MathematicalProgram()
-    x = program.NewContinuousVariables(len(linear), "x")
-    program.AddQuadraticCost(hessian, linear / size, x, is_convex=True)
-    result = Solve(program)
-    solution = result.GetSolution(x)
-    residual = np.abs(hessian @ solution + linear / size).max()
-    exact = result.is_success() and residual <= 1e-9 * (1 + np.abs(solution).max())
-    if _is_singular(hessian) or not exact:
-        raise TrajectoryOptimizationError(NOT_UNIQUE)
-    return size * solution
-
-
-def _is_singular(hessian) -> bool:
-    """Whether a Hessian of unit diagonal, (n, n), has many minima: a solver returns any."""
-    return not np.linalg.eigvalsh(hessian)[0] > 1e-13
+    problem.require_unique(durations)
+    return problem.trajectory(durations, problem.solve(durations))
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -227,23 +200,87 @@ class MinSnapProblem:
             hessian: in all derivatives, (N, N).
             gradient: what the period offset adds, (N, d).
         """
-        power = 1 - 2 * self.minimized_derivative + self.order[:, None] + self.order
-        _, unit_hessian = unit_segment(self.degree, self.minimized_derivative)
-        segments = unit_hessian * durations[:, None, None] ** power
+        segments = (
+            unit_segment(self.degree, self.minimized_derivative)[1]
+            * durations[:, None, None] ** self._powers
+        )
         hessian = np.zeros((len(self.values),) * 2)
         np.add.at(hessian, (self.rows[:, :, None], self.rows[:, None, :]), segments)
         gradient = np.zeros_like(self.values)
         gradient[self.rows[-1]] = np.outer(segments[-1, :, len(self.order) // 2], self.offset)
         return segments, hessian, gradient
 
-    def require_unique(self) -> None:
-        """Raises TrajectoryOptimizationError if there are many minima, whatever the durations."""
-        _, hessian, _ = self.assemble(np.ones(len(self.rows)))
-        for free in np.unique(~self.fixed, axis=1).T:
+    @property
+    def _powers(self) -> np.ndarray:
+        """Of the duration, in a segment's Hessian, (2n, 2n)."""
+        return 1.0 - 2 * self.minimized_derivative + self.order[:, None] + self.order
+
+    def require_unique(self, durations=None) -> None:
+        """Raises TrajectoryOptimizationError if there are many minima: a solver returns any.
+
+        Args: durations: (segments,) s; by default all the same.
+        """
+        _, hessian, _ = self.assemble(np.ones(len(self.rows)) if durations is None else durations)
+        for free, _ in self._free:
             part = hessian[np.ix_(free, free)]
             scale = 1.0 / np.sqrt(np.diag(part))
-            if free.any() and _is_singular(part * scale[:, None] * scale):
-                raise TrajectoryOptimizationError(NOT_UNIQUE)
+            if not np.linalg.eigvalsh(part * scale[:, None] * scale)[0] > 1e-13:
+                raise TrajectoryOptimizationError(_NOT_UNIQUE)
+
+    @functools.cached_property
+    def _free(self) -> list:
+        """Which rows are free, (N,), in which dimensions."""
+        patterns, which = np.unique(~self.fixed, axis=1, return_inverse=True)
+        return [
+            (free, np.flatnonzero(which.ravel() == k))
+            for k, free in enumerate(patterns.T)
+            if free.any()
+        ]
+
+    @_QUIET
+    def solve(self, durations) -> np.ndarray:
+        """Returns the derivatives at the waypoints that minimise the cost, (N, d).
+
+        Raises:
+            TrajectoryOptimizationError: if the equations cannot be solved.
+        """
+        _, hessian, gradient = self.assemble(durations)
+        return self.values + self._solve_free(hessian, -(gradient + hessian @ self.values))
+
+    @_QUIET
+    def solve_with_jacobian(self, durations):
+        """Returns the derivatives, (N, d), and their Jacobian by durations, (N, d, segments).
+
+        H x + g = 0, hence dx = -H^-1 (dH x + dg).
+        """
+        segments, hessian, gradient = self.assemble(durations)
+        x = self.values + self._solve_free(hessian, -(gradient + hessian @ self.values))
+        change = np.zeros((*x.shape, len(durations)))
+        each = np.arange(len(durations))[:, None]
+        by_T = segments * self._powers / durations[:, None, None]
+        change[self.rows, :, each] = -by_T @ self.ends(x)
+        return x, self._solve_free(hessian, change)
+
+    def _solve_free(self, hessian, right) -> np.ndarray:
+        """Returns y, like right, with H y = right in free rows and y = 0 in fixed ones.
+
+        Variables are scaled to unit curvature: derivatives of unlike orders have unlike units.
+        """
+        y = np.zeros_like(right)
+        scale = 1.0 / np.sqrt(np.diag(hessian))[:, None]
+        for free, columns in self._free:
+            s, b = scale[free], right[np.ix_(free, columns)]
+            try:
+                factor = scipy.linalg.cho_factor(
+                    s * hessian[np.ix_(free, free)] * s.T, check_finite=False
+                )
+            except scipy.linalg.LinAlgError as e:
+                raise TrajectoryOptimizationError(_NOT_UNIQUE) from e
+            solved = scipy.linalg.cho_solve(factor, s * b.reshape(len(s), -1), check_finite=False)
+            y[np.ix_(free, columns)] = (s * solved).reshape(b.shape)
+        if not np.isfinite(y).all():
+            raise TrajectoryOptimizationError(_NOT_UNIQUE)
+        return y
 
     def ends(self, derivatives) -> np.ndarray:
         """Returns the end derivatives of the segments, (segments, 2n, d)."""
@@ -251,12 +288,16 @@ class MinSnapProblem:
         ends[-1, len(self.order) // 2] += self.offset
         return ends
 
-    def trajectory(self, durations, derivatives) -> PiecewisePolynomial:
-        """Returns the trajectory with these derivatives, (N, d)."""
+    def coefficients(self, durations, derivatives) -> np.ndarray:
+        """Returns those of powers of t / duration, from the origin, (segments, 2n, d)."""
         basis, _ = unit_segment(self.degree, self.minimized_derivative)
         T = durations[:, None, None]
-        coefficients = basis @ (T ** self.order[:, None] * self.ends(derivatives))
-        coefficients /= T ** np.arange(self.degree + 1)[:, None]
+        return basis @ (T ** self.order[:, None] * self.ends(derivatives))
+
+    def trajectory(self, durations, derivatives) -> PiecewisePolynomial:
+        """Returns the trajectory with these derivatives, (N, d)."""
+        coefficients = self.coefficients(durations, derivatives)
+        coefficients /= durations[:, None, None] ** np.arange(self.degree + 1)[:, None]
         coefficients[:, 0] += self.origin
         return PiecewisePolynomial(
             [np.array([[Polynomial(c)] for c in segment.T]) for segment in coefficients],

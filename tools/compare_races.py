@@ -1,7 +1,9 @@
 """Holds the races of two checkouts against each other: python -m tools.compare_races A B.
 
 Five scenarios are flown in each, all of seed 5. race.json and map.json should be equal but for
-wall times; where they are not, the greatest difference of a lap time is printed.
+wall times; where they are not, the greatest difference of a lap time is printed. Races from pixels
+amplify the last digit of anything: with --rounding, the first checkout also flies with a start
+that is moved by 1e-12 m, and how much its own laps change by that is printed beside.
 """
 
 import argparse
@@ -27,16 +29,26 @@ RACES = {
 QUIET = ["--seed", "5", "--no-meshcat", "--no-report", "--record", "none"]
 
 
-def fly(checkout: Path, name: str, folder: Path) -> None:
+def fly(checkout: Path, name: str, folder: Path, options=()) -> None:
     """Flies a race of RACES with a checkout's own .venv, unless the folder has it already."""
     if (folder / "race.json").exists():
         return
-    command = [".venv/bin/python", "-m", "airrace.diagrams.race", *QUIET, *RACES[name]]
+    command = [".venv/bin/python", "-m", "airrace.diagrams.race", *QUIET, *RACES[name], *options]
     done = subprocess.run(
         [*command, "--output", str(folder.resolve())], cwd=checkout, capture_output=True, text=True
     )
     if not (folder / "race.json").exists():
         sys.exit(f"{checkout} could not fly {name}:\n{done.stderr}")
+
+
+def moved_track(checkout: Path, folder: Path) -> Path:
+    """Returns a file of the reference track whose start is moved by 1e-12 m."""
+    text = (checkout / "models/tracks/student-airrace.yaml").read_text("utf-8")
+    moved = text.replace("start: {position: [0.0,", "start: {position: [1.0e-12,")
+    assert moved != text
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "moved.yaml").write_text(moved, "utf-8")
+    return (folder / "moved.yaml").resolve()
 
 
 def results(folder: Path) -> dict:
@@ -74,25 +86,37 @@ def main() -> int:
         type=Path,
         help="keeps the races in a/ and b/ there; what is there already is not flown again",
     )
+    parser.add_argument("--rounding", action="store_true", help="fly with a moved start, too")
     parser.add_argument("--show", type=int, default=5, help="differences to print a race")
     args = parser.parse_args()
     output = args.output or Path(tempfile.mkdtemp())
-    folders = {(side, name): output / side / name for name in args.only for side in "ab"}
-    checkouts = dict(zip("ab", args.checkouts))
+    before, after = args.checkouts
+    sides = {"a": (before, ()), "b": (after, ())}
+    if args.rounding:
+        sides["moved"] = before, ("--track", str(moved_track(before, output)))
+    folders = {(side, name): output / side / name for name in args.only for side in sides}
     with (
         Progress(console=Console(stderr=True)) as progress,
         concurrent.futures.ThreadPoolExecutor(2) as pool,
     ):
-        flown = [pool.submit(fly, checkouts[s], n, folder) for (s, n), folder in folders.items()]
+        flown = [
+            pool.submit(fly, sides[s][0], name, folder, sides[s][1])
+            for (s, name), folder in folders.items()
+        ]
         for each in progress.track(concurrent.futures.as_completed(flown), total=len(flown)):
             each.result()
     table = Table("race", "race.json and map.json", "lap times differ by")
+    if args.rounding:
+        table.add_column("by 1e-12 m of the start")
     all_equal, shown = True, []
     for name in args.only:
         a, b = (results(folders[side, name]) for side in "ab")
         found = differences(a, b)
         all_equal &= not found
-        table.add_row(name, f"{len(found)} differences" if found else "equal", lap_difference(a, b))
+        row = [name, f"{len(found)} differences" if found else "equal", lap_difference(a, b)]
+        if args.rounding:
+            row.append(lap_difference(a, results(folders["moved", name])))
+        table.add_row(*row)
         shown += [f"{name}{each}" for each in found[: args.show]]
     Console().print(table)
     print(*shown, sep="\n")

@@ -177,17 +177,17 @@ def optimal(drone: str, limits: str, kind: str, seed: int | None = None) -> dict
     except TrajectoryOptimizationError as e:
         return row | {"fault": str(e), "ok": False}
     cpu = time.process_time() - clock
-    check, (least, most) = lap.report.check, rotor_shares(lap, vehicle)
+    check, (least, most) = lap.summary.check, rotor_shares(lap, vehicle)
     row |= {
         "duration_s": lap.duration,
-        "bound_s": lap.report.bound,
-        "gap": lap.report.gap,
-        "iterations": lap.report.iterations,
+        "bound_s": lap.summary.bound,
+        "gap": lap.summary.gap,
+        "iterations": lap.summary.iterations,
         "cpu_s": cpu,
         "max_speed": check.max_speed,
         "max_acceleration": check.max_acceleration,
         "max_rate": check.max_rate,
-        "bearing_deg": np.rad2deg(lap.report.max_bearing),
+        "bearing_deg": np.rad2deg(lap.summary.max_bearing),
         "clearance_m": check.clearance - clearance,
         "least_share": least,
         "most_share": most,
@@ -253,7 +253,7 @@ def warm(drone: str, limits: str, seed: int) -> dict:
         "seed": seed,
         "gap": gap,
         "cpu_s": cpu,
-        "steps": lap.report.iterations,
+        "steps": lap.summary.iterations,
         "ok": bool(gap <= MOST_WARM_GAP and cpu <= MOST_WARM_TIME),
     }
 

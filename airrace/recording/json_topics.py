@@ -101,7 +101,7 @@ def full_map_data(gate_map: GateMap) -> dict:
 
 def plan_data(plan: LapPlan) -> dict:
     """Returns a message of the schema PLAN."""
-    summary = {name: getattr(plan.report, name) for name in _PLAN_SUMMARY} if plan.report else {}
+    summary = {name: getattr(plan.summary, name) for name in _PLAN_SUMMARY} if plan.summary else {}
     return {
         "lap": plan.lap,
         "start_time": plan.start_time,

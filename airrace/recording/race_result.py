@@ -134,7 +134,7 @@ class RaceResult:
     def _plan_summary(self, lap: int) -> PlanSummary | None:
         """Returns what the plan of a lap promised."""
         plans = [plan for first, plan in sorted(self._plans.items()) if first <= lap]
-        return plans[-1].report if plans else None
+        return plans[-1].summary if plans else None
 
     def _solve_time(self, lap: int) -> float | None:
         """Returns what finding a lap's plan took (s)."""

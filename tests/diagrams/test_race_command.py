@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from airrace import vehicle
+from airrace.common import files
 from airrace.common.resources import models_path
 from airrace.diagrams import options, race, race_command, warm_up
 from airrace.diagrams.options import make_parser, resolve_scenario
@@ -424,7 +425,7 @@ class TestOutput:
         noon = datetime.datetime(2026, 5, 4, 12, tzinfo=datetime.UTC)
         clock = types.SimpleNamespace(now=lambda zone: noon.astimezone(zone))
         monkeypatch.setattr(
-            race_command, "datetime", types.SimpleNamespace(UTC=datetime.UTC, datetime=clock)
+            files, "datetime", types.SimpleNamespace(UTC=datetime.UTC, datetime=clock)
         )
         data = json.loads(Path(hexagon).read_text())
         (folder / "mine.yaml").write_text(json.dumps({**data, "name": "../my Track/[é]"}))

@@ -37,8 +37,8 @@ def test_the_same_plan_as_here_and_another_one_after_it():
     with contextlib.closing(PlanningWorker()) as worker:
         for _ in range(2):
             there = solved(worker.submit(asked))
-            report = dc.replace(there.report, solve_time=here.report.solve_time)
-            assert report == here.report or dc.astuple(report) == dc.astuple(here.report)
+            summary = dc.replace(there.summary, solve_time=here.summary.solve_time)
+            assert summary == here.summary or dc.astuple(summary) == dc.astuple(here.summary)
             for part in ("entry", "circuit"):
                 times = np.linspace(0.0, getattr(here, part).duration, 100)
                 np.testing.assert_array_equal(

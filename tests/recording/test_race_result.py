@@ -58,7 +58,7 @@ def plan(lap, duration):
         entry=None,
         circuit=None,
         phase=0.0,
-        report=PlanSummary(
+        summary=PlanSummary(
             0.25,
             duration,
             19.0,

@@ -19,7 +19,7 @@ from packaging.markers import default_environment
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 BASH = shutil.which("bash")
 COMMANDS = ["bash", "cp", "dirname", "flock", "id", "mkdir", "mv", "readlink", "rm", "sleep"]
 

@@ -55,7 +55,7 @@ class _Line:
 
 
 def _plan(lap):
-    return LapPlan(lap=lap, start_time=0.0, entry=_Line(), circuit=_Line(), phase=0.0, report=None)
+    return LapPlan(lap=lap, start_time=0.0, entry=_Line(), circuit=_Line(), phase=0.0, summary=None)
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ def encode_lap_plan(plan: LapPlan) -> lcmtypes.lcmt_lap_plan:
     message.approach_gates = [int(gate) for gate in circuit.approach]
     message.approach_distances = [float(d) for d in circuit.approach.values()]
     message.summary = json.dumps(
-        dc.asdict(plan.report), allow_nan=False, default=lambda number: number.item()
+        dc.asdict(plan.summary), allow_nan=False, default=lambda number: number.item()
     )
     return message
 
@@ -66,7 +66,7 @@ def decode_lap_plan(message) -> LapPlan:
             dict(zip(message.approach_gates, message.approach_distances)),
         ),
         phase=message.phase,
-        report=_decoded_summary(message.summary),
+        summary=_decoded_summary(message.summary),
     )
 
 

@@ -25,8 +25,6 @@ _LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
 _YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have for it
 _SHORT_LAG = 0.01  # s, the rotors' apparent lag under overdriven commands
 
-_NONE = np.zeros(3)
-
 
 class ControlParameters(NamedTuple):
     """The vehicle and its gains, as lee_wrench() takes them.
@@ -136,7 +134,10 @@ class GeometricController(LeafSystem):
         disturbance = self._rejection * read_vector(self._disturbance, context)
         if remaining.can_fly:
             reference = read_vector(self._reference, context)
-            wrench = self.calc_wrench(reference, estimate, disturbance)
+            desired = _desired_motion(reference, disturbance, self._feed_forward)
+            if not (all_finite(desired) and all_finite(estimate)):
+                return
+            wrench = self.calc_wrench(desired, estimate)
         elif all_finite(estimate) and all_finite(disturbance):
             wrench = self._reduced.wrench(estimate, disturbance, remaining)
         else:
@@ -151,27 +152,32 @@ class GeometricController(LeafSystem):
             self._overdrive,
         )
 
-    def calc_wrench(self, reference, estimate, disturbance=_NONE) -> np.ndarray:
-        """Returns total thrust (N) and moments in B (N m), (4,); NaN if an input is not finite.
+    def calc_wrench(self, reference, estimate) -> np.ndarray:
+        """Returns total thrust (N) and moments in B (N m), [f, Mx, My, Mz], (4,).
 
         Args:
-            reference: vector of a Reference, (18,). estimate: of a State, (14,).
-            disturbance: acceleration to lean against (m/s^2), in the world, (3,).
+            reference: vector of a Reference, (18,), that leans against the disturbance.
+            estimate: vector of a State, (14,).
         """
-        if not self._feed_forward:
-            p, v, a, _, _, yaw, _, _ = as_reference(reference)
-            reference = np.hstack(Reference(p, v, a, _NONE, _NONE, yaw, 0.0, 0.0))
-        return _wrench(reference, estimate, disturbance, self._parameters)
+        return _wrench(reference, estimate, self._parameters)
 
 
 @compiled
-def _wrench(reference, estimate, disturbance, parameters):
-    """See GeometricController.calc_wrench()."""
-    if not (all_finite(reference) and all_finite(estimate) and all_finite(disturbance)):
-        return np.full(4, np.nan)
-    p, v, a, j, s, yaw, yaw_rate, yaw_acceleration = as_reference(reference)
-    desired = Reference(p, v, a - disturbance, j, s, yaw, yaw_rate, yaw_acceleration)
-    return lee_wrench(desired, as_state(estimate), parameters)
+def _desired_motion(reference, disturbance, feed_forward):
+    """Returns the reference that leans against a disturbance (m/s^2), as a vector, (18,)."""
+    desired = reference.copy()
+    _, _, acceleration, jerk, snap, _, _, _ = as_reference(desired)
+    acceleration[:] = acceleration - disturbance
+    if not feed_forward:
+        jerk[:] = 0.0
+        snap[:] = 0.0
+        desired[-2:] = 0.0  # the derivatives of yaw
+    return desired
+
+
+@compiled
+def _wrench(reference, estimate, parameters):
+    return lee_wrench(as_reference(reference), as_state(estimate), parameters)
 
 
 @compilable

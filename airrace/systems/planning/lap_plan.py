@@ -62,7 +62,7 @@ class LapPlan(Immutable):
         entry: from the state at the hand-over onto the circuit.
         circuit: one lap, gate 1 to gate 1.
         phase: time on the circuit at which the entry joins it (s).
-        report: what the plan asks of the vehicle.
+        summary: what the plan asks of the vehicle.
     """
 
     lap: int
@@ -70,7 +70,7 @@ class LapPlan(Immutable):
     entry: FlatTrajectory | None
     circuit: Circuit | None
     phase: float
-    report: PlanSummary | None
+    summary: PlanSummary | None
 
     def derivatives(self, time: float) -> np.ndarray:
         """Returns value and four derivatives of x, y, z, yaw at a time, (5, 4)."""
@@ -114,4 +114,4 @@ class LapPlan(Immutable):
 
 
 # What the lap_plan port holds until the race begins; compare with `is`.
-NO_PLAN = LapPlan(lap=0, start_time=0.0, entry=None, circuit=None, phase=0.0, report=None)
+NO_PLAN = LapPlan(lap=0, start_time=0.0, entry=None, circuit=None, phase=0.0, summary=None)

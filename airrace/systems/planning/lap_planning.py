@@ -37,14 +37,14 @@ def plan_lap(problem: LapProblem) -> LapPlan | None:
         entry, phase = laps.transition(circuit, problem.start, remaining)
     except TrajectoryOptimizationError:
         return None
-    report = _report(problem, laps, entry, circuit, bound)
+    summary = _summary(problem, laps, entry, circuit, bound)
     return LapPlan(
         lap=1 if old is None else old.lap_at(problem.start_time) + 1,
         start_time=problem.start_time,
         entry=entry,
         circuit=circuit,
         phase=phase,
-        report=dc.replace(report, solve_time=wall_clock.perf_counter() - clock),
+        summary=dc.replace(summary, solve_time=wall_clock.perf_counter() - clock),
     )
 
 
@@ -71,7 +71,7 @@ def _best_lap(laps: Laps, old: LapPlan | None) -> tuple[Circuit | None, float]:
     found = []
     with contextlib.suppress(TrajectoryOptimizationError):
         found.append(laps.lap(old.circuit))
-    as_good = old.report is not None and old.report.bound and old.report.gap + 1.0
+    as_good = old.summary is not None and old.summary.bound and old.summary.gap + 1.0
     if not found or (as_good and found[0].duration > (as_good + _WORSE) * bound):
         with contextlib.suppress(TrajectoryOptimizationError):
             found.append(laps.lap(None))
@@ -81,10 +81,10 @@ def _best_lap(laps: Laps, old: LapPlan | None) -> tuple[Circuit | None, float]:
     return best, bound
 
 
-def _report(problem: LapProblem, laps: Laps, entry, circuit: Circuit, bound) -> PlanSummary:
+def _summary(problem: LapProblem, laps: Laps, entry, circuit: Circuit, bound) -> PlanSummary:
     samples = np.hstack([each.sample(dense_sample_times(each)) for each in (entry, circuit)])
     check = check_flight(samples, problem.pylons, laps.constraints.limits)
-    own = getattr(circuit, "report", None)
+    own = getattr(circuit, "summary", None)
     return PlanSummary(
         solve_time=0.0,
         duration=circuit.duration,

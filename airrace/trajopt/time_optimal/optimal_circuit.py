@@ -17,7 +17,7 @@ from airrace.trajopt.time_optimal.thrust_axis_angle import yaw_of_attitude
 
 
 @dc.dataclass(frozen=True, eq=False)
-class LapReport(Immutable):
+class LapSummary(Immutable):
     """How a lap was found and what it asks of the vehicle.
 
     Attributes:
@@ -48,18 +48,22 @@ class OptimalCircuit(Circuit):
 
     Attributes:
         spline: the LapSpline, to start another optimisation from.
-        report: LapReport.
+        summary: LapSummary.
     """
 
     def __init__(
-        self, polynomial: PiecewisePolynomial, headings, spline: LapSpline, report: LapReport | None
+        self,
+        polynomial: PiecewisePolynomial,
+        headings,
+        spline: LapSpline,
+        summary: LapSummary | None,
     ):
         """Args: polynomial: of flat_polynomial(). The others: see Circuit and above."""
         breaks = polynomial.get_segment_times()
         gate_times = breaks[:: (len(breaks) - 1) // len(headings)]
         super().__init__(polynomial, gate_times, headings, approach={})
         self.spline = spline
-        self.report = report
+        self.summary = summary
 
     @property
     def waypoint_times(self) -> tuple:

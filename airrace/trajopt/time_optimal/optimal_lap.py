@@ -12,7 +12,7 @@ from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.time_optimal.lap_guess import first_lap, moved_lap, refined_lap
 from airrace.trajopt.time_optimal.lap_search import Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
-from airrace.trajopt.time_optimal.optimal_circuit import LapReport, OptimalCircuit, flat_polynomial
+from airrace.trajopt.time_optimal.optimal_circuit import LapSummary, OptimalCircuit, flat_polynomial
 from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_lap
 from airrace.trajopt.time_optimal.visibility import max_bearing
 
@@ -87,7 +87,7 @@ def plan_optimal_circuit(
         polynomial,
         gates.headings,
         lap,
-        LapReport(
+        LapSummary(
             duration=circuit.duration,
             bound=bound.duration,
             check=check,

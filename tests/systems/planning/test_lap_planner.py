@@ -103,8 +103,8 @@ def test_optimal_laps_are_faster_and_within_the_limits_and_followed_by_the_next(
         FlightConstraints(np.array([g.pylons for g in GATES]).reshape(-1, 2), CLEARANCE, LIMITS),
     )
     for plan in plans:
-        assert plan.report.duration < 0.9 * snap.duration
-        assert plan.report.max_speed <= 20.0 and plan.report.max_acceleration <= 10.0
+        assert plan.summary.duration < 0.9 * snap.duration
+        assert plan.summary.max_speed <= 20.0 and plan.summary.max_acceleration <= 10.0
         # It goes on from where the one before ends, and onto its own lap.
         t = plan.start_time + plan.entry.duration
         np.testing.assert_allclose(
@@ -389,19 +389,19 @@ def test_the_report_is_true(dimensions):
                 for part in (plan.entry, plan.circuit)
             ]
         )
-        report = plan.report
-        assert report.duration == plan.circuit.duration
-        assert report.max_speed == pytest.approx(
+        summary = plan.summary
+        assert summary.duration == plan.circuit.duration
+        assert summary.max_speed == pytest.approx(
             np.linalg.norm(as_reference(samples).velocity, axis=0).max(), rel=1e-3
         )
-        assert report.max_acceleration == pytest.approx(
+        assert summary.max_acceleration == pytest.approx(
             np.linalg.norm(as_reference(samples).acceleration, axis=0).max(), rel=1e-3
         )
         thrusts = inverse_dynamics(samples, VEHICLE, GRAVITY)[0]
-        assert report.max_rotor_thrust == pytest.approx(thrusts.max(), rel=0.01)
-        assert report.max_speed <= 20.0 and report.max_acceleration <= 10.0
-        assert thrusts.min() > 0.0 and report.max_rotor_thrust < VEHICLE.max_thrusts.min()
-        assert 0.0 < report.solve_time < 20.0
+        assert summary.max_rotor_thrust == pytest.approx(thrusts.max(), rel=0.01)
+        assert summary.max_speed <= 20.0 and summary.max_acceleration <= 10.0
+        assert thrusts.min() > 0.0 and summary.max_rotor_thrust < VEHICLE.max_thrusts.min()
+        assert 0.0 < summary.solve_time < 20.0
 
 
 def test_two_runs_are_the_same():
@@ -430,7 +430,7 @@ def make_plan(dimensions, phase_zero):
         start = np.zeros((5, 4))
         start[0] = 0, 0, 5, 0.5
         entry, phase = plan_transition_from_hover(start, circuit, dimensions, free)
-    return LapPlan(lap=3, start_time=12.5, entry=entry, circuit=circuit, phase=phase, report=None)
+    return LapPlan(lap=3, start_time=12.5, entry=entry, circuit=circuit, phase=phase, summary=None)
 
 
 plans = st.builds(make_plan, st.sampled_from([3, 4, 6]), st.booleans())

@@ -72,10 +72,10 @@ def assert_same(one, other):
     assert one.lap == other.lap and one.phase == other.phase
     for t in np.linspace(one.start_time, one.start_time + 25.0, 50):
         np.testing.assert_array_equal(one.derivatives(t), other.derivatives(t))
-    assert dc.replace(one.report, solve_time=0.0) == dc.replace(
-        other.report, solve_time=0.0
-    ) or str(dc.replace(one.report, solve_time=0.0)) == str(
-        dc.replace(other.report, solve_time=0.0)
+    assert dc.replace(one.summary, solve_time=0.0) == dc.replace(
+        other.summary, solve_time=0.0
+    ) or str(dc.replace(one.summary, solve_time=0.0)) == str(
+        dc.replace(other.summary, solve_time=0.0)
     )
 
 
@@ -114,23 +114,23 @@ def test_limits_are_kept_and_used_and_the_report_is_true(trajectory, limits):
     _, velocity, acceleration, *_ = as_reference(samples)
     speed, acceleration = (np.linalg.norm(x, axis=0) for x in (velocity, acceleration))
     thrusts, w = inverse_dynamics(samples, VEHICLE, GRAVITY)
-    report, most = plan.report, 0.9 * VEHICLE.max_thrusts[0]
+    summary, most = plan.summary, 0.9 * VEHICLE.max_thrusts[0]
     v, a = parse_limits(limits)
     assert speed.max() <= v * (1 + 1e-4) and acceleration.max() <= a * (1 + 1e-4)
     assert thrusts.max() <= most * (1 + 1e-4) and thrusts.min() >= -0.005 * most
-    assert report.active_limits
-    assert report.max_speed == pytest.approx(speed.max())
-    assert report.max_acceleration == pytest.approx(acceleration.max())
-    np.testing.assert_allclose(report.max_thrusts, thrusts.max(axis=1))
-    np.testing.assert_allclose(report.min_thrusts, thrusts.min(axis=1))
-    assert report.max_rotor_thrust == max(report.max_thrusts)
-    assert report.max_rate == pytest.approx(np.linalg.norm(w, axis=0).max())
-    assert report.clearance == pytest.approx(
+    assert summary.active_limits
+    assert summary.max_speed == pytest.approx(speed.max())
+    assert summary.max_acceleration == pytest.approx(acceleration.max())
+    np.testing.assert_allclose(summary.max_thrusts, thrusts.max(axis=1))
+    np.testing.assert_allclose(summary.min_thrusts, thrusts.min(axis=1))
+    assert summary.max_rotor_thrust == max(summary.max_thrusts)
+    assert summary.max_rate == pytest.approx(np.linalg.norm(w, axis=0).max())
+    assert summary.clearance == pytest.approx(
         pylon_distances(samples, problem().pylons).min(), abs=1e-9
     )
     # No lap beats a point mass; an optimal one comes near it.
-    assert 0.0 < report.gap < {"optimal": 0.03, "3": 0.6, "4": 0.6, "6": 1.4}[trajectory]
-    assert report.duration == plan.circuit.duration
+    assert 0.0 < summary.gap < {"optimal": 0.03, "3": 0.6, "4": 0.6, "6": 1.4}[trajectory]
+    assert summary.duration == plan.circuit.duration
 
 
 def test_laps_get_faster_as_the_map_gets_better():
@@ -141,7 +141,7 @@ def test_laps_get_faster_as_the_map_gets_better():
 def test_the_next_lap_goes_on_from_the_last():
     old = first()
     new = plan_lap(problem(gates=moved(0.2), old=old))
-    assert new.lap == 2 and new.report.warm
+    assert new.lap == 2 and new.summary.warm
     t = new.start_time
     jump = new.derivatives(t) - old.derivatives(t)
     jump[0, 3] = np.sin(jump[0, 3] / 2)

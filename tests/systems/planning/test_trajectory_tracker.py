@@ -21,7 +21,7 @@ def make_plan():
     start = np.zeros((5, 4))
     start[0] = -20, -20, 5, 0
     entry, phase = plan_transition_from_hover(start, circuit, 4, CONSTRAINTS)
-    return LapPlan(lap=1, start_time=3.0, entry=entry, circuit=circuit, phase=phase, report=None)
+    return LapPlan(lap=1, start_time=3.0, entry=entry, circuit=circuit, phase=phase, summary=None)
 
 
 PLAN = make_plan()

@@ -98,8 +98,8 @@ def off_axis(lap, midpoints):
 )
 def test_the_reference_track(limits, kind, longest):
     lap = reference(limits, kind)
-    assert lap.report.bound < lap.duration < longest
-    assert lap.report.gap < 0.015
+    assert lap.summary.bound < lap.duration < longest
+    assert lap.summary.gap < 0.015
     assert off_axis(lap, MIDPOINTS) < np.deg2rad(40.5)
     if kind == "balls":
         crossing = lap.sample(lap.gate_times[:-1])[:3].T
@@ -109,19 +109,19 @@ def test_the_reference_track(limits, kind, longest):
 
 
 def test_the_report_says_what_is_so():
-    lap, check = reference(), reference().report.check
+    lap, check = reference(), reference().summary.check
     samples = lap.sample(np.arange(0.0, lap.duration, 1e-3))
     least, most = rotor_shares(lap, VEHICLES["Default"])
     assert max(check.max_thrusts) / 8.5 == pytest.approx(most, abs=0.005)
     assert min(check.min_thrusts) / 8.5 == pytest.approx(least, abs=0.005)
     speed = np.linalg.norm(as_reference(samples).velocity, axis=0).max()
     assert check.max_speed == pytest.approx(speed, rel=1e-4)
-    assert lap.report.max_bearing == pytest.approx(off_axis(lap, MIDPOINTS), abs=0.01)
+    assert lap.summary.max_bearing == pytest.approx(off_axis(lap, MIDPOINTS), abs=0.01)
     assert check.clearance == pytest.approx(pylon_distances(samples, PYLONS).min(), abs=1e-3)
     assert check.active_limits == ("thrust",) and -1e-3 < check.excess <= 0.0
-    assert reference("original").report.check.active_limits == ("speed", "acceleration")
-    assert lap.report.duration == lap.duration and 0 < lap.report.iterations
-    assert not lap.report.warm
+    assert reference("original").summary.check.active_limits == ("speed", "acceleration")
+    assert lap.summary.duration == lap.duration and 0 < lap.summary.iterations
+    assert not lap.summary.warm
 
 
 def test_it_is_faster_than_minimum_snap():
@@ -135,7 +135,7 @@ def test_a_small_track(drone):
     lap = small(drone)
     assert_raceable(lap, *square(), drone=drone)
     assert off_axis(lap, square()[0]) < np.deg2rad(40.5)
-    assert lap.report.check.active_limits == ("thrust",)
+    assert lap.summary.check.active_limits == ("thrust",)
 
 
 def test_it_is_smooth_all_around():
@@ -175,7 +175,7 @@ def test_limits_cost_time():
         limits = dc.replace(FlightLimits(VEHICLES["Default"]), **{name: value})
         lap = plan(*square(), limits)
         assert lap.duration > 1.005 * free.duration, name
-        check = lap.report.check
+        check = lap.summary.check
         assert check.excess <= 0.0
         assert max(check.max_thrusts) <= 8.5 * limits.thrust_share
         assert check.max_rate <= limits.max_rate and check.max_speed <= limits.max_speed
@@ -199,7 +199,7 @@ def test_a_lap_through_moved_gates_from_the_one_before():
     cold = plan(midpoints, headings)
     warm = plan(midpoints, headings, previous=reference())
     assert_raceable(warm, midpoints, headings)
-    assert warm.report.warm and warm.report.iterations <= 2
+    assert warm.summary.warm and warm.summary.iterations <= 2
     assert warm.duration < 1.02 * cold.duration
 
 

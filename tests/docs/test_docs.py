@@ -54,7 +54,7 @@ def test_every_module_has_its_place(pages, extension):
 
 
 def test_systems_are_drawn_with_their_ports(pages):
-    text = (pages / "api" / "airrace.systems.html").read_text()
+    text = (pages / "api" / "airrace.systems.perception.html").read_text()
     assert '<th rowspan="3">ArucoDetector</th>' in text
     assert "<code>camera_view</code> &rarr;" in text and "&rarr; <code>detections</code>" in text
 

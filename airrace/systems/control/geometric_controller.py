@@ -17,13 +17,13 @@ from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.reference import REFERENCE_SIZE, Reference, as_reference
 from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.rotor_loss import Remaining
-from airrace.vehicle.rotors import RotorDynamics, make_rotor_dynamics
 from airrace.vehicle.state import STATE_SIZE, State, as_state
 
 _THRUST_SHARE = 0.95  # of what the rotors have: the rest is for the attitude
 _LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
 _YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have for it
 _SHORT_LAG = 0.01  # s, the rotors' apparent lag under overdriven commands
+_NONE = np.zeros(3)  # no disturbance
 
 
 class ControlParameters(NamedTuple):
@@ -99,7 +99,7 @@ class GeometricController(LeafSystem):
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
         self._feed_forward = feed_forward
-        self._rejection = float(disturbance_rejection)
+        self._rejects = disturbance_rejection
         self._remaining = functools.cache(
             lambda losses: Remaining(vehicle, np.isinf(np.frombuffer(losses)))
         )
@@ -114,7 +114,8 @@ class GeometricController(LeafSystem):
             k_w=k_w,
             max_force=_THRUST_SHARE * max_lift / vehicle.mass,
         )
-        self._rotors = make_rotor_dynamics(vehicle, 1.0 / rate)
+        self._thrust_coefficients = vehicle.thrust_coefficients
+        self._max_speeds = vehicle.max_speeds
         self._overdrive = _step_share(rate, min(_SHORT_LAG, vehicle.rotor_lag)) / _step_share(
             rate, vehicle.rotor_lag
         )
@@ -130,13 +131,12 @@ class GeometricController(LeafSystem):
 
     def _update_command(self, context, discrete_state):
         remaining = self._remaining(read_vector(self._losses, context).tobytes())
-        estimate = read_vector(self._estimate, context)
-        disturbance = self._rejection * read_vector(self._disturbance, context)
+        estimate, disturbance = read_vector(self._estimate, context), _NONE
+        if self._rejects:
+            disturbance = read_vector(self._disturbance, context)
         if remaining.can_fly:
             reference = read_vector(self._reference, context)
             desired = _desired_motion(reference, disturbance, self._feed_forward)
-            if not (all_finite(desired) and all_finite(estimate)):
-                return
             wrench = self.calc_wrench(desired, estimate)
         elif all_finite(estimate) and all_finite(disturbance):
             wrench = self._reduced.wrench(estimate, disturbance, remaining)
@@ -148,12 +148,15 @@ class GeometricController(LeafSystem):
             remaining.allocator.allocate(wrench),
             read_vector(self._speeds, context),
             remaining.max_thrusts,
-            self._rotors,
+            self._thrust_coefficients,
+            self._max_speeds,
             self._overdrive,
         )
 
     def calc_wrench(self, reference, estimate) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), [f, Mx, My, Mz], (4,).
+
+        The result is NaN where an argument is not finite: then the last command is held.
 
         Args:
             reference: vector of a Reference, (18,), that leans against the disturbance.
@@ -177,6 +180,8 @@ def _desired_motion(reference, disturbance, feed_forward):
 
 @compiled
 def _wrench(reference, estimate, parameters):
+    if not (all_finite(reference) and all_finite(estimate)):
+        return np.full(4, np.nan)
     return lee_wrench(as_reference(reference), as_state(estimate), parameters)
 
 
@@ -238,16 +243,16 @@ def limited(force, greatest: float) -> np.ndarray:
 
 
 @compiled
-def _overdriven(thrusts, speeds, max_thrusts, rotors: RotorDynamics, overdrive):
+def _overdriven(thrusts, speeds, max_thrusts, thrust_coefficients, max_speeds, overdrive):
     """Returns the speeds to command (rad/s), (n,), for thrusts (N), (n,).
 
     Rotors answer late, so that the command goes beyond the speed that they should have.
     Those that are lost, or report no speed, are not driven.
     """
-    desired = np.sqrt(thrusts / rotors.thrust_coefficients)
+    desired = np.sqrt(thrusts / thrust_coefficients)
     command = speeds + overdrive * (desired - speeds)
     works = (max_thrusts > 0.0) & (command > 0.0)  # NaN is not
-    return np.where(works, np.minimum(command, rotors.max_speeds), 0.0)
+    return np.where(works, np.minimum(command, max_speeds), 0.0)
 
 
 def _attitude_gains(vehicle: Vehicle):

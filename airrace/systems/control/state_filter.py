@@ -100,15 +100,11 @@ class StateFilter(LeafSystem):
             discrete_state.get_mutable_value(self._memory),
             discrete_state.get_mutable_value(self._disturbance),
             read_vector(self._estimate, context),
-            self._thrust(read_vector(self._speeds, context)),
+            read_vector(self._speeds, context),
+            self._thrust_per_mass,
             self._gain,
             context.get_time(),
         )
-
-    def _thrust(self, speeds) -> float:
-        """Returns the thrust per mass of the rotors that report a speed (m/s^2)."""
-        speeds = np.where(np.isfinite(speeds), speeds, 0.0)
-        return float(np.sum(self._thrust_per_mass * speeds * speeds))
 
     def _calc_estimate(self, context, output):
         output.set_value(
@@ -153,14 +149,15 @@ def _carried_forward(estimate, memory, disturbance, time):
 
 
 @compiled
-def _update(memory, disturbance, estimate, thrust, gain, now):
+def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now):
     """Predicts and corrects by an estimate, if it is new; else predicts the present.
 
     Args:
         memory: vector of a FilterMemory, (9,).
         disturbance: see StateFilter, (3,); changed.
         estimate: (14,).
-        thrust: per mass (m/s^2).
+        speeds: of the rotors (rad/s), (n,); those that are not finite do not count.
+        thrust_per_mass: of each rotor, per squared speed (m), (n,).
         gain: see kalman_gain().
         now: (s).
 
@@ -170,6 +167,8 @@ def _update(memory, disturbance, estimate, thrust, gain, now):
     m, state = _as_memory(memory), as_state(estimate)
     if not all_finite(estimate):
         return memory.copy()  # the prediction goes on from the last that was
+    speeds = np.where(np.isfinite(speeds), speeds, 0.0)
+    thrust = np.sum(thrust_per_mass * speeds * speeds)
     time, p, v = state.time, state.position.copy(), state.velocity.copy()
     is_new, begins = time > m.newest, m.newest < 0.0 or time > m.newest + _GAP
     if not begins:

@@ -2,7 +2,6 @@
 
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from airrace.analysis.figure_style import (
@@ -13,8 +12,8 @@ from airrace.analysis.figure_style import (
     lap_style,
     make_figure,
 )
-from airrace.track import PYLON_BASE_RADIUS
 from airrace.track.layout import Layout
+from airrace.track.plot import draw_gates
 
 _STEP = 2.5  # m of a piece of a lap, which has one colour
 
@@ -35,7 +34,7 @@ def track_figure(run):
         lines.set_array(np.concatenate([state["speed"][:-1] for state in raced]))
         axes.add_collection(lines)
         add_colorbar(figure, lines, axes, "speed (m/s)", shrink=0.75, pad=0.02)
-    _draw_gates(axes, run.track)
+    draw_gates(axes, Layout.of(run.track), INK, "#d9d9d9")
     start = run.track.start.position
     axes.plot(*start[:2], "s", color=INK, ms=5, zorder=4, label="start")
     if not run.result["finished"] and len(run.state):
@@ -50,35 +49,6 @@ def _thinned(state):
     path = np.hypot(state["x"].diff(), state["y"].diff()).fillna(0.0).cumsum().to_numpy()
     rows = np.searchsorted(path, np.arange(0.0, path[-1] + _STEP, _STEP))
     return state.iloc[np.unique(rows.clip(max=len(path) - 1))]
-
-
-def _draw_gates(axes, track):
-    layout = Layout.of(track)
-    for n, (left, right) in enumerate(layout.pylons):
-        axes.plot(*np.transpose([left, right]), color=INK, lw=0.8, zorder=2)
-        for foot in (left, right):
-            axes.add_artist(
-                Circle(
-                    foot, PYLON_BASE_RADIUS, facecolor="#d9d9d9", edgecolor=INK, lw=0.7, zorder=4
-                )
-            )
-        axes.annotate(
-            str(n + 1),
-            right,
-            13 * layout.rightward[n],
-            ha="center",
-            va="center",
-            textcoords="offset points",
-            fontweight="bold",
-            zorder=5,
-        )
-        axes.annotate(
-            "",
-            layout.middle[n] + 6 * layout.forward[n],
-            layout.middle[n],
-            arrowprops=dict(arrowstyle="-|>", color=INK, lw=0.8),
-            zorder=2,
-        )
 
 
 def offsets_figure(run):

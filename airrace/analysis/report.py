@@ -3,7 +3,6 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,21 +14,7 @@ from airrace.scenario import trajectory_name
 
 FILE = "report.html"
 # Topics that it says nothing of.
-_WITHOUT = (
-    "/state/estimate",
-    "/state/filtered",
-    "/state/disturbance",
-    "/detections",
-    "/rotors/command",
-)
-
-
-class _Figure(NamedTuple):
-    """A section with a picture."""
-
-    title: str
-    svg: str
-    caption: str
+_WITHOUT = "/state/estimate /state/filtered /state/disturbance /detections /rotors/command".split()
 
 
 def make_report(run: Run) -> str:
@@ -51,7 +36,7 @@ def make_report(run: Run) -> str:
         facts=_facts(run),
         splits=np.array([np.diff([*lap["gate_times_s"], lap["time_s"]]) for lap in result["laps"]]),
         original=ORIGINAL_LAPS if result["track"] == ORIGINAL_TRACK else {},
-        figures=_figures(run),
+        pictures=_pictures(run),
     )
 
 
@@ -81,70 +66,29 @@ def _facts(run) -> list[tuple]:
     return facts
 
 
-def _figures(run) -> list[_Figure]:
-    """Returns the sections with a picture that this run has data for."""
+def _pictures(run) -> dict[str, str]:
+    """Returns an <svg> element by the title of every section that this run has data for."""
     from matplotlib import rc_context
 
     from airrace.analysis import figures_laps, figures_signals, figures_track
     from airrace.analysis.figure_style import STYLE, inline_svg
 
     laps = run.result["laps"]
-    recorded = len(run.state) > 1
-    figures = []
-
-    def add(title, wanted, draw, caption):
-        if wanted:
-            figures.append(_Figure(title, inline_svg(draw(run), title), caption))
-
-    with rc_context(STYLE):
-        add(
-            "The track from above",
-            True,
-            figures_track.track_figure,
-            "All laps in one picture: the darker, the faster. Dashed: the exploration."
-            if recorded
-            else "The gates; where the drone flew was not recorded.",
-        )
-        add(
-            "Where time was lost",
-            bool(figures_laps.time_lost(run)),
-            figures_laps.time_lost_figure,
-            "Flown minus planned time, at every gate; above zero, the drone is late. A lap counts "
-            "from the first gate at which the drone is on its plan's circuit.",
-        )
-        add(
-            "Gates",
-            bool(laps),
-            figures_track.offsets_figure,
-            "How far from the middle of each gate the drone crossed it.",
-        )
-        add(
-            "The map",
-            len(run.map) > 0 and len(run.lap_starts) > 0,
-            figures_signals.map_figure,
-            "Distance of mapped markers from where they stood when the race began. Even numbers "
-            "are on the front.",
-        )
-        add(
-            "Tracking",
-            recorded and len(run.tracking) > 1,
-            figures_signals.tracking_figure,
-            "Distance of the true position from the controller's reference. Dotted: gate 1.",
-        )
-        add(
-            "Rotors",
-            len(run.rotors) > 0,
-            figures_signals.rotors_figure,
-            "Thrust against the limit while racing: quartiles, 1 and 99 % of the time, and the "
-            "most; and for how much of the time all rotors together were above some thrust.",
-        )
-        add(
+    sections = (
+        ("The track from above", True, figures_track.track_figure),
+        ("Where time was lost", figures_laps.time_lost(run), figures_laps.time_lost_figure),
+        ("Gates", laps, figures_track.offsets_figure),
+        ("The map", len(run.map) and len(run.lap_starts), figures_signals.map_figure),
+        ("Tracking", len(run.tracking) > 1, figures_signals.tracking_figure),
+        ("Rotors", len(run.rotors), figures_signals.rotors_figure),
+        (
             "What the explorer did",
-            bool(run.result["exploration"]["events"]),
+            run.result["exploration"]["events"],
             figures_laps.timeline_figure,
-            "Its states from take-off to the first lap.",
-        )
-    return figures
+        ),
+    )
+    with rc_context(STYLE):
+        return {title: inline_svg(draw(run), title) for title, data, draw in sections if data}
 
 
 def write_report(folder) -> Path:

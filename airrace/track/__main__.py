@@ -4,6 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from pydrake.common.yaml import yaml_dump_typed
+
 from airrace.common.errors import exit_code
 from airrace.track.generator import DIRECTIONS, generate_track
 from airrace.track.layout import Layout
@@ -24,6 +26,11 @@ examples:
   ./run.bash --track seven.yaml                                  race it
 
 The same options give the same file. Exit codes: 0 printed, 2 bad input.
+"""
+_FORMAT = """\
+# World frame: x forward, y left, z up; metres and degrees. A gate's heading is the
+# direction of flight through it; its right pylon stands pylon_spacing to the right of
+# the left one. The pad descends by pad_tilt_deg in the direction pad_tilt_direction_deg.
 """
 
 
@@ -60,40 +67,8 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def to_yaml(track: Track, comment: str) -> str:
-    """Returns the text of a track's file.
-
-    Args:
-        track: the track.
-        comment: what its first line says.
-    """
-    s = track.start
-    lines = [
-        f"# {comment}",
-        "# World frame: x forward, y left, z up; metres and degrees. A gate's heading is the",
-        "# direction of flight through it; its right pylon stands pylon_spacing (10 m, unless",
-        "# given) to the right of the left one. The pad descends by pad_tilt_deg in the",
-        "# direction pad_tilt_direction_deg.",
-        f"name: {track.name}",
-        "start:",
-        f"  position: {_plain(s.position)}",
-        f"  heading_deg: {s.heading_deg}",
-        f"  pad_tilt_deg: {s.pad_tilt_deg}",
-        f"  pad_tilt_direction_deg: {s.pad_tilt_direction_deg}",
-        f"hover_height: {track.hover_height}",
-        "gates:",
-    ]
-    for gate in track.gates:
-        spacing = "" if gate.pylon_spacing == 10.0 else f", pylon_spacing: {gate.pylon_spacing}"
-        lines.append(
-            f"  - {{left_pylon: {_plain(gate.left_pylon)}, "
-            f"heading_deg: {gate.heading_deg}{spacing}}}"
-        )
-    return "\n".join(lines) + "\n"
-
-
-def _plain(numbers) -> str:
-    # + 0.0 takes the sign off -0.0.
-    return "[" + ", ".join(str(float(x) + 0.0) for x in numbers) + "]"
+    """Returns the text of a track's file, which begins with a comment."""
+    return f"# {comment}\n{_FORMAT}{yaml_dump_typed(track, schema=Track)}"
 
 
 def main(argv=None) -> int:

@@ -149,7 +149,8 @@ def _place(rng, layout: Layout, name: str) -> Track:
         pad_tilt_deg=round(rng.uniform(0.0, PAD_TILT_DEG), 1),
         pad_tilt_direction_deg=float(rng.integers(360)),
     )
-    left = layout.left - layout.middle[0] + to_gate + start.position[:2]
+    left = np.round(layout.left - layout.middle[0] + to_gate + start.position[:2], 3)
     headings_deg = np.rad2deg(layout.headings).round() % 360
-    gates = [Gate(np.round(p, 3).tolist(), float(h), SPACING) for p, h in zip(left, headings_deg)]
+    # + 0.0 takes the sign off -0.0.
+    gates = [Gate(p, h, SPACING) for p, h in zip((left + 0.0).tolist(), headings_deg.tolist())]
     return Track(name, start, round(rng.uniform(*HOVER_HEIGHT), 1), gates)

@@ -27,13 +27,12 @@ def draw_track(track: Track) -> Figure:
     figure = Figure(figsize=(9, 9), layout="constrained")
     axes = figure.add_subplot(aspect="equal", facecolor=_GRASS)
     _draw_legs(axes, layout)
-    for n in range(len(track.gates)):
-        _draw_gate(axes, layout, n)
+    draw_gates(axes, layout, _PYLON, _PYLON)
     for board in track.boards():
         across = BOARD_SIZE / 2 * board.X_WM.rotation().col(0)[:2]
         ends = board.X_WM.translation()[:2] + np.outer([-1, 1], across)
         axes.plot(*ends.T, color=_BACK if board.id % 2 else _FRONT, lw=2, zorder=4)
-    _draw_start(axes, track)
+    _draw_start(axes, track.start)
     length = np.linalg.norm(np.roll(layout.middle, -1, axis=0) - layout.middle, axis=1).sum()
     direction = "counter-clockwise" if layout.turns.sum() > 0 else "clockwise"
     axes.set_title(f"{track.name}: {len(track.gates)} gates, {length:.0f} m, {direction}")
@@ -63,64 +62,46 @@ def save_plot(track: Track, path: Path) -> None:
         ) from None
 
 
+def draw_gates(axes, layout: Layout, color: str, foot: str) -> None:
+    """Draws all gates of a layout with their numbers and directions.
+
+    Args:
+        axes: Matplotlib's.
+        layout: the track.
+        color: of lines, arrows and numbers.
+        foot: colour that pylons are filled with.
+    """
+    for n, (left, right) in enumerate(layout.pylons):
+        axes.plot(*np.transpose([left, right]), color=color, lw=0.8, alpha=0.6, zorder=2)
+        for p in (left, right):
+            circle = Circle(p, PYLON_BASE_RADIUS, facecolor=foot, edgecolor=color, lw=0.7, zorder=3)
+            axes.add_patch(circle)
+        _draw_arrow(axes, layout.middle[n], 5 * layout.forward[n], color)
+        # Beside the right pylon, away from the gate.
+        p = right + PYLON_BASE_RADIUS * layout.rightward[n]
+        _draw_text(axes, str(n + 1), p, 12 * layout.rightward[n], color, fontweight="bold")
+
+
 def _draw_legs(axes, layout):
     for p, q in zip(layout.middle, np.roll(layout.middle, -1, axis=0)):
         axes.plot(*np.transpose([p, q]), color=_LEG, lw=1.2, ls=(0, (6, 4)), zorder=2)
-        axes.annotate(
-            "",
-            xy=p + 0.58 * (q - p),
-            xytext=p + 0.5 * (q - p),
-            zorder=2,
-            arrowprops=dict(arrowstyle="-|>", color=_LEG, lw=1.2),
-        )
+        _draw_arrow(axes, p + 0.5 * (q - p), 0.08 * (q - p), _LEG)
 
 
-def _draw_gate(axes, layout, n):
-    left, right = layout.pylons[n]
-    axes.plot(*np.transpose([left, right]), color=_PYLON, lw=0.8, alpha=0.6, zorder=2)
-    for foot in (left, right):
-        axes.add_patch(Circle(foot, PYLON_BASE_RADIUS, facecolor=_PYLON, zorder=3))
-    axes.annotate(
-        "",
-        xy=layout.middle[n] + 5 * layout.forward[n],
-        xytext=layout.middle[n],
-        arrowprops=dict(arrowstyle="-|>", color=_PYLON, lw=1.5),
-        zorder=5,
-    )
-    # Beside the right pylon, away from the gate.
-    axes.annotate(
-        str(n + 1),
-        right + PYLON_BASE_RADIUS * layout.rightward[n],
-        xytext=12 * layout.rightward[n],
-        textcoords="offset points",
-        ha="center",
-        va="center",
-        fontsize=11,
-        fontweight="bold",
-        color=_PYLON,
-        zorder=5,
-    )
-
-
-def _draw_start(axes, track):
-    p = np.array(track.start.position[:2])
-    forward = directions(np.deg2rad(track.start.heading_deg))
+def _draw_start(axes, start):
+    p = np.array(start.position[:2])
+    forward = directions(np.deg2rad(start.heading_deg))
     axes.plot(*p, "s", ms=8, color=_START, zorder=5)
-    axes.annotate(
-        "",
-        xy=p + 8 * forward,
-        xytext=p,
-        arrowprops=dict(arrowstyle="-|>", color=_START, lw=2),
-        zorder=5,
-    )
-    axes.annotate(
-        "start",
-        p,
-        xytext=[-22, -13] * forward,
-        textcoords="offset points",
-        ha="center",
-        va="center",
-        color=_START,
-        fontsize=10,
-        zorder=5,
-    )
+    _draw_arrow(axes, p, 8 * forward, _START)
+    _draw_text(axes, "start", p, [-22, -13] * forward, _START)
+
+
+def _draw_arrow(axes, p, direction, color):
+    style = dict(arrowstyle="-|>", color=color, lw=1.3)
+    axes.annotate("", xy=p + direction, xytext=p, arrowprops=style, zorder=5)
+
+
+def _draw_text(axes, text, p, offset, color, **options):
+    """Writes a text beside a point; the offset is in typographic points."""
+    options |= dict(color=color, ha="center", va="center", textcoords="offset points", zorder=5)
+    axes.annotate(text, p, xytext=offset, **options)

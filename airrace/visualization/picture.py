@@ -1,7 +1,7 @@
 """Pictures on the page: flat, textured rectangles that no light shades."""
 
 import base64
-import json
+from importlib import resources
 
 import cv2
 import numpy as np
@@ -14,7 +14,9 @@ from airrace.visualization.meshcat_page import HUD
 _DISTANCE = 0.03  # m
 _NEARER = 1e-5  # share of that, of each picture than the one before
 _KEPT = 32  # pictures
-_FLOAT, _SHORT, _CLAMP, _LINEAR = 5126, 5123, 33071, 9729  # as OpenGL numbers them
+# A unit square in x and y that no light shades, as glTF 2.0; its picture goes after the prefix.
+_SQUARE = (resources.files(__package__) / "picture.gltf").read_text()
+_PREFIX = "data:image/jpeg;base64,"
 
 
 class FixedPicture:
@@ -47,95 +49,21 @@ class FixedPicture:
         Args:
             image: RGB, uint8, (h, w, 3).
         """
-        right = self._left + self._width
-        bottom = self._top - self._width * image.shape[0] / image.shape[1]
-        corners = np.array(
-            [
-                [self._left, bottom, 0.0],
-                [right, bottom, 0.0],
-                [right, self._top, 0.0],
-                [self._left, self._top, 0.0],
-            ]
-        )
         k = self._count
         self._count += 1
-        file = MemoryFile(picture_gltf(corners, image), ".gltf", self._path)
+        file = MemoryFile(picture_gltf(image), ".gltf", self._path)
         # Smaller as it is nearer: all cover the same part of the page.
         distance = _DISTANCE / (1.0 + _NEARER * k)
-        X = np.diag([distance, distance, 1.0, 1.0])
-        X[2, 3] = -distance
+        height = self._width * image.shape[0] / image.shape[1]
+        X = np.diag([distance * self._width, distance * height, 1.0, 1.0])
+        X[:3, 3] = distance * np.array([self._left, self._top - height, -1.0])
         self._meshcat.SetTransform(f"{self._path}/{k}", X)
         self._meshcat.SetObject(f"{self._path}/{k}", Mesh(InMemoryMesh(mesh_file=file)))
         if k >= _KEPT:
             self._meshcat.Delete(f"{self._path}/{k - _KEPT}")
 
 
-def picture_gltf(corners, image) -> str:
-    """Returns a glTF 2.0 file of a picture, with all that belongs to it.
-
-    Args:
-        corners: lower left, lower right, upper right, upper left, (4, 3) (m), in the
-            frame that the object is in, z up.
-        image: RGB, uint8, (h, w, 3).
-    """
-    x, y, z = np.asarray(corners, float).T
-    points = np.column_stack([x, z, -y]).astype(np.float32)  # glTF's y is up
-    uv = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)
-    faces = np.array([0, 1, 2, 0, 2, 3], np.uint16)
-    parts = [part.tobytes() for part in (points, uv, faces)]
-    offsets = np.cumsum([0, *map(len, parts)]).tolist()
-    jpeg = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
-    material = {
-        "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0},
-        "extensions": {"KHR_materials_unlit": {}},
-    }
-    return json.dumps(
-        {
-            "asset": {"version": "2.0"},
-            "extensionsUsed": ["KHR_materials_unlit"],
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0}],
-            "meshes": [
-                {
-                    "primitives": [
-                        {
-                            "attributes": {"POSITION": 0, "TEXCOORD_0": 1},
-                            "indices": 2,
-                            "material": 0,
-                        }
-                    ]
-                }
-            ],
-            "materials": [material],
-            "textures": [{"source": 0, "sampler": 0}],
-            "samplers": [{"wrapS": _CLAMP, "wrapT": _CLAMP, "minFilter": _LINEAR}],
-            "images": [{"uri": _data_uri("image/jpeg", jpeg)}],
-            "accessors": [
-                {
-                    "bufferView": 0,
-                    "componentType": _FLOAT,
-                    "count": 4,
-                    "type": "VEC3",
-                    "min": points.min(axis=0).tolist(),
-                    "max": points.max(axis=0).tolist(),
-                },
-                {"bufferView": 1, "componentType": _FLOAT, "count": 4, "type": "VEC2"},
-                {"bufferView": 2, "componentType": _SHORT, "count": 6, "type": "SCALAR"},
-            ],
-            "bufferViews": [
-                {"buffer": 0, "byteOffset": offset, "byteLength": len(part)}
-                for offset, part in zip(offsets, parts)
-            ],
-            "buffers": [
-                {
-                    "byteLength": offsets[-1],
-                    "uri": _data_uri("application/octet-stream", b"".join(parts)),
-                }
-            ],
-        }
-    )
-
-
-def _data_uri(kind: str, data: bytes) -> str:
-    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
+def picture_gltf(image) -> str:
+    """Returns a glTF file of a unit square that shows a picture: RGB, uint8, (h, w, 3)."""
+    jpeg = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1]
+    return _SQUARE.replace(_PREFIX, _PREFIX + base64.b64encode(jpeg).decode())

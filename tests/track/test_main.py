@@ -23,14 +23,10 @@ def test_prints_a_track_that_can_be_loaded(tmp_path, capsys):
     assert capsys.readouterr().out == text
 
 
-def test_what_is_not_usual_is_written_too(tmp_path):
+def test_what_is_not_usual_is_written_too():
     track = generate_track(0, 8)
     track.gates[2].pylon_spacing = 11.5
-    track.gates[3].left_pylon[0] = -0.0
-    text = to_yaml(track, "changed")
-    assert "-0.0" not in text
-    assert yaml.safe_load(text)["gates"][2]["pylon_spacing"] == 11.5
-    assert "pylon_spacing" not in yaml.safe_load(text)["gates"][3]
+    assert yaml.safe_load(to_yaml(track, "changed"))["gates"][2]["pylon_spacing"] == 11.5
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,7 @@ from tests.visualization.meshcat_tools import transform
 def test_a_picture_file_holds_the_picture():
     image = np.zeros((90, 160, 3), np.uint8)
     image[:, :80] = (255, 0, 0)
-    corners = [[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]]
-    gltf = json.loads(picture_gltf(corners, image))
+    gltf = json.loads(picture_gltf(image))
     jpeg = base64.b64decode(gltf["images"][0]["uri"].partition(",")[2])
     again = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
     assert np.abs(again.astype(int) - image)[:, :70].max() < 30
@@ -22,7 +21,7 @@ def test_a_picture_file_holds_the_picture():
     points = np.frombuffer(data[:48], np.float32).reshape(4, 3)
     # y is up in the file, z on the page.
     on_page = np.column_stack([points[:, 0], -points[:, 2], points[:, 1]])
-    np.testing.assert_allclose(on_page, corners)
+    np.testing.assert_allclose(on_page, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 
 
 def test_pictures_cover_one_another_and_the_oldest_go(meshcat):
@@ -32,6 +31,6 @@ def test_pictures_cover_one_another_and_the_oldest_go(meshcat):
         picture.show(image)
     assert not meshcat.HasPath(f"{HUD}/test/7")
     matrices = [transform(meshcat, f"{HUD}/test/{k}") for k in range(8, 40)]
-    scales = [m[0] for m in matrices]
+    scales = [m[0] / 0.5 for m in matrices]
     assert np.all(np.diff(scales) < 0.0) and min(scales) > 0.01  # nearer, but not too near
     np.testing.assert_allclose([m[14] for m in matrices], -np.array(scales))

@@ -147,13 +147,14 @@ class Referee(LeafSystem):
         """
         LeafSystem.__init__(self)
         feet = track.pylons()[:, :2]
-        self._course = Course(
+        course = Course(
             gates=np.array([GateOpening(gate).numbers for gate in track.gates]),
             take_off_height=standing_height + 0.4,
             time_limit=float(time_limit),
             arena_min=feet.min(0) - arena_margin,
             arena_max=np.append(feet.max(0) + arena_margin, float(arena_margin)),
         )
+        self._course = tuple(course)
         self._names = body_names
         self._failures = rotor_failures
         self._touchable = sorted(set(body_names.values()) - set(_FLOOR))
@@ -180,8 +181,6 @@ class Referee(LeafSystem):
 
     def _judge(self, context, discrete_state):
         memory = discrete_state.get_mutable_value(self._memory)
-        if _as_memory(memory).verdict != UNDECIDED:
-            return
         shifts = self._stay if self._shifts is None else read_vector(self._shifts, context)
         crossing, offset, pushed, verdict = _observe(
             memory,
@@ -191,6 +190,8 @@ class Referee(LeafSystem):
             shifts,
             self._course,
         )
+        if crossing < 0.0 and not pushed and verdict == UNDECIDED:
+            return
         m, name = _as_memory(memory), None
         if pushed and verdict != DIVERGED:
             name = self._touched(context, m.airborne)
@@ -269,14 +270,16 @@ def _observe(memory, time, state, impulse, shifts, course):
         time: (s).
         state, impulse: see Referee.
         shifts: of the gates, (2 n,) m.
-        course: see there.
+        course: a Course, as a tuple.
 
     Returns:
         when the drone crossed the next gate since the last update (s), -1 if it did not; how
         far from the midpoint (m); whether it was pushed since then; and the verdict on its
-        place and the time.
+        place and the time. After a verdict, nothing is seen any more.
     """
-    m, state = _as_memory(memory), as_plant_state(state)
+    m, state, course = _as_memory(memory), as_plant_state(state), Course(*course)
+    if m.verdict != UNDECIDED:
+        return -1.0, 0.0, False, UNDECIDED
     p, v = state.position, state.velocity
     airborne = 1.0 if p[2] > course.take_off_height else m.airborne
     crossing, offset = -1.0, 0.0
@@ -288,8 +291,9 @@ def _observe(memory, time, state, impulse, shifts, course):
         if not math.isnan(share):
             crossing = m.time + share * (time - m.time)
     pushed = np.any(impulse != m.impulse)
-    numbers = (time, airborne, m.crossings, max(m.max_speed, math.sqrt(dot(v, v))), 0.0, time, 0.0)
-    memory[:] = np.concatenate((np.array(numbers), p, impulse))
+    max_speed = max(m.max_speed, math.sqrt(dot(v, v)))
+    memory[:7] = np.array((time, airborne, m.crossings, max_speed, UNDECIDED, time, 0.0))
+    m.position[:], m.impulse[:] = p, impulse
     return crossing, offset, pushed, _verdict(p, time, course)
 
 

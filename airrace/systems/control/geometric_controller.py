@@ -105,7 +105,7 @@ class GeometricController(LeafSystem):
         )
         max_lift = self._remaining(np.full(n, np.inf).tobytes()).max_lift
         k_R, k_w = _attitude_gains(vehicle)
-        self._parameters = ControlParameters(
+        parameters = ControlParameters(
             mass=vehicle.mass,
             inertia=np.array(vehicle.inertia),
             k_x=vehicle.gains.position,
@@ -114,6 +114,7 @@ class GeometricController(LeafSystem):
             k_w=k_w,
             max_force=_THRUST_SHARE * max_lift / vehicle.mass,
         )
+        self._parameters = tuple(parameters)
         self._thrust_coefficients = vehicle.thrust_coefficients
         self._max_speeds = vehicle.max_speeds
         self._overdrive = _step_share(rate, min(_SHORT_LAG, vehicle.rotor_lag)) / _step_share(
@@ -135,16 +136,17 @@ class GeometricController(LeafSystem):
         if self._rejects:
             disturbance = read_vector(self._disturbance, context)
         if remaining.can_fly:
-            reference = read_vector(self._reference, context)
-            desired = _desired_motion(reference, disturbance, self._feed_forward)
-            wrench = self.calc_wrench(desired, estimate)
+            reference = self._reference.Eval(context)
+            _lean(reference, disturbance, self._feed_forward)
+            wrench = self.calc_wrench(reference, estimate)
         elif all_finite(estimate) and all_finite(disturbance):
             wrench = self._reduced.wrench(estimate, disturbance, remaining)
         else:
             return
         if not all_finite(wrench):
             return
-        discrete_state.get_mutable_value()[:] = _overdriven(
+        _set_speeds(
+            discrete_state.get_mutable_value(),
             remaining.allocator.allocate(wrench),
             read_vector(self._speeds, context),
             remaining.max_thrusts,
@@ -166,22 +168,21 @@ class GeometricController(LeafSystem):
 
 
 @compiled
-def _desired_motion(reference, disturbance, feed_forward):
-    """Returns the reference that leans against a disturbance (m/s^2), as a vector, (18,)."""
-    desired = reference.copy()
-    _, _, acceleration, jerk, snap, _, _, _ = as_reference(desired)
-    acceleration[:] = acceleration - disturbance
+def _lean(reference, disturbance, feed_forward):
+    """Makes a reference, (18,), lean against a disturbance (m/s^2); see GeometricController."""
+    _, _, acceleration, jerk, snap, _, _, _ = as_reference(reference)
+    acceleration -= disturbance
     if not feed_forward:
         jerk[:] = 0.0
         snap[:] = 0.0
-        desired[-2:] = 0.0  # the derivatives of yaw
-    return desired
+        reference[-2:] = 0.0  # the derivatives of yaw
 
 
 @compiled
 def _wrench(reference, estimate, parameters):
     if not (all_finite(reference) and all_finite(estimate)):
         return np.full(4, np.nan)
+    parameters = ControlParameters(*parameters)
     return lee_wrench(as_reference(reference), as_state(estimate), parameters)
 
 
@@ -243,16 +244,16 @@ def limited(force, greatest: float) -> np.ndarray:
 
 
 @compiled
-def _overdriven(thrusts, speeds, max_thrusts, thrust_coefficients, max_speeds, overdrive):
-    """Returns the speeds to command (rad/s), (n,), for thrusts (N), (n,).
+def _set_speeds(command, thrusts, speeds, max_thrusts, thrust_coefficients, max_speeds, overdrive):
+    """Sets the speeds to command (rad/s), (n,), for thrusts (N), (n,).
 
     Rotors answer late, so that the command goes beyond the speed that they should have.
     Those that are lost, or report no speed, are not driven.
     """
     desired = np.sqrt(thrusts / thrust_coefficients)
-    command = speeds + overdrive * (desired - speeds)
-    works = (max_thrusts > 0.0) & (command > 0.0)  # NaN is not
-    return np.where(works, np.minimum(command, max_speeds), 0.0)
+    overdriven = speeds + overdrive * (desired - speeds)
+    works = (max_thrusts > 0.0) & (overdriven > 0.0)  # NaN is not
+    command[:] = np.where(works, np.minimum(overdriven, max_speeds), 0.0)
 
 
 def _attitude_gains(vehicle: Vehicle):

@@ -6,7 +6,7 @@ from pydrake.systems.framework import LeafSystem
 from airrace.common.jit import compiled
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle
-from airrace.vehicle.rotors import as_rotor_status, make_rotor_dynamics, next_speeds
+from airrace.vehicle.rotors import RotorDynamics, as_rotor_status, make_rotor_dynamics, next_speeds
 
 
 class RotorBank(LeafSystem):
@@ -46,7 +46,8 @@ class RotorBank(LeafSystem):
         for rotor, time in failures:
             self._failed[rotor] = min(time, self._failed[rotor])
         self._period = period
-        self._rotors = make_rotor_dynamics(vehicle, period)
+        self._rotors = tuple(make_rotor_dynamics(vehicle, period))
+        self._thrust_coefficients = vehicle.thrust_coefficients
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         # The thrusts are a state, too, so that the plant never has to call Python.
         self._speeds = self.DeclareDiscreteState(n)
@@ -60,9 +61,7 @@ class RotorBank(LeafSystem):
     def set_speeds(self, context, speeds) -> None:
         """Makes the rotors turn with some speeds (rad/s), (n,)."""
         context.SetDiscreteState(self._speeds, speeds)
-        context.SetDiscreteState(
-            self._thrusts, self._rotors.thrust_coefficients * np.square(speeds)
-        )
+        context.SetDiscreteState(self._thrusts, self._thrust_coefficients * np.square(speeds))
         context.SetDiscreteState(self._status, [context.get_time(), *speeds, *speeds])
 
     def _update_speeds(self, context, discrete_state):
@@ -85,10 +84,12 @@ def _update(speeds, thrusts, status, command, failed, rotors, now, period):
     Args:
         command: (rad/s), (n,).
         failed: since when each rotor has failed (s), (n,).
-        rotors: their RotorDynamics.
+        rotors: their RotorDynamics, as a tuple.
         now, period: (s).
     """
-    expected = next_speeds(as_rotor_status(status).expected, command, rotors)
+    rotors, report = RotorDynamics(*rotors), as_rotor_status(status)
     speeds[:] = next_speeds(speeds, np.where(now < failed, command, 0.0), rotors)
     thrusts[:] = rotors.thrust_coefficients * speeds * speeds
-    status[:] = np.concatenate((np.array((now + period,)), speeds, expected))
+    status[0] = now + period
+    report.speeds[:] = speeds
+    report.expected[:] = next_speeds(report.expected, command, rotors)

@@ -29,6 +29,7 @@ def remember(history, estimate):
         history[:STATE_SIZE] = estimate
 
 
+@compiled
 def last_two(history, newest, time) -> np.ndarray:
     """Returns the two newest estimates that are not after a time; (2, 14).
 
@@ -37,12 +38,15 @@ def last_two(history, newest, time) -> np.ndarray:
         newest: an estimate that is perhaps not in it yet, (14,).
         time: (s).
     """
-    rows = history.reshape(-1, STATE_SIZE)
-    if is_sound(newest) and as_state(newest).time > as_state(rows[0]).time:
-        rows = np.vstack([newest, rows])
-    times = as_state(rows.T).time
-    found = rows[(times >= 0.0) & (times <= time + 1e-9)][:2]
-    return np.vstack([found, np.full((2 - len(found), STATE_SIZE), -1.0)])
+    result, count, latest = np.full((2, STATE_SIZE), -1.0), 0, time + 1e-9
+    rows = history.reshape((-1, STATE_SIZE))
+    if is_sound(newest) and as_state(rows[0]).time < as_state(newest).time <= latest:
+        result[0], count = newest, 1
+    for row in rows:
+        if count < 2 and 0.0 <= as_state(row).time <= latest:
+            result[count] = row
+            count += 1
+    return result
 
 
 @compilable
@@ -52,16 +56,17 @@ def is_sound(estimate) -> bool:
     return all_finite(estimate) and abs(norm - 1.0) < 0.1
 
 
+@compiled
 def jumps(before, after) -> bool:
     """Whether no flight leads from one state estimate to the next, (14,) each."""
     dt = as_state(after).time - as_state(before).time
     (q_1, p_1), (q_2, p_2) = moved(before, dt), moved(after, 0.0)
     limit = _LEAST_JUMP + _MOST_ACCELERATION * dt**2
     turn = 2 * math.acos(min(abs(np.dot(q_1, q_2)), 1.0))
-    return bool(np.linalg.norm(p_1 - p_2) > limit or turn > limit)
+    return np.linalg.norm(p_1 - p_2) > limit or turn > limit
 
 
-@compilable
+@compiled
 def moved(estimate, dt):
     """Returns the pose a short time (s) after a state estimate: unit quaternion and p_WB."""
     state = as_state(estimate)

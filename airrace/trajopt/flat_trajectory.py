@@ -1,11 +1,12 @@
 """Trajectories in the flat outputs of a multirotor: x, y, z and yaw."""
 
 import numpy as np
+from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.common.immutable import Immutable
-from airrace.common.jit import compilable, compiled
-from airrace.trajopt.reference import REFERENCE_SIZE, Reference, as_reference
+from airrace.common.jit import compiled
+from airrace.trajopt.reference import Reference, as_reference
 
 
 class FlatTrajectory(Immutable):
@@ -37,14 +38,17 @@ class FlatTrajectory(Immutable):
 
         Times beyond either end are clamped.
         """
-        return _derivatives(self._breaks, self._coefficients, float(time))[:count]
+        return _evaluate(self._breaks, self._coefficients, np.array([float(time)]))[0, :count]
 
     def reference(self, time: float) -> np.ndarray:
         """Returns the sample at a time, a Reference as a vector (18,).
 
         Beyond the end it is the end point, at rest.
         """
-        return _reference(self._breaks, self._coefficients, float(time))
+        d = self.derivatives(time)
+        if time > self.duration:
+            d[1:] = 0.0
+        return flat_outputs(d)
 
     def positions(self, times) -> np.ndarray:
         """Returns the positions at many times, (3, N) m."""
@@ -52,7 +56,8 @@ class FlatTrajectory(Immutable):
 
     def sample(self, times) -> np.ndarray:
         """Returns samples at many times, References as vectors, (18, N)."""
-        return _samples(self._breaks, self._coefficients, np.asarray(times, float))
+        d = _evaluate(self._breaks, self._coefficients, np.asarray(times, float))
+        return pack(d.swapaxes(0, 1))
 
 
 def segment_coefficients(polynomial: PiecewisePolynomial) -> np.ndarray:
@@ -69,58 +74,39 @@ def segment_coefficients(polynomial: PiecewisePolynomial) -> np.ndarray:
     return result
 
 
-@compilable
-def _evaluate(breaks, coefficients, time, out) -> None:
-    """Puts value and derivatives at a time, clamped, into out, (5, 4): Horner's rule."""
-    segment, last = 0, len(breaks) - 2
-    time = min(max(time, breaks[0]), breaks[last + 1])
-    while segment < last:  # halves what is left
-        middle = (segment + last + 1) // 2
-        if breaks[middle] <= time:
-            segment = middle
-        else:
-            last = middle - 1
-    t = time - breaks[segment]
-    for d in range(4):
-        out[:, d] = 0.0
-        for c in range(coefficients.shape[2] - 1, -1, -1):
-            for order in range(4, 0, -1):
-                out[order, d] = out[order, d] * t + order * out[order - 1, d]
-            out[0, d] = out[0, d] * t + coefficients[segment, d, c]
+def piecewise_polynomial(coefficients, durations) -> PiecewisePolynomial:
+    """Returns the trajectory from time 0 with segment_coefficients(), and durations (n,) s."""
+    return PiecewisePolynomial(
+        [np.array([[Polynomial(c)] for c in piece]) for piece in coefficients],
+        np.concatenate([[0.0], np.cumsum(durations)]),
+    )
 
 
 @compiled
-def _derivatives(breaks, coefficients, time):
-    """Returns value and derivatives at a time, (5, 4); see FlatTrajectory.derivatives()."""
-    out = np.empty((5, 4))
-    _evaluate(breaks, coefficients, time, out)
+def _evaluate(breaks, coefficients, times):
+    """Returns value and derivatives at times, clamped, (n, 5, 4): Horner's rule."""
+    out = np.zeros((len(times), 5, 4))
+    for i in range(len(times)):
+        time = min(max(times[i], breaks[0]), breaks[-1])
+        segment = min(np.searchsorted(breaks, time, side="right"), len(breaks) - 1) - 1
+        t = time - breaks[segment]
+        for d in range(4):
+            for c in range(coefficients.shape[2] - 1, -1, -1):
+                for order in range(4, 0, -1):
+                    out[i, order, d] = out[i, order, d] * t + order * out[i, order - 1, d]
+                out[i, 0, d] = out[i, 0, d] * t + coefficients[segment, d, c]
     return out
 
 
-@compiled
-def _reference(breaks, coefficients, time):
-    """Returns the sample at a time, (18,); see FlatTrajectory.reference()."""
-    d = np.empty((5, 4))
-    _evaluate(breaks, coefficients, time, d)
-    if time > breaks[-1]:
-        d[1:] = 0.0
-    return flat_outputs(d)
-
-
-@compiled
-def _samples(breaks, coefficients, times):
-    """Returns samples, (18, n); see FlatTrajectory.sample()."""
-    result, d = np.empty((REFERENCE_SIZE, len(times))), np.empty((5, 4))
-    for i in range(len(times)):
-        _evaluate(breaks, coefficients, times[i], d)
-        result[:, i] = flat_outputs(d)
-    return result
-
-
-@compiled
 def flat_outputs(derivatives) -> np.ndarray:
     """Packs value and four derivatives of x, y, z, yaw, (5, 4), into (18,)."""
-    return np.concatenate((derivatives[:, :3].copy().reshape(15), derivatives[:3, 3]))
+    return np.concatenate((derivatives[:, :3].ravel(), derivatives[:3, 3]))
+
+
+def pack(derivatives) -> np.ndarray:
+    """Returns samples (5, N, 4) as References, (18, N)."""
+    xyz, yaw = np.swapaxes(derivatives[..., :3], 1, 2), derivatives[:3, :, 3]
+    return np.vstack(Reference(*xyz, *yaw))
 
 
 def unpack_flat_outputs(reference) -> np.ndarray:

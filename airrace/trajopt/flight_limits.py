@@ -6,7 +6,6 @@ import functools
 import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.reference import Reference
 from airrace.vehicle import GRAVITY, Vehicle
 
 
@@ -109,9 +108,3 @@ class FlightConstraints:
             raise TrajectoryOptimizationError(
                 "half_view must be positive, and 180 degrees at most."
             )
-
-
-def pack(derivatives) -> np.ndarray:
-    """Returns samples (5, N, 4) as References, (18, N)."""
-    xyz, yaw = np.swapaxes(derivatives[..., :3], 1, 2), derivatives[:3, :, 3]
-    return np.vstack(Reference(*xyz, *yaw))

@@ -53,7 +53,7 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
         turns[0] = 0.0  # it is under way, and must not brake for the rest of a turn
     guess = np.maximum(guess, turns / _LEAST_FACTOR)
     guess *= max(1.0, speed / max_acceleration / guess.sum())
-    problem = MinSnapProblem.build(knots, constraints=constraints)
+    problem = MinSnapProblem(knots, constraints=constraints)
     limits = np.array([max_speed, max_acceleration], float)
     for excess in _EXCESSES:
         for share in _FIRST_SHARES if len(guess) > 1 else (1.0,):

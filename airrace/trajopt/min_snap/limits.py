@@ -4,14 +4,14 @@ from math import perm
 
 import numpy as np
 
-from airrace.common.jit import compilable, compiled
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import segment_coefficients
-from airrace.trajopt.min_snap.min_snap import MinSnapProblem, unit_segment
+from airrace.trajopt.min_snap.min_snap import MinSnapProblem
 
 _SAMPLES = 50  # of a segment, which bracket the peaks
-_REFINED, _ROUNDS = 17, 4  # samples about a peak, and how often they are drawn closer
-_NEAR = 0.95  # of the greatest sample: lesser peaks are not refined
+_STEPS = np.linspace(-1.0, 1.0, 17)  # samples about a peak, drawn closer and closer:
+_WIDTHS = 1.0 / _SAMPLES / 8.0 ** np.arange(4)
+_NEAR = 0.9  # of the greatest square: lesser peaks are not refined
 
 
 def slowdown_factor(problem: MinSnapProblem, durations, limits) -> float:
@@ -51,49 +51,39 @@ def peak_speed_and_acceleration(trajectory) -> tuple[float, float]:
 
 
 def _peaks(coefficients, durations) -> tuple[float, float]:
-    coefficients = np.ascontiguousarray(coefficients[..., :3])
-    return tuple(_peak_norm(coefficients, durations, k) for k in (1, 2))
+    """Returns the greatest norms of velocity and acceleration of x, y, z.
 
-
-@compiled
-def _peak_norm(coefficients, durations, derivative):
-    """Returns the greatest norm of a derivative of polynomials, to about nine digits.
-
-    Args:
-        coefficients: of powers of t / duration, (segments, k, d).
-        durations: of the segments (s).
-        derivative: 1 or 2.
+    Args: coefficients: of powers of t / duration, (segments, k, d). durations: (segments,) s.
     """
-    fractions = np.arange(_SAMPLES + 1) / _SAMPLES
-    norms = np.empty((len(durations), _SAMPLES + 1))
-    for s in range(len(durations)):
-        norms[s] = _norms(coefficients[s], durations[s], derivative, fractions)
-    peak = norms.max()
-    for s, i in zip(*np.nonzero(norms >= _NEAR * peak)):
-        before, after = max(i - 1, 0), min(i + 1, _SAMPLES)
-        if norms[s, i] < max(norms[s, before], norms[s, after]):
-            continue
-        low, high = fractions[before], fractions[after]
-        for _ in range(_ROUNDS):
-            finer = low + np.arange(_REFINED) * ((high - low) / (_REFINED - 1))
-            refined = _norms(coefficients[s], durations[s], derivative, finer)
-            best = refined.argmax()
-            peak = max(peak, refined[best])
-            low, high = finer[max(best - 1, 0)], finer[min(best + 1, _REFINED - 1)]
-    return peak
+    peaks = []
+    for _ in range(2):
+        powers = np.arange(1.0, coefficients.shape[1])[:, None] / durations[:, None, None]
+        coefficients = powers * coefficients[:, 1:, :3]
+        peaks.append(_peak_norm(coefficients))
+    return tuple(peaks)
 
 
-@compilable
-def _norms(coefficients, duration, derivative, fractions):
-    """Returns norms of a derivative at fractions of a segment, (n,), by Horner's rule."""
-    squares = np.zeros(len(fractions))
-    for column in coefficients.T:
-        values = np.zeros(len(fractions))
-        for i in range(len(column) - 1, derivative - 1, -1):
-            factor = i if derivative == 1 else i * (i - 1)
-            values = values * fractions + factor * column[i]
-        squares += values * values
-    return np.sqrt(squares) / duration**derivative
+def _peak_norm(coefficients) -> float:
+    """Returns the greatest norm of polynomials between 0 and 1, to about nine digits.
+
+    Args: coefficients: constants first, (segments, k, 3).
+    """
+    powers = np.arange(coefficients.shape[1])
+
+    def squares(fractions, coefficients):
+        return np.square(fractions[..., None] ** powers @ coefficients).sum(axis=-1)
+
+    at = np.arange(_SAMPLES + 1) / _SAMPLES
+    found = squares(at, coefficients)
+    around = np.pad(found, ((0, 0), (1, 1)))
+    is_peak = (found >= np.maximum(around[:, :-2], around[:, 2:])) & (found >= _NEAR * found.max())
+    segment, i = np.nonzero(is_peak)
+    at, each = at[i], np.arange(len(i))
+    for width in _WIDTHS:
+        finer = np.clip(at[:, None] + width * _STEPS, 0.0, 1.0)
+        found = squares(finer, coefficients[segment])
+        at = finer[each, found.argmax(axis=1)]
+    return float(np.sqrt(found.max()))
 
 
 class LimitSamples:
@@ -102,14 +92,13 @@ class LimitSamples:
     def __init__(self, problem: MinSnapProblem, limits, samples: int):
         """Args: problem: see there. limits: of v and a. samples: a segment."""
         self._problem = problem
-        basis, _ = unit_segment(problem.degree, problem.minimized_derivative)
-        fractions, powers = np.linspace(0, 1, samples), range(len(basis))
+        fractions, powers = np.linspace(0, 1, samples), range(len(problem.basis))
         # From derivatives at a segment's ends, times duration^order, to its samples of velocity
         # and acceleration, times duration and its square, as shares of the limits.
         self._maps = np.array(
             [
                 np.array([[perm(j, k) * t ** max(j - k, 0) for j in powers] for t in fractions])
-                @ basis
+                @ problem.basis
                 / limits[k - 1]
                 for k in (1, 2)
             ]
@@ -126,7 +115,8 @@ class LimitSamples:
         """
         problem, T = self._problem, durations[:, None, None]
         try:
-            x, x_by_T = problem.solve_with_jacobian(durations)
+            x = problem.solve(durations)
+            x_by_T = problem.jacobian(durations, x)
         except TrajectoryOptimizationError:
             count = self._maps[..., 0].size * len(T)
             return np.full(count, np.nan), np.full((count, len(T)), np.nan)

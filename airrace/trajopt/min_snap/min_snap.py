@@ -5,17 +5,16 @@ in the free-derivative form of Richter, Bry and Roy, "Polynomial trajectory plan
 quadrotor flight in dense indoor environments" (ISRR 2013).
 """
 
-import dataclasses as dc
 import functools
-from fractions import Fraction
-from math import comb, factorial, perm
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
+from airrace.trajopt.flat_trajectory import piecewise_polynomial
+from airrace.trajopt.hermite import unit_segment
 
 MAX_DEGREE = 19  # beyond, monomials lose too many digits
 # What overflows ends in an error that says what to do.
@@ -26,23 +25,18 @@ _NOT_UNIQUE = (
 )
 
 
-@dc.dataclass(frozen=True, eq=False)
-class DerivativeConstraint:
+class DerivativeConstraint(NamedTuple):
     """Fixes a derivative of the trajectory at a waypoint.
 
     Attributes:
         waypoint: index of the waypoint; -1 is the last of an open trajectory.
         order: 1 = velocity, 2 = acceleration, ...
-        value: (d,), in the waypoints' units / s^order; a NaN leaves its
-            dimension free.
+        value: (d,), in the waypoints' units / s^order; a NaN leaves its dimension free.
     """
 
     waypoint: int
     order: int
     value: np.ndarray
-
-    def __post_init__(self):
-        object.__setattr__(self, "value", np.atleast_1d(np.array(self.value, float)))
 
 
 def solve_min_snap(waypoints, durations, **options) -> PiecewisePolynomial:
@@ -52,7 +46,7 @@ def solve_min_snap(waypoints, durations, **options) -> PiecewisePolynomial:
     segment durations.
 
     Args:
-        waypoints, options: see MinSnapProblem.build().
+        waypoints, options: see MinSnapProblem.
         durations: of the segments (s): one fewer than waypoints, or as many if periodic.
 
     Returns:
@@ -62,13 +56,12 @@ def solve_min_snap(waypoints, durations, **options) -> PiecewisePolynomial:
         ValueError: if the input is malformed.
         TrajectoryOptimizationError: if the minimum is not unique.
     """
-    problem = MinSnapProblem.build(waypoints, **options)
+    problem = MinSnapProblem(waypoints, **options)
     durations = problem.check_durations(durations)
     problem.require_unique(durations)
     return problem.trajectory(durations, problem.solve(durations))
 
 
-@dc.dataclass(frozen=True, eq=False)
 class MinSnapProblem:
     """A minimum-snap problem in free-derivative form, whatever the durations.
 
@@ -84,22 +77,10 @@ class MinSnapProblem:
         offset: what a lap adds to the first waypoint, (d,).
         rows: the rows of the ends of every segment, (segments, 2n).
         order: their derivative orders, (2n,).
-        degree: of the polynomials, 2n - 1.
-        minimized_derivative: 4 for snap.
     """
 
-    values: np.ndarray
-    fixed: np.ndarray
-    origin: np.ndarray
-    offset: np.ndarray
-    rows: np.ndarray
-    order: np.ndarray
-    degree: int
-    minimized_derivative: int
-
-    @classmethod
-    def build(
-        cls,
+    def __init__(
+        self,
         waypoints,
         *,
         constraints=(),
@@ -107,7 +88,7 @@ class MinSnapProblem:
         period_offset=None,
         degree=9,
         minimized_derivative=4,
-    ) -> "MinSnapProblem":
+    ):
         """Checks and arranges a problem.
 
         Args:
@@ -128,44 +109,41 @@ class MinSnapProblem:
         waypoints = np.array(waypoints, float)
         _require(
             waypoints.ndim == 2 and len(waypoints) >= 2 and np.all(np.isfinite(waypoints)),
-            f"waypoints must be finite and of shape (m >= 2, d), not {waypoints.shape}",
+            f"Waypoints must be finite and of shape (m >= 2, d), not {waypoints.shape}.",
         )
         _require(
             degree in range(1, MAX_DEGREE + 1, 2),
-            f"degree must be odd and at most {MAX_DEGREE}, not {degree}",
+            f"The degree must be odd and at most {MAX_DEGREE}, not {degree}.",
         )
         (m, d), n = waypoints.shape, (degree + 1) // 2
         _require(
             minimized_derivative in range(1, n + 1),
-            "minimized_derivative must lie in "
-            f"1 ... {n} for degree {degree}, not {minimized_derivative}",
+            f"For degree {degree}, minimized_derivative must lie in 1 ... {n}, "
+            f"not {minimized_derivative}.",
         )
-        _require(periodic or period_offset is None, "period_offset needs periodic=True")
+        _require(periodic or period_offset is None, "A period_offset needs periodic=True.")
         offset = np.zeros(d) if period_offset is None else np.array(period_offset, float)
         _require(
             offset.shape == (d,) and np.all(np.isfinite(offset)),
-            f"period_offset must be {d} finite numbers, not {offset}",
+            f"The period_offset must be {d} finite numbers, not {offset}.",
         )
         path = np.vstack([waypoints, waypoints[:1] + offset]) if periodic else waypoints
         for i in np.flatnonzero(np.all(np.abs(np.diff(path, axis=0)) < 1e-9, axis=1)):
-            _require(False, f"waypoints {i} and {(i + 1) % m} coincide; remove one of them")
+            raise ValueError(f"Waypoints {i} and {(i + 1) % m} coincide; remove one of them.")
         values = np.full((m, n, d), np.nan)
         values[:, 0] = waypoints - waypoints[0]
         for constraint in constraints:
             _apply(constraint, values, periodic)
         values = values.reshape(m * n, d)
-        fixed = ~np.isnan(values)
         start = np.arange(len(path) - 1)
-        return cls(
-            values=np.where(fixed, values, 0.0),
-            fixed=fixed,
-            origin=waypoints[0],
-            offset=offset,
-            rows=np.hstack([i[:, None] * n + np.arange(n) for i in (start, (start + 1) % m)]),
-            order=np.tile(np.arange(n), 2),
-            degree=degree,
-            minimized_derivative=minimized_derivative,
-        )
+        self.fixed = ~np.isnan(values)
+        self.values = np.where(self.fixed, values, 0.0)
+        self.origin, self.offset = waypoints[0], offset
+        self.rows = np.hstack([i[:, None] * n + np.arange(n) for i in (start, (start + 1) % m)])
+        self.order = np.tile(np.arange(n), 2)
+        self.basis, self._unit_hessian = unit_segment(degree, minimized_derivative)
+        # Of the duration, in a segment's Hessian.
+        self._powers = 1.0 - 2 * minimized_derivative + self.order[:, None] + self.order
 
     def by_waypoint(self) -> np.ndarray:
         """Returns the fixed values, the others zero, (m, n, d)."""
@@ -184,12 +162,10 @@ class MinSnapProblem:
         durations = np.array(durations, float)
         _require(
             durations.shape == (len(self.rows),),
-            f"durations must be {len(self.rows)}, one a segment, not {durations.shape}",
+            f"Durations must be {len(self.rows)}, one a segment, not {durations.shape}.",
         )
-        _require(
-            np.all(np.isfinite(durations) & (durations > 0)),
-            "durations must be positive and finite",
-        )
+        valid = np.all(np.isfinite(durations) & (durations > 0))
+        _require(valid, "Durations must be positive and finite.")
         return durations
 
     def assemble(self, durations):
@@ -200,20 +176,12 @@ class MinSnapProblem:
             hessian: in all derivatives, (N, N).
             gradient: what the period offset adds, (N, d).
         """
-        segments = (
-            unit_segment(self.degree, self.minimized_derivative)[1]
-            * durations[:, None, None] ** self._powers
-        )
+        segments = self._unit_hessian * durations[:, None, None] ** self._powers
         hessian = np.zeros((len(self.values),) * 2)
         np.add.at(hessian, (self.rows[:, :, None], self.rows[:, None, :]), segments)
         gradient = np.zeros_like(self.values)
         gradient[self.rows[-1]] = np.outer(segments[-1, :, len(self.order) // 2], self.offset)
         return segments, hessian, gradient
-
-    @property
-    def _powers(self) -> np.ndarray:
-        """Of the duration, in a segment's Hessian, (2n, 2n)."""
-        return 1.0 - 2 * self.minimized_derivative + self.order[:, None] + self.order
 
     def require_unique(self, durations=None) -> None:
         """Raises TrajectoryOptimizationError if there are many minima: a solver returns any.
@@ -248,18 +216,17 @@ class MinSnapProblem:
         return self.values + self._solve_free(hessian, -(gradient + hessian @ self.values))
 
     @_QUIET
-    def solve_with_jacobian(self, durations):
-        """Returns the derivatives, (N, d), and their Jacobian by durations, (N, d, segments).
+    def jacobian(self, durations, x) -> np.ndarray:
+        """Returns how the derivatives x of solve() change with the durations, (N, d, segments).
 
         H x + g = 0, hence dx = -H^-1 (dH x + dg).
         """
-        segments, hessian, gradient = self.assemble(durations)
-        x = self.values + self._solve_free(hessian, -(gradient + hessian @ self.values))
+        segments, hessian, _ = self.assemble(durations)
         change = np.zeros((*x.shape, len(durations)))
         each = np.arange(len(durations))[:, None]
         by_T = segments * self._powers / durations[:, None, None]
         change[self.rows, :, each] = -by_T @ self.ends(x)
-        return x, self._solve_free(hessian, change)
+        return self._solve_free(hessian, change)
 
     def _solve_free(self, hessian, right) -> np.ndarray:
         """Returns y, like right, with H y = right in free rows and y = 0 in fixed ones.
@@ -290,74 +257,37 @@ class MinSnapProblem:
 
     def coefficients(self, durations, derivatives) -> np.ndarray:
         """Returns those of powers of t / duration, from the origin, (segments, 2n, d)."""
-        basis, _ = unit_segment(self.degree, self.minimized_derivative)
-        T = durations[:, None, None]
-        return basis @ (T ** self.order[:, None] * self.ends(derivatives))
+        powers = durations[:, None, None] ** self.order[:, None]
+        return self.basis @ (powers * self.ends(derivatives))
 
     def trajectory(self, durations, derivatives) -> PiecewisePolynomial:
         """Returns the trajectory with these derivatives, (N, d)."""
         coefficients = self.coefficients(durations, derivatives)
-        coefficients /= durations[:, None, None] ** np.arange(self.degree + 1)[:, None]
+        coefficients /= durations[:, None, None] ** np.arange(len(self.order))[:, None]
         coefficients[:, 0] += self.origin
-        return PiecewisePolynomial(
-            [np.array([[Polynomial(c)] for c in segment.T]) for segment in coefficients],
-            np.concatenate([[0.0], np.cumsum(durations)]),
-        )
+        return piecewise_polynomial(coefficients.swapaxes(1, 2), durations)
 
 
-@functools.cache
-def unit_segment(degree: int, minimized_derivative: int):
-    """Returns what end derivatives make of a segment of unit duration.
-
-    The Hermite interpolant of n derivatives x_k at 0 and y_k at 1 is
-    sum_k x_k b_k(t) + y_k (-1)^k b_k(1 - t), where
-    b_k(t) = t^k / k! (1 - t)^n sum_{s < n - k} C(n + s - 1, s) t^s.
-
-    Returns:
-        (basis, hessian), each (2n, 2n), from (x_0 ..., y_0 ...): to monomial
-        coefficients, and of the squared derivative's integral.
-    """
-    n, r = (degree + 1) // 2, minimized_derivative
-    t, u = (np.polynomial.Polynomial(c) for c in ([0.0, 1.0], [1.0, -1.0]))
-    # In rational numbers: rounding would cost the Hessian its null space.
-    basis = np.array(
-        [
-            [
-                Fraction(int(c), factorial(k))
-                for c in (a**k * b**n * sum(comb(n + s - 1, s) * c**s for s in range(n - k))).coef
-            ]
-            for a, b, c in ((t, u, t), (-u, t, u))
-            for k in range(n)
-        ]
-    ).T
-    cost = np.array(
-        [
-            [Fraction(perm(i, r) * perm(j, r), max(i + j - 2 * r, 0) + 1) for j in range(2 * n)]
-            for i in range(2 * n)
-        ]
-    )
-    return basis.astype(float), (basis.T @ cost @ basis).astype(float)
-
-
-def _apply(constraint, values, periodic):
+def _apply(constraint: DerivativeConstraint, values, periodic) -> None:
+    """Puts a constraint into values of derivatives, (m, n, d), those that are free NaN."""
     m, n, d = values.shape
-    i, k, value = constraint.waypoint, constraint.order, constraint.value
+    i, k, value = constraint.waypoint, constraint.order, np.array(constraint.value, float)
     first = 0 if periodic else -1
-    _require(i in range(first, m), f"waypoint {i} of a constraint is not in {first} ... {m - 1}")
+    _require(i in range(first, m), f"Waypoint {i} of a constraint is not in {first} ... {m - 1}.")
     _require(
         k in range(1, n),
-        f"a constraint's order must lie in 1 ... {n - 1}, not {k}; "
-        f"raise the degree, now {2 * n - 1}, for higher ones",
+        f"A constraint's order must lie in 1 ... {n - 1}, not {k}; "
+        f"raise the degree, now {2 * n - 1}, for higher ones.",
     )
     if value.shape != (d,) or np.isinf(value).any():  # printing an array takes its time
         raise ValueError(f"A constraint's value must be {d} numbers or NaNs, not {value}.")
     _require(
         not np.any(np.abs(value - values[i, k]) > 1e-6 * (1 + np.abs(value))),
-        f"two constraints fix derivative {k} at waypoint {i} differently",
+        f"Two constraints fix derivative {k} at waypoint {i} differently.",
     )
     values[i, k] = np.where(np.isnan(value), values[i, k], value)
 
 
 def _require(condition, message):
     if not condition:
-        raise ValueError(f"{message[0].upper()}{message[1:]}.")
+        raise ValueError(message)

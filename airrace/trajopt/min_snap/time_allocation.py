@@ -1,9 +1,9 @@
 """Time allocation: how long every segment of a minimum-snap trajectory takes."""
 
 import contextlib
-import dataclasses as dc
 
 import numpy as np
+import scipy.optimize
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
@@ -41,27 +41,19 @@ def durations_within_limits(
 
     if problem.keeps_shape:
         return durations * max(min_factor, (1.0 + excess(1.0)) * (1.0 + 1e-8))
-    low, high, step, at_low, at_high = min_factor, min_factor, 0.01, 0.0, excess(min_factor)
+    low = high = min_factor
+    step, at_high = 0.01, excess(high)
     while at_high > 1e-12:
-        low, high, step, at_low = high, high * (1.0 + step), min(1.5 * step, 0.1), at_high
+        low, high, step = high, high * (1.0 + step), min(1.5 * step, 0.1)
         if high > max_factor:
             raise TrajectoryOptimizationError(
                 f"No {min_factor:g} to {max_factor:g} fold of these durations meets "
                 f"{_in_words(limits)}; relax them or the fixed derivatives."
             )
         at_high = excess(high)
-    bisect = False
-    while at_high < -1e-7 and high - low > 1e-7 * high:
-        # A secant, and a bit beyond, so that the limits are met there as a rule.
-        middle = low + (high - low) * at_low / (at_low - at_high) + 2e-8 * high
-        if bisect or not low < middle < high:
-            middle = (low + high) / 2
-        width, at_middle = high - low, excess(middle)
-        if at_middle > 1e-12:
-            low, at_low = middle, at_middle
-        else:
-            high, at_high = middle, at_middle
-        bisect = high - low > width / 2
+    if low < high and at_high < -1e-7:
+        # A little within the limits, so that they are met in spite of rounding.
+        high = scipy.optimize.brentq(lambda factor: excess(factor) + 5e-8, low, high, xtol=1e-8)
     return durations * high
 
 
@@ -80,17 +72,17 @@ def allocate_times(
     without those, and from perturbations of the best, always the same ones.
 
     Args:
-        waypoints, options: see MinSnapProblem.build(); only the first three dimensions matter.
+        waypoints, options: see MinSnapProblem(); only the first three dimensions matter.
         max_speed, max_acceleration: limits of the norms of both (m/s), (m/s^2).
         initial_durations: (segments,) s, to start from, without restarts.
 
     Raises: like durations_within_limits().
     """
     positions = np.array(waypoints, float)[..., :3]
-    constraints = [dc.replace(c, value=c.value[:3]) for c in options.pop("constraints", ())]
+    constraints = [c._replace(value=c.value[:3]) for c in options.pop("constraints", ())]
     if options.get("period_offset") is not None:
         options["period_offset"] = np.array(options["period_offset"], float)[..., :3]
-    problem = MinSnapProblem.build(positions, constraints=constraints, **options)
+    problem = MinSnapProblem(positions, constraints=constraints, **options)
     limits = _checked([max_speed, max_acceleration], problem)
     ends = problem.ends(problem.values)
     chords = np.linalg.norm(ends[:, len(problem.order) // 2] - ends[:, 0], axis=1)
@@ -123,7 +115,7 @@ def allocate_times(
         c for c in constraints if not options.get("periodic") and c.waypoint in (0, -1, len(chords))
     ]
     if not warm and len(relaxed) < len(constraints):
-        loose = MinSnapProblem.build(positions, constraints=relaxed, **options)
+        loose = MinSnapProblem(positions, constraints=relaxed, **options)
         for start in solve(equal_speeds, loose):
             found += solve(start, problem)
         phase = np.arange(1, len(chords) + 1) * (np.sqrt(5) - 1) / 2  # spread evenly modulo 1

@@ -6,7 +6,8 @@ import functools
 import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.flight_limits import FlightLimits, pack
+from airrace.trajopt.flat_trajectory import pack
+from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.dynamics import angle_dynamics
 from airrace.trajopt.time_optimal.lap_spline import LapSpline, basis

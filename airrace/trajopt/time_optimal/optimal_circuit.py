@@ -1,15 +1,15 @@
 """A time-optimal lap as a trajectory in x, y, z and yaw."""
 
 import dataclasses as dc
-from math import comb
 
 import numpy as np
-from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.common.immutable import Immutable
 from airrace.trajopt.feasibility import FlightCheck
+from airrace.trajopt.flat_trajectory import piecewise_polynomial
 from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.hermite import unit_segment
 from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, angle_dynamics
 from airrace.trajopt.time_optimal.lap_spline import DEGREE, LapSpline
@@ -98,13 +98,11 @@ def flat_polynomial(
     after = np.vstack([start[1:], end])
     # Full turns between neighbours are none.
     after[:, 0] += 2 * np.pi * np.round((start[:, 0] - after[:, 0]) / (2 * np.pi))
-    yaw = np.concatenate([start * h**order, after * h**order], axis=1) @ _hermite().T
+    basis, _ = unit_segment(DEGREE, 1)
+    yaw = np.concatenate([start * h**order, after * h**order], axis=1) @ basis.T
     path = lap.taylor(count)
     coefficients = np.concatenate([path, (yaw / h ** np.arange(DEGREE + 1))[:, None]], axis=1)
-    return PiecewisePolynomial(
-        [np.array([[Polynomial(c)] for c in piece]) for piece in coefficients],
-        np.concatenate([[0.0], np.cumsum(h)]),
-    )
+    return piecewise_polynomial(coefficients, h[:, 0])
 
 
 def _yaw(samples: LapSamples) -> np.ndarray:
@@ -117,14 +115,3 @@ def _yaw(samples: LapSamples) -> np.ndarray:
     yaw = yaw_of_attitude((x, y, z), w / units, alpha / units**2)
     yaw[0] = np.unwrap(yaw[0])
     return yaw
-
-
-def _hermite() -> np.ndarray:
-    """Returns the matrix from value and two derivatives at 0 and at 1 to a quintic, (6, 6)."""
-    powers = np.arange(DEGREE + 1)
-    rows = []
-    for at in (0.0, 1.0):
-        for k in range(3):
-            factor = np.array([comb(p, k) * [1, 1, 2][k] if p >= k else 0 for p in powers])
-            rows.append(factor * at ** np.maximum(powers - k, 0))
-    return np.linalg.inv(np.array(rows, float))

@@ -9,8 +9,9 @@ small difference of large terms.
 
 import numpy as np
 
+from airrace.trajopt.flat_trajectory import pack
 from airrace.trajopt.flatness import thrust_vectors, unit_vector
-from airrace.trajopt.flight_limits import FlightLimits, pack
+from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.time_optimal.dynamics import complex_step_gradients
 from airrace.vehicle import GRAVITY
 

@@ -44,7 +44,7 @@ def test_excess_is_that_of_the_trajectory(problem):
     speed, acceleration = peak_speed_and_acceleration(
         solve_min_snap(waypoints, durations, **options)
     )
-    problem = MinSnapProblem.build(waypoints, **options)
+    problem = MinSnapProblem(waypoints, **options)
     assert slowdown_factor(problem, durations, LIMITS) == pytest.approx(
         max(speed / LIMITS[0], np.sqrt(acceleration / LIMITS[1])), rel=1e-8
     )
@@ -53,9 +53,9 @@ def test_excess_is_that_of_the_trajectory(problem):
 def test_where_there_are_many_minima_there_is_no_answer():
     waypoints = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
     at_rest = [DerivativeConstraint(i, order, np.zeros(3)) for i in (0, -1) for order in (1, 2)]
-    MinSnapProblem.build(waypoints, constraints=at_rest).require_unique()
+    MinSnapProblem(waypoints, constraints=at_rest).require_unique()
     with pytest.raises(TrajectoryOptimizationError, match="not unique"):
-        MinSnapProblem.build(waypoints).require_unique()
+        MinSnapProblem(waypoints).require_unique()
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_where_there_are_many_minima_there_is_no_answer():
     ],
 )
 def test_durations_that_cannot_be(durations, error, words):
-    problem = MinSnapProblem.build(
+    problem = MinSnapProblem(
         [[0.0], [5.0]], constraints=[DerivativeConstraint(i, 1, [0.0]) for i in (0, -1)]
     )
     with pytest.raises(error, match=f"(?i){words}"):
@@ -89,7 +89,7 @@ def test_limit_samples_and_their_gradient(constrained, periodic, degree, order):
             DerivativeConstraint(2, 1, [np.nan, 5.0, 1.0]),
         ]
     durations = rng.uniform(1, 4, len(waypoints) - (not periodic))
-    samples = LimitSamples(MinSnapProblem.build(waypoints, **options), (20.0, 10.0), 5)
+    samples = LimitSamples(MinSnapProblem(waypoints, **options), (20.0, 10.0), 5)
     values, jacobian = samples(durations)
     p = solve_min_snap(waypoints, durations, **options)
     times = np.array(p.get_segment_times())[:-1, None] + durations[:, None] * np.linspace(0, 1, 5)

@@ -25,7 +25,7 @@ def midpoints():
 
 
 def shortest(waypoints, durations, *, max_speed, max_acceleration, min_factor=0.7, **options):
-    problem = MinSnapProblem.build(waypoints, **options)
+    problem = MinSnapProblem(waypoints, **options)
     limits = [max_speed, max_acceleration]
     return durations_within_limits(problem, durations, limits, min_factor=min_factor)
 

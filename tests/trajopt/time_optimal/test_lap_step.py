@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from airrace.trajopt.flight_limits import FlightLimits, pack
+from airrace.trajopt.flat_trajectory import pack
+from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.time_optimal.dynamics import LinearDynamics, angle_dynamics
 from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed

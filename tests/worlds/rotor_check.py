@@ -1,4 +1,4 @@
-"""Rotor thrusts along a lap, from positions and yaw alone.
+"""Rotor thrusts and bearings along a lap, from positions and yaw alone.
 
 This shares no formula with the planner: attitudes come from the second difference
 of positions, angular velocities and accelerations from differences of attitudes.
@@ -7,7 +7,9 @@ of positions, angular velocities and accelerations from differences of attitudes
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from airrace.math.angles import wrap_angle
 from airrace.trajopt.reference import as_reference
+from airrace.trajopt.time_optimal.visibility import LEAST_RANGE
 from airrace.vehicle import GRAVITY, Vehicle
 
 _STEP = 1e-3  # s
@@ -41,3 +43,16 @@ def rotor_shares(lap, vehicle: Vehicle) -> tuple[float, float]:
     wrench = np.vstack([vehicle.mass * np.linalg.norm(f, axis=1), moments.T])
     shares = np.linalg.pinv(vehicle.allocation) @ wrench / vehicle.max_thrusts[:, None]
     return float(shares.min()), float(shares.max())
+
+
+def greatest_bearing(lap, midpoints) -> float:
+    """Returns the greatest bearing of the next gate off the heading, while it is far (rad).
+
+    Args: lap: a Circuit. midpoints: of its gates, (n, 3) m.
+    """
+    times = np.arange(0.0, lap.duration, 1e-3)
+    samples = lap.sample(times)
+    following = np.searchsorted(lap.gate_times, times, side="right") % len(midpoints)
+    to_gate = midpoints[following].T[:2] - samples[:2]
+    off = np.arctan2(to_gate[1], to_gate[0]) - as_reference(samples).yaw
+    return float(np.abs(wrap_angle(off))[np.linalg.norm(to_gate, axis=0) > LEAST_RANGE].max())

@@ -37,24 +37,18 @@ def first_lap(
     """
     laps = []
     for smoothness in _SMOOTHNESS:
-        lap = LapSpline.through(
-            bound.positions,
-            bound.velocities,
-            bound.durations,
-            grid.pieces,
-            _smoothness(smoothness, bound.durations),
-        )
+        path = bound.positions, bound.velocities, bound.durations
+        lap = LapSpline.through(*path, grid.pieces, smoothness)
         # What turns too fast for the limit will have to take another path.
         laps.append(slowed(lap, grid, dc.replace(limits, max_rate=1e3), gates.turn, 1e-2))
     samples = min(laps, key=lambda samples: samples.lap.duration)
+    lap = samples.lap
     if half_view is not None:
         step = LapStep(samples, grid)
         step.only_angle()
         angle_cost(step, 1.0)
         keep_in_view(step, gates, half_view, _VIEW_COST)
-        lap = step.solve() or samples.lap
-    else:
-        lap = samples.lap
+        lap = step.solve() or lap
     return slowed(lap, grid, limits, gates.turn)
 
 
@@ -68,13 +62,8 @@ def moved_lap(lap: LapSpline, gates: GateRegions, grid: Grid, limits: FlightLimi
     """
     place = lap.gates[:, 0, :3]
     rest = np.zeros((len(place), grid.samples, 3))
-    change = LapSpline.through(
-        gates.nearest(place) - place,
-        rest,
-        lap.durations,
-        grid.pieces,
-        _smoothness(_MOVE_SMOOTHNESS, lap.durations),
-    )
+    step = gates.nearest(place) - place
+    change = LapSpline.through(step, rest, lap.durations, grid.pieces, _MOVE_SMOOTHNESS)
     lap = dc.replace(lap, gates=lap.gates + change.gates, interior=lap.interior + change.interior)
     return slowed(lap, grid, limits, gates.turn)
 
@@ -84,16 +73,7 @@ def refined_lap(lap: LapSpline, pieces: int) -> LapSpline:
 
     Args: lap: to refine. pieces: of each leg's spline.
     """
-    fractions = tuple(np.linspace(0.0, 1.0, _FIT_SAMPLES))
-    wanted = lap.evaluate(basis(lap.pieces, fractions))
-    n = len(lap.durations)
-    new = dc.replace(lap, interior=np.zeros((n, pieces - ORDERS, 4)))
-    matrices = basis(pieces, fractions)
-    missing = wanted - new.evaluate(matrices)
-    rows = np.vstack([w * m[:, ORDERS:-ORDERS] for w, m in zip(_FIT_WEIGHTS, matrices)])
-    missing = np.concatenate([w * m for w, m in zip(_FIT_WEIGHTS, missing)], axis=1)
-    return dc.replace(new, interior=np.linalg.pinv(rows) @ missing)
-
-
-def _smoothness(share, durations) -> float:
-    return share * np.mean(durations) ** 6
+    fractions = np.linspace(0.0, 1.0, _FIT_SAMPLES)
+    new = dc.replace(lap, interior=np.zeros((len(lap.durations), pieces - ORDERS, 4)))
+    wanted = lap.evaluate(basis(lap.pieces, tuple(fractions))[: len(_FIT_WEIGHTS)])
+    return new.fitted(wanted, fractions, _FIT_WEIGHTS)

@@ -5,6 +5,8 @@ import functools
 from math import factorial
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.interpolate import BSpline
 
 DEGREE = 5
 ORDERS = 5  # value, velocity, acceleration, jerk and snap, all continuous
@@ -33,7 +35,7 @@ class LapSpline:
 
     @classmethod
     def through(cls, positions, velocities, durations, pieces: int, smoothness: float):
-        """Returns the path that has positions at gates and nearly velocities in between.
+        """Returns the lap that has positions at gates and nearly velocities in between.
 
         It minimises the mean squared error of the velocity and a share of the
         squared snap. The angle is zero.
@@ -43,34 +45,44 @@ class LapSpline:
             velocities: evenly in time over each leg, both ends included, (n, k, 3).
             durations: (n,) s.
             pieces: of each leg's spline, 5 or more.
-            smoothness: the share (s^6).
+            smoothness: the share, in sixth powers of the mean duration of a leg.
         """
-        n, m = len(positions), pieces - ORDERS
-        fractions = tuple(np.linspace(0.0, 1.0, velocities.shape[1]))
-        matrices = basis(pieces, fractions)
-        size = ORDERS + m
-        rows, values = [], []
+        n, m, k = len(positions), pieces - ORDERS, velocities.shape[1]
+        matrices, size = basis(pieces, tuple(np.linspace(0.0, 1.0, k))), ORDERS + m
+        share = (smoothness * np.mean(durations) ** 6) ** 0.5
+        A, b = np.zeros((n, 2, k, n * size)), np.zeros((n, 2, k, 3))
+        b[:, 0] = velocities
         for i, T in enumerate(durations):
-            start, after = i * size, (i + 1) % n * size
-            columns = [*range(start, start + size), *range(after, after + ORDERS)]
+            before, after = i * size, (i + 1) % n * size
+            columns = [*range(before, before + size), *range(after, after + ORDERS)]
             powers = np.array([*T ** np.arange(ORDERS), *np.ones(m), *T ** np.arange(ORDERS)])
-            for order, share, wanted in ((1, 1.0, velocities[i]), (4, smoothness**0.5, 0.0)):
-                block = np.zeros((len(fractions), n * size))
-                np.add.at(block.T, columns, (matrices[order] * powers).T * share / T**order)
-                rows.append(block)
-                values.append(np.zeros((len(fractions), 3)) + wanted)
-        A, b = np.vstack(rows), np.vstack(values)
+            A[i, 0][:, columns] = matrices[1] * powers / T
+            A[i, 1][:, columns] = matrices[4] * powers * share / T**4
+        A, b = A.reshape(-1, n * size), b.reshape(-1, 3)
         fixed = np.arange(n) * size
         free = np.setdiff1d(np.arange(n * size), fixed)
-        A = np.hstack([A[:, fixed], A[:, free]])
-        b = b - A[:, :n] @ positions
-        scale = np.maximum(np.linalg.norm(A[:, n:], axis=0), 1e-12)
+        b = b - A[:, fixed] @ positions
+        A = A[:, free]
+        scale = np.maximum(np.linalg.norm(A, axis=0), 1e-12)
+        A = A / scale
         x = np.empty((n * size, 3))
         x[fixed] = positions
-        A = A[:, n:] / scale
         x[free] = np.linalg.solve(A.T @ A, A.T @ b) / scale[:, None]
         x = np.pad(x, ((0, 0), (0, 1))).reshape(n, size, 4)
         return cls(x[:, :ORDERS], x[:, ORDERS:], np.array(durations), 0.0)
+
+    def fitted(self, wanted, fractions, weights) -> "LapSpline":
+        """Returns the lap whose control points between gates are the nearest to derivatives.
+
+        Args:
+            wanted: in normalised time, (orders, n, samples, 4).
+            fractions: of the legs' durations, (samples,). weights: of the orders, (orders,).
+        """
+        matrices = basis(self.pieces, tuple(fractions))[: len(weights)]
+        lap = dc.replace(self, interior=np.zeros_like(self.interior))
+        rows = np.vstack([w * m[:, ORDERS:-ORDERS] for w, m in zip(weights, matrices)])
+        missing = [w * m for w, m in zip(weights, wanted - lap.evaluate(matrices))]
+        return dc.replace(lap, interior=np.linalg.pinv(rows) @ np.concatenate(missing, axis=1))
 
     @property
     def pieces(self) -> int:
@@ -125,7 +137,9 @@ class LapSpline:
         gates, interior = self.gates.copy(), self.interior.copy()
         gates[:, 0, 3] += change * starts
         gates[:, 1, 3] += change
-        interior[..., 3] += change * self.sample_times(_averages(self.pieces)[ORDERS:-ORDERS])
+        # The control points of f(x) = x are averages of knots.
+        averages = sliding_window_view(_knots(self.pieces)[1:-1], DEGREE).mean(axis=1)
+        interior[..., 3] += change * self.sample_times(averages[ORDERS:-ORDERS])
         return dc.replace(self, gates=gates, interior=interior, turn=turn)
 
     def stepped(self, coefficients, durations, turn: float) -> "LapSpline":
@@ -177,14 +191,8 @@ class LapSpline:
         return starts[:, None] + self.durations[:, None] * np.asarray(fractions)
 
 
-def _averages(pieces) -> np.ndarray:
-    """Returns the control points of the function f(x) = x, (pieces + 5,)."""
-    t = _knots(pieces)
-    return np.array([t[i + 1 : i + 1 + DEGREE].mean() for i in range(pieces + DEGREE)])
-
-
 def _knots(pieces) -> np.ndarray:
-    return np.concatenate([np.zeros(DEGREE), np.linspace(0.0, 1.0, pieces + 1), np.ones(DEGREE)])
+    return np.concatenate([np.zeros(DEGREE), np.arange(pieces + 1) / pieces, np.ones(DEGREE)])
 
 
 @functools.lru_cache(maxsize=64)
@@ -200,38 +208,12 @@ def basis(pieces: int, fractions: tuple, orders: int = ORDERS) -> np.ndarray:
         (orders, samples, pieces + 5), from LapSpline.coefficients() to
         derivatives with respect to normalised time.
     """
-    ends = [np.array([_bspline(pieces, (at,), k)[0] for k in range(ORDERS)]) for at in (0.0, 1.0)]
-    count = pieces + DEGREE
-    to_control = np.eye(count)
-    to_control[:ORDERS, :ORDERS] = np.linalg.inv(ends[0][:, :ORDERS])
-    to_control[-ORDERS:, -ORDERS:] = np.linalg.inv(ends[1][:, -ORDERS:])
-    result = np.array([_bspline(pieces, fractions, k) for k in range(orders)]) @ to_control
+    to_control = np.eye(pieces + DEGREE)
+    spline = BSpline(_knots(pieces), to_control, DEGREE)
+    starts, ends = (np.array([spline(x, nu=k) for k in range(ORDERS)]) for x in (0.0, 1.0))
+    to_control = to_control.copy()
+    to_control[:ORDERS, :ORDERS] = np.linalg.inv(starts[:, :ORDERS])
+    to_control[-ORDERS:, -ORDERS:] = np.linalg.inv(ends[:, -ORDERS:])
+    result = np.array([spline(fractions, nu=k) for k in range(orders)]) @ to_control
     result.setflags(write=False)
     return result
-
-
-def _bspline(pieces, fractions, order) -> np.ndarray:
-    """Returns a derivative of the clamped uniform B-spline basis, (samples, pieces + 5).
-
-    De Boor, "A practical guide to splines", chapters IX and X.
-    """
-    t = _knots(pieces)
-    x = np.array(fractions)
-    # Half-open spans; the last one closed.
-    span = np.clip(np.floor(x * pieces + 1e-9).astype(int), 0, pieces - 1) + DEGREE
-    values = (np.arange(len(t) - 1) == span[:, None]).astype(float)
-
-    def over(a, b):
-        return np.divide(a, b, out=np.zeros(np.broadcast_shapes(np.shape(a), b.shape)), where=b > 0)
-
-    for d in range(1, DEGREE - order + 1):
-        count = len(t) - 1 - d
-        left = over(x[:, None] - t[:count], t[d : d + count] - t[:count])
-        right = over(t[d + 1 :] - x[:, None], t[d + 1 :] - t[1 : count + 1])
-        values = left * values[:, :-1] + right * values[:, 1:]
-    for d in range(DEGREE - order + 1, DEGREE + 1):
-        count = len(t) - 1 - d
-        left = over(np.full(count, float(d)), t[d : d + count] - t[:count])
-        right = over(np.full(count, float(d)), t[d + 1 :] - t[1 : count + 1])
-        values = left * values[:, :-1] - right * values[:, 1:]
-    return values

@@ -1,11 +1,10 @@
 """A time-optimal lap as a trajectory in x, y, z and yaw."""
 
-import dataclasses as dc
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
-from airrace.common.immutable import Immutable
 from airrace.trajopt.feasibility import FlightCheck
 from airrace.trajopt.flat_trajectory import piecewise_polynomial
 from airrace.trajopt.flight_limits import FlightLimits
@@ -16,31 +15,21 @@ from airrace.trajopt.time_optimal.lap_spline import DEGREE, LapSpline
 from airrace.trajopt.time_optimal.thrust_axis_angle import yaw_of_attitude
 
 
-@dc.dataclass(frozen=True, eq=False)
-class LapSummary(Immutable):
+class LapSummary(NamedTuple):
     """How a lap was found and what it asks of the vehicle.
 
     Attributes:
-        duration: of the lap (s).
-        bound: of a point mass with the same limits through the same gates, and as far from
-            the pylons (s).
+        bound: lap time of a point mass with the same limits through the same gates, and as far
+            from the pylons (s).
         check: of the lap as planned.
-        max_bearing: see visibility.max_bearing() (rad).
         iterations: of convex programs.
         warm: whether it started from another lap.
     """
 
-    duration: float
     bound: float
     check: FlightCheck
-    max_bearing: float
     iterations: int
     warm: bool
-
-    @property
-    def gap(self) -> float:
-        """How much longer than the bound, as a share of it."""
-        return self.duration / self.bound - 1.0
 
 
 class OptimalCircuit(Circuit):
@@ -51,13 +40,7 @@ class OptimalCircuit(Circuit):
         summary: LapSummary.
     """
 
-    def __init__(
-        self,
-        polynomial: PiecewisePolynomial,
-        headings,
-        spline: LapSpline,
-        summary: LapSummary | None,
-    ):
+    def __init__(self, polynomial, headings, spline: LapSpline, summary: LapSummary):
         """Args: polynomial: of flat_polynomial(). The others: see Circuit and above."""
         breaks = polynomial.get_segment_times()
         gate_times = breaks[:: (len(breaks) - 1) // len(headings)]
@@ -112,6 +95,4 @@ def _yaw(samples: LapSamples) -> np.ndarray:
     z = force / np.linalg.norm(force, axis=0)
     c, s = (f(samples.derivatives[0, ..., 3].ravel()) for f in (np.cos, np.sin))
     x, y = (c * samples.axes[0] + s * samples.axes[1], c * samples.axes[1] - s * samples.axes[0])
-    yaw = yaw_of_attitude((x, y, z), w / units, alpha / units**2)
-    yaw[0] = np.unwrap(yaw[0])
-    return yaw
+    return yaw_of_attitude((x, y, z), w / units, alpha / units**2)

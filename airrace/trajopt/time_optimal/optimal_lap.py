@@ -14,7 +14,6 @@ from airrace.trajopt.time_optimal.lap_search import Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
 from airrace.trajopt.time_optimal.optimal_circuit import LapSummary, OptimalCircuit, flat_polynomial
 from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_lap
-from airrace.trajopt.time_optimal.visibility import max_bearing
 
 _FINE = 120  # samples of each leg in the last check
 _PRECISION = 16, 1e-4  # of the point mass's lap to start from
@@ -82,20 +81,8 @@ def plan_optimal_circuit(
         fine = search.slowed(now, _FINE)
     search.require_clear(now)
     lap, polynomial, check = _finish(fine.lap, search)
-    circuit = OptimalCircuit(polynomial, gates.headings, lap, None)
-    return OptimalCircuit(
-        polynomial,
-        gates.headings,
-        lap,
-        LapSummary(
-            duration=circuit.duration,
-            bound=bound.duration,
-            check=check,
-            max_bearing=max_bearing(circuit, gates),
-            iterations=iterations,
-            warm=warm,
-        ),
-    )
+    summary = LapSummary(bound=bound.duration, check=check, iterations=iterations, warm=warm)
+    return OptimalCircuit(polynomial, gates.headings, lap, summary)
 
 
 def _finish(lap: LapSpline, search: LapSearch):

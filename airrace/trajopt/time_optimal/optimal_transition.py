@@ -1,7 +1,6 @@
 """Time-optimal transitions onto a time-optimal lap: from hover, and from the lap before."""
 
 import dataclasses as dc
-import functools
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from airrace.trajopt.feasibility import check_flight, dense_sample_times, passes
 from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, thrust_vectors
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
-from airrace.trajopt.gate_regions import GateRegions, unwrap_headings
+from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.min_snap.leg import end_constraints
 from airrace.trajopt.min_snap.min_snap import solve_min_snap
@@ -67,28 +66,21 @@ def plan_optimal_transition(
     k = len(durations)
     phase = circuit.gate_times[k - 1]
     goal = circuit.derivatives(phase)
-    passed = _gates_of(gates, start, k)
-    yaws = unwrap_headings([start[0, 3], *gates.headings[: k - 1], goal[0, 3]])
+    yaws = np.unwrap([start[0, 3], *gates.headings[: k - 1], goal[0, 3]])
     limits = constraints.limits
-    ends = [_Attitude.of(state, limits) for state in (start, goal)]
-    turn = ends[1].angle - ends[0].angle
+    # Position, and the angle about the thrust in the place of yaw.
+    ends = [np.column_stack([s[:, :3], _thrust_axis_angle(s, limits)]) for s in (start, goal)]
+    turn = ends[1][0, 3] - ends[0][0, 3]
     turn += 2 * np.pi * np.round((yaws[-1] - yaws[0] - turn) / (2 * np.pi))
-    search = LapSearch(passed, turn, constraints, effort.samples)
+    search = LapSearch(_gates_of(gates, start, k), turn, constraints, effort.samples)
+    durations, times = np.asarray(durations), circuit.gate_times[: k - 1]
     if old is None:
-        points = [circuit.derivatives(t)[0] for t in circuit.gate_times[: k - 1]]
-        paths = [
-            _smoothest(start, points, goal, factor * np.asarray(durations)) for factor in _SLOWER
-        ]
+        points = [start[0], *(circuit.derivatives(t)[0] for t in times), goal[0]]
+        paths = [_smoothest(np.array(points), ends, factor * durations) for factor in _SLOWER]
     else:
-        paths = [
-            (
-                np.asarray(durations),
-                [old, *(functools.partial(_on, circuit, t) for t in circuit.gate_times[: k - 1])],
-            )
-        ]
-    now = min(
-        (search.settled(_guess(*path, start, goal, ends)) for path in paths), key=search.merit
-    )
+        on_lap = [lambda t, begin=begin: circuit.derivatives(begin + t) for begin in times]
+        paths = [(durations, [old, *on_lap])]
+    now = min((search.settled(_guess(*path, ends)) for path in paths), key=search.merit)
     warm = old is not None
     for aim in _AIMS if warm else _COLD_AIMS:
         search.constraints = dc.replace(constraints, limits=limits.scaled(aim))
@@ -108,25 +100,19 @@ def plan_optimal_transition(
     return transition, phase
 
 
-@dc.dataclass(frozen=True)
-class _Attitude:
-    """The angle about the thrust axis, from the least rotation's axes (rad), and derivatives."""
+def _thrust_axis_angle(state, limits: FlightLimits) -> np.ndarray:
+    """Returns the angle about the thrust from the least rotation's axes, and derivatives, (5,).
 
-    angle: float
-    rate: float
-    acceleration: float
-
-    @classmethod
-    def of(cls, state, limits: FlightLimits):
-        """Args: state: value and derivatives, (5, 4). limits: for vehicle and drag."""
-        flat = flat_outputs(state)
-        *force, _ = thrust_vectors(flat, limits.vehicle, GRAVITY, limits.drag)
-        *_, yaw, rate, acceleration = as_reference(flat)
-        axes, w, alpha = attitude_from_force(
-            *force, heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
-        )
-        e1, e2 = least_rotation_axes(axes[2])
-        return cls(float(np.arctan2(axes[0] @ e2, axes[0] @ e1)), float(w[2]), float(alpha[2]))
+    Args: state: value and derivatives, (5, 4). limits: for vehicle and drag.
+    """
+    flat = flat_outputs(state)
+    *force, _ = thrust_vectors(flat, limits.vehicle, GRAVITY, limits.drag)
+    *_, yaw, rate, acceleration = as_reference(flat)
+    axes, w, alpha = attitude_from_force(
+        *force, heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
+    )
+    e1, e2 = least_rotation_axes(axes[2])
+    return np.array([np.arctan2(axes[0] @ e2, axes[0] @ e1), w[2], alpha[2], 0.0, 0.0])
 
 
 def _gates_of(gates: GateRegions, start, k: int) -> GateRegions:
@@ -140,61 +126,42 @@ def _gates_of(gates: GateRegions, start, k: int) -> GateRegions:
     )
 
 
-def _on(circuit: Circuit, start, time):
-    """Returns what a circuit's derivatives are a time after a start."""
-    return circuit.derivatives(start + time)
-
-
-def _smoothest(start, points, goal, durations):
-    """Returns durations and legs, see _guess(), of the smoothest path in some time."""
+def _smoothest(points, ends, durations):
+    """Returns durations and legs, see _guess(), of the smoothest path through points."""
     durations = np.maximum(durations, _LEAST_DURATION)
-    knots = np.array([start[0], *points, goal[0]])[:, :3]
-    path = solve_min_snap(
-        knots, durations, constraints=end_constraints(start[:, :3], goal[:, :3], (1, 2, 3, 4))
-    )
+    constraints = end_constraints(*(end[:, :3] for end in ends), (1, 2, 3, 4))
+    path = solve_min_snap(points[:, :3], durations, constraints=constraints)
     orders = [path.derivative(order) for order in range(ORDERS)]
 
-    def leg(begin, time):
-        return np.hstack([order.value(begin + time) for order in orders]).T
+    def leg(begin):
+        return lambda t: np.hstack([order.value(begin + t) for order in orders]).T
 
-    return durations, [functools.partial(leg, t) for t in path.get_segment_times()[:-1]]
+    return durations, [leg(begin) for begin in path.get_segment_times()[:-1]]
 
 
-def _guess(durations, legs, start, goal, ends) -> LapSpline:
+def _guess(durations, legs, ends) -> LapSpline:
     """Returns a path as a spline.
 
     Args:
         durations: of its legs (s).
         legs: from the time since each began to position and four derivatives, (5, 3 or 4).
-        start, goal, ends: where it begins and ends.
+        ends: value and four derivatives of position and thrust-axis angle, (5, 4) each.
     """
-    breaks = np.cumsum([0.0, *durations])
-    gates = np.zeros((len(breaks), ORDERS, 4))
-    for i, leg in enumerate(legs):
-        gates[i, :, :3] = leg(0.0)[:, :3]
-    gates[0, :, :3], gates[-1, :, :3] = start[:, :3], goal[:, :3]
-    for i, end in zip((0, -1), ends):
-        gates[i, :3, 3] = 0.0, end.rate, end.acceleration
-    gates[0, 0, 3] = ends[0].angle
-    # Angles between are those of an even turn, until the first step.
-    share = (breaks / breaks[-1])[1:-1]
-    gates[1:-1, 0, 3] = ends[0].angle + share * (ends[1].angle - ends[0].angle)
-    lap = LapSpline(
-        gates,
-        np.zeros((len(durations), PIECES - ORDERS, 4)),
-        durations,
-        ends[1].angle - ends[0].angle,
-    )
     fractions = np.linspace(0.0, 1.0, _FIT_SAMPLES)
-    matrices = basis(PIECES, tuple(fractions))
-    left = lap.evaluate(matrices)
-    interior = lap.interior.copy()
-    columns = np.vstack([matrices[order][:, ORDERS:-ORDERS] for order in (0, 1)])
-    for i, (leg, T) in enumerate(zip(legs, durations)):
-        samples = np.array([leg(T * fraction)[:2, :3] for fraction in fractions])
-        wanted = [T**order * samples[:, order] - left[order, i, :, :3] for order in (0, 1)]
-        interior[i, :, :3] = np.linalg.lstsq(columns, np.vstack(wanted), rcond=None)[0]
-    return dc.replace(lap, interior=interior)
+    samples = np.array([[leg(T * x)[:2, :3] for x in fractions] for leg, T in zip(legs, durations)])
+    gates = np.zeros((len(legs) + 1, ORDERS, 4))
+    gates[0], gates[-1] = ends
+    for gate, leg in zip(gates[1:-1], legs[1:]):
+        gate[:, :3] = leg(0.0)[:, :3]
+    # Angles between are those of an even turn, until the first step.
+    breaks = np.cumsum([0.0, *durations])
+    turn = ends[1][0, 3] - ends[0][0, 3]
+    gates[1:-1, 0, 3] = ends[0][0, 3] + (breaks / breaks[-1])[1:-1] * turn
+    lap = LapSpline(gates, np.zeros((len(legs), PIECES - ORDERS, 4)), durations, turn)
+    wanted = lap.evaluate(basis(PIECES, tuple(fractions))[:2])
+    for order in (0, 1):
+        wanted[order, ..., :3] = durations[:, None, None] ** order * samples[:, :, order]
+    return lap.fitted(wanted, fractions, (1.0, 1.0))
 
 
 def _finished(now: LapSamples, search: LapSearch, limits: FlightLimits, goal):

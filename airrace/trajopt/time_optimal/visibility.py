@@ -2,27 +2,12 @@
 
 import numpy as np
 
-from airrace.math.angles import wrap_angle
-from airrace.trajopt.feasibility import dense_sample_times
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap.circuit import Circuit
-from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_samples import LapSamples
 from airrace.trajopt.time_optimal.lap_step import LapStep
 
 LEAST_RANGE = 8.0  # m, to a gate: nearer, its pylons leave the picture
 _STEP = 1e-30  # of complex-step derivatives
-
-
-def max_bearing(lap: Circuit, gates: GateRegions) -> float:
-    """Returns the largest bearing of the next gate off the heading, while it is far (rad)."""
-    times = dense_sample_times(lap)
-    r = as_reference(lap.sample(times))
-    following = np.searchsorted(lap.gate_times, times, side="right") % len(gates.midpoints)
-    to_gate = gates.midpoints[following].T[:2] - r.position[:2]
-    off = np.arctan2(to_gate[1], to_gate[0]) - r.yaw
-    off = np.abs(wrap_angle(off))
-    return float(off[np.linalg.norm(to_gate, axis=0) > LEAST_RANGE].max(initial=0.0))
 
 
 def angle_bounds(samples: LapSamples, gates: GateRegions, half_view: float):

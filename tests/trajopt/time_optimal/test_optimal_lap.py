@@ -7,7 +7,6 @@ import time
 import numpy as np
 import pytest
 
-from airrace.math.angles import wrap_angle
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import MIN_HEIGHT, pylon_distances
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
@@ -16,10 +15,9 @@ from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
-from airrace.trajopt.time_optimal.visibility import LEAST_RANGE
 from airrace.vehicle import load_vehicle
 from tests.worlds.reference_laps import CLEARANCE, LIMITS, load_course, regions
-from tests.worlds.rotor_check import rotor_shares
+from tests.worlds.rotor_check import greatest_bearing, rotor_shares
 
 VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}
 MIDPOINTS, HEADINGS, PYLONS = load_course()
@@ -81,17 +79,6 @@ def assert_raceable(lap, midpoints, headings, limits=None, drone="Default", half
     assert np.all(np.sum(v * forward, axis=1) > 0.49 * np.linalg.norm(v, axis=1))
 
 
-def off_axis(lap, midpoints):
-    """Returns the greatest bearing of the next gate off the heading (rad)."""
-    times = np.arange(0.0, lap.duration, 1e-3)
-    samples = lap.sample(times)
-    following = np.searchsorted(lap.gate_times, times, side="right") % len(midpoints)
-    to_gate = midpoints[following].T[:2] - samples[:2]
-    off = np.arctan2(to_gate[1], to_gate[0]) - as_reference(samples).yaw
-    off = np.abs(wrap_angle(off))
-    return off[np.linalg.norm(to_gate, axis=0) > LEAST_RANGE].max()
-
-
 @pytest.mark.parametrize(
     "limits, kind, longest",
     [("original", "balls", 21.0), ("original", "windows", 19.3), ("rotor", "windows", 10.0)],
@@ -99,8 +86,8 @@ def off_axis(lap, midpoints):
 def test_the_reference_track(limits, kind, longest):
     lap = reference(limits, kind)
     assert lap.summary.bound < lap.duration < longest
-    assert lap.summary.gap < 0.015
-    assert off_axis(lap, MIDPOINTS) < np.deg2rad(40.5)
+    assert lap.duration < 1.015 * lap.summary.bound
+    assert greatest_bearing(lap, MIDPOINTS) < np.deg2rad(40.5)
     if kind == "balls":
         crossing = lap.sample(lap.gate_times[:-1])[:3].T
         assert np.linalg.norm(crossing - MIDPOINTS, axis=1).max() < 0.4 + 1e-3
@@ -116,12 +103,10 @@ def test_the_report_says_what_is_so():
     assert min(check.min_thrusts) / 8.5 == pytest.approx(least, abs=0.005)
     speed = np.linalg.norm(as_reference(samples).velocity, axis=0).max()
     assert check.max_speed == pytest.approx(speed, rel=1e-4)
-    assert lap.summary.max_bearing == pytest.approx(off_axis(lap, MIDPOINTS), abs=0.01)
     assert check.clearance == pytest.approx(pylon_distances(samples, PYLONS).min(), abs=1e-3)
     assert check.active_limits == ("thrust",) and -1e-3 < check.excess <= 0.0
     assert reference("original").summary.check.active_limits == ("speed", "acceleration")
-    assert lap.summary.duration == lap.duration and 0 < lap.summary.iterations
-    assert not lap.summary.warm
+    assert 0 < lap.summary.iterations and not lap.summary.warm
 
 
 def test_it_is_faster_than_minimum_snap():
@@ -134,7 +119,7 @@ def test_it_is_faster_than_minimum_snap():
 def test_a_small_track(drone):
     lap = small(drone)
     assert_raceable(lap, *square(), drone=drone)
-    assert off_axis(lap, square()[0]) < np.deg2rad(40.5)
+    assert greatest_bearing(lap, square()[0]) < np.deg2rad(40.5)
     assert lap.summary.check.active_limits == ("thrust",)
 
 

@@ -6,7 +6,13 @@ import numpy as np
 
 from airrace.track import Track, load_track
 from airrace.track.generator import generate_track
+from airrace.trajopt.flight_limits import FlightConstraints
 from airrace.trajopt.gate_regions import GateRegions
+from airrace.trajopt.time_optimal.point_mass import (
+    PointMassBound,
+    PointMassLimits,
+    point_mass_bound,
+)
 
 ORIGINAL = {"max_speed": 20.0, "max_acceleration": 10.0}  # m/s, m/s^2
 LIMITS = {"original": ORIGINAL, "rotor": {}}
@@ -19,7 +25,7 @@ class PointMassCase(NamedTuple):
 
     Attributes:
         name: of the limits.
-        limits: options of point_mass_bound().
+        limits: those of PointMassLimits.
         midpoints, windows: lap times through those (s).
     """
 
@@ -75,3 +81,8 @@ def regions(kind: str, midpoints, headings, window=WINDOW) -> GateRegions:
     if kind == "windows":
         return GateRegions.windows(midpoints, headings, *window)
     return GateRegions.balls(midpoints, headings, BALL if kind == "balls" else 0.0)
+
+
+def exact_bound(gates, limits: PointMassLimits, pylons=(), clearance=0.0) -> PointMassBound:
+    """Returns the lap of a point mass, more exactly than planners need it."""
+    return point_mass_bound(gates, FlightConstraints(pylons, clearance, limits), 32, 1e-4)

@@ -14,7 +14,7 @@ from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import Circuit
-from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_lap
+from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_bound
 from airrace.vehicle import Vehicle
 
 _SLACK = 0.05  # m, by which an old lap may miss what is asked of a new one
@@ -117,7 +117,7 @@ class Laps(abc.ABC):
 
     @functools.cached_property
     def _point_mass_lap(self) -> PointMassBound:
-        return point_mass_lap(self._gates, self.constraints)
+        return point_mass_bound(self._gates, self.constraints)
 
     def fits(self, circuit: Circuit) -> bool:
         """Whether a lap leads through the gates, and clear of pylons, as they are known now."""

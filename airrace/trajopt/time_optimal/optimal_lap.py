@@ -13,10 +13,10 @@ from airrace.trajopt.time_optimal.lap_guess import first_lap, moved_lap, refined
 from airrace.trajopt.time_optimal.lap_search import Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
 from airrace.trajopt.time_optimal.optimal_circuit import LapSummary, OptimalCircuit, flat_polynomial
-from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_lap
+from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_bound
 
 _FINE = 120  # samples of each leg in the last check
-_PRECISION = 16, 1e-4  # of the point mass's lap to start from
+_PRECISION = dict(intervals=16, tolerance=1e-4)  # of the point mass's lap to start from
 _POOR = 1.015  # times the bound: a slower lap is improved with finer splines
 _FINER_PIECES, _FINER = 8, Effort(iterations=10, tolerance=2e-4, samples=40)
 _MOST_HELPFUL = 1.5  # times the bound: a slower lap is none to start from
@@ -63,8 +63,8 @@ def plan_optimal_circuit(
         with contextlib.suppress(TrajectoryOptimizationError):
             now = moved_lap(previous.spline, gates, search.grid, constraints.limits)
     if bound is None or now is None:
-        precision = _PRECISION if now is None else ()
-        bound = point_mass_lap(gates, constraints, *precision)
+        precision = _PRECISION if now is None else {}
+        bound = point_mass_bound(gates, constraints, **precision)
     warm = now is not None and now.lap.duration < _MOST_HELPFUL * bound.duration
     effort = effort or (Effort.in_flight() if warm else Effort())
     if not warm:

@@ -30,14 +30,12 @@ class PointMassBound:
         velocities: evenly in time over each leg, both ends included, (n,
             intervals + 1, 3) m/s.
         positions: at the gates, (n, 3) m.
-        iterations: of the solver.
     """
 
     duration: float
     durations: np.ndarray
     velocities: np.ndarray
     positions: np.ndarray
-    iterations: int
 
 
 class PointMassLimits(NamedTuple):
@@ -53,32 +51,8 @@ class PointMassLimits(NamedTuple):
     max_specific_force: float = np.inf
 
 
-def point_mass_lap(
-    gates: GateRegions, constraints: FlightConstraints, intervals: int = 8, tolerance: float = 1e-3
-) -> PointMassBound:
-    """Returns the quickest lap of a point mass within the constraints of a flight.
-
-    Args: see point_mass_bound().
-    """
-    limits = constraints.limits
-    return point_mass_bound(
-        gates,
-        PointMassLimits(limits.max_speed, limits.max_acceleration, limits.max_specific_force),
-        constraints.pylons,
-        constraints.clearance,
-        intervals=intervals,
-        tolerance=tolerance,
-    )
-
-
 def point_mass_bound(
-    gates: GateRegions,
-    limits: PointMassLimits,
-    pylons=(),
-    clearance=0.0,
-    *,
-    intervals: int = 32,
-    tolerance: float = 1e-4,
+    gates: GateRegions, constraints: FlightConstraints, intervals: int = 8, tolerance: float = 1e-3
 ) -> PointMassBound:
     """Returns the quickest periodic lap of a point mass without drag.
 
@@ -93,15 +67,16 @@ def point_mass_bound(
 
     Args:
         gates: to pass.
-        limits: to keep.
-        pylons: axes to keep clear of, [x, y], (m, 2) m. clearance: from those, a number
-            or (m,) m.
+        constraints: to keep; of their limits those that PointMassLimits has.
         intervals: of constant acceleration, a leg.
         tolerance: where to stop: relative change of the lap time.
 
     Raises:
         TrajectoryOptimizationError: if there is no such lap, or no limit.
     """
+    limits = PointMassLimits(
+        *(getattr(constraints.limits, name) for name in PointMassLimits._fields)
+    )
     if np.isinf(limits.max_acceleration) and np.isinf(limits.max_specific_force):
         raise TrajectoryOptimizationError(
             "Without a limit of acceleration or thrust, there is no quickest lap."
@@ -122,9 +97,9 @@ def point_mass_bound(
     V *= speed / np.maximum(np.linalg.norm(V, axis=1, keepdims=True), 0.1)
 
     problem = _Problem(gates, intervals, limits)
-    near = _Pylons(np.reshape(pylons, (-1, 2)), clearance, intervals)
+    near = _Pylons(constraints, intervals)
     trust, merit, best = _TRUST, np.inf, None
-    for iteration in range(1, _ITERATIONS + 1):
+    for _ in range(_ITERATIONS):
         found = problem.solve(T, V, trust, speed, near, best)
         if found is None:
             if trust > 4.0:
@@ -132,38 +107,34 @@ def point_mass_bound(
             trust *= 2.0
             continue
         new_T, new_V, P, w = found
+        lap_time, lack = new_T.sum(), _NEARNESS_MERIT * near.lack(w, P)
         # How far both legs at a gate disagree on its velocity.
-        mismatch = np.linalg.norm(
-            w[:, [0, -1]]
-            - new_T[:, None, None] * np.stack([new_V, np.roll(new_V, -1, axis=0)], axis=1),
-            axis=2,
-        )
-        new_merit = new_T.sum() + _MISMATCH_COST * np.sum(mismatch / new_T[:, None]) / speed
-        if best is None:  # it did not know of the pylons yet
-            T, V, best = new_T, new_V, (w, P)
-            merit = new_merit + _NEARNESS_MERIT * near.lack(w, P)
-            continue
-        new_merit += _NEARNESS_MERIT * near.lack(w, P)
-        if new_merit > merit * (1.0 + 1e-9):
+        v_ends = np.stack([new_V, np.roll(new_V, -1, axis=0)], axis=1)
+        mismatch = np.linalg.norm(w[:, [0, -1]] - new_T[:, None, None] * v_ends, axis=2)
+        new_merit = lap_time + _MISMATCH_COST * np.sum(mismatch / new_T[:, None]) / speed + lack
+        # The first solution did not know of the pylons yet.
+        first = best is None
+        if not first and new_merit > merit * (1.0 + 1e-9):
             trust /= 3.0
             if trust < 1e-4:
                 break
             continue
-        done = merit - new_merit < tolerance * new_merit
+        done = not first and merit - new_merit < tolerance * new_merit
         T, V, merit, best = new_T, new_V, new_merit, (w, P)
         if done:
             break
     if not np.isfinite(merit):
         raise TrajectoryOptimizationError("No lap of a point mass is within the limits.")
     w, P = best
-    return PointMassBound(float(T.sum()), T, w / T[:, None, None], P, iteration)
+    return PointMassBound(float(T.sum()), T, w / T[:, None, None], P)
 
 
 class _Pylons:
     """What a lap has to keep clear of."""
 
-    def __init__(self, axes, clearance, intervals):
-        self._axes, self._clearance = axes, clearance
+    def __init__(self, constraints: FlightConstraints, intervals: int):
+        self._axes = np.reshape(constraints.pylons, (-1, 2))
+        self._clearance = np.broadcast_to(constraints.clearance, len(self._axes))
         # From w, linear over each interval, to the path flown: integrals of hat functions.
         x = np.arange(1, _SAMPLES * intervals) / _SAMPLES
         u = np.clip(x[:, None] - np.arange(intervals + 1) + 1.0, 0.0, 2.0)
@@ -193,16 +164,9 @@ class _Pylons:
                 continue
             normal = away[leg, which, pylon] / distance[leg, which, pylon][:, None]
             along = self._integrals[which]
-            least = np.broadcast_to(self._clearance, len(self._axes))[pylon] + np.sum(
-                normal * self._axes[pylon], axis=1
-            )
-            yield (
-                leg,
-                np.hstack(
-                    [normal, normal[:, :1] * along, normal[:, 1:] * along, np.ones((len(which), 1))]
-                ),
-                least,
-            )
+            blocks = normal, normal[:, :1] * along, normal[:, 1:] * along, np.ones((len(which), 1))
+            least = self._clearance[pylon] + np.sum(normal * self._axes[pylon], axis=1)
+            yield leg, np.hstack(blocks), least
 
 
 class _Problem:
@@ -227,19 +191,15 @@ class _Problem:
             gates.constrain(program, i, self._P[i], np.zeros(3))
             w, T, s = self._w[i], self._T[i], self._s[i]
             for j in range(3):
-                program.AddLinearEqualityConstraint(
-                    np.array([[*weights, 1.0, -1.0]]),
-                    np.zeros(1),
-                    [*w[:, j], self._P[i, j], self._P[(i + 1) % n, j]],
-                )
+                places = self._P[i, j], self._P[(i + 1) % n, j]
+                row = np.array([[*weights, 1.0, -1.0]])
+                program.AddLinearEqualityConstraint(row, np.zeros(1), [*w[:, j], *places])
             if np.isfinite(limits.max_speed):
                 A = np.diag([limits.max_speed, 1.0, 1.0, 1.0])
                 for k in range(N + 1):
                     program.AddLorentzConeConstraint(A, np.zeros(4), [T, *w[k]])
-            for limit, gravity in (
-                (limits.max_acceleration, 0.0),
-                (limits.max_specific_force, GRAVITY),
-            ):
+            _, *forces = limits
+            for limit, gravity in zip(forces, (0.0, GRAVITY)):
                 if np.isfinite(limit):
                     A = np.zeros((4, 7))
                     A[0, 0], A[3, 0] = limit, gravity
@@ -258,43 +218,25 @@ class _Problem:
             program.RemoveConstraint(binding)
         add = []
         for i in range(n):
-            add.append(
-                program.AddLinearConstraint(
-                    np.array([[1.0, -2.0 * T[i]]]),
-                    [-np.inf],
-                    [-(T[i] ** 2)],
-                    [self._s[i], self._T[i]],
-                )
+            at_most = program.AddLinearConstraint(
+                np.array([[1.0, -2.0 * T[i]]]), [-np.inf], [-(T[i] ** 2)], [self._s[i], self._T[i]]
             )
+            add.append(at_most)
             for k, g in ((0, i), (-1, (i + 1) % n)):
                 A = np.hstack([np.eye(3), -T[i] * np.eye(3), -V[g][:, None]])
-                add.append(
-                    program.AddLinearEqualityConstraint(
-                        A, -T[i] * V[g], [*self._w[i, k], *self._V[g], self._T[i]]
-                    )
-                )
-        add.append(
-            program.AddBoundingBoxConstraint(T * (1 - min(trust, 0.9)), T * (1 + trust), self._T)
-        )
+                variables = [*self._w[i, k], *self._V[g], self._T[i]]
+                add.append(program.AddLinearEqualityConstraint(A, -T[i] * V[g], variables))
+        low, high = T * (1 - min(trust, 0.9)), T * (1 + trust)
+        add.append(program.AddBoundingBoxConstraint(low, high, self._T))
         add.append(program.AddBoundingBoxConstraint(V - trust * speed, V + trust * speed, self._V))
         for leg, rows, least in near.rows(*last) if last is not None else ():
-            variables = [
-                *self._P[leg, :2],
-                *self._w[leg, :, 0],
-                *self._w[leg, :, 1],
-                self._slack[leg],
-            ]
-            add.append(
-                program.AddLinearConstraint(rows, least, np.full(len(least), np.inf), variables)
-            )
+            w = self._w[leg]
+            variables = [*self._P[leg, :2], *w[:, 0], *w[:, 1], self._slack[leg]]
+            most = np.full(len(least), np.inf)
+            add.append(program.AddLinearConstraint(rows, least, most, variables))
         self._linearized = add
         result = solve_cones(program)
         if not result.is_success():
             return None
-        get = result.GetSolution
-        return (
-            get(self._T),
-            get(self._V),
-            get(self._P),
-            get(self._w.reshape(-1, 3)).reshape(self._w.shape),
-        )
+        w = result.GetSolution(self._w.reshape(-1, 3)).reshape(self._w.shape)
+        return *(result.GetSolution(each) for each in (self._T, self._V, self._P)), w

@@ -5,8 +5,8 @@ import pytest
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.time_optimal.point_mass import PointMassLimits, point_mass_bound
-from tests.worlds.reference_laps import POINT_MASS_CASES, load_course, regions
+from airrace.trajopt.time_optimal.point_mass import PointMassLimits
+from tests.worlds.reference_laps import POINT_MASS_CASES, exact_bound, load_course, regions
 
 MIDPOINTS, HEADINGS, _ = load_course()
 
@@ -14,9 +14,7 @@ MIDPOINTS, HEADINGS, _ = load_course()
 @pytest.mark.parametrize("case", POINT_MASS_CASES, ids=lambda case: case.name)
 def test_the_reference_track(case):
     for kind in ("midpoints", "windows"):
-        found = point_mass_bound(
-            regions(kind, MIDPOINTS, HEADINGS), PointMassLimits(**case.limits), intervals=24
-        )
+        found = exact_bound(regions(kind, MIDPOINTS, HEADINGS), PointMassLimits(**case.limits))
         assert found.duration == pytest.approx(getattr(case, kind), rel=2e-3)
 
 
@@ -27,18 +25,18 @@ def circle(n=16, radius=30.0):
 
 
 def test_a_circle_takes_its_centripetal_acceleration():
-    found = point_mass_bound(circle(), PointMassLimits(max_acceleration=10.0))
+    found = exact_bound(circle(), PointMassLimits(max_acceleration=10.0))
     assert found.duration == pytest.approx(2 * np.pi * np.sqrt(30.0 / 10.0), rel=0.01)
 
 
 def test_a_circle_with_little_speed_takes_its_length():
-    found = point_mass_bound(circle(), PointMassLimits(3.0, 50.0))
+    found = exact_bound(circle(), PointMassLimits(3.0, 50.0))
     assert found.duration == pytest.approx(2 * 16 * 30.0 * np.sin(np.pi / 16) / 3.0, rel=0.02)
 
 
 def test_it_keeps_its_limits_and_its_gates():
     gates = regions("windows", MIDPOINTS, HEADINGS)
-    found = point_mass_bound(gates, PointMassLimits(20.0, 10.0))
+    found = exact_bound(gates, PointMassLimits(20.0, 10.0))
     assert np.linalg.norm(found.velocities, axis=2).max() <= 20.0 * (1 + 1e-6)
     step = found.durations[:, None, None] / (found.velocities.shape[1] - 1)
     acceleration = np.diff(found.velocities, axis=1) / step
@@ -57,7 +55,7 @@ def test_it_keeps_its_limits_and_its_gates():
 
 def test_more_room_and_higher_limits_never_cost_time():
     durations = [
-        point_mass_bound(regions(kind, MIDPOINTS, HEADINGS), PointMassLimits(20.0, a)).duration
+        exact_bound(regions(kind, MIDPOINTS, HEADINGS), PointMassLimits(20.0, a)).duration
         for kind, a in (("midpoints", 10.0), ("balls", 10.0), ("windows", 10.0), ("windows", 15.0))
     ]
     assert np.all(np.diff(durations) < 0.0)
@@ -76,16 +74,16 @@ def test_more_room_and_higher_limits_never_cost_time():
 )
 def test_impossible_limits_are_refused(limits):
     with pytest.raises(TrajectoryOptimizationError):
-        point_mass_bound(circle(), PointMassLimits(**limits))
+        exact_bound(circle(), PointMassLimits(**limits))
 
 
 def test_pylons_in_the_way_cost_time_and_are_kept_off():
     """Between two gates 40 m apart, one pylon stands on the straight line."""
     gates = GateRegions.balls([[0, 0, 5], [40, 0, 5]], [0.0, np.pi], 0.0)
     limits = PointMassLimits(20.0, 10.0)
-    free = point_mass_bound(gates, limits)
+    free = exact_bound(gates, limits)
     for clearance in (1.0, 3.0):
-        bound = point_mass_bound(gates, limits, [[20.0, 0.3]], clearance)
+        bound = exact_bound(gates, limits, [[20.0, 0.3]], clearance)
         assert bound.duration > free.duration
         T, v = bound.durations, bound.velocities
         # Positions from velocities that are linear in between.
@@ -95,5 +93,5 @@ def test_pylons_in_the_way_cost_time_and_are_kept_off():
             places = bound.positions[leg] + path
             assert np.linalg.norm(places[:, :2] - [20.0, 0.3], axis=1).min() > clearance - 0.05
     # Those elsewhere cost nothing.
-    aside = point_mass_bound(gates, limits, [[20.0, 60.0]], 3.0)
+    aside = exact_bound(gates, limits, [[20.0, 60.0]], 3.0)
     assert aside.duration == pytest.approx(free.duration, rel=1e-4)

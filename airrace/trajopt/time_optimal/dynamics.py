@@ -5,7 +5,7 @@ velocities by T: so both are functions of the derivatives with respect to s, and
 gravity and drag come in.
 """
 
-import dataclasses as dc
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,31 +59,37 @@ def angle_dynamics(flat, units, axes, limits: FlightLimits):
     return limits.from_wrench @ wrench, force, w, alpha
 
 
-@dc.dataclass(frozen=True, eq=False)
-class LinearDynamics:
-    """Inverse dynamics of samples in normalised time, and their gradients.
-
-    With T the duration of the leg of a sample:
+class Linear(NamedTuple):
+    """Quantities of samples in normalised time, and their gradients.
 
     Attributes:
-        force: T^2 times the specific force that the thrust makes, (3, N).
-        rest: T^2 times the thrust of every rotor without its share of the thrust
-            that balances this force, (rotors, N).
-        rate: T times the amount of the angular velocity, (1, N).
-        d_force, d_rest, d_rate: by derivatives with respect to normalised time,
-            (rows, N, 5, 4).
-        force_by_T, rest_by_T, rate_by_T: by T, (rows, N).
+        values: (rows, N).
+        gradients: by derivatives with respect to normalised time, (rows, N, 5, 4).
+        by_T: by the duration of the sample's leg, (rows, N).
     """
 
-    force: np.ndarray
-    rest: np.ndarray
-    rate: np.ndarray
-    d_force: np.ndarray
-    d_rest: np.ndarray
-    d_rate: np.ndarray
-    force_by_T: np.ndarray
-    rest_by_T: np.ndarray
-    rate_by_T: np.ndarray
+    values: np.ndarray
+    gradients: np.ndarray
+    by_T: np.ndarray
+
+    def of(self, samples) -> "Linear":
+        """Returns those of some samples."""
+        return Linear(*(each[:, samples] for each in self))
+
+
+class LinearDynamics(NamedTuple):
+    """Inverse dynamics of samples, with T the duration of the leg of a sample.
+
+    Attributes:
+        force: T^2 times the specific force that the thrust makes, 3 rows.
+        rest: T^2 times the thrust of every rotor without its share of the thrust
+            that balances this force, a row each.
+        rate: T times the amount of the angular velocity, 1 row.
+    """
+
+    force: Linear
+    rest: Linear
+    rate: Linear
 
     @classmethod
     def linearize(cls, samples) -> "LinearDynamics":
@@ -97,13 +103,11 @@ class LinearDynamics:
             rest = thrusts - share * np.sqrt(np.sum(force * force, axis=0))
             return force, rest, np.sqrt(np.sum(w * w, axis=0) + 1e-12)[None]
 
-        found = complex_step_gradients(quantities, samples.flat, samples.units, _INPUTS)
-        values, gradients, by_T = zip(*found)
-        return cls(*values, *gradients, *by_T)
+        return cls(*complex_step_gradients(quantities, samples.flat, samples.units, _INPUTS))
 
 
-def complex_step_gradients(function, flat, units, inputs):
-    """Returns values and gradients of functions of samples.
+def complex_step_gradients(function, flat, units, inputs) -> list[Linear]:
+    """Returns every array that a function of samples makes, with its gradients.
 
     No digits cancel: Squire and Trapp, "Using complex variables to estimate derivatives of real
     functions" (SIAM Review 1998).
@@ -114,10 +118,6 @@ def complex_step_gradients(function, flat, units, inputs):
         flat: samples, References as vectors in normalised time, (18, N).
         units: of time (s), (N,).
         inputs: which derivatives of flat it depends on, as (derivative, dimension).
-
-    Returns:
-        of every array of the function: (values, gradients, by_T), (rows, N), (rows, N, 5, 4) by
-        derivatives in normalised time, and (rows, N) by the units.
     """
     copies = np.repeat(flat[:, None], len(inputs) + 1, axis=1).astype(complex)
     T = np.repeat(units[None], len(inputs) + 1, axis=0).astype(complex)
@@ -130,5 +130,5 @@ def complex_step_gradients(function, flat, units, inputs):
         gradients = np.zeros((len(x), len(units), 5, 4))
         for i, (k, d) in enumerate(inputs):
             gradients[:, :, k, d] = x[:, i].imag / _STEP
-        result.append((x[:, -1].real, gradients, x[:, -1].imag / _STEP))
+        result.append(Linear(x[:, -1].real, gradients, x[:, -1].imag / _STEP))
     return result

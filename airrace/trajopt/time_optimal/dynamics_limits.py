@@ -19,24 +19,17 @@ def limit_dynamics(step: LapStep, band: float) -> None:
         _cones(step, leg, 1, limits.max_speed, 1.0 - band)
         _cones(step, leg, 2, limits.max_acceleration, 1.0 - band)
         _rotors(step, leg, band)
-        lift = dynamics.force[2, here]
-        which = np.flatnonzero(lift < (1.0 + 2.0 * band) * limits.min_lift * T**2)
-        rows = step.rows(
-            leg,
-            which,
-            dynamics.d_force[2, here][which],
-            dynamics.force_by_T[2, here][which] - 2.0 * T * limits.min_lift,
-        )
-        step.at_most(leg, -rows, lift[which] - limits.min_lift * T**2, limit=GRAVITY * T**2)
-        rate = dynamics.rate[0, here]
-        which = np.flatnonzero(rate > (1.0 - band) * limits.max_rate * T)
-        rows = step.rows(
-            leg,
-            which,
-            dynamics.d_rate[0, here][which],
-            dynamics.rate_by_T[0, here][which] - limits.max_rate,
-        )
-        step.at_most(leg, rows, limits.max_rate * T - rate[which], limit=limits.max_rate * T)
+        lift, d_lift, lift_by_T = (each[2] for each in dynamics.force.of(here))
+        least = limits.min_lift * T**2
+        which = np.flatnonzero(lift < (1.0 + 2.0 * band) * least)
+        by_T = lift_by_T[which] - 2.0 * T * limits.min_lift
+        rows = step.rows(leg, which, d_lift[which], by_T)
+        step.at_most(leg, -rows, lift[which] - least, limit=GRAVITY * T**2)
+        rate, d_rate, rate_by_T = (each[0] for each in dynamics.rate.of(here))
+        most = limits.max_rate * T
+        which = np.flatnonzero(rate > (1.0 - band) * most)
+        rows = step.rows(leg, which, d_rate[which], rate_by_T[which] - limits.max_rate)
+        step.at_most(leg, rows, most - rate[which], limit=most)
 
 
 def _cones(step, leg, order, limit, near):
@@ -63,20 +56,17 @@ def _rotors(step, leg, band):
     A rotor's thrust is a share of the norm of the force, which is convex and is
     kept as such in the upper limit, and a rest, which is linearised.
     """
-    T, here, dynamics = step.lap.durations[leg], step.of(leg), step.dynamics
-    vehicle, most = step.samples.limits.vehicle, step.samples.limits.max_thrusts
-    share = step.samples.limits.from_wrench[:, 0] * vehicle.mass
-    force, rest = dynamics.force[:, here], dynamics.rest[:, here]
-    d_force, d_rest = dynamics.d_force[:, here], dynamics.d_rest[:, here]
-    force_by_T, rest_by_T = dynamics.force_by_T[:, here], dynamics.rest_by_T[:, here]
+    T, limits = step.lap.durations[leg], step.samples.limits
+    least, most = (T**2 * limit for limit in (limits.min_thrusts, limits.max_thrusts))
+    share = limits.from_wrench[:, 0] * limits.vehicle.mass
+    force, d_force, force_by_T = step.dynamics.force.of(step.of(leg))
+    rest, d_rest, rest_by_T = step.dynamics.rest.of(step.of(leg))
     amount = np.linalg.norm(force, axis=0)
     thrust = share[:, None] * amount + rest
-    high = thrust > (1.0 - band) * most[:, None] * T**2
-    least = step.samples.limits.min_thrusts
-    low = thrust < (least + band / 2.0 * most)[:, None] * T**2
 
-    which = np.flatnonzero(high.any(axis=0))
-    if len(which):
+    rotor, sample = np.nonzero(thrust > (1.0 - band) * most[:, None])
+    if len(sample):
+        which, k = np.unique(sample, return_inverse=True)
         norms = step.program.NewContinuousVariables(len(which))
         rows = [step.rows(leg, which, d_force[d, which], force_by_T[d, which]) for d in range(3)]
         step.in_cones(
@@ -85,47 +75,23 @@ def _rotors(step, leg, band):
             np.column_stack([np.zeros(len(which)), force.T[which]]),
             norms,
         )
-        # What torques do, as variables of their own: rotors outnumber torques.
-        shares = step.samples.limits.from_wrench[:, 0 if step.samples.limits.drag else 1 :]
-        from_rest = np.linalg.pinv(shares)
-        torques = step.program.NewContinuousVariables(len(shares.T) * len(which)).reshape(
-            len(shares.T), -1
-        )
-        for torque, row in zip(torques, from_rest):
-            step.equal(
-                leg,
-                torque,
-                step.rows(
-                    leg, which, np.tensordot(row, d_rest[:, which], 1), row @ rest_by_T[:, which]
-                ),
-                row @ rest[:, which],
-            )
-        rotor, k = np.nonzero(high[:, which])
-        rows = np.zeros((len(k), step.size(leg)))
-        rows[:, -1] = -2.0 * T**2 * most[rotor]
-        of_wrench = np.zeros((len(k), 1 + len(torques), len(which)))
-        of_wrench[np.arange(len(k)), :, k] = np.column_stack([share[rotor], shares[rotor]])
+        by_T = rest_by_T[rotor, sample] - 2.0 / T * most[rotor]
+        by_norm = np.zeros((len(rotor), len(which)))
+        by_norm[np.arange(len(rotor)), k] = share[rotor]
         step.at_most(
             leg,
-            np.hstack([rows, of_wrench.reshape(len(k), -1)]),
-            T**2 * most[rotor],
-            extra=[*norms, *torques.ravel()],
-            limit=T**2 * most[rotor],
+            np.hstack([step.rows(leg, sample, d_rest[rotor, sample], by_T), by_norm]),
+            most[rotor] - rest[rotor, sample],
+            extra=norms,
+            limit=most[rotor],
         )
 
-    rotor, sample = np.nonzero(low)
+    rotor, sample = np.nonzero(thrust < least[:, None] + band / 2.0 * most[:, None])
     along = (force / amount)[:, sample]
     gradients = d_rest[rotor, sample] + share[rotor][:, None, None] * np.einsum(
         "dr,drox->rox", along, d_force[:, sample]
     )
-    by_T = (
-        rest_by_T[rotor, sample]
-        + share[rotor] * np.sum(along * force_by_T[:, sample], axis=0)
-        - 2.0 * T * least[rotor]
-    )
-    step.at_most(
-        leg,
-        -step.rows(leg, sample, gradients, by_T),
-        thrust[rotor, sample] - T**2 * least[rotor],
-        limit=T**2 * most[rotor],
-    )
+    by_T = rest_by_T[rotor, sample] - 2.0 / T * least[rotor]
+    by_T += share[rotor] * np.sum(along * force_by_T[:, sample], axis=0)
+    rows = step.rows(leg, sample, gradients, by_T)
+    step.at_most(leg, -rows, thrust[rotor, sample] - least[rotor], limit=most[rotor])

@@ -93,25 +93,18 @@ class LapSamples:
         """Returns the largest of all quantities over their limits, less one."""
         limits, flat, units = self.limits, self.flat, self.units
         thrusts, force, w, _ = angle_dynamics(flat, units, self.axes, limits)
-        speed = np.linalg.norm(as_reference(flat).velocity, axis=0) / units
-        acceleration = np.linalg.norm(as_reference(flat).acceleration, axis=0) / units**2
+        _, velocity, acceleration, *_ = as_reference(flat)
         shares = thrusts / units**2 / limits.max_thrusts[:, None]
-        least = limits.idle_share / limits.thrust_share
-        rate = np.linalg.norm(w, axis=0) / units
-        lift = force[2] / units**2
-        return (
-            float(
-                max(
-                    speed.max() / limits.max_speed,
-                    acceleration.max() / limits.max_acceleration,
-                    rate.max() / limits.max_rate,
-                    shares.max(),
-                    1.0 + least - shares.min(),
-                    1.0 + (_LIFT_SHARE * limits.min_lift - lift.min()) / GRAVITY,
-                )
-            )
-            - 1.0
+        lift = np.min(force[2] / units**2)
+        excesses = (
+            np.max(np.linalg.norm(velocity, axis=0) / units) / limits.max_speed,
+            np.max(np.linalg.norm(acceleration, axis=0) / units**2) / limits.max_acceleration,
+            np.max(np.linalg.norm(w, axis=0) / units) / limits.max_rate,
+            shares.max(),
+            1.0 + limits.idle_share / limits.thrust_share - shares.min(),
+            1.0 + (_LIFT_SHARE * limits.min_lift - lift) / GRAVITY,
         )
+        return float(max(excesses)) - 1.0
 
 
 def slowed(lap, grid, limits, turn, tolerance=2e-5) -> LapSamples:
@@ -122,39 +115,31 @@ def slowed(lap, grid, limits, turn, tolerance=2e-5) -> LapSamples:
     Raises:
         TrajectoryOptimizationError: if no factor does.
     """
-
-    def at(factor):
+    slow = fast = None  # what keeps the limits, and what does not: factor, excess, samples
+    factor, step, rounds = 1.0, None, 0
+    while rounds <= 60:
         samples = LapSamples.of(lap.dilated(factor), grid, limits, turn)
-        value = samples.excess()
-        return (value if np.isfinite(value) else np.inf), samples
-
-    factor = 1.0
-    value, best = at(factor)
-    # Most excesses go with the square of the factor: a little beyond where it would be none.
-    step = np.clip(0.6 * abs(value), *_FIRST_STEP)
-    slow, fast = (None, (factor, value)) if value > 0.0 else ((factor, value, best), None)
-    while slow is None or fast is None:
-        factor = factor * (1.0 + step) if slow is None else factor / (1.0 + step)
-        step = min(2.0 * step, 0.5)
-        if not 1.0 / _MOST < factor < _MOST:
-            raise TrajectoryOptimizationError("No lap is within the limits, however slow.")
-        value, samples = at(factor)
-        if value > 0.0:
-            fast = (factor, value)
+        excess = samples.excess()
+        if excess <= 0.0:
+            slow = factor, excess, samples
         else:
-            slow = (factor, value, samples)
-    # The excess is almost linear; halving is for where it is not.
-    for i in range(60):
+            excess = excess if np.isfinite(excess) else np.inf
+            fast = factor, excess, samples
+        if slow is None or fast is None:
+            if step is None:
+                # Most excesses go with the square of the factor: a little beyond its root.
+                step = np.clip(0.6 * abs(excess), *_FIRST_STEP)
+            factor = factor * (1.0 + step) if slow is None else factor / (1.0 + step)
+            step = min(2.0 * step, 0.5)
+            if not 1.0 / _MOST < factor < _MOST:
+                raise TrajectoryOptimizationError("No lap is within the limits, however slow.")
+            continue
         width = slow[0] - fast[0]
         if width <= tolerance * slow[0]:
             break
+        # The excess is almost linear; halving is for where it is not.
         share = 0.5
-        if i % 3 < 2 and np.isfinite(fast[1]):
+        if rounds % 3 < 2 and np.isfinite(fast[1]):
             share = np.clip(slow[1] / (slow[1] - fast[1]), 0.02, 0.98)
-        factor = slow[0] - share * width
-        value, samples = at(factor)
-        if value > 0.0:
-            fast = (factor, value)
-        else:
-            slow = (factor, value, samples)
+        factor, rounds = slow[0] - share * width, rounds + 1
     return slow[2]

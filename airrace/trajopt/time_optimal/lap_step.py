@@ -99,19 +99,19 @@ class LapStep:
 
     def _follow_axes(self):
         """Sets how the axes turn about the thrust, sample by sample."""
-        grid, lap, dynamics = self.grid, self.lap, self.dynamics
+        grid, lap = self.grid, self.lap
+        force, d_force, force_by_T = self.dynamics.force
         between = lap.evaluate(grid.matrices_between)
         gradients, by_T, sums = turn_gradients(
             between, lap.durations, grid.fractions, self.samples.limits
         )
         nodes, every = np.arange(between.shape[2]), np.arange(grid.samples)
-        amount = np.linalg.norm(dynamics.force, axis=0)
-        b = dynamics.force / amount
+        amount = np.linalg.norm(force, axis=0)
+        b = force / amount
         k = 1.0 / (amount * (1.0 + b[2]))
         # The least rotation that takes the vertical to b turns about b as b moves.
-        d_own = (b[1] * k)[:, None, None] * dynamics.d_force[0]
-        d_own -= (b[0] * k)[:, None, None] * dynamics.d_force[1]
-        own_by_T = k * (b[1] * dynamics.force_by_T[0] - b[0] * dynamics.force_by_T[1])
+        d_own = (b[1] * k)[:, None, None] * d_force[0] - (b[0] * k)[:, None, None] * d_force[1]
+        own_by_T = k * (b[1] * force_by_T[0] - b[0] * force_by_T[1])
         self._axis_turns = []
         for leg in range(len(lap.durations)):
             here = self.of(leg)
@@ -206,20 +206,6 @@ class LapStep:
             variables = np.concatenate([variables, slack])
             rows = np.hstack([rows, np.full((len(rows), 1), -1.0)])
         self.program.AddLinearConstraint(rows, np.full(len(rows), -np.inf), bounds, variables)
-
-    def equal(self, leg, variables, rows, values) -> None:
-        """Constrains further variables to equal rows over a leg's variables.
-
-        Args:
-            leg: from 0.
-            variables: (rows,).
-            rows: (rows, variables). values: where there is no step, (rows,).
-        """
-        self.program.AddLinearEqualityConstraint(
-            np.hstack([rows, -np.eye(len(rows))]),
-            -values,
-            np.concatenate([self._variables[leg], variables]),
-        )
 
     def in_cones(self, leg, rows, values, extra=None, limit=None) -> None:
         """Constrains vectors of rows to Lorentz cones.

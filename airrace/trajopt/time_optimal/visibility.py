@@ -79,16 +79,16 @@ def keep_in_view(
         cost: of leaving the view by a radian (s).
         band: about a bound (rad); samples farther from it are left out.
     """
-    samples, dynamics = step.samples, step.dynamics
+    samples, force = step.samples, step.dynamics.force
     low, high, _ = angle_bounds(samples, gates, half_view)
     angles = samples.derivatives[0, ..., 3]
     to_gate, seen = _to_next_gate(samples, gates, margin=1.0)
     for bound, sign, turn in ((high, 1.0, half_view), (low, -1.0, -half_view)):
-        by_place, by_force = _bound_gradients(to_gate, dynamics.force, turn, samples.axes)
-        gradients = -np.einsum("dk,dkox->kox", by_force, dynamics.d_force)
+        by_place, by_force = _bound_gradients(to_gate, force.values, turn, samples.axes)
+        gradients = -np.einsum("dk,dkox->kox", by_force, force.gradients)
         gradients[:, 0, :2] -= by_place.T
         gradients[:, 0, 3] += 1.0
-        by_T = -np.sum(by_force * dynamics.force_by_T, axis=0)
+        by_T = -np.sum(by_force * force.by_T, axis=0)
         for leg in range(len(low)):
             room, here = sign * (bound - angles)[leg], step.of(leg)
             which = np.flatnonzero(seen[leg] & (room < band))

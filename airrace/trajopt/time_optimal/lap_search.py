@@ -154,7 +154,7 @@ class LapSearch:
     def _step(self, now: LapSamples, weight, band) -> LapStep:
         step = LapStep(now, self.grid)
         if not now.lap.is_closed:
-            step.may_exceed(_EXCESS_COST * now.lap.duration)
+            step.excess = step.slack(_EXCESS_COST * now.lap.duration)
         for i in step.passed:
             place = now.lap.gates[i, 0, :3]
             self.gates.constrain(step.program, i, step.at_gate(i, 0)[0], place)

@@ -30,8 +30,8 @@ class LapStep:
         dynamics: of the samples.
         program: the MathematicalProgram, to be added to.
         passed: indices of the gates that the step may move; not the ends of an open one.
-        excess: a variable, by which share all limits of the dynamics may be exceeded,
-            see may_exceed(); or None.
+        excess: a slack(), by which share all limits of the dynamics may be exceeded; None,
+            unless it is set before they are added.
     """
 
     def __init__(self, samples: LapSamples, grid: Grid):
@@ -49,48 +49,24 @@ class LapStep:
         self._interior = new(n * m * 4).reshape(n, m, 4) if m else np.zeros((n, 0, 4), object)
         self._stretch = new(n)
         self._turns = new(n + 1)  # of the transported axes, up to each gate
-        self._variables = [
-            np.concatenate(
-                [
-                    self._gates[i].ravel(),
-                    self._interior[i].ravel(),
-                    self._gates[after[i]].ravel(),
-                    self._turns[i : i + 1],
-                    self._stretch[i : i + 1],
-                ]
-            )
-            for i in range(n)
-        ]
+        legs = zip(self._gates, self._interior, self._gates[after], self._turns, self._stretch)
+        self._variables = [np.concatenate([np.ravel(part) for part in leg]) for leg in legs]
         if self.lap.is_closed:
             # The angle has another value where the lap ends.
-            last_angle, passed = new(1)[0], range(n)
+            last_angle, self.passed = new(1)[0], range(n)
             self._variables[-1][4 * (ORDERS + m) + 3] = last_angle
             self._units = np.sqrt(T * np.roll(T, 1))
         else:
-            last_angle, passed = self._gates[-1, 0, 3], range(1, n)
-            self._fix(
-                self._gates[0, :, :3],
-                self._gates[0, :3, 3],
-                self._gates[-1, :, :3],
-                self._gates[-1, 1:3, 3],
-            )
+            last_angle, self.passed = self._gates[-1, 0, 3], range(1, n)
+            start, end = self._gates[0], self._gates[-1]
+            self._fix(start[:, :3], start[:3, 3], end[:, :3], end[1:3, 3])
             self._units = np.array([T[0], *np.sqrt(T[1:] * T[:-1]), T[-1]])
-        self.passed = passed
-        self.program.AddLinearEqualityConstraint(
-            np.array([[1.0, -1.0, -1.0]]),
-            [0.0],
-            [last_angle, self._gates[0, 0, 3], self._turns[-1]],
-        )
+        variables = [last_angle, self._gates[0, 0, 3], self._turns[-1]]
+        self.program.AddLinearEqualityConstraint(np.array([[1.0, -1.0, -1.0]]), [0.0], variables)
         self._fix(self._turns[:1])
         orders = np.arange(ORDERS)
-        self._scale = np.concatenate(
-            [
-                (T / self._units[:n])[:, None] ** orders,
-                np.ones((n, m)),
-                (T / self._units[after])[:, None] ** orders,
-            ],
-            axis=1,
-        )
+        before, end = ((T / u)[:, None] ** orders for u in (self._units[:n], self._units[after]))
+        self._scale = np.concatenate([before, np.ones((n, m)), end], axis=1)
         exponents = np.array([*orders, *np.zeros(m), *orders])
         self._by_stretch = exponents[:, None] * self.lap.coefficients()
         self.program.AddLinearCost(T, self._stretch)
@@ -102,9 +78,8 @@ class LapStep:
         grid, lap = self.grid, self.lap
         force, d_force, force_by_T = self.dynamics.force
         between = lap.evaluate(grid.matrices_between)
-        gradients, by_T, sums = turn_gradients(
-            between, lap.durations, grid.fractions, self.samples.limits
-        )
+        limits = self.samples.limits
+        gradients, by_T, sums = turn_gradients(between, lap.durations, grid.fractions, limits)
         nodes, every = np.arange(between.shape[2]), np.arange(grid.samples)
         amount = np.linalg.norm(force, axis=0)
         b = force / amount
@@ -135,15 +110,16 @@ class LapStep:
         """Leaves path and durations as they are."""
         self._fix(self._gates[:, :, :3], self._interior[:, :, :3], self._stretch)
 
-    def may_exceed(self, cost: float) -> None:
-        """Lets limits of the dynamics be exceeded, at a cost of so many s for all of a limit."""
-        self.excess = self.program.NewContinuousVariables(1)[0]
-        self.program.AddBoundingBoxConstraint(0.0, np.inf, [self.excess])
-        self.program.AddLinearCost([cost], [self.excess])
+    def slack(self, cost: float):
+        """Returns a new variable of zero or more that costs so many s by one, (1,)."""
+        slack = self.program.NewContinuousVariables(1)
+        self.program.AddBoundingBoxConstraint(0.0, np.inf, slack)
+        self.program.AddLinearCost([cost], slack)
+        return slack
 
     def excess_found(self) -> float:
         """Returns by which share the solution exceeds limits."""
-        return 0.0 if self.excess is None else max(self.result.GetSolution(self.excess), 0.0)
+        return 0.0 if self.excess is None else max(self.result.GetSolution(self.excess)[0], 0.0)
 
     def _fix(self, *variables):
         for fixed in variables:
@@ -191,7 +167,7 @@ class LapStep:
             rows: (rows, variables). bounds: (rows,).
             slack_cost: of exceeding the worst bound by one (s); None never allows it.
             extra: variables of further columns.
-            limit: what all of a limit is, that may_exceed() is about, a number or (rows,).
+            limit: of the dynamics, all of it, if it may be exceeded, a number or (rows,).
         """
         if not len(rows):
             return
@@ -200,10 +176,7 @@ class LapStep:
             variables = np.append(variables, self.excess)
             rows = np.hstack([rows, np.full((len(rows), 1), -1.0) * np.reshape(limit, (-1, 1))])
         if slack_cost is not None:
-            slack = self.program.NewContinuousVariables(1)
-            self.program.AddBoundingBoxConstraint(0.0, np.inf, slack)
-            self.program.AddLinearCost([slack_cost], slack)
-            variables = np.concatenate([variables, slack])
+            variables = np.append(variables, self.slack(slack_cost))
             rows = np.hstack([rows, np.full((len(rows), 1), -1.0)])
         self.program.AddLinearConstraint(rows, np.full(len(rows), -np.inf), bounds, variables)
 
@@ -218,7 +191,7 @@ class LapStep:
         """
         variables, factor = self._variables[leg], 1.0
         if limit is not None and self.excess is not None:
-            extra, factor = [self.excess] * len(rows), limit
+            extra, factor = np.repeat(self.excess, len(rows)), limit
         for j, (A, b) in enumerate(zip(rows, values)):
             if extra is not None:
                 A = np.hstack([A, np.zeros((len(A), 1))])
@@ -247,14 +220,13 @@ class LapStep:
         get = result.GetSolution
         lap, n = self.lap, len(self.lap.durations)
         gates = get(self._gates.reshape(len(self._units), -1)).reshape(-1, ORDERS, 4)
-        m = lap.interior.shape[1]
         stretch, turns = get(self._stretch), get(self._turns)
         after = gates[lap.after]
         if lap.is_closed:
             after[-1, 0, 3] += turns[-1]
-        interior = np.zeros((n, m, 4))
-        if m:
-            interior = get(self._interior.reshape(n, -1)).reshape(n, m, 4)
+        interior = np.zeros_like(lap.interior)
+        if interior.size:
+            interior = get(self._interior.reshape(n, -1)).reshape(interior.shape)
         change = np.concatenate([gates[:n], interior, after], axis=1)
         z = lap.coefficients() + self._scale[..., None] * change
         z += self._by_stretch * stretch[:, None, None]

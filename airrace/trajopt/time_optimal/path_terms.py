@@ -32,16 +32,14 @@ def proximal_cost(step: LapStep, weight: float) -> None:
     rms = np.sqrt(np.mean(np.sum((y * powers.T[:, :, None, None]) ** 2, axis=3), axis=(1, 2)))
     share = np.sqrt(weight * step.lap.duration / (n * samples))
     for leg in range(n):
-        blocks = []
+        rows = np.zeros((4, 3, samples, step.size(leg)))
         for k in orders[1:]:
             by_z, by_stretch = step.derivatives(leg, k)
             scale = share * powers[leg, k] / rms[k]
-            block = np.zeros((3, samples, 4 * by_z.shape[1] + 2))
             for d in range(3):
-                block[d, :, d:-2:4] = scale * by_z
-                block[d, :, -1] = scale * (by_stretch[:, d] - k * y[k, leg, :, d])
-            blocks.append(block.reshape(3 * samples, -1))
-        rows = np.vstack(blocks)
+                rows[k - 1, d, :, d:-2:4] = scale * by_z
+                rows[k - 1, d, :, -1] = scale * (by_stretch[:, d] - k * y[k, leg, :, d])
+        rows = rows.reshape(-1, step.size(leg))
         step.least_squares(leg, rows, np.zeros(len(rows)))
 
 
@@ -56,7 +54,7 @@ def angle_cost(step: LapStep, weight: float) -> None:
     for leg in range(len(T)):
         by_z, _ = step.derivatives(leg, 2)
         scale = np.sqrt(weight * step.lap.duration / y.size) / T[leg] ** 2
-        rows = np.zeros((len(by_z), 4 * by_z.shape[1] + 2))
+        rows = np.zeros((len(by_z), step.size(leg)))
         rows[:, 3:-2:4] = scale * by_z
         step.least_squares(leg, rows, scale * y[leg])
 
@@ -128,12 +126,8 @@ def cross_forward(step: LapStep, gates: GateRegions, cost: float) -> None:
     for i in step.passed:
         forward = gates.forward[i]
         variables, unit = step.at_gate(i, 1)
-        slack = step.program.NewContinuousVariables(1)
-        step.program.AddBoundingBoxConstraint(0.0, np.inf, slack)
-        step.program.AddLinearCost([cost], slack)
         A = np.zeros((4, 4))
         A[0, :3], A[0, 3], A[1:, :3] = most * unit * forward, 1.0, unit * np.eye(3)
         v = step.lap.gates[i, 1, :3]
-        step.program.AddLorentzConeConstraint(
-            A, np.array([most * forward @ v, *v]), [*variables, *slack]
-        )
+        b = np.array([most * forward @ v, *v])
+        step.program.AddLorentzConeConstraint(A, b, [*variables, *step.slack(cost)])

@@ -27,7 +27,7 @@ def samples(limits, seed=0):
     forward = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(4)])
     v = np.repeat(10.0 * forward[:, None], 30, axis=1)
     places = 15 * out + [0, 0, 6] + rng.normal(size=(4, 3))
-    lap = LapSpline.through(places, v, rng.uniform(1.7, 2.3, 4), 6, 1e-4)
+    lap = LapSpline.through(places, v, rng.uniform(1.7, 2.3, 4), 6, 1e-4 / 2.0**6)
     return slowed(lap, GRID, limits, TURN)
 
 

@@ -27,7 +27,7 @@ def loop():
     forward = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(4)])
     out = np.column_stack([np.sin(angle), -np.cos(angle), np.zeros(4)])
     v = np.repeat(11.0 * forward[:, None], 30, axis=1)
-    lap = LapSpline.through(15 * out + [0, 0, 6], v, np.full(4, 2.0), 6, 1e-4)
+    lap = LapSpline.through(15 * out + [0, 0, 6], v, np.full(4, 2.0), 6, 1e-4 / 2.0**6)
     gates = lap.gates.copy()
     gates[:, 0, 3], gates[:, 1, 3] = [0.1, 1.4, 3.3, 4.6], 0.7
     return LapSpline(gates, lap.interior, lap.durations, 0.0)

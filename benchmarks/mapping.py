@@ -11,7 +11,7 @@ import itertools
 import sys
 
 from airrace.scenario import ESTIMATORS, Scenario
-from airrace.scenario.camera import CameraConfig
+from airrace.scenario.camera_config import CameraConfig
 from benchmarks import harness
 from benchmarks.mapping_world import CORNERS, Errors, World
 

@@ -12,7 +12,7 @@ from airrace.math.random import make_generator
 from airrace.rendering.imaging.camera_effects import ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.scenario import Scenario
-from airrace.scenario.limits import parse_limits
+from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.mapping.gate_mapper import extrapolate
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.perception.marker_measurement import measure

@@ -18,7 +18,7 @@ import numpy as np
 
 from airrace.common.errors import UserError
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
-from airrace.scenario.camera import PRESETS
+from airrace.scenario.camera_config import PRESETS
 from airrace.systems.perception.aruco_detector import DetectorState, detect
 from airrace.systems.perception.marker_measurement import measure
 from airrace.systems.perception.marker_search import MarkerSearch

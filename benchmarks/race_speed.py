@@ -24,9 +24,8 @@ from pydrake.common.yaml import yaml_dump_typed
 from airrace.common.errors import UserError
 from airrace.diagrams.race import run_race
 from airrace.diagrams.warm_up import compile_apart
-from airrace.scenario import Scenario, load_scenario
-from airrace.scenario.camera import NO_CAMERA, RENDERERS
-from airrace.scenario.recording import CONTENTS
+from airrace.scenario import CONTENTS, Scenario, load_scenario
+from airrace.scenario.camera_config import NO_CAMERA, RENDERERS
 from airrace.track.map_files import TRACK
 from benchmarks import harness, vtk_frame
 from benchmarks.box_times import BoxTimes

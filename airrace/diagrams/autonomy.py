@@ -7,7 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from airrace.common.errors import UserError
 from airrace.scenario import Scenario
-from airrace.scenario.camera import NO_CAMERA
+from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rotor_monitor import RotorMonitor
 from airrace.systems.control.state_filter import StateFilter

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from airrace.common.errors import UserError, exit_code
 from airrace.common.interrupts import interrupts_held, sigterm_as_ctrl_c
-from airrace.diagrams.options import (
+from airrace.diagrams.race_options import (
     add_drone_options,
     add_level_option,
     add_scenario_options,
@@ -105,16 +105,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--scheduler", metavar="tcp://HOST:PORT", help="a running Dask cluster instead"
     )
     add_scenario_options(parser)
-    parser.set_defaults(
-        seed=None,
-        renderer=None,
-        map=None,
-        realtime_rate=None,
-        simulation="SITL",
-        lockstep=False,
-        lcm_url=None,
-        record="none",
-    )
+    parser.set_defaults(simulation="SITL", lockstep=False, lcm_url=None, record="none")
     return parser
 
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from airrace.common.errors import exit_code
-from airrace.diagrams.options import add_scenario_options, make_parser
+from airrace.diagrams.race_options import add_scenario_options, make_parser
 from airrace.hitl.companion import READY
 
 _DOCTOR_TIME = 10.0  # s

@@ -64,30 +64,21 @@ def prepared(scenario: Scenario, lockstep: bool) -> Scenario:
 
 
 @contextlib.contextmanager
-def remote_transport(
-    scenario: Scenario,
-    output_dir: Path,
-    *,
-    companion: str,
-    url: str,
-    lockstep: bool,
-    note=print,
-    make_companion=None,
-):
+def remote_transport(args, scenario: Scenario, output_dir: Path, make_companion, note=print):
     """Starts the autonomy, checks the link, and yields the Remote to race with.
 
     Args:
+        args: the command line's, with --companion, --lcm_url and --lockstep.
         scenario: from prepared().
         output_dir: what the autonomy has written is left in ``autonomy`` there.
-        companion: --companion.
-        url: --lcm_url.
-        lockstep: --lockstep.
-        note: shows a line.
         make_companion: from the Address of another computer to a Companion.
+        note: shows a line.
 
     Raises:
         UserError: if the autonomy cannot be started, or the link cannot carry a race.
     """
+    companion, lockstep = args.companion, args.lockstep
+    url = args.lcm_url or default_url(companion)
     # What waits for the time is the link, not Drake's Simulator.
     config = scenario.simulator_config
     rate, config.target_realtime_rate = config.target_realtime_rate, 0.0

@@ -1,7 +1,6 @@
 """Shows flown runs again: python -m airrace.diagrams.replay RUN [RUN2 ...]."""
 
 import argparse
-import logging
 import sys
 import time
 from pathlib import Path
@@ -50,7 +49,6 @@ def make_parser() -> argparse.ArgumentParser:
 def run(args) -> int:
     """Shows the runs of parsed arguments; returns the exit code."""
     from rich.console import Console
-    from rich.progress import Progress
 
     from airrace.analysis.run import load_run
     from airrace.common.errors import UserError
@@ -60,24 +58,12 @@ def run(args) -> int:
 
     if args.lap is not None and args.align != "lap":
         raise UserError("--lap needs --align lap.")
-    logging.getLogger("drake").setLevel(logging.WARNING)  # this says where to look
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("Reading", total=len(args.runs))
-        runs = []
-        for folder in args.runs:
-            runs.append(load_run(folder))
-            progress.advance(task)
-        ghosts = make_ghosts(runs, args.align, 1 if args.lap is None else args.lap)
-        try:
-            meshcat = MakeMeshcat(runs[0].track)
-        except RuntimeError as e:
-            raise UserError(
-                f"Nothing can be shown in a browser ({str(e).rstrip('.')}); close "
-                "another program that uses Meshcat."
-            ) from None
-        progress.update(task, description="Drawing", total=1.0, completed=0.0)
-        show_ghosts(meshcat, ghosts, lambda share: progress.update(task, completed=share))
+    lap = 1 if args.lap is None else args.lap
+    with Console(stderr=True).status("Reading ...") as status:
+        ghosts = make_ghosts([load_run(folder) for folder in args.runs], args.align, lap)
+        status.update("Drawing ...")
+        meshcat = MakeMeshcat(ghosts[0].run.track)
+        show_ghosts(meshcat, ghosts)
     for ghost in ghosts:
         name = ghost.color if len(ghosts) > 1 else "the drone"
         print(f"{name}: {ghost.run.folder}")

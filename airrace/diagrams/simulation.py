@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams, Role, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
-from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import DiscreteTimeDelay, DiscreteTimeIntegrator
 
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
@@ -16,7 +16,7 @@ from airrace.rendering.scene.pad import AddPad, start_pose
 from airrace.rendering.scene.scenery import AddScenery, move_gates
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.scenario import Scenario
-from airrace.scenario.camera import NO_CAMERA
+from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.plant.drag import Drag
 from airrace.systems.plant.gate_mover import GateMover
 from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, ground_clearance
@@ -58,9 +58,12 @@ def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
     builder = DiagramBuilder()
     world = _add_world(builder, scenario, meshcat)
     _add_rotors(builder, world, forces=_add_air(builder, world))
-    gate_readers = [*_add_sensors(builder, world), _add_referee(builder, world)]
+    if scenario.camera.renderer != NO_CAMERA:
+        _add_camera(builder, world)
+    _add_state_estimate(builder, world)
+    _add_referee(builder, world)
     if world.gates_move:
-        _add_gate_mover(builder, world, gate_readers)
+        _add_gate_mover(builder, world)
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(
             builder, world.scene_graph, meshcat, MeshcatVisualizerParams(publish_period=1 / 30)
@@ -129,9 +132,8 @@ def _add_air(builder: DiagramBuilder, world: _World) -> list[OutputPort]:
         return []
     wind = builder.AddNamedSystem("wind", Wind(config=config.wind, seed=world.scenario.seed))
     body_index = world.plant.GetBodyByName("body").index()
-    drag = builder.AddNamedSystem(
-        "drag", Drag(vehicle=world.true_vehicle, share=config.drag, body_index=body_index)
-    )
+    drag = Drag(vehicle=world.true_vehicle, share=config.drag, body_index=body_index)
+    builder.AddNamedSystem("drag", drag)
     builder.Connect(world.state, drag.GetInputPort("state"))
     builder.Connect(wind.GetOutputPort("wind"), drag.GetInputPort("wind"))
     return [drag.GetOutputPort("spatial_forces")]
@@ -150,52 +152,22 @@ def _add_rotors(builder: DiagramBuilder, world: _World, forces: list[OutputPort]
         forces=forces,
         visible=world.shown,
     )
-    command = _add_delay(
-        builder,
-        rotors.GetInputPort("rotor_speed_command"),
-        delay=scenario.disturbances.actuator_delay,
-        period=1.0 / scenario.rotors.rate,
-    )
+    command = rotors.GetInputPort("rotor_speed_command")
+    if scenario.disturbances.actuator_delay > 0.0:
+        # Rotors that read a system of their own period see its output from before the
+        # update: that is a step of delay already.
+        period = 1.0 / scenario.rotors.rate
+        steps = max(1, round(scenario.disturbances.actuator_delay / period)) - 1
+        delay = DiscreteTimeDelay(period, steps, command.size())
+        builder.AddNamedSystem("actuator_delay", delay)
+        builder.Connect(delay.get_output_port(), command)
+        command = delay.get_input_port()
     builder.ExportInput(command, "rotor_speed_command")
     for name in ("rotor_speeds", "rotor_status"):
         builder.ExportOutput(rotors.GetOutputPort(name), name)
 
 
-def _add_delay(builder, port: InputPort, *, delay: float, period: float) -> InputPort:
-    """Adds a delay (s) before an input port; returns the port that is then open."""
-    if delay == 0.0:
-        return port
-    # A system of the same period that reads this one sees its output from before the
-    # update: that is a step of delay already.
-    steps = max(1, round(delay / period)) - 1
-    system = builder.AddNamedSystem("actuator_delay", DiscreteTimeDelay(period, steps, port.size()))
-    builder.Connect(system.get_output_port(), port)
-    return system.get_input_port()
-
-
-def _add_sensors(builder: DiagramBuilder, world: _World) -> list[System]:
-    """Adds the camera, if there is one, and the state estimate; returns the camera in a list."""
-    scenario = world.scenario
-    cameras = []
-    if scenario.camera.renderer != NO_CAMERA:
-        cameras.append(_add_camera(builder, world))
-    noisy = scenario.state_noise != "none"
-    estimate = builder.AddNamedSystem(
-        "state_estimate",
-        StateEstimate(
-            rate=scenario.state_estimate.rate,
-            position_sigma=noisy * scenario.state_estimate.position_sigma,
-            velocity_sigma=noisy * scenario.state_estimate.velocity_sigma,
-            seed=scenario.seed,
-            state_period=scenario.plant_config.time_step,
-        ),
-    )
-    builder.Connect(world.state, estimate.GetInputPort("state"))
-    builder.ExportOutput(estimate.GetOutputPort("state_estimate"), "state_estimate")
-    return cameras
-
-
-def _add_camera(builder: DiagramBuilder, world: _World) -> Camera:
+def _add_camera(builder: DiagramBuilder, world: _World) -> None:
     scenario, config = world.scenario, world.scenario.camera
     effects = config.resolved()
     info = make_camera_info(
@@ -213,18 +185,16 @@ def _add_camera(builder: DiagramBuilder, world: _World) -> Camera:
         renderer = AddVtkRenderer(world.scene_graph, drawn)
     else:
         renderer = PlanarRenderer(world.track, drawn)
-    camera = builder.AddNamedSystem(
-        "camera",
-        Camera(
-            camera_info=info,
-            fps=config.fps,
-            renderer=renderer,
-            imaging=imaging,
-            latency=effects.latency,
-            moving_gates=len(world.track.gates) if world.gates_move else 0,
-            state_period=scenario.plant_config.time_step,
-        ),
+    camera = Camera(
+        camera_info=info,
+        fps=config.fps,
+        renderer=renderer,
+        imaging=imaging,
+        latency=effects.latency,
+        moving_gates=len(world.track.gates) if world.gates_move else 0,
+        state_period=scenario.plant_config.time_step,
     )
+    builder.AddNamedSystem("camera", camera)
     builder.Connect(world.state, camera.GetInputPort("state"))
     if renderer.needs_query_object:
         query = world.scene_graph.get_query_output_port()
@@ -232,31 +202,42 @@ def _add_camera(builder: DiagramBuilder, world: _World) -> Camera:
     for i in range(camera.num_output_ports()):
         port = camera.get_output_port(i)
         builder.ExportOutput(port, port.get_name())
-    return camera
 
 
-def _add_referee(builder: DiagramBuilder, world: _World) -> Referee:
+def _add_state_estimate(builder: DiagramBuilder, world: _World) -> None:
+    scenario, config = world.scenario, world.scenario.state_estimate
+    noisy = scenario.state_noise != "none"
+    estimate = StateEstimate(
+        rate=config.rate,
+        position_sigma=noisy * config.position_sigma,
+        velocity_sigma=noisy * config.velocity_sigma,
+        seed=scenario.seed,
+        state_period=scenario.plant_config.time_step,
+    )
+    builder.AddNamedSystem("state_estimate", estimate)
+    builder.Connect(world.state, estimate.GetInputPort("state"))
+    builder.ExportOutput(estimate.GetOutputPort("state_estimate"), "state_estimate")
+
+
+def _add_referee(builder: DiagramBuilder, world: _World) -> None:
     """Adds the referee, who is shown every contact of the drone, however short."""
     scenario, plant, scene_graph = world.scenario, world.plant, world.scene_graph
     config = scenario.referee
-    referee = builder.AddNamedSystem(
-        "referee",
-        Referee(
-            track=world.track,
-            laps=scenario.laps,
-            period=1.0 / config.rate,
-            time_limit=config.time_limit or 600.0 + 120.0 * scenario.laps,
-            arena_margin=config.arena_margin,
-            standing_height=world.X_WB.translation()[2],
-            body_names=_collision_names(plant, scene_graph),
-            rotor_failures=scenario.rotor_failures,
-            moving_gates=world.gates_move,
-        ),
+    referee = Referee(
+        track=world.track,
+        laps=scenario.laps,
+        period=1.0 / config.rate,
+        time_limit=config.time_limit or 600.0 + 120.0 * scenario.laps,
+        arena_margin=config.arena_margin,
+        standing_height=world.X_WB.translation()[2],
+        body_names=_collision_names(plant, scene_graph),
+        rotor_failures=scenario.rotor_failures,
+        moving_gates=world.gates_move,
     )
+    builder.AddNamedSystem("referee", referee)
     builder.Connect(world.state, referee.GetInputPort("state"))
-    impulse = builder.AddNamedSystem(
-        "contact_impulse", DiscreteTimeIntegrator(6, plant.time_step())
-    )
+    impulse = DiscreteTimeIntegrator(6, plant.time_step())
+    builder.AddNamedSystem("contact_impulse", impulse)
     drone = plant.GetBodyByName("body").model_instance()
     forces = plant.get_generalized_contact_forces_output_port(drone)
     builder.Connect(forces, impulse.get_input_port())
@@ -268,7 +249,6 @@ def _add_referee(builder: DiagramBuilder, world: _World) -> Referee:
         builder.Connect(port, referee.GetInputPort(name))
     builder.ExportInput(referee.GetInputPort("explorer_status"), "explorer_status")
     builder.ExportOutput(referee.GetOutputPort("report"), "truth.referee_status")
-    return referee
 
 
 def _collision_names(plant: MultibodyPlant, scene_graph: SceneGraph) -> dict:
@@ -283,15 +263,14 @@ def _collision_names(plant: MultibodyPlant, scene_graph: SceneGraph) -> dict:
     }
 
 
-def _add_gate_mover(builder: DiagramBuilder, world: _World, readers: list[System]) -> None:
-    """Adds what moves gates between laps, and shows it to those who have to know."""
+def _add_gate_mover(builder: DiagramBuilder, world: _World) -> None:
+    """Adds what moves gates between laps, and shows it to every system that has a port for it."""
     max_shift = world.scenario.disturbances.gate_shift
-    mover = builder.AddNamedSystem(
-        "gate_mover", GateMover(track=world.track, max_shift=max_shift, seed=world.scenario.seed)
-    )
+    mover = GateMover(track=world.track, max_shift=max_shift, seed=world.scenario.seed)
+    builder.AddNamedSystem("gate_mover", mover)
     builder.Connect(world.state, mover.GetInputPort("state"))
     shifts = mover.GetOutputPort("gate_shifts")
-    for system in readers:
+    for system in builder.GetSystems():
         if system.HasInputPort("gate_shifts"):
             builder.Connect(shifts, system.GetInputPort("gate_shifts"))
     builder.ExportOutput(shifts, "truth.gate_shifts")

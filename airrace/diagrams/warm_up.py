@@ -8,7 +8,6 @@ from pathlib import Path
 
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from airrace.common import jit
 from airrace.common.processes import child_environment
@@ -16,7 +15,7 @@ from airrace.diagrams.race import MakeRace
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.hitl.link.simulated_bus import LinkConfig
 from airrace.scenario import LINK_DELAY, Scenario, load_scenario, scenario_yaml
-from airrace.scenario.camera import NO_CAMERA, CameraConfig
+from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 
 _TIME = 0.6  # s: it has seen, measured and mapped, and takes off by then
 _BRIEF = 0.3  # s: it has seen by then
@@ -58,19 +57,10 @@ def compile_apart(scenario: Scenario) -> None:
     blind = scenario.camera.renderer == NO_CAMERA
     # A link is for races that explore.
     scenario = dc.replace(scenario, map="", camera=CameraConfig() if blind else scenario.camera)
-    console = Console(stderr=True)
     with (
         tempfile.TemporaryDirectory() as folder,
-        Progress(
-            SpinnerColumn(),
-            TextColumn("Compiling, once"),
-            TimeElapsedColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        ) as progress,
+        Console(stderr=True).status("Compiling, once; it takes about a minute"),
     ):
-        progress.add_task("")
         path = Path(folder) / "scenario.yaml"
         path.write_text(scenario_yaml(scenario), encoding="utf-8")
         subprocess.run(

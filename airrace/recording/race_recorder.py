@@ -12,7 +12,7 @@ from airrace.recording import json_topics, scene_updates
 from airrace.recording.topics import STATE, TOPICS
 from airrace.recording.writer import FILE, RaceLog
 from airrace.scenario import Scenario, scenario_yaml
-from airrace.scenario.limits import parse_limits
+from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.types import Detections, ExplorerStatus, RefereeStatus
 from airrace.track import load_track

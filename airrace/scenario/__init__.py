@@ -4,6 +4,7 @@ scenario.py has its fields; checks.py says what their values may be.
 """
 
 from airrace.scenario.scenario import (
+    CONTENTS,
     ESTIMATORS,
     LINK_DELAY,
     TRAJECTORIES,
@@ -11,6 +12,7 @@ from airrace.scenario.scenario import (
     ExplorerConfig,
     PerceptionConfig,
     PlannerConfig,
+    RecordingConfig,
     RotorsConfig,
     Scenario,
     StateEstimateConfig,

@@ -9,8 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from airrace.common.errors import UserError
-from airrace.scenario.camera import RANGES as CAMERA_RANGES
-from airrace.scenario.recording import RANGES as RECORDING_RANGES
+from airrace.scenario.camera_config import NO_CAMERA, PRESETS, RENDERERS, CameraConfig
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
 
 # Least and greatest value of numbers for which "positive" does not say it all;
@@ -19,8 +18,23 @@ from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
 _RANGES = {
     "laps": (1, 1000),
     "seed": (0, math.inf),
-    **CAMERA_RANGES,
-    **RECORDING_RANGES,
+    "camera.width": (16, 8192),
+    "camera.height": (16, 8192),
+    "camera.fov_y_deg": (1, 170),
+    "camera.fps": (1, 1000),
+    "camera.effects.shutter": (0, 1),
+    "camera.effects.gain": (0.05, 10),
+    "camera.effects.vignetting": (0, 1),
+    "camera.effects.read_noise": (0, 50),
+    "camera.effects.shot_noise": (0, 10),
+    "camera.effects.latency": (0, 1),
+    "camera.effects.distortion[]": (-10, 10),
+    "recording.state_rate": (1, 1000),
+    "recording.pose_rate": (1, 1000),
+    "recording.image_rate": (0.1, 1000),
+    "recording.image_width": (16, 8192),
+    "recording.jpeg_quality": (1, 100),
+    "recording.flush_period": (0.01, 60),
     "rotors.rate": (1, 10000),
     "referee.rate": (1, 10000),
     "state_estimate.rate": (1, 10000),
@@ -86,6 +100,23 @@ def check_choice(name, value, choices) -> None:
     """Checks that a value is one of the choices."""
     if value not in choices:
         raise UserError(f"{name} must be one of {', '.join(choices)}, not '{value}'.")
+
+
+def check_camera(config: CameraConfig) -> None:
+    """Checks the names of renderer and preset, and that effects fit into a frame."""
+    check_choice("camera.renderer", config.renderer, (*RENDERERS, NO_CAMERA))
+    check_choice("camera.preset", config.preset, PRESETS)
+    effects = config.resolved()
+    if len(effects.distortion) != 5 or not all(map(math.isfinite, effects.distortion)):
+        raise UserError(
+            "camera.effects.distortion must be five finite numbers, [k1, k2, p1, p2, k3]."
+        )
+    for name in ("shutter", "latency"):
+        if getattr(effects, name) >= 1.0 / config.fps:
+            raise UserError(
+                f"camera.effects.{name} must be shorter than one frame, 1 / camera.fps; "
+                f"it is {getattr(effects, name)} s."
+            )
 
 
 def check_disturbances(config: DisturbancesConfig) -> None:

@@ -9,22 +9,23 @@ from pydrake.systems.analysis import SimulatorConfig
 
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, load_yaml, models_path
-from airrace.scenario.camera import NO_CAMERA, CameraConfig
+from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 from airrace.scenario.checks import (
+    check_camera,
     check_choice,
     check_disturbances,
     check_drakes_own,
     check_numbers,
     check_rotor_failures,
 )
-from airrace.scenario.limits import parse_limits
-from airrace.scenario.recording import RecordingConfig
+from airrace.scenario.lap_limits import parse_limits
 from airrace.track.map_files import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
 
 TRAJECTORIES = ("3", "4", "6", "optimal")
 ESTIMATORS = ("robust", "report")
+CONTENTS = ("none", "light", "full")  # of a recording
 LINK_DELAY = 0.2  # s, of Scenario.link_delay in HITL
 
 
@@ -96,7 +97,7 @@ class PlannerConfig:
 
     rate: float = 20.0  # Hz
     latency: float = 1.0  # s, declared: from the map to the plan in force
-    limits: str = "original"  # or "rotor", or such as "v=15,a=8"; see airrace/scenario/limits.py
+    limits: str = "original"  # or "rotor", or such as "v=15,a=8"; see scenario/lap_limits.py
     thrust_share: float = 0.9  # of the rotors' limits: the rest is for the controller
     first_lap_move: float = 1.0  # m, by which gates may have moved since they were explored
 
@@ -122,6 +123,19 @@ class ControllerConfig:
     rate: float = 500.0  # Hz
     feed_forward: bool = True  # of the reference's jerk and snap, and of the rotors' lag
     disturbance_rejection: bool = True  # against wind and drag: integral action
+
+
+@dc.dataclass
+class RecordingConfig:
+    """What race.mcap holds. It costs time and space, and changes nothing in the race."""
+
+    content: str = "full"  # or "light", without pictures; or "none", no race.mcap
+    state_rate: float = 50.0  # Hz, of states, reference and rotors
+    pose_rate: float = 30.0  # Hz, of the poses that a 3-D view moves things by
+    image_rate: float = 5.0  # Hz, up to the camera's
+    image_width: int = 640  # px, wider pictures are made smaller
+    jpeg_quality: int = 75
+    flush_period: float = 0.5  # s, what a crash can cost
 
 
 @dc.dataclass
@@ -186,10 +200,15 @@ class Scenario:
         check_choice("state_noise", self.state_noise, ("reference", "none"))
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
-        self.camera.check()
+        check_camera(self.camera)
         if self.camera.renderer == NO_CAMERA and not self.map:
             raise UserError("camera.renderer 'none' needs a map to race on: see --map.")
-        self.recording.check(self.camera.fps)
+        check_choice("recording.content", self.recording.content, CONTENTS)
+        if self.recording.content == "full" and self.recording.image_rate > self.camera.fps:
+            raise UserError(
+                f"recording.image_rate must be at most camera.fps, {self.camera.fps:g} Hz, "
+                f"not {self.recording.image_rate:g}."
+            )
         check_choice("perception.estimator", self.perception.estimator, ESTIMATORS)
         check_disturbances(self.disturbances)
         check_rotor_failures(self.rotor_failures)

@@ -16,26 +16,9 @@ from airrace.visualization.picture import FixedPicture
 RAYS = "rays"
 _RAY_COLOR = Rgba(0.1, 1.0, 0.3, 1.0)
 _FRUSTUM_COLOR = Rgba(1.0, 1.0, 1.0, 1.0)
+_FRUSTUM_DEPTH = 2.0  # m
 _OLDEST = 0.2  # s, of detections that are shown
 _MARKED = (40, 255, 80)  # RGB
-
-
-def draw_frustum(meshcat: Meshcat, path: str, info: CameraInfo, depth: float = 2.0) -> None:
-    """Draws what a camera sees, as a pyramid.
-
-    Args:
-        meshcat: to draw in.
-        path: of the drone's body, with which it moves.
-        info: of the camera.
-        depth: of the pyramid (m).
-    """
-    u, v = info.width - 0.5, info.height - 0.5
-    pixels = np.array([[-0.5, -0.5, 1], [u, -0.5, 1], [u, v, 1], [-0.5, v, 1]])
-    corners = depth * np.linalg.inv(info.K) @ pixels.T
-    start = np.hstack([np.zeros((3, 4)), corners])
-    end = np.hstack([corners, np.roll(corners, -1, axis=1)])
-    meshcat.SetLineSegments(f"{path}/frustum", start, end, 1.0, _FRUSTUM_COLOR)
-    meshcat.SetTransform(f"{path}/frustum", info.X_BC)
 
 
 class CameraInset(LeafSystem):
@@ -68,7 +51,6 @@ class CameraInset(LeafSystem):
         body_path: str,
         moving_gates: int = 0,
         audience: Audience | None = None,
-        period: float = 0.1,
     ):
         """Constructs the inset.
 
@@ -80,7 +62,6 @@ class CameraInset(LeafSystem):
             body_path: where a MeshcatVisualizer draws the drone.
             moving_gates: how many gates there are, if they move, else 0.
             audience: of the page.
-            period: between two drawings (s).
         """
         LeafSystem.__init__(self)
         self._meshcat = meshcat
@@ -99,10 +80,18 @@ class CameraInset(LeafSystem):
             self._shifts = self.DeclareVectorInputPort("truth.gate_shifts", 2 * moving_gates)
         # Not before: at initialization the MeshcatVisualizer clears its part of the page.
         self.DeclareInitializationPublishEvent(self._draw_frustum)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
+        self.DeclarePeriodicPublishEvent(0.1, 0.0, self._draw)
 
     def _draw_frustum(self, context):
-        draw_frustum(self._meshcat, self._body_path, self._info)
+        """Draws what the camera sees, as a pyramid that moves with the drone."""
+        info, path = self._info, f"{self._body_path}/frustum"
+        u, v = info.width - 0.5, info.height - 0.5
+        pixels = np.array([[-0.5, -0.5, 1], [u, -0.5, 1], [u, v, 1], [-0.5, v, 1]])
+        corners = _FRUSTUM_DEPTH * np.linalg.inv(info.K) @ pixels.T
+        start = np.hstack([np.zeros((3, 4)), corners])
+        end = np.hstack([corners, np.roll(corners, -1, axis=1)])
+        self._meshcat.SetLineSegments(path, start, end, 1.0, _FRUSTUM_COLOR)
+        self._meshcat.SetTransform(path, info.X_BC)
 
     def _draw(self, context):
         if not self._audience.waits():

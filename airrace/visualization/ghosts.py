@@ -2,12 +2,14 @@
 
 import dataclasses as dc
 import logging
+from html import escape
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import IllustrationProperties, Meshcat, Rgba, RoleAssign, Sphere
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
+from scipy.spatial.transform import Rotation, Slerp
 
 from airrace.analysis import Run
 from airrace.common.errors import UserError
@@ -53,16 +55,10 @@ class Ghost:
     def poses(self, times) -> tuple:
         """Returns positions, (n, 3) m, and quaternions w, x, y, z, (n, 4), at replay times (s)."""
         state = self.run.state
-        at = np.asarray(times) + self.start
-        q = np.column_stack([state[c] for c in ("qw", "qx", "qy", "qz")])
-        # q and -q are one rotation; neighbours must have the sign of each other.
-        flips = np.sum(q[1:] * q[:-1], axis=1) < 0
-        q[1:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
-        p, q = (
-            np.column_stack([np.interp(at, state["time"], column) for column in columns])
-            for columns in ([state[c] for c in "xyz"], q.T)
-        )
-        return p, q / np.linalg.norm(q, axis=1, keepdims=True)
+        at = np.clip(np.asarray(times) + self.start, state["time"].iloc[0], state["time"].iloc[-1])
+        R_WB = Rotation.from_quat(state[["qw", "qx", "qy", "qz"]].to_numpy(), scalar_first=True)
+        p_WB = np.column_stack([np.interp(at, state["time"], state[axis]) for axis in "xyz"])
+        return p_WB, Slerp(state["time"], R_WB)(at).as_quat(scalar_first=True)
 
 
 def make_ghosts(runs, align: str = "start", lap: int = 1) -> list:
@@ -103,15 +99,14 @@ def make_ghosts(runs, align: str = "start", lap: int = 1) -> list:
     return ghosts
 
 
-def show_ghosts(meshcat: Meshcat, ghosts, progress=lambda share: None) -> None:
+def show_ghosts(meshcat: Meshcat, ghosts) -> None:
     """Draws track, drones and their paths, and records the flight for the page's controls.
 
     Args:
         meshcat: to show it in.
         ghosts: Ghosts.
-        progress: called now and then with the share that is done, 0 to 1.
     """
-    _draw_scene(meshcat, ghosts)
+    draw_bodies(meshcat, lambda plant, scene_graph: _add_bodies(plant, scene_graph, ghosts))
     duration = max(ghost.duration for ghost in ghosts)
     times = np.arange(0.0, duration, 1 / RATE)
     meshcat.StartRecording(frames_per_second=RATE, set_visualizations_while_recording=False)
@@ -121,22 +116,16 @@ def show_ghosts(meshcat: Meshcat, ghosts, progress=lambda share: None) -> None:
         meshcat.SetLine(f"trails/run_{i}", np.ascontiguousarray(trail), 2.0, color)
         meshcat.SetObject(f"here/run_{i}", Sphere(_BALL), Rgba(*COLORS[ghost.color], 0.4))
         shown = times[times <= ghost.duration + 1 / RATE]
-        for k, (time, p, q) in enumerate(zip(shown.tolist(), *ghost.poses(shown))):
+        for time, p, q in zip(shown.tolist(), *ghost.poses(shown)):
             X_WB = RigidTransform(Quaternion(q), p)
             meshcat.SetTransform(f"visualizer/run_{i}/body", X_WB, time)
             meshcat.SetTransform(f"here/run_{i}", RigidTransform(p), time)
-            if k % 300 == 0:
-                progress((i + k / len(shown)) / len(ghosts))
     meshcat.StopRecording()
     meshcat.PublishRecording()
 
 
-def _draw_scene(meshcat, ghosts):
-    """Draws the track, and drones that do not move yet."""
-    draw_bodies(meshcat, lambda plant, scene_graph: _add_bodies(plant, scene_graph, ghosts))
-
-
 def _add_bodies(plant, scene_graph, ghosts):
+    """Adds the track, and drones that do not move yet."""
     track = ghosts[0].run.track
     AddScenery(plant, track)
     AddPad(plant, track.start, ghosts[0].run.vehicle.radius)
@@ -165,17 +154,13 @@ def _paint(plant, scene_graph, body, color):
 
 def with_legend(page: str, ghosts) -> str:
     """Returns a page of ghosts, HTML, with a legend that says which drone is which run."""
-    from html import escape
-
     rows = []
     for ghost in ghosts:
         r, g, b = (round(255 * share) for share in COLORS[ghost.color])
         best = ghost.run.result["best_lap_s"]
         words = ghost.run.folder.resolve().name + (f", best lap {best:.2f} s" if best else "")
         rows.append(
-            f'<div><span style="display:inline-block;width:.8em;height:.8em;'
-            f'background:rgb({r},{g},{b});border-radius:50%"></span> '
-            f"{escape(words)}</div>"
+            f'<div><span style="color:rgb({r},{g},{b})">&#9679;</span> {escape(words)}</div>'
         )
     legend = (
         '<div style="position:absolute;left:12px;bottom:12px;padding:8px 12px;'

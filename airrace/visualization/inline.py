@@ -1,7 +1,7 @@
 """3-D views in notebooks: pages of Drake's Meshcat that need no server once they are there."""
 
+import dataclasses as dc
 import html
-import logging
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from airrace.visualization.tubes import speed_colors, tube
 _RADIUS = 0.12  # m
 
 
+@dc.dataclass(frozen=True)
 class Frame:
     """A page in a frame, which a notebook shows where it is the last line of a cell.
 
@@ -20,9 +21,8 @@ class Frame:
     still works when the notebook is opened elsewhere.
     """
 
-    def __init__(self, page: str, height: int):
-        """Args: page: HTML. height: of the frame (px)."""
-        self.page, self.height = page, height
+    page: str  # HTML
+    height: int  # px
 
     def _repr_html_(self):
         return (
@@ -55,7 +55,7 @@ def show_runs(*runs, align: str = "start", height: int = 480) -> Frame:
     from airrace.visualization.ghosts import make_ghosts, show_ghosts, with_legend
 
     ghosts = make_ghosts(runs, align)
-    meshcat = _quiet_meshcat(runs[0].track)
+    meshcat = MakeMeshcat(runs[0].track)
     show_ghosts(meshcat, ghosts)
     return show_page(with_legend(meshcat.StaticHtml(), ghosts), height)
 
@@ -69,15 +69,10 @@ def show_paths(track, paths, max_speed: float = 20.0, height: int = 480) -> Fram
         max_speed: that is red (m/s).
         height: of the frame (px).
     """
-    meshcat = _quiet_meshcat(track)
+    meshcat = MakeMeshcat(track)
     draw_bodies(meshcat, lambda plant, _: AddScenery(plant, track))
     for k, (positions, speeds) in enumerate(paths):
         vertices, faces = tube(positions, _RADIUS)
         colors = np.repeat(speed_colors(speeds, max_speed), 3, axis=0).T
         meshcat.SetTriangleColorMesh(f"paths/{k}", vertices, faces, colors)
     return show_page(meshcat.StaticHtml(), height)
-
-
-def _quiet_meshcat(track):
-    logging.getLogger("drake").setLevel(logging.WARNING)  # nobody shall visit its server
-    return MakeMeshcat(track)

@@ -28,13 +28,13 @@ class MapVisualizer(LeafSystem):
     deviations, and never less than 15 cm.
     """
 
-    def __init__(self, *, meshcat: Meshcat, period: float = 0.5):
-        """Args: meshcat: to draw in. period: between two drawings (s)."""
+    def __init__(self, *, meshcat: Meshcat):
+        """Args: meshcat: to draw in."""
         LeafSystem.__init__(self)
         self._meshcat = meshcat
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object](GateMap()))
         self._drawn = {}  # marker ID to place and radii, (6,); see PathVisualizer
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
+        self.DeclarePeriodicPublishEvent(0.5, 0.0, self._draw)
 
     def _draw(self, context):
         for marker in self._map.Eval(context).markers:

@@ -8,6 +8,7 @@ from pydrake.geometry import Meshcat, MeshcatParams, MeshcatVisualizer, MeshcatV
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
+from airrace.common.errors import UserError
 from airrace.rendering.scene.textures import HORIZON, ZENITH
 
 # What is fixed to the page's camera. The camera is an object of the page's scene, so it can
@@ -24,10 +25,19 @@ def MakeMeshcat(track) -> Meshcat:
         track: the airrace.track.Track.
 
     Raises:
-        RuntimeError: if no port is free.
+        UserError: if no port is free.
     """
-    logging.getLogger("drake").addFilter(_is_no_late_page)
-    meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+    drake = logging.getLogger("drake")
+    drake.setLevel(logging.WARNING)  # whoever starts the server says where to look
+    # Drake warns if a slow page asks for a picture that is gone.
+    drake.addFilter(_is_no_late_page)
+    try:
+        meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+    except RuntimeError as e:
+        raise UserError(
+            f"Nothing can be shown in a browser ({str(e).rstrip('.')}); close another program "
+            "that uses Meshcat, or race with --no-meshcat."
+        ) from None
     meshcat.SetCameraPose(*overview(track))
     # Meshcat's default is a dim studio.
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 2.0)
@@ -40,7 +50,6 @@ def MakeMeshcat(track) -> Meshcat:
 
 
 def _is_no_late_page(record) -> bool:
-    """Passes all but Drake's warning that a slow page asks for a picture that is gone."""
     return "Unknown CAS key" not in record.getMessage()
 
 

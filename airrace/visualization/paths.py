@@ -13,6 +13,7 @@ from airrace.visualization.tubes import speed_colors, tube
 
 HERE = "here"
 _HERE_COLOR = Rgba(1.0, 0.9, 0.1, 0.35)
+_MAX_SPEED = 20.0  # m/s, that is drawn red
 _CHUNK = 30  # points a mesh
 _FLOWN_RADIUS, _PLAN_RADIUS = 0.09, 0.12  # m; a well flown plan is around the flown path
 _CURRENT = Rgba(1.0, 1.0, 1.0, 0.35)
@@ -35,32 +36,17 @@ class PathVisualizer(LeafSystem):
     what is there. A translucent ball marks the drone, which is too small to see from afar.
     """
 
-    def __init__(
-        self,
-        *,
-        meshcat: Meshcat,
-        max_speed: float = 20.0,
-        audience: Audience | None = None,
-        period: float = 0.1,
-    ):
-        """Constructs the visualizer.
-
-        Args:
-            meshcat: to draw in.
-            max_speed: that is drawn red (m/s).
-            audience: of the page.
-            period: between two points (s).
-        """
+    def __init__(self, *, meshcat: Meshcat, audience: Audience | None = None):
+        """Args: meshcat: to draw in. audience: of the page."""
         LeafSystem.__init__(self)
         self._meshcat = meshcat
-        self._max_speed = max_speed
         self._audience = audience or Audience(meshcat)
         self._state = self.DeclareVectorInputPort("truth.state", 13)
         # What is on the page is output, not state: it depends on nothing but
         # the publishes so far, and nothing in the simulation depends on it.
         self._points, self._speeds = [], []
         meshcat.SetObject(HERE, Sphere(0.8), _HERE_COLOR)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._follow)
+        self.DeclarePeriodicPublishEvent(0.1, 0.0, self._follow)
         self.DeclareForcedPublishEvent(lambda context: self._draw())
 
     def _follow(self, context):
@@ -79,7 +65,7 @@ class PathVisualizer(LeafSystem):
             return
         first = (count - 1) // _CHUNK * _CHUNK
         vertices, faces = tube(self._points[first:], _FLOWN_RADIUS)
-        colors = speed_colors(self._speeds[first:], self._max_speed)
+        colors = speed_colors(self._speeds[first:], _MAX_SPEED)
         self._meshcat.SetTriangleColorMesh(
             f"flown/{first // _CHUNK}", vertices, faces, np.repeat(colors, 3, axis=0).T
         )
@@ -97,13 +83,13 @@ class PlanVisualizer(LeafSystem):
     ``lap_plan`` is a LapPlan or NO_PLAN.
     """
 
-    def __init__(self, *, meshcat: Meshcat, period: float = 0.1):
-        """Args: meshcat: to draw in. period: between two drawings (s)."""
+    def __init__(self, *, meshcat: Meshcat):
+        """Args: meshcat: to draw in."""
         LeafSystem.__init__(self)
         self._meshcat = meshcat
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
         self._drawn = [NO_PLAN]  # plans in their order; see PathVisualizer
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
+        self.DeclarePeriodicPublishEvent(0.1, 0.0, self._draw)
 
     def _draw(self, context):
         plan = self._plan.Eval(context)

@@ -11,7 +11,7 @@ from airrace.visualization.camera_inset import RAYS, CameraInset
 from airrace.visualization.map_visualizer import MapVisualizer
 from airrace.visualization.meshcat_page import HUD, MakeMeshcat, overview
 from airrace.visualization.paths import PathVisualizer, PlanVisualizer
-from airrace.visualization.rotors import RotorVisualizer, body_path, find_blades
+from airrace.visualization.rotor_visualizer import RotorVisualizer, body_path, find_blades
 from airrace.visualization.scoreboard import Scoreboard
 from airrace.visualization.views import ViewDirector
 

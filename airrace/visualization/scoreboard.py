@@ -31,7 +31,7 @@ def scoreboard_lines(
     """
     now = f"{time:.1f} s    {speed:.1f} m/s"
     crossings = report.crossings
-    lines = [f"{_what(gates, laps, report, status)}", now]
+    lines = [_what(gates, laps, report, status), now]
     starts = [crossings[k].time for k in range(0, len(crossings), gates)]
     times = np.diff(starts).tolist()
     for lap, lap_time in list(enumerate(times, start=1))[-_LAPS:]:
@@ -50,9 +50,13 @@ def _what(gates, laps, report, status) -> str:
         return f"did not finish: {report.dnf_reason}"
     if not status.done:
         return f"exploring: {len(status.gates)} gates found, {status.state}"
-    crossings = len(report.crossings)
-    lap = min(max(crossings - 1, 0) // gates + 1, laps)
-    return f"racing: lap {lap} of {laps}, next gate {crossings % gates + 1}"
+    lap, gate = lap_and_gate(len(report.crossings), gates, laps)
+    return f"racing: lap {lap} of {laps}, next gate {gate}"
+
+
+def lap_and_gate(crossings: int, gates: int, laps: int) -> tuple[int, int]:
+    """Returns the lap that is flown, and the next gate, after so many crossings; both from 1."""
+    return min(max(crossings - 1, 0) // gates + 1, laps), crossings % gates + 1
 
 
 def _last_split(crossings, gates, times) -> str:
@@ -73,8 +77,7 @@ def _last_split(crossings, gates, times) -> str:
 def draw_lines(lines) -> np.ndarray:
     """Returns a board with some lines of text, RGB, (h, w, 3)."""
     height = _LINE * len(lines) + 2 * _MARGIN - 8
-    image = np.empty((height, _WIDTH, 3), np.uint8)
-    image[:] = _BACKGROUND
+    image = np.full((height, _WIDTH, 3), _BACKGROUND, np.uint8)
     font = cv2.FontFace("sans")
     for k, line in enumerate(lines):
         place = (_MARGIN, _MARGIN + _LINE * k + _SIZE - 4)
@@ -98,22 +101,9 @@ class Scoreboard(LeafSystem):
     """
 
     def __init__(
-        self,
-        *,
-        meshcat: Meshcat,
-        gates: int,
-        laps: int,
-        audience: Audience | None = None,
-        period: float = 0.1,
+        self, *, meshcat: Meshcat, gates: int, laps: int, audience: Audience | None = None
     ):
-        """Constructs the board.
-
-        Args:
-            meshcat: to draw in.
-            gates: of the track. laps: to fly.
-            audience: of the page.
-            period: between two drawings (s).
-        """
+        """Args: meshcat: to draw in. gates: of the track. laps: to fly. audience: of the page."""
         LeafSystem.__init__(self)
         self._picture = FixedPicture(meshcat, "scoreboard", left=LEFT, top=0.72, width=0.6)
         self._gates, self._laps = gates, laps
@@ -123,7 +113,7 @@ class Scoreboard(LeafSystem):
         self._status = self.DeclareAbstractInputPort(
             "explorer_status", Value[object](ExplorerStatus())
         )
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
+        self.DeclarePeriodicPublishEvent(0.1, 0.0, self._draw)
 
     def _draw(self, context):
         if not self._audience.waits():

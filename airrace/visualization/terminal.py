@@ -6,28 +6,22 @@ import time
 
 from rich.console import Console
 from rich.live import Live
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, RaceResult
 from airrace.scenario import trajectory_name
 from airrace.vehicle.rotor_loss import Remaining
+from airrace.visualization.scoreboard import lap_and_gate
 
 _REFRESH = 0.1  # s
 
 
 class _PatientConsole(Console):
-    """A console whose reader may leave (| head): the race goes on, for its files."""
+    """A console whose reader may leave (| head) without an end of the program."""
 
     def on_broken_pipe(self):
-        _go_quiet(self)
-
-
-def _go_quiet(console: Console):
-    """Prints nothing from now on, not even what Python still holds back."""
-    console.quiet = True
-    with contextlib.suppress(OSError), open(os.devnull, "w") as devnull:
-        os.dup2(devnull.fileno(), console.file.fileno())
+        raise  # what rich has caught
 
 
 class RaceDisplay:
@@ -73,12 +67,14 @@ class RaceDisplay:
 
     @contextlib.contextmanager
     def _patience(self):
-        """Gives up printing, not the race, when printing fails (disk full)."""
+        """Gives up printing, not the race, when printing fails: nobody reads, or disk full."""
         try:
             yield
         except OSError:
-            self._live = None
-            _go_quiet(self._console)
+            self._live, self._console.quiet = None, True
+            # Not even what Python still holds back.
+            with contextlib.suppress(OSError), open(os.devnull, "w") as devnull:
+                os.dup2(devnull.fileno(), self._console.file.fileno())
 
     def note(self, line: str):
         """Prints a line that is not about the race itself."""
@@ -126,13 +122,10 @@ class RaceDisplay:
         clock = f"{outputs.time:6.1f} s simulated, {rate:.1f} x real time"
         if not result.explorer_status.done:
             return f"exploring  {len(result.explorer_status.gates)} gates found   {clock}"
-        crossings = len(result.referee_status.crossings)
-        lap = min(max(crossings - 1, 0) // self._gates + 1, self._scenario.laps)
-        flown = max(crossings - 1, 0)
-        total = self._scenario.laps * self._gates
-        bar = "#" * (30 * flown // total)
-        gate = crossings % self._gates + 1
-        return f"racing [{bar:30}] lap {lap}/{self._scenario.laps}, next gate {gate}   {clock}"
+        crossings, laps = len(result.referee_status.crossings), self._scenario.laps
+        lap, gate = lap_and_gate(crossings, self._gates, laps)
+        bar = "#" * (30 * max(crossings - 1, 0) // (laps * self._gates))
+        return f"racing [{bar:30}] lap {lap}/{laps}, next gate {gate}   {clock}"
 
     def print_summary(self, result: dict, output_dir):
         """Prints the table of laps and where the results are."""
@@ -149,8 +142,7 @@ class RaceDisplay:
         with self._patience():
             if result["laps"]:
                 self._console.print(lap_table(result))
-            failures = failures_line(result)
-            if failures:
+            if failures := failures_line(result):
                 self._print(failures)
             self._print(
                 f"{line}; {wall['seconds']:.0f} s of work, "
@@ -161,17 +153,10 @@ class RaceDisplay:
 
 def lap_table(result: dict) -> Table:
     """Returns the table of laps of a race.json."""
-    table = Table()
-    for heading in (
-        "lap",
-        "time (s)",
-        "planned (s)",
-        "over bound",
-        "max speed (m/s)",
-        "worst gate offset (m)",
-        "map RMS (m)",
-    ):
-        table.add_column(heading, justify="right")
+    headings = (
+        "lap,time (s),planned (s),over bound,max speed (m/s),worst gate offset (m),map RMS (m)"
+    )
+    table = Table(*(Column(heading, justify="right") for heading in headings.split(",")))
     for lap in result["laps"]:
         plan = lap["plan"]
         mark = " *" if _failures_in(result, lap["start_s"], _end(lap)) else ""

@@ -17,6 +17,7 @@ BUTTONS = {
     ONBOARD: ("On board (B)", "KeyB"),
 }
 _BEHIND, _ABOVE = 5.0, 1.8  # m
+_PERIOD = 1 / 30  # s, between two poses
 _LAG = 0.5  # s, of the chasing camera's turns
 _AHEAD = 10.0  # m
 
@@ -35,15 +36,7 @@ class ViewDirector(LeafSystem):
     horizon.
     """
 
-    def __init__(
-        self,
-        *,
-        meshcat: Meshcat,
-        overview,
-        body_path: str,
-        X_BC: RigidTransform,
-        period: float = 1 / 30,
-    ):
+    def __init__(self, *, meshcat: Meshcat, overview, body_path: str, X_BC: RigidTransform):
         """Constructs the director, and the buttons.
 
         Args:
@@ -51,12 +44,11 @@ class ViewDirector(LeafSystem):
             overview: from where to see all, see overview().
             body_path: where the drone is drawn.
             X_BC: pose of the drone's camera.
-            period: between two poses (s).
         """
         LeafSystem.__init__(self)
         self._meshcat = meshcat
         self._overview, self._body_path, self._X_BC = overview, body_path, X_BC
-        self._share = 1.0 - np.exp(-period / _LAG)
+        self._share = 1.0 - np.exp(-_PERIOD / _LAG)
         self._clicks = {}
         for view, (button, key) in BUTTONS.items():
             meshcat.AddButton(button, key)
@@ -64,7 +56,7 @@ class ViewDirector(LeafSystem):
         self._view = OVERVIEW  # see PathVisualizer
         self._forward = None  # level and lagging behind the drone's
         self._state = self.DeclareVectorInputPort("truth.state", 13)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._direct)
+        self.DeclarePeriodicPublishEvent(_PERIOD, 0.0, self._direct)
         self.DeclareForcedPublishEvent(self._direct)
 
     def _direct(self, context):

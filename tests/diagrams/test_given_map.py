@@ -11,7 +11,7 @@ from airrace.diagrams.hitl_race import prepared
 from airrace.diagrams.race import MakeRace, run_race
 from airrace.diagrams.race_command import main
 from airrace.scenario import Scenario, load_scenario
-from airrace.scenario.camera import CameraConfig
+from airrace.scenario.camera_config import CameraConfig
 
 BLIND = CameraConfig(renderer="none")
 

@@ -5,7 +5,7 @@ import pytest
 
 from airrace.diagrams.race import run_race
 from airrace.scenario import Scenario
-from airrace.scenario.camera import CameraConfig
+from airrace.scenario.camera_config import CameraConfig
 from airrace.track import load_track
 from airrace.vehicle.disturbances import DisturbancesConfig
 

@@ -14,8 +14,8 @@ from airrace import vehicle
 from airrace.common import files
 from airrace.common.resources import models_path
 from airrace.diagrams import options, race, race_command, warm_up
-from airrace.diagrams.options import make_parser, resolve_scenario
 from airrace.diagrams.race_command import main
+from airrace.diagrams.race_options import make_parser, resolve_scenario
 from airrace.scenario import load_scenario, scenario_yaml
 
 SHORT = ["--no-meshcat", "--scenario_text", "referee: {time_limit: 0.2}"]
@@ -255,10 +255,10 @@ class TestBadInput:
         assert lines[-1].startswith("airrace: error: ") and words in lines[-1]
 
     def test_no_port_for_meshcat(self, folder, monkeypatch, capsys):
-        def no_port(track):
+        def no_port(parameters):
             raise RuntimeError("Meshcat failed to open a websocket port.")
 
-        monkeypatch.setattr("airrace.visualization.race_view.MakeMeshcat", no_port)
+        monkeypatch.setattr("airrace.visualization.meshcat_page.Meshcat", no_port)
         before = tree(folder)
         assert main([]) == 2
         out, err = capsys.readouterr()

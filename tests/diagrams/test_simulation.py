@@ -14,7 +14,7 @@ from airrace.common.errors import UserError
 from airrace.diagrams.simulation import MakeSimulation, follow_gates
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.scenario import RotorsConfig, Scenario
-from airrace.scenario.camera import RENDERERS, CameraConfig
+from airrace.scenario.camera_config import RENDERERS, CameraConfig
 from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
 from airrace.vehicle import GRAVITY, find_vehicle, load_vehicle

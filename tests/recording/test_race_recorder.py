@@ -12,8 +12,7 @@ from pydrake.systems.analysis import Simulator
 from airrace.recording.race_recorder import RaceRecorder
 from airrace.recording.topics import TOPICS
 from airrace.recording.writer import RaceLog
-from airrace.scenario import Scenario
-from airrace.scenario.recording import RecordingConfig
+from airrace.scenario import RecordingConfig, Scenario
 from airrace.systems.planning.lap_plan import LapPlan
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import (

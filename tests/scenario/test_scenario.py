@@ -15,9 +15,8 @@ from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, models_path
 from airrace.diagrams.race import run_race
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
-from airrace.scenario import Scenario, load_scenario, scenario_yaml
-from airrace.scenario.camera import PRESETS
-from airrace.scenario.recording import CONTENTS, RecordingConfig
+from airrace.scenario import CONTENTS, RecordingConfig, Scenario, load_scenario, scenario_yaml
+from airrace.scenario.camera_config import PRESETS
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig
 
 SHIPPED = [
@@ -506,3 +505,24 @@ def test_anything_loads_or_is_refused_in_a_sentence(data):
             for _, value in leaves(yaml.safe_load(as_yaml(scenario)))
             if isinstance(value, float)
         )
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("{content: all}", "recording.content must be one of none, light, full, not 'all'"),
+        ("{image_rate: 31}", "recording.image_rate must be at most camera.fps, 30 Hz, not 31"),
+        ("{image_rate: 0}", "recording.image_rate must be at least 0.1"),
+        ("{state_rate: .inf}", "recording.state_rate must be a finite number"),
+        ("{jpeg_quality: 101}", "recording.jpeg_quality must be at most 100"),
+    ],
+)
+def test_bad_recordings(text, words):
+    with pytest.raises(UserError, match=words):
+        load_scenario(scenario_text=f"recording: {text}").check()
+
+
+def test_without_pictures_their_rate_does_not_matter():
+    load_scenario(
+        scenario_text="{recording: {content: light}, camera: {fps: 2}, perception: {latency: 0.01}}"
+    ).check()

@@ -8,7 +8,7 @@ from tests.visualization.meshcat_tools import Watching, drawn, fix
 
 
 def test_draws_the_flown_path_in_pieces(meshcat):
-    paths = PathVisualizer(meshcat=meshcat, period=0.1)
+    paths = PathVisualizer(meshcat=meshcat)
     simulator = Simulator(paths)
     fix(paths, simulator.get_mutable_context(), truth__state=np.zeros(13))
     simulator.AdvanceTo(2.95)
@@ -20,7 +20,7 @@ def test_draws_the_flown_path_in_pieces(meshcat):
 
 
 def test_who_looks_sees_the_path_grow(meshcat):
-    paths = PathVisualizer(meshcat=meshcat, period=0.1, audience=Watching())
+    paths = PathVisualizer(meshcat=meshcat, audience=Watching())
     simulator = Simulator(paths)
     fix(paths, simulator.get_mutable_context(), truth__state=np.zeros(13))
     for end, count in ((0.15, 2), (1.05, 11), (3.05, 31), (3.15, 2)):
@@ -33,7 +33,7 @@ def test_who_looks_sees_the_path_grow(meshcat):
 def test_the_path_is_coloured_by_speed(meshcat):
     colors = []
     for speed in (0.0, 20.0):
-        paths = PathVisualizer(meshcat=meshcat, max_speed=20.0, period=0.1, audience=Watching())
+        paths = PathVisualizer(meshcat=meshcat, audience=Watching())
         simulator = Simulator(paths)
         state = np.zeros(13)
         state[10] = speed

@@ -7,7 +7,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import EventStatus, LeafSystem
 
 from airrace.common.immutable import Immutable
-from airrace.scenario.limits import parse_limits
+from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from airrace.evaluation.jobs import generated_track
-from airrace.scenario.limits import parse_limits
+from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.planning import lap_planning
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem

@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from airrace.rendering.imaging.camera_effects import ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
-from airrace.scenario.camera import PRESETS
+from airrace.scenario.camera_config import PRESETS
 from airrace.systems.perception.rectifier import Rectifier
 from airrace.systems.sensing.camera import Camera
 from airrace.systems.sensing.camera_view import CameraView

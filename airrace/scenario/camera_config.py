@@ -1,9 +1,7 @@
 """The camera's part of a scenario."""
 
 import dataclasses as dc
-import math
 
-from airrace.common.errors import UserError
 from airrace.rendering.imaging.camera_effects import CameraEffects
 
 RENDERERS = ("planar", "vtk")  # or NO_CAMERA, where the map is given
@@ -59,39 +57,3 @@ class CameraConfig:
         if "distortion" in given:
             given["distortion"] = tuple(map(float, given["distortion"]))
         return dc.replace(PRESETS[self.preset], **given)
-
-    def check(self) -> None:
-        """Raises UserError on a bad combination of values."""
-        for name, choices in (("renderer", (*RENDERERS, NO_CAMERA)), ("preset", tuple(PRESETS))):
-            value = getattr(self, name)
-            if value not in choices:
-                raise UserError(
-                    f"camera.{name} must be one of {', '.join(choices)}, not '{value}'."
-                )
-        effects = self.resolved()
-        if len(effects.distortion) != 5 or not all(map(math.isfinite, effects.distortion)):
-            raise UserError(
-                "camera.effects.distortion must be five finite numbers, [k1, k2, p1, p2, k3]."
-            )
-        for name in ("shutter", "latency"):
-            if getattr(effects, name) >= 1.0 / self.fps:
-                raise UserError(
-                    f"camera.effects.{name} must be shorter than one frame, 1 / camera.fps; "
-                    f"it is {getattr(effects, name)} s."
-                )
-
-
-# Least and greatest value, for the scenario's check of all numbers.
-RANGES = {
-    "camera.width": (16, 8192),
-    "camera.height": (16, 8192),
-    "camera.fov_y_deg": (1, 170),
-    "camera.fps": (1, 1000),
-    "camera.effects.shutter": (0, 1),
-    "camera.effects.gain": (0.05, 10),
-    "camera.effects.vignetting": (0, 1),
-    "camera.effects.read_noise": (0, 50),
-    "camera.effects.shot_noise": (0, 10),
-    "camera.effects.latency": (0, 1),
-    "camera.effects.distortion[]": (-10, 10),
-}

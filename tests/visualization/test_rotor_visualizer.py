@@ -7,7 +7,13 @@ from pydrake.systems.framework import DiagramBuilder
 
 from airrace.systems.plant.multirotor import AddMultirotorModel
 from airrace.vehicle import DRONES, load_vehicle
-from airrace.visualization.rotors import SLOW_MOTION, RotorVisualizer, body_path, find_blades
+from airrace.visualization.rotor_visualizer import (
+    PERIOD,
+    SLOW_MOTION,
+    RotorVisualizer,
+    body_path,
+    find_blades,
+)
 from tests.visualization.meshcat_tools import fix, transform
 
 
@@ -41,9 +47,7 @@ def test_blades_turn_with_their_rotors_and_a_dead_one_stands_still(meshcat):
     vehicle, plant, scene_graph = _drone("Default", meshcat)
     blades = find_blades(plant, scene_graph, vehicle)
     path = body_path(plant)
-    visualizer = RotorVisualizer(
-        meshcat=meshcat, vehicle=vehicle, path=path, blades=blades, period=0.1
-    )
+    visualizer = RotorVisualizer(meshcat=meshcat, vehicle=vehicle, path=path, blades=blades)
     before = [transform(meshcat, f"{path}/{name}") for _, name, _ in blades]
     simulator = Simulator(visualizer)
     speeds = [50.0, 0.0, 50.0, 80.0]
@@ -53,5 +57,5 @@ def test_blades_turn_with_their_rotors_and_a_dead_one_stands_still(meshcat):
         new = transform(meshcat, f"{path}/{name}")
         turn = np.arctan2(new[1], new[0]) - np.arctan2(old[1], old[0])
         sign = 1.0 if vehicle.rotors[rotor].direction == "ccw" else -1.0
-        assert turn == pytest.approx(sign * SLOW_MOTION * 0.1 * speeds[rotor], abs=1e-6)
+        assert turn == pytest.approx(sign * SLOW_MOTION * PERIOD * speeds[rotor], abs=1e-6)
         np.testing.assert_allclose(new[12:], old[12:])

@@ -11,7 +11,7 @@ from airrace.diagrams.simulation import MakeSimulation
 from airrace.rendering.imaging.camera_effects import CameraEffects
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.scenario import Scenario, load_scenario
-from airrace.scenario.camera import PRESETS
+from airrace.scenario.camera_config import PRESETS
 from airrace.track import load_track
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
-from airrace.scenario.limits import parse_limits
+from airrace.scenario.lap_limits import parse_limits
 
 positive = st.floats(1e-3, 1e6)
 

@@ -9,6 +9,7 @@ from airrace.vehicle import Vehicle
 
 # Of the true speed, which would be a blur or, sampled, seem to stand still.
 SLOW_MOTION = 0.1
+PERIOD = 1 / 15  # s, between two poses
 _ON_AXIS = 0.01  # m
 _NOT_ROUND = (Box, Convex, Ellipsoid, Mesh)
 
@@ -61,9 +62,7 @@ class RotorVisualizer(LeafSystem):
     that would be most of the file.
     """
 
-    def __init__(
-        self, *, meshcat: Meshcat, vehicle: Vehicle, path: str, blades, period: float = 1 / 15
-    ):
+    def __init__(self, *, meshcat: Meshcat, vehicle: Vehicle, path: str, blades):
         """Constructs the visualizer.
 
         Args:
@@ -71,20 +70,16 @@ class RotorVisualizer(LeafSystem):
             vehicle: the rotor table.
             path: from body_path().
             blades: from find_blades().
-            period: between two poses (s).
         """
         LeafSystem.__init__(self)
         self._meshcat = meshcat
         self._path = path
         self._blades = blades
-        self._step = (
-            SLOW_MOTION
-            * period
-            * np.array([1.0 if r.direction == "ccw" else -1.0 for r in vehicle.rotors])
-        )
+        signs = np.array([1.0 if r.direction == "ccw" else -1.0 for r in vehicle.rotors])
+        self._step = SLOW_MOTION * PERIOD * signs
         self._angles = np.zeros(len(vehicle.rotors))  # see PathVisualizer
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, self._draw)
 
     def _draw(self, context):
         self._angles += self._step * self._speeds.Eval(context)

@@ -1,12 +1,20 @@
 """The options of a race on the command line, and the scenario that they make."""
 
 import argparse
+import functools
 from pathlib import Path
 
 from airrace.common.errors import UserError
 from airrace.hitl.companion.options import add_ssh_options
 
 LEVELS = range(5)  # of models/scenarios/levels.yaml
+# Fields of the scenario that options give.
+_FIELDS = {name: name for name in ("drone", "trajectory", "track", "laps", "seed", "map")} | {
+    "limits": "planner.limits",
+    "renderer": "camera.renderer",
+    "record": "recording.content",
+    "realtime_rate": "simulator_config.target_realtime_rate",
+}
 
 EPILOG = """\
 examples:
@@ -207,17 +215,11 @@ def resolve_scenario(args):
     scenario = load_scenario(
         filename=filename, scenario_name=name, scenario_text=args.scenario_text
     )
-    for option in ("drone", "trajectory", "track", "laps", "seed", "map"):
-        if getattr(args, option) is not None:
-            setattr(scenario, option, getattr(args, option))
-    if args.limits is not None:
-        scenario.planner.limits = args.limits
-    if args.renderer is not None:
-        scenario.camera.renderer = args.renderer
-    if args.record is not None:
-        scenario.recording.content = args.record
-    if args.realtime_rate is not None:
-        scenario.simulator_config.target_realtime_rate = args.realtime_rate
+    for option, field in _FIELDS.items():
+        value = getattr(args, option, None)
+        if value is not None:
+            *groups, name = field.split(".")
+            setattr(functools.reduce(getattr, groups, scenario), name, value)
     if args.simulation == "HITL":
         from airrace.diagrams.hitl_race import prepared
 

@@ -13,7 +13,7 @@ import yaml
 from airrace import vehicle
 from airrace.common import files
 from airrace.common.resources import models_path
-from airrace.diagrams import options, race, race_command, warm_up
+from airrace.diagrams import race, race_command, race_options, warm_up
 from airrace.diagrams.race_command import main
 from airrace.diagrams.race_options import make_parser, resolve_scenario
 from airrace.scenario import load_scenario, scenario_yaml
@@ -315,13 +315,13 @@ class TestOptions:
         assert scenario.simulator_config.target_realtime_rate == 1.5
 
     def test_a_level_is_a_shipped_scenario(self):
-        for level in options.LEVELS:
+        for level in race_options.LEVELS:
             scenario = self.resolve("--level", str(level), "--laps", "3")
             expected = load_scenario(filename="levels", scenario_name=f"Level{level}")
             expected.laps = 3
             assert scenario_yaml(scenario) == scenario_yaml(expected)
         path = models_path() / "scenarios" / "levels.yaml"
-        assert list(yaml.safe_load(path.read_text())) == [f"Level{n}" for n in options.LEVELS]
+        assert list(yaml.safe_load(path.read_text())) == [f"Level{n}" for n in race_options.LEVELS]
         scenario = self.resolve("--level", "3", "--scenario_text", "camera: {preset: clean}")
         assert scenario.camera.preset == "clean" and scenario.disturbances.drag == 1.0
 
@@ -394,7 +394,7 @@ class TestOptions:
             assert word in text
 
     def test_the_examples_of_the_help_are_good(self):
-        examples = re.findall(r"^  \./run\.bash(.*?)(?:   .*)?$", options.EPILOG, re.M)
+        examples = re.findall(r"^  \./run\.bash(.*?)(?:   .*)?$", race_options.EPILOG, re.M)
         assert len(examples) >= 4
         for example in examples:
             words = re.findall(r"'[^']*'|\S+", example)

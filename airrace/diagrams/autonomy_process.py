@@ -85,7 +85,7 @@ class AutonomyProcess:
 
     def build(self, lossless: bool) -> None:
         """Makes the Simulator."""
-        diagram, self._receivers, self._senders, self._compensator = MakeAutonomySide(
+        diagram, self._receiver, self._sender, self._compensator = MakeAutonomySide(
             self._scenario,
             self._autonomy,
             self.channels,
@@ -102,7 +102,7 @@ class AutonomyProcess:
             raise KeyboardInterrupt
 
     def _race_in_lockstep(self) -> int:
-        exchange = Exchange(self._endpoint, self._receivers, self._senders)
+        exchange = Exchange(self._endpoint, self._receiver, self._sender)
         try:
             exchange.receive(
                 self._context, self._stop, poll=lambda: self._send_heartbeat(phases.READY)
@@ -127,7 +127,7 @@ class AutonomyProcess:
                 return self._lost()
         self.start(resume)
         while self._phase() == phases.READY and not self._ended():
-            self._receivers.receive(self._context, self._endpoint)
+            self._receiver.receive(self._context, self._endpoint)
             self._wait_and_poll(phases.READY)
         self._endpoint.clock.restart()
         saved = self._endpoint.now()
@@ -143,11 +143,11 @@ class AutonomyProcess:
 
     def is_ready(self) -> bool:
         """Whether something has come on every channel."""
-        return self._receivers.are_complete(self._endpoint)
+        return self._receiver.is_complete(self._endpoint)
 
     def start(self, resume=None) -> None:
         """Initializes the Simulator; see run()."""
-        self._receivers.receive(self._context, self._endpoint)
+        self._receiver.receive(self._context, self._endpoint)
         if resume:
             self._context.SetTime(self._sim_time())
             restore(resume, self._autonomy, self._context)
@@ -155,7 +155,7 @@ class AutonomyProcess:
 
     def step(self) -> None:
         """Advances to what the simulation's clock shows, with what has come last, and sends."""
-        self._receivers.receive(self._context, self._endpoint)
+        self._receiver.receive(self._context, self._endpoint)
         clock = self._endpoint.clock
         delay = self._compensator.rounded(clock.rate * clock.usual_round_trip, self._delay)
         if delay != self._delay:
@@ -169,7 +169,7 @@ class AutonomyProcess:
             self._initialize(fresh=False)
         elif now > self._context.get_time():
             self._simulator.AdvanceTo(now)
-        self._senders.send(self._context)
+        self._sender.send(self._context)
 
     def _initialize(self, fresh: bool):
         """Initializes at the context's time; what is known stays unless it is a fresh start."""

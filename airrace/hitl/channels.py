@@ -4,7 +4,6 @@ import dataclasses as dc
 from collections.abc import Callable
 
 import numpy as np
-from drake import lcmt_image_array
 from pydrake.common.value import Value
 from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
@@ -14,6 +13,7 @@ from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Channel
 from airrace.hitl.link.image_messages import PICTURE_PORTS
 from airrace.hitl.link.messages import of_size
 from airrace.hitl.link.plan_messages import LAP_PLAN
+from airrace.lcmtypes import lcmt_pictures
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.types import ExplorerStatus, RefereeStatus
@@ -141,7 +141,7 @@ def _camera(scenario: Scenario, wanted) -> PortChannel:
 
     return PortChannel(
         name="AIRRACE_CAMERA",
-        message_type=lcmt_image_array,
+        message_type=lcmt_pictures,
         sender=SIMULATION,
         decode=decode,
         max_size=_LARGE,

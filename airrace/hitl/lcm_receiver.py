@@ -1,59 +1,79 @@
 """Ports whose values come over LCM."""
 
+import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import AbstractStateIndex, LeafSystem
 
 from airrace.common.immutable import Immutable
 
 
 class LcmReceiver(LeafSystem):
-    """Holds the values of the last message of a channel.
+    """Holds the values of the last message of each channel of the other side.
 
     .. pydrake_system::
 
         name: LcmReceiver
         output_ports:
-        - the ports of the channel
+        - the ports of each channel
         - the first of them, with _time added
 
-    It is the counterpart of an LcmSender on the other side of the link: its output
-    ports have the names and types of that one's input ports. They show
-    the state, which receive() sets between two steps of the Simulator, so that
-    all systems see the same message within a step. The last port, a vector of one
-    number, is the simulated time at which that was sent (s).
+    It stands for the diagram on the other side of the link: its output ports have the
+    names and types of that one's. They show the state, which receive() sets between two
+    steps of the Simulator, so that all systems see the same messages within a step. The
+    last port of a channel, a vector of one number, is the simulated time at which its
+    message was sent (s).
     """
 
-    def __init__(self, channel):
-        """Args: channel: a PortChannel."""
+    def __init__(self, channels, role: str):
+        """Args: channels: PortChannels of the race. role: of this side."""
         LeafSystem.__init__(self)
-        self.channel = channel.name
-        self._state = self.DeclareAbstractState(Value[object](_Values(channel.initial, 0.0)))
-        ticket = {self.abstract_state_ticket(self._state)}
-        for port in channel.ports:
-            model = channel.model(port)
-            if isinstance(model, int):
-                self.DeclareVectorOutputPort(port, model, self._calc(port), ticket)
-            else:
-                self.DeclareAbstractOutputPort(port, model.Clone, self._calc(port), ticket)
-        time_port = f"{channel.ports[0]}_time"
-        self.DeclareVectorOutputPort(time_port, 1, self._calc_time, ticket)
+        self._states = {}  # name of a channel to its abstract state and the port of the time
+        for channel in channels:
+            if channel.sender == role or channel.ports[0].startswith("truth."):
+                continue
+            time_port = f"{channel.ports[0]}_time"
+            initial = _Values({**channel.initial, time_port: np.zeros(1)}, None)
+            state = int(self.DeclareAbstractState(Value[object](initial)))
+            self._states[channel.name] = state, time_port
+            for port in channel.ports:
+                self._declare(port, channel.model(port), state)
+            self._declare(time_port, 1, state)
 
-    def receive(self, context, values: dict, time: float) -> None:
-        """Shows other values, by port, that were sent at a simulated time (s)."""
-        context.SetAbstractState(int(self._state), _Values(values, time))
+    def _declare(self, port, model, state):
+        def calc(context, output):
+            output.set_value(_values(context, state).by_port[port])
 
-    def _values(self, context) -> "_Values":
-        return context.get_abstract_state(int(self._state)).get_value()
+        ticket = {self.abstract_state_ticket(AbstractStateIndex(state))}
+        if isinstance(model, int):
+            self.DeclareVectorOutputPort(port, model, calc, ticket)
+        else:
+            self.DeclareAbstractOutputPort(port, model.Clone, calc, ticket)
 
-    def _calc(self, port):
-        return lambda context, output: output.set_value(self._values(context).by_port[port])
+    def receive(self, root_context, endpoint) -> None:
+        """Shows the newest values that have come.
 
-    def _calc_time(self, context, output):
-        output.SetAtIndex(0, self._values(context).time)
+        Args:
+            root_context: of the diagram that is simulated.
+            endpoint: that has drained what came.
+        """
+        context = self.GetMyMutableContextFromRoot(root_context)
+        for channel, (state, time_port) in self._states.items():
+            received = endpoint.newest(channel, context.get_time())
+            if received is not None and received.stamp is not _values(context, state).stamp:
+                values = {**received.value, time_port: np.array([received.stamp.time])}
+                context.SetAbstractState(state, _Values(values, received.stamp))
+
+    def is_complete(self, endpoint) -> bool:
+        """Whether something has come on every channel."""
+        return all(map(endpoint.newest, self._states))
 
 
 class _Values(Immutable):
-    """The values of all ports, and when they were sent; shared by copies of a Context."""
+    """The values of a channel's ports, and the Stamp of their message, None before the first."""
 
-    def __init__(self, by_port: dict, time: float):
-        self.by_port, self.time = by_port, time
+    def __init__(self, by_port: dict, stamp):
+        self.by_port, self.stamp = by_port, stamp
+
+
+def _values(context, state) -> _Values:
+    return context.get_abstract_state(state).get_value()

@@ -3,7 +3,8 @@
 import dataclasses as dc
 import time
 
-from airrace.hitl.lcm_bridge import Receivers, Senders
+from airrace.hitl.lcm_receiver import LcmReceiver
+from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, SIMULATION
 from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
@@ -36,17 +37,14 @@ class Remote:
         self._heartbeat_sent = self._shown = -1.0
 
     def AddToBuilder(self, builder, scenario, simulation):
-        self._receivers = Receivers(self._channels, SIMULATION)
-        autonomy = builder.AddSystem(self._receivers.diagram)
-        autonomy.set_name("autonomy")
+        autonomy = builder.AddNamedSystem("autonomy", LcmReceiver(self._channels, SIMULATION))
         self._add_command(builder, scenario, simulation, autonomy)
         builder.Connect(
             autonomy.GetOutputPort("explorer_status"), simulation.GetInputPort("explorer_status")
         )
         lossless = self.mode == LOCKSTEP
-        self._senders = Senders(
-            builder, simulation, self._channels, SIMULATION, self._endpoint, lossless
-        )
+        self._receiver = autonomy
+        self._sender = LcmSender(simulation, self._channels, SIMULATION, self._endpoint, lossless)
         return autonomy
 
     def end(self, simulator):
@@ -78,7 +76,7 @@ class LockstepRemote(Remote):
     def begin(self, simulator):
         context = simulator.get_mutable_context()
         await_peer(self._endpoint, phases.READY, LOCKSTEP, timeout=_PATIENCE, poll=self._poll)
-        self._exchange = Exchange(self._endpoint, self._receivers, self._senders)
+        self._exchange = Exchange(self._endpoint, self._receiver, self._sender)
         next(self._times)
         self._exchange.send(context)
         self._exchange.receive(context)
@@ -132,8 +130,8 @@ class RealTimeRemote(Remote):
         self._poll()
         if self._endpoint.now() - self._shown > 2 * HEARTBEAT_PERIOD:
             self._shown = self._endpoint.now()
-            self._senders.forget()
-            self._senders.send(context)
+            self._sender.forget()
+            self._sender.send(context)
 
     def advance(self, simulator, end):
         self._poll()
@@ -142,9 +140,9 @@ class RealTimeRemote(Remote):
         while context.get_time() < end:
             tick = min((self._ticks + 1) * _TICK, end)
             self._wait_for(tick, context.get_time())
-            self._receivers.receive(context, self._endpoint)
+            self._receiver.receive(context, self._endpoint)
             simulator.AdvanceTo(tick)
-            self._senders.send(context)
+            self._sender.send(context)
             self._ticks += tick < end or tick == (self._ticks + 1) * _TICK
         return self._given_up(context)
 

@@ -16,6 +16,7 @@ from .lcmt_heartbeat import lcmt_heartbeat as lcmt_heartbeat
 from .lcmt_lap_plan import lcmt_lap_plan as lcmt_lap_plan
 from .lcmt_link_status import lcmt_link_status as lcmt_link_status
 from .lcmt_marker_estimate import lcmt_marker_estimate as lcmt_marker_estimate
+from .lcmt_pictures import lcmt_pictures as lcmt_pictures
 from .lcmt_polynomials import lcmt_polynomials as lcmt_polynomials
 from .lcmt_referee_status import lcmt_referee_status as lcmt_referee_status
 from .lcmt_rotor_status import lcmt_rotor_status as lcmt_rotor_status

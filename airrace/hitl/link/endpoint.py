@@ -35,7 +35,7 @@ class Channel:
 
     Attributes:
         name: of the channel.
-        message_type: of airrace.lcmtypes, or lcmt_image_array.
+        message_type: of airrace.lcmtypes.
         sender: the role that sends on it, "simulation" or "autonomy".
         decode: from a message to a value; may raise Dropped.
         max_size: of a message (bytes).

@@ -1,14 +1,16 @@
-"""Camera pictures as Drake's lcmt_image_array."""
+"""Camera pictures in messages, compressed, as Drake's lcmt_image_array."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from drake import lcmt_image, lcmt_image_array
+from drake import lcmt_image
 from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
-from airrace.hitl.link.packets import MALFORMED, NOT_FINITE, OVERSIZED, Dropped
+from airrace.hitl.link.codec import check_finite
+from airrace.hitl.link.packets import MALFORMED, OVERSIZED, Dropped
+from airrace.lcmtypes import lcmt_pictures
 from airrace.systems.sensing.camera_view import CameraView
 
 JPEG_QUALITY = 80
@@ -41,7 +43,7 @@ PICTURE_PORTS = {
 }
 
 
-def encode_pictures(pictures: dict, time: float, lossless: bool) -> lcmt_image_array:
+def encode_pictures(pictures: dict, time: float, lossless: bool) -> lcmt_pictures:
     """Returns the message of one frame.
 
     Args:
@@ -49,29 +51,24 @@ def encode_pictures(pictures: dict, time: float, lossless: bool) -> lcmt_image_a
         time: when it was taken (s).
         lossless: PNG in the place of JPEG.
     """
-    message = lcmt_image_array()
-    for name, picture in pictures.items():
-        message.images.append(_encoded(name, picture, time, lossless))
-    message.num_images = len(message.images)
+    message = lcmt_pictures()
+    message.time = time
+    message.images.images = [_encoded(*each, time, lossless) for each in pictures.items()]
+    message.images.num_images = len(pictures)
     return message
 
 
-def decode_pictures(message: lcmt_image_array) -> tuple[dict, float]:
+def decode_pictures(message: lcmt_pictures) -> tuple[dict, float]:
     """Returns what encode_pictures() was given: pictures and time.
 
     A JPEG's are a little different. Nothing is decompressed that claims to be
     larger than any camera's picture.
     """
-    if not 1 <= message.num_images <= 2:
+    check_finite(message.time)
+    images = {image.header.frame_name: image for image in message.images.images}
+    if not images or len(images) < message.images.num_images or not images.keys() <= {GREY, COLOUR}:
         raise Dropped(MALFORMED)
-    pictures, times = {}, set()
-    for image in message.images:
-        name, time = _name_and_time(image.header.frame_name)
-        pictures[name] = _decoded(image, name)
-        times.add(time)
-    if len(pictures) != message.num_images or len(times) != 1:
-        raise Dropped(MALFORMED)
-    return pictures, times.pop()
+    return {name: _decoded(image, name) for name, image in images.items()}, message.time
 
 
 def port_value(port: str, pictures: dict, shape):
@@ -93,7 +90,7 @@ def _encoded(name, picture, time, lossless) -> lcmt_image:
     image = lcmt_image()
     image.height, image.width = picture.shape[:2]
     image.header.utime = round(time * 1e6)
-    image.header.frame_name = f"{name} {float(time).hex()}"
+    image.header.frame_name = name
     image.channel_type = lcmt_image.CHANNEL_TYPE_UINT8
     image.pixel_format = lcmt_image.PIXEL_FORMAT_GRAY
     pixels = picture
@@ -114,19 +111,6 @@ def _encoded(name, picture, time, lossless) -> lcmt_image:
     image.data = data.tobytes()
     image.size = len(image.data)
     return image
-
-
-def _name_and_time(frame_name):
-    name, _, time = frame_name.partition(" ")
-    try:
-        time = float.fromhex(time)
-    except (ValueError, OverflowError):
-        raise Dropped(MALFORMED) from None
-    if not np.isfinite(time):
-        raise Dropped(NOT_FINITE)
-    if name not in (GREY, COLOUR):
-        raise Dropped(MALFORMED)
-    return name, time
 
 
 def _decoded(image: lcmt_image, name) -> np.ndarray:

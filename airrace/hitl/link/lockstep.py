@@ -63,14 +63,14 @@ def lockstep_times(scenario, poll_period: float):
 class Exchange:
     """Exchanges the messages of one tick after the other."""
 
-    def __init__(self, endpoint, receivers, senders):
+    def __init__(self, endpoint, receiver, sender):
         """Constructs the exchange, which is at no tick yet.
 
         Args:
             endpoint: which takes messages in any order from now on.
-            receivers, senders: of this side, see lcm_bridge.py.
+            receiver, sender: LcmReceiver and LcmSender of this side.
         """
-        self._endpoint, self._receivers, self._senders = endpoint, receivers, senders
+        self._endpoint, self._receiver, self._sender = endpoint, receiver, sender
         self._sent = self._received = 0  # ticks
         self._sequences = {}  # of what was sent so far, by channel
         self._outgoing = ([], [])  # channels and bytes of the last two ticks
@@ -90,7 +90,7 @@ class Exchange:
         """Sends what changed, as the next tick."""
         self._sent += 1
         self._asked = time.monotonic()
-        sent = self._senders.send(root_context)
+        sent = self._sender.send(root_context)
         for channel, _ in sent:
             self._sequences[channel] = self._endpoint.sequence(channel)
         beat = self._endpoint.send_heartbeat(
@@ -135,7 +135,7 @@ class Exchange:
             if self._used.get(channel) != sequence:
                 self._used[channel] = sequence
                 self._endpoint.show(channel, self._pending.pop((channel, sequence)))
-        self._receivers.receive(root_context, self._endpoint)
+        self._receiver.receive(root_context, self._endpoint)
         for stale in [key for key in self._pending if key[1] <= self._used.get(key[0], 0)]:
             del self._pending[stale]
         for old in [old for old in self._beats if old < tick]:

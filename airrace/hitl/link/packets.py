@@ -2,12 +2,9 @@
 
 import dataclasses as dc
 import math
-import re
 import struct
 import zlib
 from io import BytesIO
-
-from drake import lcmt_image_array
 
 VERSION = 1
 # Why a message is dropped.
@@ -21,13 +18,6 @@ REASONS = (MALFORMED, OVERSIZED, NOT_FINITE, FOREIGN, REPLAYED, STALE)
 
 _HEADER = struct.Struct(">8siiqqd")  # fingerprint, and lcmt_header
 _UNDER_CRC = 12  # bytes before what the checksum is of
-# Drake's image type has no room for these but in its frame name; hexadecimal, so
-# that its length is always the same.
-_STAMP = "airrace {:x} session {:016x} sequence {:016x} time {:016x} crc "
-_STAMP_PATTERN = re.compile(
-    rb"airrace (\w+) session (\w{16}) sequence (\w{16}) time (\w{16}) crc (\w{8})"
-)
-_STAMP_REACH = 200  # bytes from the start, within which it is
 
 
 class Dropped(Exception):
@@ -53,18 +43,9 @@ def pack(message, stamp: Stamp) -> bytes:
     """Returns the bytes of a message with its stamp and checksum.
 
     Args:
-        message: of airrace.lcmtypes with a header, or an lcmt_image_array.
+        message: of airrace.lcmtypes, with a header.
         stamp: takes the place of what the message says.
     """
-    if isinstance(message, lcmt_image_array):
-        time = int.from_bytes(struct.pack(">d", stamp.time))
-        text = _STAMP.format(VERSION, stamp.session, stamp.sequence, time)
-        message.header.seq = stamp.sequence & 0x7FFFFFFF
-        message.header.utime = round(stamp.time * 1e6)
-        message.header.frame_name = text + "00000000"
-        data = message.encode()
-        at = data.index(text.encode()) + len(text)
-        return b"%b%08x%b" % (data[:at], zlib.crc32(data), data[at + 8 :])
     header = message.header
     header.crc32, header.version = 0, VERSION
     header.session, header.sequence, header.time = stamp.session, stamp.sequence, stamp.time
@@ -88,7 +69,7 @@ def unpack(data: bytes, message_type, max_size: int):
     """
     if len(data) > max_size:
         raise Dropped(OVERSIZED)
-    stamp = _image_stamp(data) if message_type is lcmt_image_array else _stamp(data)
+    stamp = _stamp(data)
     if not math.isfinite(stamp.time):
         raise Dropped(NOT_FINITE)
     if stamp.sequence < 1:
@@ -110,18 +91,3 @@ def _stamp(data) -> Stamp:
     if version != VERSION or crc & 0xFFFFFFFF != zlib.crc32(memoryview(data)[_UNDER_CRC:]):
         raise Dropped(MALFORMED)
     return Stamp(session, sequence, time)
-
-
-def _image_stamp(data) -> Stamp:
-    found = _STAMP_PATTERN.search(data, 0, _STAMP_REACH)
-    if found is None:
-        raise Dropped(MALFORMED)
-    try:
-        version, session, sequence, time, crc = (int(number, 16) for number in found.groups())
-    except ValueError:
-        raise Dropped(MALFORMED) from None
-    at = found.start(5)
-    blank = zlib.crc32(memoryview(data)[at + 8 :], zlib.crc32(b"00000000", zlib.crc32(data[:at])))
-    if version != VERSION or crc != blank:
-        raise Dropped(MALFORMED)
-    return Stamp(session, sequence, struct.unpack(">d", time.to_bytes(8))[0])

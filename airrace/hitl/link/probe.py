@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from drake import lcmt_image_array
 
 from airrace import lcmtypes
 from airrace.hitl.link import image_messages, messages, phases
@@ -17,7 +16,7 @@ PICTURE, STATE, COMMAND, STATUS = (
     f"AIRRACE_TEST_{name}" for name in ("PICTURE", "STATE", "COMMAND", "STATUS")
 )
 CHANNELS = (
-    Channel(PICTURE, lcmt_image_array, SIMULATION, image_messages.decode_pictures, _SIZE),
+    Channel(PICTURE, lcmtypes.lcmt_pictures, SIMULATION, image_messages.decode_pictures, _SIZE),
     Channel(STATE, lcmtypes.lcmt_rotors, SIMULATION, messages.decode_rotors, _SIZE),
     Channel(COMMAND, lcmtypes.lcmt_rotors, AUTONOMY, messages.decode_rotors, _SIZE),
     Channel(STATUS, lcmtypes.lcmt_link_status, AUTONOMY, lambda message: message, _SIZE),

@@ -1,7 +1,8 @@
-"""Writing results so that a reader never sees half a file."""
+"""Results that a reader never sees half of, and what is in a folder."""
 
 import contextlib
 import datetime
+import hashlib
 import itertools
 import json
 import math
@@ -50,6 +51,30 @@ def finite(data):
     if isinstance(data, (list, tuple)):
         return [finite(value) for value in data]
     return None if isinstance(data, float) and not math.isfinite(data) else data
+
+
+def files_in(*paths: Path) -> list[Path]:
+    """Returns files, and those in folders, in order, without what Python leaves behind."""
+    found = {file for path in paths for file in (path.rglob("*") if path.is_dir() else [path])}
+    return sorted(
+        file
+        for file in found
+        if file.is_file() and "__pycache__" not in file.parts and file.suffix != ".pyc"
+    )
+
+
+def digest(*paths: Path) -> str:
+    """Returns sixteen hexadecimal digits for the contents of files and folders.
+
+    Names below the folders count, places and times do not; nor does what Python leaves behind.
+    """
+    result = hashlib.sha256()
+    for path in paths:
+        for file in files_in(path):
+            name = file.relative_to(path.parent).as_posix().encode()
+            content = hashlib.sha256(file.read_bytes()).digest()
+            result.update(len(name).to_bytes(4, "big") + name + content)
+    return result.hexdigest()[:16]
 
 
 def run_path(*names: str) -> Path:

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from airrace.common.errors import UserError
+from airrace.common.files import files_in
 from airrace.common.resources import find_yaml, models_path
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.warm_up import warm_up
@@ -161,9 +162,8 @@ def files_of(scenario: Scenario) -> dict[str, bytes]:
         scenario = dc.replace(scenario, track="track.yaml")
     if scenario.drone not in DRONES:
         folder = find_vehicle(scenario.drone).parent
-        for path in sorted(folder.rglob("*")):
-            if path.is_file():
-                files[f"drone/{path.relative_to(folder).as_posix()}"] = path.read_bytes()
+        for path in files_in(folder):
+            files[f"drone/{path.relative_to(folder).as_posix()}"] = path.read_bytes()
         scenario = dc.replace(scenario, drone="./drone")
     for system in scenario.systems.values():
         files |= _module_files(system.partition(":")[0].partition(".")[0])
@@ -177,10 +177,7 @@ def _module_files(name: str) -> dict[str, bytes]:
     if name == "airrace" or not (found and found.origin) or "site-packages" in found.origin:
         return {}
     origin = Path(found.origin)
-    if origin.name != "__init__.py":
-        return {origin.name: origin.read_bytes()}
+    module = origin.parent if origin.name == "__init__.py" else origin
     return {
-        path.relative_to(origin.parents[1]).as_posix(): path.read_bytes()
-        for path in sorted(origin.parent.rglob("*"))
-        if path.is_file() and path.suffix != ".pyc"
+        path.relative_to(module.parent).as_posix(): path.read_bytes() for path in files_in(module)
     }

@@ -2,13 +2,13 @@
 
 import dataclasses as dc
 import hashlib
-import itertools
 
 import numpy as np
 import yaml
 from pydrake.common.yaml import yaml_dump_typed
 
 from airrace.common.errors import UserError
+from airrace.common.files import files_in
 from airrace.common.resources import find_yaml
 from airrace.evaluation.versions import versions
 from airrace.evaluation.worker import RaceJob
@@ -74,6 +74,7 @@ def settings(jobs: list[RaceJob], *, track: str, scenario_name: str) -> dict:
         track: where the tracks come from.
         scenario_name: where the scenario comes from.
     """
+    races = [(job.track, job.scenario, sorted(job.drone.items())) for job in jobs]
     scenario = yaml.safe_load(jobs[0].scenario)["Defaults"]
     for name in ("seed", "track"):
         del scenario[name]
@@ -84,17 +85,8 @@ def settings(jobs: list[RaceJob], *, track: str, scenario_name: str) -> dict:
         "scenario_name": scenario_name,
         "scenario": scenario,
         "versions": jobs[0].versions,
-        "races_sha256": _digest(jobs),
+        "races_sha256": hashlib.sha256(repr(races).encode()).hexdigest(),
     }
-
-
-def _digest(jobs) -> str:
-    parts = (
-        part.encode() if isinstance(part, str) else part
-        for job in jobs
-        for part in (job.track, job.scenario, *itertools.chain(*sorted(job.drone.items())))
-    )
-    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()
 
 
 def _length(track: Track) -> float:
@@ -104,7 +96,7 @@ def _length(track: Track) -> float:
 
 def _drone_files(drone: str) -> dict:
     folder = find_vehicle(drone).parent
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    files = files_in(folder)
     if sum(path.stat().st_size for path in files) > _MAX_DRONE:
         raise UserError(
             f"The drone's folder {folder} holds more than {_MAX_DRONE / 1e6:.0f} MB, too much to "

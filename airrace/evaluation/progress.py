@@ -4,6 +4,7 @@ import contextlib
 from pathlib import Path
 
 from rich.console import Console
+from rich.markdown import Markdown
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -14,7 +15,7 @@ from rich.progress import (
 )
 
 from airrace.evaluation.summary import race_line
-from airrace.evaluation.tables import finish_line, terminal_tables, title
+from airrace.evaluation.tables import finish_line, summary_tables, title
 
 
 class EvaluationDisplay(contextlib.AbstractContextManager):
@@ -66,8 +67,7 @@ class EvaluationDisplay(contextlib.AbstractContextManager):
         console = Console()
         with contextlib.suppress(OSError):  # nobody reads; the files are there
             _print(console, self._title)
-            for table in terminal_tables(evaluation["summary"]):
-                console.print(table)
+            console.print(Markdown(summary_tables(evaluation["summary"])))
             _print(console, finish_line(evaluation["summary"]))
             _print(console, f"Results: {folder}")
 

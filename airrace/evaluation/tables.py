@@ -1,10 +1,6 @@
-"""The tables of an evaluation, in Markdown and for the terminal."""
+"""The tables of an evaluation, in Markdown."""
 
 from pathlib import Path
-from typing import NamedTuple
-
-from rich.table import Table
-from rich.text import Text
 
 from airrace.common.files import write_json, write_text
 from airrace.evaluation.store import SUMMARY, TABLE
@@ -84,50 +80,30 @@ def markdown(evaluation: dict) -> str:
     if not evaluation["complete"]:
         parts.append(f"Not complete: {summary['races']} of {settings['tracks']} races have ended.")
     races = [[text(race) for text in _RACES.values()] for race in evaluation["races"]]
-    tables = [*_summary_tables(summary), _Cells(tuple(_RACES), races)]
-    return "\n\n".join([*parts, finish_line(summary), *map(_markdown_table, tables)]) + "\n"
+    parts += [finish_line(summary), summary_tables(summary), _table(_RACES, races)]
+    return "\n\n".join(parts) + "\n"
 
 
-def terminal_tables(summary: dict) -> list[Table]:
-    """Returns the tables for the terminal."""
-    tables = []
-    for cells in _summary_tables(summary):
-        tables.append(Table())
-        for i, name in enumerate(cells.columns):
-            tables[-1].add_column(name, justify="right" if i else "left")
-        for row in cells.rows:
-            tables[-1].add_row(*(Text(str(cell)) for cell in row))  # reasons may look like markup
-    return tables
-
-
-class _Cells(NamedTuple):
-    """A table of what can be written as text."""
-
-    columns: tuple
-    rows: list
-
-
-def _summary_tables(summary: dict) -> list[_Cells]:
+def summary_tables(summary: dict) -> str:
     """Returns the distributions and, if there are any, why races did not finish."""
     columns, rows = ("n", "mean", "median", "min", "max"), []
     for key, name, factor, decimals in _DISTRIBUTIONS:
         values = summary[key] or {"n": 0}
         numbers = (_number(values.get(column), decimals, factor) for column in columns[1:])
         rows.append((name, values["n"], *numbers))
-    reasons = list(summary["dnf_reasons"].items())
-    return [
-        _Cells(("", *columns), rows),
-        *([_Cells(("did not finish", "races"), reasons)] if reasons else []),
-    ]
+    tables = [_table(("", *columns), rows)]
+    if reasons := summary["dnf_reasons"]:
+        tables.append(_table(("did not finish", "races"), reasons.items()))
+    return "\n\n".join(tables)
 
 
 def _number(value: float | None, decimals: int, factor: float = 1.0) -> str:
     return "-" if value is None else f"{factor * value:.{decimals}f}"
 
 
-def _markdown_table(cells: _Cells) -> str:
-    lines = [cells.columns, ["---", *["---:"] * (len(cells.columns) - 1)], *cells.rows]
-    return "\n".join(f"| {' | '.join(_escaped(str(c)) for c in line)} |" for line in lines)
+def _table(columns, rows) -> str:
+    lines = [columns, ["---", *["---:"] * (len(columns) - 1)], *rows]
+    return "\n".join(f"| {' | '.join(_escaped(str(cell)) for cell in line)} |" for line in lines)
 
 
 def _escaped(text: str) -> str:

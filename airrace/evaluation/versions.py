@@ -1,6 +1,5 @@
 """What the results of a race depend on beside its scenario: the code that flies it."""
 
-import hashlib
 import importlib.metadata
 import os
 import sys
@@ -8,6 +7,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 
 import airrace
+from airrace.common.files import digest
 from airrace.common.resources import models_path
 
 _MISSING = "missing"
@@ -25,11 +25,8 @@ def versions(systems: dict) -> dict:
     import cv2
     import numpy
 
-    package = Path(airrace.__file__).parent
     result = {
-        "airrace": _digest(
-            [*package.rglob("*.py"), *filter(Path.is_file, models_path().rglob("*"))]
-        ),
+        "airrace": digest(Path(airrace.__file__).parent, models_path()),
         "drake": _distribution("drake"),
         "numpy": numpy.__version__,
         "opencv": cv2.__version__,
@@ -60,18 +57,4 @@ def _module_digest(name):
     spec = PathFinder.find_spec(name, [os.getcwd(), *sys.path])
     if spec is None:
         return _MISSING
-    folders = spec.submodule_search_locations
-    if folders:
-        return _digest(file for folder in folders for file in Path(folder).rglob("*.py"))
-    return _digest([Path(spec.origin)])
-
-
-def _digest(files) -> str:
-    """Returns twelve hexadecimal digits for names and contents of files."""
-    files = sorted(set(files))
-    root = os.path.commonpath([file.parent for file in files]) if files else ""
-    result = hashlib.sha256()
-    for file in files:
-        content = hashlib.sha256(file.read_bytes()).digest()
-        result.update(os.path.relpath(file, root).encode() + b"\0" + content)
-    return result.hexdigest()[:12]
+    return digest(*map(Path, spec.submodule_search_locations or [spec.origin]))

@@ -11,7 +11,7 @@ from airrace.common.immutable import read_only
 from airrace.hitl.link import image_messages, messages
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Channel
 from airrace.hitl.link.image_messages import PICTURE_PORTS
-from airrace.hitl.link.messages import of_size
+from airrace.hitl.link.packets import MALFORMED, Dropped
 from airrace.hitl.link.plan_messages import LAP_PLAN
 from airrace.lcmtypes import lcmt_pictures
 from airrace.scenario import Scenario
@@ -68,7 +68,6 @@ def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[PortChan
         wanted: which of PICTURE_PORTS the autonomy's systems use.
     """
     n = len(load_vehicle(scenario.drone)[0].rotors)
-    rotors, losses = of_size(messages.ROTORS, n), of_size(messages.ROTOR_LOSSES, n)
     nothing = RefereeStatus((), False, None, None, 0)
     command = {"repeat": 0.02, "timed": True}
     large = {"max_size": _LARGE}
@@ -84,8 +83,8 @@ def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[PortChan
         ("camera_info", SIMULATION, messages.CAMERA_INFO, None, {}),
         ("state_estimate", SIMULATION, messages.STATE_ESTIMATE, np.zeros(STATE_SIZE), {}),
         ("truth.referee_status", SIMULATION, messages.REFEREE_STATUS, nothing, {}),
-        ("rotor_speed_command", AUTONOMY, rotors, np.zeros(n), command),
-        ("rotor_losses", AUTONOMY, losses, np.full(n, np.inf), {}),
+        ("rotor_speed_command", AUTONOMY, messages.ROTORS, np.zeros(n), command),
+        ("rotor_losses", AUTONOMY, messages.ROTOR_LOSSES, np.full(n, np.inf), {}),
         ("explorer_status", AUTONOMY, messages.EXPLORER_STATUS, ExplorerStatus(), large),
         ("gate_map", AUTONOMY, messages.GATE_MAP, GateMap(), large),
         ("lap_plan", AUTONOMY, LAP_PLAN, NO_PLAN, large),
@@ -95,11 +94,17 @@ def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[PortChan
 
 
 def _channel(port, sender, codec, initial, options, rate) -> PortChannel:
+    def decode(message):
+        value = codec.decode(message)
+        if isinstance(initial, np.ndarray) and value.shape != initial.shape:
+            raise Dropped(MALFORMED)
+        return {port: value}
+
     return PortChannel(
         name=f"AIRRACE_{port.removeprefix('truth.').upper()}",
         message_type=codec.message_type,
         sender=sender,
-        decode=lambda message: {port: codec.decode(message)},
+        decode=decode,
         ports=(port,),
         rate=rate,
         encode=lambda lossless, **values: codec.encode(values[port]),
@@ -109,18 +114,19 @@ def _channel(port, sender, codec, initial, options, rate) -> PortChannel:
 
 
 def _rotor_status(scenario: Scenario, n: int) -> PortChannel:
-    """Returns the channel of what the motor controllers of n rotors measure."""
-    codec = of_size(messages.ROTOR_STATUS, n)
-    return PortChannel(
-        name="AIRRACE_ROTOR_STATUS",
-        message_type=codec.message_type,
-        sender=SIMULATION,
-        decode=codec.decode,
-        ports=("rotor_status", "rotor_speeds"),  # the status has a time, which changes
-        rate=scenario.rotors.rate,
-        encode=lambda lossless, **values: codec.encode(**values),
-        initial={"rotor_status": np.zeros(1 + 2 * n), "rotor_speeds": np.zeros(n)},
-    )
+    """Returns the channel of what the motor controllers of n rotors measure.
+
+    The status has a time, which changes; the speeds, a port of their own, are in it.
+    """
+    row = ("rotor_status", SIMULATION, messages.ROTOR_STATUS, np.zeros(1 + 2 * n), {})
+    channel = _channel(*row, rate=scenario.rotors.rate)
+
+    def decode(message):
+        values = channel.decode(message)
+        return {**values, "rotor_speeds": values["rotor_status"][1 : 1 + n]}
+
+    initial = {**channel.initial, "rotor_speeds": np.zeros(n)}
+    return dc.replace(channel, ports=tuple(initial), decode=decode, initial=initial)
 
 
 def _camera(scenario: Scenario, wanted) -> PortChannel:

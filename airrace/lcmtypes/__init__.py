@@ -6,6 +6,7 @@ lcm-gen 1.5.3
 
 from .lcmt_camera_info import lcmt_camera_info as lcmt_camera_info
 from .lcmt_channel_statistics import lcmt_channel_statistics as lcmt_channel_statistics
+from .lcmt_circuit import lcmt_circuit as lcmt_circuit
 from .lcmt_explorer_event import lcmt_explorer_event as lcmt_explorer_event
 from .lcmt_explorer_status import lcmt_explorer_status as lcmt_explorer_status
 from .lcmt_gate_crossing import lcmt_gate_crossing as lcmt_gate_crossing
@@ -17,6 +18,7 @@ from .lcmt_lap_plan import lcmt_lap_plan as lcmt_lap_plan
 from .lcmt_link_status import lcmt_link_status as lcmt_link_status
 from .lcmt_marker_estimate import lcmt_marker_estimate as lcmt_marker_estimate
 from .lcmt_pictures import lcmt_pictures as lcmt_pictures
+from .lcmt_plan_summary import lcmt_plan_summary as lcmt_plan_summary
 from .lcmt_polynomials import lcmt_polynomials as lcmt_polynomials
 from .lcmt_referee_status import lcmt_referee_status as lcmt_referee_status
 from .lcmt_rotor_status import lcmt_rotor_status as lcmt_rotor_status

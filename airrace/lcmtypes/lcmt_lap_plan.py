@@ -12,11 +12,11 @@ import airrace.lcmtypes
 class lcmt_lap_plan(object):
     """ See LapPlan in airrace/systems/planning/lap_plan.py; lap 0 means that there is none. """
 
-    __slots__ = ["header", "lap", "start_time", "phase", "entry", "circuit", "num_gates", "gate_times", "headings", "num_approaches", "approach_gates", "approach_distances", "summary"]
+    __slots__ = ["header", "lap", "start_time", "phase", "entry", "circuit", "summary"]
 
-    __typenames__ = ["airrace.lcmtypes.lcmt_header", "int32_t", "double", "double", "airrace.lcmtypes.lcmt_polynomials", "airrace.lcmtypes.lcmt_polynomials", "int32_t", "double", "double", "int32_t", "int32_t", "double", "string"]
+    __typenames__ = ["airrace.lcmtypes.lcmt_header", "int32_t", "double", "double", "airrace.lcmtypes.lcmt_polynomials", "airrace.lcmtypes.lcmt_circuit", "airrace.lcmtypes.lcmt_plan_summary"]
 
-    __dimensions__ = [None, None, None, None, None, None, None, ["num_gates"], ["num_gates"], None, ["num_approaches"], ["num_approaches"], None]
+    __dimensions__ = [None, None, None, None, None, None, None]
 
     def __init__(self):
         self.header = airrace.lcmtypes.lcmt_header()
@@ -37,34 +37,10 @@ class lcmt_lap_plan(object):
         LCM Type: airrace.lcmtypes.lcmt_polynomials
         """
 
-        self.circuit = airrace.lcmtypes.lcmt_polynomials()
-        """ LCM Type: airrace.lcmtypes.lcmt_polynomials """
-        self.num_gates = 0
-        """ LCM Type: int32_t """
-        self.gate_times = []
-        """ LCM Type: double[num_gates] """
-        self.headings = []
-        """
-        when each gate is passed (s)
-        LCM Type: double[num_gates]
-        """
-
-        self.num_approaches = 0
-        """
-        (rad)
-        LCM Type: int32_t
-        """
-
-        self.approach_gates = []
-        """ LCM Type: int32_t[num_approaches] """
-        self.approach_distances = []
-        """ LCM Type: double[num_approaches] """
-        self.summary = ""
-        """
-        (m)
-        LCM Type: string
-        """
-
+        self.circuit = airrace.lcmtypes.lcmt_circuit()
+        """ LCM Type: airrace.lcmtypes.lcmt_circuit """
+        self.summary = airrace.lcmtypes.lcmt_plan_summary()
+        """ LCM Type: airrace.lcmtypes.lcmt_plan_summary """
 
     def encode(self):
         buf = BytesIO()
@@ -78,18 +54,10 @@ class lcmt_lap_plan(object):
         buf.write(struct.pack(">idd", self.lap, self.start_time, self.phase))
         assert self.entry._get_packed_fingerprint() == airrace.lcmtypes.lcmt_polynomials._get_packed_fingerprint()
         self.entry._encode_one(buf)
-        assert self.circuit._get_packed_fingerprint() == airrace.lcmtypes.lcmt_polynomials._get_packed_fingerprint()
+        assert self.circuit._get_packed_fingerprint() == airrace.lcmtypes.lcmt_circuit._get_packed_fingerprint()
         self.circuit._encode_one(buf)
-        buf.write(struct.pack(">i", self.num_gates))
-        buf.write(struct.pack('>%dd' % self.num_gates, *self.gate_times[:self.num_gates]))
-        buf.write(struct.pack('>%dd' % self.num_gates, *self.headings[:self.num_gates]))
-        buf.write(struct.pack(">i", self.num_approaches))
-        buf.write(struct.pack('>%di' % self.num_approaches, *self.approach_gates[:self.num_approaches]))
-        buf.write(struct.pack('>%dd' % self.num_approaches, *self.approach_distances[:self.num_approaches]))
-        __summary_encoded = self.summary.encode('utf-8')
-        buf.write(struct.pack('>I', len(__summary_encoded)+1))
-        buf.write(__summary_encoded)
-        buf.write(b"\0")
+        assert self.summary._get_packed_fingerprint() == airrace.lcmtypes.lcmt_plan_summary._get_packed_fingerprint()
+        self.summary._encode_one(buf)
 
     @staticmethod
     def decode(data: bytes):
@@ -107,22 +75,15 @@ class lcmt_lap_plan(object):
         self.header = airrace.lcmtypes.lcmt_header._decode_one(buf)
         self.lap, self.start_time, self.phase = struct.unpack(">idd", buf.read(20))
         self.entry = airrace.lcmtypes.lcmt_polynomials._decode_one(buf)
-        self.circuit = airrace.lcmtypes.lcmt_polynomials._decode_one(buf)
-        self.num_gates = struct.unpack(">i", buf.read(4))[0]
-        self.gate_times = struct.unpack('>%dd' % self.num_gates, buf.read(self.num_gates * 8))
-        self.headings = struct.unpack('>%dd' % self.num_gates, buf.read(self.num_gates * 8))
-        self.num_approaches = struct.unpack(">i", buf.read(4))[0]
-        self.approach_gates = struct.unpack('>%di' % self.num_approaches, buf.read(self.num_approaches * 4))
-        self.approach_distances = struct.unpack('>%dd' % self.num_approaches, buf.read(self.num_approaches * 8))
-        __summary_len = struct.unpack('>I', buf.read(4))[0]
-        self.summary = buf.read(__summary_len)[:-1].decode('utf-8', 'replace')
+        self.circuit = airrace.lcmtypes.lcmt_circuit._decode_one(buf)
+        self.summary = airrace.lcmtypes.lcmt_plan_summary._decode_one(buf)
         return self
 
     @staticmethod
     def _get_hash_recursive(parents):
         if lcmt_lap_plan in parents: return 0
         newparents = parents + [lcmt_lap_plan]
-        tmphash = (0xea6b6d41205964d0+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_polynomials._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_polynomials._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0x1a966d806c3e4c44+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_polynomials._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_circuit._get_hash_recursive(newparents)+ airrace.lcmtypes.lcmt_plan_summary._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

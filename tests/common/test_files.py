@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
-from airrace.common.files import results_folder, write_json, write_text
+from airrace.common.files import digest, results_folder, write_json, write_text
 
 
 def test_a_reader_sees_the_old_text_or_the_new_one(tmp_path):
@@ -146,3 +146,11 @@ class TestResultsFolder:
         assert str(path) in str(e.value)
         assert [p.name for p in tmp_path.iterdir()] == ["file"]
         assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_digest_tells_names_and_contents_apart(tmp_path):
+    for folder, files in {"1": {"a": "bc"}, "2": {"ab": "c"}, "3": {"a": "b", "c": ""}}.items():
+        (tmp_path / folder / "x").mkdir(parents=True)
+        for name, text in files.items():
+            (tmp_path / folder / "x" / name).write_text(text)
+    assert len({digest(tmp_path / folder / "x") for folder in "123"}) == 3

@@ -1,12 +1,12 @@
 """This very checkout, with its uncommitted changes, for a companion computer."""
 
-import hashlib
 import io
 import tarfile
 from pathlib import Path
 
 import airrace
 from airrace.common.errors import UserError
+from airrace.common.files import digest, files_in
 
 _FOLDERS = ("airrace", "models")
 
@@ -26,20 +26,6 @@ def checkout_path() -> Path:
     return root
 
 
-def digest(*paths: Path) -> str:
-    """Returns sixteen hexadecimal digits for the contents of files and folders.
-
-    Names below the folders count, places and times do not; nor does what Python leaves behind.
-    """
-    result = hashlib.sha256()
-    for path in paths:
-        for file in _files(path):
-            name = file.relative_to(path.parent).as_posix().encode()
-            content = hashlib.sha256(file.read_bytes()).digest()
-            result.update(len(name).to_bytes(4, "big") + name + content)
-    return result.hexdigest()[:16]
-
-
 def source_digest(root: Path) -> str:
     """Returns the digest of all of a checkout that a companion gets."""
     return digest(*(root / name for name in _FOLDERS))
@@ -54,25 +40,11 @@ def pack(root: Path) -> bytes:
     result = io.BytesIO()
     try:
         with tarfile.open(fileobj=result, mode="w") as archive:
-            for name in _FOLDERS:
-                for file in _files(root / name):
-                    archive.add(file, file.relative_to(root).as_posix())
+            for file in files_in(*(root / name for name in _FOLDERS)):
+                archive.add(file, file.relative_to(root).as_posix())
     except OSError as e:
         raise UserError(
             f"{e.filename} cannot be read ({e.strerror}), so that airrace cannot be brought to "
             f"the companion; mend the checkout in {root}."
         ) from None
     return result.getvalue()
-
-
-def _files(path: Path) -> list[Path]:
-    """Returns a file, or those in a folder, in order, without what Python leaves behind."""
-    if path.is_file():
-        return [path]
-    return sorted(
-        file
-        for file in path.rglob("*")
-        if file.is_file()
-        and "__pycache__" not in file.parts
-        and file.suffix not in (".pyc", ".pyo")
-    )

@@ -16,7 +16,8 @@ from rich.progress import (
 )
 
 from airrace.common.errors import UserError
-from airrace.hitl.companion.checkout import digest, pack, source_digest
+from airrace.common.files import digest
+from airrace.hitl.companion.checkout import pack, source_digest
 from airrace.hitl.companion.ssh import ConnectionLost, SshConnection
 from airrace.hitl.companion.ssh_errors import file_error, is_disk_full, last_line
 

@@ -27,6 +27,14 @@ class Codec(typing.NamedTuple):
     encode: Callable
     decode: Callable
 
+    def of(self, before: Callable, after: Callable) -> "Codec":
+        """Returns the Codec of what before() makes these values of, and after() makes of them."""
+        return Codec(
+            self.message_type,
+            lambda value: self.encode(before(value)),
+            lambda message: after(self.decode(message)),
+        )
+
 
 def check_finite(*values) -> None:
     """Raises Dropped unless all numbers, and those in sequences, are finite."""
@@ -45,7 +53,7 @@ def field_codec(value_type: type, message_type: type, parts=None, infinite=()) -
     Args:
         value_type: of the values.
         message_type: of airrace.lcmtypes.
-        parts: name of a field that is a tuple of other such values, to their Codec.
+        parts: name of a field that is another such value, or a tuple of them, to their Codec.
         infinite: names of the arrays that may have infinite elements.
     """
     parts = parts or {}
@@ -69,7 +77,8 @@ def field_codec(value_type: type, message_type: type, parts=None, infinite=()) -
         for name, kind in kinds.items():
             each = getattr(value, name)
             if name in parts:
-                setattr(message, name, [parts[name].encode(part) for part in each])
+                encoded = parts[name].encode
+                setattr(message, name, [*map(encoded, each)] if kind is tuple else encoded(each))
             elif kind is dict:
                 for slot, numbers in zip(pairs[name], (each.keys(), each.values())):
                     setattr(message, slot, list(numbers))
@@ -82,12 +91,16 @@ def field_codec(value_type: type, message_type: type, parts=None, infinite=()) -
     def decode(message):
         values = {}
         for name, kind in kinds.items():
+            if kind is dict:
+                keys, items = (_decoded(tuple, getattr(message, slot)) for slot in pairs[name])
+                values[name] = dict(zip(keys, items))
+                continue
+            each = getattr(message, name)
             if name in parts:
-                values[name] = tuple(map(parts[name].decode, getattr(message, name)))
-            elif kind is dict:
-                values[name] = dict(zip(*(getattr(message, slot) for slot in pairs[name])))
+                decoded = parts[name].decode
+                values[name] = tuple(map(decoded, each)) if kind is tuple else decoded(each)
             else:
-                values[name] = _decoded(kind, getattr(message, name), name in infinite)
+                values[name] = _decoded(kind, each, name in infinite)
         return value_type(**values)
 
     return Codec(message_type, encode, decode)
@@ -102,10 +115,10 @@ def _encoded(kind, value):
         return list(value)
     if kind is None:
         return [] if value is None else [value]
-    return value
+    return value.item() if isinstance(value, np.generic) else value
 
 
-def _decoded(kind, value, may_be_infinite):
+def _decoded(kind, value, may_be_infinite=False):
     if kind is np.ndarray:
         array = read_only(value)
         if np.isnan(array).any() or not (may_be_infinite or np.isfinite(array).all()):
@@ -121,7 +134,9 @@ def _decoded(kind, value, may_be_infinite):
     if kind is None:
         if len(value) > 1:
             raise Dropped(MALFORMED)
-        return _decoded(type(value[0]), value[0], False) if value else None
+        return _decoded(type(value[0]), value[0]) if value else None
+    if kind is tuple:
+        check_finite([each for each in value if isinstance(each, float)])
     if kind is float:
         check_finite(value)
     return kind(value)

@@ -17,8 +17,8 @@ PICTURE, STATE, COMMAND, STATUS = (
 )
 CHANNELS = (
     Channel(PICTURE, lcmtypes.lcmt_pictures, SIMULATION, image_messages.decode_pictures, _SIZE),
-    Channel(STATE, lcmtypes.lcmt_rotors, SIMULATION, messages.decode_rotors, _SIZE),
-    Channel(COMMAND, lcmtypes.lcmt_rotors, AUTONOMY, messages.decode_rotors, _SIZE),
+    Channel(STATE, lcmtypes.lcmt_rotors, SIMULATION, messages.ROTORS.decode, _SIZE),
+    Channel(COMMAND, lcmtypes.lcmt_rotors, AUTONOMY, messages.ROTORS.decode, _SIZE),
     Channel(STATUS, lcmtypes.lcmt_link_status, AUTONOMY, lambda message: message, _SIZE),
 )
 _STATUS_PERIOD = 0.2  # s
@@ -124,7 +124,7 @@ class _Test:
 
     def _send(self, channel, now):
         if channel == STATE:
-            message = messages.encode_rotors(np.array([now]))
+            message = messages.ROTORS.encode(np.array([now]))
         else:
             clock = time.perf_counter()
             shifted = np.roll(self._texture, self._endpoint.sequence(PICTURE), axis=1)
@@ -189,7 +189,7 @@ class Responder:
         now, sim_time = time.monotonic(), received.stamp.time
         if mark != self._answered:
             self._answered, self._last = mark, now
-            self._endpoint.publish(COMMAND, messages.encode_rotors(received.value), sim_time)
+            self._endpoint.publish(COMMAND, messages.ROTORS.encode(received.value), sim_time)
         if now - self._last < _PAUSE and now - self._status_sent > _STATUS_PERIOD:
             self._status_sent = now
             self._endpoint.publish(STATUS, self._status(), sim_time)

@@ -5,7 +5,7 @@ import pytest
 
 import airrace
 from airrace.common.errors import UserError
-from airrace.hitl.companion.checkout import checkout_path, digest, pack, source_digest
+from airrace.hitl.companion.checkout import checkout_path, pack, source_digest
 from tests.hitl.companion.fake_checkout import ROOT, make_checkout
 
 
@@ -34,14 +34,6 @@ def test_changes_that_are_not_committed_count(tmp_path):
     assert second != first
     (checkout / "airrace" / "new.py").rename(checkout / "airrace" / "newer.py")
     assert source_digest(checkout) not in (first, second)
-
-
-def test_digest_tells_names_and_contents_apart(tmp_path):
-    for folder, files in {"1": {"a": "bc"}, "2": {"ab": "c"}, "3": {"a": "b", "c": ""}}.items():
-        (tmp_path / folder / "x").mkdir(parents=True)
-        for name, text in files.items():
-            (tmp_path / folder / "x" / name).write_text(text)
-    assert len({digest(tmp_path / folder / "x") for folder in "123"}) == 3
 
 
 def test_failures_are_one_sentence(tmp_path, monkeypatch):

@@ -16,10 +16,11 @@ from pathlib import Path
 
 import pytest
 
+from airrace.common.files import digest
 from airrace.common.resources import models_path
 from airrace.diagrams.hitl_race import default_url
 from airrace.hitl.channels import make_channels
-from airrace.hitl.companion.checkout import digest, source_digest
+from airrace.hitl.companion.checkout import source_digest
 from airrace.hitl.link.endpoint import HEARTBEAT
 from airrace.scenario import Scenario
 from tests.hitl.companion.conftest import ADDRESS

@@ -4,7 +4,6 @@ import contextlib
 import os
 import pickle
 import select
-import struct
 import subprocess
 import sys
 
@@ -12,7 +11,6 @@ from airrace.common.immutable import Immutable
 from airrace.common.processes import child_environment
 
 _NICE = 15  # control comes first
-_LENGTH = struct.Struct(">Q")
 
 
 class PlanningWorker:
@@ -43,7 +41,7 @@ class PlanningJob(Immutable):
     """A problem that is being solved elsewhere."""
 
     def __init__(self, process, problem):
-        self._process, self._received, self._plan, self._is_done = process, b"", None, False
+        self._answers, self._plan, self._is_done = process.stdout, None, False
         try:
             _write(process.stdin, problem)
         except OSError:
@@ -54,17 +52,10 @@ class PlanningJob(Immutable):
 
     def done(self) -> bool:
         """Whether there is a result."""
-        pipe = self._process.stdout
-        while not self._is_done and select.select([pipe], [], [], 0.0)[0]:
-            data = os.read(pipe.fileno(), 1 << 20)
-            self._received += data
-            size = _LENGTH.size
-            if not data:  # the worker has died
-                self._is_done = True
-            elif len(self._received) >= size and (
-                len(self._received) - size == _LENGTH.unpack(self._received[:size])[0]
-            ):
-                self._plan, self._is_done = pickle.loads(self._received[size:]), True
+        if not self._is_done and select.select([self._answers], [], [], 0.0)[0]:
+            self._is_done = True
+            with contextlib.suppress(EOFError, pickle.UnpicklingError):  # the worker has died
+                self._plan = pickle.load(self._answers)
         return self._is_done
 
     def result(self):
@@ -73,8 +64,7 @@ class PlanningJob(Immutable):
 
 
 def _write(pipe, value):
-    data = pickle.dumps(value)
-    pipe.write(_LENGTH.pack(len(data)) + data)
+    pipe.write(pickle.dumps(value))
     pipe.flush()
 
 
@@ -85,11 +75,9 @@ def main() -> None:
 
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what solvers print
-    problems = sys.stdin.buffer
-    with contextlib.suppress(KeyboardInterrupt):
-        while head := problems.read(_LENGTH.size):
-            problem = pickle.loads(problems.read(_LENGTH.unpack(head)[0]))
-            _write(answers, plan_lap(problem))
+    with contextlib.suppress(KeyboardInterrupt, EOFError):
+        while True:
+            _write(answers, plan_lap(pickle.load(sys.stdin.buffer)))
 
 
 if __name__ == "__main__":

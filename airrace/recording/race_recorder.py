@@ -9,14 +9,12 @@ from pydrake.systems.framework import Diagram, LeafSystem
 from airrace.common.resources import find_yaml
 from airrace.recording import foxglove_messages as messages
 from airrace.recording import json_topics, scene_updates
-from airrace.recording.topics import STATE, TOPICS
+from airrace.recording.topics import SAMPLED
 from airrace.recording.writer import FILE, RaceLog
 from airrace.scenario import Scenario, scenario_yaml
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.types import Detections, ExplorerStatus, RefereeStatus
 from airrace.track import load_track
-from airrace.track.gate_map import GateMap
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import find_vehicle, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_plant_state
@@ -98,22 +96,17 @@ class RaceRecorder(LeafSystem):
             "rotor_speeds": n,
             "rotor_speed_command": n,
         }
-        values = {
-            "camera_info": Value[object](),
-            "detections": Value[object](Detections()),
-            "gate_map": Value[object](GateMap()),
-            "lap_plan": Value[object](NO_PLAN),
-            "explorer_status": Value[object](ExplorerStatus()),
-            "truth.referee_status": Value[object](RefereeStatus((), False, None, None, 0)),
-        }
+        values = ["camera_info", "detections", "gate_map", "lap_plan", "explorer_status"]
+        values += ["truth.referee_status"]
         if pictures:
             vectors["camera_image_time"] = 1
-            values["camera_view"] = Value[object]()
+            values += ["camera_view"]
         if moving_gates:
             vectors["truth.gate_shifts"] = 2 * len(self._track.gates)
+        model = Value[object]()
         self._ports = {
             **{name: self.DeclareVectorInputPort(name, n) for name, n in vectors.items()},
-            **{name: self.DeclareAbstractInputPort(name, v) for name, v in values.items()},
+            **{name: self.DeclareAbstractInputPort(name, model) for name in values},
         }
 
     def close(self) -> None:
@@ -139,11 +132,10 @@ class RaceRecorder(LeafSystem):
 
     def _write_states(self, context):
         time = context.get_time()
-        for name, topic in TOPICS.items():
-            if topic.when == STATE:
-                value = self._value(context, topic.port)
-                if value is not None:
-                    self._log.write(name, time, topic.encode(time, value, self._vehicle))
+        for name, (_, port, encode) in SAMPLED.items():
+            value = self._value(context, port)
+            if value is not None:
+                self._log.write(name, time, encode(time, value, self._vehicle))
 
     def _write_poses(self, context):
         state, info = self._value(context, "truth.state"), self._value(context, "camera_info")

@@ -1,5 +1,6 @@
 """The file race.mcap while it is being written."""
 
+import contextlib
 from pathlib import Path
 
 import foxglove
@@ -29,20 +30,19 @@ class RaceLog:
         # Not the SDK's global context: two races in one process have a file each.
         self._context = foxglove.Context()
         self._writer = None
-        self._writer = self._try(
-            lambda: foxglove.open_mcap(
+        with self._writing():
+            self._writer = foxglove.open_mcap(
                 self._path,
                 allow_overwrite=True,
                 context=self._context,
                 # Threads would take the time from another race's process.
                 writer_options=MCAPWriteOptions(profile="airrace", compression_threads=0),
             )
-        )
         self._channels = {
-            name: foxglove.Channel(name, schema=topic.channel, context=self._context)
-            if isinstance(topic.channel, dict)
-            else topic.channel(name, context=self._context)
-            for name, topic in TOPICS.items()
+            name: foxglove.Channel(name, schema=channel, context=self._context)
+            if isinstance(channel, dict)
+            else channel(name, context=self._context)
+            for name, channel in TOPICS.items()
         }
 
     def write(self, topic: str, time: float, message) -> None:
@@ -55,11 +55,10 @@ class RaceLog:
         Raises:
             UserError: if it cannot be written.
         """
-        self._try(
-            lambda: self._writer.attach(
+        with self._writing():
+            self._writer.attach(
                 log_time=0, create_time=0, name=name, media_type="text/yaml", data=text.encode()
             )
-        )
 
     def flush(self) -> None:
         """Hands everything so far to the operating system.
@@ -67,7 +66,8 @@ class RaceLog:
         Raises:
             UserError: if it cannot be written.
         """
-        self._try(lambda: self._writer.flush())
+        with self._writing():
+            self._writer.flush()
 
     def close(self) -> None:
         """Ends the file; may be called again.
@@ -76,13 +76,15 @@ class RaceLog:
             UserError: if it cannot be written.
         """
         if self._writer is not None:
-            self._try(lambda: self._writer.close())
+            with self._writing():
+                self._writer.close()
             self._writer = None
 
-    def _try(self, step):
-        """Does something with the file; after it failed, there is no file any more."""
+    @contextlib.contextmanager
+    def _writing(self):
+        """For what is done with the file; after it failed, there is no file any more."""
         try:
-            return step()
+            yield
         except (OSError, RuntimeError, ValueError) as e:
             self._writer = None  # at the interpreter's end, the SDK would say it once more
             raise UserError(

@@ -1,6 +1,7 @@
 """Two processes tick by tick: what one computes never depends on how fast the other is."""
 
 import heapq
+import itertools
 import time
 
 from airrace.common.errors import UserError
@@ -48,16 +49,12 @@ def lockstep_times(scenario, poll_period: float):
             scenario.controller,
         )
     }
-    coming = [(offset, 0, period, offset) for period, offset in periods]
-    heapq.heapify(coming)
-    last = None
-    while True:
-        now, k, period, offset = coming[0]
-        # Drake has events at offset + k * period.
-        heapq.heapreplace(coming, (offset + (k + 1) * period, k + 1, period, offset))
-        if now != last:
-            last = now
-            yield now
+
+    def events(period, offset):  # as Drake has them
+        return (offset + k * period for k in itertools.count())
+
+    for now, _ in itertools.groupby(heapq.merge(*itertools.starmap(events, periods))):
+        yield now
 
 
 class Exchange:

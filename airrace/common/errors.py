@@ -12,6 +12,12 @@ class UserError(Exception):
     """
 
 
+def words(error: BaseException) -> str:
+    """Returns what an error says, on one line and without a full stop."""
+    text = " ".join((getattr(error, "strerror", None) or str(error)).split())
+    return (text or type(error).__name__).rstrip(".")[:300]
+
+
 def exit_code(program: Callable[[], int]) -> int:
     """Calls a command-line program; returns its exit code.
 

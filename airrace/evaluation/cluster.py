@@ -13,7 +13,7 @@ from concurrent.futures import CancelledError
 import dask
 from distributed import Client, LocalCluster, WorkerPlugin, as_completed
 
-from airrace.common.errors import UserError
+from airrace.common.errors import UserError, words
 from airrace.evaluation.versions import mismatch, versions
 from airrace.evaluation.worker import RaceJob, fly, stop_races
 
@@ -78,7 +78,7 @@ def running_cluster(address: str) -> Iterator[Client]:
         client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as e:
         raise UserError(
-            f"--scheduler {address} cannot be reached ({_words(e)}); start one with "
+            f"--scheduler {address} cannot be reached ({words(e)}); start one with "
             "'dask scheduler' and give its address as tcp://HOST:PORT."
         ) from None
     with client:
@@ -102,7 +102,7 @@ def check_workers(client: Client, expected: dict, systems: dict) -> None:
     """
     for worker, actual in client.run(versions, systems, on_error="return").items():
         if isinstance(actual, BaseException):
-            clause = f"cannot import airrace ({_words(actual)})"
+            clause = f"cannot import airrace ({words(actual)})"
         else:
             differs = mismatch(expected, actual)
             clause = differs and f"has {differs}"
@@ -150,7 +150,7 @@ def fly_races(client: Client, jobs: list[RaceJob], ended: Callable[[dict], None]
             except (Exception, CancelledError) as e:
                 if isinstance(e, CancelledError) or client.status != "running":
                     raise EvaluationStopped("the scheduler was lost") from None
-                lost[seed] = _words(e)
+                lost[seed] = words(e)
                 continue
             if "refused" in row:
                 raise UserError(f"The race with seed {seed} was refused: {row['refused']}")
@@ -174,8 +174,3 @@ def _stop(client: Client, futures, evaluation):
                 client.run, stop_races, evaluation, on_error="ignore", asynchronous=True
             )
             client.sync(stop, callback_timeout=_STOP_TIMEOUT)
-
-
-def _words(error: BaseException) -> str:
-    """Returns what an error says, on one line and without a full stop."""
-    return (" ".join(str(error).split()) or type(error).__name__).rstrip(".")[:300]

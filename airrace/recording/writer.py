@@ -6,7 +6,7 @@ from pathlib import Path
 import foxglove
 from foxglove.mcap import MCAPWriteOptions
 
-from airrace.common.errors import UserError
+from airrace.common.errors import UserError, words
 from airrace.recording.foxglove_messages import nanoseconds
 from airrace.recording.topics import TOPICS
 
@@ -88,6 +88,6 @@ class RaceLog:
         except (OSError, RuntimeError, ValueError) as e:
             self._writer = None  # at the interpreter's end, the SDK would say it once more
             raise UserError(
-                f"{self._path} cannot be written ({str(e).rstrip('.')}); make room "
+                f"{self._path} cannot be written ({words(e)}); make room "
                 "there, write elsewhere, or race with --record none."
             ) from None

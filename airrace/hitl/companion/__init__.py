@@ -9,7 +9,7 @@ Whoever starts it needs no more than this of a companion:
         autonomy.collect(folder)
 """
 
-import typing
+import abc
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -19,9 +19,10 @@ OUTPUT = "output"
 READY = "airrace: autonomy ready"
 
 
-class Autonomy(typing.Protocol):
+class Autonomy(abc.ABC):
     """An autonomy that was started."""
 
+    @abc.abstractmethod
     def poll(self) -> int | None:
         """Hands new lines of its output to the log; returns its exit code, None while it runs.
 
@@ -31,12 +32,14 @@ class Autonomy(typing.Protocol):
         on bad input (its last line says what).
         """
 
+    @abc.abstractmethod
     def stop(self, timeout: float = 5.0) -> None:
         """Ends it: SIGTERM, and after the timeout (s) SIGKILL, to its process group.
 
         Does nothing if it has ended.
         """
 
+    @abc.abstractmethod
     def collect(self, folder: Path) -> None:
         """Copies what is in its OUTPUT folder into a folder here, which is made.
 
@@ -44,10 +47,18 @@ class Autonomy(typing.Protocol):
             UserError: if that cannot be done.
         """
 
+    @abc.abstractmethod
+    def remove(self) -> None:
+        """Removes its working directory, unless what is in it could not be fetched."""
 
-class Companion(typing.Protocol):
+
+class Companion(abc.ABC):
     """A computer that runs the autonomy."""
 
+    def __init__(self):
+        self._running = []  # Autonomies
+
+    @abc.abstractmethod
     def start(
         self, arguments: Sequence[str], files: Mapping[str, bytes], log: Callable[[str], None]
     ) -> Autonomy:
@@ -72,3 +83,7 @@ class Companion(typing.Protocol):
 
     def close(self) -> None:
         """Stops what runs, removes the working directories, and disconnects."""
+        for autonomy in self._running:
+            autonomy.stop()
+            autonomy.remove()
+        self._running.clear()

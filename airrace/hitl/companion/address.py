@@ -43,34 +43,22 @@ def parse_address(text: str) -> Address | None:
     """
     if text == "local":
         return None
-    user, at, rest = text.rpartition("@")
-    match = re.fullmatch(r"\[(?P<v6>[^\[\]]+)\](:(?P<port>.*))?", rest)
-    if match:
-        host, port = match["v6"], match["port"]
-    elif rest.count(":") > 1:
-        host, port = rest, None
-    else:
-        host, colon, port = rest.partition(":")
-        port = port if colon else None
-    if not at or not _is_user(user):
+    user, _, rest = text.rpartition("@")
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.+-]*", user):
         raise UserError(f"--companion '{text}' names no user; give {_FORM}.")
-    if not _is_host(host, bracketed=bool(match)):
+    match = re.fullmatch(r"(?:\[([^\[\]]+)\]|([^\[\]:]*))(?::([^:]*))?", rest)
+    v6, name, port = match.groups() if match else (rest, None, None)
+    if not (_is_ipv6(v6) if v6 else re.fullmatch(r"(?!.*\.\.)[A-Za-z0-9_][A-Za-z0-9_.-]*", name)):
         raise UserError(f"--companion '{text}' names no host; give {_FORM}.")
     if port is not None and not (re.fullmatch(r"[0-9]{1,5}", port) and 0 < int(port) < 65536):
         raise UserError(f"--companion '{text}' has no port from 1 to 65535 in it; give {_FORM}.")
-    return Address(user, host, None if port is None else int(port))
+    return Address(user, v6 or name, port and int(port))
 
 
-def _is_user(text: str) -> bool:
-    return re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.+-]*", text) is not None
-
-
-def _is_host(text: str, bracketed: bool) -> bool:
-    """Whether a text is an IP address or may be a name: nothing that a shell or ssh reads."""
-    if bracketed or ":" in text:
-        try:
-            address = ipaddress.IPv6Address(text)
-        except ValueError:
-            return False
-        return re.fullmatch(r"[\w.-]*", address.scope_id or "", re.ASCII) is not None
-    return re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", text) is not None and ".." not in text
+def _is_ipv6(text: str) -> bool:
+    """Whether a text is an address in which nothing is read by a shell or ssh."""
+    try:
+        scope = ipaddress.IPv6Address(text).scope_id or ""
+    except ValueError:
+        return False
+    return re.fullmatch(r"[\w.-]*", scope, re.ASCII) is not None

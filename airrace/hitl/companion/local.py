@@ -12,19 +12,15 @@ from pathlib import Path
 
 from airrace.common.errors import UserError
 from airrace.common.processes import child_environment
-from airrace.hitl.companion import OUTPUT
+from airrace.hitl.companion import OUTPUT, Autonomy, Companion
 
 
-class LocalCompanion:
-    """This computer; see airrace.hitl.companion.Companion."""
-
-    def __init__(self):
-        self._running = []
+class LocalCompanion(Companion):
+    """This computer."""
 
     def start(
         self, arguments: Sequence[str], files: Mapping[str, bytes], log: Callable[[str], None]
     ) -> "LocalAutonomy":
-        """See Companion.start()."""
         folder = None
         try:
             folder = Path(tempfile.mkdtemp(prefix="airrace-"))
@@ -43,16 +39,9 @@ class LocalCompanion:
             ) from None
         return self._running[-1]
 
-    def close(self) -> None:
-        """See Companion.close()."""
-        for autonomy in self._running:
-            autonomy.stop()
-            autonomy.remove()
-        self._running.clear()
 
-
-class LocalAutonomy:
-    """A process of this computer; see airrace.hitl.companion.Autonomy."""
+class LocalAutonomy(Autonomy):
+    """A process of this computer."""
 
     def __init__(self, arguments: Sequence[str], folder: Path, log: Callable[[str], None]):
         """Starts it.
@@ -79,7 +68,6 @@ class LocalAutonomy:
         self._lines = open(folder / "log", encoding="utf-8", errors="replace")
 
     def poll(self) -> int | None:
-        """See Autonomy.poll()."""
         code = self._process.poll()  # first, so that the last lines are read after the end
         *lines, self._rest = (self._rest + self._lines.read()).split("\n")
         if code is not None and self._rest:
@@ -89,7 +77,6 @@ class LocalAutonomy:
         return code
 
     def stop(self, timeout: float = 5.0) -> None:
-        """See Autonomy.stop()."""
         for signum, patience in ((signal.SIGTERM, timeout), (signal.SIGKILL, 5.0)):
             if self._process.poll() is None:
                 self._signal_group(signum)
@@ -103,7 +90,6 @@ class LocalAutonomy:
             os.killpg(self._process.pid, signum)
 
     def collect(self, folder: Path) -> None:
-        """See Autonomy.collect()."""
         try:
             shutil.copytree(self._folder / OUTPUT, folder, dirs_exist_ok=True)
         except (OSError, shutil.Error):
@@ -112,6 +98,5 @@ class LocalAutonomy:
             ) from None
 
     def remove(self) -> None:
-        """Removes its working directory."""
         self._lines.close()
         shutil.rmtree(self._folder, ignore_errors=True)

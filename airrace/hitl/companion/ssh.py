@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 
 import asyncssh
 
+from airrace.common.errors import words
 from airrace.hitl.companion.address import Address
 from airrace.hitl.companion.ssh_errors import connect_error, file_error
 
@@ -79,7 +80,7 @@ class SshConnection:
         try:
             return future.result()
         except (asyncssh.ConnectionLost, asyncssh.ChannelOpenError, ConnectionError) as e:
-            raise ConnectionLost(str(e).rstrip(".") or type(e).__name__) from None
+            raise ConnectionLost(words(e)) from None
         except BaseException:
             future.cancel()
             raise

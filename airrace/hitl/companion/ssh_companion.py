@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from airrace.common.errors import UserError
-from airrace.hitl.companion import OUTPUT
+from airrace.hitl.companion import OUTPUT, Autonomy, Companion
 from airrace.hitl.companion.address import Address
 from airrace.hitl.companion.checkout import checkout_path
 from airrace.hitl.companion.set_up import (
@@ -30,7 +30,7 @@ _LCM_PORT = 7667
 _LOST = "airrace: the ssh connection was lost; the race goes on as long as its messages come"
 
 
-class SshCompanion:
+class SshCompanion(Companion):
     """A computer with an ssh server; see airrace.hitl.companion.Companion.
 
     Attributes:
@@ -54,16 +54,15 @@ class SshCompanion:
                 without the internet; None: it has the internet.
             checkout: whose airrace to bring; None: the one that runs.
         """
+        super().__init__()
         self.address = address
         self._identity, self._wheels, self._checkout = identity, wheels, checkout
         self._connection = self._board = None
         self._failure = None, 0.0  # the last connection that could not be made, and when (s)
-        self._running = []
 
     def start(
         self, arguments: Sequence[str], files: Mapping[str, bytes], log: Callable[[str], None]
     ) -> "RemoteAutonomy":
-        """See Companion.start()."""
         try:
             if self._board is None:
                 checkout = self._checkout or checkout_path()
@@ -101,16 +100,12 @@ class SshCompanion:
         return self._connection
 
     def close(self) -> None:
-        """See Companion.close()."""
-        for autonomy in self._running:
-            autonomy.stop()
-            autonomy.remove()
-        self._running.clear()
+        super().close()
         if self._connection is not None:
             self._connection.close()
 
 
-class RemoteAutonomy:
+class RemoteAutonomy(Autonomy):
     """A process of another computer; see airrace.hitl.companion.Autonomy.
 
     When the ssh connection is lost, it runs on, and so does the race as long as
@@ -171,7 +166,6 @@ class RemoteAutonomy:
             events.append(event_of(line))
 
     def poll(self) -> int | None:
-        """See Autonomy.poll()."""
         while self._code is None and not self._lost:
             try:
                 line = self._lines.get_nowait()
@@ -187,7 +181,6 @@ class RemoteAutonomy:
         return self._code
 
     def stop(self, timeout: float = 5.0) -> None:
-        """See Autonomy.stop()."""
         if self.poll() is not None:
             return
         with contextlib.suppress(UserError, ConnectionLost):
@@ -200,7 +193,6 @@ class RemoteAutonomy:
             self._code = -1
 
     def collect(self, folder: Path) -> None:
-        """See Autonomy.collect()."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._companion.connection().get(f"{self._folder}/{OUTPUT}", folder)
@@ -212,7 +204,6 @@ class RemoteAutonomy:
             ) from None
 
     def remove(self) -> None:
-        """Removes its working directory, unless what is in it could not be fetched."""
         if not self._keep:
             with contextlib.suppress(UserError, ConnectionLost):  # a later set-up removes it
                 self._companion.connection().run(["rm", "-rf", self._folder])

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import asyncssh
 
-from airrace.common.errors import UserError
+from airrace.common.errors import UserError, words
 from airrace.hitl.companion.address import Address
 
 _NO_SERVER = (
@@ -34,7 +34,7 @@ async def connect_error(
         identity: the key that the user named, or None.
         options: asyncssh.SSHClientConnectionOptions; None if error came of making them.
     """
-    host, ssh, words = address.host, address.ssh_arguments, _words(error)
+    host, ssh, said = address.host, address.ssh_arguments, words(error)
     if isinstance(error, socket.gaierror):
         return UserError(
             f"There is no host named {host}; correct --companion, or name it in "
@@ -42,13 +42,13 @@ async def connect_error(
         )
     if options is None and identity is not None:
         return UserError(
-            f"--identity {identity} cannot be used ({words}); name the file of a "
+            f"--identity {identity} cannot be used ({said}); name the file of a "
             "private key, or add one with a passphrase to the agent with 'ssh-add' and "
             "leave --identity out."
         )
     if options is None:
         return UserError(
-            f"Your keys or ~/.ssh/config cannot be used ({words}); see that 'ssh {ssh}' works."
+            f"Your keys or ~/.ssh/config cannot be used ({said}); see that 'ssh {ssh}' works."
         )
     port = options.port or 22
     is_known = _is_known(options)
@@ -83,14 +83,15 @@ async def connect_error(
     if isinstance(error, _NO_SERVER):
         return UserError(
             f"What answers on port {port} of {host} is no ssh server that lets one "
-            f"in ({words}); correct the port in --companion."
+            f"in ({said}); correct the port in --companion."
         )
     if isinstance(error, OSError):
+        said = "no answer" if isinstance(error, TimeoutError) and not str(error) else said
         return UserError(
-            f"{host} cannot be reached ({words}); see that it is switched "
+            f"{host} cannot be reached ({said}); see that it is switched "
             f"on, that the cable is plugged in, and that 'ping {host}' works."
         )
-    return UserError(f"The ssh connection to {host} failed ({words}); see that 'ssh {ssh}' works.")
+    return UserError(f"The ssh connection to {host} failed ({said}); see that 'ssh {ssh}' works.")
 
 
 def _is_known(options) -> bool:
@@ -119,14 +120,6 @@ async def _has_a_key(address) -> bool:
 
 def _has_key() -> bool:
     return bool(os.environ.get("SSH_AUTH_SOCK")) or any(Path("~/.ssh").expanduser().glob("id_*"))
-
-
-def _words(error: BaseException) -> str:
-    """Returns what an error says, on one line and without a full stop."""
-    text = getattr(error, "strerror", None) or str(error)
-    if isinstance(error, TimeoutError) and not text:
-        return "no answer"
-    return (" ".join(text.split()) or type(error).__name__).rstrip(".")[:200]
 
 
 def file_error(said: str, path: str, address: Address) -> UserError:

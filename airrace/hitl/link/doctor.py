@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from rich.table import Table
 
+from airrace.hitl.link.probe import PICTURE, STATE
+
 _GOOD, _WEAK, _BAD = "good", "weak", "bad"
 _STYLES = {_GOOD: "green", _WEAK: "yellow", _BAD: "red"}
 _BUFFER = 1024  # KiB
@@ -36,14 +38,14 @@ class Row(NamedTuple):
 def diagnose(findings) -> list[Row]:
     """Returns the rows of the doctor's table. Args: findings: LinkFindings."""
     f = findings
-    pictures, states, commands = f.pictures, f.states, f.commands
+    pictures, states, commands = f.received(PICTURE), f.received(STATE), f.commands
     loss = max(1.0 - pictures.received / max(f.picture_rate * f.duration, 1.0), 0.0)
     states_lost = states.missing / max(states.received + states.missing, 1)
     p50, p99 = np.percentile(f.ages, (50, 99)) if len(f.ages) else (np.inf, np.inf)
     # The kernel keeps the parts that came of each incomplete picture for fragment_time.
     # When its memory for them is full, no picture arrives any more.
-    kept = loss * f.picture_rate * f.fragment_time * _OVERHEAD * pictures.bytes
-    share = kept / f.fragment_memory if f.fragment_memory else 0.0
+    kept = loss * f.picture_rate * f.status.fragment_time * _OVERHEAD * pictures.bytes
+    share = kept / f.status.fragment_memory if f.status.fragment_memory else 0.0
     rate = f.state_rate
     table = (
         # What, found, form, good, bearable, remedy.
@@ -65,7 +67,7 @@ def diagnose(findings) -> list[Row]:
         ("encoding a picture here", 1e3 * f.encode_time, "{:.1f} ms", 8.0, 30.0, _LOAD),
         ("decoding a picture there", 1e3 * pictures.decode_time, "{:.1f} ms", 8.0, 30.0, _LOAD),
         (
-            *("receive buffer there, at most", f.receive_buffer / 1024, "{:.0f} KiB"),
+            *("receive buffer there, at most", f.status.receive_buffer / 1024, "{:.0f} KiB"),
             *(_BUFFER, 0.0, f"{_SOCKETS} there"),
         ),
         ("memory for torn pictures there", 100 * share, "{:.0f} %", 50.0, 100.0, _FRAGMENTS),

@@ -10,6 +10,7 @@ from airrace import lcmtypes
 from airrace.hitl.link import image_messages, messages, phases
 from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT_PERIOD, SIMULATION, Channel, Endpoint
 from airrace.hitl.link.lockstep import await_peer
+from airrace.hitl.link.statistics import ChannelStatistics
 
 _SIZE = 4 << 20  # bytes
 PICTURE, STATE, COMMAND, STATUS = (
@@ -38,31 +39,29 @@ class LinkFindings:
 
     Attributes:
         duration: of the test (s).
-        pictures, states: lcmt_channel_statistics of what the autonomy has got.
+        status: lcmt_link_status, what the autonomy has got, and its kernel's settings.
         commands: ChannelStatistics of what came back.
         ages: of the commands: from the state that each answers to its arrival (s).
         round_trip: the quickest heartbeat there and back (s).
         offset: by how much the other computer's clock is ahead (s).
         encode_time: of a picture here (s).
         picture_rate, state_rate: at which they were sent (Hz).
-        receive_buffer: that the other side's kernel grants (bytes).
-        fragment_time: for which it keeps the parts of an incomplete picture (s).
-        fragment_memory: that it has for them (bytes), 0 if unknown.
     """
 
     duration: float
-    pictures: object
-    states: object
-    commands: object
+    status: lcmtypes.lcmt_link_status
+    commands: ChannelStatistics
     ages: np.ndarray
     round_trip: float
     offset: float
     encode_time: float
     picture_rate: float
     state_rate: float
-    receive_buffer: int
-    fragment_time: float
-    fragment_memory: int
+
+    def received(self, channel: str) -> lcmtypes.lcmt_channel_statistics:
+        """Returns what the autonomy has got on a channel."""
+        found = (each for each in self.status.channels if each.channel == channel)
+        return next(found, lcmtypes.lcmt_channel_statistics())
 
 
 def measure(
@@ -143,15 +142,11 @@ class _Test:
 
     def _findings(self, duration):
         endpoint = self._endpoint
-        received = endpoint.newest(STATUS)
-        status = received.value if received else lcmtypes.lcmt_link_status()
-        channels = {each.channel: each for each in status.channels}
-        nothing = lcmtypes.lcmt_channel_statistics()
+        status = endpoint.newest(STATUS)
         pictures = endpoint.sequence(PICTURE)
         return LinkFindings(
             duration=duration,
-            pictures=channels.get(PICTURE, nothing),
-            states=channels.get(STATE, nothing),
+            status=status.value if status else lcmtypes.lcmt_link_status(),
             commands=endpoint.statistics[COMMAND],
             ages=np.array(self._ages),
             round_trip=endpoint.clock.round_trip,
@@ -159,7 +154,6 @@ class _Test:
             encode_time=self._encode_time / max(pictures, 1),
             picture_rate=pictures / duration,
             state_rate=endpoint.sequence(STATE) / duration,
-            **{name: getattr(status, name) for name in _KERNEL_SETTINGS},
         )
 
 

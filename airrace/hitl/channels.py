@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from collections.abc import Callable
+from itertools import starmap
 
 import numpy as np
 from pydrake.common.value import Value
@@ -22,7 +23,6 @@ from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import STATE_SIZE
 
 _IMAGES = {"camera_grey": ImageGrey8U, "camera_image": ImageRgba8U}  # C++ values
-_LARGE = 4 << 20  # bytes, of one message at most
 
 
 @dc.dataclass(frozen=True, kw_only=True)
@@ -53,9 +53,7 @@ class PortChannel(Channel):
         initial = self.initial[port]
         if isinstance(initial, np.ndarray):
             return initial.size
-        if port in _IMAGES:
-            return Value(_IMAGES[port]())
-        return Value[object]() if initial is None else Value[object](initial)
+        return Value[_IMAGES.get(port, object)]()
 
 
 def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[PortChannel, ...]:
@@ -70,30 +68,29 @@ def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[PortChan
     n = len(load_vehicle(scenario.drone)[0].rotors)
     nothing = RefereeStatus((), False, None, None, 0)
     command = {"repeat": 0.02, "timed": True}
-    large = {"max_size": _LARGE}
-    rates = {
-        "state_estimate": scenario.state_estimate.rate,
-        "rotor_speed_command": scenario.controller.rate,
-        "explorer_status": scenario.explorer.rate,
-        "lap_plan": scenario.planner.rate,
-        "camera_info": 1.0,
-    }
+    estimates, commands = scenario.state_estimate.rate, scenario.controller.rate
+    events = scenario.explorer.rate
     table = (
-        # Port, sender, Codec, initial value, options.
-        ("camera_info", SIMULATION, messages.CAMERA_INFO, None, {}),
-        ("state_estimate", SIMULATION, messages.STATE_ESTIMATE, np.zeros(STATE_SIZE), {}),
-        ("truth.referee_status", SIMULATION, messages.REFEREE_STATUS, nothing, {}),
-        ("rotor_speed_command", AUTONOMY, messages.ROTORS, np.zeros(n), command),
-        ("rotor_losses", AUTONOMY, messages.ROTOR_LOSSES, np.full(n, np.inf), {}),
-        ("explorer_status", AUTONOMY, messages.EXPLORER_STATUS, ExplorerStatus(), large),
-        ("gate_map", AUTONOMY, messages.GATE_MAP, GateMap(), large),
-        ("lap_plan", AUTONOMY, LAP_PLAN, NO_PLAN, large),
+        # Port, sender, Codec, initial value, rate (Hz), options.
+        ("camera_info", SIMULATION, messages.CAMERA_INFO, None, 1.0),
+        ("state_estimate", SIMULATION, messages.STATE_ESTIMATE, np.zeros(STATE_SIZE), estimates),
+        ("truth.referee_status", SIMULATION, messages.REFEREE_STATUS, nothing, 10.0),
+        ("rotor_speed_command", AUTONOMY, messages.ROTORS, np.zeros(n), commands, command),
+        ("rotor_losses", AUTONOMY, messages.ROTOR_LOSSES, np.full(n, np.inf), 10.0),
+        (
+            "explorer_status",
+            AUTONOMY,
+            messages.EXPLORER_STATUS,
+            ExplorerStatus(),
+            scenario.explorer.rate,
+        ),
+        ("gate_map", AUTONOMY, messages.GATE_MAP, GateMap(), 10.0),
+        ("lap_plan", AUTONOMY, LAP_PLAN, NO_PLAN, scenario.planner.rate),
     )
-    channels = [_channel(*row, rate=rates.get(row[0], 10.0)) for row in table]
-    return (_camera(scenario, wanted), _rotor_status(scenario, n), *channels)
+    return (_camera(scenario, wanted), _rotor_status(scenario, n), *starmap(_channel, table))
 
 
-def _channel(port, sender, codec, initial, options, rate) -> PortChannel:
+def _channel(port, sender, codec, initial, rate, options=()) -> PortChannel:
     def decode(message):
         value = codec.decode(message)
         if isinstance(initial, np.ndarray) and value.shape != initial.shape:
@@ -109,7 +106,7 @@ def _channel(port, sender, codec, initial, options, rate) -> PortChannel:
         rate=rate,
         encode=lambda lossless, **values: codec.encode(values[port]),
         initial={port: initial},
-        **options,
+        **dict(options),
     )
 
 
@@ -118,8 +115,8 @@ def _rotor_status(scenario: Scenario, n: int) -> PortChannel:
 
     The status has a time, which changes; the speeds, a port of their own, are in it.
     """
-    row = ("rotor_status", SIMULATION, messages.ROTOR_STATUS, np.zeros(1 + 2 * n), {})
-    channel = _channel(*row, rate=scenario.rotors.rate)
+    codec, rate = messages.ROTOR_STATUS, scenario.rotors.rate
+    channel = _channel("rotor_status", SIMULATION, codec, np.zeros(1 + 2 * n), rate)
 
     def decode(message):
         values = channel.decode(message)
@@ -150,7 +147,6 @@ def _camera(scenario: Scenario, wanted) -> PortChannel:
         message_type=lcmt_pictures,
         sender=SIMULATION,
         decode=decode,
-        max_size=_LARGE,
         ports=("camera_image_time", *wanted),  # the time first: no picture is drawn for it
         rate=scenario.camera.fps,
         encode=encode,

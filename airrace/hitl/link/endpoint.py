@@ -22,7 +22,6 @@ HEARTBEAT_PERIOD = 0.05  # s
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
 _BUFFER = 4 << 20  # bytes; the usual 208 KiB lose most of the larger pictures
 _QUEUE = 4000  # messages that wait at most
-_LARGEST_HEARTBEAT = 16 << 10  # bytes
 _MOST_AHEAD = 1_000_000  # of the sequence number, beyond which it is made up
 _LONG_AGO = 1.0  # s, by which a message may be sent before the newest and still count
 _OLD_ECHO = 3.0  # s, age of the heartbeat of ours that a new session answers
@@ -38,7 +37,6 @@ class Channel:
         message_type: of airrace.lcmtypes.
         sender: the role that sends on it, "simulation" or "autonomy".
         decode: from a message to a value; may raise Dropped.
-        max_size: of a message (bytes).
         timed: whether what comes early waits until the time of its stamp.
     """
 
@@ -46,7 +44,6 @@ class Channel:
     message_type: type
     sender: str
     decode: object
-    max_size: int = 64 << 10
     timed: bool = False
 
 
@@ -109,9 +106,7 @@ class Endpoint:
         for channel in channels:
             if channel.sender != role:
                 self._subscribe(channel)
-        self._subscribe(
-            Channel(HEARTBEAT, lcmt_heartbeat, "", lambda message: message, _LARGEST_HEARTBEAT)
-        )
+        self._subscribe(Channel(HEARTBEAT, lcmt_heartbeat, "", lambda message: message))
 
     def _subscribe(self, channel: Channel):
         self.statistics[channel.name] = ChannelStatistics()
@@ -210,7 +205,7 @@ class Endpoint:
         arrival, clock = self.now(), time.perf_counter()
         statistics = self.statistics[channel.name]
         try:
-            message, stamp = packets.unpack(data, channel.message_type, channel.max_size)
+            message, stamp = packets.unpack(data, channel.message_type)
             if channel.name == HEARTBEAT:
                 if message.role == self.role:
                     return  # our own, or of a second process with this role

@@ -7,6 +7,7 @@ import zlib
 from io import BytesIO
 
 VERSION = 1
+MAX_SIZE = 4 << 20  # bytes of a message
 # Why a message is dropped.
 MALFORMED = "malformed"
 OVERSIZED = "oversized"
@@ -55,19 +56,18 @@ def pack(message, stamp: Stamp) -> bytes:
     return bytes(data)
 
 
-def unpack(data: bytes, message_type, max_size: int):
+def unpack(data: bytes, message_type):
     """Returns (message, Stamp) of bytes that came over a link.
 
     Args:
         data: whatever came.
         message_type: what it should be, see pack().
-        max_size: of the data.
 
     Raises:
         Dropped: if it is too large, incomplete, of another type or version, or its
             checksum is wrong.
     """
-    if len(data) > max_size:
+    if len(data) > MAX_SIZE:
         raise Dropped(OVERSIZED)
     stamp = _stamp(data)
     if not math.isfinite(stamp.time):

@@ -12,15 +12,14 @@ from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT_PERIOD, SIMULATION, C
 from airrace.hitl.link.lockstep import await_peer
 from airrace.hitl.link.statistics import ChannelStatistics
 
-_SIZE = 4 << 20  # bytes
 PICTURE, STATE, COMMAND, STATUS = (
     f"AIRRACE_TEST_{name}" for name in ("PICTURE", "STATE", "COMMAND", "STATUS")
 )
 CHANNELS = (
-    Channel(PICTURE, lcmtypes.lcmt_pictures, SIMULATION, image_messages.decode_pictures, _SIZE),
-    Channel(STATE, lcmtypes.lcmt_rotors, SIMULATION, messages.ROTORS.decode, _SIZE),
-    Channel(COMMAND, lcmtypes.lcmt_rotors, AUTONOMY, messages.ROTORS.decode, _SIZE),
-    Channel(STATUS, lcmtypes.lcmt_link_status, AUTONOMY, lambda message: message, _SIZE),
+    Channel(PICTURE, lcmtypes.lcmt_pictures, SIMULATION, image_messages.decode_pictures),
+    Channel(STATE, lcmtypes.lcmt_rotors, SIMULATION, messages.ROTORS.decode),
+    Channel(COMMAND, lcmtypes.lcmt_rotors, AUTONOMY, messages.ROTORS.decode),
+    Channel(STATUS, lcmtypes.lcmt_link_status, AUTONOMY, lambda message: message),
 )
 _STATUS_PERIOD = 0.2  # s
 _PAUSE = 1.0  # s, after which another test begins

@@ -118,7 +118,7 @@ def test_nan_oversized_torn_and_foreign(link):
     nan = {"rotor_speed_command": np.array([1.0, np.nan, 1.0, 1.0])}
     send(link, COMMAND, 0.0, nan)
     data = send(link, COMMAND)
-    for bad in (data[:-1], b"", bytes(COMMAND.max_size + 1)):
+    for bad in (data[:-1], b"", bytes(packets.MAX_SIZE + 1)):
         link.air.send(COMMAND.name, bad)
     stranger = Endpoint("autonomy", [], link.air.bus(), clock=link.air.clock)
     stranger.publish(COMMAND.name, message_of(COMMAND), 0.0)

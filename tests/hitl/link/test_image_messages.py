@@ -15,7 +15,7 @@ SHAPE = (48, 80)
 
 def through(found, lossless, time=1 / 3):
     data = pack(image_messages.encode_pictures(found, time, lossless), Stamp(1, 1, 0.5))
-    message, _ = unpack(data, lcmt_pictures, 1 << 20)
+    message, _ = unpack(data, lcmt_pictures)
     return image_messages.decode_pictures(message)
 
 

@@ -49,9 +49,7 @@ class Side:
     def __init__(self, role, link):
         other = "autonomy" if role == "simulation" else "simulation"
         self.out, self.into = f"FROM_{role}", f"FROM_{other}"
-        channel = Channel(
-            self.into, lcmtypes.lcmt_rotors, other, lambda message: message.value[0], 1000
-        )
+        channel = Channel(self.into, lcmtypes.lcmt_rotors, other, lambda message: message.value[0])
         self.endpoint = Endpoint(role, [channel], link.bus(), clock=link.clock)
         self.value, self.shown = 0, []
         self.exchange = None

@@ -46,7 +46,7 @@ def same(a, b):
 def test_round_trip(channel):
     row, given = BY_CHANNEL[channel], values()
     data = pack(message_of(row, given), STAMP)
-    message, stamp = unpack(data, row.message_type, row.max_size)
+    message, stamp = unpack(data, row.message_type)
     assert stamp == STAMP
     decoded = row.decode(message)
     assert set(decoded) == set(row.ports)
@@ -56,9 +56,7 @@ def test_round_trip(channel):
 
 def test_no_plan_stays_the_one_that_there_is():
     row = BY_CHANNEL["AIRRACE_LAP_PLAN"]
-    message, _ = unpack(
-        pack(message_of(row, {"lap_plan": NO_PLAN}), STAMP), row.message_type, row.max_size
-    )
+    message, _ = unpack(pack(message_of(row, {"lap_plan": NO_PLAN}), STAMP), row.message_type)
     assert row.decode(message)["lap_plan"] is NO_PLAN
 
 
@@ -117,7 +115,7 @@ def test_twenty_thousand_malformed_datagrams(name):
     for k in range(20_000):
         bad = malformed(data, k, noise)
         try:
-            message, _ = unpack(bad, message_type, 4 << 20)
+            message, _ = unpack(bad, message_type)
             decode(message)
         except Dropped:
             dropped += 1

@@ -77,13 +77,7 @@ def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[PortChan
         ("truth.referee_status", SIMULATION, messages.REFEREE_STATUS, nothing, 10.0),
         ("rotor_speed_command", AUTONOMY, messages.ROTORS, np.zeros(n), commands, command),
         ("rotor_losses", AUTONOMY, messages.ROTOR_LOSSES, np.full(n, np.inf), 10.0),
-        (
-            "explorer_status",
-            AUTONOMY,
-            messages.EXPLORER_STATUS,
-            ExplorerStatus(),
-            scenario.explorer.rate,
-        ),
+        ("explorer_status", AUTONOMY, messages.EXPLORER_STATUS, ExplorerStatus(), events),
         ("gate_map", AUTONOMY, messages.GATE_MAP, GateMap(), 10.0),
         ("lap_plan", AUTONOMY, LAP_PLAN, NO_PLAN, scenario.planner.rate),
     )

@@ -65,14 +65,12 @@ TOPICS = {
     "/camera/annotations": fg.ImageAnnotationsChannel,
     # The others when they change. Pylons and boards where they truly stand, and the drone:
     "/scene": fg.SceneUpdateChannel,
-    "/detections": json_topics.DETECTIONS,
     "/detections/rays": fg.SceneUpdateChannel,
-    # At most once a second, and when a lap has ended.
-    "/map": json_topics.MAP,
+    # This and /map at most once a second, and when a lap has ended.
     "/map/scene": fg.SceneUpdateChannel,
-    "/plan": json_topics.PLAN,
     "/plan/scene": fg.SceneUpdateChannel,
     "/explorer": fg.LogChannel,
     "/referee": fg.LogChannel,
-    "/referee/crossings": json_topics.CROSSING,
+    # What was found and refused, the map, the plan, and the gates that counted:
+    **json_topics.SCHEMAS,
 }

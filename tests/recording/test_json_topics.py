@@ -39,7 +39,7 @@ def test_detections():
         ],
         "refused": [{"reason": "blurred", "id": 3}, {"reason": "image", "id": None}],
     }
-    assert list(message) == list(json_topics.DETECTIONS["properties"])
+    assert list(message) == list(json_topics.SCHEMAS["/detections"]["properties"])
 
 
 def test_a_map_is_valid_json_whatever_is_in_it():
@@ -52,7 +52,7 @@ def test_a_map_is_valid_json_whatever_is_in_it():
         normal=np.array([1.0, 0, 0]),
     )
     message = as_json(json_topics.full_map_data(GateMap(1.0, (marker,))))
-    assert list(message) == list(json_topics.MAP["properties"])
+    assert list(message) == list(json_topics.SCHEMAS["/map"]["properties"])
     assert message["statistics"]["markers"][0]["variance"] == [None] * 3
 
 
@@ -60,7 +60,7 @@ def test_a_map_is_valid_json_whatever_is_in_it():
 def test_a_plan_has_samples_of_both_parts(summary):
     rest = FlatTrajectory.resting([1.0, 2.0, 3.0, 0.5])
     message = as_json(json_topics.plan_data(LapPlan(2, 10.0, rest, rest, 0.0, summary)))
-    assert set(message) <= set(json_topics.PLAN["properties"])
+    assert set(message) <= set(json_topics.SCHEMAS["/plan"]["properties"])
     assert ("solve_time" in message) == (summary is not None)
     assert message["gate_times"] == []  # it is no Circuit
     assert message["circuit"] == {
@@ -76,6 +76,7 @@ def test_a_plan_has_samples_of_both_parts(summary):
 
 def test_a_crossing():
     crossing = GateCrossing(time=3.5, gate=2, lap=1, offset=0.25, max_speed=9.0)
+    assert set(json_topics.SCHEMAS["/referee/crossings"]["properties"]) == set(vars(crossing))
     assert json_topics.crossing_data(crossing) == {
         "time": 3.5,
         "lap": 1,

@@ -20,7 +20,7 @@ free_kilobytes() { df -Pk "$cache" | awk 'NR == 2 { print $4 }'; }
 
 refuse() {
   # Not every program says that it fails for want of room.
-  [ "$(free_kilobytes)" -gt 20000 ] || echo 'No space left on device'
+  [ ! -d "$cache" ] || [ "$(free_kilobytes)" -gt 20000 ] || echo 'No space left on device'
   say refused "$1"
   exit 2
 }
@@ -53,14 +53,21 @@ find_python() {
     is_suitable "$python" && return
   done
   if command -v uv >/dev/null; then
-    say uv there
-    is_suitable "$(uv python find --system '>=3.12,<3.15' 2>/dev/null </dev/null)"
+    is_suitable "$(uv python find --system '>=3.12,<3.15' 2>/dev/null </dev/null)" && return
+    remedy="run 'uv python install 3.12' there"
+  else
+    remedy="install uv there (https://docs.astral.sh/uv) and run 'uv python install 3.12' there"
   fi
+  refuse "There is no Python 3.12, 3.13 or 3.14 with venv on {host}; $remedy."
 }
 
 inspect() {
   say cache "$cache"
-  say machine "$(uname -s) $(uname -m)"
+  machine="$(uname -s) $(uname -m)"
+  case $machine in
+    'Linux aarch64' | 'Linux x86_64' | 'Linux arm64') ;;
+    *) refuse "{host} is $machine, for which Drake has no wheels; use one with 64-bit Linux." ;;
+  esac
   is_environment "$cache/environments/$1" && say environment there
   is_complete "$cache/packages/$2" && say package there
   find_python

@@ -1,6 +1,5 @@
 """Brings to a companion computer what a race needs, once: an environment of the lock, airrace."""
 
-import contextlib
 import dataclasses as dc
 import hashlib
 from pathlib import Path
@@ -99,7 +98,7 @@ def set_up(
     display.step("looking for Python")
     lock = checkout / "requirements.lock"
     environment, package = digest(lock), source_digest(checkout)
-    found = inspect_board(connection, address.host, environment, package)
+    found = inspect_board(connection, address, environment, package)
     cache, locked = found["cache"], []
     if "environment" not in found:
         connection.put(f"{cache}/locks/{environment}.txt", lock.read_bytes())
@@ -108,7 +107,7 @@ def set_up(
         display.step("bringing the wheels")
         sizes = [wheel.stat().st_size for wheel in locked]
         for i, wheel in enumerate(locked):
-            display.progress(sum(sizes[:i]), sum(sizes))
+            display.show(sum(sizes[:i]), sum(sizes))
             connection.put(f"{cache}/wheelhouse/{environment}/{wheel.name}", wheel.read_bytes())
     if "package" not in found:
         display.step("bringing this airrace")
@@ -128,7 +127,7 @@ def set_up(
             events.clear()
         elif text.startswith(("Collecting", "Processing")):  # pip's
             done = sum(said.startswith(("Collecting", "Processing")) for _, said in events)
-            display.progress(min(done, total), total)
+            display.show(min(done, total), total)
         elif text.startswith("Installing collected") and len(events) >= total:
             display.step("unpacking the wheels")
     if line != 0:
@@ -139,7 +138,7 @@ def set_up(
 
 
 def inspect_board(
-    connection: SshConnection, host: str, environment: str, package: str
+    connection: SshConnection, address, environment: str, package: str
 ) -> dict[str, str]:
     """Returns what is on a companion: ``cache``, ``python``, and what else board.sh tells.
 
@@ -147,25 +146,17 @@ def inspect_board(
         UserError: if it is no computer for airrace.
         ConnectionLost: if the connection goes.
     """
-    _, output, error = connection.run(*board_command("inspect", environment, package))
+    code, output, error = connection.run(*board_command("inspect", environment, package))
     output = output.decode(errors="replace")
-    found = dict(map(event_of, output.splitlines()))
-    if "cache" not in found:
+    events = [event_of(line) for line in output.splitlines()]
+    if "cache" not in dict(events):
         said = last_line(output + error)[:200]
-        raise UserError(f"{host} runs no commands over ssh ({said}); give the user a shell there.")
-    if "python" not in found:
-        uv = "" if "uv" in found else "install uv there (https://docs.astral.sh/uv) and "
         raise UserError(
-            f"There is no Python 3.12, 3.13 or 3.14 with venv on {host}; {uv}run "
-            "'uv python install 3.12' there."
+            f"{address.host} runs no commands over ssh ({said}); give the user a shell there."
         )
-    machine = found.get("machine", "")
-    if machine not in ("Linux aarch64", "Linux x86_64", "Linux arm64"):
-        raise UserError(
-            f"{host} is {machine or 'an unknown machine'}, for which Drake has no "
-            "wheels; use one with 64-bit Linux."
-        )
-    return found
+    if code:
+        raise failure(events, code, address)
+    return dict(events)
 
 
 def find_wheels(folder: Path, lock: Path) -> list[Path]:
@@ -193,7 +184,7 @@ def find_wheels(folder: Path, lock: Path) -> list[Path]:
     return wheels
 
 
-class SetUpDisplay(contextlib.AbstractContextManager):
+class SetUpDisplay(Progress):
     """Shows a set-up on standard error; inside its ``with`` block a bar is live.
 
     The bar vanishes at the end. Where there is no terminal, each step is a line.
@@ -201,32 +192,25 @@ class SetUpDisplay(contextlib.AbstractContextManager):
 
     def __init__(self, host: str, console: Console | None = None):
         """Args: host: what to call the companion. console: standard error by default."""
-        self._host, self._console = host, console or Console(stderr=True)
-        self._progress = Progress(
+        console = console or Console(stderr=True)
+        super().__init__(
             SpinnerColumn(),
             TextColumn("{task.description}", markup=False),
             BarColumn(),
             TaskProgressColumn(),
             TimeElapsedColumn(),
-            console=self._console,
+            console=console,
             transient=True,
-            disable=not self._console.is_terminal,
+            disable=not console.is_terminal,
         )
-        self._task = self._progress.add_task("", total=None)
-
-    def __enter__(self):
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_):
-        self._progress.stop()
+        self._host, self._task = host, self.add_task("", total=None)
 
     def step(self, text: str) -> None:
         """Shows what is being done from now on."""
-        if not self._console.is_terminal:
-            self._console.out(f"airrace: {self._host}: {text}", highlight=False)
-        self._progress.reset(self._task, description=f"{self._host}: {text}", total=None)
+        if not self.console.is_terminal:
+            self.console.out(f"airrace: {self._host}: {text}", highlight=False)
+        self.reset(self._task, description=f"{self._host}: {text}", total=None)
 
-    def progress(self, done: int, total: int) -> None:
+    def show(self, done: int, total: int) -> None:
         """Shows how far the step is."""
-        self._progress.update(self._task, completed=done, total=total)
+        self.update(self._task, completed=done, total=total)

@@ -10,7 +10,7 @@ def shown(**options):
     with SetUpDisplay("board[1]", Console(file=output, width=100, **options)) as display:
         display.step("connecting [bold]")
         display.step("installing")
-        display.progress(3, 12)
+        display.show(3, 12)
     return output.getvalue()
 
 

@@ -142,7 +142,7 @@ def test_no_python_there(hosts, refusal, tmp_path):
         # And one that knows one.
         (hosts.path / "uv").write_text(f"#!/bin/sh\necho {Path(sys.executable).resolve()}\n")
         companion = SshCompanion(ADDRESS)
-        found = set_up.inspect_board(companion.connection(), "host", "environment", "package")
+        found = set_up.inspect_board(companion.connection(), ADDRESS, "environment", "package")
         companion.close()
         assert Path(found["python"]).exists()
         assert found["cache"] == f"{hosts.home}/.cache/airrace"

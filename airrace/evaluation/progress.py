@@ -18,7 +18,7 @@ from airrace.evaluation.summary import race_line
 from airrace.evaluation.tables import finish_line, summary_tables, title
 
 
-class EvaluationDisplay(contextlib.AbstractContextManager):
+class EvaluationDisplay(Progress):
     """Shows an evaluation; inside its ``with`` block the bar is live.
 
     Progress goes to standard error, the tables to standard output.
@@ -26,9 +26,7 @@ class EvaluationDisplay(contextlib.AbstractContextManager):
 
     def __init__(self, settings: dict, rows: list[dict]):
         """Args: settings: of the evaluation. rows: of the races that ended before."""
-        self._title, self._total = title(settings), settings["tracks"]
-        self._ended, self._finished = len(rows), sum(row["result"]["finished"] for row in rows)
-        self._progress = Progress(
+        super().__init__(
             TextColumn("Racing"),
             BarColumn(),
             MofNCompleteColumn(),
@@ -38,29 +36,25 @@ class EvaluationDisplay(contextlib.AbstractContextManager):
             TimeRemainingColumn(),
             console=Console(stderr=True),
         )
-        self._bar = self._progress.add_task(
-            "", total=self._total, completed=self._ended, finished=self._finished
-        )
+        self._title, self._total = title(settings), settings["tracks"]
+        self._ended, self._finished = len(rows), sum(row["result"]["finished"] for row in rows)
+        counts = {"completed": self._ended, "finished": self._finished}
+        self._bar = self.add_task("", total=self._total, **counts)
 
     def __enter__(self):
-        _print(self._progress.console, f"airrace: {self._title}")
+        _print(self.console, f"airrace: {self._title}")
         if self._ended:
-            flown = f"{self._ended} of {self._total} races have been flown already."
-            _print(self._progress.console, flown)
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_):
-        self._progress.stop()
+            _print(self.console, f"{self._ended} of {self._total} races have been flown already.")
+        return super().__enter__()
 
     def show(self, row: dict) -> None:
         """Shows that a race has ended."""
         line = race_line(row)
         self._ended += 1
         self._finished += line["finished"]
-        self._progress.update(self._bar, completed=self._ended, finished=self._finished)
+        self.update(self._bar, completed=self._ended, finished=self._finished)
         number = f"[{self._ended:{len(str(self._total))}}/{self._total}]"
-        _print(self._progress.console, f"{number} seed {line['seed']}: {_words(line)}")
+        _print(self.console, f"{number} seed {line['seed']}: {_words(line)}")
 
     def print_summary(self, evaluation: dict, folder: Path) -> None:
         """Prints the tables and where the results are."""

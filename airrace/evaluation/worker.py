@@ -8,7 +8,6 @@ would start, so that the results are the same.
 import collections
 import dataclasses as dc
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -16,8 +15,7 @@ import tempfile
 import threading
 from pathlib import Path
 
-import airrace
-from airrace.common.processes import ONE_THREAD
+from airrace.common.processes import ONE_THREAD, child_environment
 from airrace.evaluation.versions import mismatch, versions
 
 # What is in the folder of one race; diagrams/race_process.py flies it.
@@ -115,9 +113,6 @@ def stop_races(evaluation: str) -> None:
 
 def _run(folder: Path, evaluation: str) -> int:
     """Runs the process of a race; returns its exit code."""
-    # Beside airrace/ wherever this Python found it.
-    path = [os.environ.get("PYTHONPATH"), str(Path(airrace.__file__).parents[1])]
-    environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(filter(None, path))}
     with open(folder / "stderr", "wb") as stderr:
         with _lock:
             if evaluation in _stopped:
@@ -128,7 +123,7 @@ def _run(folder: Path, evaluation: str) -> int:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=stderr,
-                env=environment,
+                env={**child_environment(), **ONE_THREAD},
                 start_new_session=True,  # Ctrl-C in the terminal is for the evaluation
             )
             _running[evaluation].add(process)

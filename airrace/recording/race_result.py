@@ -71,6 +71,7 @@ class RaceResult:
             wall: what else belongs below ``wall``, a dict.
         """
         laps = [self._lap(k) for k in range(1, self.laps_flown + 1)]
+        plans = [self._plan_summary(lap["lap"]) for lap in laps]
         times = [lap["time_s"] for lap in laps]
         referee, explorer = self.referee_status, self.explorer_status
         end = referee.end_time if referee.over else self._time  # is observed a little later
@@ -102,7 +103,7 @@ class RaceResult:
                 "simulation": self._simulation,
                 "seconds": wall_seconds,
                 "real_time_factor": self._time / max(wall_seconds, 1e-9),
-                "plan_solve_times_s": [self._solve_time(lap["lap"]) for lap in laps],
+                "plan_solve_times_s": [plan and plan.solve_time for plan in plans],
                 **dict(wall),
             },
         }
@@ -135,11 +136,6 @@ class RaceResult:
         """Returns what the plan of a lap promised."""
         plans = [plan for first, plan in sorted(self._plans.items()) if first <= lap]
         return plans[-1].summary if plans else None
-
-    def _solve_time(self, lap: int) -> float | None:
-        """Returns what finding a lap's plan took (s)."""
-        summary = self._plan_summary(lap)
-        return summary and summary.solve_time
 
 
 # What race.json calls the parts of a PlanSummary that it holds.

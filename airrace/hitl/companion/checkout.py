@@ -1,7 +1,5 @@
 """This very checkout, with its uncommitted changes, for a companion computer."""
 
-import io
-import tarfile
 from pathlib import Path
 
 import airrace
@@ -31,20 +29,19 @@ def source_digest(root: Path) -> str:
     return digest(*(root / name for name in _FOLDERS))
 
 
-def pack(root: Path) -> bytes:
-    """Returns a tar archive of all of a checkout that a companion gets.
+def source_files(root: Path) -> dict[str, bytes]:
+    """Returns all of a checkout that a companion gets: path to contents.
 
     Raises:
         UserError: if a file cannot be read.
     """
-    result = io.BytesIO()
     try:
-        with tarfile.open(fileobj=result, mode="w") as archive:
-            for file in files_in(*(root / name for name in _FOLDERS)):
-                archive.add(file, file.relative_to(root).as_posix())
+        return {
+            file.relative_to(root).as_posix(): file.read_bytes()
+            for file in files_in(*(root / name for name in _FOLDERS))
+        }
     except OSError as e:
         raise UserError(
             f"{e.filename} cannot be read ({e.strerror}), so that airrace cannot be brought to "
             f"the companion; mend the checkout in {root}."
         ) from None
-    return result.getvalue()

@@ -16,18 +16,13 @@ from rich.progress import (
 
 from airrace.common.errors import UserError
 from airrace.common.files import digest
-from airrace.hitl.companion.checkout import pack, source_digest
+from airrace.hitl.companion.checkout import source_digest, source_files
 from airrace.hitl.companion.ssh import ConnectionLost, SshConnection
 from airrace.hitl.companion.ssh_errors import file_error, is_disk_full, last_line
 
 _SCRIPT = Path(__file__).with_name("board.sh")
 _ROOM = 1_500_000  # kB; an environment takes 630 MB, its wheels 130 MB, at times twice
 _MARK = "airrace-"
-# The folder "$0" is there as a whole or not at all.
-_UNPACK = (
-    'rm -rf "$0" "$0.part" && mkdir -p "$0.part" && tar -x -f - -C "$0.part" && '
-    'touch "$0.part/complete" && mv "$0.part" "$0"'
-)
 
 
 @dc.dataclass(frozen=True)
@@ -101,20 +96,18 @@ def set_up(
     found = inspect_board(connection, address, environment, package)
     cache, locked = found["cache"], []
     if "environment" not in found:
-        connection.put(f"{cache}/locks/{environment}.txt", lock.read_bytes())
+        connection.put(f"{cache}/locks", {f"{environment}.txt": lock.read_bytes()})
     if "environment" not in found and wheels is not None:
         locked = find_wheels(wheels, lock)
         display.step("bringing the wheels")
         sizes = [wheel.stat().st_size for wheel in locked]
         for i, wheel in enumerate(locked):
             display.show(sum(sizes[:i]), sum(sizes))
-            connection.put(f"{cache}/wheelhouse/{environment}/{wheel.name}", wheel.read_bytes())
+            connection.put(f"{cache}/wheelhouse/{environment}", {wheel.name: wheel.read_bytes()})
     if "package" not in found:
         display.step("bringing this airrace")
-        folder = f"{cache}/packages/{package}"
-        code, _, error = connection.run(["sh", "-c", _UNPACK, folder], pack(checkout))
-        if code:
-            raise file_error(error, folder, address)
+        # What says that it is complete comes last.
+        connection.put(f"{cache}/packages/{package}", {**source_files(checkout), "complete": b""})
     total = sum("==" in line for line in lock.read_text(encoding="utf-8").splitlines())
     source = "OFFLINE" if locked else "ONLINE"
     arguments = environment, package, found["python"], _ROOM, source

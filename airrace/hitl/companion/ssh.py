@@ -11,7 +11,8 @@ import queue
 import shlex
 import tarfile
 import threading
-from pathlib import Path, PurePosixPath
+from collections.abc import Mapping
+from pathlib import Path
 
 import asyncssh
 
@@ -162,26 +163,27 @@ class SshConnection:
             code = process.returncode
         lines.put(code)
 
-    def put(self, path: str, data: bytes) -> None:
-        """Brings a file over, unless it is there with the same size.
-
-        It is there as a whole or not at all; folders are made as needed.
+    def put(self, folder: str, files: Mapping[str, bytes]) -> None:
+        """Brings files over, one after the other; folders are made as needed.
 
         Args:
-            path: there.
-            data: contents.
+            folder: there.
+            files: path below it to contents.
 
         Raises:
-            UserError: if it cannot be written there.
+            UserError: if they cannot be written there.
             ConnectionLost: if the connection goes.
         """
-        script = (
-            'test "$(stat -c %s "$0" 2>/dev/null)" = "$1" || '
-            '{ mkdir -p "$(dirname "$0")" && cat >"$0.part" && mv -f "$0.part" "$0"; }'
-        )
-        code, _, error = self.run(["sh", "-c", script, path, str(len(data))], data)
+        stream = io.BytesIO()
+        with tarfile.open(fileobj=stream, mode="w") as archive:
+            for path, data in files.items():
+                info = tarfile.TarInfo(path)
+                info.size = len(data)
+                archive.addfile(info, io.BytesIO(data))
+        script = 'mkdir -p "$0" && tar -x -m -o -f - -C "$0"'
+        code, _, error = self.run(["sh", "-c", script, folder], stream.getvalue())
         if code:
-            raise file_error(error, str(PurePosixPath(path).parent), self._address)
+            raise file_error(error, folder, self._address)
 
     def get(self, there: str, here: Path) -> None:
         """Fetches all that is in a folder there into a folder here.

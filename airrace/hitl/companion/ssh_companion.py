@@ -141,8 +141,7 @@ class RemoteAutonomy(Autonomy):
             + [board.python, "-m", "airrace.diagrams.hitl", *arguments]
         )
         connection = companion.connection()
-        for path, contents in {**files, "command": command.encode()}.items():
-            connection.put(f"{self._folder}/{path}", contents)
+        connection.put(self._folder, {**files, "command": command.encode()})
         self._lines = connection.start(
             *board_command("run", self._folder, _udp_port(arguments), board.python)
         )

@@ -1,16 +1,15 @@
-import io
-import tarfile
+from pathlib import Path
 
 import pytest
 
 import airrace
 from airrace.common.errors import UserError
-from airrace.hitl.companion.checkout import checkout_path, pack, source_digest
+from airrace.hitl.companion.checkout import checkout_path, source_digest, source_files
 from tests.hitl.companion.fake_checkout import ROOT, make_checkout
 
 
 def test_what_is_brought_has_all_that_a_race_needs():
-    names = set(tarfile.open(fileobj=io.BytesIO(pack(ROOT))).getnames())
+    names = set(source_files(ROOT))
     for folder in ("airrace", "models"):
         files = {
             path.relative_to(ROOT).as_posix()
@@ -39,12 +38,12 @@ def test_changes_that_are_not_committed_count(tmp_path):
 def test_failures_are_one_sentence(tmp_path, monkeypatch):
     checkout, _ = make_checkout(tmp_path)
 
-    def refuse(archive, name, *_):
-        raise OSError(5, "Input/output error", str(name))
+    def refuse(path):
+        raise OSError(5, "Input/output error", str(path))
 
-    monkeypatch.setattr(tarfile.TarFile, "add", refuse)
+    monkeypatch.setattr(Path, "read_bytes", refuse)
     with pytest.raises(UserError, match="__init__.py cannot be read .*; mend the checkout in"):
-        pack(checkout)
+        source_files(checkout)
 
 
 def test_checkout(tmp_path, monkeypatch):

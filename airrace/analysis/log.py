@@ -5,10 +5,11 @@ import json
 import os
 from pathlib import Path
 
+from mcap.decoder import DecoderFactory
 from mcap.reader import NonSeekingReader
 from mcap.records import Attachment, Chunk
 from mcap.stream_reader import StreamReader
-from mcap_protobuf.decoder import DecoderFactory
+from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 
 from airrace.common.errors import UserError
 
@@ -29,22 +30,21 @@ def read_log(path: Path, topics=None):
         UserError: if there is no such file or it is no log.
     """
     is_complete(path)
-    factory, decoders = DecoderFactory(), {}
-    with open(path, "rb") as file:
-        messages = NonSeekingReader(file).iter_messages(topics, log_time_order=False)
-        while True:
-            try:
-                schema, channel, message = next(messages)
-                if channel.id not in decoders:
-                    decoders[channel.id] = (
-                        json.loads
-                        if channel.message_encoding == "json"
-                        else (factory.decoder_for(channel.message_encoding, schema))
-                    )
-                value = decoders[channel.id](message.data)
-            except Exception:  # the end, or whatever half a record looks like
-                return
+    factories = [ProtobufFactory(), _JsonFactory()]
+    # A log may end in the middle of whatever.
+    with open(path, "rb") as file, contextlib.suppress(Exception):
+        reader = NonSeekingReader(file, decoder_factories=factories)
+        for _, channel, message, value in reader.iter_decoded_messages(
+            topics, log_time_order=False
+        ):
             yield channel.topic, message.log_time / 1e9, value
+
+
+class _JsonFactory(DecoderFactory):
+    """Decodes messages of JSON for mcap."""
+
+    def decoder_for(self, message_encoding, schema):
+        return json.loads if message_encoding == "json" else None
 
 
 def read_attachments(path: Path) -> dict:

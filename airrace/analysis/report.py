@@ -33,37 +33,24 @@ def make_report(run: Run) -> str:
         run=run,
         result=result,
         trajectory=trajectory_name(result["trajectory"]),
-        facts=_facts(run),
+        summary=_summary(run),
         splits=np.array([np.diff([*lap["gate_times_s"], lap["time_s"]]) for lap in result["laps"]]),
         original=ORIGINAL_LAPS if result["track"] == ORIGINAL_TRACK else {},
         pictures=_pictures(run),
     )
 
 
-def _facts(run) -> list[tuple]:
-    """Returns the most important numbers, each with its name before it."""
+def _summary(run) -> dict:
+    """Returns map error (m), tracking error (m) and greatest share of a rotor's thrust, or None."""
     from airrace.analysis.figures_signals import rotor_usage
 
-    result, exploration = run.result, run.result["exploration"]
-    laps, facts = result["laps"], []
-    if laps:
-        facts += [
-            ("best lap", f"{result['best_lap_s']:.2f} s"),
-            ("mean lap", f"{result['mean_lap_s']:.2f} s"),
-            ("top speed", f"{max(lap['max_speed'] for lap in laps):.1f} m/s"),
-        ]
-    facts.append(("exploration", f"{exploration['time_s']:.1f} s"))
-    facts.append(("gates found", exploration["gates_found"]))
-    rms = run.laps["map_rms"].dropna()
-    if len(rms):
-        facts.append(("map error at the end", f"{100 * rms.iloc[-1]:.1f} cm"))
-    off = run.tracking["distance"][run.tracking["lap"].between(1, len(laps))]
-    if len(off):
-        facts.append(("tracking error", f"{100 * np.sqrt(np.mean(off**2)):.1f} cm"))
-    usage = [share.max() for share in rotor_usage(run) if len(share)]
-    if usage:
-        facts.append(("most of a rotor's thrust", f"{100 * max(usage):.0f} %"))
-    return facts
+    map_rms = run.laps["map_rms"].dropna()
+    off = run.tracking["distance"][run.tracking["lap"].between(1, len(run.result["laps"]))]
+    return dict(
+        map_error=map_rms.iloc[-1] if len(map_rms) else None,
+        tracking_error=np.sqrt(np.mean(off**2)) if len(off) else None,
+        thrust=max((share.max() for share in rotor_usage(run) if len(share)), default=None),
+    )
 
 
 def _pictures(run) -> dict[str, str]:

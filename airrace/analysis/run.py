@@ -163,12 +163,5 @@ class Run:
 
 
 def load_run(folder) -> Run:
-    """Loads what a race left; see Run.
-
-    Args:
-        folder: of the race, such as runs/<time>-...
-
-    Raises:
-        UserError: if it holds no race, or something of it cannot be read.
-    """
+    """Loads what a race left; see Run."""
     return Run(folder)

@@ -151,7 +151,8 @@ def _wired(systems: dict, rectify: bool) -> Diagram:
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
     sources = {port: _output(systems[name], port) for port, name in OUTPUTS.items()}
-    outputs = dict(sources)
+    for name, port in sources.items():
+        builder.ExportOutput(port, name)
     exported = set()
     if rectify:
         rectifier = builder.AddNamedSystem("rectifier", Rectifier())
@@ -174,8 +175,6 @@ def _wired(systems: dict, rectify: bool) -> Diagram:
                     f"The system {system.get_name()} has an input port '{name}', which nothing "
                     f"provides; there are: {', '.join([*INPUTS, *OUTPUTS])}."
                 )
-    for name, port in outputs.items():
-        builder.ExportOutput(port, name)
     return builder.Build()
 
 

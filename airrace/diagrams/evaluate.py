@@ -221,8 +221,7 @@ def report(folder, settings, rows, display) -> None:
 
 def main(argv=None) -> int:
     """The command-line program; returns its exit code."""
-    args = make_parser().parse_args(argv)
-    return exit_code(lambda: run(args))
+    return exit_code(lambda: run(make_parser().parse_args(argv)))
 
 
 if __name__ == "__main__":

@@ -39,8 +39,8 @@ class ReferenceSource(LeafSystem):
 def MakeFlight(scenario: Scenario, reference) -> Diagram:
     """Builds a flight along a reference, in the scenario's world.
 
-    It consists of the Simulation, whose camera nobody looks through, and of
-    the systems of CONTROL, as in the Autonomy. Its outputs are ``truth.state``,
+    It consists of the Simulation, whose camera is not read, and of the systems of
+    CONTROL, as in the Autonomy. Its outputs are ``truth.state``,
     ``truth.referee_status``, ``rotor_speeds`` and ``rotor_losses``.
 
     Args:

@@ -1,10 +1,11 @@
 """SITL: the autonomy is in the same diagram as the simulation."""
 
 from airrace.diagrams.autonomy import MakeAutonomy
+from airrace.hitl.transport import Transport
 
 
-class InProcess:
-    """The Transport of SITL; see airrace/hitl/transport.py for its methods."""
+class InProcess(Transport):
+    """The Transport of SITL."""
 
     simulation = "SITL"
 
@@ -16,17 +17,5 @@ class InProcess:
                 builder.Connect(source.GetOutputPort(port.get_name()), port)
         return autonomy
 
-    def begin(self, simulator):
-        pass
-
     def advance(self, simulator, time):
         simulator.AdvanceTo(time)
-
-    def end(self, simulator):
-        pass
-
-    def wall(self, simulator):
-        return {}
-
-    def judged(self, status, simulator):
-        return status

@@ -196,7 +196,7 @@ class _Race:
         """
         self._transport.end(self._simulator)
         data = self._save_result(reason)
-        self._save_map()
+        self._diagram.ForcedPublish(self._simulator.get_context())
         close_recording(self._diagram)
         self._save_replay()
         return data
@@ -209,7 +209,7 @@ class _Race:
         """
         for step in (
             lambda: self._save_result(reason),
-            self._save_map,
+            lambda: self._diagram.ForcedPublish(self._simulator.get_context()),
             lambda: close_recording(self._diagram),
             self._save_replay,
             lambda: self._transport.end(self._simulator),
@@ -222,9 +222,6 @@ class _Race:
         data = self._result.data(time.perf_counter() - self._clock, reason, wall)
         write_json(self._folder / "race.json", data)
         return data
-
-    def _save_map(self):
-        self._diagram.ForcedPublish(self._simulator.get_context())
 
     def _save_replay(self):
         if self._meshcat is not None:

@@ -11,8 +11,7 @@ from airrace.hitl.companion.options import ssh_companions
 
 def main(argv=None) -> int:
     """The command-line program; returns its exit code."""
-    args = make_parser().parse_args(argv)
-    return exit_code(lambda: run(args))
+    return exit_code(lambda: run(make_parser().parse_args(argv)))
 
 
 def run(args) -> int:
@@ -23,7 +22,7 @@ def run(args) -> int:
     from airrace.diagrams.warm_up import compile_apart
     from airrace.track import load_track
     from airrace.vehicle import load_vehicle
-    from airrace.visualization.race_view import MakeMeshcat
+    from airrace.visualization.meshcat_page import MakeMeshcat
     from airrace.visualization.terminal import RaceDisplay
 
     make_companion = ssh_companions(args)
@@ -36,7 +35,7 @@ def run(args) -> int:
     folder = args.output or run_path(track.name, vehicle.name, kind)
     with results_folder(folder, numbered=args.output is None, refuse=RESULTS) as output_dir:
         meshcat = MakeMeshcat(track) if args.meshcat else None
-        compile_apart(scenario)  # whoever named a bad folder does not wait for it
+        compile_apart(scenario)  # after the cheap checks: it may take a minute
         with contextlib.ExitStack() as stack:
             display = RaceDisplay(scenario, track, meshcat)
             stack.callback(display.close)

@@ -94,7 +94,7 @@ def make_parser() -> argparse.ArgumentParser:
     race.add_argument(
         "--map",
         metavar="track|FILE",
-        help="races on a map that is given, without exploring or looking: track = "
+        help="races on a map that is given, with neither exploration nor detection: track = "
         "where the gates are, or the map.json of an earlier race",
     )
     run = parser.add_argument_group("the run")

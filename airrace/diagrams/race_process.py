@@ -19,20 +19,11 @@ def main(folder: Path) -> int:
     threading.Thread(target=_die_with_the_worker, args=(folder,), daemon=True).start()
     from airrace.diagrams.race_command import main as race
 
-    drone = ["-d", str(folder / DRONE)] if (folder / DRONE).exists() else []
-    return race(
-        [
-            "--scenario_file",
-            str(folder / SCENARIO),
-            "--track",
-            str(folder / TRACK),
-            *drone,
-            "--output",
-            str(folder / RESULTS),
-            "--no-meshcat",
-            "--no-report",
-        ]
-    )
+    options = ["--scenario_file", folder / SCENARIO, "--track", folder / TRACK]
+    if (folder / DRONE).exists():
+        options += ["-d", folder / DRONE]
+    options += ["--output", folder / RESULTS, "--no-meshcat", "--no-report"]
+    return race([str(option) for option in options])
 
 
 def _die_with_the_worker(folder: Path):

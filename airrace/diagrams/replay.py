@@ -54,7 +54,7 @@ def run(args) -> int:
     from airrace.common.errors import UserError
     from airrace.common.files import write_text
     from airrace.visualization.ghosts import make_ghosts, show_ghosts, with_legend
-    from airrace.visualization.race_view import MakeMeshcat
+    from airrace.visualization.meshcat_page import MakeMeshcat
 
     if args.lap is not None and args.align != "lap":
         raise UserError("--lap needs --align lap.")
@@ -81,8 +81,7 @@ def run(args) -> int:
 
 def main(argv=None) -> int:
     """The command-line program; returns its exit code."""
-    args = make_parser().parse_args(argv)
-    return exit_code(lambda: run(args))
+    return exit_code(lambda: run(make_parser().parse_args(argv)))
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ class RotorsConfig:
 class RefereeConfig:
     """When a race is over."""
 
-    rate: float = 200.0  # Hz, of looks; contacts between two looks are noticed, too
+    rate: float = 200.0  # Hz, of its checks; contacts between two checks count, too
     time_limit: float | None = None  # s; by default 600, and 120 a lap
     arena_margin: float = 60.0  # m beyond the outermost pylons, and upwards
 
@@ -81,12 +81,12 @@ class ExplorerConfig:
     max_level_error_deg: float = 15.0  # tilt on the pad that the calibration accepts
     max_heading_error_deg: float = 5.0  # off gate 1, that it does not turn away
     reached_distance: float = 1.0  # m, when a set-point counts as reached
-    hover_time: float = 0.5  # s, of looking before a search step
+    hover_time: float = 0.5  # s, of hovering before a search step
     step_length: float = 15.0  # m, of one step forward
     side_distance: float = 20.0  # m, in front of a gate when stepping around
     side_offset: float = 5.0  # m, to the side, if straight in front did not help
     closing_range: float = 40.0  # m, how near gate 1 must be to close the loop
-    approach_distance: float = 8.0  # m, before a gate, if the straight way is not free
+    approach_distance: float = 8.0  # m, before a gate, if the straight path is not free
     passing_distance: float = 5.0  # m, beyond a gate before the drone stops
     replan_distance: float = 0.3  # m, by which gates ahead move in the map
 
@@ -106,14 +106,14 @@ class PlannerConfig:
 class StateFilterConfig:
     """What smooths the state estimate for the controller."""
 
-    rate: float = 250.0  # Hz, of its looks for new estimates; it carries them on to any time
+    rate: float = 250.0  # Hz, of checks for new estimates; it predicts from them to any time
 
 
 @dc.dataclass
 class RotorMonitorConfig:
     """What notices rotors that have stopped."""
 
-    rate: float = 200.0  # Hz, of its looks
+    rate: float = 200.0  # Hz, of its checks
 
 
 @dc.dataclass

@@ -73,8 +73,7 @@ def to_yaml(track: Track, comment: str) -> str:
 
 def main(argv=None) -> int:
     """The command-line program; returns its exit code."""
-    args = make_parser().parse_args(argv)
-    return exit_code(lambda: run(args))
+    return exit_code(lambda: run(make_parser().parse_args(argv)))
 
 
 def run(args) -> int:

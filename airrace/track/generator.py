@@ -53,7 +53,11 @@ def generate_track(seed: int, gates: int | None = None, direction: str | None = 
     if seed < 0:
         raise UserError(f"A seed cannot be negative, as {seed} is; give 0 or more.")
     if gates is not None and gates not in GATE_COUNTS:
-        raise UserError(_unsuitable_count(gates))
+        raise UserError(
+            f"There is no track of {gates} gates: turns of 45 degrees add up to 360 only for an "
+            "even number, 8 at least, and 20 are the most; give one of "
+            f"{', '.join(map(str, GATE_COUNTS))}."
+        )
     if direction not in (None, *DIRECTIONS):
         raise UserError(f"There is no direction '{direction}'; give left or right.")
     choice = make_generator(seed, "track kind")
@@ -73,17 +77,6 @@ def generate_track(seed: int, gates: int | None = None, direction: str | None = 
         f"Seed {seed} gives no track of {gates} gates to the {direction}: of {_LAYOUTS} layouts "
         f"{count} broke the rule on {rule}; take another seed."
     )
-
-
-def _unsuitable_count(gates) -> str:
-    if gates in range(GATE_COUNTS[0], GATE_COUNTS[-1]):
-        reason = "turns of 45 degrees add up to 360 only for an even number of gates"
-    elif gates < GATE_COUNTS[0]:
-        reason = f"turns of 45 degrees need at least {GATE_COUNTS[0]} gates to add up to 360"
-    else:
-        reason = f"the generator makes tracks of up to {GATE_COUNTS[-1]} gates"
-    counts = ", ".join(map(str, GATE_COUNTS))
-    return f"There is no track of {gates} gates, for {reason}; give one of {counts}."
 
 
 def _draw_layout(rng, n, sign) -> Layout:

@@ -28,7 +28,7 @@ def MakeMeshcat(track) -> Meshcat:
         UserError: if no port is free.
     """
     drake = logging.getLogger("drake")
-    drake.setLevel(logging.WARNING)  # whoever starts the server says where to look
+    drake.setLevel(logging.WARNING)  # the programs print the address themselves
     # Drake warns if a slow page asks for a picture that is gone.
     drake.addFilter(_is_no_late_page)
     try:

@@ -9,13 +9,12 @@ from airrace.track import load_track
 from airrace.vehicle import load_vehicle
 from airrace.visualization.camera_inset import RAYS, CameraInset
 from airrace.visualization.map_visualizer import MapVisualizer
-from airrace.visualization.meshcat_page import HUD, MakeMeshcat, overview
+from airrace.visualization.meshcat_page import HUD, overview
 from airrace.visualization.paths import PathVisualizer, PlanVisualizer
-from airrace.visualization.rotor_visualizer import RotorVisualizer, body_path, find_blades
+from airrace.visualization.rotor_visualizer import RotorVisualizer, body_path
 from airrace.visualization.scoreboard import Scoreboard
 from airrace.visualization.views import ViewDirector
 
-__all__ = ["AddVisualization", "MakeMeshcat", "end_live_view", "view_director"]
 _INSET_WIDTH = 320  # px
 _DIRECTOR = "view_director"
 
@@ -34,8 +33,7 @@ def AddVisualization(builder, scenario, simulation, autonomy, meshcat: Meshcat) 
     plant = simulation.GetSubsystemByName("plant")
     scene_graph = simulation.GetSubsystemByName("scene_graph")
     camera = scenario.camera
-    info = _camera_info(camera, vehicle, camera.width)
-    small = _camera_info(camera, vehicle, _INSET_WIDTH)
+    info, small = (_camera_info(camera, vehicle, width) for width in (camera.width, _INSET_WIDTH))
     path = body_path(plant)
     moving = simulation.HasOutputPort("truth.gate_shifts")
     systems = {
@@ -43,10 +41,7 @@ def AddVisualization(builder, scenario, simulation, autonomy, meshcat: Meshcat) 
         "plan_visualizer": PlanVisualizer(meshcat=meshcat),
         "map_visualizer": MapVisualizer(meshcat=meshcat),
         "rotor_visualizer": RotorVisualizer(
-            meshcat=meshcat,
-            vehicle=vehicle,
-            path=path,
-            blades=find_blades(plant, scene_graph, vehicle),
+            meshcat=meshcat, vehicle=vehicle, plant=plant, scene_graph=scene_graph
         ),
         "camera_inset": CameraInset(
             meshcat=meshcat,

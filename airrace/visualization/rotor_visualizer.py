@@ -62,19 +62,18 @@ class RotorVisualizer(LeafSystem):
     that would be most of the file.
     """
 
-    def __init__(self, *, meshcat: Meshcat, vehicle: Vehicle, path: str, blades):
+    def __init__(self, *, meshcat: Meshcat, vehicle: Vehicle, plant, scene_graph):
         """Constructs the visualizer.
 
         Args:
             meshcat: in which a MeshcatVisualizer draws the drone.
             vehicle: the rotor table.
-            path: from body_path().
-            blades: from find_blades().
+            plant, scene_graph: of the drone, see find_blades().
         """
         LeafSystem.__init__(self)
         self._meshcat = meshcat
-        self._path = path
-        self._blades = blades
+        self._path = body_path(plant)
+        self._blades = find_blades(plant, scene_graph, vehicle)
         signs = np.array([1.0 if r.direction == "ccw" else -1.0 for r in vehicle.rotors])
         self._step = SLOW_MOTION * PERIOD * signs
         self._angles = np.zeros(len(vehicle.rotors))  # see PathVisualizer

@@ -67,7 +67,7 @@ class RaceDisplay:
 
     @contextlib.contextmanager
     def _patience(self):
-        """Gives up printing, not the race, when printing fails: nobody reads, or disk full."""
+        """Gives up printing, not the race, when printing fails (a closed pipe, a full disk)."""
         try:
             yield
         except OSError:

@@ -86,19 +86,9 @@ def test_the_same_seed_gives_the_same_track(seed):
     assert track.gates != dc.replace(other, name=track.name).gates
 
 
-@pytest.mark.parametrize(
-    "count, reason",
-    [
-        (9, "9 gates, for turns of 45 degrees add up to 360 only for an even number"),
-        (19, "even number"),
-        (6, "need at least 8 gates"),
-        (-2, "need at least 8 gates"),
-        (21, "up to 20 gates"),
-        (22, "up to 20 gates"),
-    ],
-)
-def test_numbers_of_gates_that_cannot_be_closed(count, reason):
-    with pytest.raises(UserError, match=reason):
+@pytest.mark.parametrize("count", [9, 19, 6, -2, 21, 22])
+def test_numbers_of_gates_that_cannot_be_closed(count):
+    with pytest.raises(UserError, match=f"{count} gates: .* even number, 8 at least, and 20 are"):
         generate_track(0, count)
 
 

@@ -8,8 +8,7 @@ from airrace.diagrams.race import run_race
 from airrace.scenario import load_scenario
 from airrace.track import load_track
 from airrace.visualization import meshcat_page
-from airrace.visualization.meshcat_page import HUD
-from airrace.visualization.race_view import MakeMeshcat
+from airrace.visualization.meshcat_page import HUD, MakeMeshcat
 
 
 class _Watched(meshcat_page.Audience):

@@ -47,7 +47,9 @@ def test_blades_turn_with_their_rotors_and_a_dead_one_stands_still(meshcat):
     vehicle, plant, scene_graph = _drone("Default", meshcat)
     blades = find_blades(plant, scene_graph, vehicle)
     path = body_path(plant)
-    visualizer = RotorVisualizer(meshcat=meshcat, vehicle=vehicle, path=path, blades=blades)
+    visualizer = RotorVisualizer(
+        meshcat=meshcat, vehicle=vehicle, plant=plant, scene_graph=scene_graph
+    )
     before = [transform(meshcat, f"{path}/{name}") for _, name, _ in blades]
     simulator = Simulator(visualizer)
     speeds = [50.0, 0.0, 50.0, 80.0]

@@ -10,7 +10,7 @@ from airrace.hitl.channels import make_channels
 from airrace.hitl.checkpoint import CHECKPOINT_PERIOD, restore, save
 from airrace.hitl.lcm_bridge import MakeAutonomySide, pictures_wanted
 from airrace.hitl.link import phases
-from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT_PERIOD, Endpoint
+from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
 from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
 from airrace.hitl.link.probe import CHANNELS, Responder
 from airrace.hitl.planning_worker import PlanningWorker
@@ -46,7 +46,6 @@ class AutonomyProcess:
         self.channels = make_channels(scenario, pictures_wanted(self._autonomy))
         self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock)
         self._responder = Responder(self._endpoint)
-        self._heartbeat_sent = -1.0
         self._delay = 0.0  # s, there and back, that is compensated for
 
     def run(self, resume=None, patience: float = 60.0) -> int:
@@ -104,9 +103,8 @@ class AutonomyProcess:
     def _race_in_lockstep(self) -> int:
         exchange = Exchange(self._endpoint, self._receiver, self._sender)
         try:
-            exchange.receive(
-                self._context, self._stop, poll=lambda: self._send_heartbeat(phases.READY)
-            )
+            ready = lambda: self._endpoint.beat(phases.READY, 0.0)  # noqa: E731
+            exchange.receive(self._context, self._stop, poll=ready)
             for now in lockstep_times(self._scenario, POLL_PERIOD):
                 if now == 0.0:
                     self._simulator.Initialize()
@@ -191,16 +189,10 @@ class AutonomyProcess:
         self._log(f"airrace: the simulation fell silent for {_PATIENCE:.0f} s")
         return LOST
 
-    def _send_heartbeat(self, phase):
-        now = self._endpoint.now()
-        if now - self._heartbeat_sent >= HEARTBEAT_PERIOD:
-            self._heartbeat_sent = now
-            self._endpoint.send_heartbeat(phase, self._context.get_time())
-
     def poll_link(self, phase) -> None:
         """Takes in what has come, and shows that it is alive."""
         self._endpoint.drain()
-        self._send_heartbeat(phase)
+        self._endpoint.beat(phase, self._context.get_time())
 
     def _wait_and_poll(self, phase):
         self._endpoint.wait(_TICK)

@@ -35,7 +35,7 @@ class SimulatedRemote(RealTimeRemote):
         context = simulator.get_mutable_context()
         while not self._autonomy.is_ready():
             self._link.time += _TICK
-            self._send_heartbeat(self._link.time, 0.0)
+            self._send_heartbeat(0.0)
             self._send_initial_values(context)
             self._endpoint.drain()
             self._autonomy.poll_link(phases.WAITING)
@@ -45,7 +45,7 @@ class SimulatedRemote(RealTimeRemote):
     def _wait_for(self, tick, sim_time):
         self._link.time = self._start + tick
         self._let_autonomy_step(tick)
-        self._send_heartbeat(self._link.time, sim_time)
+        self._send_heartbeat(sim_time)
         self._endpoint.drain()
 
     def _let_autonomy_step(self, now):

@@ -34,7 +34,7 @@ class Remote:
                 its exit code if it has ended.
         """
         self._channels, self._endpoint, self._poll = channels, endpoint, poll
-        self._heartbeat_sent = self._shown = -1.0
+        self._shown = -1.0
 
     def AddToBuilder(self, builder, scenario, simulation):
         autonomy = builder.AddNamedSystem("autonomy", LcmReceiver(self._channels, SIMULATION))
@@ -151,17 +151,15 @@ class RealTimeRemote(Remote):
         due = self._start + self._late + tick / self._rate
         while True:
             now = self._endpoint.now()
-            self._send_heartbeat(now, sim_time)
+            self._send_heartbeat(sim_time)
             self._endpoint.drain()
             if now >= due:
                 self._late += max(now - due - _BEHIND, 0.0)
                 return
             self._endpoint.wait(due - now)
 
-    def _send_heartbeat(self, now, sim_time):
-        if now - self._heartbeat_sent >= HEARTBEAT_PERIOD:
-            self._heartbeat_sent = now
-            self._endpoint.send_heartbeat(phases.RACING, sim_time, f"{REAL_TIME} {self._rate!r}")
+    def _send_heartbeat(self, sim_time):
+        self._endpoint.beat(phases.RACING, sim_time, f"{REAL_TIME} {self._rate!r}")
 
     def wall(self, simulator):
         m = self._watchdog_memory(simulator.get_context())

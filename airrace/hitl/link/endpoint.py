@@ -102,6 +102,7 @@ class Endpoint:
         self._early = {}  # deque of Received by channel
         self._newest_time = -1.0
         self._keep = None
+        self._beaten = float("-inf")  # when beat() last sent, s
         self._subscriptions = []
         for channel in channels:
             if channel.sender != role:
@@ -163,6 +164,14 @@ class Endpoint:
         message.num_channels = len(belongs)
         message.channels, message.sequences = list(belongs), list(belongs.values())
         return self.publish(HEARTBEAT, message, sim_time)
+
+    def beat(self, phase: str, sim_time: float, text: str = "") -> bool:
+        """Sends a heartbeat if it is time for one; returns whether it was."""
+        if self.now() - self._beaten < HEARTBEAT_PERIOD:
+            return False
+        self._beaten = self.now()
+        self.send_heartbeat(phase, sim_time, text)
+        return True
 
     def wait(self, timeout: float) -> None:
         """Waits until there is something to drain, at most some time (s)."""

@@ -168,12 +168,10 @@ def await_peer(
     Raises:
         UserError: if it does not come.
     """
-    start = beaten = endpoint.now() - HEARTBEAT_PERIOD
+    start = endpoint.now()
     while True:
         now = endpoint.now()
-        if now - beaten >= HEARTBEAT_PERIOD:
-            beaten = now
-            endpoint.send_heartbeat(phase, 0.0, text)
+        endpoint.beat(phase, 0.0, text)
         endpoint.wait(HEARTBEAT_PERIOD / 5)
         endpoint.drain()
         poll()

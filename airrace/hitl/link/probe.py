@@ -8,7 +8,7 @@ import numpy as np
 
 from airrace import lcmtypes
 from airrace.hitl.link import image_messages, messages, phases
-from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT_PERIOD, SIMULATION, Channel, Endpoint
+from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Channel, Endpoint
 from airrace.hitl.link.lockstep import await_peer
 from airrace.hitl.link.statistics import ChannelStatistics
 
@@ -102,18 +102,16 @@ class _Test:
         self._ages, self._answered, self._encode_time = [], 0, 0.0
 
     def run(self, duration, poll, show) -> LinkFindings:
-        start = beaten = time.monotonic()
+        start = time.monotonic()
         due = dict.fromkeys(self._rates, start)
         while (now := time.monotonic()) < start + duration:
             for channel, rate in self._rates.items():
                 if now >= due[channel]:
                     due[channel] = max(due[channel] + 1.0 / rate, now - 0.1)
                     self._send(channel, now)
-            if now - beaten >= HEARTBEAT_PERIOD:
-                beaten = now
+            if self._endpoint.beat(phases.TESTING, now):
                 poll()
                 show((now - start) / duration)
-                self._endpoint.send_heartbeat(phases.TESTING, now)
             self._receive(min(due.values()) - time.monotonic())
         end = now + 2 * _STATUS_PERIOD  # what is still on its way
         while time.monotonic() < end:

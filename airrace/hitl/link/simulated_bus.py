@@ -3,6 +3,7 @@
 import dataclasses as dc
 import heapq
 import itertools
+import types
 
 from airrace.math.random import make_generator
 
@@ -75,10 +76,13 @@ class SimulatedBus:
         """Sends a message, or loses it."""
         self._link.send(channel, data)
 
-    def subscribe(self, channel: str, handler) -> "_Subscription":
+    def subscribe(self, channel: str, handler):
         """Hands all messages of a channel to handler(channel, data)."""
-        self._subscriptions.append(_Subscription(channel, handler))
-        return self._subscriptions[-1]
+        subscription = types.SimpleNamespace(
+            channel=channel, handler=handler, set_queue_capacity=lambda number: None
+        )
+        self._subscriptions.append(subscription)
+        return subscription
 
     def unsubscribe(self, subscription) -> None:
         """Ends a subscription."""
@@ -93,12 +97,3 @@ class SimulatedBus:
             if subscription.channel == channel:
                 subscription.handler(channel, data)
         return 1
-
-
-@dc.dataclass(eq=False)
-class _Subscription:
-    channel: str
-    handler: object
-
-    def set_queue_capacity(self, _):
-        pass

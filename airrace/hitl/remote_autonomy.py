@@ -8,7 +8,7 @@ from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, SIMULATION
 from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
-from airrace.hitl.transport import POLL_PERIOD
+from airrace.hitl.transport import POLL_PERIOD, Transport
 from airrace.systems.control.command_watchdog import HOVER, LAND, AddCommandWatchdog
 
 LOCKSTEP, REAL_TIME = "lockstep", "realtime"  # what the simulation's heartbeats say
@@ -18,7 +18,7 @@ _FAREWELLS = 5
 _PATIENCE = 30.0  # s
 
 
-class Remote:
+class Remote(Transport):
     """What the two ways of racing over a link have in common; see Transport for the methods."""
 
     simulation = "HITL"
@@ -56,9 +56,6 @@ class Remote:
         channels = {name: each.summary() for name, each in self._endpoint.statistics.items()}
         round_trip = self._endpoint.clock.round_trip
         return {"link": {"mode": self.mode, "round_trip_s": round_trip, "channels": channels}}
-
-    def judged(self, report, simulator):
-        return report
 
 
 class LockstepRemote(Remote):

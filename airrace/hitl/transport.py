@@ -3,7 +3,7 @@
 from typing import Protocol
 
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from airrace.scenario import Scenario
 from airrace.systems.types import RefereeStatus
@@ -25,7 +25,7 @@ class Transport(Protocol):
 
     def AddToBuilder(
         self, builder: DiagramBuilder, scenario: Scenario, simulation: Diagram
-    ) -> Diagram:
+    ) -> System:
         """Adds the autonomy, or what stands for it, and connects it by the names of its ports.
 
         Args:
@@ -34,7 +34,7 @@ class Transport(Protocol):
             simulation: its diagram.
 
         Returns:
-            a diagram with the autonomy's output ports.
+            a system with the autonomy's output ports.
         """
         ...
 

@@ -130,16 +130,10 @@ class RemoteAutonomy(Autonomy):
         self._lost = self._keep = False
         name = f"{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}-{secrets.token_hex(4)}"
         self._folder = f"{board.cache}/runs/{name}"
-        variables = {
-            "PYTHONPATH": board.package,
-            "PYTHONUNBUFFERED": "1",
-            "PYTHONDONTWRITEBYTECODE": "1",
-        }
+        variables = "PYTHONUNBUFFERED=1", "PYTHONDONTWRITEBYTECODE=1", f"PYTHONPATH={board.package}"
         # -P is not given: modules brought along lie in the working directory.
-        command = shlex.join(
-            ["exec", "env", *(f"{key}={value}" for key, value in variables.items())]
-            + [board.python, "-m", "airrace.diagrams.hitl", *arguments]
-        )
+        program = board.python, "-m", "airrace.diagrams.hitl", *arguments
+        command = shlex.join(["exec", "env", *variables, *program])
         connection = companion.connection()
         connection.put(self._folder, {**files, "command": command.encode()})
         self._lines = connection.start(

@@ -49,15 +49,11 @@ def lap_starts(crossings: pd.DataFrame) -> np.ndarray:
 def _in_world(state: pd.DataFrame) -> pd.DataFrame:
     """Returns states with velocities in the world frame, Tait-Bryan angles (rad), and speed."""
     state = state.copy()
-    w, x, y, z = (state[name] for name in ("qw", "qx", "qy", "qz"))
-    R_WB = Rotation.from_quat(
-        state[["qw", "qx", "qy", "qz"]].to_numpy(copy=True), scalar_first=True
-    )
+    q = state[["qw", "qx", "qy", "qz"]].to_numpy(copy=True)
+    R_WB = Rotation.from_quat(q, scalar_first=True)
     for names in (["vx", "vy", "vz"], ["wx", "wy", "wz"]):
         state[names] = R_WB.apply(state[names].to_numpy(copy=True))
-    state["roll"] = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    state["pitch"] = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    state["yaw"] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    state[["roll", "pitch", "yaw"]] = R_WB.as_euler("ZYX")[:, ::-1]
     state["speed"] = np.linalg.norm(state[["vx", "vy", "vz"]], axis=1)
     return state
 

@@ -40,7 +40,7 @@ def run(args) -> int:
             display = RaceDisplay(scenario, track, meshcat)
             stack.callback(display.close)
             if args.report:
-                stack.enter_context(report_after(output_dir, display.work))
+                stack.enter_context(report_after(output_dir, display.announce))
             transport = None
             if args.simulation == "HITL":
                 transport = stack.enter_context(
@@ -66,19 +66,19 @@ def write_graphviz(path: Path, scenario) -> None:
 
 
 @contextlib.contextmanager
-def report_after(folder: Path, work):
+def report_after(folder: Path, announce):
     """Writes report.html after the block; if that raises, nothing else is raised.
 
     Args:
         folder: of the race.
-        work: context manager, called with what is being done.
+        announce: called with what is being done.
     """
 
     def write():
         from airrace.analysis.report import write_report
 
-        with work("Writing report.html"):
-            write_report(folder)
+        announce("Writing report.html")
+        write_report(folder)
 
     try:
         yield

@@ -113,18 +113,18 @@ def check_clearances(layout: Layout) -> None:
     pylons = layout.pylons.reshape(-1, 2)
     apart = np.linalg.norm(pylons[:, None] - pylons, axis=2)
     apart = apart.reshape(n, 2, n, 2).min(axis=(1, 3))
-    _check_pairs("pylons of gates {} and {} are {:.1f} m apart", apart, PYLON_TO_PYLON, steps == 0)
+    _check_room("pylons of gates {} and {} are {:.1f} m apart", apart, PYLON_TO_PYLON, steps == 0)
     starts = layout.middle[:, None, None]
     to_leg = np.minimum(
         point_distances(layout.pylons, starts, following[:, None, None]),
         point_distances(layout.pylons, starts, layout.straight_ends[:, None, None]),
     )
-    _check_pairs(
+    _check_room(
         "leg {} passes a pylon of gate {} at {:.1f} m", to_leg.min(axis=2), PYLON_TO_LEG, steps <= 1
     )
     between = segment_distances(layout.middle, following)
     meet = (steps <= 1) | (steps == n - 1)
-    _check_pairs("legs {} and {} come within {:.1f} m", between, LEG_TO_LEG, meet)
+    _check_room("legs {} and {} come within {:.1f} m", between, LEG_TO_LEG, meet)
 
 
 def check_visibility(layout: Layout) -> None:
@@ -213,18 +213,15 @@ def _longest_run(flags) -> int:
 
 
 def _check(rule, good, reason, values):
-    """Requires something of every gate; reason takes its number and its value."""
-    for i in np.flatnonzero(~good):
-        raise RuleError(rule, reason.format(i + 1, values[i]))
+    """Requires something of every gate, or pair; reason takes their numbers and the value."""
+    for index in np.argwhere(~good):
+        raise RuleError(rule, reason.format(*(index + 1), values[tuple(index)]))
 
 
-def _check_pairs(reason, distances, least, exempt):
-    """Requires distances (n, n); reason takes both numbers and the distance."""
-    for i, j in np.argwhere((distances < least) & ~exempt):
-        raise RuleError(
-            "clearance",
-            reason.format(i + 1, j + 1, distances[i, j]) + f", not {least:.0f} m or more",
-        )
+def _check_room(reason, distances, least, exempt):
+    """Requires distances, (n, n) m."""
+    reason += f", not {least:.0f} m or more"
+    _check("clearance", (distances >= least) | exempt, reason, distances)
 
 
 def _require_start(condition, reason):

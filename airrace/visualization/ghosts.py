@@ -114,12 +114,11 @@ def show_ghosts(meshcat: Meshcat, ghosts) -> None:
         trail = ghost.poses(np.arange(0.0, ghost.duration, _TRAIL_STEP))[0].T
         color = Rgba(*COLORS[ghost.color], 1.0)
         meshcat.SetLine(f"trails/run_{i}", np.ascontiguousarray(trail), 2.0, color)
-        meshcat.SetObject(f"here/run_{i}", Sphere(_BALL), Rgba(*COLORS[ghost.color], 0.4))
+        body = f"visualizer/run_{i}/body"
+        meshcat.SetObject(f"{body}/ball", Sphere(_BALL), Rgba(*COLORS[ghost.color], 0.4))
         shown = times[times <= ghost.duration + 1 / RATE]
         for time, p, q in zip(shown.tolist(), *ghost.poses(shown)):
-            X_WB = RigidTransform(Quaternion(q), p)
-            meshcat.SetTransform(f"visualizer/run_{i}/body", X_WB, time)
-            meshcat.SetTransform(f"here/run_{i}", RigidTransform(p), time)
+            meshcat.SetTransform(body, RigidTransform(Quaternion(q), p), time)
     meshcat.StopRecording()
     meshcat.PublishRecording()
 

@@ -44,13 +44,11 @@ class RaceDisplay:
         self._events = self._losses = 0  # shown so far
         self._live = None
 
-    @contextlib.contextmanager
-    def work(self, what: str):
-        """Shows that something is being done, in a block that takes a second or two."""
+    def announce(self, what: str):
+        """Shows what is being done next, which takes a second or two."""
         with self._patience():
             if self._live is not None:
                 self._live.update(Text(f"{what} ..."), refresh=True)
-        yield
 
     def close(self):
         """Ends the live display."""

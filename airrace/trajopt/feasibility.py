@@ -52,15 +52,10 @@ def rotor_excess(samples, limits: FlightLimits) -> float:
     return float(max(shares.max() - 1.0, limits.idle_share / limits.thrust_share - shares.min()))
 
 
-def sample_times(trajectory: FlatTrajectory) -> np.ndarray:
-    """Returns the times of a check at 100 Hz, both ends included (s)."""
-    return np.linspace(0.0, trajectory.duration, int(100.0 * trajectory.duration) + 2)
-
-
-def dense_sample_times(trajectory: FlatTrajectory) -> np.ndarray:
-    """Returns the times of a check at 1 kHz, both ends included (s)."""
+def sample_times(trajectory: FlatTrajectory, rate: float = 100.0) -> np.ndarray:
+    """Returns the times of a check at a rate (Hz), both ends included (s)."""
     duration = trajectory.duration
-    return np.linspace(0.0, duration, int(np.ceil(1000.0 * duration)) + 1)
+    return np.linspace(0.0, duration, int(np.ceil(rate * duration)) + 1)
 
 
 def pylon_distances(samples, pylons) -> np.ndarray:

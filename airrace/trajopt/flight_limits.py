@@ -8,6 +8,8 @@ import numpy as np
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.vehicle import GRAVITY, Vehicle
 
+_SCALED = "thrust_share", "max_speed", "max_acceleration", "max_rate"
+
 
 @dc.dataclass(frozen=True, eq=False)
 class FlightLimits:
@@ -36,22 +38,16 @@ class FlightLimits:
 
     def scaled(self, share: float) -> "FlightLimits":
         """Returns limits of which a share is left, from below as well for rotors."""
-        names = ("thrust_share", "max_speed", "max_acceleration", "max_rate")
-        return dc.replace(
-            self,
-            idle_share=self.idle_share + (1.0 - share),
-            **{name: share * getattr(self, name) for name in names},
-        )
+        scaled = {name: share * getattr(self, name) for name in _SCALED}
+        return dc.replace(self, idle_share=self.idle_share + (1.0 - share), **scaled)
 
     def check(self) -> None:
         """Raises TrajectoryOptimizationError if nothing can fly within them."""
-        numbers = {
-            name: getattr(self, name)
-            for name in ("thrust_share", "max_speed", "max_acceleration", "max_rate")
-        }
-        for name, value in numbers.items():
-            if not value > 0.0:
-                raise TrajectoryOptimizationError(f"{name} must be positive, not {value}.")
+        for name in _SCALED:
+            if not getattr(self, name) > 0.0:
+                raise TrajectoryOptimizationError(
+                    f"{name} must be positive, not {getattr(self, name)}."
+                )
         if not 0.0 <= self.drag < np.inf:
             raise TrajectoryOptimizationError(f"drag must not be negative, as {self.drag} is.")
         hover = self.from_wrench[:, 0] * self.vehicle.mass * GRAVITY

@@ -113,15 +113,10 @@ def _checked(midpoints, headings):
     if legs.min() < _LEAST_DISTANCE:
         i = int(legs.argmin())
         raise TrajectoryOptimizationError(f"Gates {(i - 1) % len(legs) + 1} and {i + 1} coincide.")
-    return midpoints, unwrap_headings(headings)
-
-
-def unwrap_headings(headings) -> np.ndarray:
-    """Returns headings (rad), (m,), such that no step exceeds half a turn."""
-    return np.unwrap(np.asarray(headings, float))
+    return midpoints, np.unwrap(headings)
 
 
 def turn_per_lap(headings) -> float:
     """Returns by how much yaw grows (rad) in a lap of headings (rad), (m,): a multiple of 2 pi."""
-    closed = unwrap_headings(np.append(headings, headings[0]))
+    closed = np.unwrap(np.append(headings, headings[0]))
     return float(2 * np.pi * np.round((closed[-1] - closed[0]) / (2 * np.pi)))

@@ -26,11 +26,6 @@ def test_the_layout_covers_the_vector_once():
     np.testing.assert_array_equal(np.vstack(as_reference(many)), many)
 
 
-def test_breaks():
-    np.testing.assert_allclose(TRAJECTORY.breaks, np.cumsum([0.0, *DURATIONS]))
-    assert TRAJECTORY.duration == TRAJECTORY.breaks[-1]
-
-
 @few
 @given(times)
 def test_derivatives_are_the_polynomials(t):
@@ -91,10 +86,3 @@ def test_a_copy_is_the_thing_itself():
     assert copy.deepcopy(TRAJECTORY) is TRAJECTORY and copy.copy(TRAJECTORY) is TRAJECTORY
     with pytest.raises(AttributeError):
         TRAJECTORY.breaks.append(1.0)
-
-
-def test_positions_are_those_of_the_samples():
-    t = np.linspace(0.0, TRAJECTORY.duration, 7)
-    np.testing.assert_array_equal(
-        TRAJECTORY.positions(t), as_reference(TRAJECTORY.sample(t)).position
-    )

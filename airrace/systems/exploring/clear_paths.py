@@ -104,11 +104,6 @@ def route_above_pylons(start, goal) -> list:
     return [*across[first:last], goal]
 
 
-def direct_routes(start, goal) -> list:
-    """Returns routes from a pose to another, the best first: straight, or above all pylons."""
-    return [[goal], route_above_pylons(start, goal)]
-
-
 def routes_through(start, gates: list[GateEstimate], *, approach: float, beyond: float) -> list:
     """Returns routes through gates, the best first.
 
@@ -124,6 +119,7 @@ def routes_through(start, gates: list[GateEstimate], *, approach: float, beyond:
         lists of waypoints x, y, z and yaw, each ending beyond the last gate.
     """
     *before, new = gates
+    aside = approach * np.array([new.forward[1], -new.forward[0], 0.0, 0.0])
     passing = [gate_pose(gate) for gate in before]
     out = [gate_pose(before[-1], beyond)] if before else []
     ready = gate_pose(new, -approach)
@@ -133,14 +129,7 @@ def routes_through(start, gates: list[GateEstimate], *, approach: float, beyond:
         [*passing, *end],
         [*passing, ready, *end],
         [*passing, *out, ready, *end],
-        *(
-            [*passing, *out, gate_pose(new, -approach) + _aside(new, side), ready, *end]
-            for side in (approach, -approach)
-        ),
+        [*passing, *out, ready + aside, ready, *end],
+        [*passing, *out, ready - aside, ready, *end],
         [*passing, *out, *over, *end],
     ]
-
-
-def _aside(gate: GateEstimate, distance: float) -> np.ndarray:
-    """Returns a step to the right of the direction of flight, (4,)."""
-    return np.array([gate.forward[1] * distance, -gate.forward[0] * distance, 0.0, 0.0])

@@ -73,12 +73,7 @@ def next_gate(now: Situation, closing_range: float) -> GateEstimate | None:
     return now.gates[0] if _closes_loop(now, closing_range) else None
 
 
-def both_in_image(now: Situation, number: int) -> bool:
-    """Whether both front markers of a gate are in the newest image."""
-    return len(_front_markers(now, number)) == 2
-
-
-def _front_markers(now: Situation, number: int) -> set:
+def front_markers(now: Situation, number: int) -> set:
     """Returns the IDs of a gate's front markers in the newest image."""
     return {4 * number, 4 * number + 2} & {marker.id for marker in now.detections.markers}
 
@@ -95,20 +90,17 @@ def _closes_loop(now: Situation, closing_range: float) -> bool:
     last, first = now.last, now.gates.get(0)
     if now.next_number < _FEWEST_GATES or first is None:
         return False
-    if presumed_gate(now.gate_map, now.next_number) or not _front_markers(now, 0):
+    in_image = front_markers(now, 0)
+    if presumed_gate(now.gate_map, now.next_number) or not in_image:
         return False
     if np.linalg.norm(first.p_WG - as_state(now.estimate).position) > closing_range:
         return False
     if obeys_rule(last, first):
         return True
-    may_break_rule = now.memory.steps > _STEPS_IN_VAIN or not _all_obey_rule(now)
-    return may_break_rule and both_in_image(now, 0) and _is_ahead(last, first)
-
-
-def _all_obey_rule(now: Situation) -> bool:
-    """Whether all gates found so far obey the layout rule."""
     found = [now.gates[number] for number in now.memory.status.gates if number in now.gates]
-    return all(map(obeys_rule, found, found[1:]))
+    rule_holds = all(map(obeys_rule, found, found[1:]))
+    may_break_rule = now.memory.steps > _STEPS_IN_VAIN or not rule_holds
+    return may_break_rule and len(in_image) == 2 and _is_ahead(last, first)
 
 
 def obeys_rule(gate: GateEstimate, following: GateEstimate) -> bool:

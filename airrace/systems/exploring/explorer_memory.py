@@ -69,11 +69,6 @@ class Memory(Immutable):
         )
         return dc.replace(self, status=status)
 
-    def without_passed_gates(self, time: float) -> "Memory":
-        """Returns the memory without the gates that were passed by a time (s)."""
-        ahead = tuple(pair for pair in self.gates_ahead if self.leg_start + pair[1] > time)
-        return self if len(ahead) == len(self.gates_ahead) else dc.replace(self, gates_ahead=ahead)
-
     def flying(self, leg: FlatTrajectory, time: float) -> "Memory":
         """Returns the memory of a leg that starts at a time (s)."""
         return dc.replace(self, leg=leg, leg_start=time, checked_at=time)

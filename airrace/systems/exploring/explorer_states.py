@@ -46,7 +46,10 @@ class StateMachine:
 
     def next(self, now: Situation) -> Memory:
         """Returns the memory of the next tick."""
-        now = dc.replace(now, memory=now.memory.without_passed_gates(now.time))
+        memory = now.memory
+        ahead = tuple(each for each in memory.gates_ahead if memory.leg_start + each[1] > now.time)
+        if len(ahead) < len(memory.gates_ahead):
+            now = now.remembering(gates_ahead=ahead)
         return self._states.get(now.memory.status.state, self._search)(now)
 
     # The states: what happens in a tick. Each returns the memory of the next tick.
@@ -81,7 +84,12 @@ class StateMachine:
         arrival = self._arrival_time(now)
         waited = arrival is not None and now.time - arrival >= self._config.hover_time
         if self._map_is_known:
-            return self._finish_with_known_map(now) if waited else now.memory
+            if not waited:
+                return now.memory
+            gates = tuple(gate.number for gate in now.gate_map.gates)
+            reason = f"the map is given, with {len(gates)} gates"
+            known = dict(gates=gates, closed_at=now.time, done=True)
+            return now.memory.entered(now.time, "DONE", reason, **known)
         after = self._turn_to_gate(now, waited) or self._fly_to_next_gate(now)
         if after is None:
             return self._take_search_step(now) if waited else now.memory
@@ -95,7 +103,7 @@ class StateMachine:
                 return after
         if self._arrival_time(now) is not None:
             return now.memory.entered(now.time, "HOVER", "reached the set-point")
-        if self._leads_too_near(now) or self._may_step_on(now):
+        if now.memory.status.state == "STEP_FORWARD" and self._steps_on(now):
             return self._take_search_step(now)
         return self._check_leg(now)
 
@@ -119,13 +127,6 @@ class StateMachine:
 
     # The transitions. Each returns the memory in the new state, or None, or the memory as it
     # was, if its condition is not met.
-
-    def _finish_with_known_map(self, now):
-        gates = tuple(gate.number for gate in now.gate_map.gates)
-        reason = f"the map is given, with {len(gates)} gates"
-        return now.memory.entered(
-            now.time, "DONE", reason, gates=gates, closed_at=now.time, done=True
-        )
 
     def _turn_to_gate(self, now, waited):
         """Turns to gate 1 if that is off the heading; None if there is no reason to."""
@@ -165,15 +166,15 @@ class StateMachine:
                 # At rest, the next attempt would fail as well.
                 return self._take_search_step(now)
             return dc.replace(memory, blocked_at=now.time)
-        both = exploration.both_in_image(now, gate.number)
+        both = len(exploration.front_markers(now, gate.number)) == 2
         how = "both front markers in one image" if both else "in the map already"
-        found = (*memory.status.gates, gate.number)
-        status = dc.replace(memory.status, gates=found)
+        status = dc.replace(memory.status, gates=(*memory.status.gates, gate.number))
         now = now.remembering(last=gate, steps=0, steps_around=0, status=status)
         reason = f"gate {gate.number + 1}: {how}"
         return self._follow(now, leg, "FLY_TO_GATE", reason, gates)
 
     def _return_home(self, now):
+        """Flies home through the gates ahead."""
         memory, gates = now.memory, self._gates_ahead(now)
         leg = self._legs.plan_home(now, gates)
         if leg is None:
@@ -204,13 +205,8 @@ class StateMachine:
             return now.memory
         now = now.remembering(checked_at=now.time)
         memory, gates, state = now.memory, self._gates_ahead(now), now.memory.status.state
-        moved = max(
-            (
-                np.linalg.norm(new.p_WG - old.p_WG)
-                for new, (old, _) in zip(gates, memory.gates_ahead)
-            ),
-            default=0.0,
-        )
+        moves = [new.p_WG - old.p_WG for new, (old, _) in zip(gates, memory.gates_ahead)]
+        moved = max(map(np.linalg.norm, moves), default=0.0)
         is_clear = self._legs.is_clear(now, gates)
         if is_clear and moved < self._config.replan_distance:
             return memory
@@ -238,17 +234,14 @@ class StateMachine:
 
     # The conditions.
 
-    def _leads_too_near(self, now):
-        """Whether a step forward ends too near to a gate of which a board was just detected."""
-        if now.memory.status.state != "STEP_FORWARD":
-            return False
-        gate = exploration.presumed_gate(now.gate_map, now.next_number)
-        return gate is not None and leads_to(now.memory.goal, gate, self._config)
+    def _steps_on(self, now):
+        """Whether to go on from a step forward without a stop.
 
-    def _may_step_on(self, now):
-        """Whether one step forward may follow another without a stop."""
-        if now.memory.status.state != "STEP_FORWARD":
-            return False
+        It may end too near to a gate of which a board was just detected, or another follows.
+        """
+        gate = exploration.presumed_gate(now.gate_map, now.next_number)
+        if gate is not None and leads_to(now.memory.goal, gate, self._config):
+            return True
         to_go = np.linalg.norm(now.memory.goal[:3] - as_state(now.estimate).position)
         braking = self._config.max_speed**2 / self._config.max_acceleration
         return to_go < braking and next(next_steps(now, self._config)).state == "STEP_FORWARD"

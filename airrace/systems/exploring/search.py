@@ -1,11 +1,11 @@
 """The search for a gate that is not in sight: the order of steps, and where they lead."""
 
-import dataclasses as dc
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 
-from airrace.systems.exploring.clear_paths import ABOVE_PYLONS, direct_routes, route_above_pylons
+from airrace.systems.exploring.clear_paths import ABOVE_PYLONS, route_above_pylons
 from airrace.systems.exploring.exploration import describe_observation, gate_pose, presumed_gate
 from airrace.systems.exploring.explorer_memory import Situation
 from airrace.track import BOARD_OFFSET
@@ -15,8 +15,7 @@ _ON_THE_SPOT = 2.0  # m
 _ASIDE = 4.0  # m, to the side, of a step that is not clear straight on
 
 
-@dc.dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """One step of a search.
 
     Attributes:
@@ -33,8 +32,7 @@ class Step:
     steps_around: int
 
 
-@dc.dataclass(frozen=True)
-class _Move:
+class _Move(NamedTuple):
     """A viewpoint relative to the base: beyond the last gate, or over the start.
 
     Attributes:
@@ -54,10 +52,11 @@ class _Move:
 
 
 def _look_around(along, *angles, **where):
+    reason = "no gate ahead, looking {:.0f} degrees {}"
     return [
         _Move(
             "LOOK_AROUND",
-            f"no gate ahead, looking {abs(angle):.0f} degrees {'left' if angle > 0 else 'right'}",
+            reason.format(abs(angle), "left" if angle > 0 else "right"),
             along,
             yaw=angle,
             **where,
@@ -89,6 +88,9 @@ _AT_THE_START = [
     *_step_forward(2),
     *_look_around(2, 60, -60),
 ]
+# Bearings (degrees) and distances (steps) of viewpoints above the pylons.
+_FROM_ABOVE = [(0, 1), (0, 2), (0, 3), (0, 4), (0, 5), (50, 2), (50, 4), (-50, 2), (-50, 4)]
+_FROM_ABOVE += [(110, 2), (-110, 2), (180, 2)]
 _LOST = [
     _Move("GO_BACK", "lost"),
     *_look_around(0, *_ALL_ROUND),
@@ -99,20 +101,7 @@ _LOST = [
             _Move("LOOK_FROM_ABOVE", "lost, on above the pylons", k, bearing, above=True),
             *_look_around(k, 60, -60, bearing=bearing, above=True),
         ]
-        for bearing, k in (
-            (0, 1),
-            (0, 2),
-            (0, 3),
-            (0, 4),
-            (0, 5),
-            (50, 2),
-            (50, 4),
-            (-50, 2),
-            (-50, 4),
-            (110, 2),
-            (-110, 2),
-            (180, 2),
-        )
+        for bearing, k in _FROM_ABOVE
     ),
 ]
 
@@ -158,14 +147,9 @@ def _steps_on(now: Situation, config):
         move = first[steps] if lost < 0 else _LOST[lost % len(_LOST)]
         going_back = move.state == "GO_BACK"
         reason = f"{move.reason}, back to {back_to}" if going_back else move.reason
-        goal = _pose(move, base, config.step_length)
-        yield Step(
-            move.state,
-            reason,
-            _routes(move, memory.goal, goal),
-            steps + 1,
-            0 if going_back else memory.steps_around,
-        )
+        routes = _routes(move, memory.goal, _pose(move, base, config.step_length))
+        steps_around = 0 if going_back else memory.steps_around
+        yield Step(move.state, reason, routes, steps + 1, steps_around)
 
 
 def _steps_around_gate(now: Situation, config, gate: GateEstimate | None):
@@ -174,7 +158,7 @@ def _steps_around_gate(now: Situation, config, gate: GateEstimate | None):
     reason = describe_observation(now, gate.number)
     poses = _poses_in_front(gate, config)
     for k in range(now.memory.steps_around, len(poses)):
-        routes = direct_routes(now.memory.goal, poses[k])
+        routes = [[poses[k]], route_above_pylons(now.memory.goal, poses[k])]
         yield Step("STEP_AROUND", reason, routes, now.memory.steps, k + 1)
 
 
@@ -196,16 +180,10 @@ def _poses_in_front(gate: GateEstimate, config) -> list:
 
 def _pose(move: _Move, base, step_length) -> np.ndarray:
     """Returns x, y, z and yaw, (4,)."""
-    bearing = base[3] + np.deg2rad(move.bearing)
-    far = move.along * step_length
-    return np.array(
-        [
-            base[0] + far * np.cos(bearing),
-            base[1] + far * np.sin(bearing),
-            ABOVE_PYLONS if move.above else base[2],
-            bearing + np.deg2rad(move.yaw),
-        ]
-    )
+    bearing, far = base[3] + np.deg2rad(move.bearing), move.along * step_length
+    x, y = base[0] + far * np.cos(bearing), base[1] + far * np.sin(bearing)
+    z = ABOVE_PYLONS if move.above else base[2]
+    return np.array([x, y, z, bearing + np.deg2rad(move.yaw)])
 
 
 def _routes(move: _Move, start, goal) -> list:

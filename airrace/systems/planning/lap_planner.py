@@ -168,20 +168,20 @@ class LapPlanner(LeafSystem):
         if memory.job is not None:
             if not memory.job.done():
                 return memory
-            found = memory.job.result()
-            plan = _if_in_time(found, now)
-            after = dc.replace(memory, job=None, pending=plan)
-            if found is not None and plan is None:
-                # The plan is not flown: its problem is to be solved again.
-                after = dc.replace(
-                    after, latency=_LATENCY_FACTOR * (now - memory.tried_at), searched=None
-                )
-            return after
+            plan, after = memory.job.result(), dc.replace(memory, job=None)
+            if plan is None or plan.start_time >= now:
+                return dc.replace(after, pending=plan)
+            if plan.lap == 1:  # it starts from hover, at any time
+                return dc.replace(after, pending=dc.replace(plan, start_time=now))
+            # The drone is elsewhere by now: the problem is to be solved again, and earlier.
+            latency = _LATENCY_FACTOR * (now - memory.tried_at)
+            return dc.replace(after, latency=latency, searched=None)
         if not self._is_due(context, memory, now):
             return memory
         start_time = self._in_force_from(memory, now)
-        problem = self._make_problem(context, memory, start_time)
-        if problem is not None and _is_repeated(problem, memory.searched):
+        problem, last = self._make_problem(context, memory, start_time), memory.searched
+        if problem and last and last.old and last.has_same_lap(problem):
+            # Another search would make the lap a few hundredths of a percent quicker.
             problem = None
         elsewhere = problem is not None and self._submit is not None
         return dc.replace(
@@ -222,14 +222,15 @@ class LapPlanner(LeafSystem):
         found = self._explorer.Eval(context).gates
         if not set(found) <= set(known):
             return None
-        if old is NO_PLAN:
-            start = unpack_flat_outputs(self._reference.Eval(context))
-        else:
-            start = old.derivatives(start_time)
         # The gates to fly through first, then all others to keep clear of.
         gates = tuple(known.pop(number) for number in found)
         every = (*gates, *known.values())
-        moved = self._first_lap_move if old is NO_PLAN else largest_move(every, memory.tried_gates)
+        if old is NO_PLAN:
+            old, moved = None, self._first_lap_move
+            start = unpack_flat_outputs(self._reference.Eval(context))
+        else:
+            moved = largest_move(every, memory.tried_gates)
+            start = old.derivatives(start_time)
         return LapProblem(
             **self._fixed,
             gates=gates,
@@ -237,16 +238,8 @@ class LapPlanner(LeafSystem):
             margins=pylon_margins(every, gate_map.markers, moved),
             start_time=start_time,
             start=start,
-            old=None if old is NO_PLAN else old,
+            old=old,
         )
-
-
-def _is_repeated(problem: LapProblem, last: LapProblem | None) -> bool:
-    """Whether the last search was for the same lap and started from a lap.
-
-    Another one would make the lap a few hundredths of a percent quicker.
-    """
-    return last is not None and last.old is not None and last.has_same_lap(problem)
 
 
 def _switched(memory: _Memory, now: float) -> _Memory:
@@ -254,14 +247,3 @@ def _switched(memory: _Memory, now: float) -> _Memory:
     if memory.pending is None or now < memory.pending.start_time - 1e-9:
         return memory
     return dc.replace(memory, plan=memory.pending, pending=None)
-
-
-def _if_in_time(plan: LapPlan | None, now: float) -> LapPlan | None:
-    """Returns a plan from another process if it can still be flown, or None.
-
-    The first plan starts from hover, at any time; a later one continues from the state that
-    the drone has at its start.
-    """
-    if plan is None or plan.start_time >= now:
-        return plan
-    return dc.replace(plan, start_time=now) if plan.lap == 1 else None

@@ -1,7 +1,6 @@
 """The solution of a planning problem, and when its plan is refused: values in, a value out."""
 
 import contextlib
-import dataclasses as dc
 import time as wall_clock
 
 import numpy as np
@@ -11,7 +10,7 @@ from airrace.systems.planning.laps import LapProblem, Laps
 from airrace.systems.planning.min_snap_laps import MinSnapLaps
 from airrace.systems.planning.time_optimal_laps import TimeOptimalLaps
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.feasibility import check_flight, dense_sample_times
+from airrace.trajopt.feasibility import check_flight, sample_times
 from airrace.trajopt.min_snap.circuit import Circuit
 
 _WORSE = 0.01  # of the bound, by which a plan from the lap before may fall behind that lap
@@ -27,7 +26,8 @@ def plan_lap(problem: LapProblem) -> LapPlan | None:
     clock = wall_clock.perf_counter()
     old = problem.old
     try:
-        laps = make_laps(problem)
+        is_optimal = problem.trajectory == "optimal"
+        laps = TimeOptimalLaps(problem) if is_optimal else MinSnapLaps(problem)
         circuit, bound = _best_lap(laps, old)
         if circuit is None:
             return None
@@ -37,56 +37,11 @@ def plan_lap(problem: LapProblem) -> LapPlan | None:
         entry, phase = laps.transition(circuit, problem.start, remaining)
     except TrajectoryOptimizationError:
         return None
-    summary = _summary(problem, laps, entry, circuit, bound)
-    return LapPlan(
-        lap=1 if old is None else old.lap_at(problem.start_time) + 1,
-        start_time=problem.start_time,
-        entry=entry,
-        circuit=circuit,
-        phase=phase,
-        summary=dc.replace(summary, solve_time=wall_clock.perf_counter() - clock),
-    )
-
-
-def make_laps(problem: LapProblem) -> Laps:
-    """Returns what finds laps of the problem's kind: MinSnapLaps or TimeOptimalLaps.
-
-    Raises:
-        TrajectoryOptimizationError: if there can be none.
-    """
-    if problem.trajectory == "optimal":
-        return TimeOptimalLaps(problem)
-    return MinSnapLaps(problem, int(problem.trajectory))
-
-
-def _best_lap(laps: Laps, old: LapPlan | None) -> tuple[Circuit | None, float]:
-    """Returns the lap to fly and its bound; None to stay with the old.
-
-    A lap is judged beside the bound, since gates that moved explain as much. One that
-    started from the old lap and fell behind it is searched for again from nothing.
-    """
-    bound = laps.bound()
-    if old is None:
-        return laps.lap(None), bound
-    found = []
-    with contextlib.suppress(TrajectoryOptimizationError):
-        found.append(laps.lap(old.circuit))
-    as_good = old.summary is not None and old.summary.bound and old.summary.gap + 1.0
-    if not found or (as_good and found[0].duration > (as_good + _WORSE) * bound):
-        with contextlib.suppress(TrajectoryOptimizationError):
-            found.append(laps.lap(None))
-    best = min(found, key=lambda lap: lap.duration, default=None)
-    if best is not None and best.duration > old.circuit.duration and laps.fits(old.circuit):
-        return None, bound
-    return best, bound
-
-
-def _summary(problem: LapProblem, laps: Laps, entry, circuit: Circuit, bound) -> PlanSummary:
-    samples = np.hstack([each.sample(dense_sample_times(each)) for each in (entry, circuit)])
+    samples = np.hstack([each.sample(sample_times(each, 1000.0)) for each in (entry, circuit)])
     check = check_flight(samples, problem.pylons, laps.constraints.limits)
     own = getattr(circuit, "summary", None)
-    return PlanSummary(
-        solve_time=0.0,
+    summary = PlanSummary(
+        solve_time=wall_clock.perf_counter() - clock,
         duration=circuit.duration,
         max_speed=check.max_speed,
         max_acceleration=check.max_acceleration,
@@ -102,3 +57,27 @@ def _summary(problem: LapProblem, laps: Laps, entry, circuit: Circuit, bound) ->
         iterations=own and own.iterations,
         warm=bool(own and own.warm),
     )
+    lap = 1 if old is None else old.lap_at(problem.start_time) + 1
+    return LapPlan(lap, problem.start_time, entry, circuit, phase, summary)
+
+
+def _best_lap(laps: Laps, old: LapPlan | None) -> tuple[Circuit | None, float]:
+    """Returns the lap to fly and its bound; None to stay with the old.
+
+    A lap is judged beside the bound, since gates that moved explain as much. One that
+    started from the old lap and fell behind it is searched for again from nothing.
+    """
+    bound = laps.point_mass_lap.duration
+    if old is None:
+        return laps.lap(None), bound
+    found = []
+    with contextlib.suppress(TrajectoryOptimizationError):
+        found.append(laps.lap(old.circuit))
+    as_good = old.summary is not None and old.summary.bound and old.summary.gap + 1.0
+    if not found or (as_good and found[0].duration > (as_good + _WORSE) * bound):
+        with contextlib.suppress(TrajectoryOptimizationError):
+            found.append(laps.lap(None))
+    best = min(found, key=lambda lap: lap.duration, default=None)
+    if best is not None and best.duration > old.circuit.duration and laps.fits(old.circuit):
+        return None, bound
+    return best, bound

@@ -9,7 +9,7 @@ import numpy as np
 from airrace.common.immutable import Immutable
 from airrace.systems.planning.lap_plan import LapPlan
 from airrace.systems.planning.map_margins import largest_move
-from airrace.trajopt.feasibility import clearance_of, dense_sample_times, pylon_distances
+from airrace.trajopt.feasibility import clearance_of, pylon_distances, sample_times
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
@@ -111,12 +111,9 @@ class Laps(abc.ABC):
             TrajectoryOptimizationError: if there is none.
         """
 
-    def bound(self) -> float:
-        """Returns the lap time of a point mass (s)."""
-        return self._point_mass_lap.duration
-
     @functools.cached_property
-    def _point_mass_lap(self) -> PointMassBound:
+    def point_mass_lap(self) -> PointMassBound:
+        """The quickest lap of a point mass."""
         return point_mass_bound(self._gates, self.constraints)
 
     def fits(self, circuit: Circuit) -> bool:
@@ -125,7 +122,7 @@ class Laps(abc.ABC):
         if crossed.shape != self._gates.midpoints.shape:
             return False
         missed = np.linalg.norm(self._gates.nearest(crossed) - crossed, axis=1)
-        samples = circuit.sample(dense_sample_times(circuit))
+        samples = circuit.sample(sample_times(circuit, 1000.0))
         distances = pylon_distances(samples, self.constraints.pylons)
         return bool(
             missed.max() <= _SLACK and np.all(distances >= self.constraints.clearance - _SLACK)

@@ -26,17 +26,16 @@ class MinSnapLaps(Laps):
 
     solver = "SNOPT"
 
-    def __init__(self, problem: LapProblem, dimensions: int):
-        """Args: problem: see Laps. dimensions: 3, 4 or 6."""
+    def __init__(self, problem: LapProblem, dimensions: int | None = None):
+        """Args: problem: see Laps. dimensions: 3, 4 or 6; by default the problem's."""
         super().__init__(problem)
-        self._dimensions = dimensions
+        self._dimensions = dimensions or int(problem.trajectory)
 
     def _gate_regions(self) -> GateRegions:
         gates = self._problem.gates
         return GateRegions.balls([g.p_WG for g in gates], [g.heading for g in gates], 0.0)
 
     def lap(self, previous: Circuit | None) -> Circuit:
-        """Returns a lap: see Laps.lap()."""
         # What thrusts hold against gravity, at level flight.
         level = np.sqrt(self.constraints.limits.max_specific_force**2 - GRAVITY**2)
         return plan_circuit(
@@ -50,7 +49,6 @@ class MinSnapLaps(Laps):
         )
 
     def transition(self, circuit: Circuit, start, remaining) -> tuple[FlatTrajectory, float]:
-        """Returns a transition onto a lap: see Laps.transition()."""
         # Where there is no limit, that is what the lap has.
         limits = [
             limit if np.isfinite(limit) else 1.01 * peak

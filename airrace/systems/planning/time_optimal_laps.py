@@ -41,16 +41,14 @@ class TimeOptimalLaps(Laps):
         )
 
     def lap(self, previous: Circuit | None) -> Circuit:
-        """Returns a lap: see Laps.lap()."""
         return plan_optimal_circuit(
             self._gates,
             dc.replace(self.constraints, limits=self.constraints.limits.scaled(_SHARE)),
             previous=previous,
-            bound=self._point_mass_lap,
+            bound=self.point_mass_lap,
         )
 
     def transition(self, circuit: Circuit, start, remaining) -> tuple[FlatTrajectory, float]:
-        """Returns a transition onto a lap: see Laps.transition()."""
         if remaining is None:
             joins, constraints, old = _FROM_HOVER, self.constraints, None
             gate = circuit.derivatives(0.0)
@@ -60,7 +58,7 @@ class TimeOptimalLaps(Laps):
             # It may start where the old plan comes nearer than is asked of a new one.
             clearance = np.minimum(self.constraints.clearance, self._old_distances(remaining))
             constraints = dc.replace(self.constraints, clearance=clearance)
-        joins = [k for k in joins if k < len(circuit.gate_times) - 1]
+        joins = [k for k in joins if k < len(circuit.headings)]
         guesses = [(k, old) for k in joins] + ([(joins[0], None)] if old else [])
         found = []  # with what is lost on them (s)
         for k, guess in guesses:
@@ -74,8 +72,7 @@ class TimeOptimalLaps(Laps):
                 if found[-1][0] <= _MAX_LOST:
                     break
         if found:
-            _, transition, phase = min(found, key=lambda each: each[0])
-            return transition, phase
+            return min(found, key=lambda each: each[0])[1:]
         # From odd places, or at the last moment.
         return MinSnapLaps(self._problem, 4).transition(circuit, start, remaining)
 

@@ -111,32 +111,27 @@ def plan_circuit(
     raise TrajectoryOptimizationError("No lap is within the limits and clear of all pylons.")
 
 
-def _legs(gates) -> np.ndarray:
-    """Returns how far each gate is from the one before, (n,) m."""
-    return np.linalg.norm(gates[:, :3] - np.roll(gates[:, :3], 1, axis=0), axis=1)
-
-
 def _solve(gates, approach, dimensions, durations, limits: FlightLimits) -> Circuit:
     """Returns the shortest lap with some waypoints in front of gates."""
     waypoints, indices = [], []
-    for i, (gate, leg) in enumerate(zip(gates, _legs(gates))):
+    legs = np.linalg.norm(gates[:, :3] - np.roll(gates[:, :3], 1, axis=0), axis=1)
+    for i, (gate, leg) in enumerate(zip(gates, legs)):
         if i in approach:
             forward = np.array([np.cos(gate[3]), np.sin(gate[3]), 0.0, 0.0])
             waypoints.append(gate - min(approach[i], leg / 2) * forward)
         indices.append(len(waypoints))
         waypoints.append(gate)
+    turn = np.array([0.0, 0.0, 0.0, turn_per_lap(gates[:, 3])])
     # The lap starts at gate 1, its approach comes last.
     if indices[0] > 0:
-        turn = [0.0, 0.0, 0.0, turn_per_lap(gates[:, 3])]
         waypoints = [*waypoints[1:], waypoints[0] + turn]
         indices = [i - 1 for i in indices]
-    size = 3 if dimensions == 3 else 4
-    waypoints = np.array(waypoints)[:, :size]
-    offset = np.array([0.0, 0.0, 0.0, turn_per_lap(gates[:, 3])])[:size]
-    constraints = []
-    if dimensions == 6:
-        constraints = [DerivativeConstraint(i, 2, LEVEL) for i in indices]
-    problem = dict(constraints=constraints, periodic=True, period_offset=offset)
+    waypoints = np.array(waypoints)
+    if dimensions == 3:
+        waypoints[:, 3], turn = gates[0, 3], np.zeros(4)
+    level = indices if dimensions == 6 else ()
+    constraints = [DerivativeConstraint(i, 2, LEVEL) for i in level]
+    problem = dict(constraints=constraints, periodic=True, period_offset=turn)
     durations = allocate_times(
         waypoints,
         initial_durations=durations,
@@ -148,9 +143,6 @@ def _solve(gates, approach, dimensions, durations, limits: FlightLimits) -> Circ
     def lap(factor):
         path = solve_min_snap(waypoints, factor * durations, **problem)
         breaks = np.array(path.get_segment_times())
-        if dimensions == 3:
-            yaw = PiecewisePolynomial.ZeroOrderHold(breaks, np.full((1, len(breaks)), gates[0, 3]))
-            path = _stack(path, yaw)
         return Circuit(path, [*breaks[indices], breaks[-1]], gates[:, 3], approach)
 
     return lap(1.0) if limits.vehicle is None else _slowed(lap, limits)
@@ -186,12 +178,3 @@ def _faults(circuit: Circuit, constraints: FlightConstraints) -> set:
     near = (distances < constraints.clearance).any(axis=1)
     nearest = np.abs(times[near, None] - gate_times).argmin(axis=1) % len(forward)
     return {*np.flatnonzero(~forward).tolist(), *nearest.tolist()}
-
-
-def _stack(upper, lower):
-    """Returns the trajectory with the rows of both; their breaks are equal."""
-    polynomials = [
-        np.vstack([upper.getPolynomialMatrix(i), lower.getPolynomialMatrix(i)])
-        for i in range(upper.get_number_of_segments())
-    ]
-    return PiecewisePolynomial(polynomials, upper.get_segment_times())

@@ -6,7 +6,6 @@ import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.trajopt.gate_regions import unwrap_headings
 from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, MinSnapProblem, solve_min_snap
 from airrace.trajopt.min_snap.time_allocation import durations_within_limits
 
@@ -38,7 +37,7 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
         TrajectoryOptimizationError: if there is no such flight.
     """
     knots = np.vstack([start[0], waypoints])
-    knots[:, 3] = unwrap_headings(knots[:, 3])
+    knots[:, 3] = np.unwrap(knots[:, 3])
     knots = knots[[True, *(np.abs(np.diff(knots, axis=0)).max(axis=1) > _NEAR)]]
     if len(knots) == 1:
         if np.abs(start[1:4]).max() > _NEAR:

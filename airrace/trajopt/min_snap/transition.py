@@ -8,7 +8,6 @@ from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import is_feasible, passes_forward
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
-from airrace.trajopt.gate_regions import unwrap_headings
 from airrace.trajopt.min_snap.circuit import LEVEL, Circuit
 from airrace.trajopt.min_snap.leg import end_constraints, trapezoid_durations
 from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
@@ -71,7 +70,7 @@ def _through_gates(start, circuit: Circuit, dimensions, limits: FlightLimits, ga
             indices.append(len(knots))
         knots.append(circuit.derivatives(t)[0])
     knots = np.array([*knots, goal[0]])
-    knots[:, 3] = unwrap_headings(knots[:, 3])
+    knots[:, 3] = np.unwrap(knots[:, 3])
     if np.linalg.norm(np.diff(knots[:, :3], axis=0), axis=1).min() < _LEAST_DISTANCE:
         raise TrajectoryOptimizationError("Two waypoints coincide.")
     constraints = end_constraints(start, goal, (1, 2, 3))
@@ -119,7 +118,7 @@ def plan_transition_between_laps(
         and circuit.duration - t < duration - _MIN_DURATION  # else it lies behind
     ]
     knots = np.array([start[0], *(circuit.derivatives(t)[0] for t in between), goal[0]])
-    knots[:, 3] = unwrap_headings(knots[:, 3])
+    knots[:, 3] = np.unwrap(knots[:, 3])
     times = [0.0, *(duration - circuit.duration + t for t in between), duration]
     derivatives = end_constraints(start, goal, (1, 2, 3, 4))
     for factor in _STRETCHES:

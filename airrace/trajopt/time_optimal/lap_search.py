@@ -105,19 +105,17 @@ class LapSearch:
             self.view = max(half_view - _VIEW_MARGIN, half_view / 2)
         self.grid = Grid(pieces, samples)
 
-    def settled(self, lap: LapSpline) -> LapSamples:
+    def settled(self, lap: LapSpline, samples: int | None = None) -> LapSamples:
         """Returns a lap slowed to the limits, an open one as it is.
+
+        Args: lap: to slow. samples: of each leg, by default those of the search.
 
         Raises:
             TrajectoryOptimizationError: if it cannot be slowed enough.
         """
-        if lap.is_closed:
-            return slowed(lap, self.grid, self.constraints.limits, self.turn)
-        return LapSamples.of(lap, self.grid, self.constraints.limits, self.turn)
-
-    def slowed(self, now: LapSamples, samples: int) -> LapSamples:
-        """Returns a lap slowed to what it must keep at more samples of each leg; or raises."""
-        return slowed(now.lap, Grid(now.lap.pieces, samples), self.constraints.limits, self.turn)
+        grid = self.grid if samples is None else Grid(lap.pieces, samples)
+        settle = slowed if lap.is_closed else LapSamples.of
+        return settle(lap, grid, self.constraints.limits, self.turn)
 
     def improve(self, now: LapSamples, warm: bool, effort: Effort) -> tuple[LapSamples, int]:
         """Returns a better lap, and the number of iterations; warm if it starts near the best."""

@@ -5,7 +5,7 @@ import contextlib
 import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.feasibility import check_flight, dense_sample_times, passes_forward
+from airrace.trajopt.feasibility import check_flight, passes_forward, sample_times
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints
 from airrace.trajopt.gate_regions import GateRegions
@@ -71,14 +71,14 @@ def plan_optimal_circuit(
         search = LapSearch(gates, gates.turn, constraints, effort.samples)
         now = first_lap(bound, gates, search.grid, constraints.limits, search.view)
     now, iterations = search.improve(now, warm, effort)
-    fine = search.slowed(now, _FINE)
+    fine = search.settled(now.lap, _FINE)
     if not warm and fine.lap.duration > _POOR * bound.duration:
         # Stuck where a rotor idles, or for want of control points or of samples.
         search = LapSearch(gates, gates.turn, constraints, _FINER.samples, _FINER_PIECES)
         finer = search.settled(refined_lap(now.lap, _FINER_PIECES))
         now, more = search.improve(finer, True, _FINER)
         iterations += more
-        fine = search.slowed(now, _FINE)
+        fine = search.settled(now.lap, _FINE)
     search.require_clear(now)
     lap, polynomial, check = _finish(fine.lap, search)
     summary = LapSummary(bound=bound.duration, check=check, iterations=iterations, warm=warm)
@@ -93,7 +93,7 @@ def _finish(lap: LapSpline, search: LapSearch):
     def checked(refinement):
         polynomial = flat_polynomial(lap, constraints.limits, gates.turn, refinement)
         trajectory = FlatTrajectory(polynomial)
-        samples = trajectory.sample(dense_sample_times(trajectory))
+        samples = trajectory.sample(sample_times(trajectory, 1000.0))
         return polynomial, check_flight(samples, constraints.pylons, constraints.limits)
 
     # Yaw is no spline, but nearly one; at a steep tilt it takes many pieces.

@@ -5,7 +5,7 @@ import dataclasses as dc
 import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.feasibility import check_flight, dense_sample_times, passes_forward
+from airrace.trajopt.feasibility import check_flight, passes_forward, sample_times
 from airrace.trajopt.flat_trajectory import FlatTrajectory, flat_outputs
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, thrust_vectors
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
@@ -170,5 +170,5 @@ def _finished(now: LapSamples, search: LapSearch, limits: FlightLimits, goal):
         flat_polynomial(now.lap, search.constraints.limits, search.turn, _REFINEMENT, goal[:3, 3])
     )
     return transition, check_flight(
-        transition.sample(dense_sample_times(transition)), search.constraints.pylons, limits
+        transition.sample(sample_times(transition, 1000.0)), search.constraints.pylons, limits
     ).excess

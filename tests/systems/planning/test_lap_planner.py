@@ -28,7 +28,7 @@ from airrace.trajopt.min_snap.transition import (
     plan_transition_between_laps,
     plan_transition_from_hover,
 )
-from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
+from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY, load_vehicle
 
 VEHICLE, _ = load_vehicle("Default")
@@ -128,19 +128,6 @@ def test_no_plan_for_after_the_race():
     bench = Bench(laps=2)
     plans, _ = bench.follow(until=100.0, every=0.5)
     assert [plan.lap for plan in plans] == [1, 2] and len(bench.problems) == 2
-
-
-def test_ports():
-    planner = Bench().planner
-    assert [planner.get_input_port(i).get_name() for i in range(planner.num_input_ports())] == [
-        "gate_map",
-        "explorer_status",
-        "exploration_reference",
-    ]
-    assert planner.GetInputPort("exploration_reference").size() == REFERENCE_SIZE
-    assert planner.num_output_ports() == 1
-    # Or a diagram with it would have an algebraic loop through the explorer.
-    assert not planner.HasAnyDirectFeedthrough()
 
 
 def test_no_plan_before_the_exploration_is_done():

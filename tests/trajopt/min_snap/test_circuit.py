@@ -12,7 +12,6 @@ from airrace.track import PYLON_HEIGHT, load_track
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
-from airrace.trajopt.gate_regions import unwrap_headings
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY
@@ -124,7 +123,7 @@ def test_yaw(dimensions):
         np.testing.assert_allclose(yaw, HEADINGS[0], rtol=0.0, atol=1e-12)
         np.testing.assert_allclose([rate, acceleration], 0.0, atol=1e-12)
     else:
-        expected = unwrap_headings([*HEADINGS, HEADINGS[0]])
+        expected = np.unwrap([*HEADINGS, HEADINGS[0]])
         np.testing.assert_allclose(yaw, expected, atol=1e-9)
         # It turns with the track, never wildly.
         assert np.abs(as_reference(dense(circuit)).yaw_rate).max() < 2.0

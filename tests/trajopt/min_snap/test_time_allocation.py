@@ -8,7 +8,7 @@ from pydrake.math import RollPitchYaw
 
 from airrace.track import load_track
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.gate_regions import turn_per_lap, unwrap_headings
+from airrace.trajopt.gate_regions import turn_per_lap
 from airrace.trajopt.min_snap.limits import peak_speed_and_acceleration
 from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, MinSnapProblem, solve_min_snap
 from airrace.trajopt.min_snap.time_allocation import allocate_times, durations_within_limits
@@ -130,7 +130,7 @@ def test_reference_track(midpoints):
 
 def test_reference_track_with_yaw(midpoints):
     headings = [gate.heading for gate in load_track("student-airrace").gates]
-    waypoints = np.column_stack([midpoints, unwrap_headings(headings)])
+    waypoints = np.column_stack([midpoints, np.unwrap(headings)])
     offset = [0, 0, 0, turn_per_lap(headings)]
     assert offset[3] == pytest.approx(2 * np.pi)
     options = dict(periodic=True, period_offset=offset)

@@ -7,12 +7,7 @@ import pytest
 
 from airrace.track import load_track
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.feasibility import (
-    check_flight,
-    dense_sample_times,
-    passes_forward,
-    pylon_distances,
-)
+from airrace.trajopt.feasibility import check_flight, passes_forward, pylon_distances, sample_times
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.transition import plan_transition_from_hover
@@ -83,7 +78,7 @@ def assert_sound(found, phase, start, circuit, gates, k, limits):
         jump = found.derivatives(t + 1e-9) - found.derivatives(t - 1e-9)
         np.testing.assert_allclose(jump[:4, :3], 0.0, atol=1e-4)
         np.testing.assert_allclose(jump[:3, 3], 0.0, atol=1e-4)
-    samples = found.sample(dense_sample_times(found))
+    samples = found.sample(sample_times(found, 1000.0))
     assert check_flight(samples, PYLONS, LIMITS[limits]).excess <= 0.0
     assert pylon_distances(samples, PYLONS).min() > CLEARANCE - 0.06
     assert samples[2].min() > 0.94
@@ -98,7 +93,7 @@ def assert_sound(found, phase, start, circuit, gates, k, limits):
             for j in at
         ]
         assert min(missed) < 0.05
-        times = dense_sample_times(found)[at[int(np.argmin(missed))]]
+        times = sample_times(found, 1000.0)[at[int(np.argmin(missed))]]
         assert passes_forward(found, [times], gates.headings[i : i + 1]).all()
 
 

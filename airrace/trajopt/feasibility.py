@@ -10,7 +10,6 @@ from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.reference import as_reference
-from airrace.vehicle import GRAVITY
 
 MIN_HEIGHT = 1.0  # m
 MAX_CROSSING_ANGLE = np.deg2rad(60.0)  # of a gate, off its heading
@@ -47,7 +46,7 @@ def rotor_excess(samples, limits: FlightLimits) -> float:
         samples: References as vectors, (18, N).
         limits: of the rotors.
     """
-    thrusts, _ = inverse_dynamics(samples, limits.vehicle, GRAVITY, limits.drag)
+    thrusts, _ = inverse_dynamics(samples, limits.vehicle)
     shares = thrusts / limits.max_thrusts[:, None]
     return float(max(shares.max() - 1.0, limits.idle_share / limits.thrust_share - shares.min()))
 
@@ -126,7 +125,7 @@ def check_flight(samples, pylons, limits: FlightLimits) -> FlightCheck:
         pylons: axes, [x, y], (m, 2) m.
         limits: to keep.
     """
-    thrusts, w = inverse_dynamics(samples, limits.vehicle, GRAVITY, limits.drag)
+    thrusts, w = inverse_dynamics(samples, limits.vehicle)
     most = limits.max_thrusts[:, None]
     speed, acceleration = peaks(samples)
     rate = float(np.linalg.norm(w, axis=0).max())

@@ -5,6 +5,7 @@ import numpy as np
 from airrace.common.jit import compilable
 from airrace.math.vec3 import cross, dot
 from airrace.trajopt.reference import as_reference
+from airrace.vehicle import GRAVITY
 
 
 @compilable
@@ -68,77 +69,42 @@ def heading_vectors(cos_yaw, sin_yaw, yaw_rate, yaw_acceleration):
     return h, yaw_rate * left, yaw_acceleration * left + (-yaw_rate * yaw_rate) * h
 
 
-def inverse_dynamics(flat_outputs, vehicle, gravity, drag=0.0):
-    """Inverse dynamics of a trajectory through the air at rest.
+def inverse_dynamics(flat_outputs, vehicle):
+    """Inverse dynamics of a trajectory.
 
     Args:
         flat_outputs: samples as in trajopt/reference.py, shape (18, N).
         vehicle: the airrace.vehicle.Vehicle.
-        gravity: (m/s^2).
-        drag: share of the vehicle's drag.
 
     Returns:
         (thrusts, w): thrust of every rotor (N), shape (n, N), by the
         pseudo-inverse of the allocation, not clipped to the limits; angular
         velocity in B (rad/s), shape (3, N).
     """
-    r = as_reference(flat_outputs)
-    *force, surplus = thrust_vectors(flat_outputs, vehicle, gravity, drag)
-    axes, w, alpha = attitude_from_force(
+    r, force = as_reference(flat_outputs), thrust_vectors(flat_outputs)
+    _, w, alpha = attitude_from_force(
         *force, heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration)
     )
-    thrust = vehicle.mass * (dot(force[0], force[0]) ** 0.5 + surplus * dot(r.velocity, axes[2]))
-    moment = moments(vehicle, w, alpha, drag)
-    return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust[None], moment]), w
+    thrust = vehicle.mass * dot(force[0], force[0]) ** 0.5
+    return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust, moments(vehicle, w, alpha)]), w
 
 
-def moments(vehicle, w, alpha, drag=0.0, unit=1.0) -> np.ndarray:
+def moments(vehicle, w, alpha) -> np.ndarray:
     """Returns the moments about the body's axes that turn it so (N m), (3, N).
 
-    Args:
-        vehicle: the airrace.vehicle.Vehicle.
-        w, alpha: angular velocity and acceleration in B, (3, N).
-        drag, unit: see thrust_vectors().
+    Args: w, alpha: angular velocity and acceleration in B, (3, N).
     """
     J = np.array(vehicle.inertia)[:, None]
-    moment = J * alpha + cross(w, J * w)
-    if drag > 0.0:
-        moment = moment + drag * np.array(vehicle.drag.angular)[:, None] * unit * w
-    return moment
+    return J * alpha + cross(w, J * w)
 
 
-def thrust_vectors(flat_outputs, vehicle, gravity, drag=0.0, unit=1.0):
-    """Returns the vector along which the rotors must thrust, and its derivatives.
-
-    A drag that is equal along the body's x and y leaves the drone flat: the
-    thrust's axis is along m (a + g) + d v, with d the drag per speed along these
-    axes (Faessler, Franchi and Scaramuzza, "Differential flatness of quadrotor
-    dynamics subject to rotor drag", 2018). Here d grows with the speed. Of
-    vehicles whose drag differs along x and y, the mean is taken.
+def thrust_vectors(flat_outputs, unit=1.0):
+    """Returns thrust over mass, a + g e_z, and its first two derivatives, (3, N) each.
 
     Args:
         flat_outputs: samples as in trajopt/reference.py, shape (18, N), real or
             complex, with time in multiples of the unit.
-        vehicle: the airrace.vehicle.Vehicle.
-        gravity: (m per squared unit), a number or (N,).
-        drag: share of the vehicle's drag.
         unit: of time (s), a number or (N,).
-
-    Returns:
-        (force, its rate, its acceleration, surplus): three vectors per mass, (3, N);
-        the thrust over mass is the amount of the
-        force, and the surplus times the velocity along it.
     """
-    _, v, a, j, s, *_ = as_reference(flat_outputs)
-    force = np.array((a[0], a[1], a[2] + gravity))
-    if drag == 0.0:
-        return force, j, s, 0.0
-    speed = (dot(v, v) + 1e-12) ** 0.5
-    linear, quadratic = (
-        [drag * c / vehicle.mass for c in ((k[0] + k[1]) / 2, k[2])]
-        for k in (vehicle.drag.linear, vehicle.drag.quadratic)
-    )
-    c, c_z = (k * unit + q * speed for k, q in zip(linear, quadratic))
-    dc = quadratic[0] * dot(v, a) / speed
-    ddc = quadratic[0] * ((dot(a, a) + dot(v, j)) / speed - dot(v, a) ** 2 / speed**3)
-    return (force + c * v, j + dc * v + c * a, s + ddc * v + 2.0 * dc * a + c * j, c_z - c)
+    _, _, a, j, s, *_ = as_reference(flat_outputs)
+    return np.array((a[0], a[1], a[2] + GRAVITY * unit**2)), j, s

@@ -24,7 +24,6 @@ class FlightLimits:
         max_rate: of the body's angular velocity (rad/s).
         min_lift: vertical component of the thrust over mass (m/s^2); the drone
             never points down, and a heading always has a meaning.
-        drag: share of the vehicle's drag that acts.
     """
 
     vehicle: Vehicle | None = None
@@ -34,7 +33,6 @@ class FlightLimits:
     max_acceleration: float = np.inf
     max_rate: float = 20.0
     min_lift: float = 0.5 * GRAVITY
-    drag: float = 0.0
 
     def scaled(self, share: float) -> "FlightLimits":
         """Returns limits of which a share is left, from below as well for rotors."""
@@ -48,8 +46,6 @@ class FlightLimits:
                 raise TrajectoryOptimizationError(
                     f"{name} must be positive, not {getattr(self, name)}."
                 )
-        if not 0.0 <= self.drag < np.inf:
-            raise TrajectoryOptimizationError(f"drag must not be negative, as {self.drag} is.")
         hover = self.from_wrench[:, 0] * self.vehicle.mass * GRAVITY
         if np.any(hover >= self.max_thrusts) or np.any(hover <= self.min_thrusts):
             raise TrajectoryOptimizationError(
@@ -87,20 +83,20 @@ class FlightConstraints:
         clearance: from those, a number or (m,) m.
         limits: of the vehicle, and those added.
         half_view: angle off the heading within which a time-optimal flight keeps the midpoint
-            of the next gate until it is near (rad); None for any.
+            of the next gate until it is near (rad), pi at most.
     """
 
     pylons: np.ndarray
     clearance: float | np.ndarray
     limits: FlightLimits
-    half_view: float | None = np.deg2rad(40.0)
+    half_view: float = np.deg2rad(40.0)
 
     def check(self) -> None:
         """Raises TrajectoryOptimizationError if nothing can fly within them."""
         self.limits.check()
         if not np.isfinite(np.asarray(self.pylons, float)).all():
             raise TrajectoryOptimizationError("The place of a pylon is not finite.")
-        if self.half_view is not None and not 0.0 < self.half_view <= np.pi:
+        if not 0.0 < self.half_view <= np.pi:
             raise TrajectoryOptimizationError(
                 "half_view must be positive, and 180 degrees at most."
             )

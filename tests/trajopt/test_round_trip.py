@@ -73,7 +73,7 @@ def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
     begin = 0.3 * trajectory.duration
     times = begin + STEP * np.arange(int(SPAN / STEP))
     # Thrusts are held over a step: take them from its middle.
-    thrusts = inverse_dynamics(trajectory.sample(times + STEP / 2), vehicle, GRAVITY)[0]
+    thrusts = inverse_dynamics(trajectory.sample(times + STEP / 2), vehicle)[0]
     samples = trajectory.sample(np.append(times, times[-1] + STEP))
     R, w, v = pose_and_rates(samples[:, 0])
     plant.SetFloatingBaseBodyPoseInWorldFrame(

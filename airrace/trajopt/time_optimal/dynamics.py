@@ -2,7 +2,7 @@
 
 With s = t / T, T the duration of a leg, all forces are multiplied by T^2 and all angular
 velocities by T: so both are functions of the derivatives with respect to s, and of T where
-gravity and drag come in.
+gravity comes in.
 """
 
 from typing import NamedTuple
@@ -12,11 +12,10 @@ import numpy as np
 from airrace.trajopt.flatness import moments, thrust_vectors, unit_vector
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.reference import as_reference
-from airrace.vehicle import GRAVITY
 
 _STEP = 1e-30  # of complex-step derivatives
 # What the inverse dynamics depend on: (derivative, dimension), and then the unit of time.
-_INPUTS = [(k, d) for k in (1, 2, 3, 4) for d in range(3)] + [(k, 3) for k in range(3)]
+_INPUTS = [(k, d) for k in (2, 3, 4) for d in range(3)] + [(k, 3) for k in range(3)]
 
 
 def angle_dynamics(flat, units, axes, limits: FlightLimits):
@@ -27,7 +26,7 @@ def angle_dynamics(flat, units, axes, limits: FlightLimits):
             or complex.
         units: of time (s), (N,).
         axes: of a body that does not turn about its thrust, see LapSamples.
-        limits: for vehicle and drag.
+        limits: for the vehicle.
 
     Returns:
         (thrusts, force, w, alpha): T^2 times the thrust of every rotor, (rotors, N),
@@ -35,8 +34,8 @@ def angle_dynamics(flat, units, axes, limits: FlightLimits):
         acceleration in B, (3, N).
     """
     vehicle = limits.vehicle
-    *force, surplus = thrust_vectors(flat, vehicle, GRAVITY * units**2, limits.drag, units)
-    b, db, ddb = unit_vector(*force)
+    force, *rates = thrust_vectors(flat, units)
+    b, db, ddb = unit_vector(force, *rates)
     *_, angle, rate, acceleration = as_reference(flat)
     c, s = np.cos(angle), np.sin(angle)
     x, y = c * axes[0] + s * axes[1], c * axes[1] - s * axes[0]
@@ -50,12 +49,8 @@ def angle_dynamics(flat, units, axes, limits: FlightLimits):
             acceleration,
         ]
     )
-    force = force[0]
-    thrust = np.sqrt(np.sum(force * force, axis=0))
-    if limits.drag > 0.0:
-        thrust = thrust + surplus * np.sum(as_reference(flat).velocity * b, axis=0)
-    moment = moments(vehicle, w, alpha, limits.drag, units)
-    wrench = np.vstack([vehicle.mass * thrust[None], moment])
+    thrust = vehicle.mass * np.sqrt(np.sum(force * force, axis=0))
+    wrench = np.vstack([thrust, moments(vehicle, w, alpha)])
     return limits.from_wrench @ wrench, force, w, alpha
 
 

@@ -30,7 +30,7 @@ def first_lap(
     Args:
         bound: the point mass.
         gates, grid, limits: see there.
-        half_view: see angle_bounds(); None for no bounds.
+        half_view: see angle_bounds().
 
     Raises:
         TrajectoryOptimizationError: if it cannot be flown, however slow.
@@ -42,14 +42,11 @@ def first_lap(
         # What turns too fast for the limit will have to take another path.
         laps.append(slowed(lap, grid, dc.replace(limits, max_rate=1e3), gates.turn, 1e-2))
     samples = min(laps, key=lambda samples: samples.lap.duration)
-    lap = samples.lap
-    if half_view is not None:
-        step = LapStep(samples, grid)
-        step.only_angle()
-        angle_cost(step, 1.0)
-        keep_in_view(step, gates, half_view, _VIEW_COST)
-        lap = step.solve() or lap
-    return slowed(lap, grid, limits, gates.turn)
+    step = LapStep(samples, grid)
+    step.only_angle()
+    angle_cost(step, 1.0)
+    keep_in_view(step, gates, half_view, _VIEW_COST)
+    return slowed(step.solve() or samples.lap, grid, limits, gates.turn)
 
 
 def moved_lap(lap: LapSpline, gates: GateRegions, grid: Grid, limits: FlightLimits) -> LapSamples:

@@ -80,7 +80,7 @@ class LapSearch:
 
     Attributes:
         gates, turn, constraints: see __init__().
-        view: half of the camera's view, less a margin (rad); or None.
+        view: half of the camera's view, less a margin (rad).
         grid: where legs are sampled.
     """
 
@@ -100,9 +100,8 @@ class LapSearch:
             constraints: to keep.
             samples, pieces: of each leg.
         """
-        self.gates, self.turn, self.constraints, self.view = gates, turn, constraints, None
-        if (half_view := constraints.half_view) is not None:
-            self.view = max(half_view - _VIEW_MARGIN, half_view / 2)
+        self.gates, self.turn, self.constraints = gates, turn, constraints
+        self.view = max(constraints.half_view - _VIEW_MARGIN, constraints.half_view / 2)
         self.grid = Grid(pieces, samples)
 
     def settled(self, lap: LapSpline, samples: int | None = None) -> LapSamples:
@@ -159,8 +158,7 @@ class LapSearch:
         limit_dynamics(step, band)
         keep_clear(step, self.constraints, _CLEARANCE_COST)
         cross_forward(step, self.gates, _FORWARD_COST)
-        if self.view is not None:
-            keep_in_view(step, self.gates, self.view, _VIEW_COST, _VIEW_BAND)
+        keep_in_view(step, self.gates, self.view, _VIEW_COST, _VIEW_BAND)
         proximal_cost(step, weight)
         angle_cost(step, _ANGLE_WEIGHT)
         return step
@@ -169,8 +167,7 @@ class LapSearch:
         """Returns what a lap takes and what it lacks (s); less is better."""
         lack = shortfall(samples.lap, self.constraints)
         merit = samples.lap.duration + _CLEARANCE_MERIT * lack
-        if self.view is not None:
-            merit += _VIEW_MERIT * out_of_view(samples, self.gates, self.view)
+        merit += _VIEW_MERIT * out_of_view(samples, self.gates, self.view)
         if not samples.lap.is_closed:
             merit += _EXCESS_MERIT * samples.lap.duration * max(samples.excess(), 0.0)
         return merit

@@ -64,7 +64,7 @@ def flat_polynomial(
 
     Args:
         lap: to convert.
-        limits: for the vehicle's drag.
+        limits: for the vehicle.
         turn: of yaw in a lap (rad); of an open one, see LapSamples.of().
         refinement: pieces of yaw to one of the path.
         end: of an open one, yaw, its rate and its acceleration (3,).

@@ -19,7 +19,6 @@ from airrace.trajopt.time_optimal.lap_search import PIECES, Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
 from airrace.trajopt.time_optimal.optimal_circuit import flat_polynomial
 from airrace.trajopt.time_optimal.thrust_axis_angle import least_rotation_axes
-from airrace.vehicle import GRAVITY
 
 _REFINEMENT = 8  # pieces of yaw to one of the path
 # Transitions vary faster than laps, and are short: a small share of one is nothing to the race.
@@ -40,7 +39,6 @@ def plan_optimal_transition(
     constraints: FlightConstraints,
     *,
     old=None,
-    effort: Effort = _EFFORT,
 ) -> tuple[FlatTrajectory, float]:
     """Returns the quickest flight from a state through gates 1, ..., k - 1 onto a lap at gate k.
 
@@ -53,7 +51,6 @@ def plan_optimal_transition(
         gates: of the lap, all of them.
         circuit: the lap.
         constraints: of the transition; the lap must be within its limits.
-        effort: see plan_optimal_circuit().
         old: a flight that leads from the start nearly to gate 1, to begin the search
             with: from time to the same as start.
 
@@ -69,10 +66,10 @@ def plan_optimal_transition(
     yaws = np.unwrap([start[0, 3], *gates.headings[: k - 1], goal[0, 3]])
     limits = constraints.limits
     # Position, and the angle about the thrust in the place of yaw.
-    ends = [np.column_stack([s[:, :3], _thrust_axis_angle(s, limits)]) for s in (start, goal)]
+    ends = [np.column_stack([s[:, :3], _thrust_axis_angle(s)]) for s in (start, goal)]
     turn = ends[1][0, 3] - ends[0][0, 3]
     turn += 2 * np.pi * np.round((yaws[-1] - yaws[0] - turn) / (2 * np.pi))
-    search = LapSearch(_gates_of(gates, start, k), turn, constraints, effort.samples)
+    search = LapSearch(_gates_of(gates, start, k), turn, constraints, _EFFORT.samples)
     durations, times = np.asarray(durations), circuit.gate_times[: k - 1]
     if old is None:
         points = [start[0], *(circuit.derivatives(t)[0] for t in times), goal[0]]
@@ -84,7 +81,7 @@ def plan_optimal_transition(
     warm = old is not None
     for aim in _AIMS if warm else _COLD_AIMS:
         search.constraints = dc.replace(constraints, limits=limits.scaled(aim))
-        now, _ = search.improve(search.settled(now.lap), warm, effort)
+        now, _ = search.improve(search.settled(now.lap), warm, _EFFORT)
         warm = True
         transition, excess = _finished(now, search, limits, goal)
         if excess <= 0.0:
@@ -100,16 +97,12 @@ def plan_optimal_transition(
     return transition, phase
 
 
-def _thrust_axis_angle(state, limits: FlightLimits) -> np.ndarray:
-    """Returns the angle about the thrust from the least rotation's axes, and derivatives, (5,).
-
-    Args: state: value and derivatives, (5, 4). limits: for vehicle and drag.
-    """
+def _thrust_axis_angle(state) -> np.ndarray:
+    """Returns the angle about the thrust from the least rotation's axes, and derivatives, (5,)."""
     flat = flat_outputs(state)
-    *force, _ = thrust_vectors(flat, limits.vehicle, GRAVITY, limits.drag)
     *_, yaw, rate, acceleration = as_reference(flat)
     axes, w, alpha = attitude_from_force(
-        *force, heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
+        *thrust_vectors(flat), heading_vectors(np.cos(yaw), np.sin(yaw), rate, acceleration)
     )
     e1, e2 = least_rotation_axes(axes[2])
     return np.array([np.arctan2(axes[0] @ e2, axes[0] @ e1), w[2], alpha[2], 0.0, 0.0])

@@ -11,9 +11,7 @@ import numpy as np
 
 from airrace.trajopt.flat_trajectory import pack
 from airrace.trajopt.flatness import thrust_vectors, unit_vector
-from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.time_optimal.dynamics import complex_step_gradients
-from airrace.vehicle import GRAVITY
 
 _NODES, _WEIGHTS = (0.5 * (x + o) for x, o in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0)))
 
@@ -24,7 +22,7 @@ def quadrature(fractions) -> np.ndarray:
     return (ends[:-1, None] + np.diff(ends)[:, None] * _NODES).ravel()
 
 
-def transported_axes(derivatives, between, durations, fractions, limits: FlightLimits):
+def transported_axes(derivatives, between, durations, fractions):
     """Returns the axes of a body that flies a lap without turning about its thrust.
 
     The least rotation that takes the vertical to the thrust's axis b turns about
@@ -34,7 +32,6 @@ def transported_axes(derivatives, between, durations, fractions, limits: FlightL
         derivatives: of samples in normalised time, (5, n, samples, 4).
         between: likewise at the quadrature()'s nodes.
         durations: of legs, (n,) s. fractions: of the samples, (samples,).
-        limits: for the drag.
 
     Returns:
         (x axes, y axes, turn): in the world, (3, n samples) each; and the angle
@@ -42,19 +39,19 @@ def transported_axes(derivatives, between, durations, fractions, limits: FlightL
     """
     n, samples = derivatives.shape[1:3]
     flat, units = pack(between.reshape(5, -1, 4)), np.repeat(durations, between.shape[2])
-    rate = _least_rotation_rate(*_thrust_axes(flat, units, limits))
+    rate = _least_rotation_rate(*_thrust_axes(flat, units))
     widths = np.diff(np.append(fractions, 1.0))
     angle = np.sum(rate.reshape(n, samples, -1) * _WEIGHTS, axis=2) * widths
     angle = np.cumsum(angle.ravel())
     turn = float(angle[-1])
     angle = np.concatenate([[0.0], angle[:-1]])
-    b, _ = _thrust_axes(pack(derivatives.reshape(5, -1, 4)), np.repeat(durations, samples), limits)
+    b, _ = _thrust_axes(pack(derivatives.reshape(5, -1, 4)), np.repeat(durations, samples))
     e1, e2 = least_rotation_axes(b)
     c, s = np.cos(angle), np.sin(angle)
     return c * e1 - s * e2, s * e1 + c * e2, turn
 
 
-def turn_gradients(between, durations, fractions, limits: FlightLimits):
+def turn_gradients(between, durations, fractions):
     """Returns how the turn of the transported axes depends on the lap.
 
     Args: see transported_axes().
@@ -68,9 +65,9 @@ def turn_gradients(between, durations, fractions, limits: FlightLimits):
     n, count = between.shape[1:3]
 
     def rates(flat, units):
-        return [_least_rotation_rate(*_thrust_axes(flat, units, limits))[None]]
+        return [_least_rotation_rate(*_thrust_axes(flat, units))[None]]
 
-    inputs = [(k, d) for k in (1, 2, 3) for d in range(3)]
+    inputs = [(k, d) for k in (2, 3) for d in range(3)]
     flat, units = pack(between.reshape(5, -1, 4)), np.repeat(durations, count)
     [(_, gradients, by_T)] = complex_step_gradients(rates, flat, units, inputs)
     widths = np.diff(np.append(fractions, 1.0))
@@ -96,11 +93,9 @@ def _least_rotation_rate(b, db):
     return (b[1] * db[0] - b[0] * db[1]) / (1.0 + b[2])
 
 
-def _thrust_axes(flat, units, limits):
+def _thrust_axes(flat, units):
     """Returns unit vectors along the thrust, and their derivatives, (3, N) each."""
-    gravity = GRAVITY * units**2
-    *force, _ = thrust_vectors(flat, limits.vehicle, gravity, limits.drag, units)
-    return unit_vector(*force)[:2]
+    return unit_vector(*thrust_vectors(flat, units))[:2]
 
 
 def yaw_of_attitude(axes, w, alpha):

@@ -155,7 +155,7 @@ def test_feed_forward_is_inverse_dynamics(drone, a, j, s, yaw, rate, acceleratio
     )
     R = RotationMatrix(np.array(axes).T)
     wrench = CONTROLLERS[drone].calc_wrench(reference, estimate(R=R, w=R.matrix() @ w))
-    expected = vehicle.allocation @ inverse_dynamics(reference[:, None], vehicle, GRAVITY)[0][:, 0]
+    expected = vehicle.allocation @ inverse_dynamics(reference[:, None], vehicle)[0][:, 0]
     expected[1:] = lead_moment(expected[1:], ROTOR_DELAY * w[2])
     np.testing.assert_allclose(wrench, expected, atol=1e-8, rtol=1e-8)
 

@@ -29,7 +29,7 @@ from airrace.trajopt.min_snap.transition import (
     plan_transition_from_hover,
 )
 from airrace.trajopt.reference import as_reference
-from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle import load_vehicle
 
 VEHICLE, _ = load_vehicle("Default")
 CLEARANCE = clearance_of(VEHICLE.radius)
@@ -384,7 +384,7 @@ def test_the_report_is_true(dimensions):
         assert summary.max_acceleration == pytest.approx(
             np.linalg.norm(as_reference(samples).acceleration, axis=0).max(), rel=1e-3
         )
-        thrusts = inverse_dynamics(samples, VEHICLE, GRAVITY)[0]
+        thrusts = inverse_dynamics(samples, VEHICLE)[0]
         assert summary.max_rotor_thrust == pytest.approx(thrusts.max(), rel=0.01)
         assert summary.max_speed <= 20.0 and summary.max_acceleration <= 10.0
         assert thrusts.min() > 0.0 and summary.max_rotor_thrust < VEHICLE.max_thrusts.min()

@@ -21,7 +21,7 @@ from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import pylon_distances, sample_times
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.reference import as_reference
-from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle import load_vehicle
 
 VEHICLE = load_vehicle("Default")[0]
 GATES = tuple(
@@ -114,7 +114,7 @@ def test_limits_are_kept_and_used_and_the_report_is_true(trajectory, limits):
     )
     _, velocity, acceleration, *_ = as_reference(samples)
     speed, acceleration = (np.linalg.norm(x, axis=0) for x in (velocity, acceleration))
-    thrusts, w = inverse_dynamics(samples, VEHICLE, GRAVITY)
+    thrusts, w = inverse_dynamics(samples, VEHICLE)
     summary, most = plan.summary, 0.9 * VEHICLE.max_thrusts[0]
     v, a = parse_limits(limits)
     assert speed.max() <= v * (1 + 1e-4) and acceleration.max() <= a * (1 + 1e-4)

@@ -11,13 +11,10 @@ from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
 from airrace.trajopt.time_optimal.lap_step import LapStep
 from airrace.trajopt.time_optimal.visibility import keep_in_view
-from airrace.vehicle import load_vehicle
+from airrace.vehicle import DRONES, load_vehicle
 
 GRID, TURN = Grid(6, 12), 2 * np.pi
-LIMITS = {
-    drag: FlightLimits(load_vehicle("StarOne" if drag else "Default")[0], drag=drag)
-    for drag in (0.0, 1.0)
-}
+LIMITS = {drone: FlightLimits(load_vehicle(drone)[0]) for drone in DRONES}
 
 
 def samples(limits, seed=0):
@@ -31,9 +28,9 @@ def samples(limits, seed=0):
     return slowed(lap, GRID, limits, TURN)
 
 
-@pytest.mark.parametrize("drag", LIMITS)
-def test_gradients_of_the_dynamics(drag):
-    now = samples(LIMITS[drag])
+@pytest.mark.parametrize("drone", LIMITS)
+def test_gradients_of_the_dynamics(drone):
+    now = samples(LIMITS[drone])
     rows = LinearDynamics.linearize(now)
     rng = np.random.default_rng(1)
     y = now.derivatives.reshape(5, -1, 4)
@@ -58,11 +55,11 @@ def test_gradients_of_the_dynamics(drag):
         )
 
 
-@pytest.mark.parametrize("drag", LIMITS)
+@pytest.mark.parametrize("drone", LIMITS)
 @pytest.mark.parametrize("quantity", ["force", "rest"])
-def test_rows_say_what_a_step_does(drag, quantity):
+def test_rows_say_what_a_step_does(drone, quantity):
     """The error of what rows predict falls with the square of the step."""
-    now = samples(LIMITS[drag])
+    now = samples(LIMITS[drone])
     errors = []
     for size in (3e-2, 3e-3):
         step = LapStep(now, GRID)
@@ -85,7 +82,7 @@ def test_rows_say_what_a_step_does(drag, quantity):
 
 
 def test_only_samples_near_a_bound_of_the_view_are_kept_in_it(monkeypatch):
-    now = samples(LIMITS[0.0])
+    now = samples(LIMITS["Default"])
     gates = GateRegions.windows(
         now.lap.gates[:, 0, :3], np.pi / 2 * np.arange(4), np.full(4, 2.0), 1.0
     )

@@ -12,12 +12,9 @@ from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
 from airrace.trajopt.time_optimal.optimal_circuit import flat_polynomial
 from airrace.trajopt.time_optimal.thrust_axis_angle import yaw_of_attitude
-from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle import load_vehicle
 
-LIMITS = [
-    FlightLimits(load_vehicle("Default")[0]),
-    FlightLimits(load_vehicle("StarOne")[0], drag=1.0),
-]
+LIMITS = [FlightLimits(load_vehicle("Default")[0]), FlightLimits(load_vehicle("StarOne")[0])]
 TURN = 2 * np.pi
 
 
@@ -65,7 +62,7 @@ def test_yaw_gives_the_same_thrusts(limits):
     lap = FlatTrajectory(flat_polynomial(samples.lap, limits, TURN, 8))
     times = samples.lap.sample_times(grid.fractions).ravel()
     flat = lap.sample(times)
-    expected, rates = inverse_dynamics(flat, limits.vehicle, GRAVITY, limits.drag)
+    expected, rates = inverse_dynamics(flat, limits.vehicle)
     np.testing.assert_allclose(thrusts / units**2, expected, atol=1e-3)
     np.testing.assert_allclose(w / units, rates, atol=1e-4)
     # Between the breaks yaw is interpolated: its derivatives must be those of its values.
@@ -92,23 +89,3 @@ def test_yaw_of_attitude_inverts_attitude_from_force():
     np.testing.assert_allclose(found[0], yaw, atol=1e-9)
     np.testing.assert_allclose(found[1], yaw_rate, atol=1e-9)
     np.testing.assert_allclose(found[2], yaw_acceleration, atol=1e-8)
-
-
-def test_drag_is_what_thrust_and_weight_leave():
-    """The force that the rotors make, gravity and Drake's side of drag give the acceleration."""
-    vehicle = load_vehicle("Default")[0]
-    rng = np.random.default_rng(1)
-    flat = rng.normal(size=(18, 40)) * 3.0
-    as_reference(flat).velocity[:] *= 3.0
-    thrusts, _ = inverse_dynamics(flat, vehicle, GRAVITY, 1.0)
-    v = as_reference(flat).velocity
-    # Any thrust's axis will do that gives the acceleration: search for it.
-    speed = np.linalg.norm(v, axis=0)
-    k = np.array(vehicle.drag.linear)[:, None] + np.array(vehicle.drag.quadratic)[:, None] * speed
-    wanted = vehicle.mass * (as_reference(flat).acceleration + [[0.0], [0.0], [GRAVITY]])
-    z = wanted + k[0] * v
-    z /= np.linalg.norm(z, axis=0)
-    along = np.sum(v * z, axis=0)
-    drag = -k[0] * (v - along * z) - k[2] * along * z
-    np.testing.assert_allclose(thrusts.sum(axis=0) * z + drag, wanted, atol=1e-9)
-    assert np.isfinite(as_reference(flat).jerk).all() and np.isfinite(as_reference(flat).snap).all()

@@ -2,7 +2,6 @@
 
 import dataclasses as dc
 import functools
-from math import factorial
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -171,20 +170,6 @@ class LapSpline:
             gates=self.gates / factor ** np.arange(ORDERS)[:, None],
         )
 
-    def taylor(self, count: int) -> np.ndarray:
-        """Returns polynomials of x, y and z, (n count, 3, 6).
-
-        Each leg is cut into as many parts of equal duration, a multiple of its
-        pieces; coefficients are in s from the start of the part, constants first.
-        """
-        starts = tuple(np.arange(count) / count)
-        orders = np.arange(DEGREE + 1)
-        scale = np.array([1.0 / factorial(k) for k in orders])[:, None] * (
-            self.durations ** -orders[:, None]
-        )
-        values = self.evaluate(basis(self.pieces, starts, DEGREE + 1))[..., :3]
-        return np.moveaxis(values * scale[:, :, None, None], 0, -1).reshape(-1, 3, DEGREE + 1)
-
     def sample_times(self, fractions) -> np.ndarray:
         """Returns the times of fractions of every leg, (n, samples) s."""
         starts = np.concatenate([[0.0], np.cumsum(self.durations)[:-1]])
@@ -196,16 +181,15 @@ def _knots(pieces) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=64)
-def basis(pieces: int, fractions: tuple, orders: int = ORDERS) -> np.ndarray:
+def basis(pieces: int, fractions: tuple) -> np.ndarray:
     """Returns what the coefficients of a leg give at fractions of its duration.
 
     Args:
         pieces: of the spline.
         fractions: of the leg, from 0 to 1.
-        orders: how many derivatives, the value included, at most 6.
 
     Returns:
-        (orders, samples, pieces + 5), from LapSpline.coefficients() to
+        (5, samples, pieces + 5), from LapSpline.coefficients() to
         derivatives with respect to normalised time.
     """
     to_control = np.eye(pieces + DEGREE)
@@ -214,6 +198,6 @@ def basis(pieces: int, fractions: tuple, orders: int = ORDERS) -> np.ndarray:
     to_control = to_control.copy()
     to_control[:ORDERS, :ORDERS] = np.linalg.inv(starts[:, :ORDERS])
     to_control[-ORDERS:, -ORDERS:] = np.linalg.inv(ends[:, -ORDERS:])
-    result = np.array([spline(fractions, nu=k) for k in range(orders)]) @ to_control
+    result = np.array([spline(fractions, nu=k) for k in range(ORDERS)]) @ to_control
     result.setflags(write=False)
     return result

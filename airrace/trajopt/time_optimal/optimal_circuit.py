@@ -67,25 +67,24 @@ def flat_polynomial(
         limits: for the vehicle.
         turn: of yaw in a lap (rad); of an open one, see LapSamples.of().
         refinement: pieces of yaw to one of the path.
-        end: of an open one, yaw, its rate and its acceleration (3,).
+        end: of an open one, its value and two derivatives of x, y, z and yaw there, (3, 4).
     """
     count = lap.pieces * refinement
-    grid = Grid(lap.pieces, count)
-    samples = LapSamples.of(lap, grid, limits, turn)
-    yaw = _yaw(samples)
+    samples = LapSamples.of(lap, Grid(lap.pieces, count), limits, turn)
+    order = np.arange(3)[:, None]
+    units = samples.units[:, None, None]
+    path = np.moveaxis(samples.derivatives[:3, ..., :3].reshape(3, -1, 3), 0, 1) / units**order
+    start = np.concatenate([path, _yaw(samples).T[..., None]], axis=2)  # (N, 3, 4)
     if end is None:
-        end = yaw[:, 0] + [turn, 0.0, 0.0]
-    start = yaw.T.reshape(-1, 3)
-    h = samples.units[:, None] / count
-    order = np.arange(3)
-    after = np.vstack([start[1:], end])
+        end = start[0] + [[0.0, 0.0, 0.0, turn], [0.0] * 4, [0.0] * 4]
+    after = np.concatenate([start[1:], end[None]])
     # Full turns between neighbours are none.
-    after[:, 0] += 2 * np.pi * np.round((start[:, 0] - after[:, 0]) / (2 * np.pi))
+    after[:, 0, 3] += 2 * np.pi * np.round((start[:, 0, 3] - after[:, 0, 3]) / (2 * np.pi))
+    h = units / count
     basis, _ = unit_segment(DEGREE, 1)
-    yaw = np.concatenate([start * h**order, after * h**order], axis=1) @ basis.T
-    path = lap.taylor(count)
-    coefficients = np.concatenate([path, (yaw / h ** np.arange(DEGREE + 1))[:, None]], axis=1)
-    return piecewise_polynomial(coefficients, h[:, 0])
+    coefficients = basis @ np.concatenate([start * h**order, after * h**order], axis=1)
+    coefficients /= h ** np.arange(DEGREE + 1)[:, None]
+    return piecewise_polynomial(coefficients.swapaxes(1, 2), h.ravel())
 
 
 def _yaw(samples: LapSamples) -> np.ndarray:

@@ -38,16 +38,6 @@ def test_derivatives_are_those_of_values(lap):
     np.testing.assert_allclose(difference, at[1:], rtol=1e-4, atol=1e-3 * np.abs(at).max())
 
 
-def test_its_polynomials_are_itself(lap):
-    count = 2 * lap.pieces
-    path = lap.taylor(count).reshape(len(lap.durations), count, 3, 6)
-    s = (np.arange(count) + 0.3) / count
-    expected = lap.evaluate(basis(lap.pieces, tuple(s)))[0, ..., :3]
-    t = 0.3 * lap.durations[:, None] / count
-    found = np.sum(path * (t[..., None] ** np.arange(6))[:, :, None], axis=3)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
-
-
 def test_dilation_keeps_the_path(lap):
     matrices = basis(lap.pieces, (0.0, 0.2, 0.77))
     slow = lap.dilated(1.7)

@@ -62,6 +62,8 @@ def test_yaw_gives_the_same_thrusts(limits):
     lap = FlatTrajectory(flat_polynomial(samples.lap, limits, TURN, 8))
     times = samples.lap.sample_times(grid.fractions).ravel()
     flat = lap.sample(times)
+    places = samples.derivatives[0, ..., :3].reshape(-1, 3)
+    np.testing.assert_allclose(as_reference(flat).position.T, places, atol=1e-9)
     expected, rates = inverse_dynamics(flat, limits.vehicle)
     np.testing.assert_allclose(thrusts / units**2, expected, atol=1e-3)
     np.testing.assert_allclose(w / units, rates, atol=1e-4)

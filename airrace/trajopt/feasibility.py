@@ -35,20 +35,8 @@ def is_feasible(trajectory: FlatTrajectory, constraints: FlightConstraints) -> b
         and acceleration <= limits.max_acceleration
         and samples[2].min() >= MIN_HEIGHT
         and np.all(pylon_distances(samples, constraints.pylons) >= constraints.clearance)
-        and (limits.vehicle is None or rotor_excess(samples, limits) <= 0.0)
+        and (limits.vehicle is None or check_flight(samples, (), limits).excess <= 0.0)
     )
-
-
-def rotor_excess(samples, limits: FlightLimits) -> float:
-    """Returns by which share of its limit the worst rotor is beyond it, or below zero.
-
-    Args:
-        samples: References as vectors, (18, N).
-        limits: of the rotors.
-    """
-    thrusts, _ = inverse_dynamics(samples, limits.vehicle)
-    shares = thrusts / limits.max_thrusts[:, None]
-    return float(max(shares.max() - 1.0, limits.idle_share / limits.thrust_share - shares.min()))
 
 
 def sample_times(trajectory: FlatTrajectory, rate: float = 100.0) -> np.ndarray:
@@ -99,7 +87,6 @@ class FlightCheck(Immutable):
         max_speed: (m/s). max_acceleration: without gravity (m/s^2).
         max_rate: of the body's angular velocity (rad/s).
         max_thrusts, min_thrusts: of every rotor (N), tuples.
-        min_height: above the ground (m).
         clearance: from the nearest pylon's axis (m).
         excess: the largest of all limited quantities over its limit, less one; at
             most zero if the limits are kept.
@@ -111,7 +98,6 @@ class FlightCheck(Immutable):
     max_rate: float
     max_thrusts: tuple
     min_thrusts: tuple
-    min_height: float
     clearance: float
     excess: float
     active_limits: tuple
@@ -142,7 +128,6 @@ def check_flight(samples, pylons, limits: FlightLimits) -> FlightCheck:
         max_rate=rate,
         max_thrusts=tuple(thrusts.max(axis=1).tolist()),
         min_thrusts=tuple(thrusts.min(axis=1).tolist()),
-        min_height=float(samples[2].min()),
         clearance=float(pylon_distances(samples, pylons).min(initial=np.inf)),
         excess=max(shares.values()) - 1.0,
         active_limits=tuple(name for name, share in shares.items() if share > _ACTIVE),

@@ -97,14 +97,14 @@ class LapPlanner(LeafSystem):
         """
         LeafSystem.__init__(self)
         max_speed, max_acceleration = parse_limits(config.limits)
-        self._fixed = dict(
-            trajectory=trajectory,
-            vehicle=vehicle,
+        self._limits = FlightLimits(
+            vehicle,
+            thrust_share=config.thrust_share,
             max_speed=max_speed,
             max_acceleration=max_acceleration,
-            thrust_share=config.thrust_share,
         )
-        FlightLimits(vehicle, thrust_share=config.thrust_share).check()
+        self._limits.check()
+        self._trajectory = trajectory
         self._laps = laps
         self._first_lap_move = config.first_lap_move
         self._solve = solve
@@ -232,7 +232,8 @@ class LapPlanner(LeafSystem):
             moved = largest_move(every, memory.tried_gates)
             start = old.derivatives(start_time)
         return LapProblem(
-            **self._fixed,
+            trajectory=self._trajectory,
+            limits=self._limits,
             gates=gates,
             pylons=np.array([gate.pylons for gate in every]).reshape(-1, 2),
             margins=pylon_margins(every, gate_map.markers, moved),

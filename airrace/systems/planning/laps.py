@@ -15,7 +15,6 @@ from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_bound
-from airrace.vehicle import Vehicle
 
 _SLACK = 0.05  # m, by which an old lap may miss what is asked of a new one
 
@@ -26,9 +25,7 @@ class LapProblem(Immutable):
 
     Attributes:
         trajectory: "3", "4" or "6" dimensions of minimum snap, or "optimal" in time.
-        vehicle: that flies it.
-        max_speed, max_acceleration: (m/s), (m/s^2); inf for none.
-        thrust_share: of the rotors' limits; the rest is for the controller.
+        limits: of the vehicle, and those added.
         gates: tuple of GateEstimate, in the order of flight.
         pylons: axes to keep clear of, [x, y], (m, 2) m; first those of the gates, left
             and right.
@@ -41,10 +38,7 @@ class LapProblem(Immutable):
     """
 
     trajectory: str
-    vehicle: Vehicle
-    max_speed: float
-    max_acceleration: float
-    thrust_share: float
+    limits: FlightLimits
     gates: tuple
     pylons: np.ndarray
     margins: np.ndarray
@@ -75,15 +69,9 @@ class Laps(abc.ABC):
     def __init__(self, problem: LapProblem):
         """Args: problem: to solve. Raises TrajectoryOptimizationError if there can be no lap."""
         self._problem = problem
-        limits = FlightLimits(
-            problem.vehicle,
-            thrust_share=problem.thrust_share,
-            max_speed=problem.max_speed,
-            max_acceleration=problem.max_acceleration,
-        )
-        limits.check()
-        clearance = clearance_of(problem.vehicle.radius, problem.margins)
-        self.constraints = FlightConstraints(problem.pylons, clearance, limits)
+        problem.limits.check()
+        clearance = clearance_of(problem.limits.vehicle.radius, problem.margins)
+        self.constraints = FlightConstraints(problem.pylons, clearance, problem.limits)
         self._gates = self._gate_regions()
 
     @abc.abstractmethod

@@ -37,14 +37,13 @@ class MinSnapLaps(Laps):
 
     def lap(self, previous: Circuit | None) -> Circuit:
         # What thrusts hold against gravity, at level flight.
-        level = np.sqrt(self.constraints.limits.max_specific_force**2 - GRAVITY**2)
+        limits = self._problem.limits
+        level = np.sqrt(limits.max_specific_force**2 - GRAVITY**2)
         return plan_circuit(
             self._gates.midpoints,
             self._gates.headings,
             self._dimensions,
-            self._limited(
-                min(self._problem.max_speed, _MAX_SPEED), min(self._problem.max_acceleration, level)
-            ),
+            self._limited(min(limits.max_speed, _MAX_SPEED), min(limits.max_acceleration, level)),
             previous=previous,
         )
 
@@ -53,7 +52,7 @@ class MinSnapLaps(Laps):
         limits = [
             limit if np.isfinite(limit) else 1.01 * peak
             for limit, peak in zip(
-                (self._problem.max_speed, self._problem.max_acceleration),
+                (self._problem.limits.max_speed, self._problem.limits.max_acceleration),
                 peaks(circuit.sample(sample_times(circuit))),
             )
         ]

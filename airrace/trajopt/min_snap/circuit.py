@@ -8,10 +8,10 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import (
+    check_flight,
     is_feasible,
     passes_forward,
     pylon_distances,
-    rotor_excess,
     sample_times,
 )
 from airrace.trajopt.flat_trajectory import FlatTrajectory
@@ -154,11 +154,9 @@ def _slowed(lap, limits: FlightLimits) -> Circuit:
 
     def excess(factor):
         circuit = lap(factor)
-        return rotor_excess(circuit.sample(sample_times(circuit)), limits)
+        return check_flight(circuit.sample(sample_times(circuit)), (), limits).excess
 
-    if excess(1.0) <= 0.0:
-        return lap(1.0)
-    low, high = 1.0, 1.1
+    low = high = 1.0
     while excess(high) > 0.0:
         low, high = high, 1.1 * high
         if high > _MOST_SLOWING:

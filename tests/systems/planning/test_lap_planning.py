@@ -20,6 +20,7 @@ from airrace.track.map_files import true_map
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import pylon_distances, sample_times
 from airrace.trajopt.flatness import inverse_dynamics
+from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import load_vehicle
 
@@ -32,7 +33,15 @@ HOVER = np.zeros((5, 4))
 HOVER[0] = 0.0, 0.0, 5.0, 0.0
 
 
-def problem(trajectory="optimal", limits="original", gates=GATES, extra=0.0, old=None, **changes):
+def problem(
+    trajectory="optimal",
+    limits="original",
+    gates=GATES,
+    extra=0.0,
+    old=None,
+    thrust_share=0.9,
+    **changes,
+):
     speed, acceleration = parse_limits(limits)
     time, start = 1.0, HOVER
     if old is not None:
@@ -42,10 +51,9 @@ def problem(trajectory="optimal", limits="original", gates=GATES, extra=0.0, old
     return LapProblem(
         **dict(
             trajectory=trajectory,
-            vehicle=VEHICLE,
-            max_speed=speed,
-            max_acceleration=acceleration,
-            thrust_share=0.9,
+            limits=FlightLimits(
+                VEHICLE, thrust_share=thrust_share, max_speed=speed, max_acceleration=acceleration
+            ),
             gates=gates,
             pylons=np.array([g.pylons for g in gates]).reshape(-1, 2),
             margins=pylon_margins(gates, ()) + extra,

@@ -20,7 +20,6 @@ from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
-from airrace.trajopt.time_optimal.point_mass import PointMassLimits
 from airrace.vehicle import DRONES, load_vehicle
 from benchmarks import harness
 from benchmarks.harness import column, groups, make_table
@@ -31,6 +30,7 @@ from tests.worlds.reference_laps import (
     POINT_MASS_CASES,
     WINDOW,
     PointMassCase,
+    PointMassLimits,
     exact_bound,
     load_course,
     regions,

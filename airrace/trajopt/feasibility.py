@@ -48,11 +48,8 @@ def sample_times(trajectory: FlatTrajectory, rate: float = 100.0) -> np.ndarray:
 def pylon_distances(samples, pylons) -> np.ndarray:
     """Returns the distance of every sample from every pylon's axis, (N, n) m.
 
-    The axes end at the pylons' tips: far above those, a drone is clear.
-
-    Args:
-        samples: References as vectors, (18, N), or positions alone, (3, N).
-        pylons: axes, [x, y], (n, 2) m.
+    The axes [x, y], (n, 2) m, end at the pylons' tips: far above those, a drone is clear.
+    Samples are References as vectors, (18, N), or positions alone, (3, N) m.
     """
     samples = np.asarray(samples, float)
     x, y = samples[:2, :, None] - np.reshape(np.asarray(pylons, float), (-1, 2)).T[:, None]
@@ -61,12 +58,9 @@ def pylon_distances(samples, pylons) -> np.ndarray:
 
 
 def passes_forward(trajectory: FlatTrajectory, times, headings) -> np.ndarray:
-    """Whether gates are passed forward, within MAX_CROSSING_ANGLE, (n,) bool.
+    """Whether gates are passed forward, within MAX_CROSSING_ANGLE of their headings, (n,) bool.
 
-    Args:
-        trajectory: that passes them.
-        times: when, (n,) s.
-        headings: of the gates, (n,) rad.
+    Args: times: when they are passed, (n,) s. headings: of the gates, (n,) rad.
     """
     velocity = as_reference(trajectory.sample(times)).velocity
     along = velocity[0] * np.cos(headings) + velocity[1] * np.sin(headings)

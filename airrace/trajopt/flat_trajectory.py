@@ -119,11 +119,6 @@ def unpack_flat_outputs(reference) -> np.ndarray:
 
 
 def hold(p_WB, yaw: float) -> np.ndarray:
-    """Returns the reference of hovering at a point, shape (18,).
-
-    Args:
-        p_WB: (3,) in the world (m).
-        yaw: (rad).
-    """
+    """Returns the reference of hovering at a point p_WB (m) with a yaw (rad), (18,)."""
     rest = np.zeros(3)
     return np.hstack(Reference(p_WB, rest, rest, rest, rest, yaw, 0.0, 0.0))

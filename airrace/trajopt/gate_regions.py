@@ -74,10 +74,7 @@ class GateRegions:
     def constrain(self, program, i: int, step, point) -> None:
         """Adds to a MathematicalProgram that point + step lies in the region of gate i.
 
-        Args:
-            program: to add to.
-            i: the gate, from 0.
-            step: three variables. point: (3,) m.
+        Args: i: from 0. step: three variables. point: (3,) m.
         """
         offset = np.asarray(point) - self.midpoints[i]
         if self.half_sizes is not None:

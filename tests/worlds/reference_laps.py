@@ -8,16 +8,25 @@ from airrace.track import Track, load_track
 from airrace.track.generator import generate_track
 from airrace.trajopt.flight_limits import FlightConstraints
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.time_optimal.point_mass import (
-    PointMassBound,
-    PointMassLimits,
-    point_mass_bound,
-)
+from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_bound
 
 ORIGINAL = {"max_speed": 20.0, "max_acceleration": 10.0}  # m/s, m/s^2
 LIMITS = {"original": ORIGINAL, "rotor": {}}
 BALL, WINDOW = 0.4, (3.2, 2.5)  # m
 CLEARANCE = 5.0 - WINDOW[0]  # m, from the pylons' axes: it leaves the window and no more
+
+
+class PointMassLimits(NamedTuple):
+    """Limits of a point mass, in the place of FlightLimits; infinite for none.
+
+    Attributes:
+        max_speed: (m/s). max_acceleration: without gravity (m/s^2).
+        max_specific_force: greatest thrust over mass (m/s^2); one of the last two must be finite.
+    """
+
+    max_speed: float = np.inf
+    max_acceleration: float = np.inf
+    max_specific_force: float = np.inf
 
 
 class PointMassCase(NamedTuple):

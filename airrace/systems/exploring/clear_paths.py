@@ -16,12 +16,7 @@ _AT_GATE = 0.3  # m, from a gate's plane: it may have been passed already
 
 
 def positions(leg: FlatTrajectory, after: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Returns times (s), (n,), and positions (m), (3, n), on a leg, at 50 Hz.
-
-    Args:
-        leg: the leg.
-        after: time on it to begin with (s).
-    """
+    """Returns times (s), (n,), and positions (m), (3, n), on a leg after a time, at 50 Hz."""
     after = min(after, leg.duration)
     times = np.linspace(after, leg.duration, int(_RATE * (leg.duration - after)) + 2)
     return times, leg.positions(times)

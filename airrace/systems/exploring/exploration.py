@@ -62,11 +62,7 @@ def next_gate(now: Situation, closing_range: float) -> GateEstimate | None:
     """Returns the gate to fly to, if it has just been found.
 
     That is the gate with the next number, once it is in the map with both pylons, or
-    gate 1 again, see _closes_loop().
-
-    Args:
-        now: what is known.
-        closing_range: how near gate 1 must be to close the loop (m).
+    gate 1 again, if it is within the closing range (m): see _closes_loop().
     """
     if now.next_number in now.gates:
         return now.gates[now.next_number]

@@ -130,11 +130,7 @@ class LapPlanner(LeafSystem):
         )
 
     def solve_elsewhere(self, submit) -> None:
-        """From now on, plans are searched for in another process.
-
-        Args:
-            submit: from a LapProblem to a job: see PlanningWorker.
-        """
+        """From now on, submit makes a job of a LapProblem: see PlanningWorker."""
         self._submit = submit
 
     def _recall(self, context) -> _Memory:

@@ -71,11 +71,9 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
 
 
 def end_constraints(start, goal, orders) -> list:
-    """Returns constraints that fix derivatives at both ends of a flight.
+    """Returns constraints that fix derivatives of some orders at both ends of a flight.
 
-    Args:
-        start, goal: value and derivatives of x, y, z (m) and yaw (rad), (n, 4).
-        orders: of the derivatives to fix, each below n.
+    Args: start, goal: value and derivatives of x, y, z (m) and yaw (rad), (n, 4).
     """
     return [
         DerivativeConstraint(i, order, side[order])

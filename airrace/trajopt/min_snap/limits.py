@@ -17,16 +17,8 @@ _NEAR = 0.9  # of the greatest square: lesser peaks are not refined
 def slowdown_factor(problem: MinSnapProblem, durations, limits) -> float:
     """Returns the greatest of speed / limit and sqrt(acceleration / limit) on a trajectory.
 
-    That is how many times slower it must be flown along the same path.
-
-    Args:
-        problem: of x, y, z, and more or less.
-        durations: of the segments (s).
-        limits: of speed (m/s) and acceleration (m/s^2), (2,).
-
-    Raises:
-        ValueError: if the durations are malformed.
-        TrajectoryOptimizationError: if the minimum is not unique.
+    That is how many times slower it must be flown along the same path. The arguments and what it
+    raises are those of durations_within_limits().
     """
     durations = problem.check_durations(durations)
     coefficients = problem.coefficients(durations, problem.solve(durations))

@@ -69,17 +69,18 @@ class Effort:
     tolerance: float = 5e-4
     samples: int = 24
 
-    @classmethod
-    def in_flight(cls) -> "Effort":
-        """Returns one for planning in flight, from a lap through gates that moved a little."""
-        return cls(iterations=2, tolerance=5e-3, samples=18)
+
+# For planning in flight, from a lap through gates that moved a little.
+IN_FLIGHT = Effort(iterations=2, tolerance=5e-3, samples=18)
 
 
 class LapSearch:
     """Sequential convex programming from a lap to the quickest one near it.
 
     Attributes:
-        gates, turn, constraints: see __init__().
+        gates: to pass; of an open lap, with both ends.
+        turn: see LapSamples.of().
+        constraints: to keep.
         view: half of the camera's view, less a margin (rad).
         grid: where legs are sampled.
     """
@@ -92,14 +93,7 @@ class LapSearch:
         samples: int,
         pieces: int = PIECES,
     ):
-        """Constructs a search.
-
-        Args:
-            gates: to pass; of an open one, with both ends.
-            turn: see LapSamples.of().
-            constraints: to keep.
-            samples, pieces: of each leg.
-        """
+        """Args: samples, pieces: of each leg. The others: see above."""
         self.gates, self.turn, self.constraints = gates, turn, constraints
         self.view = max(constraints.half_view - _VIEW_MARGIN, constraints.half_view / 2)
         self.grid = Grid(pieces, samples)

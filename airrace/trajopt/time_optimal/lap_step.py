@@ -127,11 +127,10 @@ class LapStep:
                 self.program.AddBoundingBoxConstraint(zero, zero, fixed.ravel())
 
     def derivatives(self, leg: int, order: int):
-        """Returns how samples' derivatives in normalised time depend on the step.
+        """Returns how samples' derivatives in normalised time depend on the step of a leg.
 
-        Returns:
-            (by coefficients, by the relative stretch of the leg): (samples,
-            coefficients), the same for each dimension, and (samples, 4).
+        That is by coefficients, (samples, coefficients), the same for each dimension, and by
+        the relative stretch, (samples, 4).
         """
         matrix = self.grid.matrices[order]
         return matrix * self._scale[leg], matrix @ self._by_stretch[leg]

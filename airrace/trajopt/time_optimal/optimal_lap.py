@@ -11,7 +11,7 @@ from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed
-from airrace.trajopt.time_optimal.lap_search import Effort, LapSearch
+from airrace.trajopt.time_optimal.lap_search import IN_FLIGHT, Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
 from airrace.trajopt.time_optimal.lap_step import LapStep
 from airrace.trajopt.time_optimal.optimal_circuit import LapSummary, OptimalCircuit, flat_polynomial
@@ -63,11 +63,7 @@ def plan_optimal_circuit(
     now = None
     if previous is not None and len(previous.headings) == len(gates.headings):
         search = LapSearch(
-            gates,
-            gates.turn,
-            constraints,
-            (effort or Effort.in_flight()).samples,
-            previous.spline.pieces,
+            gates, gates.turn, constraints, (effort or IN_FLIGHT).samples, previous.spline.pieces
         )
         with contextlib.suppress(TrajectoryOptimizationError):
             now = moved_lap(previous.spline, gates, search.grid, constraints.limits)
@@ -75,7 +71,7 @@ def plan_optimal_circuit(
         precision = _PRECISION if now is None else {}
         bound = point_mass_bound(gates, constraints, **precision)
     warm = now is not None and now.lap.duration < _MOST_HELPFUL * bound.duration
-    effort = effort or (Effort.in_flight() if warm else Effort())
+    effort = effort or (IN_FLIGHT if warm else Effort())
     if not warm:
         search = LapSearch(gates, gates.turn, constraints, effort.samples)
         now = first_lap(bound, gates, search.grid, constraints.limits, search.view)

@@ -1,7 +1,6 @@
 """The lap time of a point mass: what no vehicle with the same limits can beat."""
 
 import dataclasses as dc
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.solvers import MathematicalProgram
@@ -38,19 +37,6 @@ class PointMassBound:
     positions: np.ndarray
 
 
-class PointMassLimits(NamedTuple):
-    """Limits of a point mass; infinite for none.
-
-    Attributes:
-        max_speed: (m/s). max_acceleration: without gravity (m/s^2).
-        max_specific_force: greatest thrust over mass (m/s^2); one of the last two must be finite.
-    """
-
-    max_speed: float = np.inf
-    max_acceleration: float = np.inf
-    max_specific_force: float = np.inf
-
-
 def point_mass_bound(
     gates: GateRegions, constraints: FlightConstraints, intervals: int = 8, tolerance: float = 1e-3
 ) -> PointMassBound:
@@ -67,21 +53,19 @@ def point_mass_bound(
 
     Args:
         gates: to pass.
-        constraints: to keep; of their limits those that PointMassLimits has.
+        constraints: to keep; of their limits speed, acceleration and specific force matter.
         intervals: of constant acceleration, a leg.
         tolerance: where to stop: relative change of the lap time.
 
     Raises:
         TrajectoryOptimizationError: if there is no such lap, or no limit.
     """
-    limits = PointMassLimits(
-        *(getattr(constraints.limits, name) for name in PointMassLimits._fields)
-    )
+    limits = constraints.limits
     if np.isinf(limits.max_acceleration) and np.isinf(limits.max_specific_force):
         raise TrajectoryOptimizationError(
             "Without a limit of acceleration or thrust, there is no quickest lap."
         )
-    if not all(x > 0.0 for x in limits):
+    if not (limits.max_speed > 0.0 and limits.max_acceleration > 0.0):
         raise TrajectoryOptimizationError("The limits must be positive.")
     if limits.max_specific_force <= GRAVITY:
         raise TrajectoryOptimizationError("The greatest thrust is below the weight.")
@@ -172,7 +156,7 @@ class _Pylons:
 class _Problem:
     """The convex problem about an iterate; its cones are always the same."""
 
-    def __init__(self, gates, intervals, limits: PointMassLimits):
+    def __init__(self, gates, intervals, limits):
         n, N = len(gates.midpoints), intervals
         self._program = program = MathematicalProgram()
         self._w = program.NewContinuousVariables(3 * n * (N + 1)).reshape(n, N + 1, 3)
@@ -198,8 +182,8 @@ class _Problem:
                 A = np.diag([limits.max_speed, 1.0, 1.0, 1.0])
                 for k in range(N + 1):
                     program.AddLorentzConeConstraint(A, np.zeros(4), [T, *w[k]])
-            _, *forces = limits
-            for limit, gravity in zip(forces, (0.0, GRAVITY)):
+            forces = (limits.max_acceleration, 0.0), (limits.max_specific_force, GRAVITY)
+            for limit, gravity in forces:
                 if np.isfinite(limit):
                     A = np.zeros((4, 7))
                     A[0, 0], A[3, 0] = limit, gravity

@@ -5,8 +5,13 @@ import pytest
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.time_optimal.point_mass import PointMassLimits
-from tests.worlds.reference_laps import POINT_MASS_CASES, exact_bound, load_course, regions
+from tests.worlds.reference_laps import (
+    POINT_MASS_CASES,
+    PointMassLimits,
+    exact_bound,
+    load_course,
+    regions,
+)
 
 MIDPOINTS, HEADINGS, _ = load_course()
 

@@ -1,5 +1,6 @@
 """A time-optimal lap as a trajectory in x, y, z and yaw."""
 
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
@@ -67,24 +68,27 @@ def flat_polynomial(
         limits: for the vehicle.
         turn: of yaw in a lap (rad); of an open one, see LapSamples.of().
         refinement: pieces of yaw to one of the path.
-        end: of an open one, its value and two derivatives of x, y, z and yaw there, (3, 4).
+        end: of an open one, its value and four derivatives of x, y, z and yaw there, (5, 4).
     """
     count = lap.pieces * refinement
     samples = LapSamples.of(lap, Grid(lap.pieces, count), limits, turn)
-    order = np.arange(3)[:, None]
-    units = samples.units[:, None, None]
-    path = np.moveaxis(samples.derivatives[:3, ..., :3].reshape(3, -1, 3), 0, 1) / units**order
-    start = np.concatenate([path, _yaw(samples).T[..., None]], axis=2)  # (N, 3, 4)
-    if end is None:
-        end = start[0] + [[0.0, 0.0, 0.0, turn], [0.0] * 4, [0.0] * 4]
-    after = np.concatenate([start[1:], end[None]])
+    order, h = np.arange(DEGREE), samples.units[:, None] / count
+    start = np.moveaxis(samples.derivatives.reshape(DEGREE, -1, 4), 0, 1)
+    start = start / samples.units[:, None, None] ** order[:, None]
+    start[:, :3, 3] = _yaw(samples).T
+    after = np.concatenate([start[1:], [start[0] if end is None else end]])
+    after[-1, 0, 3] += turn if end is None else 0.0
+    # The snap of each piece is linear.
+    fifth = (after[:, 4, :3] - start[:, 4, :3]) / h
+    path = np.concatenate([start[..., :3], fifth[:, None]], axis=1).swapaxes(1, 2)
+    path = path / np.array([factorial(k) for k in range(DEGREE + 1)])
+    yaws = [each[:, :3, 3] for each in (start, after)]
     # Full turns between neighbours are none.
-    after[:, 0, 3] += 2 * np.pi * np.round((start[:, 0, 3] - after[:, 0, 3]) / (2 * np.pi))
-    h = units / count
+    yaws[1][:, 0] += 2 * np.pi * np.round((yaws[0][:, 0] - yaws[1][:, 0]) / (2 * np.pi))
     basis, _ = unit_segment(DEGREE, 1)
-    coefficients = basis @ np.concatenate([start * h**order, after * h**order], axis=1)
-    coefficients /= h ** np.arange(DEGREE + 1)[:, None]
-    return piecewise_polynomial(coefficients.swapaxes(1, 2), h.ravel())
+    yaw = np.hstack([each * h ** order[:3] for each in yaws]) @ basis.T
+    yaw = yaw / h ** np.arange(DEGREE + 1)
+    return piecewise_polynomial(np.concatenate([path, yaw[:, None]], axis=1), h[:, 0])
 
 
 def _yaw(samples: LapSamples) -> np.ndarray:

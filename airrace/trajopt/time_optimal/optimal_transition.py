@@ -160,7 +160,7 @@ def _guess(durations, legs, ends) -> LapSpline:
 def _finished(now: LapSamples, search: LapSearch, limits: FlightLimits, goal):
     """Returns the transition as a trajectory, and by which share it exceeds limits at 1 kHz."""
     transition = FlatTrajectory(
-        flat_polynomial(now.lap, search.constraints.limits, search.turn, _REFINEMENT, goal[:3])
+        flat_polynomial(now.lap, search.constraints.limits, search.turn, _REFINEMENT, goal)
     )
     return transition, check_flight(
         transition.sample(sample_times(transition, 1000.0)), search.constraints.pylons, limits

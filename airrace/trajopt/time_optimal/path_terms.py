@@ -21,9 +21,7 @@ def proximal_cost(step: LapStep, weight: float) -> None:
     weighed against the time: the constraints of a step are good near the lap that
     it starts from.
 
-    Args:
-        step: to add to.
-        weight: of a change by all of it, as a share of the lap time.
+    Args: weight: of a change by all of it, as a share of the lap time.
     """
     y, T = step.samples.derivatives[..., :3], step.lap.durations
     n, samples = y.shape[1:3]
@@ -46,9 +44,7 @@ def proximal_cost(step: LapStep, weight: float) -> None:
 def angle_cost(step: LapStep, weight: float) -> None:
     """Adds the mean squared second derivative of the thrust-axis angle (rad/s^2).
 
-    Args:
-        step: to add to.
-        weight: as a share of the lap time.
+    Args: weight: as a share of the lap time.
     """
     T, y = step.lap.durations, step.samples.derivatives[2, ..., 3]
     for leg in range(len(T)):
@@ -64,10 +60,7 @@ def keep_clear(step: LapStep, constraints: FlightConstraints, cost: float) -> No
 
     Pylons are taken for endless: no lap is meant to lead over one.
 
-    Args:
-        step: to add to.
-        constraints: of the flight.
-        cost: of coming nearer by a metre (s).
+    Args: cost: of coming nearer by a metre (s).
     """
     for leg, (matrices, place) in enumerate(_places(step.lap)):
         away, distance = _from_pylons(place, constraints.pylons)
@@ -89,23 +82,18 @@ def shortfall(lap: LapSpline, constraints: FlightConstraints) -> float:
     lack = 0.0
     for _, place in _places(lap):
         _, distance = _from_pylons(place, constraints.pylons)
-        lack = max(
-            lack,
-            np.max(constraints.clearance - distance, initial=-np.inf),
-            MIN_HEIGHT - place[:, 2].min(),
-        )
+        near = np.max(constraints.clearance - distance, initial=0.0)
+        lack = max(lack, near, MIN_HEIGHT - place[:, 2].min())
     return float(lack)
 
 
 def _places(lap: LapSpline):
-    """Returns leg by leg the matrices (1, k, coefficients) and places (k, 3) of samples."""
-    result = []
+    """Yields leg by leg the matrices (1, k, coefficients) and places (k, 3) of samples."""
     for leg, z in enumerate(lap.coefficients()):
         length = np.linalg.norm(np.diff(z[[0, -5], :3], axis=0))
         count = 20 * int(np.clip(np.ceil(length / _SPACING / 20), 2, 25))
         matrices = basis(lap.pieces, tuple(np.arange(count) / count))[:1]
-        result.append((matrices, matrices[0] @ z[:, :3]))
-    return result
+        yield matrices, matrices[0] @ z[:, :3]
 
 
 def _from_pylons(place, pylons):
@@ -117,10 +105,7 @@ def _from_pylons(place, pylons):
 def cross_forward(step: LapStep, gates: GateRegions, cost: float) -> None:
     """Adds that velocities at gates are within MAX_CROSSING_ANGLE of the headings.
 
-    Args:
-        step: to add to.
-        gates: see there.
-        cost: of a wrong speed (s per m/s).
+    Args: cost: of a wrong speed (s per m/s).
     """
     most = 1.0 / np.cos(MAX_CROSSING_ANGLE)
     for i in step.passed:

@@ -11,10 +11,7 @@ from pydrake.solvers import (
 def solve_cones(program: MathematicalProgram, **tolerances: float) -> MathematicalProgramResult:
     """Returns what Clarabel makes of a program.
 
-    Args:
-        program: with a linear or convex quadratic cost, linear constraints and Lorentz cones.
-        tolerances: tol_gap_abs, tol_gap_rel, tol_feas: those of Clarabel that are not its own
-            defaults of 1e-8.
+    Args: tolerances: tol_gap_abs, tol_gap_rel, tol_feas, if not Clarabel's own 1e-8.
     """
     options = SolverOptions()
     # It takes two fifths more time, and changes solutions by less than the tolerances.

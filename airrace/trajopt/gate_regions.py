@@ -29,14 +29,11 @@ class GateRegions:
 
     @classmethod
     def windows(cls, midpoints, headings, half_width, half_height) -> "GateRegions":
-        """Returns gates to be crossed anywhere in an upright rectangle.
+        """Returns gates to be crossed anywhere in an upright rectangle, or raises.
 
         Args:
             midpoints: (n, 3) m. headings: of flight, (n,) rad.
             half_width, half_height: of the rectangle, a number or (n,) m.
-
-        Raises:
-            TrajectoryOptimizationError: if no lap leads through them.
         """
         n = len(midpoints)
         sizes = np.column_stack([np.full(n, half_width, float), np.full(n, half_height, float)])

@@ -97,12 +97,8 @@ def trapezoid_durations(points, start_speed, cruise_speed, acceleration) -> np.n
     total = max(knots[-1], 1e-3)
     s = np.linspace(0.0, total, 401)
     middle = (s[1:] + s[:-1]) / 2
-    speed = np.minimum.reduce(
-        [
-            np.full_like(middle, max(cruise_speed, start_speed)),
-            np.sqrt(start_speed**2 + 2 * acceleration * middle),
-            np.sqrt(2 * acceleration * (total - middle)),
-        ]
-    )
+    gained, lost = 2 * acceleration * middle, 2 * acceleration * (total - middle)
+    speed = np.sqrt(np.minimum(start_speed**2 + gained, lost))
+    speed = np.minimum(speed, max(cruise_speed, start_speed))
     times = np.concatenate([[0.0], np.cumsum(np.diff(s) / speed)])
     return np.maximum(np.diff(np.interp(knots, s, times)), 0.2)

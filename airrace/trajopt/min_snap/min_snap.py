@@ -171,10 +171,8 @@ class MinSnapProblem:
     def assemble(self, durations):
         """Returns the cost for given durations.
 
-        Returns:
-            segments: its Hessian in each segment's end derivatives, (segments, 2n, 2n).
-            hessian: in all derivatives, (N, N).
-            gradient: what the period offset adds, (N, d).
+        That is its Hessian in each segment's end derivatives, (segments, 2n, 2n), and in all
+        derivatives, (N, N), and its gradient, which the period offset adds, (N, d).
         """
         segments = self._unit_hessian * durations[:, None, None] ** self._powers
         hessian = np.zeros((len(self.values),) * 2)

@@ -9,9 +9,7 @@ from airrace.vehicle import GRAVITY
 def limit_dynamics(step: LapStep, band: float) -> None:
     """Adds the limits of speed, acceleration, angular velocity, lift and rotors.
 
-    Args:
-        step: to add to.
-        band: share of a limit; samples farther from it are left out.
+    Args: band: share of a limit; samples farther from it are left out.
     """
     limits, dynamics = step.samples.limits, step.dynamics
     for leg, T in enumerate(step.lap.durations):

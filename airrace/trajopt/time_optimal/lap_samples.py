@@ -70,12 +70,8 @@ class LapSamples:
     def of(cls, lap: LapSpline, grid: Grid, limits: FlightLimits, turn: float) -> "LapSamples":
         """Samples a lap.
 
-        Args:
-            lap: to sample; where: grid.
-            limits: to keep.
-            turn: of yaw in a lap (rad); of an open one, by how much more the body is
-                turned against the least rotation to its attitude at the end than at
-                the start.
+        Args: turn: of yaw in a lap (rad); of an open one, by how much more the body is turned
+            against the least rotation to its attitude at the end than at the start.
         """
         between = lap.evaluate(grid.matrices_between)
         y = lap.evaluate(grid.matrices)

@@ -8,9 +8,9 @@ import numpy as np
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import check_flight, passes_forward, sample_times
 from airrace.trajopt.flat_trajectory import FlatTrajectory
-from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
+from airrace.trajopt.flight_limits import FlightConstraints
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed
+from airrace.trajopt.time_optimal.lap_samples import LapSamples, slowed
 from airrace.trajopt.time_optimal.lap_search import IN_FLIGHT, Effort, LapSearch
 from airrace.trajopt.time_optimal.lap_spline import ORDERS, LapSpline, basis
 from airrace.trajopt.time_optimal.lap_step import LapStep
@@ -62,25 +62,23 @@ def plan_optimal_circuit(
 
     now = None
     if previous is not None and len(previous.headings) == len(gates.headings):
-        search = LapSearch(
-            gates, gates.turn, constraints, (effort or IN_FLIGHT).samples, previous.spline.pieces
-        )
+        samples, pieces = (effort or IN_FLIGHT).samples, previous.spline.pieces
+        search = LapSearch(gates, gates.turn, constraints, samples, pieces)
         with contextlib.suppress(TrajectoryOptimizationError):
-            now = moved_lap(previous.spline, gates, search.grid, constraints.limits)
+            now = _moved_lap(previous.spline, search)
     if bound is None or now is None:
-        precision = _PRECISION if now is None else {}
-        bound = point_mass_bound(gates, constraints, **precision)
+        bound = point_mass_bound(gates, constraints, **({} if now else _PRECISION))
     warm = now is not None and now.lap.duration < _MOST_HELPFUL * bound.duration
     effort = effort or (IN_FLIGHT if warm else Effort())
     if not warm:
         search = LapSearch(gates, gates.turn, constraints, effort.samples)
-        now = first_lap(bound, gates, search.grid, constraints.limits, search.view)
+        now = _first_lap(bound, search)
     now, iterations = search.improve(now, warm, effort)
     fine = search.settled(now.lap, _FINE)
     if not warm and fine.lap.duration > _POOR * bound.duration:
         # Stuck where a rotor idles, or for want of control points or of samples.
         search = LapSearch(gates, gates.turn, constraints, _FINER.samples, _FINER_PIECES)
-        finer = search.settled(refined_lap(now.lap, _FINER_PIECES))
+        finer = search.settled(_refined_lap(now.lap, _FINER_PIECES))
         now, more = search.improve(finer, True, _FINER)
         iterations += more
         fine = search.settled(now.lap, _FINE)
@@ -90,22 +88,14 @@ def plan_optimal_circuit(
     return OptimalCircuit(polynomial, gates.headings, lap, summary)
 
 
-def first_lap(
-    bound: PointMassBound, gates: GateRegions, grid: Grid, limits: FlightLimits, half_view
-) -> LapSamples:
+def _first_lap(bound: PointMassBound, search: LapSearch) -> LapSamples:
     """Returns a lap that crosses gates where and when a point mass does.
 
     Of several, smoother and nearer to it, this is the one that is the quickest when
-    slowed until the limits are kept; its thrust-axis angle is the smoothest in view.
-
-    Args:
-        bound: the point mass.
-        gates, grid, limits: see there.
-        half_view: see angle_bounds().
-
-    Raises:
-        TrajectoryOptimizationError: if it cannot be flown, however slow.
+    slowed until the limits are kept; its thrust-axis angle is the smoothest in view. It raises
+    TrajectoryOptimizationError if it cannot be flown, however slow.
     """
+    gates, grid, limits = search.gates, search.grid, search.constraints.limits
     laps = []
     for smoothness in _SMOOTHNESS:
         path = bound.positions, bound.velocities, bound.durations
@@ -116,31 +106,22 @@ def first_lap(
     step = LapStep(samples, grid)
     step.only_angle()
     angle_cost(step, 1.0)
-    keep_in_view(step, gates, half_view, _VIEW_COST)
-    return slowed(step.solve() or samples.lap, grid, limits, gates.turn)
+    keep_in_view(step, gates, search.view, _VIEW_COST)
+    return search.settled(step.solve() or samples.lap)
 
 
-def moved_lap(lap: LapSpline, gates: GateRegions, grid: Grid, limits: FlightLimits) -> LapSamples:
-    """Returns a lap moved smoothly such that it crosses other gates.
-
-    Args: lap: through as many gates. The others: see first_lap().
-
-    Raises:
-        TrajectoryOptimizationError: if it cannot be flown, however slow.
-    """
+def _moved_lap(lap: LapSpline, search: LapSearch) -> LapSamples:
+    """Returns a lap through as many gates moved smoothly to those of a search, or raises."""
     place = lap.gates[:, 0, :3]
-    rest = np.zeros((len(place), grid.samples, 3))
-    step = gates.nearest(place) - place
-    change = LapSpline.through(step, rest, lap.durations, grid.pieces, _MOVE_SMOOTHNESS)
+    rest = np.zeros((len(place), search.grid.samples, 3))
+    step = search.gates.nearest(place) - place
+    change = LapSpline.through(step, rest, lap.durations, lap.pieces, _MOVE_SMOOTHNESS)
     lap = dc.replace(lap, gates=lap.gates + change.gates, interior=lap.interior + change.interior)
-    return slowed(lap, grid, limits, gates.turn)
+    return search.settled(lap)
 
 
-def refined_lap(lap: LapSpline, pieces: int) -> LapSpline:
-    """Returns nearly the same lap with splines of more pieces.
-
-    Args: lap: to refine. pieces: of each leg's spline.
-    """
+def _refined_lap(lap: LapSpline, pieces: int) -> LapSpline:
+    """Returns nearly the same lap with splines of more pieces."""
     fractions = np.linspace(0.0, 1.0, _FIT_SAMPLES)
     new = dc.replace(lap, interior=np.zeros((len(lap.durations), pieces - ORDERS, 4)))
     wanted = lap.evaluate(basis(lap.pieces, tuple(fractions))[: len(_FIT_WEIGHTS)])

@@ -25,8 +25,7 @@ def angle_bounds(samples: LapSamples, gates: GateRegions, half_view: float):
         the bounds, continuous around the lap; and where the bounds matter.
     """
     n, count = samples.derivatives.shape[1:3]
-    to_gate, seen = _to_next_gate(samples, gates)
-    follow = _to_next_gate(samples, gates, margin=1.0)[1]
+    to_gate, seen, follow = _to_next_gate(samples, gates)
     # Beside a gate its bearing turns fast; its direction of flight takes the place of it.
     ahead = np.repeat(np.roll(gates.forward, -1, axis=0)[:n, :2], count, axis=0).T
     to_gate = np.where(follow.ravel(), to_gate, ahead)
@@ -45,17 +44,17 @@ def angle_bounds(samples: LapSamples, gates: GateRegions, half_view: float):
     return low.reshape(n, count), high.reshape(n, count), seen
 
 
-def _to_next_gate(samples, gates, margin=0.0):
-    """Returns the horizontal vectors to the next midpoint, (2, N), and what is seen.
+def _to_next_gate(samples, gates):
+    """Returns the horizontal vectors to the next midpoint, (2, N), and where it is far.
 
-    With a margin of one, so is the first sample that is nearer than LEAST_RANGE.
+    That is first farther than LEAST_RANGE, then also the first sample that is nearer.
     """
     places = samples.derivatives[0, ..., :3]
     target = np.roll(gates.midpoints, -1, axis=0)[: len(places), None]
     to_gate = (target - places)[..., :2]
     step = np.linalg.norm(samples.derivatives[1, ..., :2], axis=2) / to_gate.shape[1]
-    seen = np.linalg.norm(to_gate, axis=2) > LEAST_RANGE - margin * step
-    return to_gate.reshape(-1, 2).T, seen
+    distance = np.linalg.norm(to_gate, axis=2)
+    return to_gate.reshape(-1, 2).T, distance > LEAST_RANGE, distance > LEAST_RANGE - step
 
 
 def _seen_from_axes(to_gate, turn, b, axes):
@@ -74,7 +73,6 @@ def keep_in_view(
     """Adds bounds on the thrust-axis angle, see angle_bounds().
 
     Args:
-        step: to add to.
         gates, half_view: see angle_bounds().
         cost: of leaving the view by a radian (s).
         band: about a bound (rad); samples farther from it are left out.
@@ -82,7 +80,7 @@ def keep_in_view(
     samples, force = step.samples, step.dynamics.force
     low, high, _ = angle_bounds(samples, gates, half_view)
     angles = samples.derivatives[0, ..., 3]
-    to_gate, seen = _to_next_gate(samples, gates, margin=1.0)
+    to_gate, _, seen = _to_next_gate(samples, gates)
     for bound, sign, turn in ((high, 1.0, half_view), (low, -1.0, -half_view)):
         by_place, by_force = _bound_gradients(to_gate, force.values, turn, samples.axes)
         gradients = -np.einsum("dk,dkox->kox", by_force, force.gradients)

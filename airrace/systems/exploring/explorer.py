@@ -4,7 +4,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import EventStatus, LeafSystem
 
 from airrace.systems.exploring import exploration
-from airrace.systems.exploring.explorer_memory import Memory, Situation, first_memory
+from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.systems.exploring.explorer_states import StateMachine
 from airrace.systems.types import ExplorerStatus
 from airrace.trajopt.flat_trajectory import hold
@@ -75,7 +75,7 @@ class Explorer(LeafSystem):
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
-        self._memory = self.DeclareAbstractState(Value[object](first_memory()))
+        self._memory = self.DeclareAbstractState(Value[object](Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._memory)
         self.DeclareVectorOutputPort(

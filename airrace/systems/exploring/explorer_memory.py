@@ -10,10 +10,12 @@ from airrace.systems.types import Detections, ExplorerEvent, ExplorerStatus
 from airrace.track.gate_map import GateEstimate, GateMap
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 
+_SWITCHED_ON = ExplorerStatus(events=(ExplorerEvent(0.0, "CALIBRATE", "power on"),))
+
 
 @dc.dataclass(frozen=True, eq=False)
 class Memory(Immutable):
-    """The explorer's own state.
+    """The explorer's own state; by default that of a drone that was just switched on.
 
     Attributes:
         status: the output.
@@ -28,7 +30,7 @@ class Memory(Immutable):
         blocked_at: when no clear leg to the next gate or step was found (s).
     """
 
-    status: ExplorerStatus
+    status: ExplorerStatus = _SWITCHED_ON
     leg: FlatTrajectory | None = None
     leg_start: float = 0.0
     home: np.ndarray | None = None
@@ -72,11 +74,6 @@ class Memory(Immutable):
     def flying(self, leg: FlatTrajectory, time: float) -> "Memory":
         """Returns the memory of a leg that starts at a time (s)."""
         return dc.replace(self, leg=leg, leg_start=time, checked_at=time)
-
-
-def first_memory() -> Memory:
-    """Returns the memory of a drone that was just switched on."""
-    return Memory(ExplorerStatus(events=(ExplorerEvent(0.0, "CALIBRATE", "power on"),)))
 
 
 @dc.dataclass(frozen=True)

@@ -6,7 +6,7 @@ import pytest
 from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring.exploration import gate_pose
 from airrace.systems.exploring.explorer_legs import LegPlanner
-from airrace.systems.exploring.explorer_memory import Situation, first_memory
+from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.trajopt.min_snap.leg import plan_leg
 from tests.systems.exploring.test_exploration import mapped, situation
 
@@ -21,7 +21,7 @@ def flying(start, goal, time, counts):
     begin[0] = start
     leg = plan_leg(begin, np.array([goal], float), **LIMITS)
     now = situation(counts, [])
-    memory = dc.replace(first_memory().flying(leg, 0.0), home=np.array([0.0, 0.0, 5.0, 0.0]))
+    memory = dc.replace(Memory().flying(leg, 0.0), home=np.array([0.0, 0.0, 5.0, 0.0]))
     return Situation(memory, time, now.detections, mapped(counts), now.estimate)
 
 

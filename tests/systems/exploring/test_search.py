@@ -7,7 +7,7 @@ import pytest
 from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring import search
 from airrace.systems.exploring.exploration import gate_pose
-from airrace.systems.exploring.explorer_memory import first_memory
+from airrace.systems.exploring.explorer_memory import Memory
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from tests.systems.exploring.test_exploration import situation
 
@@ -19,7 +19,7 @@ def steps(counts, in_image=(), last=None, goal=HOME, count=1, **memory):
     now = situation(counts, in_image, last)
     status = now.memory.status
     made = dc.replace(
-        first_memory(),
+        Memory(),
         status=status,
         last=now.memory.last,
         home=HOME,

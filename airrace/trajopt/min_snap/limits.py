@@ -9,8 +9,8 @@ from airrace.trajopt.flat_trajectory import segment_coefficients
 from airrace.trajopt.min_snap.min_snap import MinSnapProblem
 
 _SAMPLES = 50  # of a segment, which bracket the peaks
-_STEPS = np.linspace(-1.0, 1.0, 17)  # samples about a peak, drawn closer and closer:
-_WIDTHS = 1.0 / _SAMPLES / 8.0 ** np.arange(4)
+_STEPS = np.linspace(-1.0, 1.0, 33)  # samples about a peak, drawn closer and closer:
+_WIDTHS = 1.0 / _SAMPLES / 16.0 ** np.arange(3)
 _NEAR = 0.9  # of the greatest square: lesser peaks are not refined
 
 

@@ -5,7 +5,7 @@ from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.common.immutable import Immutable
-from airrace.common.jit import compiled
+from airrace.common.jit import compilable, compiled
 from airrace.trajopt.reference import Reference, as_reference
 
 
@@ -45,10 +45,7 @@ class FlatTrajectory(Immutable):
 
         Beyond the end it is the end point, at rest.
         """
-        d = self.derivatives(time)
-        if time > self.duration:
-            d[1:] = 0.0
-        return flat_outputs(d)
+        return _reference(self._breaks, self._coefficients, float(time))
 
     def positions(self, times) -> np.ndarray:
         """Returns the positions at many times, (3, N) m."""
@@ -85,22 +82,38 @@ def piecewise_polynomial(coefficients, durations) -> PiecewisePolynomial:
 @compiled
 def _evaluate(breaks, coefficients, times):
     """Returns value and derivatives at times, clamped, (n, 5, 4): Horner's rule."""
-    out = np.zeros((len(times), 5, 4))
+    out = np.empty((len(times), 5, 4))
     for i in range(len(times)):
-        time = min(max(times[i], breaks[0]), breaks[-1])
-        segment = min(np.searchsorted(breaks, time, side="right"), len(breaks) - 1) - 1
-        t = time - breaks[segment]
-        for d in range(4):
-            for c in range(coefficients.shape[2] - 1, -1, -1):
-                for order in range(4, 0, -1):
-                    out[i, order, d] = out[i, order, d] * t + order * out[i, order - 1, d]
-                out[i, 0, d] = out[i, 0, d] * t + coefficients[segment, d, c]
+        out[i] = _evaluate_at(breaks, coefficients, times[i])
     return out
 
 
+@compilable
+def _evaluate_at(breaks, coefficients, time):
+    out, time = np.zeros((5, 4)), min(max(time, breaks[0]), breaks[-1])
+    segment = min(np.searchsorted(breaks, time, side="right"), len(breaks) - 1) - 1
+    t = time - breaks[segment]
+    for d in range(4):
+        for c in range(coefficients.shape[2] - 1, -1, -1):
+            for order in range(4, 0, -1):
+                out[order, d] = out[order, d] * t + order * out[order - 1, d]
+            out[0, d] = out[0, d] * t + coefficients[segment, d, c]
+    return out
+
+
+@compiled
+def _reference(breaks, coefficients, time):
+    """Returns the sample at a time, (18,); see FlatTrajectory.reference()."""
+    d = _evaluate_at(breaks, coefficients, time)
+    if time > breaks[-1]:
+        d[1:] = 0.0
+    return flat_outputs(d)
+
+
+@compilable
 def flat_outputs(derivatives) -> np.ndarray:
     """Packs value and four derivatives of x, y, z, yaw, (5, 4), into (18,)."""
-    return np.concatenate((derivatives[:, :3].ravel(), derivatives[:3, 3]))
+    return np.concatenate((derivatives[:, :3].flatten(), derivatives[:3, 3]))
 
 
 def pack(derivatives) -> np.ndarray:

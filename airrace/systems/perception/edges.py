@@ -36,11 +36,12 @@ class Edges(typing.NamedTuple):
 def make_edges(corners):
     """Returns the Edges of a square from its corners, (4, 2) px."""
     sides = corners[_NEXT] - corners
-    length = np.sqrt((sides**2).sum(axis=1))
+    length = np.hypot(sides[:, 0], sides[:, 1])
     along = sides / length.reshape(4, 1)
     outward = np.stack((along[:, 1], -along[:, 0]), axis=1)
     middle = corners + sides / 2
-    width = ((middle - middle[_OPPOSITE]) * outward).sum(axis=1)
+    across = middle - middle[_OPPOSITE]
+    width = across[:, 0] * outward[:, 0] + across[:, 1] * outward[:, 1]
     return Edges(middle, along, outward, length, width)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from airrace.common.jit import compiled
 from airrace.math.small_matrices import cholesky, inverse, solve_cholesky
+from airrace.math.vec3 import cross, rotate
 
 _MAX_ITERATIONS = 20
 _CONVERGED = 1e-4  # squared standard deviations, of a step
@@ -125,11 +126,12 @@ def _linearized(problem, R, t):
     points, corners, weights, camera = problem
     residual, J = np.empty(corners.shape), np.empty((corners.size, 6))
     for k in range(len(points)):
-        q = R @ points[k]
+        q = rotate(R, points[k])
         pixel, by_position = _project(q + t, camera)
         residual[k] = corners[k] - pixel
-        J[2 * k : 2 * k + 2, :3] = -by_position @ _skew(q)
-        J[2 * k : 2 * k + 2, 3:] = by_position
+        for i, gradient in enumerate(by_position):
+            J[2 * k + i, :3] = cross(q, gradient)  # a rotation w moves q by w x q
+            J[2 * k + i, 3:] = gradient
     H, g, cost = np.zeros((6, 6)), np.zeros(6), 0.0
     for m in range(len(weights)):
         J_m, r_m = J[8 * m : 8 * m + 8], residual[4 * m : 4 * m + 4].ravel()

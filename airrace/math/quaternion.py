@@ -33,13 +33,12 @@ def integrate(q, w_W, dt) -> np.ndarray:
         dt: may be negative (s).
     """
     w, x, y, z = q
-    b, c, d = 0.5 * dt * w_W
-    product = np.array(
-        (
-            w - b * x - c * y - d * z,
-            x + b * w + c * z - d * y,
-            y + c * w + d * x - b * z,
-            z + d * w + b * y - c * x,
-        )
+    b, c, d = 0.5 * dt * w_W[0], 0.5 * dt * w_W[1], 0.5 * dt * w_W[2]
+    w, x, y, z = (
+        w - b * x - c * y - d * z,
+        x + b * w + c * z - d * y,
+        y + c * w + d * x - b * z,
+        z + d * w + b * y - c * x,
     )
-    return product / math.sqrt(np.sum(product * product))
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    return np.array((w / length, x / length, y / length, z / length))

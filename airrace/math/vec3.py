@@ -26,4 +26,4 @@ def cross(a, b):
 @compilable
 def rotate(R, v):
     """Returns R v, (3,), of a matrix (3, 3) and one vector."""
-    return R[:, 0] * v[0] + R[:, 1] * v[1] + R[:, 2] * v[2]
+    return np.array((dot(R[0], v), dot(R[1], v), dot(R[2], v)))

@@ -292,8 +292,10 @@ def _observe(memory, time, state, impulse, shifts, course):
             crossing = m.time + share * (time - m.time)
     pushed = np.any(impulse != m.impulse)
     max_speed = max(m.max_speed, math.sqrt(dot(v, v)))
-    memory[:7] = np.array((time, airborne, m.crossings, max_speed, UNDECIDED, time, 0.0))
-    m.position[:], m.impulse[:] = p, impulse
+    numbers = (time, airborne, m.crossings, max_speed, UNDECIDED, time, 0.0)
+    after = np.concatenate((np.array(numbers), p, impulse))
+    for k in range(len(memory)):
+        memory[k] = after[k]
     return crossing, offset, pushed, _verdict(p, time, course)
 
 

@@ -37,8 +37,17 @@ def next_speeds(speeds, command, rotors: RotorDynamics) -> np.ndarray:
         command: (rad/s), (n,); negative ones and NaN count as zero.
         rotors: all of them.
     """
-    target = np.where(command > 0.0, np.minimum(command, rotors.max_speeds), 0.0)
-    return speeds + rotors.step_share * (target - speeds)
+    result = np.empty(len(speeds))
+    for i in range(len(speeds)):
+        result[i] = next_speed(speeds[i], command[i], rotors.max_speeds[i], rotors.step_share)
+    return result
+
+
+@compilable
+def next_speed(speed, command, max_speed, step_share) -> float:
+    """Returns the speed of one rotor one period later; see next_speeds()."""
+    target = min(command, max_speed) if command > 0.0 else 0.0
+    return speed + step_share * (target - speed)
 
 
 class RotorStatus(NamedTuple):

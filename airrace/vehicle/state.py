@@ -45,9 +45,5 @@ def as_plant_state(vector, time=np.nan) -> State:
 @compilable
 def state_vector(state: State) -> np.ndarray:
     """Returns the vector of a state, (14,)."""
-    vector = np.empty(STATE_SIZE)
-    vector[0] = state.time
-    _, quaternion, position, angular_velocity, velocity = as_state(vector)
-    quaternion[:], position[:] = state.quaternion, state.position
-    angular_velocity[:], velocity[:] = state.angular_velocity, state.velocity
-    return vector
+    time, quaternion, position, angular_velocity, velocity = state
+    return np.concatenate((np.array((time,)), quaternion, position, angular_velocity, velocity))

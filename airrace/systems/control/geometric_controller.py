@@ -250,10 +250,11 @@ def _set_speeds(command, thrusts, speeds, max_thrusts, thrust_coefficients, max_
     Rotors answer late, so that the command goes beyond the speed that they should have.
     Those that are lost, or report no speed, are not driven.
     """
-    desired = np.sqrt(thrusts / thrust_coefficients)
-    overdriven = speeds + overdrive * (desired - speeds)
-    works = (max_thrusts > 0.0) & (overdriven > 0.0)  # NaN is not
-    command[:] = np.where(works, np.minimum(overdriven, max_speeds), 0.0)
+    for i in range(len(command)):
+        desired = math.sqrt(thrusts[i] / thrust_coefficients[i])
+        overdriven = speeds[i] + overdrive * (desired - speeds[i])
+        works = max_thrusts[i] > 0.0 and overdriven > 0.0  # NaN is not
+        command[i] = min(overdriven, max_speeds[i]) if works else 0.0
 
 
 def _attitude_gains(vehicle: Vehicle):

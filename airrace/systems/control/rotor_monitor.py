@@ -65,8 +65,10 @@ def _compare(slow_since, losses, report, least, now):
         now: (s).
     """
     status = as_rotor_status(report)
-    # Written such that a speed that is not a number is too low.
-    slow = (status.expected > least) & ~(status.speeds >= _SHARE * status.expected)
-    slow_since[:] = np.where(slow, np.minimum(slow_since, status.time), np.inf)
-    lost = status.time - slow_since >= _PATIENCE
-    losses[:] = np.where(lost, np.minimum(losses, now), losses)
+    for i in range(len(losses)):
+        expected = status.expected[i]
+        # Written such that a speed that is not a number is too low.
+        is_slow = expected > least[i] and not status.speeds[i] >= _SHARE * expected
+        slow_since[i] = min(slow_since[i], status.time) if is_slow else np.inf
+        if status.time - slow_since[i] >= _PATIENCE:
+            losses[i] = min(losses[i], now)

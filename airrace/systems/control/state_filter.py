@@ -12,7 +12,7 @@ from airrace.math.quaternion import integrate, rotation_matrix
 from airrace.math.vec3 import dot
 from airrace.systems.ports import read_vector
 from airrace.vehicle import GRAVITY, Vehicle
-from airrace.vehicle.state import STATE_SIZE, State, as_state
+from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
 
 # What the filter is tuned for; the first two are the reference system's noise.
 _POSITION_SIGMA = 0.005  # m
@@ -96,8 +96,9 @@ class StateFilter(LeafSystem):
         self.DeclareStateOutputPort("disturbance", self._disturbance)
 
     def _update(self, context, discrete_state):
-        _update(
-            discrete_state.get_mutable_value(self._memory),
+        memory = discrete_state.get_mutable_value(self._memory)
+        memory[:] = _update(
+            memory,
             discrete_state.get_mutable_value(self._disturbance),
             read_vector(self._estimate, context),
             read_vector(self._speeds, context),
@@ -107,8 +108,7 @@ class StateFilter(LeafSystem):
         )
 
     def _calc_estimate(self, context, output):
-        _carry_forward(
-            output.get_mutable_value(),
+        output.get_mutable_value()[:] = _carried_forward(
             read_vector(self._estimate, context),
             context.get_discrete_state(self._memory).value(),
             context.get_discrete_state(self._disturbance).value(),
@@ -137,16 +137,14 @@ def _quaternion_at(state: State, time):
 
 
 @compiled
-def _carry_forward(result, estimate, memory, disturbance, time):
-    """Sets the estimate for a time (s), (14,): the newest one if that is not finite."""
-    m, state, after = _as_memory(memory), as_state(estimate), as_state(result)
-    result[:] = estimate
+def _carried_forward(estimate, memory, disturbance, time):
+    """Returns the estimate for a time (s), (14,); the newest one if that is not finite."""
+    m, state = _as_memory(memory), as_state(estimate)
     if m.newest < 0.0 or not all_finite(estimate):
-        return
-    result[0] = time
-    after.quaternion[:] = _quaternion_at(state, time)
-    p, v = _predict(m, after.quaternion, m.thrust, disturbance, time)
-    after.position[:], after.velocity[:] = p, v
+        return estimate.copy()
+    quaternion = _quaternion_at(state, time)
+    position, velocity = _predict(m, quaternion, m.thrust, disturbance, time)
+    return state_vector(State(time, quaternion, position, state.angular_velocity, velocity))
 
 
 @compiled
@@ -154,19 +152,23 @@ def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now):
     """Predicts and corrects by an estimate, if it is new; else predicts the present.
 
     Args:
-        memory: vector of a FilterMemory, (9,); changed.
+        memory: vector of a FilterMemory, (9,).
         disturbance: see StateFilter, (3,); changed.
         estimate: (14,).
         speeds: of the rotors (rad/s), (n,); those that are not finite do not count.
         thrust_per_mass: of each rotor, per squared speed (m), (n,).
         gain: see kalman_gain().
         now: (s).
+
+    Returns:
+        the memory after it, (9,).
     """
     m, state = _as_memory(memory), as_state(estimate)
     if not all_finite(estimate):
-        return  # the prediction goes on from the last that was
-    speeds = np.where(np.isfinite(speeds), speeds, 0.0)
-    thrust = np.sum(thrust_per_mass * speeds * speeds)
+        return memory.copy()  # the prediction goes on from the last that was
+    thrust = 0.0
+    for c, speed in zip(thrust_per_mass, speeds):
+        thrust += c * speed * speed if math.isfinite(speed) else 0.0
     time, p, v = state.time, state.position.copy(), state.velocity.copy()
     is_new, begins = time > m.newest, m.newest < 0.0 or time > m.newest + _GAP
     if not begins:
@@ -179,8 +181,8 @@ def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now):
                 disturbance += gain[2, 0] * e_p + gain[2, 1] * e_v
             length = math.sqrt(dot(disturbance, disturbance))
             disturbance *= min(1.0, _MAX_DISTURBANCE / max(length, 1e-9))
-    memory[0], memory[1] = time if is_new or begins else now, max(time, m.newest)
-    memory[2], m.position[:], m.velocity[:] = thrust, p, v
+    predicted_to = time if is_new or begins else now
+    return np.concatenate((np.array((predicted_to, max(time, m.newest), thrust)), p, v))
 
 
 def kalman_gain(dt: float) -> np.ndarray:

@@ -6,7 +6,7 @@ from pydrake.systems.framework import LeafSystem
 from airrace.common.jit import compiled
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle
-from airrace.vehicle.rotors import RotorDynamics, as_rotor_status, make_rotor_dynamics, next_speeds
+from airrace.vehicle.rotors import RotorDynamics, as_rotor_status, make_rotor_dynamics, next_speed
 
 
 class RotorBank(LeafSystem):
@@ -88,8 +88,10 @@ def _update(speeds, thrusts, status, command, failed, rotors, now, period):
         now, period: (s).
     """
     rotors, report = RotorDynamics(*rotors), as_rotor_status(status)
-    speeds[:] = next_speeds(speeds, np.where(now < failed, command, 0.0), rotors)
-    thrusts[:] = rotors.thrust_coefficients * speeds * speeds
     status[0] = now + period
-    report.speeds[:] = speeds
-    report.expected[:] = next_speeds(report.expected, command, rotors)
+    for i in range(len(speeds)):
+        limit, share = rotors.max_speeds[i], rotors.step_share
+        obeyed = command[i] if now < failed[i] else 0.0
+        speeds[i] = report.speeds[i] = next_speed(speeds[i], obeyed, limit, share)
+        report.expected[i] = next_speed(report.expected[i], command[i], limit, share)
+        thrusts[i] = rotors.thrust_coefficients[i] * speeds[i] * speeds[i]

@@ -25,8 +25,10 @@ def remember(history, estimate):
         estimate: (14,).
     """
     if is_sound(estimate) and as_state(estimate).time > as_state(history[:STATE_SIZE]).time:
-        history[STATE_SIZE:] = history[:-STATE_SIZE].copy()
-        history[:STATE_SIZE] = estimate
+        for k in range(len(history) - 1, STATE_SIZE - 1, -1):
+            history[k] = history[k - STATE_SIZE]
+        for k in range(STATE_SIZE):
+            history[k] = estimate[k]
 
 
 @compiled

@@ -2,13 +2,14 @@
 
 import math
 
+import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compiled
 from airrace.math.random import NoiseSequence
 from airrace.systems.ports import read_vector
 from airrace.systems.sensing.pose_history import moved
-from airrace.vehicle.state import STATE_SIZE, as_plant_state, as_state, state_vector
+from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
 
 _MOMENT = 1e-9  # s, that only rounding makes
 
@@ -75,13 +76,14 @@ def _sampled(plant_state, time, lead, noise, sigmas):
         noise: standard normal numbers, (5,), of position, v_x and v_y.
         sigmas: of position and velocity, see StateEstimate.
     """
-    sample = state_vector(as_plant_state(plant_state, time))
-    state, (position_sigma, velocity_sigma) = as_state(sample), sigmas
+    position_sigma, velocity_sigma = sigmas
+    sample = np.concatenate((np.array((time,)), plant_state))
+    _, quaternion, position, angular_velocity, velocity = as_state(sample)
     if lead > _MOMENT:
-        state.quaternion[:], state.position[:] = moved(sample, -lead)
-    state.position[:] += position_sigma * noise[:3]
-    state.velocity[:2] *= 1.0 + velocity_sigma * noise[3:]
-    return sample
+        quaternion, position = moved(sample, -lead)
+    position += position_sigma * noise[:3]
+    velocity[:2] *= 1.0 + velocity_sigma * noise[3:]
+    return state_vector(State(time, quaternion, position, angular_velocity, velocity))
 
 
 def plant_lead(time: float, period: float) -> float:

@@ -108,7 +108,8 @@ class StateFilter(LeafSystem):
         )
 
     def _calc_estimate(self, context, output):
-        output.get_mutable_value()[:] = _carried_forward(
+        _carry_forward(
+            output.get_mutable_value(),
             read_vector(self._estimate, context),
             context.get_discrete_state(self._memory).value(),
             context.get_discrete_state(self._disturbance).value(),
@@ -137,14 +138,15 @@ def _quaternion_at(state: State, time):
 
 
 @compiled
-def _carried_forward(estimate, memory, disturbance, time):
-    """Returns the estimate for a time (s), (14,); the newest one if that is not finite."""
-    m, state = _as_memory(memory), as_state(estimate)
-    if m.newest < 0.0 or not all_finite(estimate):
-        return estimate.copy()
-    quaternion = _quaternion_at(state, time)
-    position, velocity = _predict(m, quaternion, m.thrust, disturbance, time)
-    return state_vector(State(time, quaternion, position, state.angular_velocity, velocity))
+def _carry_forward(result, estimate, memory, disturbance, time):
+    """Writes the estimate for a time (s), (14,); the newest one if that is not finite."""
+    m, state, after = _as_memory(memory), as_state(estimate), estimate
+    if m.newest >= 0.0 and all_finite(estimate):
+        quaternion = _quaternion_at(state, time)
+        position, velocity = _predict(m, quaternion, m.thrust, disturbance, time)
+        after = state_vector(State(time, quaternion, position, state.angular_velocity, velocity))
+    for k in range(STATE_SIZE):
+        result[k] = after[k]
 
 
 @compiled

@@ -160,7 +160,8 @@ def _corner_covariance(edges, variances):
         determinant = ax * by - ay * bx
         u_j = np.array([by, -bx]) / determinant
         u_i = np.array([-ay, ax]) / determinant
-        row = slice(2 * i, 2 * i + 2)
-        J[row, 2 * j], J[row, 2 * j + 1] = u_j, u_j * edges.length[j] / 2
-        J[row, 2 * i], J[row, 2 * i + 1] = u_i, -u_i * edges.length[i] / 2
+        for k in range(2):
+            row = 2 * i + k
+            J[row, 2 * j], J[row, 2 * j + 1] = u_j[k], u_j[k] * edges.length[j] / 2
+            J[row, 2 * i], J[row, 2 * i + 1] = u_i[k], -u_i[k] * edges.length[i] / 2
     return J @ np.diag(variances.ravel()) @ J.T

@@ -128,10 +128,11 @@ def _linearized(problem, R, t):
     for k in range(len(points)):
         q = rotate(R, points[k])
         pixel, by_position = _project(q + t, camera)
-        residual[k] = corners[k] - pixel
-        for i, gradient in enumerate(by_position):
-            J[2 * k + i, :3] = cross(q, gradient)  # a rotation w moves q by w x q
-            J[2 * k + i, 3:] = gradient
+        for i in range(2):
+            residual[k, i] = corners[k, i] - pixel[i]
+            by_rotation = cross(q, by_position[i])  # a rotation w moves q by w x q
+            for j in range(3):
+                J[2 * k + i, j], J[2 * k + i, 3 + j] = by_rotation[j], by_position[i, j]
     H, g, cost = np.zeros((6, 6)), np.zeros(6), 0.0
     for m in range(len(weights)):
         J_m, r_m = J[8 * m : 8 * m + 8], residual[4 * m : 4 * m + 4].ravel()

@@ -67,8 +67,9 @@ def _peak_norm(coefficients) -> float:
 
     at = np.arange(_SAMPLES + 1) / _SAMPLES
     found = squares(at, coefficients)
-    around = np.pad(found, ((0, 0), (1, 1)))
-    is_peak = (found >= np.maximum(around[:, :-2], around[:, 2:])) & (found >= _NEAR * found.max())
+    is_peak, rises = found >= _NEAR * found.max(), np.diff(found, axis=1) >= 0.0
+    is_peak[:, 1:] &= rises
+    is_peak[:, :-1] &= found[:, :-1] >= found[:, 1:]
     segment, i = np.nonzero(is_peak)
     at, each = at[i], np.arange(len(i))
     for width in _WIDTHS:

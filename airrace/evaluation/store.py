@@ -55,6 +55,7 @@ class RaceStore:
             self._load()
             if not (folder / SUMMARY).exists():
                 write_json(folder / SUMMARY, {"complete": False, "settings": settings})
+            _sync(folder)
         except BaseException:
             self._file.close()
             raise
@@ -126,6 +127,15 @@ class RaceStore:
     def _truncate(self, size):
         os.ftruncate(self._file.fileno(), size)
         os.fsync(self._file.fileno())
+
+
+def _sync(folder):
+    """Makes new names in a folder survive a loss of power."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _check_settings(folder, settings, resume):

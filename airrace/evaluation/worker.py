@@ -146,7 +146,7 @@ def _row(job: RaceJob, code: int, stderr: str, race_json: Path) -> dict:
     except (OSError, ValueError):
         result = dict(_NO_RESULT)
     wall, reason, error = result.pop("wall", None), result["dnf_reason"], None
-    signal_name = signal.Signals(-code).name if code < 0 else None
+    signal_name = _signal_name(-code) if code < 0 else None
     if reason == "interrupted" or signal_name in _KILLS:
         raise RaceKilled(f"its process was killed ({signal_name or 'SIGTERM'})")
     if signal_name:
@@ -165,3 +165,10 @@ def _row(job: RaceJob, code: int, stderr: str, race_json: Path) -> dict:
         "stderr": stderr[-_TAIL:] if error else None,
         "wall": wall,
     }
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

@@ -103,8 +103,9 @@ class AutonomyProcess:
     def _race_in_lockstep(self) -> int:
         exchange = Exchange(self._endpoint, self._receiver, self._sender)
         try:
-            ready = lambda: self._endpoint.beat(phases.READY, 0.0)  # noqa: E731
-            exchange.receive(self._context, self._stop, poll=ready)
+            exchange.receive(
+                self._context, self._stop, poll=lambda: self._endpoint.beat(phases.READY, 0.0)
+            )
             for now in lockstep_times(self._scenario, POLL_PERIOD):
                 if now == 0.0:
                     self._simulator.Initialize()

@@ -17,7 +17,6 @@ def main(argv=None) -> int:
 def run(args) -> int:
     """Runs the race of parsed arguments; returns the exit code."""
     from airrace.common.files import results_folder, run_path
-    from airrace.diagrams.hitl_race import remote_transport
     from airrace.diagrams.race import RESULTS, run_race
     from airrace.diagrams.warm_up import compile_apart
     from airrace.track import load_track
@@ -43,6 +42,8 @@ def run(args) -> int:
                 stack.enter_context(report_after(output_dir, display.announce))
             transport = None
             if args.simulation == "HITL":
+                from airrace.diagrams.hitl_race import remote_transport
+
                 transport = stack.enter_context(
                     remote_transport(args, scenario, output_dir, make_companion, display.note)
                 )

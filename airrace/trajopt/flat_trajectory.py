@@ -38,7 +38,7 @@ class FlatTrajectory(Immutable):
 
         Times beyond either end are clamped.
         """
-        return _evaluate(self._breaks, self._coefficients, np.array([float(time)]))[0, :count]
+        return _evaluate(self._breaks, self._coefficients, float(time))[:count]
 
     def reference(self, time: float) -> np.ndarray:
         """Returns the sample at a time, a Reference as a vector (18,).
@@ -53,7 +53,7 @@ class FlatTrajectory(Immutable):
 
     def sample(self, times) -> np.ndarray:
         """Returns samples at many times, References as vectors, (18, N)."""
-        d = _evaluate(self._breaks, self._coefficients, np.asarray(times, float))
+        d = _evaluate_all(self._breaks, self._coefficients, np.asarray(times, float))
         return pack(d.swapaxes(0, 1))
 
 
@@ -71,25 +71,24 @@ def segment_coefficients(polynomial: PiecewisePolynomial) -> np.ndarray:
     return result
 
 
-def piecewise_polynomial(coefficients, durations) -> PiecewisePolynomial:
-    """Returns the trajectory from time 0 with segment_coefficients(), and durations (n,) s."""
-    return PiecewisePolynomial(
-        [np.array([[Polynomial(c)] for c in piece]) for piece in coefficients],
-        np.concatenate([[0.0], np.cumsum(durations)]),
-    )
+def piecewise_polynomial(coefficients, breaks) -> PiecewisePolynomial:
+    """Returns the trajectory with segment_coefficients() and breaks, (n + 1,) s."""
+    pieces = [np.array([[Polynomial(c)] for c in piece]) for piece in coefficients]
+    return PiecewisePolynomial(pieces, breaks)
 
 
 @compiled
-def _evaluate(breaks, coefficients, times):
-    """Returns value and derivatives at times, clamped, (n, 5, 4): Horner's rule."""
+def _evaluate_all(breaks, coefficients, times):
+    """Returns value and derivatives at times, (n, 5, 4); see _evaluate()."""
     out = np.empty((len(times), 5, 4))
     for i in range(len(times)):
-        out[i] = _evaluate_at(breaks, coefficients, times[i])
+        out[i] = _evaluate(breaks, coefficients, times[i])
     return out
 
 
-@compilable
-def _evaluate_at(breaks, coefficients, time):
+@compiled
+def _evaluate(breaks, coefficients, time):
+    """Returns value and derivatives at a time, clamped, (5, 4): Horner's rule."""
     out, time = np.zeros((5, 4)), min(max(time, breaks[0]), breaks[-1])
     segment = min(np.searchsorted(breaks, time, side="right"), len(breaks) - 1) - 1
     t = time - breaks[segment]
@@ -104,7 +103,7 @@ def _evaluate_at(breaks, coefficients, time):
 @compiled
 def _reference(breaks, coefficients, time):
     """Returns the sample at a time, (18,); see FlatTrajectory.reference()."""
-    d = _evaluate_at(breaks, coefficients, time)
+    d = _evaluate(breaks, coefficients, time)
     if time > breaks[-1]:
         d[1:] = 0.0
     return flat_outputs(d)

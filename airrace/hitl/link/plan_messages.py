@@ -3,14 +3,17 @@
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace import lcmtypes
 from airrace.hitl.link.codec import Codec, field_codec
 from airrace.hitl.link.packets import MALFORMED, Dropped
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
-from airrace.trajopt.flat_trajectory import FlatTrajectory, segment_coefficients
+from airrace.trajopt.flat_trajectory import (
+    FlatTrajectory,
+    piecewise_polynomial,
+    segment_coefficients,
+)
 from airrace.trajopt.min_snap.circuit import Circuit
 
 _ROWS = 4
@@ -42,13 +45,7 @@ def _joined(parts: _Polynomials) -> PiecewisePolynomial:
     is_sound = breaks[0] == 0.0 and np.all(np.diff(breaks) >= _LEAST_STEP)
     if not is_sound or np.max(np.abs(numbers)) > _MOST:
         raise Dropped(MALFORMED)  # Drake would end the process
-    return PiecewisePolynomial(
-        [
-            np.array([[Polynomial(row)] for row in segment])
-            for segment in numbers.reshape(segments, _ROWS, -1)
-        ],
-        breaks.tolist(),
-    )
+    return piecewise_polynomial(numbers.reshape(segments, _ROWS, -1), breaks)
 
 
 def _checked_circuit(parts: _Circuit) -> Circuit:

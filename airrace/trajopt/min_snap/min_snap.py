@@ -263,7 +263,8 @@ class MinSnapProblem:
         coefficients = self.coefficients(durations, derivatives)
         coefficients /= durations[:, None, None] ** np.arange(len(self.order))[:, None]
         coefficients[:, 0] += self.origin
-        return piecewise_polynomial(coefficients.swapaxes(1, 2), durations)
+        breaks = np.concatenate([[0.0], np.cumsum(durations)])
+        return piecewise_polynomial(coefficients.swapaxes(1, 2), breaks)
 
 
 def _apply(constraint: DerivativeConstraint, values, periodic) -> None:

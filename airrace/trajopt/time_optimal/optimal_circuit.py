@@ -88,7 +88,8 @@ def flat_polynomial(
     basis, _ = unit_segment(DEGREE, 1)
     yaw = np.hstack([each * h ** order[:3] for each in yaws]) @ basis.T
     yaw = yaw / h ** np.arange(DEGREE + 1)
-    return piecewise_polynomial(np.concatenate([path, yaw[:, None]], axis=1), h[:, 0])
+    breaks = np.concatenate([[0.0], np.cumsum(h)])
+    return piecewise_polynomial(np.concatenate([path, yaw[:, None]], axis=1), breaks)
 
 
 def _yaw(samples: LapSamples) -> np.ndarray:

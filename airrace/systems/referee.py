@@ -10,7 +10,7 @@ from pydrake.geometry import QueryObject
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import LeafSystem
 
-from airrace.common.jit import compilable, compiled
+from airrace.common.jit import assign, compilable, compiled
 from airrace.math.vec3 import dot
 from airrace.systems.ports import read_vector
 from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
@@ -147,14 +147,13 @@ class Referee(LeafSystem):
         """
         LeafSystem.__init__(self)
         feet = track.pylons()[:, :2]
-        course = Course(
+        self._course = Course(
             gates=np.array([GateOpening(gate).numbers for gate in track.gates]),
             take_off_height=standing_height + 0.4,
             time_limit=float(time_limit),
             arena_min=feet.min(0) - arena_margin,
             arena_max=np.append(feet.max(0) + arena_margin, float(arena_margin)),
         )
-        self._course = tuple(course)
         self._names = body_names
         self._failures = rotor_failures
         self._touchable = sorted(set(body_names.values()) - set(_FLOOR))
@@ -188,7 +187,7 @@ class Referee(LeafSystem):
             read_vector(self._state, context),
             read_vector(self._impulse, context),
             shifts,
-            self._course,
+            tuple(self._course),
         )
         if crossing < 0.0 and not pushed and verdict == UNDECIDED:
             return
@@ -293,9 +292,7 @@ def _observe(memory, time, state, impulse, shifts, course):
     pushed = np.any(impulse != m.impulse)
     max_speed = max(m.max_speed, math.sqrt(dot(v, v)))
     numbers = (time, airborne, m.crossings, max_speed, UNDECIDED, time, 0.0)
-    after = np.concatenate((np.array(numbers), p, impulse))
-    for k in range(len(memory)):
-        memory[k] = after[k]
+    assign(memory, np.concatenate((np.array(numbers), p, impulse)))
     return crossing, offset, pushed, _verdict(p, time, course)
 
 

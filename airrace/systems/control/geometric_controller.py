@@ -105,7 +105,7 @@ class GeometricController(LeafSystem):
         )
         max_lift = self._remaining(np.full(n, np.inf).tobytes()).max_lift
         k_R, k_w = _attitude_gains(vehicle)
-        parameters = ControlParameters(
+        self._parameters = ControlParameters(
             mass=vehicle.mass,
             inertia=np.array(vehicle.inertia),
             k_x=vehicle.gains.position,
@@ -114,7 +114,6 @@ class GeometricController(LeafSystem):
             k_w=k_w,
             max_force=_THRUST_SHARE * max_lift / vehicle.mass,
         )
-        self._parameters = tuple(parameters)
         self._thrust_coefficients = vehicle.thrust_coefficients
         self._max_speeds = vehicle.max_speeds
         self._overdrive = _step_share(rate, min(_SHORT_LAG, vehicle.rotor_lag)) / _step_share(
@@ -164,7 +163,7 @@ class GeometricController(LeafSystem):
             reference: vector of a Reference, (18,), that leans against the disturbance.
             estimate: vector of a State, (14,).
         """
-        return _wrench(reference, estimate, self._parameters)
+        return _wrench(reference, estimate, tuple(self._parameters))
 
 
 @compiled

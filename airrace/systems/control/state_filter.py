@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.math import DiscreteAlgebraicRiccatiEquation
 from pydrake.systems.framework import LeafSystem
 
-from airrace.common.jit import all_finite, compilable, compiled
+from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.math.quaternion import integrate, rotation_matrix
 from airrace.math.vec3 import dot
 from airrace.systems.ports import read_vector
@@ -96,9 +96,8 @@ class StateFilter(LeafSystem):
         self.DeclareStateOutputPort("disturbance", self._disturbance)
 
     def _update(self, context, discrete_state):
-        memory = discrete_state.get_mutable_value(self._memory)
-        memory[:] = _update(
-            memory,
+        _update(
+            discrete_state.get_mutable_value(self._memory),
             discrete_state.get_mutable_value(self._disturbance),
             read_vector(self._estimate, context),
             read_vector(self._speeds, context),
@@ -145,8 +144,7 @@ def _carry_forward(result, estimate, memory, disturbance, time):
         quaternion = _quaternion_at(state, time)
         position, velocity = _predict(m, quaternion, m.thrust, disturbance, time)
         after = state_vector(State(time, quaternion, position, state.angular_velocity, velocity))
-    for k in range(STATE_SIZE):
-        result[k] = after[k]
+    assign(result, after)
 
 
 @compiled
@@ -154,20 +152,17 @@ def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now):
     """Predicts and corrects by an estimate, if it is new; else predicts the present.
 
     Args:
-        memory: vector of a FilterMemory, (9,).
+        memory: vector of a FilterMemory, (9,); changed.
         disturbance: see StateFilter, (3,); changed.
         estimate: (14,).
         speeds: of the rotors (rad/s), (n,); those that are not finite do not count.
         thrust_per_mass: of each rotor, per squared speed (m), (n,).
         gain: see kalman_gain().
         now: (s).
-
-    Returns:
-        the memory after it, (9,).
     """
     m, state = _as_memory(memory), as_state(estimate)
     if not all_finite(estimate):
-        return memory.copy()  # the prediction goes on from the last that was
+        return  # the prediction goes on from the last that was
     thrust = 0.0
     for c, speed in zip(thrust_per_mass, speeds):
         thrust += c * speed * speed if math.isfinite(speed) else 0.0
@@ -184,7 +179,8 @@ def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now):
             length = math.sqrt(dot(disturbance, disturbance))
             disturbance *= min(1.0, _MAX_DISTURBANCE / max(length, 1e-9))
     predicted_to = time if is_new or begins else now
-    return np.concatenate((np.array((predicted_to, max(time, m.newest), thrust)), p, v))
+    numbers = np.array((predicted_to, max(time, m.newest), thrust))
+    assign(memory, np.concatenate((numbers, p, v)))
 
 
 def kalman_gain(dt: float) -> np.ndarray:

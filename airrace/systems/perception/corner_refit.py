@@ -91,7 +91,7 @@ def _edge_points(image, edges, i, reach, is_crowded):
         # What rises outwards belongs to this edge: rim and modules fall. But so
         # does half of the noise, and there is more of it on the white side.
         gradient = np.maximum(gradient, 0.0)
-    contrast = gradient @ np.ones(len(ACROSS) - 1)
+    contrast = gradient.sum(axis=1)
     moment = gradient @ ((ACROSS[1:] + ACROSS[:-1]) / 2)
     return ALONG * edges.length[i], reach * moment / np.maximum(contrast, 1e-6), contrast
 

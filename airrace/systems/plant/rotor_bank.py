@@ -46,8 +46,7 @@ class RotorBank(LeafSystem):
         for rotor, time in failures:
             self._failed[rotor] = min(time, self._failed[rotor])
         self._period = period
-        self._rotors = tuple(make_rotor_dynamics(vehicle, period))
-        self._thrust_coefficients = vehicle.thrust_coefficients
+        self._rotors = make_rotor_dynamics(vehicle, period)
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         # The thrusts are a state, too, so that the plant never has to call Python.
         self._speeds = self.DeclareDiscreteState(n)
@@ -61,7 +60,9 @@ class RotorBank(LeafSystem):
     def set_speeds(self, context, speeds) -> None:
         """Makes the rotors turn with some speeds (rad/s), (n,)."""
         context.SetDiscreteState(self._speeds, speeds)
-        context.SetDiscreteState(self._thrusts, self._thrust_coefficients * np.square(speeds))
+        context.SetDiscreteState(
+            self._thrusts, self._rotors.thrust_coefficients * np.square(speeds)
+        )
         context.SetDiscreteState(self._status, [context.get_time(), *speeds, *speeds])
 
     def _update_speeds(self, context, discrete_state):
@@ -71,7 +72,7 @@ class RotorBank(LeafSystem):
             discrete_state.get_mutable_value(self._status),
             read_vector(self._command, context),
             self._failed,
-            self._rotors,
+            tuple(self._rotors),
             context.get_time(),
             self._period,
         )

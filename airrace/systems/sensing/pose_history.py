@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from airrace.common.jit import all_finite, compilable, compiled
+from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.math.quaternion import integrate
 from airrace.vehicle.state import STATE_SIZE, as_state
 
@@ -25,10 +25,7 @@ def remember(history, estimate):
         estimate: (14,).
     """
     if is_sound(estimate) and as_state(estimate).time > as_state(history[:STATE_SIZE]).time:
-        for k in range(len(history) - 1, STATE_SIZE - 1, -1):
-            history[k] = history[k - STATE_SIZE]
-        for k in range(STATE_SIZE):
-            history[k] = estimate[k]
+        assign(history, np.concatenate((estimate, history[:-STATE_SIZE])))
 
 
 @compiled

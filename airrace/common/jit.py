@@ -5,8 +5,8 @@ Where Python's own time counts (control loops, pixels), a function is marked
 beside the byte code of this package. Functions marked ``@compilable`` may be called by
 compiled ones, and stay Python otherwise: with numbers or arrays alike. What has parts is a
 NamedTuple of numbers and arrays. To hand one over from Python takes Numba longer than a
-controller computes; so loops of hundreds of hertz hand over a plain tuple, of which the
-compiled function makes the NamedTuple again.
+controller computes; so loops of hundreds of hertz hand over a plain tuple or a vector, of
+which the compiled function makes the NamedTuple again.
 """
 
 import hashlib
@@ -47,8 +47,8 @@ def _definitions(path, files, name=None):
         files: the contents of all, by path.
         name: the only name to look for; by default all.
     """
-    pattern = rb"^from %b\.?(\S*) import (?:\(([^)]*)\)|(.*))$" % _PACKAGE.name.encode()
-    for module, lines, line in re.findall(pattern, files[path], re.M):
+    pattern = rb"\nfrom %b\.?(\S*) import (?:\(([^)]*)\)|(.*))" % _PACKAGE.name.encode()
+    for module, lines, line in re.findall(pattern, b"\n" + files[path]):
         folder = _PACKAGE.joinpath(*module.decode().split("."))
         for item in (lines or line).decode().split(","):
             words = item.split()  # such as: a, or: a as b

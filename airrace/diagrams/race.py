@@ -4,6 +4,7 @@ The command line is in race_command.py; `python -m airrace.diagrams.race` is tha
 """
 
 import contextlib
+import gc
 import sys
 import time
 import types
@@ -78,10 +79,14 @@ def run_race(
         race.begin_files()
         try:
             race.start()
+            # What is built is kept to the end: no need to look through it for garbage.
+            gc.freeze()
             reason = race.fly(show, interrupted)
         except BaseException:
             race.rescue("interrupted" if interrupted.is_set else "stopped by an error")
             raise
+        finally:
+            gc.unfreeze()
         return race.finish(reason or "interrupted")
 
 

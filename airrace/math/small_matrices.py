@@ -1,7 +1,7 @@
 """Linear algebra for matrices of a few rows, for compiled functions.
 
 Matrices are float64 arrays in C order. On so few numbers this is faster than LAPACK, and
-its last digits, unlike those of LAPACK, do not depend on the processor.
+its last digits, unlike those of LAPACK and BLAS, do not depend on the processor.
 """
 
 import math
@@ -9,6 +9,17 @@ import math
 import numpy as np
 
 from airrace.common.jit import compiled
+
+
+@compiled
+def product(A, B):
+    """Returns A B, (n, m), of matrices (n, k) and (k, m)."""
+    result = np.zeros((len(A), B.shape[1]))
+    for i in range(len(A)):
+        for k in range(len(B)):
+            for j in range(B.shape[1]):
+                result[i, j] += A[i, k] * B[k, j]
+    return result
 
 
 @compiled

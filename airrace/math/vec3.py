@@ -27,3 +27,19 @@ def cross(a, b):
 def rotate(R, v):
     """Returns R v, (3,), of a matrix (3, 3) and one vector."""
     return np.array((dot(R[0], v), dot(R[1], v), dot(R[2], v)))
+
+
+@compilable
+def rotate_each(R, points):
+    """Returns R p, (n, 3), of a matrix (3, 3) and every point p of (n, 3)."""
+    result = np.empty((len(points), 3))
+    for i in range(len(points)):
+        for k in range(3):
+            result[i, k] = dot(R[k], points[i])
+    return result
+
+
+@compilable
+def from_columns(x, y, z):
+    """Returns the matrix with these columns, (3, 3)."""
+    return np.array(((x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])))

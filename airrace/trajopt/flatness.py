@@ -11,7 +11,7 @@ from airrace.vehicle import GRAVITY
 @compilable
 def unit_vector(n, dn, ddn):
     """Returns n / |n| and its first two derivatives, given those of n, (3,) or (3, N)."""
-    length = dot(n, n) ** 0.5
+    length = np.sqrt(dot(n, n))
     scale = 1 / length
     u = scale * n
     rate = dot(u, dn)
@@ -48,17 +48,10 @@ def attitude_from_force(force, force_rate, force_acceleration, heading):
         cross(ddb3, h) + 2.0 * cross(db3, dh) + cross(b3, ddh),
     )
     b1 = cross(b2, b3)
-    db1 = cross(db2, b3) + cross(b2, db3)
-    # The entries of R^T dR and of its derivative R^T ddR + dR^T dR.
-    w = np.array((dot(b3, db2), dot(b1, db3), dot(b2, db1)))
-    alpha = np.array(
-        (
-            dot(b3, ddb2) + dot(db3, db2),
-            dot(b1, ddb3) + dot(db1, db3),
-            -(dot(b1, ddb2) + dot(db1, db2)),
-        )
-    )
-    return (b1, b2, b3), w, alpha
+    # The entries of R^T dR = [w]x and of R^T ddR = [alpha]x + [w]x [w]x.
+    x, y, z = dot(b3, db2), dot(b1, db3), -dot(b1, db2)
+    alpha = np.array((dot(b3, ddb2) - y * z, dot(b1, ddb3) - x * z, x * y - dot(b1, ddb2)))
+    return (b1, b2, b3), np.array((x, y, z)), alpha
 
 
 @compilable
@@ -85,7 +78,7 @@ def inverse_dynamics(flat_outputs, vehicle):
     _, w, alpha = attitude_from_force(
         *force, heading_vectors(np.cos(r.yaw), np.sin(r.yaw), r.yaw_rate, r.yaw_acceleration)
     )
-    thrust = vehicle.mass * dot(force[0], force[0]) ** 0.5
+    thrust = vehicle.mass * np.sqrt(dot(force[0], force[0]))
     return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust, moments(vehicle, w, alpha)]), w
 
 

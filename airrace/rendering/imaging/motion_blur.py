@@ -8,6 +8,8 @@ import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
+from airrace.common.jit import compiled
+from airrace.math.vec3 import rotate
 from airrace.vehicle.state import State
 
 _DISTANCE = 10.0  # how far away a thing is whose blur decides on the effort (m)
@@ -87,9 +89,9 @@ class Shutter:
         self._X_BC = camera_info.X_BC
         # Points before the picture's middle and halfway to its sides and corners.
         w, h = camera_info.width, camera_info.height
-        self._pixels = np.array([[w * x, h * y, 4.0] for x in (1, 2, 3) for y in (1, 2, 3)]).T / 4
+        self._pixels = np.array([[w * x, h * y, 4.0] for x in (1, 2, 3) for y in (1, 2, 3)]) / 4
         self._K = camera_info.K
-        self._p_C = _DISTANCE * np.linalg.inv(self._K) @ self._pixels
+        self._p_C = _DISTANCE * self._pixels @ np.linalg.inv(self._K).T
 
     def poses(self, X_WB, w_WB, v_WB) -> list:
         """Returns pairs of a weight and X_WC; the weights add up to 1.
@@ -103,22 +105,30 @@ class Shutter:
         if self._time == 0:
             return [(1.0, X_WC(0.0))]
         half = self._time / 2
-        length = self._blur(X_WC(-half).InvertAndCompose(X_WC(half)))
+        X_01 = X_WC(-half).InvertAndCompose(X_WC(half))
+        R_01, p_01 = X_01.rotation().matrix(), X_01.translation()
+        length = _longest_motion(R_01, p_01, self._K, self._p_C, self._pixels)
         if length <= _SHARP:
             return [(1.0, X_WC(0.0))]
         nodes, weights = _quadrature(min(max(2, math.ceil(length / _STEP)), _MOST))
         return [(weight, X_WC(half * node)) for node, weight in zip(nodes, weights)]
 
-    def _blur(self, X_01) -> float:
-        """Returns how far a point moves in the picture at most (px).
 
-        Args:
-            X_01: the camera's pose at the end of the exposure, in that at its beginning.
-        """
-        R_01, p_01 = X_01.rotation().matrix(), X_01.translation()
-        x, y, depth = self._K @ (R_01 @ self._p_C + p_01[:, None])
-        depth = np.maximum(depth, 0.1 * _DISTANCE)
-        return np.hypot(x / depth - self._pixels[0], y / depth - self._pixels[1]).max()
+@compiled
+def _longest_motion(R_01, p_01, K, points, pixels) -> float:
+    """Returns how far a point moves in the picture at most (px).
+
+    Args:
+        R_01, p_01: the camera's pose at the end of the exposure, in that at its beginning.
+        K: calibration.
+        points, pixels: in the camera's frame at the beginning (m), and in the picture, (n, 3).
+    """
+    longest = 0.0
+    for p, pixel in zip(points, pixels):
+        q = rotate(R_01, p) + p_01
+        x, y, _ = rotate(K, q) / max(q[2], 0.1 * _DISTANCE)
+        longest = max(longest, math.hypot(x - pixel[0], y - pixel[1]))
+    return longest
 
 
 @functools.cache

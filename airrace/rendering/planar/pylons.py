@@ -6,6 +6,7 @@ import typing
 import numpy as np
 
 from airrace.common.jit import compiled
+from airrace.math.vec3 import dot, rotate_each
 from airrace.rendering.images import touches
 from airrace.rendering.planar.polygons import OVERLAPPING, end_at_seam, set_polygon, with_grey
 from airrace.rendering.planar.projection import bounding_box, clip_near
@@ -66,7 +67,7 @@ def pylon_box(p_CF_W, view):
         p_CF_W: from the camera to its foot, (3,) m.
         view: see View.
     """
-    hull_h, corners, n = (_HULL + p_CF_W) @ view.P.T, np.empty((20, 2)), 0
+    hull_h, corners, n = rotate_each(view.P, _HULL + p_CF_W), np.empty((20, 2)), 0
     for side in _HULL_SIDES:
         n += clip_near(hull_h, side, corners[n:])
     return bounding_box(corners, n, view.picture)
@@ -76,7 +77,7 @@ def pylon_box(p_CF_W, view):
 def is_inside(p_CF_W) -> bool:
     """Whether the camera is inside the pylon with its foot there; (3,) m."""
     shape = _DETAILS[0]
-    return p_CF_W[2] < 0.0 and np.all(shape.normals @ -p_CF_W < shape.offsets)
+    return p_CF_W[2] < 0.0 and np.all(dot(shape.normals.T, -p_CF_W) < shape.offsets)
 
 
 @compiled
@@ -95,8 +96,8 @@ def add_pylon(polygons, n, p_CF_W, view, box) -> int:
     distance = math.hypot(p_CF_W[0], p_CF_W[1])
     shape = _DETAILS[0 if distance <= _LIMITS[0] else 1 if distance <= _LIMITS[1] else 2]
     veil = haze(distance)
-    points_h = (shape.vertices + p_CF_W) @ view.P.T
-    is_front = shape.normals @ -p_CF_W > shape.offsets
+    points_h = rotate_each(view.P, shape.vertices + p_CF_W)
+    is_front = dot(shape.normals.T, -p_CF_W) > shape.offsets
     corners = np.empty((5, 2))
     for i in np.flatnonzero(is_front):
         count = clip_near(points_h, shape.facets[i], corners)

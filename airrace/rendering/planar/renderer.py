@@ -6,6 +6,7 @@ import typing
 import numpy as np
 
 from airrace.common.jit import compilable, compiled
+from airrace.math.vec3 import dot, from_columns, rotate, rotate_each
 from airrace.rendering.images import Box, as_boxes, touches, with_channels
 from airrace.rendering.planar.background import Background
 from airrace.rendering.planar.marker_face import FACE, marker_crossings, set_face
@@ -194,11 +195,11 @@ def _add_post(polygons, faces, n, scene, i, p_CF_W, view) -> int:
     for front in (False, True):
         for b in range(2 * i, 2 * i + 2):
             p_CM_W = p_CF_W + scene.p_FM_W[b]
-            if (p_CM_W @ scene.R_MW[b, 2] < 0.0) == front:
-                X = scene.R_MW[b].copy()
-                X[2] = p_CM_W
-                crossings = scene.crossings[b]
-                n = _add_board(polygons, faces, n, view.P @ X.T, crossings, front, view)
+            x_M, y_M, z_M = scene.R_MW[b]
+            if (dot(p_CM_W, z_M) < 0.0) == front:
+                P, crossings = view.P, scene.crossings[b]
+                H = from_columns(rotate(P, x_M), rotate(P, y_M), rotate(P, p_CM_W))
+                n = _add_board(polygons, faces, n, H, crossings, front, view)
         if not front:
             n = add_pylon(polygons, n, p_CF_W, view, box)
     return n
@@ -219,7 +220,7 @@ def _add_board(polygons, faces, n, H, crossings, front, view) -> int:
         how many polygons there are now.
     """
     corners = np.empty((5, 2))
-    count = clip_near(_CORNERS @ H.T, _NUMBERS, corners)
+    count = clip_near(rotate_each(H, _CORNERS), _NUMBERS, corners)
     box = bounding_box(corners, count, view.picture)
     if not touches(box, view.parts):
         return n

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from airrace.common.jit import all_finite, compilable, compiled
+from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.math.quaternion import rotation_matrix
-from airrace.math.vec3 import cross, dot, rotate
+from airrace.math.vec3 import cross, dot, from_columns, rotate
 from airrace.systems.control.attitude_error import attitude_error, lead_moment
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY, ReducedAttitude
 from airrace.systems.ports import read_vector
@@ -23,7 +23,7 @@ _THRUST_SHARE = 0.95  # of what the rotors have: the rest is for the attitude
 _LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
 _YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have for it
 _SHORT_LAG = 0.01  # s, the rotors' apparent lag under overdriven commands
-_NONE = np.zeros(3)  # no disturbance
+_NONE = np.zeros(3)  # no disturbance, and no motion
 
 
 class ControlParameters(NamedTuple):
@@ -44,6 +44,12 @@ class ControlParameters(NamedTuple):
     k_R: np.ndarray
     k_w: np.ndarray
     max_force: float
+
+
+@compilable
+def _as_parameters(vector) -> ControlParameters:
+    v = vector
+    return ControlParameters(v[0], v[1:4], v[4], v[5], v[6:9], v[9:12], v[12])
 
 
 class GeometricController(LeafSystem):
@@ -105,7 +111,7 @@ class GeometricController(LeafSystem):
         )
         max_lift = self._remaining(np.full(n, np.inf).tobytes()).max_lift
         k_R, k_w = _attitude_gains(vehicle)
-        self._parameters = ControlParameters(
+        parameters = ControlParameters(
             mass=vehicle.mass,
             inertia=np.array(vehicle.inertia),
             k_x=vehicle.gains.position,
@@ -114,6 +120,7 @@ class GeometricController(LeafSystem):
             k_w=k_w,
             max_force=_THRUST_SHARE * max_lift / vehicle.mass,
         )
+        self._parameters = np.hstack(parameters)  # quicker to hand over, see common/jit.py
         self._thrust_coefficients = vehicle.thrust_coefficients
         self._max_speeds = vehicle.max_speeds
         self._overdrive = _step_share(rate, min(_SHORT_LAG, vehicle.rotor_lag)) / _step_share(
@@ -163,7 +170,7 @@ class GeometricController(LeafSystem):
             reference: vector of a Reference, (18,), that leans against the disturbance.
             estimate: vector of a State, (14,).
         """
-        return _wrench(reference, estimate, tuple(self._parameters))
+        return _wrench(reference, estimate, self._parameters)
 
 
 @compiled
@@ -172,17 +179,16 @@ def _lean(reference, disturbance, feed_forward):
     _, _, acceleration, jerk, snap, _, _, _ = as_reference(reference)
     acceleration -= disturbance
     if not feed_forward:
-        jerk[:] = 0.0
-        snap[:] = 0.0
-        reference[-2:] = 0.0  # the derivatives of yaw
+        assign(jerk, _NONE)
+        assign(snap, _NONE)
+        assign(reference[-2:], _NONE)  # the derivatives of yaw
 
 
 @compiled
 def _wrench(reference, estimate, parameters):
     if not (all_finite(reference) and all_finite(estimate)):
         return np.full(4, np.nan)
-    parameters = ControlParameters(*parameters)
-    return lee_wrench(as_reference(reference), as_state(estimate), parameters)
+    return lee_wrench(as_reference(reference), as_state(estimate), _as_parameters(parameters))
 
 
 @compilable
@@ -214,7 +220,7 @@ def lee_wrench(reference: Reference, state: State, parameters: ControlParameters
     )
     R_WB, (x_D, y_D, z_D) = rotation_matrix(state.quaternion), axes
     R_BW = R_WB.T
-    R_BD = np.column_stack((rotate(R_BW, x_D), rotate(R_BW, y_D), rotate(R_BW, z_D)))
+    R_BD = from_columns(rotate(R_BW, x_D), rotate(R_BW, y_D), rotate(R_BW, z_D))
     w = rotate(R_BW, state.angular_velocity)
     w_d, alpha_d = rotate(R_BD, w_D), rotate(R_BD, alpha_D)
     e_R, e_w = attitude_error(R_BD.T, w), w - w_d

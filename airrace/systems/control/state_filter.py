@@ -12,7 +12,7 @@ from airrace.math.quaternion import integrate, rotation_matrix
 from airrace.math.vec3 import dot
 from airrace.systems.ports import read_vector
 from airrace.vehicle import GRAVITY, Vehicle
-from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
+from airrace.vehicle.state import STATE_SIZE, State, as_state
 
 # What the filter is tuned for; the first two are the reference system's noise.
 _POSITION_SIGMA = 0.005  # m
@@ -139,12 +139,15 @@ def _quaternion_at(state: State, time):
 @compiled
 def _carry_forward(result, estimate, memory, disturbance, time):
     """Writes the estimate for a time (s), (14,); the newest one if that is not finite."""
-    m, state, after = _as_memory(memory), as_state(estimate), estimate
+    assign(result, estimate)
+    m, state = _as_memory(memory), as_state(result)
     if m.newest >= 0.0 and all_finite(estimate):
         quaternion = _quaternion_at(state, time)
         position, velocity = _predict(m, quaternion, m.thrust, disturbance, time)
-        after = state_vector(State(time, quaternion, position, state.angular_velocity, velocity))
-    assign(result, after)
+        result[0] = time
+        assign(state.quaternion, quaternion)
+        assign(state.position, position)
+        assign(state.velocity, velocity)
 
 
 @compiled

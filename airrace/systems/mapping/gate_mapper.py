@@ -91,11 +91,12 @@ class GateMapper(LeafSystem):
         """
         history = context.get_discrete_state(self._history).value()
         last, before = last_two(history, self._estimate.Eval(context), time)
-        if as_state(last).time < 0.0 or not time - as_state(last).time <= self._longest_gap:
+        last_time = as_state(last).time
+        if last_time < 0.0 or not time - last_time <= self._longest_gap:
             return None, UNKNOWN_TIME
         if as_state(before).time >= 0.0 and jumps(before, last):
             return None, JUMP
-        return extrapolate(last, time - as_state(last).time), None
+        return extrapolate(last, time - last_time), None
 
     def _calc_map(self, context, output):
         output.set_value(context.get_abstract_state(int(self._state)).get_value().gate_map)

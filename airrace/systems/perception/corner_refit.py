@@ -3,6 +3,7 @@
 import numpy as np
 
 from airrace.common.jit import compiled
+from airrace.math.small_matrices import product
 from airrace.systems.perception.edge_profile import model_lines
 from airrace.systems.perception.edges import ACROSS, ALONG, EXTENT, intersect, make_edges, profiles
 from airrace.systems.perception.interpolation import as_pixels
@@ -118,7 +119,7 @@ def _fit_line(x, y, contrast, length):
     residual, count = (y - offset - slope * x)[used], used.sum()
     # Profiles less than a pixel apart sample the same pixels.
     independent = min(count, count * EXTENT * length / len(x))
-    scatter = np.dot(residual, residual) / max(independent - 2.0, 1.0)
+    scatter = (residual * residual).sum() / max(independent - 2.0, 1.0)
     offset_variance = scatter / count + _SYSTEMATIC**2
     slope_variance = scatter / spread + (_SYSTEMATIC / (0.5 * length)) ** 2
     return (offset, slope), (offset_variance, slope_variance)
@@ -134,8 +135,8 @@ def _line(x, y):
     if len(x) < _LEAST_POINTS:
         return np.nan, np.nan, np.nan
     deviation = x - x.mean()
-    spread = np.dot(deviation, deviation)
-    slope = np.dot(deviation, y) / spread
+    spread = (deviation * deviation).sum()
+    slope = (deviation * y).sum() / spread
     return y.mean() - slope * x.mean(), slope, spread
 
 
@@ -164,4 +165,4 @@ def _corner_covariance(edges, variances):
             row = 2 * i + k
             J[row, 2 * j], J[row, 2 * j + 1] = u_j[k], u_j[k] * edges.length[j] / 2
             J[row, 2 * i], J[row, 2 * i + 1] = u_i[k], -u_i[k] * edges.length[i] / 2
-    return J @ np.diag(variances.ravel()) @ J.T
+    return product(J * variances.ravel(), J.T)

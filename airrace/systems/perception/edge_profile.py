@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from airrace.common.jit import compiled
-from airrace.math.small_matrices import cholesky, solve_cholesky
+from airrace.math.small_matrices import cholesky, product, solve_cholesky
 from airrace.systems.perception.edges import ACROSS, ALONG, EXTENT, profiles
 from airrace.track import BOARD_SIZE, MARKER_SIZE
 
@@ -82,7 +82,7 @@ def _fit_offset(y, reach, width):
             J[j, 1:4] = step, rim, module
             J[j, 4] = (-by_z - by_rim + by_module) / s
             J[j, 5] = -(by_z * z + by_rim * z_rim + by_module * z_module) / s
-        H = J.T @ J + np.diag(weights)
+        H = product(J.T, J) + np.diag(weights)
         q += solve_cholesky(cholesky(H), J.T @ error - weights * (q - prior))
         q[4] = min(max(q[4], -_MOST_OFFSET), _MOST_OFFSET)
         q[5] = min(max(q[5], _LEAST_SIGMA), _MOST_SIGMA)

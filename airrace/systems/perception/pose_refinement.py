@@ -6,7 +6,7 @@ import typing
 import numpy as np
 
 from airrace.common.jit import compiled
-from airrace.math.small_matrices import cholesky, inverse, solve_cholesky
+from airrace.math.small_matrices import cholesky, inverse, product, solve_cholesky
 from airrace.math.vec3 import cross, rotate
 
 _MAX_ITERATIONS = 20
@@ -85,7 +85,7 @@ def pose_at(pose, p):
     q = pose.R @ p
     J = np.eye(6)
     J[3:, :3] = -_skew(q)  # it moves by w x q when F rotates by w
-    covariance = J @ pose.covariance @ J.T
+    covariance = product(product(J, pose.covariance), J.T)
     return Pose(pose.R, pose.t + q, pose.cost, pose.residual, covariance, pose.ambiguity)
 
 
@@ -101,7 +101,7 @@ def _refined(problem, R, t, limit):
     damping = 1e-6
     for _ in range(_MAX_ITERATIONS):
         step = solve_cholesky(cholesky(H + damping * np.diag(np.diag(H))), g)
-        R_new, t_new = rotation(step[:3]) @ R, t + step[3:]
+        R_new, t_new = product(rotation(step[:3]), R), t + step[3:]
         trial = _linearized(problem, R_new, t_new)
         if not trial[3] <= cost + _CONVERGED:
             damping *= 100.0
@@ -136,8 +136,8 @@ def _linearized(problem, R, t):
     H, g, cost = np.zeros((6, 6)), np.zeros(6), 0.0
     for m in range(len(weights)):
         J_m, r_m = J[8 * m : 8 * m + 8], residual[4 * m : 4 * m + 4].ravel()
-        weighted = J_m.T @ weights[m]
-        H += weighted @ J_m
+        weighted = product(J_m.T, weights[m])
+        H += product(weighted, J_m)
         g += weighted @ r_m
         cost += np.dot(r_m, weights[m] @ r_m)
     return residual, H, g, cost
@@ -177,7 +177,7 @@ def rotation(vector):
     s = math.sin(angle) / angle if angle > 1e-9 else 1.0
     c = 0.5 * (math.sin(angle / 2) / (angle / 2)) ** 2 if angle > 1e-9 else 0.5
     K = _skew(vector)
-    return np.eye(3) + s * K + c * (K @ K)
+    return np.eye(3) + s * K + c * product(K, K)
 
 
 @compiled

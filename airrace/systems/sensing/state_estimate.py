@@ -2,14 +2,13 @@
 
 import math
 
-import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from airrace.common.jit import compiled
+from airrace.common.jit import assign, compiled
 from airrace.math.random import NoiseSequence
 from airrace.systems.ports import read_vector
 from airrace.systems.sensing.pose_history import moved
-from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 _MOMENT = 1e-9  # s, that only rounding makes
 
@@ -57,7 +56,8 @@ class StateEstimate(LeafSystem):
 
     def _sample(self, context, discrete_state):
         time = context.get_time()
-        discrete_state.get_mutable_value()[:] = _sampled(
+        _sample(
+            discrete_state.get_mutable_value(),
             read_vector(self._state, context),
             time,
             plant_lead(time, self._state_period),
@@ -67,8 +67,8 @@ class StateEstimate(LeafSystem):
 
 
 @compiled
-def _sampled(plant_state, time, lead, noise, sigmas):
-    """Returns a sample, (14,).
+def _sample(sample, plant_state, time, lead, noise, sigmas):
+    """Fills a sample, (14,).
 
     Args:
         plant_state: (13,), and by how much it is ahead of that time: lead (s).
@@ -77,13 +77,15 @@ def _sampled(plant_state, time, lead, noise, sigmas):
         sigmas: of position and velocity, see StateEstimate.
     """
     position_sigma, velocity_sigma = sigmas
-    sample = np.concatenate((np.array((time,)), plant_state))
-    _, quaternion, position, angular_velocity, velocity = as_state(sample)
+    sample[0] = time
+    assign(sample[1:], plant_state)
+    _, quaternion, position, _, velocity = as_state(sample)
     if lead > _MOMENT:
-        quaternion, position = moved(sample, -lead)
+        before = moved(sample, -lead)
+        assign(quaternion, before[0])
+        assign(position, before[1])
     position += position_sigma * noise[:3]
     velocity[:2] *= 1.0 + velocity_sigma * noise[3:]
-    return state_vector(State(time, quaternion, position, angular_velocity, velocity))
 
 
 def plant_lead(time: float, period: float) -> float:

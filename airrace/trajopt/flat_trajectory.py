@@ -5,8 +5,8 @@ from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.common.immutable import Immutable
-from airrace.common.jit import compilable, compiled
-from airrace.trajopt.reference import Reference, as_reference
+from airrace.common.jit import assign, compilable, compiled
+from airrace.trajopt.reference import REFERENCE_SIZE, Reference, as_reference
 
 
 class FlatTrajectory(Immutable):
@@ -112,7 +112,11 @@ def _reference(breaks, coefficients, time):
 @compilable
 def flat_outputs(derivatives) -> np.ndarray:
     """Packs value and four derivatives of x, y, z, yaw, (5, 4), into (18,)."""
-    return np.concatenate((derivatives[:, :3].flatten(), derivatives[:3, 3]))
+    vector = np.empty(REFERENCE_SIZE)
+    for order in range(5):
+        assign(vector[3 * order :][:3], derivatives[order])
+    assign(vector[15:], derivatives[:, 3])
+    return vector
 
 
 def pack(derivatives) -> np.ndarray:

@@ -56,10 +56,11 @@ def attitude_from_force(force, force_rate, force_acceleration, heading):
 
 @compilable
 def heading_vectors(cos_yaw, sin_yaw, yaw_rate, yaw_acceleration):
-    """Returns the heading and its two derivatives for attitude_from_force()."""
-    zero = 0.0 * cos_yaw
-    h, left = np.array((cos_yaw, sin_yaw, zero)), np.array((-sin_yaw, cos_yaw, zero))
-    return h, yaw_rate * left, yaw_acceleration * left + (-yaw_rate * yaw_rate) * h
+    """Returns the heading and its two derivatives, (x, y, z) each, for attitude_from_force()."""
+    c, s, rate, squared = cos_yaw, sin_yaw, yaw_rate, yaw_rate * yaw_rate
+    first = -rate * s, rate * c, 0.0
+    second = -yaw_acceleration * s - squared * c, yaw_acceleration * c - squared * s, 0.0
+    return (c, s, 0.0), first, second
 
 
 def inverse_dynamics(flat_outputs, vehicle):

@@ -7,6 +7,8 @@ import numpy as np
 from airrace.common.jit import compilable
 from airrace.math.vec3 import cross, dot
 
+_UP = np.array((0.0, 0.0, 1.0))
+
 
 @compilable
 def attitude_error(R_DB, w) -> np.ndarray:
@@ -23,7 +25,7 @@ def attitude_error(R_DB, w) -> np.ndarray:
         w: angular velocity in B (rad/s), (3,), see tilt_error().
     """
     # The last row of R_DB is the desired z axis in B.
-    x, y, _ = tilt_error(R_DB[2], np.array((0.0, 0.0, 1.0)), w)
+    x, y, _ = tilt_error(R_DB[2], _UP, w)
     yaw = math.atan2(R_DB[1, 0] - R_DB[0, 1], R_DB[0, 0] + R_DB[1, 1])
     return np.array((x, y, 2.0 * math.sin(yaw / 2)))
 

@@ -16,6 +16,7 @@ from airrace.systems.ports import read_vector
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.reference import REFERENCE_SIZE, Reference, as_reference
 from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import STATE_SIZE, State, as_state
 
@@ -23,6 +24,7 @@ _THRUST_SHARE = 0.95  # of what the rotors have: the rest is for the attitude
 _LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
 _YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have for it
 _SHORT_LAG = 0.01  # s, the rotors' apparent lag under overdriven commands
+_GRAVITY_W = np.array((0.0, 0.0, -GRAVITY))  # m/s^2
 _NONE = np.zeros(3)  # no disturbance, and no motion
 
 
@@ -149,17 +151,18 @@ class GeometricController(LeafSystem):
             wrench = self._reduced.wrench(estimate, disturbance, remaining)
         else:
             return
-        if not all_finite(wrench):
-            return
-        _set_speeds(
-            discrete_state.get_mutable_value(),
-            remaining.allocator.allocate(wrench),
+        allocator, command = remaining.allocator, discrete_state.get_mutable_value()
+        rotors = (
             read_vector(self._speeds, context),
             remaining.max_thrusts,
             self._thrust_coefficients,
             self._max_speeds,
             self._overdrive,
         )
+        if allocator.is_complete and _set_by_inverse(command, wrench, allocator.inverse, *rotors):
+            return  # no rotor is at a limit, as nearly always
+        if all_finite(wrench):
+            _set_speeds(command, allocator.allocate(wrench), *rotors)
 
     def calc_wrench(self, reference, estimate) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), [f, Mx, My, Mz], (4,).
@@ -203,9 +206,13 @@ def lee_wrench(reference: Reference, state: State, parameters: ControlParameters
         reference: D, the desired motion. state: of the body B. parameters: of the vehicle.
     """
     mass, J, k_x, k_v, k_R, k_w, max_force = parameters
-    e_x, e_v = state.position - reference.position, state.velocity - reference.velocity
-    g_W = np.array((0.0, 0.0, GRAVITY))
-    force = limited(reference.acceleration - k_x * e_x - k_v * e_v + g_W, max_force)
+    force = limited(
+        k_x * (reference.position - state.position)
+        + k_v * (reference.velocity - state.velocity)
+        + reference.acceleration
+        - _GRAVITY_W,
+        max_force,
+    )
     # Equation (23), and the derivatives of that attitude.
     axes, w_D, alpha_D = attitude_from_force(
         force,
@@ -226,9 +233,9 @@ def lee_wrench(reference: Reference, state: State, parameters: ControlParameters
     e_R, e_w = attitude_error(R_BD.T, w), w - w_d
     spin = np.array((-e_w[2] * e_w[1], e_w[2] * e_w[0], 0.0))
     alpha = -k_R * e_R - k_w * e_w - spin - cross(w, w_d) + alpha_d
-    moment = lead_moment(J * alpha + cross(w, J * w), ROTOR_DELAY * w[2])
+    Mx, My, Mz = lead_moment(J * alpha + cross(w, J * w), ROTOR_DELAY * w[2])
     thrust = mass * max(dot(force, R_WB[:, 2]), 0.0)
-    return np.array((thrust, moment[0], moment[1], moment[2]))
+    return np.array((thrust, Mx, My, Mz))
 
 
 @compilable
@@ -246,6 +253,15 @@ def limited(force, greatest: float) -> np.ndarray:
     side = math.hypot(x, y)
     share = min(1.0, math.sqrt(greatest**2 - z**2) / side) if side > 0.0 else 1.0
     return np.array((share * x, share * y, z))
+
+
+@compiled
+def _set_by_inverse(command, wrench, inverse, speeds, max_thrusts, *rotors) -> bool:
+    """Sets the speeds for a wrench by the pseudo-inverse; returns whether the limits allow it."""
+    thrusts, possible = by_inverse(inverse, wrench, max_thrusts)
+    if possible:
+        _set_speeds(command, thrusts, speeds, max_thrusts, *rotors)
+    return possible
 
 
 @compiled

@@ -20,6 +20,7 @@ _VELOCITY_SIGMA = 0.3  # m/s, 3 % of 10 m/s
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the rotors' thrust
 _DISTURBANCE_NOISE = 0.7  # m/s^2 / sqrt(s), how fast the disturbance wanders
 _MAX_DISTURBANCE = 8.0  # m/s^2
+_GRAVITY_W = np.array((0.0, 0.0, -GRAVITY))  # m/s^2
 _GAP = 0.1  # s without an estimate, after which the filter begins anew
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 
@@ -125,8 +126,7 @@ def _predict(memory: FilterMemory, quaternion, thrust, disturbance, time):
         thrust: per mass (m/s^2). disturbance: see StateFilter.
     """
     p, v, dt = memory.position, memory.velocity, time - memory.time
-    g_W = np.array((0.0, 0.0, GRAVITY))
-    a = thrust * rotation_matrix(quaternion)[:, 2] + disturbance - g_W
+    a = thrust * rotation_matrix(quaternion)[:, 2] + disturbance + _GRAVITY_W
     return p + dt * (v + 0.5 * dt * a), v + dt * a
 
 

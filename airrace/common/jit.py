@@ -90,7 +90,7 @@ def compiled(function):
 
 @compilable
 def assign(vector, values) -> None:
-    """Writes numbers into an array, (n,), one by one.
+    """Writes the first n of some numbers into an array, (n,), one by one.
 
     Numba makes ten times as many instructions of ``vector[:] = values``, for whatever shapes
     there are; in loops of hundreds of hertz they push other code out of the processor's caches.

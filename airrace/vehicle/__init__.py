@@ -16,6 +16,7 @@ from airrace.vehicle.state import STATE_SIZE, State, as_plant_state, as_state, s
 from airrace.vehicle.vehicle import (
     DRONES,
     GRAVITY,
+    GRAVITY_W,
     CameraMount,
     Drag,
     Gains,

@@ -9,10 +9,12 @@ import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from airrace.common.errors import UserError
+from airrace.common.immutable import read_only
 from airrace.common.resources import load_yaml, models_path
 from airrace.vehicle.allocation import wrench_margin
 
-GRAVITY = 9.81
+GRAVITY = 9.81  # m/s^2
+GRAVITY_W = read_only(np.array((0.0, 0.0, -GRAVITY)))  # in the world
 DRONES = {"Default": "default", "StarOne": "star_one"}
 # Body x forward, y left, z up to camera x right, y down, z forward.
 _R_BC_LEVEL = RotationMatrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

@@ -15,7 +15,7 @@ from airrace.systems.control.reduced_attitude import ROTOR_DELAY, ReducedAttitud
 from airrace.systems.ports import read_vector
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.reference import REFERENCE_SIZE, Reference, as_reference
-from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle import GRAVITY, GRAVITY_W, Vehicle
 from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import STATE_SIZE, State, as_state
@@ -24,7 +24,6 @@ _THRUST_SHARE = 0.95  # of what the rotors have: the rest is for the attitude
 _LEAST_LIFT = 0.2 * GRAVITY  # m/s^2, so that errors never ask to point down
 _YAW_REACH = 0.25  # rad, an error in yaw that takes all that the rotors have for it
 _SHORT_LAG = 0.01  # s, the rotors' apparent lag under overdriven commands
-_GRAVITY_W = np.array((0.0, 0.0, -GRAVITY))  # m/s^2
 _NONE = np.zeros(3)  # no disturbance, and no motion
 
 
@@ -210,7 +209,7 @@ def lee_wrench(reference: Reference, state: State, parameters: ControlParameters
         k_x * (reference.position - state.position)
         + k_v * (reference.velocity - state.velocity)
         + reference.acceleration
-        - _GRAVITY_W,
+        - GRAVITY_W,
         max_force,
     )
     # Equation (23), and the derivatives of that attitude.

@@ -11,7 +11,7 @@ from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.math.quaternion import integrate, rotation_matrix
 from airrace.math.vec3 import dot
 from airrace.systems.ports import read_vector
-from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle import GRAVITY, GRAVITY_W, Vehicle
 from airrace.vehicle.state import STATE_SIZE, State, as_state
 
 # What the filter is tuned for; the first two are the reference system's noise.
@@ -20,7 +20,6 @@ _VELOCITY_SIGMA = 0.3  # m/s, 3 % of 10 m/s
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the rotors' thrust
 _DISTURBANCE_NOISE = 0.7  # m/s^2 / sqrt(s), how fast the disturbance wanders
 _MAX_DISTURBANCE = 8.0  # m/s^2
-_GRAVITY_W = np.array((0.0, 0.0, -GRAVITY))  # m/s^2
 _GAP = 0.1  # s without an estimate, after which the filter begins anew
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 
@@ -126,7 +125,7 @@ def _predict(memory: FilterMemory, quaternion, thrust, disturbance, time):
         thrust: per mass (m/s^2). disturbance: see StateFilter.
     """
     p, v, dt = memory.position, memory.velocity, time - memory.time
-    a = thrust * rotation_matrix(quaternion)[:, 2] + disturbance + _GRAVITY_W
+    a = thrust * rotation_matrix(quaternion)[:, 2] + disturbance + GRAVITY_W
     return p + dt * (v + 0.5 * dt * a), v + dt * a
 
 

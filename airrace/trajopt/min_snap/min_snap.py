@@ -187,18 +187,18 @@ class MinSnapProblem:
         Args: durations: (segments,) s; by default all the same.
         """
         _, hessian, _ = self.assemble(np.ones(len(self.rows)) if durations is None else durations)
-        for free, _ in self._free:
-            part = hessian[np.ix_(free, free)]
-            scale = 1.0 / np.sqrt(np.diag(part))
-            if not np.linalg.eigvalsh(part * scale[:, None] * scale)[0] > 1e-13:
+        for part, _ in self._free:
+            free = hessian[part]
+            scale = 1.0 / np.sqrt(np.diag(free))
+            if not np.linalg.eigvalsh(free * scale[:, None] * scale)[0] > 1e-13:
                 raise TrajectoryOptimizationError(_NOT_UNIQUE)
 
     @functools.cached_property
     def _free(self) -> list:
-        """Which rows are free, (N,), in which dimensions."""
+        """Where free rows are in H, and in arrays like the values: a pair for each pattern."""
         patterns, which = np.unique(~self.fixed, axis=1, return_inverse=True)
         return [
-            (free, np.flatnonzero(which.ravel() == k))
+            (np.ix_(free, free), np.ix_(free, which.ravel() == k))
             for k, free in enumerate(patterns.T)
             if free.any()
         ]
@@ -233,16 +233,13 @@ class MinSnapProblem:
         """
         y = np.zeros_like(right)
         scale = 1.0 / np.sqrt(np.diag(hessian))[:, None]
-        for free, columns in self._free:
-            s, b = scale[free], right[np.ix_(free, columns)]
-            try:
-                factor = scipy.linalg.cho_factor(
-                    s * hessian[np.ix_(free, free)] * s.T, check_finite=False
-                )
-            except scipy.linalg.LinAlgError as e:
-                raise TrajectoryOptimizationError(_NOT_UNIQUE) from e
-            solved = scipy.linalg.cho_solve(factor, s * b.reshape(len(s), -1), check_finite=False)
-            y[np.ix_(free, columns)] = (s * solved).reshape(b.shape)
+        for part, place in self._free:
+            s, b = scale[place[0][:, 0]], right[place]
+            scaled = s * hessian[part] * s.T
+            _, solved, failed = scipy.linalg.lapack.dposv(scaled, s * b.reshape(len(s), -1))
+            if failed:
+                raise TrajectoryOptimizationError(_NOT_UNIQUE)
+            y[place] = (s * solved).reshape(b.shape)
         if not np.isfinite(y).all():
             raise TrajectoryOptimizationError(_NOT_UNIQUE)
         return y

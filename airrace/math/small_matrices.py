@@ -14,11 +14,25 @@ from airrace.common.jit import compiled
 @compiled
 def product(A, B):
     """Returns A B, (n, m), of matrices (n, k) and (k, m)."""
-    result = np.zeros((len(A), B.shape[1]))
+    result = np.empty((len(A), B.shape[1]))
     for i in range(len(A)):
-        for k in range(len(B)):
-            for j in range(B.shape[1]):
-                result[i, j] += A[i, k] * B[k, j]
+        for j in range(B.shape[1]):
+            total = 0.0
+            for k in range(len(B)):
+                total += A[i, k] * B[k, j]
+            result[i, j] = total
+    return result
+
+
+@compiled
+def apply(A, x):
+    """Returns A x, (n,), of a matrix (n, k) and a vector (k,)."""
+    result = np.empty(len(A))
+    for i in range(len(A)):
+        total = 0.0
+        for k in range(len(x)):
+            total += A[i, k] * x[k]
+        result[i] = total
     return result
 
 
@@ -66,13 +80,13 @@ def solve_cholesky(L, b):
 @compiled
 def inverse(A):
     """Returns the inverse of a symmetric positive definite matrix, (n, n); see cholesky()."""
-    n = len(A)
-    L = cholesky(A)
-    result, unit = np.empty((n, n)), np.zeros(n)
+    n, L = len(A), cholesky(A)
+    M = np.zeros((n, n))  # L^-1
     for j in range(n):
-        unit[j] = 1.0
-        column = solve_cholesky(L, unit)
-        unit[j] = 0.0
-        for i in range(j, n):
-            result[i, j] = result[j, i] = column[i]
-    return result
+        M[j, j] = 1.0 / L[j, j]
+        for i in range(j + 1, n):
+            total = 0.0
+            for k in range(j, i):
+                total += L[i, k] * M[k, j]
+            M[i, j] = -total / L[i, i]
+    return product(M.T, M)

@@ -159,8 +159,8 @@ def _corner_covariance(edges, variances):
         j = (i + 3) % 4  # the edge before
         (ax, ay), (bx, by) = edges.outward[j], edges.outward[i]
         determinant = ax * by - ay * bx
-        u_j = np.array([by, -bx]) / determinant
-        u_i = np.array([-ay, ax]) / determinant
+        u_j = np.array((by, -bx)) / determinant
+        u_i = np.array((-ay, ax)) / determinant
         for k in range(2):
             row = 2 * i + k
             J[row, 2 * j], J[row, 2 * j + 1] = u_j[k], u_j[k] * edges.length[j] / 2

@@ -6,8 +6,8 @@ import typing
 import numpy as np
 
 from airrace.common.jit import compiled
-from airrace.math.small_matrices import cholesky, inverse, product, solve_cholesky
-from airrace.math.vec3 import cross, rotate
+from airrace.math.small_matrices import apply, cholesky, inverse, product, solve_cholesky
+from airrace.math.vec3 import cross, dot, rotate
 
 _MAX_ITERATIONS = 20
 _CONVERGED = 1e-4  # squared standard deviations, of a step
@@ -82,7 +82,7 @@ def best_pose(points, corners, covariances, camera, seeds):
 @compiled
 def pose_at(pose, p):
     """Returns the Pose of a frame that is fixed to F, at p in F with its axes; (3,) m."""
-    q = pose.R @ p
+    q = rotate(pose.R, p)
     J = np.eye(6)
     J[3:, :3] = -_skew(q)  # it moves by w x q when F rotates by w
     covariance = product(product(J, pose.covariance), J.T)
@@ -108,9 +108,9 @@ def _refined(problem, R, t, limit):
             continue
         R, t, damping = R_new, t_new, damping / 10
         residual, H, g, cost = trial
-        if damping < 1.0 and np.dot(step, H @ step) < _CONVERGED:
+        if damping < 1.0 and np.sum(step * apply(H, step)) < _CONVERGED:
             break
-    if not np.all(problem.points @ R[2] + t[2] > 0.0):
+    if not np.all(apply(problem.points, R[2]) + t[2] > 0.0):
         cost = np.nan
     return Pose(R, t, cost, residual, inverse(H), 0.0)
 
@@ -136,10 +136,10 @@ def _linearized(problem, R, t):
     H, g, cost = np.zeros((6, 6)), np.zeros(6), 0.0
     for m in range(len(weights)):
         J_m, r_m = J[8 * m : 8 * m + 8], residual[4 * m : 4 * m + 4].ravel()
-        weighted = product(J_m.T, weights[m])
-        H += product(weighted, J_m)
-        g += weighted @ r_m
-        cost += np.dot(r_m, weights[m] @ r_m)
+        weighted = product(weights[m], J_m)
+        H += product(J_m.T, weighted)
+        g += apply(weighted.T, r_m)
+        cost += np.sum(r_m * apply(weights[m], r_m))
     return residual, H, g, cost
 
 
@@ -166,14 +166,15 @@ def _project(p, camera):
     u_x = fx * (radial + 2 * x * x * by_s + 2 * p1 * y + 6 * p2 * x)
     v_y = fy * (radial + 2 * y * y * by_s + 6 * p1 * y + 2 * p2 * x)
     u_y, v_x = fx * across, fy * across
-    by_p = np.array([[u_x, u_y, -(u_x * x + u_y * y)], [v_x, v_y, -(v_x * x + v_y * y)]]) / z
-    return np.array([fx * u + cx, fy * v + cy]), by_p
+    u_z, v_z = -(u_x * x + u_y * y), -(v_x * x + v_y * y)
+    by_p = np.array(((u_x / z, u_y / z, u_z / z), (v_x / z, v_y / z, v_z / z)))
+    return np.array((fx * u + cx, fy * v + cy)), by_p
 
 
 @compiled
 def rotation(vector):
     """Returns the rotation matrix of a rotation vector (rad), (3, 3) (Rodrigues)."""
-    angle = np.linalg.norm(vector)
+    angle = math.sqrt(dot(vector, vector))
     s = math.sin(angle) / angle if angle > 1e-9 else 1.0
     c = 0.5 * (math.sin(angle / 2) / (angle / 2)) ** 2 if angle > 1e-9 else 0.5
     K = _skew(vector)
@@ -184,4 +185,4 @@ def rotation(vector):
 def _skew(v):
     """Returns the matrix of the cross product with v: _skew(v) @ x is v x x, (3, 3)."""
     x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))

@@ -25,6 +25,12 @@ def product(A, B):
 
 
 @compiled
+def propagated(J, covariance):
+    """Returns the covariance J C J^T, (n, n), of J x, if C is that of x, (k, k); J: (n, k)."""
+    return product(product(J, covariance), J.T)
+
+
+@compiled
 def apply(A, x):
     """Returns A x, (n,), of a matrix (n, k) and a vector (k,)."""
     result = np.empty(len(A))

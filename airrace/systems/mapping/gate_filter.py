@@ -13,7 +13,15 @@ import numpy as np
 from airrace.common.immutable import Immutable, read_only
 from airrace.common.jit import compiled
 from airrace.math.angles import wrap_angle
-from airrace.math.small_matrices import cholesky, inverse, solve_cholesky
+from airrace.math.small_matrices import (
+    apply,
+    cholesky,
+    inverse,
+    product,
+    propagated,
+    solve_cholesky,
+)
+from airrace.math.vec3 import dot
 from airrace.systems.mapping.observation import Observation
 from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.track import BOARD_OFFSET
@@ -176,13 +184,13 @@ def board_position(state, id):
     half = 0.5 if id & 2 else -0.5  # right, left
     side, out = half * spacing, BOARD_OFFSET * facing(id)
     c, s = math.cos(heading), math.sin(heading)
-    p_WM = np.array([x + out * c + side * s, y + out * s - side * c, z])
+    p_WM = np.array((x + out * c + side * s, y + out * s - side * c, z))
     H = np.array(
-        [
-            [1.0, 0.0, 0.0, -out * s + side * c, half * s],
-            [0.0, 1.0, 0.0, out * c + side * s, -half * c],
-            [0.0, 0.0, 1.0, 0.0, 0.0],
-        ]
+        (
+            (1.0, 0.0, 0.0, -out * s + side * c, half * s),
+            (0.0, 1.0, 0.0, out * c + side * s, -half * c),
+            (0.0, 0.0, 1.0, 0.0, 0.0),
+        )
     )
     return p_WM, H
 
@@ -193,7 +201,7 @@ def boards(state, covariance):
     result = np.zeros((4, 3, 3))
     for id in range(4):
         p_WM, H = board_position(state, id)
-        result[id, 0], result[id, 1] = p_WM, np.diag(H @ covariance @ H.T)
+        result[id, 0], result[id, 1] = p_WM, np.diag(propagated(H, covariance))
         result[id, 2, 0] = facing(id) * math.cos(state[3])
         result[id, 2, 1] = facing(id) * math.sin(state[3])
     return result
@@ -218,7 +226,7 @@ def is_behind(state, observation, reach):
 def _squared_distance(state, covariance, observation):
     """Returns the squared Mahalanobis distance of an observation: nu^T S^-1 nu."""
     p_WM, H = board_position(state, observation.id)
-    S = H @ covariance @ H.T + observation.covariance
+    S = propagated(H, covariance) + observation.covariance
     return _normalized_square(observation.p_WM - p_WM, S)
 
 
@@ -226,7 +234,7 @@ def _squared_distance(state, covariance, observation):
 def _normalized_square(error, covariance):
     """Returns e^T (C + sigma^2 I)^-1 e for a position's error (m), with its shared part."""
     C = covariance + _POSITION_SIGMA**2 * np.eye(3)
-    return np.dot(error, solve_cholesky(cholesky(C), error))
+    return dot(error, solve_cholesky(cholesky(C), error))
 
 
 @compiled
@@ -238,8 +246,8 @@ def _information(state, observation):
     the board's normal.
     """
     p_WM, H = board_position(state, observation.id)
-    weighted = H.T @ inverse(observation.covariance)
-    matrix, vector = weighted @ H, weighted @ (observation.p_WM - p_WM)
+    weighted = product(H.T, inverse(observation.covariance))
+    matrix, vector = product(weighted, H), apply(weighted, observation.p_WM - p_WM)
     turn, variance = wrap_angle(gate_heading(observation) - state[3]), observation.heading_variance
     # Of the two poses that a square admits, the detector may have taken the wrong one.
     if turn**2 < _HEADING_SIGMAS**2 * variance:
@@ -265,7 +273,7 @@ def _filtered(state, covariance, dt, weight, observation):
     predicted = covariance + np.diag(dt * _PROCESS_NOISE)
     matrix, vector = _information(state, observation)
     after = inverse(inverse(predicted) + weight * matrix)
-    return state + after @ (weight * vector), after
+    return state + apply(after, weight * vector), after
 
 
 @compiled

@@ -8,7 +8,8 @@ from pydrake.math import RigidTransform
 
 from airrace.common.immutable import read_only
 from airrace.common.jit import compiled
-from airrace.math.small_matrices import cholesky
+from airrace.math.small_matrices import cholesky, propagated
+from airrace.math.vec3 import dot, rotate
 from airrace.systems.perception.detection_checks import FOREIGN_ID, FROM_BEHIND
 from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.systems.types import CameraInfo, Detection
@@ -128,9 +129,9 @@ def _world_covariance(R_WC, p_CM, covariance, size):
     J = np.zeros((4, 6))
     J[:3, 3:] = R_WC
     J[3, :3] = R_WC[2]
-    result = J @ covariance @ J.T
-    ray = R_WC @ p_CM
-    squared = np.dot(ray, ray)
+    result = propagated(J, covariance)
+    ray = rotate(R_WC, p_CM)
+    squared = dot(ray, ray)
     range_variance = (_RADIAL * squared / size) ** 2
     result[:3, :3] += (_POSITION**2 + _ATTITUDE**2 * squared) * np.eye(3)
     result[:3, :3] += range_variance / squared * np.outer(ray, ray)

@@ -6,7 +6,14 @@ import typing
 import numpy as np
 
 from airrace.common.jit import compiled
-from airrace.math.small_matrices import apply, cholesky, inverse, product, solve_cholesky
+from airrace.math.small_matrices import (
+    apply,
+    cholesky,
+    inverse,
+    product,
+    propagated,
+    solve_cholesky,
+)
 from airrace.math.vec3 import cross, dot, rotate
 
 _MAX_ITERATIONS = 20
@@ -85,7 +92,7 @@ def pose_at(pose, p):
     q = rotate(pose.R, p)
     J = np.eye(6)
     J[3:, :3] = -_skew(q)  # it moves by w x q when F rotates by w
-    covariance = product(product(J, pose.covariance), J.T)
+    covariance = propagated(J, pose.covariance)
     return Pose(pose.R, pose.t + q, pose.cost, pose.residual, covariance, pose.ambiguity)
 
 

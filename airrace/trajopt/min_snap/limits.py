@@ -9,9 +9,8 @@ from airrace.trajopt.flat_trajectory import segment_coefficients
 from airrace.trajopt.min_snap.min_snap import MinSnapProblem
 
 _SAMPLES = 50  # of a segment, which bracket the peaks
-_STEPS = np.linspace(-1.0, 1.0, 33)  # samples about a peak, drawn closer and closer:
-_WIDTHS = 1.0 / _SAMPLES / 16.0 ** np.arange(3)
 _NEAR = 0.9  # of the greatest square: lesser peaks are not refined
+_ROUNDS = 3  # of Newton's method, the last for its value alone
 
 
 def slowdown_factor(problem: MinSnapProblem, durations, limits) -> float:
@@ -23,7 +22,7 @@ def slowdown_factor(problem: MinSnapProblem, durations, limits) -> float:
     durations = problem.check_durations(durations)
     coefficients = problem.coefficients(durations, problem.solve(durations))
     speed, acceleration = _peaks(coefficients, durations)
-    return max(speed / limits[0], (acceleration / limits[1]) ** 0.5)
+    return float(max(speed / limits[0], (acceleration / limits[1]) ** 0.5))
 
 
 def peak_speed_and_acceleration(trajectory) -> tuple[float, float]:
@@ -39,44 +38,44 @@ def peak_speed_and_acceleration(trajectory) -> tuple[float, float]:
     coefficients = (
         coefficients * durations[:, None, None] ** np.arange(coefficients.shape[1])[:, None]
     )
-    return _peaks(coefficients, durations)
+    speed, acceleration = _peaks(coefficients, durations)
+    return float(speed), float(acceleration)
 
 
-def _peaks(coefficients, durations) -> tuple[float, float]:
-    """Returns the greatest norms of velocity and acceleration of x, y, z.
+def _peaks(coefficients, durations) -> np.ndarray:
+    """Returns the greatest norms of velocity and acceleration of x, y, z, (2,).
 
-    Args: coefficients: of powers of t / duration, (segments, k, d). durations: (segments,) s.
+    Samples bracket the peaks. Newton's method finds where |p|^2 is level near them:
+    (|p|^2)' / 2 = p . p' and (|p|^2)'' / 2 = p' . p' + p . p''.
+
+    Args: coefficients: of powers of s = t / duration, (segments, k, d). durations: (segments,) s.
     """
-    peaks = []
-    for _ in range(2):
-        powers = np.arange(1.0, coefficients.shape[1])[:, None] / durations[:, None, None]
-        coefficients = powers * coefficients[:, 1:, :3]
-        peaks.append(_peak_norm(coefficients))
-    return tuple(peaks)
+    powers = np.arange(float(coefficients.shape[1]))
+    differentiate = np.diag(powers[1:], 1)
+    derivatives = [differentiate @ coefficients[..., :3]]
+    for _ in range(3):
+        derivatives.append(differentiate @ derivatives[-1])
+    # Of velocity and acceleration: values, and first and second derivatives by s.
+    derivatives, T = np.array(derivatives), durations[:, None, None]
+    p = np.array([derivatives[:3] / T, derivatives[1:] / T**2])
 
-
-def _peak_norm(coefficients) -> float:
-    """Returns the greatest norm of polynomials between 0 and 1, to about nine digits.
-
-    Args: coefficients: constants first, (segments, k, 3).
-    """
-    powers = np.arange(coefficients.shape[1])
-
-    def squares(fractions, coefficients):
-        return np.square(fractions[..., None] ** powers @ coefficients).sum(axis=-1)
-
-    at = np.arange(_SAMPLES + 1) / _SAMPLES
-    found = squares(at, coefficients)
-    is_peak, rises = found >= _NEAR * found.max(), np.diff(found, axis=1) >= 0.0
-    is_peak[:, 1:] &= rises
-    is_peak[:, :-1] &= found[:, :-1] >= found[:, 1:]
-    segment, i = np.nonzero(is_peak)
-    at, each = at[i], np.arange(len(i))
-    for width in _WIDTHS:
-        finer = np.clip(at[:, None] + width * _STEPS, 0.0, 1.0)
-        found = squares(finer, coefficients[segment])
-        at = finer[each, found.argmax(axis=1)]
-    return float(np.sqrt(found.max()))
+    samples = np.arange(_SAMPLES + 1) / _SAMPLES
+    squares = np.square(samples[:, None] ** powers @ p[:, 0]).sum(axis=-1)
+    greatest = squares.max(axis=(1, 2))
+    is_peak = squares >= _NEAR * greatest[:, None, None]
+    is_peak[..., 1:] &= squares[..., 1:] >= squares[..., :-1]
+    is_peak[..., :-1] &= squares[..., :-1] >= squares[..., 1:]
+    kind, segment, i = np.nonzero(is_peak)
+    p, s = p[kind, :, segment], samples[i]
+    least, most = samples[np.maximum(i - 1, 0)], samples[np.minimum(i + 1, _SAMPLES)]
+    for _ in range(_ROUNDS):
+        v = ((s[:, None] ** powers)[:, None, None] @ p)[:, :, 0]  # p, p' and p''
+        products = v @ v.swapaxes(1, 2)
+        slope, curvature = products[:, 0, 1], products[:, 1, 1] + products[:, 0, 2]
+        step = np.divide(slope, curvature, out=np.zeros_like(s), where=curvature < 0.0)
+        s = np.clip(s - step, least, most)
+    np.maximum.at(greatest, kind, products[:, 0, 0])
+    return np.sqrt(greatest)
 
 
 class LimitSamples:

@@ -10,4 +10,4 @@ missing=$(missing_packages drake)
 
 # The working directory stays the caller's: relative paths among the options
 # mean what was typed.
-exec "$venv/bin/python" -m airrace.diagrams.race_command "$@"
+exec "$venv/bin/python" -m airrace race "$@"

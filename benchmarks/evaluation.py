@@ -3,7 +3,7 @@
     python -m benchmarks.evaluation [--races 20] [--time_limit 20] [--workers 1 2] [--json FILE]
 
 The same races are flown once for every number of workers, each time by the
-command line of airrace.diagrams.evaluate, of whose wall time all is counted.
+command line of `airrace evaluate`, of whose wall time all is counted.
 Two workers on two cores are meant to take at most 0.6 of the time of one.
 """
 
@@ -63,7 +63,7 @@ def fly(folder: Path, workers: int, args) -> tuple:
         "workers": workers,
         "output": folder,
     }
-    command = [sys.executable, "-m", "airrace.diagrams.evaluate"]
+    command = [sys.executable, "-m", "airrace", "evaluate"]
     command += [f"--{name}={value}" for name, value in options.items()]
     start = time.perf_counter()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)

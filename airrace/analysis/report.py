@@ -1,13 +1,10 @@
-"""report.html of a run: python -m airrace.analysis.report RUN."""
+"""report.html of a run: a page of pictures and tables that needs nothing else."""
 
-import argparse
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from airrace.analysis.run import Run
-from airrace.common.errors import exit_code
 from airrace.common.files import write_text
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK
 from airrace.scenario import trajectory_name
@@ -91,25 +88,3 @@ def write_report(folder) -> Path:
     path = run.folder / FILE
     write_text(path, make_report(run))
     return path
-
-
-def main(argv=None) -> int:
-    """The command-line program; returns its exit code."""
-    parser = argparse.ArgumentParser(
-        prog="airrace.analysis.report",
-        description="Write report.html of a run, a page that needs nothing else; every race "
-        "writes it when it ends.",
-        epilog="example: python -m airrace.analysis.report runs/NAME",
-    )
-    parser.add_argument("run", metavar="RUN", type=Path, help="the folder that a race left")
-    args = parser.parse_args(argv)
-
-    def run():
-        print(f"Report: {write_report(args.run)}")
-        return 0
-
-    return exit_code(run)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -114,10 +114,12 @@ def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()):
             raise UserError(
                 f"--output {folder} cannot be written to ({e.strerror}); name another folder."
             ) from None
-    if any(os.path.lexists(folder / name) for name in refuse):
-        raise UserError(
-            f"--output {folder} already holds a race; name another folder or remove it."
-        )
+    for name in refuse:
+        if os.path.lexists(folder / name):
+            raise UserError(
+                f"--output {folder} already holds results ({name}); name another folder or "
+                "remove it."
+            )
     try:
         yield folder
     except BaseException:

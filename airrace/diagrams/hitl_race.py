@@ -69,7 +69,7 @@ def remote_transport(args, scenario: Scenario, output_dir: Path, make_companion,
     """Starts the autonomy, checks the link, and yields the Remote to race with.
 
     Args:
-        args: the command line's, with --companion, --lcm_url and --lockstep.
+        args: has companion, lcm_url and lockstep, as the command line's options.
         scenario: from prepared().
         output_dir: what the autonomy has written is left in ``autonomy`` there.
         make_companion: from the Address of another computer to a Companion.
@@ -119,8 +119,7 @@ def _start(companion, scenario, url, folder, note, stack):
         last[0] = line
         note(f"autonomy: {line}")
 
-    arguments = ["--role", "autonomy", "--lcm_url", url, "--output", OUTPUT]
-    arguments += ["--scenario_file", "scenario.yaml"]
+    arguments = ["--lcm_url", url, "--output", OUTPUT, "--scenario_file", "scenario.yaml"]
     autonomy = companion.start(arguments, files_of(scenario), log)
     stack.callback(_collect, autonomy, folder, note)
 

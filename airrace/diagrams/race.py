@@ -1,6 +1,6 @@
 """A race, from its scenario to the files that it leaves: built, flown, saved.
 
-The command line is in race_command.py; `python -m airrace.diagrams.race` is that, too.
+`python -m airrace.diagrams.race` is the command `airrace race`.
 """
 
 import contextlib
@@ -237,6 +237,6 @@ class _Race:
 
 
 if __name__ == "__main__":
-    from airrace.diagrams.race_command import main
+    from airrace.commands.app import main
 
-    sys.exit(main())
+    sys.exit(main(["race", *sys.argv[1:]]))

@@ -18,7 +18,7 @@ from pathlib import Path
 from airrace.common.processes import ONE_THREAD, child_environment
 from airrace.evaluation.versions import mismatch, versions
 
-# What is in the folder of one race; diagrams/race_process.py flies it.
+# What is in the folder of one race; commands/race_process.py flies it.
 SCENARIO, TRACK, DRONE, RESULTS = "scenario.yaml", "track.yaml", "drone", "results"
 _KILLS = ("SIGHUP", "SIGINT", "SIGKILL", "SIGTERM")
 _TAIL = 4000  # characters kept of what a crashed race wrote
@@ -118,7 +118,7 @@ def _run(folder: Path, evaluation: str) -> int:
             if evaluation in _stopped:
                 raise RaceKilled("the evaluation was stopped")
             process = subprocess.Popen(
-                [sys.executable, "-m", "airrace.diagrams.race_process", str(folder)],
+                [sys.executable, "-m", "airrace.commands.race_process", str(folder)],
                 # Its end tells the process that this one has died.
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,

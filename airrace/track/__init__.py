@@ -1,6 +1,6 @@
 """The race track: gates, pylons and marker boards, where they may stand, and their files.
 
-python -m airrace.track makes random ones.
+`airrace track` makes random ones.
 """
 
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate

@@ -8,9 +8,16 @@ import pytest
 from airrace.analysis import load_run
 from airrace.analysis.figures_laps import states, time_lost
 from airrace.analysis.figures_signals import map_by_lap, rotor_usage
-from airrace.analysis.report import main, make_report, write_report
+from airrace.analysis.report import make_report, write_report
+from airrace.commands.app import main as command
 from airrace.common.errors import UserError
 from tests.worlds.made_up_run import FIRST, GATES, LAP, MAP_ERROR, make_run
+
+
+def main(words):
+    """Calls `airrace report`; returns its exit code."""
+    return command(["report", *words])
+
 
 SECTIONS = [
     "Laps",

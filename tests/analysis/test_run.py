@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from airrace.analysis import load_run
-from airrace.analysis.__main__ import main
+from airrace.commands.app import main as command
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml
 from airrace.recording.writer import RaceLog
@@ -20,6 +20,11 @@ from tests.worlds.made_up_run import (
     flight,
     make_run,
 )
+
+
+def main(words):
+    """Calls `airrace tables`; returns its exit code."""
+    return command(["tables", *words])
 
 
 @pytest.fixture(scope="module")

@@ -126,7 +126,7 @@ class TestResultsFolder:
     @pytest.mark.parametrize("name", ["race.json", "scenario.yaml"])
     def test_an_old_race_is_not_overwritten(self, tmp_path, name):
         (tmp_path / name).write_text("old")
-        with pytest.raises(UserError, match="already holds a race"):
+        with pytest.raises(UserError, match="already holds results"):
             with results_folder(tmp_path, refuse=("scenario.yaml", "race.json")):
                 pytest.fail("the folder was taken")
         assert (tmp_path / name).read_text() == "old"

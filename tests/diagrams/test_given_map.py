@@ -6,12 +6,18 @@ import json
 import pytest
 
 from airrace.analysis import load_run
+from airrace.commands.app import main as command
 from airrace.common.errors import UserError
 from airrace.diagrams.hitl_race import prepared
 from airrace.diagrams.race import MakeRace, run_race
-from airrace.diagrams.race_command import main
 from airrace.scenario import Scenario, load_scenario
 from airrace.scenario.camera_config import CameraConfig
+
+
+def main(words):
+    """Calls `airrace race`; returns its exit code."""
+    return command(["race", *words])
+
 
 BLIND = CameraConfig(renderer="none")
 

@@ -49,7 +49,8 @@ def race(output, hexagon, *options, text=SMALL):
     return [
         sys.executable,
         "-m",
-        "airrace.diagrams.race_command",
+        "airrace",
+        "race",
         "--no-meshcat",
         "--laps",
         "1",
@@ -64,7 +65,7 @@ def race(output, hexagon, *options, text=SMALL):
 
 
 def hitl(*options):
-    return [sys.executable, "-m", "airrace.diagrams.hitl", *map(str, options)]
+    return [sys.executable, "-m", "airrace", *map(str, options)]
 
 
 def load(folder):
@@ -165,8 +166,8 @@ def _autonomy_group(parent):
 def test_doctor_and_the_simulations_death(tmp_path):
     """The doctor measures a link; then nobody comes, and the autonomy gives up."""
     script = tmp_path / "both.sh"
-    autonomy = hitl("--role", "autonomy", "--patience", "8", "--output", tmp_path / OUTPUT)
-    doctor = hitl("--doctor", "--duration", "2")
+    autonomy = hitl("hitl", "autonomy", "--patience", "8", "--output", tmp_path / OUTPUT)
+    doctor = hitl("doctor", "--link", "--duration", "2")
     script.write_text(
         f"{' '.join(autonomy)} & {' '.join(doctor)}; echo doctor $?; wait $!; echo autonomy $?\n"
     )
@@ -193,7 +194,8 @@ def test_bad_input_is_one_sentence(options, sentence, tmp_path):
     process = start(
         sys.executable,
         "-m",
-        "airrace.diagrams.race_command",
+        "airrace",
+        "race",
         "--no-meshcat",
         "--output",
         str(tmp_path / "out"),
@@ -211,7 +213,7 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     first, second = (
         " ".join(
             f"'{word}'"
-            for word in hitl("--role", "autonomy", "--output", tmp_path / name, *scenario, *options)
+            for word in hitl("hitl", "autonomy", "--output", tmp_path / name, *scenario, *options)
         )
         for name, options in (("first", ()), ("second", ("--resume", tmp_path / "first")))
     )

@@ -9,9 +9,9 @@ import time
 import numpy as np
 import pytest
 
+from airrace.commands.app import main as airrace
 from airrace.common.errors import UserError
 from airrace.diagrams import race as race_module
-from airrace.diagrams import race_command
 from airrace.diagrams.race import run_race
 from airrace.scenario import Scenario, load_scenario
 from airrace.track import load_track
@@ -220,8 +220,8 @@ class TestWholeRace:
         """By the command line, from another folder, and with a spectator."""
         folder, result, _ = flown
         monkeypatch.chdir(tmp_path)
-        code = race_command.main(
-            ["--scenario_file", str(folder / "scenario.yaml"), "--output", "again"]
+        code = airrace(
+            ["race", "--scenario_file", str(folder / "scenario.yaml"), "--output", "again"]
         )
         assert code == 0
         again = read_race(tmp_path / "again")
@@ -425,7 +425,8 @@ def test_a_signal_in_mid_flight(tmp_path, signum, replay):
             [
                 sys.executable,
                 "-m",
-                "airrace.diagrams.race_command",
+                "airrace",
+                "race",
                 "--output",
                 str(tmp_path / "out"),
                 "--meshcat" if replay else "--no-meshcat",

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from airrace.commands.app import main as airrace
 from airrace.common.resources import models_path
-from airrace.diagrams.race_command import main as race
 from airrace.evaluation import worker
 from airrace.evaluation.jobs import given_track, make_jobs, settings
 from airrace.evaluation.worker import RaceKilled, fly, stop_races
@@ -46,7 +46,19 @@ class TestFly:
         text = "{referee: {time_limit: 0.2}, laps: 2}"
         row = fly(job(text), "e")
         assert (
-            race(["--seed", "3", "--scenario_text", text, "--no-meshcat", "--output", "alone"]) == 1
+            airrace(
+                [
+                    "race",
+                    "--seed",
+                    "3",
+                    "--scenario_text",
+                    text,
+                    "--no-meshcat",
+                    "--output",
+                    "alone",
+                ]
+            )
+            == 1
         )
         alone = json.loads((folder / "alone" / "race.json").read_text())
         del alone["wall"]
@@ -131,7 +143,7 @@ def test_a_race_dies_with_who_waits_for_it(tmp_path):
     (folder / "track.yaml").write_text(given.track)
     (folder / "scenario.yaml").write_text(given.scenario)
     process = subprocess.Popen(
-        [sys.executable, "-m", "airrace.diagrams.race_process", folder],
+        [sys.executable, "-m", "airrace.commands.race_process", folder],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         cwd=tmp_path,

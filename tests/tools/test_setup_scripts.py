@@ -208,7 +208,7 @@ def test_first_run_sets_up_and_the_next_does_not(sandbox):
     sandbox.add_to_path("good")
     elsewhere = sandbox.folder / "elsewhere"
     elsewhere.mkdir()
-    expected = f"{elsewhere}: -m airrace.diagrams.race_command --track my track.yaml\n"
+    expected = f"{elsewhere}: -m airrace race --track my track.yaml\n"
 
     first = sandbox.race("--track", "my track.yaml", cwd=elsewhere)
     assert (first.returncode, first.out) == (0, expected)
@@ -232,7 +232,7 @@ def test_works_through_a_link_and_after_a_move(ready):
     ready.checkout = ready.checkout.rename(ready.folder / "moved")
     link = ready.folder / "link"
     link.symlink_to(ready.checkout / "run.bash")
-    assert ready.run(link, "-h").out == f"{ready.folder}: -m airrace.diagrams.race_command -h\n"
+    assert ready.run(link, "-h").out == f"{ready.folder}: -m airrace race -h\n"
     assert ready.steps() == []
 
 
@@ -276,7 +276,7 @@ def test_two_at_once_set_up_once(sandbox):
     races = [sandbox.start(sandbox.checkout / "run.bash") for _ in range(2)]
     for race in races:
         out, err = race.communicate(timeout=30)
-        assert (race.returncode, out.count("airrace.diagrams.race_command")) == (0, 1), err
+        assert (race.returncode, out.count("-m airrace race")) == (0, 1), err
     assert sandbox.steps() == ["venv", "pip"]
 
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from airrace.diagrams.replay import main as replay
+from airrace.commands.app import main as airrace
 from airrace.visualization.controls import PAUSE, SPEED
 from airrace.visualization.views import BUTTONS, CHASE, ONBOARD, OVERVIEW
 from tests.visualization.browser import CHROMIUM, Browser
@@ -50,7 +50,8 @@ class LiveRace:
             [
                 sys.executable,
                 "-m",
-                "airrace.diagrams.race_command",
+                "airrace",
+                "race",
                 "--track",
                 track,
                 "--laps",
@@ -198,7 +199,7 @@ def test_replay(browser, count, tmp_path):
     for k, folder in enumerate(folders):
         make_run(folder, laps=k + 1)
     page = tmp_path / "replay.html"
-    assert replay([*map(str, folders), "--html", str(page)]) == 0
+    assert airrace(["replay", *map(str, folders), "--html", str(page)]) == 0
     open_offline(browser, page)
     browser.evaluate(TOOLS)
     browser.wait_for(
@@ -212,7 +213,7 @@ def test_replay(browser, count, tmp_path):
 def test_replay_that_is_served(browser, tmp_path):
     make_run(tmp_path / "run", laps=2)
     with subprocess.Popen(
-        [sys.executable, "-u", "-m", "airrace.diagrams.replay", str(tmp_path / "run")],
+        [sys.executable, "-u", "-m", "airrace", "replay", str(tmp_path / "run")],
         stdout=subprocess.PIPE,
         text=True,
     ) as program:

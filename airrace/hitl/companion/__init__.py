@@ -62,7 +62,7 @@ class Companion(abc.ABC):
     def start(
         self, arguments: Sequence[str], files: Mapping[str, bytes], log: Callable[[str], None]
     ) -> Autonomy:
-        """Starts ``python -m airrace.diagrams.hitl`` with some arguments.
+        """Starts ``airrace hitl autonomy`` with some arguments.
 
         It gets a new folder as its working directory, with the files in it and
         an empty folder OUTPUT, which its arguments name as ``--output``. It is the

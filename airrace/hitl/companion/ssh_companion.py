@@ -132,7 +132,7 @@ class RemoteAutonomy(Autonomy):
         self._folder = f"{board.cache}/runs/{name}"
         variables = "PYTHONUNBUFFERED=1", "PYTHONDONTWRITEBYTECODE=1", f"PYTHONPATH={board.package}"
         # -P is not given: modules brought along lie in the working directory.
-        program = board.python, "-m", "airrace.diagrams.hitl", *arguments
+        program = board.python, "-m", "airrace", "hitl", "autonomy", *arguments
         command = shlex.join(["exec", "env", *variables, *program])
         connection = companion.connection()
         connection.put(self._folder, {**files, "command": command.encode()})

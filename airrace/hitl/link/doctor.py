@@ -7,12 +7,12 @@ from rich.table import Table
 
 from airrace.hitl.link.probe import PICTURE, STATE
 
-_GOOD, _WEAK, _BAD = "good", "weak", "bad"
-_STYLES = {_GOOD: "green", _WEAK: "yellow", _BAD: "red"}
+GOOD, WEAK, BAD = "good", "weak", "bad"
+_STYLES = {GOOD: "green", WEAK: "yellow", BAD: "red"}
 _BUFFER = 1024  # KiB
 _OVERHEAD = 2  # memory that a part of a datagram takes, in its sizes
 _ROUTE = "check the cable (ethtool: 1000 Mb/s, full duplex), no Wi-Fi, no other traffic"
-_LOAD = "end other programs on both computers; on a Jetson, nvpmodel -m 0 and jetson_clocks"
+_LOAD = "end other programs, or race with --realtime_rate 0.5 or --lockstep"
 _SOCKETS = "sysctl -w net.core.rmem_max=4194304"
 _FRAGMENTS = "sysctl -w net.ipv4.ipfrag_time=1 there"
 
@@ -78,30 +78,30 @@ def diagnose(findings) -> list[Row]:
 def _judged(what, value, form, good, bearable, remedy) -> Row:
     """Returns a row; more is better if ``good`` is more than ``bearable``; None: any will do."""
     if good is None:
-        return Row(what, form.format(value), "any", _GOOD, "")
+        return Row(what, form.format(value), "any", GOOD, "")
     more = good > bearable
     fits = (lambda limit: value >= limit) if more else (lambda limit: value <= limit)
-    verdict = _GOOD if fits(good) else _WEAK if fits(bearable) else _BAD
+    verdict = GOOD if fits(good) else WEAK if fits(bearable) else BAD
     sign, word = ("≥", "least") if more else ("≤", "most")
     needed = f"{sign} {form.format(good)}, at {word} {form.format(bearable)}"
-    return Row(what, form.format(value), needed, verdict, "" if verdict == _GOOD else remedy)
+    return Row(what, form.format(value), needed, verdict, "" if verdict == GOOD else remedy)
 
 
 def refusal(rows: list[Row]) -> str | None:
     """Returns why a race cannot start on a link, one sentence with the remedy, or None."""
-    bad = [row for row in rows if row.verdict == _BAD]
+    bad = [row for row in rows if row.verdict == BAD]
     if not bad:
         return None
     first = bad[0]
     return (
         f"The link cannot carry a race: {first.what} {first.found} ({first.needed}); "
-        f"{first.remedy}; --doctor tells more."
+        f"{first.remedy}; airrace doctor --link tells more."
     )
 
 
-def make_table(rows: list[Row]) -> Table:
+def make_table(rows: list[Row], title: str = "The link between simulation and autonomy") -> Table:
     """Returns the doctor's table."""
-    table = Table(title="The link between simulation and autonomy")
+    table = Table(title=title)
     for heading in ("what", "found", "needed", "", "remedy"):
         table.add_column(heading, justify="right" if heading == "found" else "left")
     for row in rows:

@@ -186,5 +186,5 @@ def await_peer(
             raise UserError(
                 f"No {other} answered within {timeout:.0f} s: check that it runs, that both have "
                 "the same --lcm_url (ttl=1 between two computers), the cable, the multicast route "
-                "and the firewall; --doctor tells more."
+                "and the firewall; airrace doctor --link tells more."
             )

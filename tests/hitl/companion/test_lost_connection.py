@@ -52,14 +52,14 @@ def test_runs_on_and_is_stopped_through_another_connection(hosts, companion, tmp
     cut_connections(hosts)
     log.wait(autonomy, LOST)
     assert autonomy.poll() is None
-    assert len(programs(hosts, "-m airrace.diagrams.hitl")) == 1
+    assert len(programs(hosts, "-m airrace hitl autonomy")) == 1
     (written,) = hosts.home.glob(".cache/airrace/runs/*/output/autonomy.log")
     size = written.stat().st_size
     time.sleep(0.2)
     assert written.stat().st_size > size
     autonomy.stop()
     assert autonomy.poll() == -1
-    assert not programs(hosts, "airrace.diagrams.hitl")
+    assert not programs(hosts, "airrace hitl autonomy")
     autonomy.collect(tmp_path)
     lines = (tmp_path / "autonomy.log").read_text().splitlines()
     assert lines[:3] == log[:3] and lines[-1].startswith("line ")
@@ -100,7 +100,7 @@ def test_pulled_for_good(hosts, companion, checkout, impatient, tmp_path):
     assert str(folder) in str(e.value)
     (folder / "output/silence").touch()
     deadline = time.monotonic() + 10.0
-    while programs(hosts, "airrace.diagrams.hitl"):
+    while programs(hosts, "airrace hitl autonomy"):
         assert time.monotonic() < deadline
         time.sleep(0.05)
     assert (folder / "output/map/map.json").read_text() == "[1]"

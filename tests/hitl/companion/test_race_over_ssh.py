@@ -64,7 +64,8 @@ def race(output, *options, meanwhile=lambda said: None):
         [
             sys.executable,
             "-m",
-            "airrace.diagrams.race_command",
+            "airrace",
+            "race",
             "--no-meshcat",
             "--laps",
             "1",
@@ -132,7 +133,8 @@ def test_interrupted_race_leaves_nothing_running(board, tmp_path):
         [
             sys.executable,
             "-m",
-            "airrace.diagrams.race_command",
+            "airrace",
+            "race",
             "--no-meshcat",
             "-s",
             "HITL",

@@ -12,11 +12,19 @@ import time
 import psutil
 import pytest
 
+from airrace.commands import evaluate as module
+from airrace.commands.app import main as command
+from airrace.commands.evaluate import EPILOG, check_options
 from airrace.common.errors import UserError
 from airrace.common.resources import models_path
-from airrace.diagrams import evaluate as module
-from airrace.diagrams.evaluate import EPILOG, check_options, main, make_parser
 from airrace.evaluation import cluster
+from tests.worlds.command_line import parse
+
+
+def main(words):
+    """Calls `airrace evaluate`; returns its exit code."""
+    return command(["evaluate", *words])
+
 
 SHORT = ["--scenario_file", "races", "--scenario_text", "referee: {time_limit: 0.2}"]
 RACES = [*SHORT, "--tracks", "3", "--laps", "1"]
@@ -40,6 +48,10 @@ BAD = [
     (["--track", "student-airrace", "--output", "file"], "--output file cannot be written to"),
     (["--track", "student-airrace", "--output", "full"], "full already holds an evaluation"),
     (
+        ["--track", "student-airrace", "--output", "race"],
+        r"race already holds results \(race.json\)",
+    ),
+    (
         ["--track", "student-airrace", "--output", "full", "--resume"],
         "full/evaluation.json is not the settings",
     ),
@@ -49,16 +61,18 @@ BAD = [
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
+    (tmp_path / "race").mkdir()
+    (tmp_path / "race" / "race.json").write_text("{}")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "evaluation.json").write_text("{}")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def start(*args, module_="airrace.diagrams.evaluate", env=ENVIRONMENT, **kwargs):
+def start(*args, module=("airrace", "evaluate"), env=ENVIRONMENT, **kwargs):
     """Starts a program as a group of processes of its own."""
     return subprocess.Popen(
-        [sys.executable, "-m", module_, *map(str, args)],
+        [sys.executable, "-m", *module, *map(str, args)],
         env=env,
         text=True,
         stdout=subprocess.PIPE,
@@ -88,7 +102,7 @@ def racing(process):
     with contextlib.suppress(psutil.Error):
         for child in psutil.Process(process.pid).children(recursive=True):
             with contextlib.suppress(psutil.Error):
-                if "airrace.diagrams.race_process" in child.cmdline():
+                if "airrace.commands.race_process" in child.cmdline():
                     return child
     return None
 
@@ -138,17 +152,14 @@ class TestBadInput:
         assert sorted(folder.rglob("*")) == before
 
     def test_workers_or_a_scheduler(self, folder, capsys):
-        with pytest.raises(SystemExit) as e:
-            main(["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"])
-        assert e.value.code == 2 and "not allowed with" in capsys.readouterr().err
+        assert main(["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"]) == 2
+        assert "exclude each other" in capsys.readouterr().err
 
 
 class TestOptions:
     def test_help_fits_and_teaches(self, capsys, monkeypatch):
         monkeypatch.setenv("COLUMNS", "80")
-        with pytest.raises(SystemExit) as e:
-            main(["--help"])
-        assert e.value.code == 0
+        assert main(["--help"]) == 0
         text = capsys.readouterr().out
         for word in ("--resume", "--level", "dask worker", "evaluation.png", "Exit codes: 0"):
             assert word in text
@@ -156,11 +167,11 @@ class TestOptions:
 
     def test_the_examples_are_good_and_others_are_not(self):
         with pytest.raises(UserError, match="--scenario_name needs --scenario_file"):
-            check_options(make_parser().parse_args(["--scenario_name", "Wind"]))
-        examples = re.findall(r"^  python -m airrace.diagrams.evaluate(.*)$", EPILOG, re.M)
+            check_options(parse("evaluate", ["--scenario_name", "Wind"]))
+        examples = re.findall(r"^  airrace evaluate(.*)$", EPILOG, re.M)
         assert len(examples) >= 4
         for example in examples:
-            check_options(make_parser().parse_args(example.split()))
+            check_options(parse("evaluate", example.split()))
 
     def test_level_1_is_the_default(self, monkeypatch):
         asked = {}
@@ -172,12 +183,12 @@ class TestOptions:
         monkeypatch.setattr("airrace.scenario.load_scenario", load_scenario)
         for args, name in (([], "Level1"), (["--level", "3"], "Level3")):
             with pytest.raises(InterruptedError):
-                module.resolve(make_parser().parse_args(args))
+                module.resolve(parse("evaluate", args))
             assert (asked["filename"], asked["scenario_name"]) == ("levels", name)
 
     def test_one_track_with_many_seeds(self):
-        args = make_parser().parse_args(
-            [*SHORT, "--track", "student-airrace", "--tracks", "2", "--track_seed", "5"]
+        args = parse(
+            "evaluate", [*SHORT, "--track", "student-airrace", "--tracks", "2", "--track_seed", "5"]
         )
         jobs, settings = module.resolve(args)
         assert [job.seed for job in jobs] == [5, 6] and jobs[0].track == jobs[1].track
@@ -250,7 +261,7 @@ def test_ctrl_c_then_a_crash(reference, tmp_path, capsys):
 @contextlib.contextmanager
 def running(module_, *args, **kwargs):
     """A program of Dask's, killed at the end of the block."""
-    process = start(*args, module_=module_, stdin=subprocess.DEVNULL, **kwargs)
+    process = start(*args, module=(module_,), stdin=subprocess.DEVNULL, **kwargs)
     try:
         yield process
     finally:

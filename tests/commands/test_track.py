@@ -5,9 +5,15 @@ import sys
 import pytest
 import yaml
 
+from airrace.commands.app import main as command
+from airrace.commands.track import to_yaml
 from airrace.track import load_track
-from airrace.track.__main__ import main, to_yaml
 from airrace.track.generator import generate_track
+
+
+def main(words):
+    """Calls `airrace track`; returns its exit code."""
+    return command(["track", *words])
 
 
 def test_prints_a_track_that_can_be_loaded(tmp_path, capsys):
@@ -17,7 +23,7 @@ def test_prints_a_track_that_can_be_loaded(tmp_path, capsys):
     file.write_text(text)
     assert load_track(str(file)) == generate_track(7, 10)
     # The first line names the command that made it.
-    command = re.fullmatch(r"# python -m airrace\.track (.*)", text.splitlines()[0])[1]
+    command = re.fullmatch(r"# airrace track (.*)", text.splitlines()[0])[1]
     assert command.startswith("--seed 7 --gates 10 --direction ")
     assert main(command.split()) == 0
     assert capsys.readouterr().out == text
@@ -51,7 +57,7 @@ def test_bad_input_is_one_sentence(arguments, words, tmp_path, monkeypatch, caps
 def test_runs_as_a_module():
     """airrace.track is loaded a second time there; its classes must not mix."""
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-m", "airrace.track", "--seed", "2", "--gates", "8"],
+        [sys.executable, "-W", "error", "-m", "airrace", "track", "--seed", "2", "--gates", "8"],
         capture_output=True,
         text=True,
         timeout=120,

@@ -11,12 +11,20 @@ import pytest
 import yaml
 
 from airrace import vehicle
+from airrace.commands import race as race_command
+from airrace.commands.app import main as command
+from airrace.commands.race import EPILOG, race_scenario
 from airrace.common import files
 from airrace.common.resources import models_path
-from airrace.diagrams import race, race_command, race_options, warm_up
-from airrace.diagrams.race_command import main
-from airrace.diagrams.race_options import make_parser, resolve_scenario
+from airrace.diagrams import race, warm_up
 from airrace.scenario import load_scenario, scenario_yaml
+from tests.worlds.command_line import parse
+
+
+def main(words):
+    """Calls `airrace race`; returns its exit code."""
+    return command(["race", *words])
+
 
 SHORT = ["--no-meshcat", "--scenario_text", "referee: {time_limit: 0.2}"]
 
@@ -120,7 +128,8 @@ BAD = [
     (["--scenario_text", "drone: flown"], "no file flown/vehicle.yaml"),
     (["-d", "x" * 300], "no drone named"),
     *((["-d", drone], words) for drone, (_, words) in DRONES.items()),
-    (["--lockstep"], "--lockstep and --lcm_url are for HITL: add -s HITL"),
+    (["--lockstep"], "--lockstep is for hardware in the loop: add -s HITL"),
+    (["--companion", "pilot@10.0.0.2"], "--companion is for hardware in the loop: add -s HITL"),
     (["--track", "none"], "no track named 'none' .* are: .*student-airrace"),
     (["--track", "none.yaml"], "no track named 'none.yaml' and no such file"),
     (["--track", "."], "no track named '.'"),
@@ -165,8 +174,11 @@ BAD = [
     (["--output", "file"], "--output file cannot be written to .File exists.; name another"),
     (["--output", "file/below"], "--output file/below cannot be written to"),
     (["--output", "/proc/none/out"], "--output /proc/none/out cannot be written to"),
-    (["--output", "flown"], "--output flown already holds a race; name another folder"),
-    (["--output", "aborted"], "--output aborted already holds a race"),
+    (
+        ["--output", "flown"],
+        "--output flown already holds results .race.json.; name another folder",
+    ),
+    (["--output", "aborted"], "--output aborted already holds results"),
     (["--graphviz", "none/race.dot"], "--graphviz none/race.dot cannot be written"),
     (["--graphviz", "/proc/race.dot"], "--graphviz /proc/race.dot cannot be written"),
     (["--graphviz", "."], "--graphviz . cannot be written .Is a directory"),
@@ -193,7 +205,7 @@ def airrace(*args, **kwargs):
     # Beside airrace/ whatever the working directory is.
     environment = {**os.environ, "PYTHONPATH": str(models_path().parent)}
     return subprocess.run(
-        [sys.executable, "-m", "airrace.diagrams.race_command", *args],
+        [sys.executable, "-m", "airrace", "race", *args],
         capture_output=True,
         text=True,
         timeout=60,
@@ -235,24 +247,26 @@ class TestBadInput:
     @pytest.mark.parametrize(
         "args, words",
         [
-            (["-t", "5"], "argument -t/--trajectory: invalid choice: '5'"),
-            (["-s", "ROS"], "argument -s/--simulation: invalid choice: 'ROS'"),
-            (["--renderer", "crayon"], "argument --renderer: invalid choice"),
-            (["--level", "5"], "argument --level: invalid choice: 5"),
-            (["--laps", "abc"], "argument --laps: invalid int value: 'abc'"),
-            (["--laps", "2.5"], "argument --laps: invalid int value"),
-            (["--seed"], "argument --seed: expected one argument"),
-            (["--realtime_rate", "fast"], "argument --realtime_rate: invalid float value"),
-            (["--wings", "2"], "unrecognized arguments: --wings 2"),
+            (["-t", "5"], 'Invalid value "5" for -t. Choose from: "3", "4", "6", "optimal".'),
+            (["-s", "ROS"], 'Invalid value "ROS" for -s. Choose from: "SITL", "HITL".'),
+            (["--renderer", "crayon"], 'Invalid value "crayon" for --renderer.'),
+            (["--renderer", "plaar"], 'Did you mean "planar"?'),
+            (["--level", "5"], 'Invalid value "5" for --level. Choose from: 0, 1, 2, 3, 4.'),
+            (["--laps", "abc"], "abc is no whole number."),
+            (["--laps", "2.5"], "Invalid value for --laps: 2.5 is no whole number."),
+            (["--seed"], "--seed requires an argument."),
+            (["--realtime_rate", "fast"], 'unable to convert "fast" into float.'),
+            (["--wings", "2"], "Unknown option: --wings."),
+            (["--lap", "2"], "Did you mean --laps?"),
+            (["mine.yaml"], "'mine.yaml' is too much"),
         ],
     )
     def test_what_the_parser_refuses(self, folder, capsys, args, words):
-        with pytest.raises(SystemExit) as e:
-            main(args)
-        assert e.value.code == 2
-        lines = capsys.readouterr().err.splitlines()
-        assert lines[0].startswith("usage: airrace")
-        assert lines[-1].startswith("airrace: error: ") and words in lines[-1]
+        assert main(args) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and err.count("\n") == 1
+        assert err.startswith("airrace: ") and words in err
+        assert err.endswith(" See airrace race --help.\n")
 
     def test_no_port_for_meshcat(self, folder, monkeypatch, capsys):
         def no_port(parameters):
@@ -270,14 +284,14 @@ class TestBadInput:
         def interrupt(args):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(race_command, "resolve_scenario", interrupt)
+        monkeypatch.setattr(race_command, "race_scenario", interrupt)
         assert main([]) == 1
         assert capsys.readouterr().err == "airrace: interrupted\n"
 
 
 class TestOptions:
     def resolve(self, *args):
-        return resolve_scenario(make_parser().parse_args(args))
+        return race_scenario(parse("race", args))
 
     def test_defaults(self):
         scenario = self.resolve()
@@ -315,28 +329,24 @@ class TestOptions:
         assert scenario.simulator_config.target_realtime_rate == 1.5
 
     def test_a_level_is_a_shipped_scenario(self):
-        for level in race_options.LEVELS:
+        for level in range(5):
             scenario = self.resolve("--level", str(level), "--laps", "3")
             expected = load_scenario(filename="levels", scenario_name=f"Level{level}")
             expected.laps = 3
             assert scenario_yaml(scenario) == scenario_yaml(expected)
         path = models_path() / "scenarios" / "levels.yaml"
-        assert list(yaml.safe_load(path.read_text())) == [f"Level{n}" for n in race_options.LEVELS]
+        assert list(yaml.safe_load(path.read_text())) == [f"Level{n}" for n in range(5)]
         scenario = self.resolve("--level", "3", "--scenario_text", "camera: {preset: clean}")
         assert scenario.camera.preset == "clean" and scenario.disturbances.drag == 1.0
 
     def test_help_lists_everything(self, capsys, monkeypatch):
         monkeypatch.setenv("COLUMNS", "80")
-        with pytest.raises(SystemExit) as e:
-            main(["--help"])
-        assert e.value.code == 0
+        assert main(["--help"]) == 0
         text = capsys.readouterr().out
         assert max(map(len, text.splitlines())) <= 80
-        options = re.findall(r"^  (-.*?)(?:  |$)", text, re.M)
-        listed = {word for option in options for word in re.findall(r"--?[a-z_-]+", option)}
+        entries = re.findall(r"^│ (?:  )?(-.*?)(?:  |$)", text, re.M)
+        listed = {word for entry in entries for word in re.findall(r"--?[a-z_-]+", entry)}
         assert listed == {
-            "-h",
-            "--help",
             "-d",
             "--drone",
             "-s",
@@ -368,8 +378,7 @@ class TestOptions:
             "--scenario_text",
         }
         # Every default, and it is the one that the scenario has.
-        text = " ".join(text.replace("student-\n", "student-").split())
-        text = text.replace("student- airrace", "student-airrace")
+        text = " ".join(text.replace("│", " ").split())
         for default in (
             "Default",
             "SITL,",
@@ -394,7 +403,7 @@ class TestOptions:
             assert word in text
 
     def test_the_examples_of_the_help_are_good(self):
-        examples = re.findall(r"^  \./run\.bash(.*?)(?:   .*)?$", race_options.EPILOG, re.M)
+        examples = re.findall(r"^  airrace race(.*?)(?:   .*)?$", EPILOG, re.M)
         assert len(examples) >= 4
         for example in examples:
             words = re.findall(r"'[^']*'|\S+", example)
@@ -473,7 +482,7 @@ class TestOutput:
         assert not (folder / "runs").exists()
         before = tree(folder)
         assert main(["--output", "mine", *SHORT]) == 2
-        assert "already holds a race" in capsys.readouterr().err
+        assert "already holds results" in capsys.readouterr().err
         assert tree(folder) == before
 
     def test_graphviz(self, folder):
@@ -490,7 +499,7 @@ class TestOutput:
     def test_nobody_reads(self, folder, reader):
         """The race is flown to its end all the same, without a complaint."""
         command = (
-            f'set -o pipefail; "$0" -m airrace.diagrams.race_command --output out --no-meshcat'
+            f'set -o pipefail; "$0" -m airrace race --output out --no-meshcat'
             f' --scenario_text "referee: {{time_limit: 1.0}}" {reader}'
         )
         process = subprocess.run(
@@ -523,7 +532,8 @@ class TestOutput:
             [
                 sys.executable,
                 "-m",
-                "airrace.diagrams.race_command",
+                "airrace",
+                "race",
                 "--output",
                 "out",
                 "--no-meshcat",

@@ -1,19 +1,15 @@
-import argparse
-
 import pytest
 
+from airrace.commands.race import RaceOptions
+from airrace.commands.ssh_options import ssh_companions
 from airrace.common.errors import UserError
 from airrace.hitl.companion.address import Address
-from airrace.hitl.companion.options import add_ssh_options, ssh_companions
 from airrace.hitl.companion.ssh_companion import SshCompanion
+from tests.worlds.command_line import parse as parse_race
 
 
-def parse(*words):
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--companion", default="local")
-    parser.add_argument("--simulation", default="HITL")
-    add_ssh_options(parser)
-    return parser.parse_args(words)
+def parse(*words) -> RaceOptions:
+    return parse_race("race", ["-s", "HITL", *words])
 
 
 def test_options_reach_the_companion(tmp_path):
@@ -35,7 +31,7 @@ def test_options_reach_the_companion(tmp_path):
 
 
 def test_they_may_be_left_out():
-    for words in (["--simulation", "SITL"], ["--companion", "none"], ["--companion", "a@b"]):
+    for words in ([], ["--companion", "none"], ["--companion", "a@b"]):
         assert callable(ssh_companions(parse(*words)))
 
 
@@ -46,7 +42,7 @@ def test_they_may_be_left_out():
         (["--companion", "local", "--wheels", "."], "--wheels is for a companion"),
         (["--companion", "none", "--wheels", "."], "--wheels is for a companion"),
         (["--identity", "key"], "--identity is for a companion"),
-        (["--simulation", "SITL", "--companion", "a@b", "--wheels", "."], "add -s HITL"),
+        (["--wheels", "."], "add -s HITL"),
         (["--companion", "a@b", "--identity", "no/such/key"], "no/such/key is no file"),
         (["--companion", "a@b", "--wheels", "no/such/folder"], "no/such/folder is no folder"),
     ],

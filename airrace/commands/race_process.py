@@ -1,7 +1,7 @@
-"""The process of one race: python -m airrace.diagrams.race_process FOLDER.
+"""The process of one race: python -m airrace.commands.race_process FOLDER.
 
-It flies the race of the files in FOLDER by the command line of
-airrace.diagrams.race, and ends with it. When its standard input ends, whoever
+It flies the race of the files in FOLDER by `airrace race`,
+and ends with it. When its standard input ends, whoever
 waits for the race has died: it removes FOLDER and ends at once.
 """
 
@@ -15,15 +15,15 @@ from airrace.evaluation.worker import DRONE, RESULTS, SCENARIO, TRACK
 
 
 def main(folder: Path) -> int:
-    """Flies the race; returns the exit code of airrace.diagrams.race."""
+    """Flies the race; returns the exit code of `airrace race`."""
     threading.Thread(target=_die_with_the_worker, args=(folder,), daemon=True).start()
-    from airrace.diagrams.race_command import main as race
+    from airrace.commands.app import main as airrace
 
     options = ["--scenario_file", folder / SCENARIO, "--track", folder / TRACK]
     if (folder / DRONE).exists():
         options += ["-d", folder / DRONE]
     options += ["--output", folder / RESULTS, "--no-meshcat", "--no-report"]
-    return race([str(option) for option in options])
+    return airrace(["race", *options])
 
 
 def _die_with_the_worker(folder: Path):

@@ -1,0 +1,74 @@
+"""What a race needs of this computer, and whether it is there."""
+
+import importlib
+import os
+import platform
+import shutil
+from pathlib import Path
+
+from airrace import __file__ as package
+from airrace import __version__
+from airrace.common import jit
+from airrace.common.errors import UserError, words
+from airrace.hitl.link.doctor import BAD, GOOD, WEAK, Row
+
+_FREE = 1.0  # GB, for results; ten laps take 22 MB
+_WRITTEN = 0.2  # GB, less and a race may not fit
+_CORES = 2  # two processes share the work in HITL
+_PACKAGES = ("pydrake", "cv2", "numba", "scipy", "pandas", "lcm", "distributed", "foxglove")
+
+
+def check_computer() -> list[Row]:
+    """Returns the rows of the doctor's table."""
+    return [
+        Row("airrace", f"{__version__}, in {Path(package).parent}", "any", GOOD, ""),
+        Row("Python", platform.python_version(), "3.12 or newer", GOOD, ""),
+        *(_package(name) for name in _PACKAGES),
+        _vtk(),
+        _machine_code(),
+        _cores(),
+        _disk(),
+    ]
+
+
+def _package(name: str) -> Row:
+    try:
+        module = importlib.import_module(name)
+    except ImportError as e:
+        remedy = f"install airrace's packages again, or the system library: {words(e)}"
+        return Row(name, "cannot be imported", "can be imported", BAD, remedy)
+    return Row(name, str(getattr(module, "__version__", "there")), "can be imported", GOOD, "")
+
+
+def _vtk() -> Row:
+    from airrace.rendering.vtk.vtk_renderer import check_vtk_available
+
+    try:
+        check_vtk_available()
+    except UserError as e:
+        return Row("--renderer vtk", "no", "only if you want it", WEAK, str(e))
+    return Row("--renderer vtk", "yes", "only if you want it", GOOD, "")
+
+
+def _machine_code() -> Row:
+    what = "inner loops compiled"
+    if jit.is_on_disk():
+        return Row(what, "yes", "before the first race", GOOD, "")
+    remedy = "nothing: the first race compiles them, which takes a minute"
+    return Row(what, "no", "before the first race", WEAK, remedy)
+
+
+def _cores() -> Row:
+    cores = os.cpu_count() or 1
+    needed = f"{_CORES} for HITL"
+    if cores >= _CORES:
+        return Row("processors", str(cores), needed, GOOD, "")
+    remedy = "HITL: race with --realtime_rate 0.5 or --lockstep"
+    return Row("processors", str(cores), needed, WEAK, remedy)
+
+
+def _disk() -> Row:
+    free = shutil.disk_usage(".").free / 1e9
+    verdict = GOOD if free >= _FREE else WEAK if free >= _WRITTEN else BAD
+    remedy = "" if verdict == GOOD else "make room, or race with --record light"
+    return Row("free disk here", f"{free:.1f} GB", f"≥ {_FREE:.0f} GB", verdict, remedy)

@@ -1,0 +1,88 @@
+"""airrace doctor: what this computer, or the link to an autonomy, lacks for a race."""
+
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+from airrace.commands.options import ScenarioOptions
+
+EPILOG = """\
+examples:
+  airrace doctor                 this computer
+  airrace doctor --link          and the link, with an autonomy waiting at the other end
+  airrace doctor --link --lcm_url 'udpm://239.255.76.67:7667?ttl=1'
+
+Exit codes: 0 a race can start, 1 it cannot, 2 bad input."""
+
+
+def add_to(app: App) -> None:
+    """Adds the subcommand to the command line."""
+    app.command(doctor, help_epilogue=EPILOG)
+
+
+def doctor(
+    *,
+    link: Annotated[bool, Parameter(negative=())] = False,
+    lcm_url: Annotated[str | None, Parameter(metavar="URL")] = None,
+    duration: Annotated[float, Parameter(metavar="S")] = 10.0,
+    patience: Annotated[float, Parameter(metavar="S")] = 60.0,
+    options: ScenarioOptions = ScenarioOptions(),
+) -> int:
+    """Say what keeps a race from running well here, and what to do about it.
+
+    Args:
+        link: measure the link to an autonomy that waits at the other end, too
+        lcm_url: of LCM, with --link (default: udpm://239.255.76.67:7667?ttl=0)
+        duration: how long to measure the link (default: 10 s)
+        patience: how long to wait for the autonomy (default: 60 s)
+    """
+    from rich.console import Console
+
+    from airrace.commands.computer_checks import check_computer
+    from airrace.commands.hitl import scenario_and_bus
+    from airrace.common.errors import UserError
+    from airrace.hitl.link.doctor import BAD, make_table
+
+    if lcm_url is not None and not link:
+        raise UserError("--lcm_url is for the link: add --link.")
+    ends = scenario_and_bus(options, lcm_url) if link else None
+    rows = check_computer()
+    Console().print(make_table(rows, "This computer"))
+    can_race = BAD not in [row.verdict for row in rows]
+    if ends is not None and can_race:
+        can_race = measure_link(*ends, duration, patience)
+    return 0 if can_race else 1
+
+
+def measure_link(scenario, bus, duration: float, patience: float) -> bool:
+    """Measures the link and prints what it finds; returns whether a race can start.
+
+    Args:
+        scenario: which says what a race would send.
+        bus: LCM, open.
+        duration, patience: of the measurement, and to wait for the other side (s).
+
+    Raises:
+        UserError: if nobody is at the other end.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from airrace.hitl.link.doctor import diagnose, make_table, refusal
+    from airrace.hitl.link.probe import measure
+
+    console = Console()
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("measuring the link", total=1.0)
+        findings = measure(
+            bus,
+            scenario,
+            duration,
+            show=lambda share: progress.update(task, completed=share),
+            patience=patience,
+        )
+    rows = diagnose(findings)
+    console.print(make_table(rows))
+    reason = refusal(rows)
+    console.print(reason or "A race can start.", markup=False, highlight=False)
+    return not reason

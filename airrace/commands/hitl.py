@@ -1,0 +1,87 @@
+"""airrace hitl: either side of a race with hardware in the loop, started by hand."""
+
+import dataclasses as dc
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+from airrace.commands.options import ScenarioOptions
+from airrace.commands.race import RaceOptions, race
+from airrace.hitl.companion import READY
+
+EPILOG = """\
+examples, on two computers on one cable:
+  airrace hitl autonomy --lcm_url 'udpm://239.255.76.67:7667?ttl=1'
+  airrace hitl simulation --lcm_url 'udpm://239.255.76.67:7667?ttl=1'
+  airrace doctor --link --lcm_url 'udpm://239.255.76.67:7667?ttl=1'
+
+The autonomy is started first, and ends with the race: 0 after it, 3 if the
+simulation falls silent, 1 on Ctrl-C, 2 on bad input. Both sides need the same
+scenario. The simulation takes all options of airrace race."""
+
+
+def add_to(app: App) -> None:
+    """Adds the subcommand to the command line."""
+    hitl = App(name="hitl", help="Run one side of a race whose autonomy is at the end of a cable.")
+    hitl.help_epilogue = EPILOG
+    hitl.command(autonomy)
+    hitl.command(simulation)
+    app.command(hitl)
+
+
+def scenario_and_bus(options: ScenarioOptions, lcm_url: str | None):
+    """Returns the checked Scenario and the LCM that options name.
+
+    Raises:
+        UserError: if one cannot be had.
+    """
+    from airrace.hitl.link.endpoint import DEFAULT_URL, open_lcm
+    from airrace.scenario import load_scenario
+
+    scenario = load_scenario(
+        filename=options.scenario_file,
+        scenario_name=options.scenario_name,
+        scenario_text=options.scenario_text,
+    )
+    scenario.check()
+    return scenario, open_lcm(lcm_url or DEFAULT_URL)
+
+
+def autonomy(
+    *,
+    options: ScenarioOptions = ScenarioOptions(),
+    lcm_url: Annotated[str | None, Parameter(metavar="URL")] = None,
+    output: Annotated[Path, Parameter(metavar="DIR")] = Path("autonomy"),
+    resume: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    patience: Annotated[float, Parameter(metavar="S")] = 60.0,
+) -> int:
+    """Run the autonomy, for a simulation at the other end.
+
+    Args:
+        lcm_url: of LCM; ttl=0 stays on this computer, ttl=1 leaves it
+            (default: udpm://239.255.76.67:7667?ttl=0)
+        output: where its map and its checkpoint go (default: autonomy)
+        resume: go on in a race that is on, with the checkpoint in the --output folder of the
+            one that has ended; only of a folder that you trust, it can hold code
+        patience: how long to wait for the simulation (default: 60 s)
+    """
+    from airrace.common.files import results_folder
+    from airrace.common.interrupts import interrupt_flag
+    from airrace.diagrams.autonomy_process import AutonomyProcess
+    from airrace.diagrams.warm_up import warm_up
+
+    scenario, bus = scenario_and_bus(options, lcm_url)
+    with interrupt_flag() as interrupted:
+        warm_up(scenario, briefly=resume is not None)
+        with results_folder(output) as folder:
+            process = AutonomyProcess(scenario, bus, folder, stop=lambda: interrupted.is_set)
+            print(READY, flush=True)
+            return process.run(resume=resume, patience=patience)
+
+
+def simulation(*, options: RaceOptions = RaceOptions()) -> int:
+    """Run the simulation, for an autonomy that waits at the other end."""
+    from airrace.diagrams.hitl_race import BY_HAND
+
+    return race(options=dc.replace(options, simulation="HITL", companion=BY_HAND))

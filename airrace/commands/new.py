@@ -1,0 +1,97 @@
+"""airrace new: a drone, a track or a system of your own to begin with, which races as it is."""
+
+import importlib.util
+import keyword
+import re
+from pathlib import Path
+from typing import Literal
+
+from cyclopts import App
+
+from airrace.common.errors import UserError
+from airrace.common.resources import models_path
+
+EPILOG = """\
+examples:
+  airrace new drone my_drone            the folder my_drone: vehicle.yaml and its SDF file
+  airrace new track my_track            my_track.yaml
+  airrace new controller my_controller  my_controller.py, a Drake system
+  airrace new detector my_detector      my_detector.py, a Drake system
+
+Each prints the command that races it."""
+
+
+def add_to(app: App) -> None:
+    """Adds the subcommand to the command line."""
+    app.command(new, help_epilogue=EPILOG)
+
+
+def new(kind: Literal["drone", "track", "controller", "detector"], name: str, /) -> int:
+    """Make a file or a folder of your own to begin with, which races as it is.
+
+    Args:
+        kind: of what you want to make
+        name: of it, and of its file or folder in the working directory
+    """
+    command = {"drone": _drone, "track": _track}.get(kind, _system)(kind, name)
+    print(f"Race it with:\n  {command}")
+    return 0
+
+
+def _drone(kind: str, name: str) -> str:
+    """Makes the folder of a drone; returns the command that races it."""
+    _check_name(name)
+    source = models_path() / "default"
+    vehicle = (source / "vehicle.yaml").read_text(encoding="utf-8")
+    first = f"# The drone {name}, from the default quadrotor. Keep mass and inertia as in the SDF."
+    vehicle = re.sub(r"\A#.*", first, vehicle)
+    vehicle = vehicle.replace("name: Default", f"name: {name}")
+    vehicle = vehicle.replace("model: default.sdf ", f"model: {name}.sdf ")
+    sdf = (source / "default.sdf").read_text(encoding="utf-8")
+    _write({Path(name, "vehicle.yaml"): vehicle, Path(name, f"{name}.sdf"): sdf})
+    return f"airrace race -d ./{name} --track hexagon --laps 1"
+
+
+def _track(kind: str, name: str) -> str:
+    """Makes the file of a track; returns the command that races it."""
+    _check_name(name)
+    text = (models_path() / "templates" / "track.yaml").read_text(encoding="utf-8")
+    _write({Path(f"{name}.yaml"): text.replace("NAME", name)})
+    return f"airrace race --track {name}.yaml --laps 1"
+
+
+def _system(kind: str, name: str) -> str:
+    """Makes the module of a system; returns the command that races it."""
+    if not name.isidentifier() or keyword.iskeyword(name):
+        raise UserError(f"'{name}' cannot be a Python module; use letters, digits and _ only.")
+    if importlib.util.find_spec(name) is not None:
+        raise UserError(f"There is a Python module '{name}' already; take another name.")
+    text = (models_path() / "templates" / f"{kind}.py").read_text(encoding="utf-8")
+    text = text.replace("NAME", name)
+    _write({Path(f"{name}.py"): text})
+    return next(line for line in text.splitlines() if "airrace race" in line).strip()
+
+
+def _check_name(name: str) -> None:
+    if not re.fullmatch(r"\w[\w-]*", name, re.ASCII):
+        raise UserError(f"'{name}' cannot be a name here; use letters, digits, _ and - only.")
+
+
+def _write(texts: dict[Path, str]) -> None:
+    """Writes new files, and says which.
+
+    Raises:
+        UserError: if there is one already, or it cannot be written.
+    """
+    for path, text in texts.items():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with open(path, "x", encoding="utf-8") as file:
+                file.write(text)
+        except FileExistsError:
+            raise UserError(f"There is {path} already; take another name.") from None
+        except OSError as e:
+            raise UserError(
+                f"{path} cannot be written ({e.strerror}); go to a folder of yours."
+            ) from None
+        print(path)

@@ -1,0 +1,71 @@
+"""What `airrace new` makes races as it is."""
+
+import json
+import shlex
+
+import pytest
+
+from airrace.commands.app import main
+
+BRIEFLY = "referee: {time_limit: 0.3}"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty working directory, whose modules can be imported."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def printed_command(capsys) -> list[str]:
+    """The words of the command that races it, but for `airrace`."""
+    line = capsys.readouterr().out.splitlines()[-1]
+    words = shlex.split(line)
+    assert words.pop(0) == "airrace"
+    return words
+
+
+@pytest.mark.parametrize("kind", ["drone", "track"])
+def test_a_drone_and_a_track_are_accepted(kind, folder, capsys):
+    assert main(["new", kind, "my-own_1"]) == 0
+    command = printed_command(capsys)
+    options = ["--scenario_text", BRIEFLY, "--no-meshcat", "--no-report", "--output", "out"]
+    assert main([*command, *options]) == 1  # its time is over before it finishes
+    race = json.loads((folder / "out" / "race.json").read_text())
+    assert race[kind] == "my-own_1" and "ran out of time" in race["dnf_reason"]
+
+
+@pytest.mark.parametrize("kind", ["controller", "detector"])
+def test_a_system_races(kind, folder, capsys):
+    name = f"new_{kind}"
+    assert main(["new", kind, name]) == 0
+    command = printed_command(capsys)
+    options = ["--no-meshcat", "--no-report", "--record", "none", "--output", "out"]
+    assert main([*command, *options]) == 0
+    race = json.loads((folder / "out" / "race.json").read_text())
+    assert race["finished"] and race["collisions"] == 0
+    assert f"{name}:make" in (folder / "out" / "scenario.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    "kind, name, words",
+    [
+        ("drone", "a/b", "cannot be a name here"),
+        ("track", "", "cannot be a name here"),
+        ("controller", "my-controller", "cannot be a Python module"),
+        ("controller", "class", "cannot be a Python module"),
+        ("detector", "numpy", "There is a Python module 'numpy' already"),
+        ("drone", "taken", "There is taken/vehicle.yaml already"),
+        ("track", "taken", "There is taken.yaml already"),
+    ],
+)
+def test_bad_names(kind, name, words, folder, capsys):
+    (folder / "taken").mkdir()
+    (folder / "taken" / "vehicle.yaml").write_text("mine")
+    (folder / "taken.yaml").write_text("mine")
+    assert main(["new", kind, name]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and words in err
+    assert (folder / "taken.yaml").read_text() == "mine"
+    assert (folder / "taken" / "vehicle.yaml").read_text() == "mine"

@@ -105,8 +105,18 @@ install_lock() {
   cp "$lock" "$stamp.new" && mv "$stamp.new" "$stamp"
 }
 
+# A copy of airrace in .venv (pip install . without -e) hides this checkout: edits would do
+# nothing, and nobody would know why.
+refuse_copy() {
+  local copies=("$venv"/lib/python3*/site-packages/airrace)
+  [ ! -e "${copies[0]}" ] || die "a copy of airrace in .venv hides this checkout: remove it with" \
+    "'.venv/bin/python -m pip uninstall airrace', and install extras with -e:" \
+    "'.venv/bin/python -m pip install -e .[notebooks]'."
+}
+
 # Makes .venv ready for use.
 set_up() {
+  refuse_copy
   if venv_is_current; then return; fi
   [ -w "$root" ] || die "$root has to be set up and you may not write there:" \
     "copy it to a directory of yours."

@@ -5,14 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.markdown import Markdown
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from airrace.evaluation.summary import race_line
 from airrace.evaluation.tables import finish_line, summary_tables, title
@@ -31,9 +24,7 @@ class EvaluationDisplay(Progress):
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("{task.fields[finished]} finished"),
-            TimeElapsedColumn(),
-            TextColumn("of about"),
-            TimeRemainingColumn(),
+            TimeRemainingColumn(elapsed_when_finished=True),
             console=Console(stderr=True),
         )
         self._title, self._total = title(settings), settings["tracks"]

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from airrace.common.files import write_json, write_text
+from airrace.common.words import count
 from airrace.evaluation.store import SUMMARY, TABLE
 from airrace.evaluation.summary import race_line, summarize
 from airrace.scenario import trajectory_name
@@ -56,7 +57,7 @@ def title(settings: dict) -> str:
     drone, kind = Path(scenario["drone"]).name, trajectory_name(scenario["trajectory"])
     return (
         f"{drone}, {kind}, {settings['scenario_name']}: {settings['tracks']} "
-        f"races of {scenario['laps']} laps, {settings['track']}, seeds from "
+        f"races of {count(scenario['laps'], 'lap')}, {settings['track']}, seeds from "
         f"{settings['track_seed']}"
     )
 

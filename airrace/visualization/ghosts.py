@@ -89,10 +89,11 @@ def make_ghosts(runs, align: str = "start", lap: int = 1) -> list:
         start = 0.0
         if align == "lap":
             starts = run.lap_starts
-            if not 1 <= lap <= len(starts):
+            laps = len(starts) - run.result["finished"]  # the last crossing of gate 1 ended it
+            if not 1 <= lap <= laps:
+                choice = f"choose --lap 1 to {laps}, or" if laps > 1 else "choose"
                 raise UserError(
-                    f"{run.folder} has no lap {lap}, it began {len(starts)}; choose "
-                    "another --lap or --align start."
+                    f"{run.folder} has no lap {lap}, only {laps}; {choice} --align start."
                 )
             start = float(starts[lap - 1])
         ghosts.append(Ghost(run, start, color))

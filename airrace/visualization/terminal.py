@@ -5,16 +5,20 @@ import os
 import time
 
 from rich.console import Console
-from rich.live import Live
+from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Column, Table
-from rich.text import Text
 
+from airrace.common.words import count
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, RaceResult
 from airrace.scenario import trajectory_name
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.visualization.scoreboard import lap_and_gate
 
 _REFRESH = 0.1  # s
+_CAPTION = (
+    "over bound: how much longer the planned lap is than the best lap of a point mass with the "
+    "same limits; map error: RMS over the markers"
+)
 
 
 class _PatientConsole(Console):
@@ -38,6 +42,7 @@ class RaceDisplay:
         self._scenario = scenario
         self._track_name = track.name
         self._gates = len(track.gates)
+        self._half_width = min(gate.pylon_spacing for gate in track.gates) / 2
         self._meshcat = meshcat
         self._console = console or _PatientConsole()
         self._start = self._last = time.perf_counter()
@@ -48,7 +53,10 @@ class RaceDisplay:
         """Shows what is being done next, which takes a second or two."""
         with self._patience():
             if self._live is not None:
-                self._live.update(Text(f"{what} ..."), refresh=True)
+                self._live.update(
+                    self._live.task_ids[0], description=f"{what} ...", total=None, clock=""
+                )
+                self._live.refresh()
 
     def close(self):
         """Ends the live display."""
@@ -86,12 +94,20 @@ class RaceDisplay:
             kind += f" within limits {scenario.planner.limits}"
         self._print(
             f"airrace: {drone} on {self._track_name}, {kind}, "
-            f"seed {scenario.seed}, {scenario.laps} laps"
+            f"seed {scenario.seed}, {count(scenario.laps, 'lap')}"
         )
         if self._meshcat is not None:
             self._print(f"Watch it at {self._meshcat.web_url()}")
         if self._console.is_terminal:
-            self._live = Live(console=self._console, auto_refresh=False, transient=True)
+            self._live = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(bar_width=20),
+                TextColumn("{task.fields[clock]}"),
+                console=self._console,
+                auto_refresh=False,
+                transient=True,
+            )
+            self._live.add_task("", total=None, clock="")
             self._live.start()
 
     def _print(self, line: str):
@@ -113,24 +129,31 @@ class RaceDisplay:
         now = time.perf_counter()
         if self._live is not None and now - self._last > _REFRESH:
             self._last = now
-            self._live.update(Text(self._line(result, outputs, now)), refresh=True)
+            self._live.update(self._live.task_ids[0], **self._progress(result, outputs, now))
+            self._live.refresh()
 
-    def _line(self, result, outputs, now) -> str:
+    def _progress(self, result, outputs, now) -> dict:
+        """Returns what the bar shows; while exploring, nobody knows how long it will take."""
         rate = outputs.time / (now - self._start)
-        clock = f"{outputs.time:6.1f} s simulated, {rate:.1f} x real time"
+        clock = f"{outputs.time:.1f} s simulated, {rate:.1f} x real time"
         if not result.explorer_status.done:
-            return f"exploring  {len(result.explorer_status.gates)} gates found   {clock}"
+            found = count(len(result.explorer_status.gates), "gate")
+            return dict(description=f"exploring, {found} found", total=None, clock=clock)
         crossings, laps = len(result.referee_status.crossings), self._scenario.laps
         lap, gate = lap_and_gate(crossings, self._gates, laps)
-        bar = "#" * (30 * max(crossings - 1, 0) // (laps * self._gates))
-        return f"racing [{bar:30}] lap {lap}/{laps}, next gate {gate}   {clock}"
+        return dict(
+            description=f"lap {lap}/{laps}, next gate {gate}",
+            total=laps * self._gates,
+            completed=max(crossings - 1, 0),
+            clock=clock,
+        )
 
     def print_summary(self, result: dict, output_dir):
         """Prints the table of laps and where the results are."""
         if result["finished"]:
             mean = result["mean_lap_s"]
             line = f"Finished: mean lap {mean:.2f} s, best {result['best_lap_s']:.2f} s"
-            if result["track"] == ORIGINAL_TRACK:
+            if (result["track"], result["limits"]) == (ORIGINAL_TRACK, "original"):
                 # Three dimensions were the nearest to an optimal lap that it had.
                 original = ORIGINAL_LAPS.get(result["trajectory"], ORIGINAL_LAPS["3"])
                 line += f" (the original system: mean {original:.2f} s)"
@@ -139,7 +162,7 @@ class RaceDisplay:
         wall = result["wall"]
         with self._patience():
             if result["laps"]:
-                self._console.print(lap_table(result))
+                self._console.print(lap_table(result, self._half_width))
             if failures := failures_line(result):
                 self._print(failures)
             self._print(
@@ -149,12 +172,22 @@ class RaceDisplay:
             self._print(f"Results: {output_dir}")
 
 
-def lap_table(result: dict) -> Table:
-    """Returns the table of laps of a race.json."""
+def lap_table(result: dict, half_width: float) -> Table:
+    """Returns the table of laps of a race.json.
+
+    Args:
+        result: of the race.
+        half_width: from the middle of a gate to its pylons (m).
+    """
     headings = (
-        "lap,time (s),planned (s),over bound,max speed (m/s),worst gate offset (m),map RMS (m)"
+        "lap,time (s),planned (s),over bound,max speed (m/s),"
+        f"worst gate offset of {half_width:g} m (m),map error (cm)"
     )
-    table = Table(*(Column(heading, justify="right") for heading in headings.split(",")))
+    table = Table(
+        *(Column(heading, justify="right") for heading in headings.split(",")),
+        caption=_CAPTION,
+        caption_justify="left",
+    )
     for lap in result["laps"]:
         plan = lap["plan"]
         mark = " *" if _failures_in(result, lap["start_s"], _end(lap)) else ""
@@ -165,7 +198,7 @@ def lap_table(result: dict) -> Table:
             f"{plan['over_bound']:.1%}" if plan and plan.get("over_bound") is not None else "-",
             f"{lap['max_speed']:.1f}",
             f"{max(lap['gate_offsets_m']):.2f}",
-            f"{lap['map_rms_m']:.3f}" if lap["map_rms_m"] is not None else "-",
+            f"{100 * lap['map_rms_m']:.2f}" if lap["map_rms_m"] is not None else "-",
         )
     return table
 

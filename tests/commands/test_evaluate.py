@@ -205,9 +205,7 @@ def test_the_results(reference):
     assert len({race["length_m"] for race in data["races"]}) == 3
     assert data["settings"]["scenario"]["laps"] == 1
     text = (reference / "evaluation.md").read_text()
-    assert text.startswith(
-        "# Default, optimal, races Defaults: 3 races of 1 laps, generated tracks"
-    )
+    assert text.startswith("# Default, optimal, races Defaults: 3 races of 1 lap, generated tracks")
 
 
 def test_a_killed_worker(reference, tmp_path):

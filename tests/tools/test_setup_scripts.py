@@ -228,6 +228,16 @@ def test_package_is_on_the_path(ready):
     assert (site_packages / line).resolve() == ready.checkout
 
 
+def test_a_copy_that_hides_the_checkout_is_refused(ready):
+    (site_packages,) = (ready.checkout / ".venv/lib").glob("python*/site-packages")
+    (site_packages / "airrace").mkdir()
+    race = ready.race()
+    assert race.returncode == 2 and race.out == ""
+    assert_one_sentence(race.err)
+    assert "hides this checkout" in race.err and "pip install -e" in race.err
+    assert ready.steps() == []
+
+
 def test_works_through_a_link_and_after_a_move(ready):
     ready.checkout = ready.checkout.rename(ready.folder / "moved")
     link = ready.folder / "link"

@@ -1,5 +1,6 @@
 import io
 import os
+import re
 import types
 
 import numpy as np
@@ -89,20 +90,32 @@ def test_a_live_line_on_a_terminal():
     console = plain(force_terminal=True)
     race = Race(console)
     race.look(6.0, state="FLY_TO_GATE", reason="gate 1", since=5.9, gates=(0, 1))
-    assert "exploring  2 gates found      6.0 s simulated" in console.file.getvalue()
+    assert re.search("exploring, 2 gates found .* 6.0 s simulated", console.file.getvalue())
     done = dict(done=True, gates=range(N))
     race.look(9.0, **done)
     assert "lap 1/2, next gate 1 " in console.file.getvalue()
     race.look(10.0, 1, **done)
     assert "lap 1/2, next gate 2 " in console.file.getvalue()
     race.look(20.5, N + 1, **done)
-    assert f"[{'#' * 15:30}] lap 2/2, next gate 2 " in console.file.getvalue()
+    assert "lap 2/2, next gate 2 " in console.file.getvalue()
     race.look(30.5, 2 * N + 1, **done)
-    assert f"[{'#' * 30}] lap 2/2" in console.file.getvalue()
     race.display.close()
     race.display.close()
     # The cursor is given back.
     assert console.file.getvalue().rindex("\x1b[?25h") > console.file.getvalue().rindex("\x1b[?25l")
+
+
+@pytest.mark.parametrize("width", [20, 40, 79])
+def test_the_live_line_fits_a_narrow_terminal(width):
+    """A line that wraps cannot be overwritten: the terminal would fill with bars."""
+    console = plain(width=width, force_terminal=True)
+    race = Race(console)
+    for k in range(3):
+        race.look(6.0 + k, state="FLY_TO_GATE", reason="gate 1", since=5.9, gates=(0, 1))
+    race.display.close()
+    text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", console.file.getvalue())
+    live = [line for line in re.split(r"[\r\n]", text) if line.startswith("explor")]
+    assert live and all(len(line.rstrip()) <= width for line in live)
 
 
 def test_nothing_is_printed_before_the_race_is_on():
@@ -143,7 +156,7 @@ def test_the_table_fits_a_narrow_terminal():
     result = race.fly()
     result["laps"][0]["plan"] = {"duration_s": 9.5}
     console = plain(width=80)
-    console.print(lap_table(result))
+    console.print(lap_table(result, 5.0))
     text = console.file.getvalue()
     assert "…" not in text
     cells = [[cell.strip() for cell in line.split("│")[1:-1]] for line in text.splitlines()]

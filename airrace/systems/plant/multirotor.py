@@ -74,14 +74,20 @@ def AddMultirotorModel(plant, vehicle: Vehicle, sdf: Path, truth: Vehicle | None
         )
     M = plant.GetBodyByName("body").default_spatial_inertia()
     # What is scaled agrees with the truth if the file agrees with the vehicle.
+    if not np.isclose(M.get_mass(), truth.mass):
+        mass = M.get_mass() / mass_factor
+        raise UserError(
+            f"The model {sdf} has a mass of {mass:g} kg, and its vehicle.yaml {vehicle.mass:g} kg; "
+            "make them equal."
+        )
     if not (
-        np.isclose(M.get_mass(), truth.mass)
-        and np.allclose(M.CalcRotationalInertia().CopyToFullMatrix3(), np.diag(truth.inertia))
+        np.allclose(M.CalcRotationalInertia().CopyToFullMatrix3(), np.diag(truth.inertia))
         and np.allclose(M.get_com(), 0.0)
     ):
         raise UserError(
-            f"The model {sdf} must have the mass and inertia of its vehicle.yaml "
-            "about a centre of mass at the origin; make them equal."
+            f"The model {sdf} must have the moments of inertia of its vehicle.yaml, "
+            f"{', '.join(f'{moment:g}' for moment in vehicle.inertia)} kg m^2, about a centre of "
+            "mass at the origin; make them equal."
         )
 
 

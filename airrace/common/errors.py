@@ -1,5 +1,6 @@
 """The one exception that means "the user can fix this", and what programs make of it."""
 
+import os
 import sys
 from collections.abc import Callable
 
@@ -21,13 +22,18 @@ def words(error: BaseException) -> str:
 def exit_code(program: Callable[[], int]) -> int:
     """Calls a command-line program; returns its exit code.
 
-    Bad input is one sentence and 2, Ctrl-C is 1.
+    Bad input is one sentence and 2, Ctrl-C is 1, and so is a reader that has left.
     """
     try:
-        return program()
+        code = program()
+        sys.stdout.flush()
+        return code
     except UserError as e:
         print(f"airrace: {e}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # whoever read has left, such as head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is held back
+        return 1
     except KeyboardInterrupt:
         print("airrace: interrupted", file=sys.stderr)
         return 1

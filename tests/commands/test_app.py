@@ -82,6 +82,13 @@ COMP_WORDS=(airrace race --tra); COMP_CWORD=2; _airrace; printf '%s\\n' "${COMPR
     assert answer.stdout.split() == ["--trajectory", "--track"], answer
 
 
+def test_a_reader_that_leaves():
+    """airrace completion bash | head -1"""
+    command = f"'{sys.executable}' -m airrace completion bash | head -1"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert done.stderr == "" and done.stdout == "# Bash completion for airrace\n"
+
+
 def test_importing_airrace_is_fast_and_offers_what_a_lesson_needs():
     """It imports neither Drake nor anything else that takes a second."""
     code = (

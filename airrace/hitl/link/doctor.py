@@ -103,7 +103,9 @@ def make_table(rows: list[Row], title: str = "The link between simulation and au
     """Returns the doctor's table."""
     table = Table(title=title)
     for heading in ("what", "found", "needed", "", "remedy"):
-        table.add_column(heading, justify="right" if heading == "found" else "left")
+        table.add_column(
+            heading, justify="right" if heading == "found" else "left", overflow="fold"
+        )
     for row in rows:
         style = _STYLES[row.verdict]
         table.add_row(*row[:3], f"[{style}]{row.verdict}[/{style}]", row.remedy)

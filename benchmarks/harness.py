@@ -5,11 +5,17 @@ is not and infinity for what never happened; the other makes tables of that.
 """
 
 import argparse
+import contextlib
+import datetime
 import itertools
 import math
 import multiprocessing
 import os
+import platform
+import re
 import string
+import subprocess
+import sys
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
@@ -75,10 +81,67 @@ def run(parser, argv, measure, show) -> int:
         for each in tables:
             Console(width=_WIDTH).print(each, soft_wrap=isinstance(each, str), highlight=False)
         if args.json is not None:
-            write_json(args.json, results)
+            options = sys.argv[1:] if argv is None else argv
+            write_json(args.json, record(parser.prog, options, tables, results))
         return 0 if passed else 1
 
     return exit_code(program)
+
+
+def record(program: str, options, tables, results) -> dict:
+    """Returns what --json writes: where the figures come from, the tables, and all figures.
+
+    Args:
+        program: its name. options: of the command line. tables: as printed. results: measured.
+    """
+    # Argparse says mapping.py, python -m benchmarks.mapping, or a mixture, as Python's version is.
+    name = program.rpartition("benchmarks.")[2].removesuffix(".py")
+    words = [f"python -m benchmarks.{name}", *_without_json(options)]
+    return {
+        "command": " ".join(map(str, words)),
+        "commit": _commit(),
+        "machine": _machine(),
+        "date": datetime.date.today().isoformat(),
+        "tables": [_cells(table) for table in tables if isinstance(table, Table)],
+        "figures": results,
+    }
+
+
+def _without_json(options) -> list:
+    """Returns options without --json and its file, which say nothing about the figures."""
+    words = iter(options)
+    return [
+        word
+        for word in words
+        if not (word == "--json" and next(words)) and not str(word).startswith("--json=")
+    ]
+
+
+def _commit() -> str:
+    """Returns the commit that was measured, with a + if files differ from it."""
+    git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty=+"]
+    try:
+        return subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def _machine() -> str:
+    """Returns the processor, how many there are, and the system."""
+    name = platform.machine()
+    with contextlib.suppress(OSError):
+        models = re.findall(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
+        name = models[0] if models else name
+    return f"{name}, {os.cpu_count()} processors, Python {platform.python_version()}"
+
+
+def _cells(table: Table) -> dict:
+    """Returns a table as its title, its headings (None if not shown) and its rows."""
+    return {
+        "title": str(table.title),
+        "headings": [str(c.header) for c in table.columns] if table.show_header else None,
+        "rows": [list(map(str, row)) for row in zip(*(c.cells for c in table.columns))],
+    }
 
 
 def progress(items, what: str, total: int | None = None):

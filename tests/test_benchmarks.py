@@ -38,7 +38,12 @@ def run(tmp_path):
         assert done.returncode == code, done.stdout + done.stderr
         lines = done.stdout.splitlines()
         cells = [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines]
-        return [row for row in cells if row], json.loads(file.read_text()), done.stdout
+        written = json.loads(file.read_text())
+        assert written["command"].startswith(f"python -m benchmarks.{name}")
+        assert str(file) not in written["command"] and written["machine"] and written["commit"]
+        printed = [row for row in cells if row]
+        assert sum(len(table["rows"]) for table in written["tables"]) <= len(printed)
+        return printed, written["figures"], done.stdout
 
     return run
 

@@ -26,7 +26,7 @@ def main(folder: Path) -> int:
     return race([str(option) for option in options])
 
 
-def _die_with_the_worker(folder: Path):
+def _die_with_the_worker(folder: Path) -> None:
     # Not through sys.stdin: its lock would be held when Python shuts down.
     while os.read(0, 1):
         pass

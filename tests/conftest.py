@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -11,6 +12,20 @@ from hypothesis import settings
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None, max_examples=1000)
 settings.load_profile("repeatable")
+
+# Markers that follow from where a test is, by the path below tests/. `slow` stands at each test.
+_MARKED = {
+    "browser": ["visualization/test_in_browser.py"],
+    "hitl": ["hitl", "diagrams/test_hitl.py", "diagrams/test_simulated_link.py"],
+}
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        path = item.path.relative_to(Path(__file__).parent)
+        for marker, places in _MARKED.items():
+            if any(path.is_relative_to(place) for place in places):
+                item.add_marker(marker)
 
 
 @pytest.fixture(scope="session")

@@ -1,31 +1,85 @@
-"""An airrace that is installed has all that one in a checkout has."""
+"""An airrace that is installed has all that one in a checkout has, and can be put on an index."""
 
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
+from email.parser import Parser
 from pathlib import Path
 
+import pytest
+
+import airrace
+
 ROOT = Path(__file__).parents[1]
-# The hook of pyproject.toml's build-backend, without pip's isolation, which needs the network.
-BUILD = "import sys; from setuptools.build_meta import build_wheel; build_wheel(sys.argv[1])"
+# The hooks of pyproject.toml's build-backend, without pip's isolation, which needs the network.
+BUILD = """
+import sys
+from setuptools import build_meta
+getattr(build_meta, sys.argv[1])(sys.argv[2])
+"""
+
+pytestmark = pytest.mark.slow
 
 
-def test_wheel_has_all_that_a_race_needs(tmp_path):
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """The folder with a wheel and a source distribution; nothing is written to the checkout."""
+    folder = tmp_path_factory.mktemp("dist")
     for name in ("airrace", "models"):
         ignore = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(ROOT / name, tmp_path / "source" / name, ignore=ignore)
+        shutil.copytree(ROOT / name, folder / "source" / name, ignore=ignore)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, tmp_path / "source" / name)
-    command = [sys.executable, "-I", "-c", BUILD, str(tmp_path)]
-    subprocess.run(command, cwd=tmp_path / "source", check=True, capture_output=True)
-    (wheel,) = tmp_path.glob("*-py3-none-any.whl")
-    names = set(zipfile.ZipFile(wheel).namelist())
-    for pattern in ("airrace/**/*.py", "airrace/**/*.sh", "airrace/**/*.html", "airrace/**/*.lcm"):
-        assert {path.relative_to(ROOT).as_posix() for path in ROOT.glob(pattern)} <= names
-    models = {
-        f"airrace/{path.relative_to(ROOT).as_posix()}"
-        for path in (ROOT / "models").rglob("*")
-        if path.is_file()
-    }
-    assert models <= names
+        shutil.copy(ROOT / name, folder / "source" / name)
+    for hook in ("build_sdist", "build_wheel"):
+        command = [sys.executable, "-I", "-c", BUILD, hook, str(folder)]
+        subprocess.run(command, cwd=folder / "source", check=True, capture_output=True)
+    shutil.rmtree(folder / "source")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(built):
+    (path,) = built.glob("*-py3-none-any.whl")
+    return zipfile.ZipFile(path)
+
+
+def files(*patterns):
+    found = {path for pattern in patterns for path in ROOT.glob(pattern) if path.is_file()}
+    return {path.relative_to(ROOT).as_posix() for path in found if "__pycache__" not in path.parts}
+
+
+SOURCES = [f"airrace/**/*.{end}" for end in ("py", "sh", "html", "lcm", "gltf")]
+
+
+def test_wheel_has_all_that_a_race_needs(wheel):
+    names = set(wheel.namelist())
+    assert files(*SOURCES, "airrace/py.typed") <= names
+    assert {f"airrace/{name}" for name in files("models/**/*")} <= names
+
+
+def test_source_distribution_has_all_that_a_wheel_is_made_of(built):
+    (path,) = built.glob("*.tar.gz")
+    with tarfile.open(path) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert files(*SOURCES, "airrace/py.typed", "models/**/*", "LICENSE", "pyproject.toml") <= names
+
+
+def test_version_is_that_of_the_package(wheel):
+    (name,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
+    metadata = Parser().parsestr(wheel.read(name).decode())
+    assert metadata["Version"] == airrace.__version__
+
+
+def test_page_of_an_index_shows_all_that_is_in_it(built, wheel):
+    pytest.importorskip("twine", reason="twine is one of the dev dependencies")
+    paths = [path for path in built.iterdir() if path.is_file()]
+    command = [sys.executable, "-m", "twine", "check", "--strict", *paths]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert len(paths) == 2 and done.returncode == 0, done.stdout + done.stderr
+    # Relative links and pictures would lead nowhere there.
+    (name,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
+    text = Parser().parsestr(wheel.read(name).decode()).get_payload()
+    links = text.split("](")[1:]
+    assert "![" not in text and all(link.startswith("https://") for link in links)

@@ -3,6 +3,7 @@
 import json
 import math
 import signal
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -16,6 +17,20 @@ settings.load_profile("repeatable")
 # Started in the background of a script (./test.bash &), Python ignores Ctrl-C, and so does what
 # it starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Markers that follow from where a test is, by the path below tests/. `slow` stands at each test.
+_MARKED = {
+    "browser": ["visualization/test_in_browser.py"],
+    "hitl": ["hitl", "diagrams/test_hitl.py", "diagrams/test_simulated_link.py"],
+}
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        path = item.path.relative_to(Path(__file__).parent)
+        for marker, places in _MARKED.items():
+            if any(path.is_relative_to(place) for place in places):
+                item.add_marker(marker)
 
 
 @pytest.fixture(scope="session")

@@ -22,14 +22,6 @@ def test_tests_do_not_import_benchmarks():
     assert not [path for path in files if pattern.search(path.read_text(encoding="utf-8"))]
 
 
-def test_python_is_formatted_and_checked():
-    for command in (["check", "--quiet"], ["format", "--check", "--quiet"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "ruff", *command, "."], cwd=ROOT, capture_output=True, text=True
-        )
-        assert done.returncode == 0, done.stdout[-3000:] + done.stderr
-
-
 def test_every_folder_says_what_it_is():
     for folder in (ROOT / "airrace").rglob("__init__.py"):
         if "lcmtypes" not in folder.parts:

@@ -1,11 +1,16 @@
 """How the report's pictures look: vector graphics, one style, readable in grey."""
 
 import io
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
 
 # Laps are told apart by marker and line style as well as by colour.
 LINE_STYLES = ("-", "--", "-.", ":")
@@ -20,7 +25,7 @@ _LAP_COLORS = (
     *("#00224e", "#7a0403", "#1f5fa8", "#b8500c", "#2a7f62"),
     *("#8f2d84", "#5a6b7b", "#a5732a", "#4f4fb0", "#3f8f3f"),
 )
-STYLE = {
+STYLE: dict[str, Any] = {
     "font.size": 9,
     "axes.titlesize": 10,
     "axes.titleweight": "bold",
@@ -38,12 +43,14 @@ WORST = dict(label="worst", color=INK, marker="s", ls="--", ms=4, lw=1.0, mfc="w
 RMS = dict(label="RMS", color=INK, marker="o", ms=4, lw=1.2)
 
 
-def make_figure(width: float, height: float, **options) -> Figure:
+def make_figure(width: float, height: float, **options: Any) -> Figure:
     """Returns an empty figure of some size (inches); options are Figure's."""
     return Figure(figsize=(width, height), layout="constrained", **options)
 
 
-def add_colorbar(figure: Figure, mappable, axes, label: str, **options) -> None:
+def add_colorbar(
+    figure: Figure, mappable: "ScalarMappable", axes: "Axes", label: str, **options: Any
+) -> None:
     """Adds what the colours of something mean; options are Figure.colorbar's."""
     bar = figure.colorbar(mappable, ax=axes, label=label, **options)
     bar.solids.set_edgecolor("face")  # no hairlines between its colours
@@ -64,7 +71,7 @@ def lap_style(lap: int) -> dict:
 def inline_svg(figure: Figure, name: str) -> str:
     """Returns a figure as an <svg> element for a page; name: unlike any other figure's of it."""
     file = io.StringIO()
-    with rc_context({"svg.hashsalt": name, **STYLE}):
+    with rc_context({"svg.hashsalt": name, **STYLE}):  # type: ignore[dict-item]
         # No date and no version: the same run, the same report.
         figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     text = file.getvalue()

@@ -1,15 +1,22 @@
 """Pictures of where time was lost, and of what the explorer did."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from airrace.analysis.figure_style import INK, lap_style, make_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from airrace.analysis.run import Run
 
 _NEAR = 0.1  # s by which a drone joins its circuit after a gate, and it still counts
 _HATCHES = ("", "///", "...", "xx", "\\\\\\", "++", "oo", "--")
 _GREYS = ("#ffffff", "#d0d0d0", "#f0f0f0", "#b0b0b0", "#e0e0e0", "#c0c0c0")
 
 
-def time_lost(run) -> dict:
+def time_lost(run: "Run") -> dict:
     """Returns by how much each lap was behind its plan at each gate.
 
     It counts from the first gate on at which the drone was on the plan's circuit: of its
@@ -36,7 +43,7 @@ def time_lost(run) -> dict:
     return result
 
 
-def time_lost_figure(run):
+def time_lost_figure(run: "Run") -> "Figure":
     """Returns the picture of time_lost()."""
     lost = time_lost(run)
     most = max((np.nanmax(np.abs(behind)) for behind in lost.values()), default=0.0)
@@ -47,12 +54,12 @@ def time_lost_figure(run):
     for lap, behind in lost.items():
         axes.plot(range(n + 1), factor * behind, label=f"lap {lap}", **lap_style(lap))
     axes.axhline(0.0, color=INK, lw=0.8)
-    axes.set_xticks(range(n + 1), [*range(1, n + 1), 1])
+    axes.set_xticks(range(n + 1), [*range(1, n + 1), 1])  # type: ignore[list-item]
     figure.legend(loc="outside right center")
     return figure
 
 
-def states(run) -> list:
+def states(run: "Run") -> list:
     """Returns name, start and end (s) of every state of the explorer, in order."""
     events = [(event["state"], event["time_s"]) for event in run.result["exploration"]["events"]]
     logged = run.events[run.events["source"] == "explorer"]
@@ -64,7 +71,7 @@ def states(run) -> list:
     return [(state, start, end) for (state, start), end in zip(events, ends)]
 
 
-def timeline_figure(run):
+def timeline_figure(run: "Run") -> "Figure":
     """Returns the explorer's states over time."""
     spans = states(run)
     names = list(dict.fromkeys(name for name, *_ in spans))

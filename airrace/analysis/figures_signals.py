@@ -1,15 +1,22 @@
 """Pictures of the map, of tracking, and of the rotors."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 from matplotlib.ticker import MaxNLocator
 
 from airrace.analysis.figure_style import GREYS, INK, RMS, WORST, add_colorbar, make_figure
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from airrace.analysis.run import Run
+
 _BINS = 400  # of a line over time, each with its greatest value
 
 
-def map_by_lap(run) -> pd.DataFrame:
+def map_by_lap(run: "Run") -> pd.DataFrame:
     """Returns the map's errors (m): a row a marker, a column a lap; 0 is the exploration."""
     times = np.unique(run.map["time"])
     # The map is written just after gate 1 is crossed.
@@ -18,7 +25,7 @@ def map_by_lap(run) -> pd.DataFrame:
     return errors.set_axis(range(len(at)), axis="columns").dropna(how="all")
 
 
-def map_figure(run):
+def map_figure(run: "Run") -> "Figure":
     """Returns the error of every marker in the map after the exploration and each lap."""
     errors = 100 * map_by_lap(run)
     markers, laps = errors.index, errors.columns
@@ -52,7 +59,7 @@ def map_figure(run):
     return figure
 
 
-def tracking_figure(run):
+def tracking_figure(run: "Run") -> "Figure":
     """Returns how far the drone was from its reference, over time and lap by lap."""
     time, lap, off = run.tracking["time"], run.tracking["lap"], 100 * run.tracking["distance"]
     figure = make_figure(9, 3)
@@ -75,7 +82,7 @@ def tracking_figure(run):
     return figure
 
 
-def rotor_usage(run) -> list:
+def rotor_usage(run: "Run") -> list:
     """Returns the thrust of each rotor while racing, as shares of its limit, 0 to 1."""
     rotors = run.rotors[run.rotors["lap"].between(1, run.scenario.laps)]
     if rotors.empty:
@@ -86,7 +93,7 @@ def rotor_usage(run) -> list:
     ]
 
 
-def rotors_figure(run):
+def rotors_figure(run: "Run") -> "Figure":
     """Returns how much of its thrust each rotor used."""
     usage = [100 * share for share in rotor_usage(run)]
     figure = make_figure(9, 3)

@@ -1,5 +1,7 @@
 """Pictures of where a race was flown."""
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.ticker import MaxNLocator
@@ -15,18 +17,23 @@ from airrace.analysis.figure_style import (
 from airrace.track.layout import Layout
 from airrace.track.plot import draw_gates
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from airrace.analysis.run import Run
+
 _STEP = 2.5  # m of a piece of a lap, which has one colour
 
 
-def track_figure(run):
+def track_figure(run: "Run") -> "Figure":
     """Returns the track from above with the flown laps, coloured by speed."""
     figure = make_figure(9, 7.2)
     axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
     laps = {lap: _thinned(state) for lap, state in run.state.groupby("lap")}
     exploring = laps.get(0, run.state)
-    dashed = dict(color=FAINT, lw=0.9, ls=(0, (4, 3)), label="exploring", zorder=1)
+    dashed: dict[str, Any] = dict(color=FAINT, lw=0.9, ls=(0, (4, 3)), label="exploring", zorder=1)
     axes.plot(exploring["x"], exploring["y"], **dashed)
-    raced = [state for lap, state in laps.items() if 0 < lap <= max(run.scenario.laps, 1)]
+    raced = [state for lap, state in laps.items() if 0 < lap <= max(run.scenario.laps, 1)]  # type: ignore[operator]
     if raced:
         paths = [state[["x", "y"]].to_numpy() for state in raced]
         pieces = [piece for path in paths for piece in zip(path, path[1:])]
@@ -51,7 +58,7 @@ def _thinned(state):
     return state.iloc[np.unique(rows.clip(max=len(path) - 1))]
 
 
-def offsets_figure(run):
+def offsets_figure(run: "Run") -> "Figure":
     """Returns how far from its midpoint each gate was crossed, lap by lap."""
     figure = make_figure(9, 3)
     axes = figure.add_subplot(xlabel="gate", ylabel="offset (cm)")

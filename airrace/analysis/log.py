@@ -3,7 +3,9 @@
 import contextlib
 import json
 import os
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from mcap.decoder import DecoderFactory
 from mcap.reader import NonSeekingReader
@@ -16,7 +18,7 @@ from airrace.common.errors import UserError
 _MAGIC = b"\x89MCAP0\r\n"  # at both ends of the file
 
 
-def read_log(path: Path, topics=None):
+def read_log(path: Path, topics: Iterable[str] | None = None) -> Iterator[tuple[str, float, Any]]:
     """Yields topic, time (s) and message of everything in a log, in the order of writing.
 
     A message is a Protobuf object of Foxglove's schema, or a dict. A log that ends in the

@@ -37,7 +37,7 @@ def make_report(run: Run) -> str:
     )
 
 
-def _summary(run) -> dict:
+def _summary(run: Run) -> dict:
     """Returns map error (m), tracking error (m) and greatest share of a rotor's thrust, or None."""
     from airrace.analysis.figures_signals import rotor_usage
 
@@ -50,7 +50,7 @@ def _summary(run) -> dict:
     )
 
 
-def _pictures(run) -> dict[str, str]:
+def _pictures(run: Run) -> dict[str, str]:
     """Returns an <svg> element by the title of every section that this run has data for."""
     from matplotlib import rc_context
 
@@ -71,11 +71,11 @@ def _pictures(run) -> dict[str, str]:
             figures_laps.timeline_figure,
         ),
     )
-    with rc_context(STYLE):
+    with rc_context(STYLE):  # type: ignore[arg-type]  # its names are strings
         return {title: inline_svg(draw(run), title) for title, data, draw in sections if data}
 
 
-def write_report(folder) -> Path:
+def write_report(folder: str | Path) -> Path:
     """Writes report.html of a run, which may be unfinished; returns its path.
 
     Args:

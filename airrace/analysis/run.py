@@ -2,7 +2,9 @@
 
 import importlib.util
 import json
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +16,9 @@ from airrace.common.resources import load_yaml
 from airrace.recording.writer import FILE
 from airrace.track import Track, load_track
 from airrace.vehicle import Vehicle, load_vehicle
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMATS = ("csv", "parquet")
 
@@ -59,7 +64,7 @@ class Run:
         complete: whether it was closed; else its race was killed, or still goes on.
     """
 
-    def __init__(self, folder, without=()):
+    def __init__(self, folder: str | Path, without: Iterable[str] = ()):
         """Reads a run.
 
         Args:
@@ -103,16 +108,16 @@ class Run:
         signals = read_signals(log if self.recorded else None, without)
         self.tables = derive(signals, self.result, self.track)
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> "pd.DataFrame":
         tables = self.__dict__.get("tables", {})
         if name in tables:
             return tables[name]
         raise AttributeError(f"A run has no '{name}'; its tables are: {', '.join(tables)}.")
 
-    def __dir__(self):
+    def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self.tables]
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"Run({str(self.folder)!r}, {len(self.result['laps'])} laps)"
 
     @property
@@ -120,7 +125,7 @@ class Run:
         """When gate 1 was crossed, each of which starts a lap or ends the last (s)."""
         return lap_starts(self.tables["crossings"])
 
-    def images(self):
+    def images(self) -> Iterator[tuple[float, np.ndarray]]:
         """Yields the time (s) and the grey levels, (h, w) uint8, of every recorded picture.
 
         Raises:
@@ -132,7 +137,7 @@ class Run:
             picture = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_GRAYSCALE)
             yield seconds(message.timestamp), picture
 
-    def export(self, folder, format: str = "csv") -> list:
+    def export(self, folder: str | Path, format: str = "csv") -> list:
         """Writes every table to a file of its name; returns their paths.
 
         Args:
@@ -162,6 +167,6 @@ class Run:
         return list(paths.values())
 
 
-def load_run(folder) -> Run:
+def load_run(folder: str | Path) -> Run:
     """Loads what a race left; see Run."""
     return Run(folder)

@@ -4,7 +4,10 @@ SIGNALS says which there are. Everything is SI, in the world frame, angles in ra
 states are in the body frame here, as Foxglove defines them. derived.py makes the tables of a Run.
 """
 
+from collections.abc import Iterable
 from operator import attrgetter
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -53,7 +56,7 @@ SIGNALS = {
 }
 
 
-def read_signals(path, without=()) -> dict[str, pd.DataFrame]:
+def read_signals(path: Path | None, without: Iterable[str] = ()) -> dict[str, pd.DataFrame]:
     """Returns the table of every signal of a race.mcap.
 
     Args:
@@ -73,7 +76,7 @@ def read_signals(path, without=()) -> dict[str, pd.DataFrame]:
     }
 
 
-def seconds(stamp) -> float:
+def seconds(stamp: Any) -> float:
     """Returns the time (s) that a message's stamp says."""
     return stamp.seconds + stamp.nanos / 1e9
 

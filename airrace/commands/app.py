@@ -5,6 +5,8 @@ Cyclopts makes options and help of a function's parameters, their types and docs
 
 import os
 import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Literal
 
 from cyclopts import App, CycloptsError, Parameter
@@ -52,7 +54,7 @@ examples:
   airrace completion fish > ~/.config/fish/completions/airrace.fish"""
 
 
-def _completion(app: App):
+def _completion(app: App) -> Callable[[Literal["bash", "zsh", "fish"]], int]:
     def completion(shell: Literal["bash", "zsh", "fish"], /) -> int:
         """Print what makes a shell complete airrace's options.
 
@@ -65,7 +67,7 @@ def _completion(app: App):
     return completion
 
 
-def main(argv=None) -> int:
+def main(argv: Sequence[str | Path] | None = None) -> int:
     """The command-line program; returns its exit code."""
     # A scenario may name a module beside which airrace was called.
     if not {"", os.getcwd()} & set(sys.path):
@@ -73,7 +75,7 @@ def main(argv=None) -> int:
     return exit_code(lambda: _call(sys.argv[1:] if argv is None else argv))
 
 
-def _call(argv) -> int:
+def _call(argv: Sequence[str | Path]) -> int:
     """Calls a subcommand; returns its exit code.
 
     Raises:
@@ -94,6 +96,6 @@ def _call(argv) -> int:
 
 def _sentence(error: CycloptsError) -> str:
     """Returns what Cyclopts says of a bad value, on one line."""
-    if isinstance(error, UnusedCliTokensError):
+    if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
         return f"'{error.unused_tokens[0]}' is too much: this command takes no such argument."
     return " ".join(str(error).split())

@@ -1,10 +1,15 @@
 """airrace doctor: what this computer, or the link to an autonomy, lacks for a race."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
 from airrace.commands.options import ScenarioOptions
+
+if TYPE_CHECKING:
+    import lcm
+
+    from airrace.scenario import Scenario
 
 EPILOG = """\
 examples:
@@ -54,7 +59,7 @@ def doctor(
     return 0 if can_race else 1
 
 
-def measure_link(scenario, bus, duration: float, patience: float) -> bool:
+def measure_link(scenario: "Scenario", bus: "lcm.LCM", duration: float, patience: float) -> bool:
     """Measures the link and prints what it finds; returns whether a race can start.
 
     Args:

@@ -5,13 +5,17 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
 from airrace.commands.options import RACE, RUN, DroneOptions, Whole, resolve_scenario
 from airrace.common.errors import UserError
 from airrace.common.interrupts import interrupts_held, sigterm_as_ctrl_c
+
+if TYPE_CHECKING:
+    from airrace.evaluation.progress import EvaluationDisplay
+    from airrace.evaluation.store import RaceStore
 
 EPILOG = """\
 examples:
@@ -91,7 +95,7 @@ def evaluate(*, options: EvaluateOptions = EvaluateOptions()) -> int:
             return fly(options, jobs, settings, folder, store)
 
 
-def check_options(options) -> None:
+def check_options(options: EvaluateOptions) -> None:
     """Raises UserError on the first bad option of this program's own."""
     for name, least in (("tracks", 1), ("track_seed", 0), ("workers", 1)):
         value = getattr(options, name)
@@ -105,7 +109,7 @@ def check_options(options) -> None:
         raise UserError("--scenario_name needs --scenario_file.")
 
 
-def resolve(options) -> tuple[list, dict]:
+def resolve(options: EvaluateOptions) -> tuple[list, dict]:
     """Returns the jobs and the settings that the command line asks for.
 
     Raises:
@@ -129,8 +133,10 @@ def resolve(options) -> tuple[list, dict]:
         tracks = [given_track(options.track)] * options.tracks
     else:
         console = Console(stderr=True)
-        bar = dict(console=console, transient=True, disable=not console.is_terminal)
-        tracks = [generated_track(seed) for seed in progress(seeds, "Making tracks", **bar)]
+        shown = progress(
+            seeds, "Making tracks", console=console, transient=True, disable=not console.is_terminal
+        )
+        tracks = [generated_track(seed) for seed in shown]
     jobs = make_jobs(scenario, seeds, tracks)
     return jobs, settings(
         jobs,
@@ -139,7 +145,9 @@ def resolve(options) -> tuple[list, dict]:
     )
 
 
-def fly(options, jobs, settings, folder, store) -> int:
+def fly(
+    options: EvaluateOptions, jobs: list, settings: dict, folder: Path, store: "RaceStore"
+) -> int:
     """Flies the races that a store lacks, and reports; returns the exit code."""
     from airrace.evaluation import cluster
     from airrace.evaluation.progress import EvaluationDisplay
@@ -181,7 +189,7 @@ def fly(options, jobs, settings, folder, store) -> int:
     return 1 if stopped else 0
 
 
-def report(folder, settings, rows, display) -> None:
+def report(folder: Path, settings: dict, rows: list, display: "EvaluationDisplay") -> None:
     """Writes evaluation.json, evaluation.md and evaluation.png, and prints the tables."""
     from airrace.evaluation.overview_plot import draw_picture
     from airrace.evaluation.tables import write_report

@@ -2,13 +2,18 @@
 
 import dataclasses as dc
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
 from airrace.commands.options import ScenarioOptions
 from airrace.commands.race import RaceOptions, race
 from airrace.hitl.companion import READY
+
+if TYPE_CHECKING:
+    import lcm
+
+    from airrace.scenario import Scenario
 
 EPILOG = """\
 examples, on two computers on one cable:
@@ -30,7 +35,7 @@ def add_to(app: App) -> None:
     app.command(hitl)
 
 
-def scenario_and_bus(options: ScenarioOptions, lcm_url: str | None):
+def scenario_and_bus(options: ScenarioOptions, lcm_url: str | None) -> tuple["Scenario", "lcm.LCM"]:
     """Returns the checked Scenario and the LCM that options name.
 
     Raises:

@@ -4,12 +4,16 @@ A field's type says what it takes, the text below it is its help.
 """
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from cyclopts import Group, Parameter
+from cyclopts import Group, Parameter, Token
 
 from airrace.common.errors import UserError
+
+if TYPE_CHECKING:
+    from airrace.scenario import Scenario
 
 RACE = Group("The race", sort_key=1)
 RUN = Group("The run", sort_key=2)
@@ -19,7 +23,7 @@ SCENARIO = Group(
 )
 
 
-def _whole(type_, tokens) -> int:
+def _whole(type_: type, tokens: Sequence[Token]) -> int:
     """Returns a whole number, where Cyclopts would also take 2.5, for 2."""
     try:
         return int(tokens[0].value)
@@ -78,7 +82,7 @@ class DroneOptions(ScenarioOptions):
     )
 
 
-def resolve_scenario(options: DroneOptions):
+def resolve_scenario(options: DroneOptions) -> "Scenario":
     """Returns the Scenario that options ask for; it is not checked.
 
     Args:

@@ -4,13 +4,14 @@ import dataclasses as dc
 import difflib
 import json
 from pathlib import Path
+from typing import Any
 
 from airrace.analysis.run import Run, load_run
 from airrace.commands.race import RaceOptions, fly
 from airrace.common.errors import UserError
 
 
-def race(*, fields: dict | None = None, quiet: bool = False, **options) -> Run:
+def race(*, fields: dict | None = None, quiet: bool = False, **options: Any) -> Run:
     """Flies a race and returns what it left.
 
     For example ``airrace.race(track="hexagon", laps=2)``, or

@@ -2,15 +2,19 @@
 
 import contextlib
 import dataclasses as dc
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
 from airrace.commands.options import HITL, RACE, RUN, DroneOptions, Whole, resolve_scenario
 from airrace.commands.ssh_options import ssh_companions
 from airrace.common.errors import UserError
+
+if TYPE_CHECKING:
+    from airrace.scenario import Scenario
 
 EPILOG = """\
 examples:
@@ -104,7 +108,7 @@ def race(*, options: RaceOptions = RaceOptions()) -> int:
     return 0 if result["finished"] else 1
 
 
-def race_scenario(options: RaceOptions):
+def race_scenario(options: RaceOptions) -> "Scenario":
     """Returns the checked Scenario that options ask for.
 
     Raises:
@@ -177,7 +181,7 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
     return result, output_dir
 
 
-def write_graphviz(path: Path, scenario) -> None:
+def write_graphviz(path: Path, scenario: "Scenario") -> None:
     """Writes the diagram of a race in Graphviz's dot language."""
     from airrace.diagrams.race import MakeRace
 
@@ -190,7 +194,7 @@ def write_graphviz(path: Path, scenario) -> None:
 
 
 @contextlib.contextmanager
-def report_after(folder: Path, announce):
+def report_after(folder: Path, announce: Callable[[str], None]) -> Iterator[None]:
     """Writes report.html after the block; if that raises, nothing else is raised.
 
     Args:

@@ -19,14 +19,14 @@ def main(folder: Path) -> int:
     threading.Thread(target=_die_with_the_worker, args=(folder,), daemon=True).start()
     from airrace.commands.app import main as airrace
 
-    options = ["--scenario_file", folder / SCENARIO, "--track", folder / TRACK]
+    options: list[str | Path] = ["--scenario_file", folder / SCENARIO, "--track", folder / TRACK]
     if (folder / DRONE).exists():
         options += ["-d", folder / DRONE]
     options += ["--output", folder / RESULTS, "--no-meshcat", "--no-report"]
     return airrace(["race", *options])
 
 
-def _die_with_the_worker(folder: Path):
+def _die_with_the_worker(folder: Path) -> None:
     # Not through sys.stdin: its lock would be held when Python shuts down.
     while os.read(0, 1):
         pass

@@ -1,13 +1,17 @@
 """What the options of a companion that is reached by ssh mean."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from airrace.common.errors import UserError
 from airrace.hitl.companion import Companion
 from airrace.hitl.companion.address import Address, parse_address
 
+if TYPE_CHECKING:
+    from airrace.commands.race import RaceOptions
 
-def ssh_companions(options) -> Callable[[Address], Companion]:
+
+def ssh_companions(options: "RaceOptions") -> Callable[[Address], Companion]:
     """Returns what makes the companion for an Address, as the options say.
 
     Args:
@@ -16,9 +20,10 @@ def ssh_companions(options) -> Callable[[Address], Companion]:
     Raises:
         UserError: naming the option and the remedy.
     """
-    by_ssh = options.companion not in (None, "local", "none")
+    companion = options.companion or "local"
+    by_ssh = companion not in ("local", "none")
     if by_ssh:
-        parse_address(options.companion)
+        parse_address(companion)
     for option in ("identity", "wheels"):
         if getattr(options, option) is not None and not by_ssh:
             raise UserError(

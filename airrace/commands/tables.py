@@ -48,6 +48,6 @@ def tables(
         return 0
     table = Table("table", "rows", "columns")
     for name, signal in race.tables.items():
-        table.add_row(name, str(len(signal)), ", ".join(signal))
+        table.add_row(name, str(len(signal)), ", ".join(map(str, signal)))
     console.print(table)
     return 0

@@ -2,11 +2,14 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
 from airrace.commands.options import Whole
+
+if TYPE_CHECKING:
+    from airrace.track import Track
 
 _EPILOG = """\
 Every track obeys the layout rule of the Student AirRace: the next left pylon is
@@ -63,7 +66,7 @@ def track(
     return 0
 
 
-def to_yaml(track, comment: str) -> str:
+def to_yaml(track: "Track", comment: str) -> str:
     """Returns the text of a Track's file, which begins with a comment."""
     from pydrake.common.yaml import yaml_dump_typed
 

@@ -9,7 +9,9 @@ import math
 import os
 import re
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from airrace.common.errors import UserError
 
@@ -39,12 +41,12 @@ def write_bytes(path: Path, data: bytes) -> None:
         raise
 
 
-def write_json(path: Path, data) -> None:
+def write_json(path: Path, data: Any) -> None:
     """Writes JSON for people and programs; NaN and infinity, which JSON lacks, as null."""
     write_text(path, json.dumps(finite(data), indent=1, allow_nan=False) + "\n")
 
 
-def finite(data):
+def finite(data: Any) -> Any:
     """Returns plain data with None in place of NaN and infinity."""
     if isinstance(data, dict):
         return {key: finite(value) for key, value in data.items()}
@@ -85,7 +87,7 @@ def run_path(*names: str) -> Path:
 
 
 @contextlib.contextmanager
-def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()):
+def results_folder(path: Path, *, numbered: bool = False, refuse: tuple = ()) -> Iterator[Path]:
     """Creates a folder for the results of the ``with`` block, and yields its path.
 
     If the block is left by an exception before it has left anything in the folder,

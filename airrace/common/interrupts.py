@@ -3,10 +3,11 @@
 import contextlib
 import signal
 import types
+from collections.abc import Iterator
 
 
 @contextlib.contextmanager
-def interrupt_flag():
+def interrupt_flag() -> Iterator[types.SimpleNamespace]:
     """Turns the first Ctrl-C or SIGTERM into a flag; the second one acts as usual.
 
     In other threads than the main one the flag is never set: signals go elsewhere.
@@ -32,7 +33,7 @@ def interrupt_flag():
 
 
 @contextlib.contextmanager
-def sigterm_as_ctrl_c():
+def sigterm_as_ctrl_c() -> Iterator[None]:
     """Lets SIGTERM end the block by KeyboardInterrupt, so that everything is tidied up.
 
     In the main thread only.
@@ -45,7 +46,7 @@ def sigterm_as_ctrl_c():
 
 
 @contextlib.contextmanager
-def interrupts_held():
+def interrupts_held() -> Iterator[None]:
     """Keeps Ctrl-C and SIGTERM until the block has ended. In the main thread only."""
     held = []
     previous = {

@@ -13,10 +13,12 @@ import hashlib
 import math
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numba
 import numba.extending
+import numpy as np
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -80,7 +82,7 @@ def remove_stale() -> None:
 compilable = numba.extending.register_jitable
 
 
-def compiled(function):
+def compiled[F: Callable](function: F) -> F:
     """Returns a function as machine code; a decorator.
 
     A division by zero gives infinity or NaN there, as with arrays.
@@ -89,7 +91,7 @@ def compiled(function):
 
 
 @compilable
-def assign(vector, values) -> None:
+def assign(vector: np.ndarray, values: np.ndarray) -> None:
     """Writes the first n of some numbers into an array, (n,), one by one.
 
     Numba makes ten times as many instructions of ``vector[:] = values``, for whatever shapes
@@ -100,7 +102,7 @@ def assign(vector, values) -> None:
 
 
 @compiled
-def all_finite(vector) -> bool:
+def all_finite(vector: np.ndarray) -> bool:
     """Whether all numbers of an array (n,) are finite."""
     for number in vector:
         if not math.isfinite(number):

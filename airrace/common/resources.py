@@ -4,6 +4,7 @@ import functools
 import os
 import typing
 from pathlib import Path
+from typing import Any
 
 import yaml
 from pydrake.common.yaml import yaml_load, yaml_load_typed
@@ -50,7 +51,14 @@ def find_yaml(kind: str, name_or_file: str) -> Path:
     )
 
 
-def load_yaml(schema, *, filename=None, data=None, what="the text", **kwargs):
+def load_yaml[T](
+    schema: type[T],
+    *,
+    filename: str | Path | None = None,
+    data: str | None = None,
+    what: str = "the text",
+    **kwargs: Any,
+) -> T:
     """Loads YAML with Drake's ``yaml_load_typed``; bad files raise UserError.
 
     Args:
@@ -128,7 +136,7 @@ def _value_misfit(name, schema, value):
 _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text in quotes"}
 
 
-def _fits(schema, value) -> bool:
+def _fits(schema: type, value: Any) -> bool:
     """Whether Drake's loader takes a value for a field of a plain type."""
     if type(value) is schema:
         return True
@@ -144,7 +152,7 @@ def _fits(schema, value) -> bool:
         return False
 
 
-def _field_types(schema) -> dict:
+def _field_types(schema: type) -> dict:
     """Returns the types of the fields of a dataclass or of a struct of Drake's."""
     if hasattr(schema, "__fields__"):
         return {field.name: field.type for field in schema.__fields__}

@@ -3,7 +3,7 @@
 import importlib
 import traceback
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
 from airrace.common.errors import UserError
 from airrace.scenario import Scenario
@@ -25,11 +25,11 @@ from airrace.trajopt.feasibility import clearance_of
 from airrace.vehicle import load_vehicle
 
 
-def _make_aruco_detector(scenario: Scenario):
+def _make_aruco_detector(scenario: Scenario) -> System:
     return NoDetector() if scenario.map else ArucoDetector(fps=scenario.camera.fps)
 
 
-def _make_gate_mapper(scenario: Scenario):
+def _make_gate_mapper(scenario: Scenario) -> System:
     if scenario.map:
         return KnownMap(read_map(scenario.map, scenario.track))
     perception = dict(vars(scenario.perception))
@@ -43,17 +43,17 @@ def _make_gate_mapper(scenario: Scenario):
     )
 
 
-def _make_explorer(scenario: Scenario):
+def _make_explorer(scenario: Scenario) -> Explorer:
     return Explorer(
         config=scenario.explorer,
         # The hover height is a rule of the race; nothing else of the track is read.
         hover_height=load_track(scenario.track).hover_height,
-        clearance=clearance_of(load_vehicle(scenario.drone)[0].radius),
+        clearance=clearance_of(load_vehicle(scenario.drone)[0].radius),  # type: ignore[arg-type]
         map_is_known=bool(scenario.map),
     )
 
 
-def _make_lap_planner(scenario: Scenario):
+def _make_lap_planner(scenario: Scenario) -> LapPlanner:
     try:
         return LapPlanner(
             vehicle=load_vehicle(scenario.drone)[0],
@@ -65,11 +65,11 @@ def _make_lap_planner(scenario: Scenario):
         raise UserError(f"The lap planner cannot be: {e} Raise planner.thrust_share.") from None
 
 
-def _make_rotor_monitor(scenario: Scenario):
+def _make_rotor_monitor(scenario: Scenario) -> RotorMonitor:
     return RotorMonitor(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.rotor_monitor.rate)
 
 
-def _make_state_filter(scenario: Scenario):
+def _make_state_filter(scenario: Scenario) -> StateFilter:
     return StateFilter(
         vehicle=load_vehicle(scenario.drone)[0],
         state_rate=scenario.state_estimate.rate,
@@ -77,7 +77,7 @@ def _make_state_filter(scenario: Scenario):
     )
 
 
-def _make_geometric_controller(scenario: Scenario):
+def _make_geometric_controller(scenario: Scenario) -> GeometricController:
     return GeometricController(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
 
 
@@ -213,7 +213,7 @@ def _described(error: Exception) -> str:
     return f"{message}, at {frame.filename}:{frame.lineno}"
 
 
-def _output(system: System, port: str):
+def _output(system: System, port: str) -> OutputPort:
     if not system.HasOutputPort(port):
         raise UserError(f"The system {system.get_name()} must have an output port '{port}'.")
     return system.GetOutputPort(port)

@@ -2,6 +2,9 @@
 
 import contextlib
 import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pydrake.systems.analysis import InitializeParams, Simulator
 
@@ -18,6 +21,12 @@ from airrace.hitl.remote_autonomy import LOCKSTEP
 from airrace.hitl.transport import POLL_PERIOD
 from airrace.systems.planning.lap_planner import LapPlanner
 
+if TYPE_CHECKING:
+    import lcm
+
+    from airrace.hitl.link.simulated_bus import SimulatedBus
+    from airrace.scenario import Scenario
+
 LEFT, STOPPED, LOST = 0, 1, 3  # exit codes
 _PATIENCE = 5.0  # s without a heartbeat in a race
 _TICK = 0.001  # s, that it waits for a message at most
@@ -28,7 +37,13 @@ class AutonomyProcess:
     """Runs the autonomy of a scenario until the simulation ends the race."""
 
     def __init__(
-        self, scenario, bus, output_dir, log=print, stop=lambda: False, clock=time.monotonic
+        self,
+        scenario: "Scenario",
+        bus: "lcm.LCM | SimulatedBus",
+        output_dir: Path,
+        log: Callable[[str], object] = print,
+        stop: Callable[[], bool] = lambda: False,
+        clock: Callable[[], float] = time.monotonic,
     ):
         """Constructs it; it listens from now on.
 
@@ -48,7 +63,7 @@ class AutonomyProcess:
         self._responder = Responder(self._endpoint)
         self._delay = 0.0  # s, there and back, that is compensated for
 
-    def run(self, resume=None, patience: float = 60.0) -> int:
+    def run(self, resume: Path | None = None, patience: float = 60.0) -> int:
         """Waits for a simulation and races; returns the exit code.
 
         Laps are planned in a process of their own, while control goes on; in lockstep
@@ -100,7 +115,7 @@ class AutonomyProcess:
         if self._stop():
             raise KeyboardInterrupt
 
-    def _race_in_lockstep(self) -> int:
+    def _race_in_lockstep(self) -> int:  # type: ignore[return]
         exchange = Exchange(self._endpoint, self._receiver, self._sender)
         try:
             exchange.receive(
@@ -119,7 +134,7 @@ class AutonomyProcess:
             self._log(f"airrace: the simulation fell silent for {e.args[0]:.0f} s")
             return LOST
 
-    def _race(self, resume) -> int:
+    def _race(self, resume: Path | None) -> int:
         while not self.is_ready():
             self._wait_and_poll(phases.WAITING)
             if self._endpoint.silence > _PATIENCE:
@@ -144,7 +159,7 @@ class AutonomyProcess:
         """Whether something has come on every channel."""
         return self._receiver.is_complete(self._endpoint)
 
-    def start(self, resume=None) -> None:
+    def start(self, resume: Path | None = None) -> None:
         """Initializes the Simulator; see run()."""
         self._receiver.receive(self._context, self._endpoint)
         if resume:
@@ -170,7 +185,7 @@ class AutonomyProcess:
             self._simulator.AdvanceTo(now)
         self._sender.send(self._context)
 
-    def _initialize(self, fresh: bool):
+    def _initialize(self, fresh: bool) -> None:
         """Initializes at the context's time; what is known stays unless it is a fresh start."""
         self._simulator.Initialize(InitializeParams(suppress_initialization_events=not fresh))
 
@@ -190,7 +205,7 @@ class AutonomyProcess:
         self._log(f"airrace: the simulation fell silent for {_PATIENCE:.0f} s")
         return LOST
 
-    def poll_link(self, phase) -> None:
+    def poll_link(self, phase: str) -> None:
         """Takes in what has come, and shows that it is alive."""
         self._endpoint.drain()
         self._endpoint.beat(phase, self._context.get_time())

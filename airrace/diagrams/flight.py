@@ -1,8 +1,12 @@
 """A flight without a race: the simulated world, and only what controls the drone."""
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.common.value import Value
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource
 
 from airrace.diagrams.autonomy import make_system
@@ -11,6 +15,9 @@ from airrace.scenario import Scenario
 from airrace.systems.types import ExplorerStatus
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import GRAVITY, load_vehicle
+
+if TYPE_CHECKING:
+    from pydrake.math import RigidTransform
 
 CONTROL = ("rotor_monitor", "state_filter", "geometric_controller")
 
@@ -25,7 +32,7 @@ class ReferenceSource(LeafSystem):
         - reference
     """
 
-    def __init__(self, reference):
+    def __init__(self, reference: Callable[[float], np.ndarray]):
         """Args: reference: time (s) to the vector of trajopt/reference.py."""
         LeafSystem.__init__(self)
         self.DeclareVectorOutputPort(
@@ -36,7 +43,7 @@ class ReferenceSource(LeafSystem):
         )
 
 
-def MakeFlight(scenario: Scenario, reference) -> Diagram:
+def MakeFlight(scenario: Scenario, reference: Callable[[float], np.ndarray]) -> Diagram:
     """Builds a flight along a reference, in the scenario's world.
 
     It consists of the Simulation, whose camera is not read, and of the systems of
@@ -73,7 +80,13 @@ def MakeFlight(scenario: Scenario, reference) -> Diagram:
 
 
 def start_in_flight(
-    flight: Diagram, scenario: Scenario, context, *, X_WB, w_WB=(0, 0, 0), v_WB=(0, 0, 0)
+    flight: Diagram,
+    scenario: Scenario,
+    context: Context,
+    *,
+    X_WB: "RigidTransform",
+    w_WB: ArrayLike = (0, 0, 0),
+    v_WB: ArrayLike = (0, 0, 0),
 ) -> None:
     """Puts the drone into the air, its rotors turning as in a hover.
 

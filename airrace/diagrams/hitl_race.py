@@ -5,7 +5,9 @@ import dataclasses as dc
 import importlib.util
 import socket
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from airrace.common.errors import UserError
 from airrace.common.files import files_in
@@ -13,8 +15,8 @@ from airrace.common.resources import find_yaml, models_path
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.warm_up import warm_up
 from airrace.hitl.channels import make_channels
-from airrace.hitl.companion import OUTPUT
-from airrace.hitl.companion.address import parse_address
+from airrace.hitl.companion import OUTPUT, Autonomy, Companion
+from airrace.hitl.companion.address import Address, parse_address
 from airrace.hitl.companion.local import LocalCompanion
 from airrace.hitl.lcm_bridge import pictures_wanted
 from airrace.hitl.link import phases
@@ -22,7 +24,7 @@ from airrace.hitl.link.doctor import diagnose, refusal
 from airrace.hitl.link.endpoint import DEFAULT_URL, SIMULATION, Endpoint, open_lcm
 from airrace.hitl.link.lockstep import await_peer
 from airrace.hitl.link.probe import measure
-from airrace.hitl.remote_autonomy import LockstepRemote, RealTimeRemote
+from airrace.hitl.remote_autonomy import LockstepRemote, RealTimeRemote, Remote
 from airrace.scenario import LINK_DELAY, Scenario, scenario_yaml
 from airrace.vehicle import DRONES, find_vehicle
 
@@ -65,7 +67,13 @@ def prepared(scenario: Scenario, lockstep: bool) -> Scenario:
 
 
 @contextlib.contextmanager
-def remote_transport(args, scenario: Scenario, output_dir: Path, make_companion, note=print):
+def remote_transport(
+    args: Any,
+    scenario: Scenario,
+    output_dir: Path,
+    make_companion: Callable[[Address], Companion],
+    note: Callable[[str], object] = print,
+) -> Iterator[Remote]:
     """Starts the autonomy, checks the link, and yields the Remote to race with.
 
     Args:
@@ -133,7 +141,7 @@ def _start(companion, scenario, url, folder, note, stack):
     return autonomy.poll, poll_start
 
 
-def _collect(autonomy, folder: Path, note):
+def _collect(autonomy: Autonomy, folder: Path, note: Callable[[str], object]) -> None:
     """Waits for the autonomy's end, or ends it after a while, and brings what it has written."""
     end = time.monotonic() + _FAREWELL
     while autonomy.poll() is None and time.monotonic() < end:

@@ -1,7 +1,15 @@
 """SITL: the autonomy is in the same diagram as the simulation."""
 
+from typing import TYPE_CHECKING
+
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.hitl.transport import Transport
+
+if TYPE_CHECKING:
+    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.framework import Diagram, DiagramBuilder, System
+
+    from airrace.scenario import Scenario
 
 
 class InProcess(Transport):
@@ -9,7 +17,9 @@ class InProcess(Transport):
 
     simulation = "SITL"
 
-    def AddToBuilder(self, builder, scenario, simulation):
+    def AddToBuilder(
+        self, builder: "DiagramBuilder", scenario: "Scenario", simulation: "Diagram"
+    ) -> "System":
         autonomy = builder.AddSystem(MakeAutonomy(scenario))
         for source, sink in ((simulation, autonomy), (autonomy, simulation)):
             for i in range(sink.num_input_ports()):
@@ -17,5 +27,5 @@ class InProcess(Transport):
                 builder.Connect(source.GetOutputPort(port.get_name()), port)
         return autonomy
 
-    def advance(self, simulator, time):
+    def advance(self, simulator: "Simulator", time: float) -> None:
         simulator.AdvanceTo(time)

@@ -8,8 +8,10 @@ import gc
 import sys
 import time
 import types
+from collections.abc import Callable
 from pathlib import Path
 
+from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
@@ -50,8 +52,8 @@ def run_race(
     scenario: Scenario,
     output_dir: Path,
     *,
-    meshcat=None,
-    show=lambda result, outputs: None,
+    meshcat: Meshcat | None = None,
+    show: Callable[[RaceResult, types.SimpleNamespace], None] = lambda result, outputs: None,
     transport: Transport | None = None,
 ) -> dict:
     """Flies a race and leaves its files.
@@ -93,7 +95,7 @@ def run_race(
 def MakeRace(
     scenario: Scenario,
     output_dir: Path | None = None,
-    meshcat=None,
+    meshcat: Meshcat | None = None,
     transport: Transport | None = None,
 ) -> Diagram:
     """Builds a whole race: two subsystems, ``simulation`` and ``autonomy``.
@@ -136,7 +138,9 @@ def MakeRace(
 class _Race:
     """A race that is being flown, and the files that it leaves."""
 
-    def __init__(self, scenario: Scenario, output_dir: Path, meshcat, transport: Transport):
+    def __init__(
+        self, scenario: Scenario, output_dir: Path, meshcat: Meshcat | None, transport: Transport
+    ):
         self._scenario, self._folder, self._meshcat = scenario, output_dir, meshcat
         self._transport = transport
         self._diagram = MakeRace(scenario, output_dir, meshcat, transport)
@@ -166,7 +170,7 @@ class _Race:
         self._simulator.Initialize()
         self._transport.begin(self._simulator)
 
-    def fly(self, show, interrupted) -> str | None:
+    def fly(self, show: Callable, interrupted: types.SimpleNamespace) -> str | None:
         """Flies until the referee ends the race; returns why it ended before, or None."""
         steps, reason = 0, None
         while not (self._result.referee_status.over or interrupted.is_set or reason):

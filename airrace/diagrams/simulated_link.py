@@ -1,10 +1,18 @@
 """HITL without hardware: both sides in one process, in simulated time, on a simulated link."""
 
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 from airrace.diagrams.autonomy_process import AutonomyProcess
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import SIMULATION, Endpoint
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from airrace.hitl.remote_autonomy import RealTimeRemote
+
+if TYPE_CHECKING:
+    from pydrake.systems.analysis import Simulator
+
+    from airrace.scenario import Scenario
 
 _TICK = 0.001  # s
 
@@ -16,7 +24,7 @@ class SimulatedRemote(RealTimeRemote):
     side computes takes no time. See airrace/hitl/transport.py.
     """
 
-    def __init__(self, scenario, link: LinkConfig, output_dir):
+    def __init__(self, scenario: "Scenario", link: LinkConfig, output_dir: Path):
         """Constructs both sides.
 
         Args:
@@ -31,7 +39,7 @@ class SimulatedRemote(RealTimeRemote):
         channels = self._autonomy.channels
         super().__init__(channels, Endpoint(SIMULATION, channels, self._link.bus(), clock))
 
-    def begin(self, simulator):
+    def begin(self, simulator: "Simulator") -> None:
         context = simulator.get_mutable_context()
         while not self._autonomy.is_ready():
             self._link.time += _TICK
@@ -52,5 +60,5 @@ class SimulatedRemote(RealTimeRemote):
         self._autonomy.poll_link(phases.RACING)
         self._autonomy.step()
 
-    def end(self, simulator):
+    def end(self, simulator: "Simulator") -> None:
         pass

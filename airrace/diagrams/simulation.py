@@ -4,10 +4,10 @@ import dataclasses as dc
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.geometry import MeshcatVisualizer, MeshcatVisualizerParams, Role, SceneGraph
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Role, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import DiscreteTimeDelay, DiscreteTimeIntegrator
 
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
@@ -30,7 +30,7 @@ from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.disturbances import check_rotors_exist, true_vehicle
 
 
-def MakeSimulation(scenario: Scenario, meshcat=None) -> Diagram:
+def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
     """Builds the simulated world of a scenario.
 
     Input ports: ``rotor_speed_command`` (vector, rad/s) and
@@ -100,7 +100,7 @@ class _World(NamedTuple):
         return self.scenario.disturbances.gate_shift > 0.0
 
 
-def _add_world(builder: DiagramBuilder, scenario: Scenario, meshcat) -> _World:
+def _add_world(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None) -> _World:
     """Adds the plant and its scene: the track, the pad and the drone's body."""
     track = load_track(scenario.track)
     vehicle, sdf = load_vehicle(scenario.drone)
@@ -276,7 +276,7 @@ def _add_gate_mover(builder: DiagramBuilder, world: _World) -> None:
     builder.ExportOutput(shifts, "truth.gate_shifts")
 
 
-def follow_gates(simulation: Diagram, context) -> None:
+def follow_gates(simulation: Diagram, context: Context) -> None:
     """Moves the bodies of the gates to where GateMover says that they stand.
 
     The loop that runs the simulation calls it ten times a second: a gate only moves when

@@ -7,11 +7,11 @@ import pickle
 import re
 import signal
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
 
 import dask
-from distributed import Client, LocalCluster, WorkerPlugin, as_completed
+from distributed import Client, Future, LocalCluster, WorkerPlugin, as_completed
 
 from airrace.common.errors import UserError, words
 from airrace.evaluation.versions import mismatch, versions
@@ -166,7 +166,7 @@ def fly_races(client: Client, jobs: list[RaceJob], ended: Callable[[dict], None]
         )
 
 
-def _stop(client: Client, futures, evaluation):
+def _stop(client: Client, futures: Iterable[Future], evaluation: str) -> None:
     with contextlib.suppress(Exception):
         if client.status == "running":
             client.cancel(list(futures), force=True)

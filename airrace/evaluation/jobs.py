@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import hashlib
+from collections.abc import Sequence
 
 import numpy as np
 import yaml
@@ -20,7 +21,9 @@ from airrace.vehicle import DRONES, find_vehicle
 _MAX_DRONE = 20e6  # bytes of a drone's folder, which goes to the workers with every race
 
 
-def make_jobs(scenario: Scenario, seeds, tracks) -> list[RaceJob]:
+def make_jobs(
+    scenario: Scenario, seeds: Sequence[int], tracks: Sequence[tuple[Track, str]]
+) -> list[RaceJob]:
     """Returns the races of an evaluation.
 
     Args:

@@ -2,6 +2,7 @@
 
 import io
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -11,6 +12,9 @@ from airrace.common.files import write_bytes
 from airrace.evaluation.store import PICTURE
 from airrace.evaluation.summary import race_frame, wilson_interval
 from airrace.evaluation.tables import title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _GOOD, _BAD, _PLAIN = "#2a9d5c", "#c8503c", "#3b6ea5"
 _REASONS, _REASON_LENGTH = 8, 34  # how many; characters of each
@@ -64,7 +68,7 @@ def _draw_rates(axes, summary):
     axes.set(title="rates, with 95 % intervals", ylabel="races (%)", ylim=(0, 112))
 
 
-def _draw_histogram(axes, name, values: pd.Series, what="races"):
+def _draw_histogram(axes: "Axes", name: str, values: pd.Series, what: str = "races") -> None:
     values = values.dropna().astype(float)
     axes.set(title=name, ylabel=what)
     if values.empty:
@@ -76,7 +80,7 @@ def _draw_histogram(axes, name, values: pd.Series, what="races"):
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _draw_laps(axes, races: pd.DataFrame):
+def _draw_laps(axes: "Axes", races: pd.DataFrame) -> None:
     axes.set(
         title="mean lap against the track's length",
         xlabel="length, gate to gate (m)",
@@ -96,7 +100,7 @@ def _draw_laps(axes, races: pd.DataFrame):
     axes.legend(frameon=False)
 
 
-def _draw_reasons(axes, reasons: dict):
+def _draw_reasons(axes: "Axes", reasons: dict) -> None:
     axes.set(title="why races did not finish", xlabel="races")
     if not reasons:
         return _say_nothing(axes, "all finished")

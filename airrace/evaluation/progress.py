@@ -32,7 +32,7 @@ class EvaluationDisplay(Progress):
         counts = {"completed": self._ended, "finished": self._finished}
         self._bar = self.add_task("", total=self._total, **counts)
 
-    def __enter__(self):
+    def __enter__(self) -> "EvaluationDisplay":
         _print(self.console, f"airrace: {self._title}")
         if self._ended:
             _print(self.console, f"{self._ended} of {self._total} races have been flown already.")

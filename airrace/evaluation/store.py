@@ -4,6 +4,7 @@ import fcntl
 import json
 import os
 from pathlib import Path
+from typing import Any, Self
 
 from airrace.common.errors import UserError
 from airrace.common.files import write_json
@@ -91,10 +92,10 @@ class RaceStore:
             ) from None
         self._rows[row["seed"]] = row
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind, error, traceback):
+    def __exit__(self, kind: object, error: object, traceback: object) -> None:
         if self._is_new and not self._rows and isinstance(error, UserError):
             for name in (RACES, SUMMARY):
                 (self._folder / name).unlink(missing_ok=True)
@@ -169,7 +170,7 @@ def _check_settings(folder, settings, resume):
         )
 
 
-def first_difference(a, b, name="") -> tuple | None:
+def first_difference(a: Any, b: Any, name: str = "") -> tuple | None:
     """Returns the dotted name and the two values where plain data first differs, or None."""
     if not (isinstance(a, dict) and isinstance(b, dict)):
         return None if a == b else (name, a, b)

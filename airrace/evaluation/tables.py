@@ -1,5 +1,6 @@
 """The tables of an evaluation, in Markdown."""
 
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from airrace.common.files import write_json, write_text
@@ -102,7 +103,7 @@ def _number(value: float | None, decimals: int, factor: float = 1.0) -> str:
     return "-" if value is None else f"{factor * value:.{decimals}f}"
 
 
-def _table(columns, rows) -> str:
+def _table(columns: Collection[str], rows: Sequence) -> str:
     lines = [columns, ["---", *["---:"] * (len(columns) - 1)], *rows]
     return "\n".join(f"| {' | '.join(_escaped(str(cell)) for cell in line)} |" for line in lines)
 

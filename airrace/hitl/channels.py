@@ -1,11 +1,12 @@
 """What crosses the link in HITL: the one table that both bridges are built from."""
 
 import dataclasses as dc
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import starmap
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydrake.common.value import Value
+from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.common.immutable import read_only
@@ -21,6 +22,9 @@ from airrace.systems.types import ExplorerStatus, RefereeStatus
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import STATE_SIZE
+
+if TYPE_CHECKING:
+    from airrace.hitl.link.codec import Codec
 
 _IMAGES = {"camera_grey": ImageGrey8U, "camera_image": ImageRgba8U}  # C++ values
 
@@ -48,7 +52,7 @@ class PortChannel(Channel):
     initial: dict
     repeat: float = 0.5
 
-    def model(self, port: str):
+    def model(self, port: str) -> int | AbstractValue:
         """Returns the size of a port that is a vector, else a Value of its type."""
         initial = self.initial[port]
         if isinstance(initial, np.ndarray):
@@ -56,7 +60,9 @@ class PortChannel(Channel):
         return Value[_IMAGES.get(port, object)]()
 
 
-def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[PortChannel, ...]:
+def make_channels(
+    scenario: Scenario, wanted: Iterable[str] = ("camera_view",)
+) -> tuple[PortChannel, ...]:
     """Returns the channels of a scenario's race.
 
     ``truth.referee_status`` is for spectators on the network: the autonomy does not listen.
@@ -84,7 +90,14 @@ def make_channels(scenario: Scenario, wanted=("camera_view",)) -> tuple[PortChan
     return (_camera(scenario, wanted), _rotor_status(scenario, n), *starmap(_channel, table))
 
 
-def _channel(port, sender, codec, initial, rate, options=()) -> PortChannel:
+def _channel(
+    port: str,
+    sender: str,
+    codec: "Codec",
+    initial: Any,
+    rate: float,
+    options: Iterable[tuple[str, Any]] = (),
+) -> PortChannel:
     def decode(message):
         value = codec.decode(message)
         if isinstance(initial, np.ndarray) and value.shape != initial.shape:
@@ -120,7 +133,7 @@ def _rotor_status(scenario: Scenario, n: int) -> PortChannel:
     return dc.replace(channel, ports=tuple(initial), decode=decode, initial=initial)
 
 
-def _camera(scenario: Scenario, wanted) -> PortChannel:
+def _camera(scenario: Scenario, wanted: Iterable[str]) -> PortChannel:
     """Returns the channel of the pictures."""
     shape = (scenario.camera.height, scenario.camera.width)
 

@@ -2,15 +2,19 @@
 
 import pickle
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from airrace.common.errors import UserError
 from airrace.common.files import write_bytes
+
+if TYPE_CHECKING:
+    from pydrake.systems.framework import Context, Diagram
 
 CHECKPOINT = "checkpoint.pickle"
 CHECKPOINT_PERIOD = 1.0  # s
 
 
-def save(folder: Path, autonomy, root_context) -> None:
+def save(folder: Path, autonomy: "Diagram", root_context: "Context") -> None:
     """Writes the state of all systems of an autonomy.
 
     Args:
@@ -34,7 +38,7 @@ def save(folder: Path, autonomy, root_context) -> None:
     write_bytes(folder / CHECKPOINT, pickle.dumps(states))
 
 
-def restore(folder: Path, autonomy, root_context) -> None:
+def restore(folder: Path, autonomy: "Diagram", root_context: "Context") -> None:
     """Gives the systems the state that save() has written.
 
     Only of folders whose owner you trust: a pickle can run code.

@@ -1,14 +1,22 @@
 """The autonomy's end of the link: its diagram, joined to what comes and goes over LCM."""
 
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
-from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION
+from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
 from airrace.hitl.link.image_messages import PICTURE_PORTS
 from airrace.systems.control.delay_compensator import DelayCompensator
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
 from airrace.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from airrace.hitl.channels import PortChannel
+    from airrace.scenario import Scenario
 
 
 def pictures_wanted(autonomy: Diagram) -> tuple[str, ...]:
@@ -22,7 +30,14 @@ def pictures_wanted(autonomy: Diagram) -> tuple[str, ...]:
     return tuple(port for port in PICTURE_PORTS if port in names)
 
 
-def MakeAutonomySide(scenario, autonomy: Diagram, channels, endpoint, lossless: bool, output_dir):
+def MakeAutonomySide(
+    scenario: "Scenario",
+    autonomy: Diagram,
+    channels: "Sequence[PortChannel]",
+    endpoint: Endpoint,
+    lossless: bool,
+    output_dir: Path,
+) -> tuple[Diagram, LcmReceiver, LcmSender, DelayCompensator | None]:
     """Joins an Autonomy with the link, through a DelayCompensator unless it is lossless.
 
     Args:

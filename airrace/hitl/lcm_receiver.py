@@ -1,10 +1,18 @@
 """Ports whose values come over LCM."""
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import AbstractStateIndex, LeafSystem
+from pydrake.systems.framework import AbstractStateIndex, Context, LeafSystem
 
 from airrace.common.immutable import Immutable
+
+if TYPE_CHECKING:
+    from airrace.hitl.channels import PortChannel
+    from airrace.hitl.link.endpoint import Endpoint
+    from airrace.hitl.link.packets import Stamp
 
 
 class LcmReceiver(LeafSystem):
@@ -24,7 +32,7 @@ class LcmReceiver(LeafSystem):
     message was sent (s).
     """
 
-    def __init__(self, channels, role: str):
+    def __init__(self, channels: "Sequence[PortChannel]", role: str):
         """Args: channels: PortChannels of the race. role: of this side."""
         LeafSystem.__init__(self)
         self._states = {}  # name of a channel to its abstract state and the port of the time
@@ -49,7 +57,7 @@ class LcmReceiver(LeafSystem):
         else:
             self.DeclareAbstractOutputPort(port, model.Clone, calc, ticket)
 
-    def receive(self, root_context, endpoint) -> None:
+    def receive(self, root_context: Context, endpoint: "Endpoint") -> None:
         """Shows the newest values that have come.
 
         Args:
@@ -63,7 +71,7 @@ class LcmReceiver(LeafSystem):
                 values = {**received.value, time_port: np.array([received.stamp.time])}
                 context.SetAbstractState(state, _Values(values, received.stamp))
 
-    def is_complete(self, endpoint) -> bool:
+    def is_complete(self, endpoint: "Endpoint") -> bool:
         """Whether something has come on every channel."""
         return all(map(endpoint.newest, self._states))
 
@@ -71,9 +79,9 @@ class LcmReceiver(LeafSystem):
 class _Values(Immutable):
     """The values of a channel's ports, and the Stamp of their message, None before the first."""
 
-    def __init__(self, by_port: dict, stamp):
+    def __init__(self, by_port: dict, stamp: "Stamp | None"):
         self.by_port, self.stamp = by_port, stamp
 
 
-def _values(context, state) -> _Values:
+def _values(context: Context, state: int) -> _Values:
     return context.get_abstract_state(state).get_value()

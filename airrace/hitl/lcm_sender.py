@@ -1,6 +1,15 @@
 """Outputs of a diagram that go over LCM."""
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from pydrake.systems.framework import Context, Diagram
+
+    from airrace.hitl.channels import PortChannel
+    from airrace.hitl.link.endpoint import Endpoint
 
 _TOLERANCE = 0.1  # of a period, by which a value may come early
 
@@ -13,7 +22,14 @@ class LcmSender:
     messages get lost. Nothing in the diagram depends on what was sent.
     """
 
-    def __init__(self, source, channels, role: str, endpoint, lossless: bool):
+    def __init__(
+        self,
+        source: "Diagram",
+        channels: "Sequence[PortChannel]",
+        role: str,
+        endpoint: "Endpoint",
+        lossless: bool,
+    ):
         """Constructs the sender.
 
         Args:
@@ -32,9 +48,11 @@ class LcmSender:
 
     def forget(self) -> None:
         """Forgets what was sent, so that everything is sent again."""
-        self._sent = {c.name: (None, -np.inf) for c in self._channels}  # mark and time (s)
+        self._sent: dict[str, tuple] = {
+            c.name: (None, -np.inf) for c in self._channels
+        }  # mark and time (s)
 
-    def send(self, root_context) -> list[tuple[str, bytes]]:
+    def send(self, root_context: "Context") -> list[tuple[str, bytes]]:
         """Sends what is due; returns channel and bytes of each message."""
         context, now = self._source.GetMyContextFromRoot(root_context), root_context.get_time()
         sent = []

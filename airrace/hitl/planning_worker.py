@@ -6,9 +6,14 @@ import pickle
 import select
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
 from airrace.common.immutable import Immutable
 from airrace.common.processes import child_environment
+
+if TYPE_CHECKING:
+    from airrace.systems.planning.lap_plan import LapPlan
+    from airrace.systems.planning.laps import LapProblem
 
 _NICE = 15  # control comes first
 
@@ -16,7 +21,7 @@ _NICE = 15  # control comes first
 class PlanningWorker:
     """Solves one LapProblem after the other, in another process that has started already."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "airrace.hitl.planning_worker"],
             stdin=subprocess.PIPE,
@@ -24,7 +29,7 @@ class PlanningWorker:
             env=child_environment(),
         )
 
-    def submit(self, problem) -> "PlanningJob":
+    def submit(self, problem: "LapProblem") -> "PlanningJob":
         """Starts to solve a LapProblem; the job before, if any, is done or given up."""
         return PlanningJob(self._process, problem)
 
@@ -40,14 +45,14 @@ class PlanningWorker:
 class PlanningJob(Immutable):
     """A problem that is being solved elsewhere."""
 
-    def __init__(self, process, problem):
+    def __init__(self, process: subprocess.Popen, problem: "LapProblem"):
         self._answers, self._plan, self._is_done = process.stdout, None, False
         try:
             _write(process.stdin, problem)
         except OSError:
             self._is_done = True  # without a worker there is no plan
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple:
         return (type(None), ())  # in a checkpoint, where no worker goes on with it
 
     def done(self) -> bool:
@@ -58,7 +63,7 @@ class PlanningJob(Immutable):
                 self._plan = pickle.load(self._answers)
         return self._is_done
 
-    def result(self):
+    def result(self) -> "LapPlan | None":
         """Returns the LapPlan, or None if there is none."""
         return self._plan
 

@@ -2,14 +2,24 @@
 
 import dataclasses as dc
 import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link import phases
-from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, SIMULATION
+from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, SIMULATION, Endpoint
 from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
 from airrace.hitl.transport import POLL_PERIOD, Transport
 from airrace.systems.control.command_watchdog import HOVER, LAND, AddCommandWatchdog
+
+if TYPE_CHECKING:
+    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+
+    from airrace.hitl.channels import PortChannel
+    from airrace.scenario import Scenario
+    from airrace.systems.types import RefereeStatus
 
 LOCKSTEP, REAL_TIME = "lockstep", "realtime"  # what the simulation's heartbeats say
 _TICK = 0.001  # s between polls of the link
@@ -24,7 +34,12 @@ class Remote(Transport):
     simulation = "HITL"
     mode = ""
 
-    def __init__(self, channels, endpoint, poll=lambda: None):
+    def __init__(
+        self,
+        channels: "Sequence[PortChannel]",
+        endpoint: Endpoint,
+        poll: Callable[[], object] = lambda: None,
+    ):
         """Constructs the transport.
 
         Args:
@@ -36,9 +51,11 @@ class Remote(Transport):
         self._channels, self._endpoint, self._poll = channels, endpoint, poll
         self._shown = -1.0
 
-    def AddToBuilder(self, builder, scenario, simulation):
+    def AddToBuilder(
+        self, builder: "DiagramBuilder", scenario: "Scenario", simulation: "Diagram"
+    ) -> "System":
         autonomy = builder.AddNamedSystem("autonomy", LcmReceiver(self._channels, SIMULATION))
-        self._add_command(builder, scenario, simulation, autonomy)
+        self._add_command(builder, scenario, simulation, autonomy)  # type: ignore[attr-defined]
         builder.Connect(
             autonomy.GetOutputPort("explorer_status"), simulation.GetInputPort("explorer_status")
         )
@@ -47,12 +64,12 @@ class Remote(Transport):
         self._sender = LcmSender(simulation, self._channels, SIMULATION, self._endpoint, lossless)
         return autonomy
 
-    def end(self, simulator):
+    def end(self, simulator: "Simulator") -> None:
         for _ in range(_FAREWELLS):
             self._endpoint.send_heartbeat(phases.OVER, simulator.get_context().get_time())
             time.sleep(HEARTBEAT_PERIOD / 5)
 
-    def wall(self, simulator):
+    def wall(self, simulator: "Simulator") -> dict:
         channels = {name: each.summary() for name, each in self._endpoint.statistics.items()}
         round_trip = self._endpoint.clock.round_trip
         return {"link": {"mode": self.mode, "round_trip_s": round_trip, "channels": channels}}
@@ -70,7 +87,7 @@ class LockstepRemote(Remote):
         )
         self._times = lockstep_times(scenario, POLL_PERIOD)
 
-    def begin(self, simulator):
+    def begin(self, simulator: "Simulator") -> None:
         context = simulator.get_mutable_context()
         await_peer(self._endpoint, phases.READY, LOCKSTEP, timeout=_PATIENCE, poll=self._poll)
         self._exchange = Exchange(self._endpoint, self._receiver, self._sender)
@@ -79,7 +96,7 @@ class LockstepRemote(Remote):
         self._exchange.receive(context)
         self._next = next(self._times)
 
-    def advance(self, simulator, end):
+    def advance(self, simulator: "Simulator", end: float) -> str | None:
         context = simulator.get_mutable_context()
         ended = lambda: self._poll() is not None  # noqa: E731
         while self._next <= end:
@@ -99,7 +116,13 @@ class RealTimeRemote(Remote):
 
     mode = REAL_TIME
 
-    def __init__(self, channels, endpoint, poll=lambda: None, rate: float = 1.0):
+    def __init__(
+        self,
+        channels: "Sequence[PortChannel]",
+        endpoint: Endpoint,
+        poll: Callable[[], object] = lambda: None,
+        rate: float = 1.0,
+    ):
         """Args: rate: seconds of simulated time a second. The others: see Remote."""
         super().__init__(channels, endpoint, poll)
         self._rate = rate
@@ -109,7 +132,7 @@ class RealTimeRemote(Remote):
     def _add_command(self, builder, scenario, simulation, autonomy):
         self._watchdog = AddCommandWatchdog(builder, scenario, simulation, autonomy)
 
-    def begin(self, simulator):
+    def begin(self, simulator: "Simulator") -> None:
         context = simulator.get_mutable_context()
         await_peer(
             self._endpoint,
@@ -130,7 +153,7 @@ class RealTimeRemote(Remote):
             self._sender.forget()
             self._sender.send(context)
 
-    def advance(self, simulator, end):
+    def advance(self, simulator: "Simulator", end: float) -> str | None:
         self._poll()
         context = simulator.get_mutable_context()
         # Counted, not added up, so that the plant's own steps are not cut.
@@ -158,7 +181,7 @@ class RealTimeRemote(Remote):
     def _send_heartbeat(self, sim_time):
         self._endpoint.beat(phases.RACING, sim_time, f"{REAL_TIME} {self._rate!r}")
 
-    def wall(self, simulator):
+    def wall(self, simulator: "Simulator") -> dict:
         m = self._watchdog_memory(simulator.get_context())
         result = super().wall(simulator)
         result["link"] |= {
@@ -172,7 +195,7 @@ class RealTimeRemote(Remote):
         }
         return result
 
-    def judged(self, report, simulator):
+    def judged(self, report: "RefereeStatus", simulator: "Simulator") -> "RefereeStatus":
         m = self._watchdog_memory(simulator.get_context())
         if report.dnf_reason is None or m.mode < HOVER:
             return report
@@ -183,7 +206,7 @@ class RealTimeRemote(Remote):
             )
         return dc.replace(report, dnf_reason=f"{report.dnf_reason}: {silent}")
 
-    def _given_up(self, context) -> str | None:
+    def _given_up(self, context: "Context") -> str | None:
         """Returns why a drone that has not taken off never will, or None."""
         m = self._watchdog_memory(context)
         if m.mode == LAND and not m.airborne:

@@ -40,7 +40,7 @@ class Transport(Protocol):
 
     def begin(self, simulator: Simulator) -> None:
         """Starts the race; the simulator is initialized."""
-        ...
+        return None
 
     def advance(self, simulator: Simulator, time: float) -> str | None:
         """Advances to a simulated time (s); returns why the race cannot go on, or None."""
@@ -48,7 +48,7 @@ class Transport(Protocol):
 
     def end(self, simulator: Simulator) -> None:
         """Ends the autonomy, also after an error."""
-        ...
+        return None
 
     def wall(self, simulator: Simulator) -> dict:
         """Returns what belongs below `wall` in race.json."""

@@ -8,7 +8,7 @@ from airrace.common.jit import compilable
 
 
 @compilable
-def rotation_matrix(q) -> np.ndarray:
+def rotation_matrix(q: np.ndarray) -> np.ndarray:
     """Returns the rotation matrix, (3, 3), of a quaternion of any length, (4,)."""
     w, x, y, z = q
     s = 2.0 / (w * w + x * x + y * y + z * z)
@@ -22,7 +22,7 @@ def rotation_matrix(q) -> np.ndarray:
 
 
 @compilable
-def integrate(q, w_W, dt) -> np.ndarray:
+def integrate(q: np.ndarray, w_W: np.ndarray, dt: float) -> np.ndarray:
     """Returns the unit quaternion of R_WB after a short time at constant angular velocity.
 
     It is the product of [1, w dt / 2] and q, normalised: exact to second order.

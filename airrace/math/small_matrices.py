@@ -12,7 +12,7 @@ from airrace.common.jit import compiled
 
 
 @compiled
-def product(A, B):
+def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """Returns A B, (n, m), of matrices (n, k) and (k, m)."""
     result = np.empty((len(A), B.shape[1]))
     for i in range(len(A)):
@@ -25,13 +25,13 @@ def product(A, B):
 
 
 @compiled
-def propagated(J, covariance):
+def propagated(J: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Returns the covariance J C J^T, (n, n), of J x, if C is that of x, (k, k); J: (n, k)."""
     return product(product(J, covariance), J.T)
 
 
 @compiled
-def apply(A, x):
+def apply(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Returns A x, (n,), of a matrix (n, k) and a vector (k,)."""
     result = np.empty(len(A))
     for i in range(len(A)):
@@ -43,7 +43,7 @@ def apply(A, x):
 
 
 @compiled
-def cholesky(A):
+def cholesky(A: np.ndarray) -> np.ndarray:
     """Returns L with L L^T = A, lower triangular, (n, n).
 
     Args:
@@ -61,7 +61,7 @@ def cholesky(A):
 
 
 @compiled
-def solve_cholesky(L, b):
+def solve_cholesky(L: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Returns x with L L^T x = b, (n,).
 
     Args:
@@ -84,7 +84,7 @@ def solve_cholesky(L, b):
 
 
 @compiled
-def inverse(A):
+def inverse(A: np.ndarray) -> np.ndarray:
     """Returns the inverse of a symmetric positive definite matrix, (n, n); see cholesky()."""
     n, L = len(A), cholesky(A)
     M = np.zeros((n, n))  # L^-1

@@ -10,13 +10,13 @@ from airrace.common.jit import compilable
 
 
 @compilable
-def dot(a, b):
+def dot(a: np.ndarray, b: np.ndarray) -> float | np.ndarray:
     """Returns a . b, a number or (N,)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compilable
-def cross(a, b):
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Returns a x b, (3,) or (3, N)."""
     return np.array(
         (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
@@ -24,13 +24,13 @@ def cross(a, b):
 
 
 @compilable
-def rotate(R, v):
+def rotate(R: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Returns R v, (3,), of a matrix (3, 3) and one vector."""
     return np.array((dot(R[0], v), dot(R[1], v), dot(R[2], v)))
 
 
 @compilable
-def rotate_each(R, points):
+def rotate_each(R: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Returns R p, (n, 3), of a matrix (3, 3) and every point p of (n, 3)."""
     result = np.empty((len(points), 3))
     for i in range(len(points)):
@@ -40,6 +40,6 @@ def rotate_each(R, points):
 
 
 @compilable
-def from_columns(x, y, z):
+def from_columns(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Returns the matrix with these columns, (3, 3)."""
     return np.array(((x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])))

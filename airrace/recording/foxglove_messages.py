@@ -4,6 +4,9 @@ Numbers that change all the time have single precision, 10 um at 100 m: the lowe
 of a double would only be noise that cannot be compressed.
 """
 
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
 import cv2
 import numpy as np
 from foxglove import messages as fg
@@ -12,6 +15,9 @@ from airrace.math.quaternion import rotation_matrix
 from airrace.systems.types import CameraInfo, Detections
 from airrace.trajopt.reference import Reference
 from airrace.vehicle.state import State
+
+if TYPE_CHECKING:
+    from pydrake.math import RigidTransform
 
 WORLD, BODY, CAMERA = "world", "body", "camera"  # frames
 _GREEN, _SHADE = fg.Color(r=0.2, g=0.9, b=0.3, a=1.0), fg.Color(r=0.0, g=0.0, b=0.0, a=0.5)
@@ -27,24 +33,24 @@ def stamp(time: float) -> fg.Timestamp:
     return fg.Timestamp(*divmod(nanoseconds(time), 1_000_000_000))
 
 
-def vector3(values) -> fg.Vector3:
+def vector3(values: Iterable[float]) -> fg.Vector3:
     """Returns three numbers as a Vector3."""
     x, y, z = _single(values)
     return fg.Vector3(x=x, y=y, z=z)
 
 
-def quaternion(values) -> fg.Quaternion:
+def quaternion(values: Iterable[float]) -> fg.Quaternion:
     """Returns w, x, y and z as a Quaternion."""
     w, x, y, z = _single(values)
     return fg.Quaternion(x=x, y=y, z=z, w=w)
 
 
-def pose(position, orientation=(1.0, 0.0, 0.0, 0.0)) -> fg.Pose:
+def pose(position: Iterable[float], orientation: Iterable[float] = (1.0, 0.0, 0.0, 0.0)) -> fg.Pose:
     """Returns a position (m) and a quaternion w, x, y, z as a Pose."""
     return fg.Pose(position=vector3(position), orientation=quaternion(orientation))
 
 
-def _single(values) -> list:
+def _single(values: Iterable[float]) -> list:
     """Returns numbers rounded to single precision."""
     return np.asarray(values, np.float32).tolist()
 
@@ -79,7 +85,7 @@ def reference_odometry(time: float, reference: Reference) -> fg.Odometry:
     )
 
 
-def rotors(time: float, speeds, thrust_coefficients) -> fg.JointStates:
+def rotors(time: float, speeds: np.ndarray, thrust_coefficients: np.ndarray) -> fg.JointStates:
     """Returns the speeds of rotors (rad/s), and the thrusts that belong to them (N)."""
     thrusts = _single(thrust_coefficients * np.square(speeds))
     return fg.JointStates(
@@ -91,7 +97,7 @@ def rotors(time: float, speeds, thrust_coefficients) -> fg.JointStates:
     )
 
 
-def transforms(state: State, X_BC) -> fg.FrameTransforms:
+def transforms(state: State, X_BC: "RigidTransform") -> fg.FrameTransforms:
     """Returns where the body is, and the camera in it; X_BC: RigidTransform."""
     mount = X_BC.translation(), X_BC.rotation().ToQuaternion().wxyz()
     return fg.FrameTransforms(
@@ -134,7 +140,7 @@ def calibration(time: float, info: CameraInfo, scale: float = 1.0) -> fg.CameraC
     )
 
 
-def jpeg(picture, scale: float, quality: int) -> bytes:
+def jpeg(picture: np.ndarray, scale: float, quality: int) -> bytes:
     """Returns a picture, (h, w) uint8, made smaller by a factor, as a JPEG file."""
     if scale < 1.0:
         size = tuple(round(scale * n) for n in reversed(picture.shape))
@@ -147,7 +153,7 @@ def image(time: float, jpeg: bytes) -> fg.CompressedImage:
     return fg.CompressedImage(timestamp=stamp(time), frame_id=CAMERA, data=jpeg, format="jpeg")
 
 
-def raw_pixels(pixels, info: CameraInfo) -> np.ndarray:
+def raw_pixels(pixels: np.ndarray, info: CameraInfo) -> np.ndarray:
     """Returns where points of the rectified picture are in what the camera took.
 
     Args:

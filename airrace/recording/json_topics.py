@@ -1,6 +1,7 @@
 """What Foxglove has no schema for, as JSON; see models/foxglove/schemas.yaml."""
 
 import dataclasses as dc
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
@@ -12,6 +13,9 @@ from airrace.systems.types import Detections, GateCrossing
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import map_data, rounded, statistics_data
 from airrace.trajopt.reference import as_reference
+
+if TYPE_CHECKING:
+    from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 PLAN_STEP = 0.02  # s between two samples of a plan
 PLAN_COLUMNS = ("x", "y", "z", "vx", "vy", "vz", "yaw")
@@ -61,7 +65,7 @@ def plan_data(plan: LapPlan) -> dict:
     }
 
 
-def _samples(trajectory) -> dict:
+def _samples(trajectory: "FlatTrajectory") -> dict:
     samples = as_reference(trajectory.sample(np.arange(0.0, trajectory.duration, PLAN_STEP)))
     rows = np.vstack([samples.position, samples.velocity, samples.yaw]).round(4)
     return dict(zip(PLAN_COLUMNS, rows.tolist()))

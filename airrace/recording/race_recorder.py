@@ -1,10 +1,11 @@
 """Writes race.mcap as the race goes on."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import Diagram, LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from airrace.common.resources import find_yaml
 from airrace.recording import foxglove_messages as messages
@@ -18,6 +19,9 @@ from airrace.track import load_track
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import find_vehicle, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_plant_state
+
+if TYPE_CHECKING:
+    from airrace.systems.types import RefereeStatus
 
 _NAME = "race_recorder"
 _MAP_PERIOD = 1.0  # s between two writes of a map that changed
@@ -199,7 +203,7 @@ class RaceRecorder(LeafSystem):
             self._log.write("/explorer", time, message)
         self._events = len(status.events)
 
-    def _write_referee(self, time, status) -> bool:
+    def _write_referee(self, time: float, status: "RefereeStatus") -> bool:
         """Writes what the referee says; returns whether a lap has ended."""
         new = status.crossings[self._crossings :]
         self._crossings = len(status.crossings)
@@ -234,7 +238,11 @@ class RaceRecorder(LeafSystem):
 
 
 def AddRecorder(
-    builder, scenario: Scenario, simulation: Diagram, autonomy: Diagram, output_dir: Path
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    simulation: Diagram,
+    autonomy: Diagram,
+    output_dir: Path,
 ) -> RaceRecorder | None:
     """Adds what writes race.mcap, unless the scenario wants none.
 

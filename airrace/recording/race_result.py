@@ -1,5 +1,9 @@
 """What a race leaves behind: race.json, built up as the race goes on."""
 
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 
 from airrace.scenario import Scenario
@@ -39,7 +43,7 @@ class RaceResult:
         """Number of complete laps."""
         return max(len(self.referee_status.crossings) - 1, 0) // len(self._track.gates)
 
-    def observe(self, outputs) -> int:
+    def observe(self, outputs: SimpleNamespace) -> int:
         """Takes in what the race's outputs say now; returns how many laps have ended since.
 
         Args:
@@ -62,7 +66,12 @@ class RaceResult:
             self._map_rms[lap] = front_marker_rms(outputs.gate_map, track)
         return self.laps_flown - before
 
-    def data(self, wall_seconds: float, dnf_reason: str | None = None, wall=()) -> dict:
+    def data(
+        self,
+        wall_seconds: float,
+        dnf_reason: str | None = None,
+        wall: Mapping[str, Any] | tuple = (),
+    ) -> dict:
         """Returns race.json. All but ``wall`` follows from scenario and seed.
 
         Args:

@@ -1,5 +1,8 @@
 """What a 3-D view shows of a race, as Foxglove's SceneUpdates."""
 
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from foxglove import messages as fg
 
@@ -17,8 +20,11 @@ from airrace.track import (
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import Vehicle
 
+if TYPE_CHECKING:
+    from airrace.systems.planning.lap_plan import LapPlan
 
-def color(r, g, b, a=1.0) -> fg.Color:
+
+def color(r: float, g: float, b: float, a: float = 1.0) -> fg.Color:
     """Returns a colour of numbers from 0 to 1."""
     return fg.Color(r=r, g=g, b=b, a=a)
 
@@ -30,13 +36,15 @@ _OLD_PLAN = color(1.0, 0.55, 0.0, 0.5)  # orange, as in the report
 _SIGMAS, _LEAST = 3.0, 0.05  # of an ellipsoid; m, less could not be seen
 
 
-def _entity(time, name, frame=WORLD, **primitives) -> fg.SceneEntity:
+def _entity(time: float, name: str, frame: str = WORLD, **primitives: Any) -> fg.SceneEntity:
     return fg.SceneEntity(
         timestamp=stamp(time), frame_id=frame, id=name, frame_locked=frame == BODY, **primitives
     )
 
 
-def _cylinder(position, radius, height, color, top=1.0) -> fg.CylinderPrimitive:
+def _cylinder(
+    position: Iterable[float], radius: float, height: float, color: fg.Color, top: float = 1.0
+) -> fg.CylinderPrimitive:
     """Returns an upright one; top: its radius there, as a share of that at the bottom."""
     size = fg.Vector3(x=2 * radius, y=2 * radius, z=height)
     return fg.CylinderPrimitive(
@@ -44,13 +52,13 @@ def _cylinder(position, radius, height, color, top=1.0) -> fg.CylinderPrimitive:
     )
 
 
-def _text(position, words, size) -> fg.TextPrimitive:
+def _text(position: Iterable[float], words: str, size: float) -> fg.TextPrimitive:
     return fg.TextPrimitive(
         pose=pose(position), billboard=True, font_size=size, color=_BLACK, text=words
     )
 
 
-def _lines(kind: str, points, thickness, **colors) -> fg.LinePrimitive:
+def _lines(kind: str, points: Iterable, thickness: float, **colors: Any) -> fg.LinePrimitive:
     """Returns lines through points, (n, 3): "LineStrip", or "LineList" of pairs of ends."""
     points = [fg.Point3(x=x, y=y, z=z) for x, y, z in np.asarray(points, float).tolist()]
     kind = getattr(fg.LinePrimitiveLineType, kind)
@@ -122,7 +130,7 @@ def map_scene(time: float, gate_map: GateMap) -> fg.SceneUpdate:
     )
 
 
-def plan_scene(time: float, plans) -> fg.SceneUpdate:
+def plan_scene(time: float, plans: "Sequence[LapPlan]") -> fg.SceneUpdate:
     """Returns the plan in force, and those before it in orange.
 
     Args:
@@ -144,7 +152,9 @@ def plan_scene(time: float, plans) -> fg.SceneUpdate:
     return fg.SceneUpdate(entities=entities)
 
 
-def path_scene(time: float, positions, speeds, max_speed: float) -> fg.SceneUpdate:
+def path_scene(
+    time: float, positions: np.ndarray, speeds: np.ndarray, max_speed: float
+) -> fg.SceneUpdate:
     """Returns a flown path, from blue where it was slow to red where it was fast.
 
     Args:

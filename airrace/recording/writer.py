@@ -2,6 +2,7 @@
 
 import contextlib
 from pathlib import Path
+from typing import Any
 
 import foxglove
 from foxglove.mcap import MCAPWriteOptions
@@ -45,7 +46,7 @@ class RaceLog:
             for name, channel in TOPICS.items()
         }
 
-    def write(self, topic: str, time: float, message) -> None:
+    def write(self, topic: str, time: float, message: Any) -> None:
         """Writes a message, or a dict to a topic of JSON, that is known at a time (s)."""
         self._channels[topic].log(message, log_time=nanoseconds(time))
 

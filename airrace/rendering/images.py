@@ -7,6 +7,7 @@ coordinates; its value is image[v, u]. Compiled functions take both kinds as (h,
 import typing
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from airrace.common.jit import compilable
 
@@ -23,7 +24,7 @@ class Box(typing.NamedTuple):
 
 
 @compilable
-def as_box(numbers) -> Box:
+def as_box(numbers: np.ndarray) -> Box:
     """Returns the Box of an array, (4,)."""
     return Box(numbers[0], numbers[1], numbers[2], numbers[3])
 
@@ -41,7 +42,7 @@ def is_empty(box: Box) -> bool:
 
 
 @compilable
-def touches(box: Box, boxes) -> bool:
+def touches(box: Box, boxes: np.ndarray) -> bool:
     """Whether a box shares a pixel with any of some others, (n, 4)."""
     for i in range(len(boxes)):
         if not is_empty(intersection(box, as_box(boxes[i]))):
@@ -49,33 +50,33 @@ def touches(box: Box, boxes) -> bool:
     return False
 
 
-def whole_box(image) -> Box:
+def whole_box(image: np.ndarray) -> Box:
     """Returns the box of all pixels of an image."""
     return Box(0, 0, image.shape[1], image.shape[0])
 
 
-def crop(image, box) -> np.ndarray:
+def crop(image: np.ndarray, box: Box) -> np.ndarray:
     """Returns the pixels in a box, not copied."""
     x0, y0, x1, y1 = box
     return image[y0:y1, x0:x1]
 
 
-def as_boxes(boxes, image) -> np.ndarray:
+def as_boxes(boxes: ArrayLike | None, image: np.ndarray) -> np.ndarray:
     """Returns boxes as an array, (n, 4); without any, that of all of the image."""
     return np.array([whole_box(image)] if boxes is None else boxes, np.int64).reshape(-1, 4)
 
 
-def with_channels(image) -> np.ndarray:
+def with_channels(image: np.ndarray) -> np.ndarray:
     """Returns an image as (h, w, channels), not copied."""
     return image[..., None] if image.ndim == 2 else image
 
 
-def to_grey(color):
+def to_grey(color: ArrayLike) -> np.ndarray:
     """Returns the grey levels of colours, (..., 3)."""
     return np.asarray(color) @ LUMA
 
 
-def colors_for(channels: int, colors) -> np.ndarray:
+def colors_for(channels: int, colors: ArrayLike) -> np.ndarray:
     """Returns colours, RGB (n, 3), as images have them, (n, channels): grey, or opaque."""
     colors = np.asarray(colors, float)
     if channels == 1:

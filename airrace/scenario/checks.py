@@ -2,15 +2,20 @@
 
 import math
 import re
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-from pydrake.multibody.plant import AddMultibodyPlant
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from airrace.common.errors import UserError
 from airrace.scenario.camera_config import NO_CAMERA, PRESETS, RENDERERS, CameraConfig
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
+
+if TYPE_CHECKING:
+    from airrace.scenario import Scenario
 
 # Least and greatest value of numbers for which "positive" does not say it all;
 # [] is any element of a list. The upper limits keep a slip of the pen from
@@ -62,7 +67,7 @@ _RANGES = {
 }
 
 
-def check_numbers(scenario) -> None:
+def check_numbers(scenario: "Scenario") -> None:
     """Checks that all numbers are finite, and ours within their ranges."""
     for name, value in _numbers(scenario):
         if isinstance(value, float) and not math.isfinite(value):
@@ -96,7 +101,7 @@ def _check_range(name, value):
         raise UserError(f"{name} must be at most {high}, not {value}.")
 
 
-def check_choice(name, value, choices) -> None:
+def check_choice(name: str, value: str, choices: Iterable[str]) -> None:
     """Checks that a value is one of the choices."""
     if value not in choices:
         raise UserError(f"{name} must be one of {', '.join(choices)}, not '{value}'.")
@@ -138,7 +143,7 @@ def check_rotor_failures(failures: list[RotorFailure]) -> None:
             raise UserError(f"rotor_failures has rotor {rotor} twice; name each rotor once.")
 
 
-def check_drakes_own(simulator_config, plant_config) -> None:
+def check_drakes_own(simulator_config: SimulatorConfig, plant_config: MultibodyPlantConfig) -> None:
     """Lets Drake check its own structs, and adds what a race needs of them."""
     rate = simulator_config.target_realtime_rate
     if rate < 0:

@@ -215,7 +215,12 @@ class Scenario:
         check_drakes_own(self.simulator_config, self.plant_config)
 
 
-def load_scenario(*, filename=None, scenario_name=None, scenario_text=None) -> Scenario:
+def load_scenario(
+    *,
+    filename: str | None = None,
+    scenario_name: str | None = None,
+    scenario_text: str | None = None,
+) -> Scenario:
     """Loads a scenario; what is given last wins.
 
     Args:

@@ -1,7 +1,14 @@
 """Reading vector ports without a copy."""
 
+from typing import TYPE_CHECKING
 
-def read_vector(port, context):
+import numpy as np
+
+if TYPE_CHECKING:
+    from pydrake.systems.framework import Context, InputPort
+
+
+def read_vector(port: "InputPort", context: "Context") -> np.ndarray:
     """Returns the value of an input port, (n,): like its Eval(), but not a copy.
 
     The copy is a third of the cost of reading a vector in Python, and some are read at

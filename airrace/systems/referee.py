@@ -2,13 +2,14 @@
 
 import functools
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import QueryObject
 from pydrake.multibody.plant import ContactResults
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from airrace.common.jit import assign, compilable, compiled
 from airrace.math.vec3 import dot
@@ -76,11 +77,11 @@ class RefereeMemory(NamedTuple):
 
 
 # Nothing is crossed before the second update.
-_START = RefereeMemory(*7 * [0.0], np.full(3, np.nan), np.zeros(6))
+_START = RefereeMemory(*7 * [0.0], np.full(3, np.nan), np.zeros(6))  # type: ignore[arg-type, call-arg]
 
 
 @compilable
-def _as_memory(v) -> RefereeMemory:
+def _as_memory(v: np.ndarray) -> RefereeMemory:
     return RefereeMemory(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7:10], v[10:16])
 
 
@@ -127,7 +128,7 @@ class Referee(LeafSystem):
         arena_margin: float,
         standing_height: float,
         body_names: dict,
-        rotor_failures=(),
+        rotor_failures: Iterable = (),
         moving_gates: bool = False,
     ):
         """Constructs the referee.
@@ -212,7 +213,7 @@ class Referee(LeafSystem):
             m = m._replace(verdict=verdict)
         memory[:] = np.hstack(m)
 
-    def _touched(self, context, airborne) -> str | None:
+    def _touched(self, context: Context, airborne: bool) -> str | None:
         """Returns the name of what pushed the drone, now or between two updates."""
         contacts = self._contacts.Eval(context)
         pairs = [

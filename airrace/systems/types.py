@@ -3,6 +3,7 @@
 import dataclasses as dc
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 
 from airrace.common.immutable import Immutable, read_only
@@ -33,7 +34,9 @@ class CameraInfo(Immutable):
     X_BC: RigidTransform
 
 
-def make_camera_info(*, width, height, fov_y, X_BC, D=(0.0,) * 5) -> CameraInfo:
+def make_camera_info(
+    *, width: int, height: int, fov_y: float, X_BC: RigidTransform, D: ArrayLike = (0.0,) * 5
+) -> CameraInfo:
     """Returns the calibration of a camera with square pixels.
 
     Args:

@@ -1,6 +1,7 @@
 """When a flight leads through a gate."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -22,7 +23,9 @@ class GateOpening:
             [*gate.p_WG, *gate.forward, *gate.rightward, gate.pylon_spacing / 2]
         )
 
-    def find(self, q, p, shift=(0.0, 0.0)) -> tuple[float, float] | None:
+    def find(
+        self, q: np.ndarray, p: np.ndarray, shift: Sequence[float] | np.ndarray = (0.0, 0.0)
+    ) -> tuple[float, float] | None:
         """Returns where a straight line passes the gate from the front, None if it does not.
 
         Args:
@@ -38,7 +41,9 @@ class GateOpening:
 
 
 @compiled
-def find(numbers, q, p, shift_x, shift_y):
+def find(
+    numbers: np.ndarray, q: np.ndarray, p: np.ndarray, shift_x: float, shift_y: float
+) -> tuple[float, float]:
     """See GateOpening.find(); NaN if the line does not pass."""
     x, y, z, fx, fy, _, rx, ry, rz, half = numbers
     x, y = x + shift_x, y + shift_y

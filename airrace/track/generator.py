@@ -79,13 +79,13 @@ def generate_track(seed: int, gates: int | None = None, direction: str | None = 
     )
 
 
-def _draw_layout(rng, n, sign) -> Layout:
+def _draw_layout(rng: np.random.Generator, n: int, sign: int) -> Layout:
     """Returns a layout that keeps the rules; gate 1 is at the origin."""
     turns = np.full(n, sign)
     turns[rng.permutation(n)[: n // 2 - 4]] = -sign  # the turns add up to 8 sign
     first = np.deg2rad(rng.integers(360))
     headings = first + TURN * np.concatenate([[0], np.cumsum(turns[:-1])])
-    lengths = _close(directions(headings), np.exp(rng.uniform(*np.log(LENGTHS), n)))
+    lengths = _close(directions(headings), np.exp(rng.uniform(*np.log(LENGTHS), n)))  # type: ignore[call-overload]
     steps = lengths[:, None] * directions(headings)
     left = np.concatenate([np.zeros((1, 2)), np.cumsum(steps[:-1], axis=0)])
     layout = Layout(left, headings, np.full(n, SPACING))
@@ -95,7 +95,7 @@ def _draw_layout(rng, n, sign) -> Layout:
     return layout
 
 
-def _close(forward, wanted) -> np.ndarray:
+def _close(forward: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Returns lengths of the legs that lead back to gate 1, (n,) m.
 
     They are the nearest to those wanted, by the squares of the relative changes.
@@ -115,7 +115,7 @@ def _close(forward, wanted) -> np.ndarray:
     return np.clip(result.GetSolution(lengths), *LENGTHS)
 
 
-def _draw_track(rng, layout: Layout, name: str) -> Track:
+def _draw_track(rng: np.random.Generator, layout: Layout, name: str) -> Track:
     """Returns the track of a layout with a start from which gate 1 is found."""
     for attempt in range(_STARTS):
         track = _place(rng, layout, name)
@@ -131,7 +131,7 @@ def _draw_track(rng, layout: Layout, name: str) -> Track:
     return track
 
 
-def _place(rng, layout: Layout, name: str) -> Track:
+def _place(rng: np.random.Generator, layout: Layout, name: str) -> Track:
     """Returns a track at a random place in the world, in millimetres and degrees."""
     distance, offset = rng.uniform(*START_DISTANCE), rng.uniform(-START_OFFSET, START_OFFSET)
     to_gate = distance * layout.forward[0] + offset * layout.rightward[0]

@@ -1,14 +1,15 @@
 """Points, directions and segments in the plane."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
-def directions(angles) -> np.ndarray:
+def directions(angles: ArrayLike) -> np.ndarray:
     """Returns unit vectors of angles (rad), shape (..., 2)."""
     return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
-def point_distances(points, starts, ends) -> np.ndarray:
+def point_distances(points: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """Returns distances of points from segments (m).
 
     Args:
@@ -20,7 +21,7 @@ def point_distances(points, starts, ends) -> np.ndarray:
     return np.linalg.norm(starts + share[..., None] * along - points, axis=-1)
 
 
-def segment_distances(starts, ends) -> np.ndarray:
+def segment_distances(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """Returns the distances of n segments from one another, 0 where they cross, (n, n) m.
 
     Args:

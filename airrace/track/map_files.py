@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from airrace.common.errors import UserError
 from airrace.common.files import write_json
@@ -73,7 +74,7 @@ def _time(gate_map):
     return gate_map.time if gate_map.time >= 0.0 else None
 
 
-def rounded(vector, digits=4) -> list:
+def rounded(vector: np.ndarray, digits: int = 4) -> list:
     """Returns a vector's numbers, rounded; of a few, quicker than numpy's."""
     return [round(x, digits) for x in np.asarray(vector).tolist()]
 
@@ -137,14 +138,14 @@ def true_map(track: Track) -> GateMap:
     )
 
 
-def _known_marker(id, p_WM, normal) -> MarkerEstimate:
+def _known_marker(id: int, p_WM: np.ndarray, normal: np.ndarray) -> MarkerEstimate:
     """Returns a marker whose position is exact."""
     return MarkerEstimate(
         id=int(id), count=1, outliers=0, p_WM=p_WM, variance=np.zeros(3), normal=normal
     )
 
 
-def _finite(values, shape=()) -> np.ndarray:
+def _finite(values: ArrayLike, shape: tuple[int, ...] = ()) -> np.ndarray:
     """Returns numbers of a file; raises ValueError unless they have a shape and are finite."""
     numbers = np.asarray(values, float)
     if numbers.shape != shape or not np.isfinite(numbers).all():

@@ -1,6 +1,7 @@
 """Draws a track from above."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import rc_context
@@ -12,6 +13,9 @@ from airrace.common.errors import UserError
 from airrace.track.geometry import directions
 from airrace.track.layout import Layout
 from airrace.track.track import BOARD_SIZE, PYLON_BASE_RADIUS, Track
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _GRASS, _PYLON, _FRONT, _BACK = "#eef3e6", "#d9480f", "#ffffff", "#212529"
 _LEG, _START = "#4c6ef5", "#2b8a3e"
@@ -62,7 +66,7 @@ def save_plot(track: Track, path: Path) -> None:
         ) from None
 
 
-def draw_gates(axes, layout: Layout, color: str, foot: str) -> None:
+def draw_gates(axes: "Axes", layout: Layout, color: str, foot: str) -> None:
     """Draws all gates of a layout with their numbers and directions.
 
     Args:

@@ -178,7 +178,7 @@ def check_start(track: Track, layout: Layout) -> None:
     _require_start(near >= LEG_TO_LEG, f"a leg passes it at {near:.1f} m")
 
 
-def gate_in_view(layout: Layout, gate: int, viewpoints, heading: float) -> np.ndarray:
+def gate_in_view(layout: Layout, gate: int, viewpoints: np.ndarray, heading: float) -> np.ndarray:
     """Returns from which points both front markers of a gate can be read, (k,) bool.
 
     Args:
@@ -206,7 +206,7 @@ def gate_in_view(layout: Layout, gate: int, viewpoints, heading: float) -> np.nd
     return seen
 
 
-def _longest_run(flags) -> int:
+def _longest_run(flags: np.ndarray) -> int:
     """Returns the length of the longest run of True."""
     ends = np.flatnonzero(np.diff(np.concatenate([[0], flags, [0]])))
     return int(max(ends[1::2] - ends[::2], default=0))

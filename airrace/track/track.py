@@ -6,6 +6,7 @@ import itertools
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RotationMatrix
 
 from airrace.common.errors import UserError
@@ -139,7 +140,7 @@ class Track:
         """Returns the feet of all pylons, left and right by turns, (2n, 3)."""
         return np.array([p for gate in self.gates for p in (gate.p_WL, gate.p_WR)])
 
-    def shifted(self, shifts) -> "Track":
+    def shifted(self, shifts: ArrayLike) -> "Track":
         """Returns the track with every gate moved.
 
         Args:

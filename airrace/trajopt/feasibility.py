@@ -3,6 +3,7 @@
 import dataclasses as dc
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from airrace.common.immutable import Immutable
 from airrace.track import BOARD_OFFSET, BOARD_SIZE, PYLON_HEIGHT
@@ -18,7 +19,7 @@ _BOARD_REACH = np.hypot(BOARD_OFFSET, BOARD_SIZE / 2)  # m, from the axis of the
 _ACTIVE = 0.98  # of a limit: laps leave a little for the transitions onto them
 
 
-def clearance_of(radius: float, margin=MARGIN):
+def clearance_of(radius: float, margin: float | np.ndarray = MARGIN) -> float | np.ndarray:
     """Returns how far from a pylon's axis a drone of a radius should keep (m).
 
     Args: radius: (m). margin: between drone and boards, a number or an array (m).
@@ -45,7 +46,7 @@ def sample_times(trajectory: FlatTrajectory, rate: float = 100.0) -> np.ndarray:
     return np.linspace(0.0, duration, int(np.ceil(rate * duration)) + 1)
 
 
-def pylon_distances(samples, pylons) -> np.ndarray:
+def pylon_distances(samples: np.ndarray, pylons: ArrayLike) -> np.ndarray:
     """Returns the distance of every sample from every pylon's axis, (N, n) m.
 
     The axes [x, y], (n, 2) m, end at the pylons' tips: far above those, a drone is clear.
@@ -57,7 +58,7 @@ def pylon_distances(samples, pylons) -> np.ndarray:
     return np.sqrt(x * x + y * y + above * above)
 
 
-def passes_forward(trajectory: FlatTrajectory, times, headings) -> np.ndarray:
+def passes_forward(trajectory: FlatTrajectory, times: ArrayLike, headings: ArrayLike) -> np.ndarray:
     """Whether gates are passed forward, within MAX_CROSSING_ANGLE of their headings, (n,) bool.
 
     Args: times: when they are passed, (n,) s. headings: of the gates, (n,) rad.
@@ -67,10 +68,10 @@ def passes_forward(trajectory: FlatTrajectory, times, headings) -> np.ndarray:
     return along > np.cos(MAX_CROSSING_ANGLE) * np.linalg.norm(velocity, axis=0)
 
 
-def peaks(samples) -> tuple[float, float]:
+def peaks(samples: np.ndarray) -> tuple[float, float]:
     """Returns the largest speed and acceleration of samples (18, N) (m, s)."""
     r = as_reference(samples)
-    return tuple(float(np.linalg.norm(v, axis=0).max()) for v in (r.velocity, r.acceleration))
+    return tuple(float(np.linalg.norm(v, axis=0).max()) for v in (r.velocity, r.acceleration))  # type: ignore[return-value]
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -97,7 +98,7 @@ class FlightCheck(Immutable):
     active_limits: tuple
 
 
-def check_flight(samples, pylons, limits: FlightLimits) -> FlightCheck:
+def check_flight(samples: np.ndarray, pylons: ArrayLike, limits: FlightLimits) -> FlightCheck:
     """Checks samples of a flight.
 
     Args:

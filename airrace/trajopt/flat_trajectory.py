@@ -1,6 +1,9 @@
 """Trajectories in the flat outputs of a multirotor: x, y, z and yaw."""
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -29,7 +32,7 @@ class FlatTrajectory(Immutable):
         self._breaks, self._coefficients = np.array(self.breaks), segment_coefficients(polynomial)
 
     @classmethod
-    def resting(cls, pose) -> "FlatTrajectory":
+    def resting(cls, pose: ArrayLike) -> "FlatTrajectory":
         """Returns the trajectory that stays at x, y, z and yaw, (4,), for 1 ms."""
         return cls(PiecewisePolynomial.ZeroOrderHold([0.0, 1e-3], np.column_stack([pose, pose])))
 
@@ -47,11 +50,11 @@ class FlatTrajectory(Immutable):
         """
         return _reference(self._breaks, self._coefficients, float(time))
 
-    def positions(self, times) -> np.ndarray:
+    def positions(self, times: ArrayLike) -> np.ndarray:
         """Returns the positions at many times, (3, N) m."""
         return as_reference(self.sample(times)).position
 
-    def sample(self, times) -> np.ndarray:
+    def sample(self, times: ArrayLike) -> np.ndarray:
         """Returns samples at many times, References as vectors, (18, N)."""
         d = _evaluate_all(self._breaks, self._coefficients, np.asarray(times, float))
         return pack(d.swapaxes(0, 1))
@@ -71,7 +74,7 @@ def segment_coefficients(polynomial: PiecewisePolynomial) -> np.ndarray:
     return result
 
 
-def piecewise_polynomial(coefficients, breaks) -> PiecewisePolynomial:
+def piecewise_polynomial(coefficients: np.ndarray, breaks: np.ndarray) -> PiecewisePolynomial:
     """Returns the trajectory with segment_coefficients() and breaks, (n + 1,) s."""
     pieces = [np.array([[Polynomial(c)] for c in piece]) for piece in coefficients]
     return PiecewisePolynomial(pieces, breaks)
@@ -110,7 +113,7 @@ def _reference(breaks, coefficients, time):
 
 
 @compilable
-def flat_outputs(derivatives) -> np.ndarray:
+def flat_outputs(derivatives: np.ndarray) -> np.ndarray:
     """Packs value and four derivatives of x, y, z, yaw, (5, 4), into (18,)."""
     vector = np.empty(REFERENCE_SIZE)
     for order in range(5):
@@ -119,13 +122,13 @@ def flat_outputs(derivatives) -> np.ndarray:
     return vector
 
 
-def pack(derivatives) -> np.ndarray:
+def pack(derivatives: np.ndarray) -> np.ndarray:
     """Returns samples (5, N, 4) as References, (18, N)."""
     xyz, yaw = np.swapaxes(derivatives[..., :3], 1, 2), derivatives[:3, :, 3]
     return np.vstack(Reference(*xyz, *yaw))
 
 
-def unpack_flat_outputs(reference) -> np.ndarray:
+def unpack_flat_outputs(reference: np.ndarray) -> np.ndarray:
     """Returns value and four derivatives of x, y, z and yaw, (5, 4), of a sample (18,).
 
     Those of yaw beyond the second are not part of a sample: zero.
@@ -134,7 +137,7 @@ def unpack_flat_outputs(reference) -> np.ndarray:
     return np.column_stack([xyz, [yaw, yaw_rate, yaw_acceleration, 0.0, 0.0]])
 
 
-def hold(p_WB, yaw: float) -> np.ndarray:
+def hold(p_WB: Sequence[float] | np.ndarray, yaw: float) -> np.ndarray:
     """Returns the reference of hovering at a point p_WB (m) with a yaw (rad), (18,)."""
     rest = np.zeros(3)
-    return np.hstack(Reference(p_WB, rest, rest, rest, rest, yaw, 0.0, 0.0))
+    return np.hstack(Reference(p_WB, rest, rest, rest, rest, yaw, 0.0, 0.0))  # type: ignore[arg-type]

@@ -1,5 +1,7 @@
 """Differential flatness: from position and yaw to attitude, rates and rotors."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from airrace.common.jit import compilable
@@ -7,9 +9,14 @@ from airrace.math.vec3 import cross, dot
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY
 
+if TYPE_CHECKING:
+    from airrace.vehicle import Vehicle
+
 
 @compilable
-def unit_vector(n, dn, ddn):
+def unit_vector(
+    n: np.ndarray, dn: np.ndarray, ddn: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns n / |n| and its first two derivatives, given those of n, (3,) or (3, N)."""
     length = np.sqrt(dot(n, n))
     scale = 1 / length
@@ -21,7 +28,9 @@ def unit_vector(n, dn, ddn):
 
 
 @compilable
-def attitude_from_force(force, force_rate, force_acceleration, heading):
+def attitude_from_force(
+    force: np.ndarray, force_rate: np.ndarray, force_acceleration: np.ndarray, heading: tuple
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
     """Returns the attitude that thrusts along a force and faces a heading.
 
     The body's z axis is along the force and its x axis in the plane of force
@@ -55,7 +64,12 @@ def attitude_from_force(force, force_rate, force_acceleration, heading):
 
 
 @compilable
-def heading_vectors(cos_yaw, sin_yaw, yaw_rate, yaw_acceleration):
+def heading_vectors(
+    cos_yaw: float | np.ndarray,
+    sin_yaw: float | np.ndarray,
+    yaw_rate: float | np.ndarray,
+    yaw_acceleration: float | np.ndarray,
+) -> tuple:
     """Returns the heading and its two derivatives, (x, y, z) each, for attitude_from_force()."""
     c, s, rate, squared = cos_yaw, sin_yaw, yaw_rate, yaw_rate * yaw_rate
     first = -rate * s, rate * c, 0.0
@@ -63,7 +77,7 @@ def heading_vectors(cos_yaw, sin_yaw, yaw_rate, yaw_acceleration):
     return (c, s, 0.0), first, second
 
 
-def inverse_dynamics(flat_outputs, vehicle):
+def inverse_dynamics(flat_outputs: np.ndarray, vehicle: "Vehicle") -> tuple[np.ndarray, np.ndarray]:
     """Inverse dynamics of a trajectory.
 
     Args:
@@ -83,7 +97,7 @@ def inverse_dynamics(flat_outputs, vehicle):
     return np.linalg.pinv(vehicle.allocation) @ np.vstack([thrust, moments(vehicle, w, alpha)]), w
 
 
-def moments(vehicle, w, alpha) -> np.ndarray:
+def moments(vehicle: "Vehicle", w: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """Returns the moments about the body's axes that turn it so (N m), (3, N).
 
     Args: w, alpha: angular velocity and acceleration in B, (3, N).
@@ -92,7 +106,9 @@ def moments(vehicle, w, alpha) -> np.ndarray:
     return J * alpha + cross(w, J * w)
 
 
-def thrust_vectors(flat_outputs, unit=1.0):
+def thrust_vectors(
+    flat_outputs: np.ndarray, unit: float | np.ndarray = 1.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns thrust over mass, a + g e_z, and its first two derivatives, (3, N) each.
 
     Args:

@@ -1,10 +1,16 @@
 """Where a lap may cross its gates: windows or balls."""
 
 import dataclasses as dc
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
+
+if TYPE_CHECKING:
+    from pydrake.solvers import MathematicalProgram
 
 _LEAST_DISTANCE = 0.1  # m, from gate to gate
 
@@ -28,7 +34,13 @@ class GateRegions:
     radius: float
 
     @classmethod
-    def windows(cls, midpoints, headings, half_width, half_height) -> "GateRegions":
+    def windows(
+        cls,
+        midpoints: Sequence | np.ndarray,
+        headings: ArrayLike,
+        half_width: ArrayLike,
+        half_height: ArrayLike,
+    ) -> "GateRegions":
         """Returns gates to be crossed anywhere in an upright rectangle, or raises.
 
         Args:
@@ -45,7 +57,7 @@ class GateRegions:
         return cls(*_checked(midpoints, headings), sizes, 0.0)
 
     @classmethod
-    def balls(cls, midpoints, headings, radius: float) -> "GateRegions":
+    def balls(cls, midpoints: ArrayLike, headings: ArrayLike, radius: float) -> "GateRegions":
         """Returns gates to be passed within a radius (m) of the midpoint; 0 is through it."""
         if not radius >= 0.0:
             raise TrajectoryOptimizationError(f"The radius of a ball is negative: {radius}.")
@@ -68,7 +80,9 @@ class GateRegions:
         """By how much yaw grows in a lap (rad), a multiple of 2 pi."""
         return turn_per_lap(self.headings)
 
-    def constrain(self, program, i: int, step, point) -> None:
+    def constrain(
+        self, program: "MathematicalProgram", i: int, step: np.ndarray, point: np.ndarray
+    ) -> None:
         """Adds to a MathematicalProgram that point + step lies in the region of gate i.
 
         Args: i: from 0. step: three variables. point: (3,) m.
@@ -85,7 +99,7 @@ class GateRegions:
         else:
             program.AddLinearEqualityConstraint(np.eye(3), -offset, step)
 
-    def nearest(self, points) -> np.ndarray:
+    def nearest(self, points: np.ndarray) -> np.ndarray:
         """Returns the points of the regions that are nearest to some points, (n, 3) m."""
         offset = np.asarray(points) - self.midpoints
         if self.half_sizes is not None:
@@ -99,7 +113,7 @@ class GateRegions:
         return self.midpoints + offset
 
 
-def _checked(midpoints, headings):
+def _checked(midpoints: ArrayLike, headings: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     midpoints, headings = np.array(midpoints, float), np.array(headings, float)
     if len(midpoints) < 2 or not (np.isfinite(midpoints).all() and np.isfinite(headings).all()):
         raise TrajectoryOptimizationError("A lap needs two gates or more, at finite places.")
@@ -110,7 +124,7 @@ def _checked(midpoints, headings):
     return midpoints, np.unwrap(headings)
 
 
-def turn_per_lap(headings) -> float:
+def turn_per_lap(headings: np.ndarray) -> float:
     """Returns by how much yaw grows (rad) in a lap of headings (rad), (m,): a multiple of 2 pi."""
     closed = np.unwrap(np.append(headings, headings[0]))
     return float(2 * np.pi * np.round((closed[-1] - closed[0]) / (2 * np.pi)))

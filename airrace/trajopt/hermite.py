@@ -8,7 +8,7 @@ import numpy as np
 
 
 @functools.cache
-def unit_segment(degree: int, minimized_derivative: int):
+def unit_segment(degree: int, minimized_derivative: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns what end derivatives make of a segment of unit duration.
 
     The interpolant of n derivatives x_k at 0 and y_k at 1 is

@@ -33,7 +33,7 @@ class Reference(NamedTuple):
 
 
 @compilable
-def as_reference(vector) -> Reference:
+def as_reference(vector: np.ndarray) -> Reference:
     """Returns the parts of a vector (18,), or of N, (18, N), as views of it."""
     return Reference(
         vector[0:3],

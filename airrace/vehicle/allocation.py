@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from airrace.common.jit import compiled
 
@@ -61,7 +62,9 @@ class Allocator:
 
 
 @compiled
-def by_inverse(inverse, wrench, limits):
+def by_inverse(
+    inverse: np.ndarray, wrench: np.ndarray, limits: np.ndarray
+) -> tuple[np.ndarray, bool]:
     """Returns inverse @ wrench, (n,), and whether all of it is between zero and the limits.
 
     Args: inverse: of an Allocator, (n, 4). wrench: see there. limits: (n,) in N.
@@ -76,7 +79,7 @@ def by_inverse(inverse, wrench, limits):
     return thrusts, possible
 
 
-def _least_squares_in_unit_box(A, b, x) -> np.ndarray:
+def _least_squares_in_unit_box(A: np.ndarray, b: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Minimises |A x - b| over 0 <= x <= 1, by active sets.
 
     Args:
@@ -108,7 +111,7 @@ def _least_squares_in_unit_box(A, b, x) -> np.ndarray:
     return x
 
 
-def wrench_margin(allocation: np.ndarray, max_thrusts: np.ndarray, wrench) -> float:
+def wrench_margin(allocation: np.ndarray, max_thrusts: np.ndarray, wrench: ArrayLike) -> float:
     """Returns how far a wrench is inside of what the rotors can produce.
 
     The set of all wrenches within 0 <= thrust <= limit is a zonotope; the

@@ -1,6 +1,7 @@
 """What is left of a vehicle that has lost rotors."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from airrace.vehicle.allocation import Allocator, wrench_margin
 from airrace.vehicle.vehicle import GRAVITY, Vehicle
@@ -20,7 +21,7 @@ class Remaining:
         max_lift: the greatest thrust without a moment (N).
     """
 
-    def __init__(self, vehicle: Vehicle, working):
+    def __init__(self, vehicle: Vehicle, working: ArrayLike):
         """Args: vehicle: when whole. working: n booleans."""
         self.max_thrusts = vehicle.max_thrusts * np.array(working)
         weight = vehicle.mass * GRAVITY
@@ -32,7 +33,7 @@ class Remaining:
         self.max_lift = float(self.allocator.allocate(most).sum())
 
 
-def _holds(allocation, max_thrusts, weight) -> bool:
+def _holds(allocation: np.ndarray, max_thrusts: np.ndarray, weight: float) -> bool:
     hover = np.zeros(len(allocation))
     hover[0] = weight
     return bool(wrench_margin(allocation, max_thrusts, hover) > _LEAST_MARGIN)

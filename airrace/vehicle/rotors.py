@@ -29,7 +29,7 @@ def make_rotor_dynamics(vehicle: Vehicle, period: float) -> RotorDynamics:
 
 
 @compilable
-def next_speeds(speeds, command, rotors: RotorDynamics) -> np.ndarray:
+def next_speeds(speeds: np.ndarray, command: np.ndarray, rotors: RotorDynamics) -> np.ndarray:
     """Returns the speeds one period later (rad/s), (n,).
 
     Args:
@@ -44,7 +44,7 @@ def next_speeds(speeds, command, rotors: RotorDynamics) -> np.ndarray:
 
 
 @compilable
-def next_speed(speed, command, max_speed, step_share) -> float:
+def next_speed(speed: float, command: float, max_speed: float, step_share: float) -> float:
     """Returns the speed of one rotor one period later; see next_speeds()."""
     target = min(command, max_speed) if command > 0.0 else 0.0
     return speed + step_share * (target - speed)
@@ -65,7 +65,7 @@ class RotorStatus(NamedTuple):
 
 
 @compilable
-def as_rotor_status(vector) -> RotorStatus:
+def as_rotor_status(vector: np.ndarray) -> RotorStatus:
     """Returns the parts of a vector (1 + 2n,) as views of it."""
     n = len(vector) // 2
     return RotorStatus(vector[0], vector[1 : 1 + n], vector[1 + n :])

@@ -31,13 +31,13 @@ class State(NamedTuple):
 
 
 @compilable
-def as_state(vector) -> State:
+def as_state(vector: np.ndarray) -> State:
     """Returns the parts of a state estimate, (14,), or of N, (14, N), as views of it."""
     return as_plant_state(vector[1:], vector[0])
 
 
 @compilable
-def as_plant_state(vector, time=np.nan) -> State:
+def as_plant_state(vector: np.ndarray, time: float = np.nan) -> State:
     """Returns the parts of Drake's floating-base state, (13,) or (13, N), as views of it."""
     return State(time, vector[0:4], vector[4:7], vector[7:10], vector[10:13])
 

@@ -1,9 +1,14 @@
 """A pause button and a slider of the race's speed, on the page."""
 
 import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
+
+if TYPE_CHECKING:
+    from airrace.visualization.views import ViewDirector
 
 PAUSE = "Pause / go on (space)"
 SPEED = "Speed (x real time, 0 = free)"
@@ -17,7 +22,9 @@ class RaceControls:
     Only how fast a race is simulated changes, never what happens in it.
     """
 
-    def __init__(self, meshcat: Meshcat, simulator: Simulator, director=None):
+    def __init__(
+        self, meshcat: Meshcat, simulator: Simulator, director: "ViewDirector | None" = None
+    ):
         """Adds the button and the slider.
 
         Args:
@@ -35,7 +42,7 @@ class RaceControls:
         rate = simulator.get_target_realtime_rate()
         self._rate = meshcat.AddSlider(SPEED, 0.0, max(_MOST, rate), _STEP, rate)
 
-    def steer(self, interrupted=lambda: False) -> None:
+    def steer(self, interrupted: Callable[[], bool] = lambda: False) -> None:
         """Does what was asked for on the page; while the race is paused, waits.
 
         Args:

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import logging
+from collections.abc import Iterable, Sequence
 from html import escape
 
 import numpy as np
@@ -52,7 +53,7 @@ class Ghost:
         """From time zero to its end (s)."""
         return float(self.run.state["time"].iloc[-1]) - self.start
 
-    def poses(self, times) -> tuple:
+    def poses(self, times: np.ndarray) -> tuple:
         """Returns positions, (n, 3) m, and quaternions w, x, y, z, (n, 4), at replay times (s)."""
         state = self.run.state
         at = np.clip(np.asarray(times) + self.start, state["time"].iloc[0], state["time"].iloc[-1])
@@ -61,7 +62,7 @@ class Ghost:
         return p_WB, Slerp(state["time"], R_WB)(at).as_quat(scalar_first=True)
 
 
-def make_ghosts(runs, align: str = "start", lap: int = 1) -> list:
+def make_ghosts(runs: "Sequence[Run]", align: str = "start", lap: int = 1) -> list:
     """Returns the Ghosts of some runs of one track.
 
     Args:
@@ -100,7 +101,7 @@ def make_ghosts(runs, align: str = "start", lap: int = 1) -> list:
     return ghosts
 
 
-def show_ghosts(meshcat: Meshcat, ghosts) -> None:
+def show_ghosts(meshcat: Meshcat, ghosts: Iterable[Ghost]) -> None:
     """Draws track, drones and their paths, and records the flight for the page's controls.
 
     Args:
@@ -152,7 +153,7 @@ def _paint(plant, scene_graph, body, color):
     drake.setLevel(level)
 
 
-def with_legend(page: str, ghosts) -> str:
+def with_legend(page: str, ghosts: Iterable[Ghost]) -> str:
     """Returns a page of ghosts, HTML, with a legend that says which drone is which run."""
     rows = []
     for ghost in ghosts:

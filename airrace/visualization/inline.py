@@ -2,13 +2,19 @@
 
 import dataclasses as dc
 import html
+from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.visualization.meshcat_page import MakeMeshcat, draw_bodies
 from airrace.visualization.tubes import speed_colors, tube
+
+if TYPE_CHECKING:
+    from airrace.analysis.run import Run
+    from airrace.track import Track
 
 _RADIUS = 0.12  # m
 
@@ -31,7 +37,7 @@ class Frame:
         )
 
 
-def show_page(page, height: int = 480) -> Frame:
+def show_page(page: str | Path, height: int = 480) -> Frame:
     """Returns a page for a notebook.
 
     Args:
@@ -41,7 +47,7 @@ def show_page(page, height: int = 480) -> Frame:
     return Frame(page.read_text(encoding="utf-8") if isinstance(page, Path) else page, height)
 
 
-def show_runs(*runs, align: str = "start", height: int = 480) -> Frame:
+def show_runs(*runs: "Run", align: str = "start", height: int = 480) -> Frame:
     """Returns a replay of runs of one track for a notebook; it plays by its controls.
 
     Args:
@@ -60,7 +66,12 @@ def show_runs(*runs, align: str = "start", height: int = 480) -> Frame:
     return show_page(with_legend(meshcat.StaticHtml(), ghosts), height)
 
 
-def show_paths(track, paths, max_speed: float = 20.0, height: int = 480) -> Frame:
+def show_paths(
+    track: "Track",
+    paths: Iterable[tuple[np.ndarray, np.ndarray]],
+    max_speed: float = 20.0,
+    height: int = 480,
+) -> Frame:
     """Returns a view of a track with paths for a notebook, coloured by speed.
 
     Args:

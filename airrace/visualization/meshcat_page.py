@@ -2,14 +2,25 @@
 
 import logging
 import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-from pydrake.geometry import Meshcat, MeshcatParams, MeshcatVisualizer, MeshcatVisualizerParams
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.geometry import (
+    Meshcat,
+    MeshcatParams,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    SceneGraph,
+)
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from airrace.common.errors import UserError
 from airrace.rendering.scene.textures import HORIZON, ZENITH
+
+if TYPE_CHECKING:
+    from airrace.track import Track
 
 # What is fixed to the page's camera. The camera is an object of the page's scene, so it can
 # have children like any other.
@@ -18,7 +29,7 @@ LEFT = -0.95  # left edge of what is fixed to it; see picture.FixedPicture
 _OPENING = 3.0  # s, for which a page that opens is left alone
 
 
-def MakeMeshcat(track) -> Meshcat:
+def MakeMeshcat(track: "Track") -> Meshcat:
     """Starts a Meshcat server on loopback that shows a track on a fine day.
 
     Args:
@@ -49,11 +60,11 @@ def MakeMeshcat(track) -> Meshcat:
     return meshcat
 
 
-def _is_no_late_page(record) -> bool:
+def _is_no_late_page(record: logging.LogRecord) -> bool:
     return "Unknown CAS key" not in record.getMessage()
 
 
-def overview(track) -> tuple[np.ndarray, np.ndarray]:
+def overview(track: "Track") -> tuple[np.ndarray, np.ndarray]:
     """Returns from where all of a track is seen, and the point in the middle, in world (m)."""
     feet = track.pylons()
     middle = feet.mean(axis=0)
@@ -61,7 +72,7 @@ def overview(track) -> tuple[np.ndarray, np.ndarray]:
     return middle + [-0.35 * size, -0.6 * size, 0.5 * size], middle
 
 
-def draw_bodies(meshcat: Meshcat, add) -> None:
+def draw_bodies(meshcat: Meshcat, add: Callable[[MultibodyPlant, SceneGraph], object]) -> None:
     """Draws bodies that stand still.
 
     Args:

@@ -104,7 +104,7 @@ class PlanVisualizer(LeafSystem):
         if newest - len(_EARLIER) > 1:
             self._meshcat.Delete(f"planned/{newest - len(_EARLIER) - 1}")
 
-    def _draw_plan(self, number: int, color: Rgba):
+    def _draw_plan(self, number: int, color: Rgba) -> None:
         plan = self._drawn[number]
         for name, part in (("entry", plan.entry), ("circuit", plan.circuit)):
             times = np.linspace(0.0, part.duration, max(2, round(part.duration / _SAMPLE)))

@@ -43,7 +43,7 @@ class FixedPicture:
         self._left, self._top, self._width = left, top, width
         self._count = 0  # of pictures so far: output, not state
 
-    def show(self, image) -> None:
+    def show(self, image: np.ndarray) -> None:
         """Shows an image.
 
         Args:
@@ -63,7 +63,7 @@ class FixedPicture:
             self._meshcat.Delete(f"{self._path}/{k - _KEPT}")
 
 
-def picture_gltf(image) -> str:
+def picture_gltf(image: np.ndarray) -> str:
     """Returns a glTF file of a unit square that shows a picture: RGB, uint8, (h, w, 3)."""
     jpeg = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1]
     return _SQUARE.replace(_PREFIX, _PREFIX + base64.b64encode(jpeg).decode())

@@ -1,5 +1,7 @@
 """The live view of a race: everything that is drawn in its Meshcat beside the scene."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pydrake.geometry import Meshcat
 
@@ -15,11 +17,24 @@ from airrace.visualization.rotor_visualizer import RotorVisualizer, body_path
 from airrace.visualization.scoreboard import Scoreboard
 from airrace.visualization.views import ViewDirector
 
+if TYPE_CHECKING:
+    from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+
+    from airrace.scenario import Scenario
+    from airrace.scenario.camera_config import CameraConfig
+    from airrace.vehicle import Vehicle
+
 _INSET_WIDTH = 320  # px
 _DIRECTOR = "view_director"
 
 
-def AddVisualization(builder, scenario, simulation, autonomy, meshcat: Meshcat) -> None:
+def AddVisualization(
+    builder: "DiagramBuilder",
+    scenario: "Scenario",
+    simulation: "Diagram",
+    autonomy: "Diagram",
+    meshcat: Meshcat,
+) -> None:
     """Adds the live view of a race to its Meshcat.
 
     Args:
@@ -57,7 +72,7 @@ def AddVisualization(builder, scenario, simulation, autonomy, meshcat: Meshcat) 
         ),
     }
     for name, box in systems.items():
-        wanted = [box.get_input_port(i) for i in range(box.num_input_ports())]
+        wanted = [box.get_input_port(i) for i in range(box.num_input_ports())]  # type: ignore[attr-defined]
         found = [_output(port.get_name(), simulation, autonomy) for port in wanted]
         if None in found:
             continue  # an autonomy that is elsewhere does not tell all
@@ -66,17 +81,17 @@ def AddVisualization(builder, scenario, simulation, autonomy, meshcat: Meshcat) 
             builder.Connect(source, port)
 
 
-def _output(name: str, *diagrams):
+def _output(name: str, *diagrams: "Diagram") -> "OutputPort | None":
     """Returns the output port of that name of the first diagram that has it, or None."""
     return next((d.GetOutputPort(name) for d in diagrams if d.HasOutputPort(name)), None)
 
 
-def view_director(race) -> ViewDirector:
+def view_director(race: "Diagram") -> ViewDirector:
     """Returns the ViewDirector of a race with a live view."""
     return race.GetSubsystemByName(_DIRECTOR)
 
 
-def end_live_view(race, meshcat: Meshcat) -> None:
+def end_live_view(race: "Diagram", meshcat: Meshcat) -> None:
     """Takes away what only makes sense live, so that what is left is a replay."""
     view_director(race).end()
     meshcat.Delete(HUD)
@@ -84,7 +99,7 @@ def end_live_view(race, meshcat: Meshcat) -> None:
     meshcat.DeleteAddedControls()
 
 
-def _camera_info(config, vehicle, width: int) -> CameraInfo:
+def _camera_info(config: "CameraConfig", vehicle: "Vehicle", width: int) -> CameraInfo:
     """Returns the calibration of the scenario's camera with another width (px)."""
     return make_camera_info(
         width=width,

@@ -1,11 +1,16 @@
 """Turning rotors."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from pydrake.geometry import Box, Convex, Ellipsoid, Mesh, Meshcat, Role
+from pydrake.geometry import Box, Convex, Ellipsoid, Mesh, Meshcat, Role, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import LeafSystem
 
 from airrace.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from pydrake.multibody.plant import MultibodyPlant
 
 # Of the true speed, which would be a blur or, sampled, seem to stand still.
 SLOW_MOTION = 0.1
@@ -14,7 +19,7 @@ _ON_AXIS = 0.01  # m
 _NOT_ROUND = (Box, Convex, Ellipsoid, Mesh)
 
 
-def find_blades(plant, scene_graph, vehicle: Vehicle) -> list:
+def find_blades(plant: "MultibodyPlant", scene_graph: SceneGraph, vehicle: Vehicle) -> list:
     """Returns what of a drone turns with its rotors, as it shows.
 
     That is every visual that is not round about the vertical and whose origin lies
@@ -42,7 +47,7 @@ def find_blades(plant, scene_graph, vehicle: Vehicle) -> list:
     return blades
 
 
-def body_path(plant) -> str:
+def body_path(plant: "MultibodyPlant") -> str:
     """Returns where Drake's MeshcatVisualizer draws the drone of a plant."""
     body = plant.GetBodyByName("body")
     model = plant.GetModelInstanceName(body.model_instance()).replace("::", "/")
@@ -62,7 +67,14 @@ class RotorVisualizer(LeafSystem):
     that would be most of the file.
     """
 
-    def __init__(self, *, meshcat: Meshcat, vehicle: Vehicle, plant, scene_graph):
+    def __init__(
+        self,
+        *,
+        meshcat: Meshcat,
+        vehicle: Vehicle,
+        plant: "MultibodyPlant",
+        scene_graph: SceneGraph,
+    ):
         """Constructs the visualizer.
 
         Args:

@@ -1,12 +1,14 @@
 """The state of the race as text: laps, splits at the gates, and what the drone is doing."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import LeafSystem
 
-from airrace.systems.types import ExplorerStatus, RefereeStatus
+from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.vehicle.state import as_plant_state
 from airrace.visualization.meshcat_page import LEFT, Audience
 from airrace.visualization.picture import FixedPicture
@@ -43,7 +45,7 @@ def scoreboard_lines(
     return lines + ([split] if split else [])
 
 
-def _what(gates, laps, report, status) -> str:
+def _what(gates: int, laps: int, report: RefereeStatus, status: ExplorerStatus) -> str:
     if report.finished:
         return "finished"
     if report.over:
@@ -59,7 +61,7 @@ def lap_and_gate(crossings: int, gates: int, laps: int) -> tuple[int, int]:
     return min(max(crossings - 1, 0) // gates + 1, laps), crossings % gates + 1
 
 
-def _last_split(crossings, gates, times) -> str:
+def _last_split(crossings: Sequence[GateCrossing], gates: int, times: list[float]) -> str:
     """Returns the time at the last gate, beside that of the best lap before; '' if none."""
     if not crossings:
         return ""
@@ -74,7 +76,7 @@ def _last_split(crossings, gates, times) -> str:
     return text
 
 
-def draw_lines(lines) -> np.ndarray:
+def draw_lines(lines: Sequence[str]) -> np.ndarray:
     """Returns a board with some lines of text, RGB, (h, w, 3)."""
     height = _LINE * len(lines) + 2 * _MARGIN - 8
     image = np.full((height, _WIDTH, 3), _BACKGROUND, np.uint8)

@@ -3,14 +3,19 @@
 import contextlib
 import os
 import time
+import types
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
+from pydrake.geometry import Meshcat
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Column, Table
 
 from airrace.common.words import count
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, RaceResult
-from airrace.scenario import trajectory_name
+from airrace.scenario import Scenario, trajectory_name
+from airrace.track import Track
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.visualization.scoreboard import lap_and_gate
 
@@ -31,7 +36,13 @@ class _PatientConsole(Console):
 class RaceDisplay:
     """Shows a race while it runs; its `show` is a callback of run_race()."""
 
-    def __init__(self, scenario, track, meshcat=None, console: Console | None = None):
+    def __init__(
+        self,
+        scenario: Scenario,
+        track: Track,
+        meshcat: Meshcat | None = None,
+        console: Console | None = None,
+    ):
         """Constructs the display; nothing is printed before the first show().
 
         Args:
@@ -47,9 +58,9 @@ class RaceDisplay:
         self._console = console or _PatientConsole()
         self._start = self._last = time.perf_counter()
         self._events = self._losses = 0  # shown so far
-        self._live = None
+        self._live: Progress | None = None
 
-    def announce(self, what: str):
+    def announce(self, what: str) -> None:
         """Shows what is being done next, which takes a second or two."""
         with self._patience():
             if self._live is not None:
@@ -58,13 +69,13 @@ class RaceDisplay:
                 )
                 self._live.refresh()
 
-    def close(self):
+    def close(self) -> None:
         """Ends the live display."""
         if self._live is not None:
             with self._patience():
                 self._live.stop()
 
-    def show(self, result: RaceResult, outputs):
+    def show(self, result: RaceResult, outputs: types.SimpleNamespace) -> None:
         """Shows what the outputs of the race say; see run_race()."""
         with self._patience():
             if not self._events:
@@ -72,7 +83,7 @@ class RaceDisplay:
             self._show(result, outputs)
 
     @contextlib.contextmanager
-    def _patience(self):
+    def _patience(self) -> Iterator[None]:
         """Gives up printing, not the race, when printing fails (a closed pipe, a full disk)."""
         try:
             yield
@@ -82,12 +93,12 @@ class RaceDisplay:
             with contextlib.suppress(OSError), open(os.devnull, "w") as devnull:
                 os.dup2(devnull.fileno(), self._console.file.fileno())
 
-    def note(self, line: str):
+    def note(self, line: str) -> None:
         """Prints a line that is not about the race itself."""
         with self._patience():
             self._print(line)
 
-    def _open(self, drone: str):
+    def _open(self, drone: str) -> None:
         scenario = self._scenario
         kind = trajectory_name(scenario.trajectory)
         if scenario.planner.limits != "original":
@@ -110,7 +121,7 @@ class RaceDisplay:
             self._live.add_task("", total=None, clock="")
             self._live.start()
 
-    def _print(self, line: str):
+    def _print(self, line: str) -> None:
         """Prints a line as it is: names and paths may look like markup."""
         self._console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
@@ -132,7 +143,7 @@ class RaceDisplay:
             self._live.update(self._live.task_ids[0], **self._progress(result, outputs, now))
             self._live.refresh()
 
-    def _progress(self, result, outputs, now) -> dict:
+    def _progress(self, result: RaceResult, outputs: types.SimpleNamespace, now: float) -> dict:
         """Returns what the bar shows; while exploring, nobody knows how long it will take."""
         rate = outputs.time / (now - self._start)
         clock = f"{outputs.time:.1f} s simulated, {rate:.1f} x real time"
@@ -148,7 +159,7 @@ class RaceDisplay:
             clock=clock,
         )
 
-    def print_summary(self, result: dict, output_dir):
+    def print_summary(self, result: dict, output_dir: Path) -> None:
         """Prints the table of laps and where the results are."""
         if result["finished"]:
             mean = result["mean_lap_s"]
@@ -235,6 +246,6 @@ def _end(lap: dict) -> float:
     return lap["start_s"] + lap["time_s"]
 
 
-def _mean_time(laps) -> str:
+def _mean_time(laps: Iterable[dict]) -> str:
     times = [lap["time_s"] for lap in laps]
     return f"{sum(times) / len(times):.2f} s" if times else "-"

@@ -2,11 +2,12 @@
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 _SIDES = 3
 
 
-def tube(points, radius: float) -> tuple[np.ndarray, np.ndarray]:
+def tube(points: ArrayLike, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Returns a triangular tube around a path.
 
     Args:
@@ -32,7 +33,7 @@ def tube(points, radius: float) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(vertices.T), np.hstack(faces).astype(np.int32)
 
 
-def speed_colors(speeds, max_speed: float) -> np.ndarray:
+def speed_colors(speeds: ArrayLike, max_speed: float) -> np.ndarray:
     """Returns the colours of some speeds, from blue (slow) over green to red (fast).
 
     Args:
@@ -44,7 +45,7 @@ def speed_colors(speeds, max_speed: float) -> np.ndarray:
     """
     share = np.clip(np.asarray(speeds) / max_speed, 0.0, 1.0)
     levels = np.uint8(np.round(255 * (0.08 + 0.84 * share)))
-    return cv2.applyColorMap(levels[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1] / 255.0
+    return cv2.applyColorMap(levels[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1] / 255.0  # type: ignore[call-overload, index]
 
 
 def _unit(vectors, otherwise):

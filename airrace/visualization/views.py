@@ -36,7 +36,14 @@ class ViewDirector(LeafSystem):
     horizon.
     """
 
-    def __init__(self, *, meshcat: Meshcat, overview, body_path: str, X_BC: RigidTransform):
+    def __init__(
+        self,
+        *,
+        meshcat: Meshcat,
+        overview: tuple[np.ndarray, np.ndarray],
+        body_path: str,
+        X_BC: RigidTransform,
+    ):
         """Constructs the director, and the buttons.
 
         Args:

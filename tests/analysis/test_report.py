@@ -51,6 +51,7 @@ def check_page(text):
         assert len(words) > 30 and ET.fromstring(svg).tag.endswith("svg")
 
 
+@pytest.mark.slow
 def test_the_whole_report(folder, capsys):
     assert main([str(folder)]) == 0
     assert "report.html" in capsys.readouterr().out
@@ -63,6 +64,7 @@ def test_the_whole_report(folder, capsys):
     assert f"{LAP:.2f} s" in text  # the best lap
 
 
+@pytest.mark.slow
 def test_the_same_run_gives_the_same_report_soon(folder):
     text = make_report(load_run(folder))
     start = time.process_time()
@@ -107,6 +109,7 @@ def test_a_race_that_was_not_recorded(tmp_path):
     assert headings(text) == ["Laps", "The track from above", "Gates", "What the explorer did"]
 
 
+@pytest.mark.slow
 def test_a_race_that_was_killed(tmp_path):
     text = write_report(make_run(tmp_path / "run", closed=False)).read_text()
     check_page(text)

@@ -48,6 +48,7 @@ def test_all_finite(bad):
         assert not all_finite(vector)
 
 
+@pytest.mark.slow
 def test_machine_code_is_kept_and_goes_with_its_sources(tmp_path):
     """A change in any file with such functions makes all code anew: one may call another."""
     package = tmp_path / "package"
@@ -98,6 +99,7 @@ print(g(1), sum(g.stats.cache_hits.values()))
     assert len(list((package / "__pycache__").glob("machine_code-*"))) == 1
 
 
+@pytest.mark.slow
 def test_importing_airrace_prints_nothing_deletes_nothing_and_compiles_nothing(tmp_path):
     old = jit._PACKAGE / "__pycache__" / "machine_code-of_a_test"
     old.mkdir(parents=True)

@@ -47,12 +47,14 @@ def pages(extension, tmp_path_factory):
     return folder / "html"
 
 
+@pytest.mark.slow
 def test_every_module_has_its_place(pages, extension):
     text = "".join(page.read_text() for page in (pages / "api").glob("*.html"))
     for name in extension.modules():
         assert f'id="module-{name}"' in text, name
 
 
+@pytest.mark.slow
 def test_systems_are_drawn_with_their_ports(pages):
     text = (pages / "api" / "airrace.systems.perception.html").read_text()
     assert '<th rowspan="3">ArucoDetector</th>' in text

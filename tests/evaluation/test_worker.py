@@ -42,6 +42,7 @@ def wait_until(condition):
 
 
 class TestFly:
+    @pytest.mark.slow
     def test_as_if_flown_alone(self, folder):
         text = "{referee: {time_limit: 0.2}, laps: 2}"
         row = fly(job(text), "e")
@@ -66,6 +67,7 @@ class TestFly:
         assert row["stderr"] is None and row["wall"]["seconds"] > 0.0
         assert (row["seed"], row["gates"], round(row["length_m"])) == (3, 10, 382)
 
+    @pytest.mark.slow
     def test_a_drone_from_another_machine(self, folder):
         models = models_path() / "default"
         (folder / "mine").mkdir()
@@ -100,6 +102,7 @@ class TestFly:
         assert "a mistake" in row["result"]["dnf_reason"]
         assert "my_boxes.py" in row["stderr"]
 
+    @pytest.mark.slow
     def test_what_cannot_be_flown_is_refused(self, folder):
         row = fly(job("systems: {explorer: nobody:Box}"), "e")
         assert set(row) == {"seed", "refused"} and "No module named 'nobody'" in row["refused"]
@@ -110,6 +113,7 @@ class TestFly:
         other = dc.replace(other, versions={**other.versions, "drake": "1.57.0"})
         assert "instead of 1.57.0" in fly(other, "e")["refused"]
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("signal_name", ["SIGKILL", "SIGTERM"])
     def test_killed_races_are_to_be_flown_again(self, folder, signal_name):
         threading.Thread(target=kill_the_race, args=(signal_name,)).start()

@@ -31,6 +31,7 @@ def solved(job, timeout=60.0):
     return job.result()
 
 
+@pytest.mark.slow
 def test_the_same_plan_as_here_and_another_one_after_it():
     asked = problem()
     here = plan_lap(asked)

@@ -28,6 +28,7 @@ def test_a_notebook_uses_airrace_alone_of_this_checkout(path):
         assert f"import {folder}" not in text and f"from {folder}" not in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path, tmp_path, monkeypatch):
     nbclient = pytest.importorskip("nbclient", reason="pip install '.[notebooks]'")

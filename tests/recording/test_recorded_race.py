@@ -105,6 +105,7 @@ run_race(Scenario(), Path(sys.argv[1]), show=lambda record, look: print(look.tim
 """
 
 
+@pytest.mark.slow
 def test_a_race_that_is_killed_can_be_read_to_the_last_second(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(KILLED), str(tmp_path)],

@@ -42,6 +42,7 @@ def test_clean_pictures_are_the_renderers():
     assert not info.D.any()
 
 
+@pytest.mark.slow
 def test_presets_differ_more_and_more():
     clean, *others = (first_picture(f"{{preset: {name}}}") for name in PRESETS)
     mild, strong = (np.abs(image.astype(int) - clean[0]).mean() for image, *_ in others)
@@ -107,6 +108,7 @@ def test_impossible_lenses_are_refused():
         MakeSimulation(scenario)
 
 
+@pytest.mark.slow
 def test_a_rectifier_stands_before_every_box_if_the_lens_distorts():
     autonomy = MakeAutonomy(loaded("{preset: harsh}"))
     rectifier = autonomy.GetSubsystemByName("rectifier")

@@ -82,6 +82,7 @@ def test_the_defaults_are_good():
     assert as_yaml(load_scenario(filename="races")) == as_yaml(Scenario())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("filename, name", SHIPPED)
 def test_shipped_scenarios_fly(tmp_path, filename, name):
     scenario = load_scenario(filename=filename, scenario_name=name)
@@ -272,6 +273,7 @@ def test_bad_values_are_named(text, words):
     assert re.search(words, message), message
 
 
+@pytest.mark.slow
 def test_every_number_must_be_finite():
     floats = [path for path, value in leaves(document()) if type(value) is float]
     assert len(floats) > 40
@@ -305,6 +307,7 @@ ZERO = (
 )
 
 
+@pytest.mark.slow
 def test_every_number_of_ours_but_noise_and_errors_must_be_positive():
     numbers = {
         dotted(path): path
@@ -438,6 +441,7 @@ def scenarios(draw):
     return scenario
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=50)
 @given(scenarios())
 def test_what_a_run_leaves_loads_again(tmp_path_factory, scenario):

@@ -29,6 +29,7 @@ def following(gates):
     return zip(gates, gates[1:] + gates[:1])
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(seeds, counts, ways)
 def test_generated_tracks(seed, count, direction):
@@ -67,6 +68,7 @@ def test_legs_have_room(seed, count, direction):
             assert segment_distance(leg, legs[j]) > 9.99
 
 
+@pytest.mark.slow
 def test_every_seed_gives_a_track():
     """`python -m benchmarks.tracks` does this with a thousand."""
     tracks = [generate_track(seed) for seed in range(100)]
@@ -75,6 +77,7 @@ def test_every_seed_gives_a_track():
     assert len({track.name.rpartition("-")[2] for track in tracks}) == 2
 
 
+@pytest.mark.slow
 @given(seeds)
 @settings(max_examples=10)
 def test_the_same_seed_gives_the_same_track(seed):

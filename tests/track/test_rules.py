@@ -168,6 +168,7 @@ def ids_in_picture(track, point, heading):
     return set(MarkerSearch().everywhere(picture)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "track",
     [REFERENCE, generate_track(1, 8, "left"), generate_track(1, 12, "right")],

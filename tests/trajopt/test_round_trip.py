@@ -52,6 +52,7 @@ def pose_and_rates(sample):
     return R, R @ w, as_reference(sample).velocity
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drone", DRONES)
 @pytest.mark.parametrize("kind", [4, 6, "optimal"])
 def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):

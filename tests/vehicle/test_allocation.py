@@ -83,6 +83,7 @@ class Thrusts:
         return -result.get_optimal_cost(), result.GetDualSolution(reached)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drone", VEHICLES)
 @given(data=st.data())
 def test_the_pseudo_inverse_within_the_limits(drone, data):

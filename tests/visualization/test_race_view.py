@@ -36,6 +36,7 @@ def run(tmp_path, hexagon, monkeypatch):
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["{}", "{disturbances: {gate_shift: 1.0}, drone: StarOne}"])
 def test_a_race_that_is_watched_is_the_same_race(run, hexagon, text):
     meshcat = MakeMeshcat(load_track(hexagon))

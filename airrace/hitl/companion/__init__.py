@@ -55,7 +55,7 @@ class Autonomy(abc.ABC):
 class Companion(abc.ABC):
     """A computer that runs the autonomy."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._running = []  # Autonomies
 
     @abc.abstractmethod

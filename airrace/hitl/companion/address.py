@@ -23,7 +23,7 @@ class Address:
     host: str
     port: int | None = None
 
-    def __str__(self):
+    def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{self.user}@{host}" + (f":{self.port}" if self.port else "")
 
@@ -52,7 +52,7 @@ def parse_address(text: str) -> Address | None:
         raise UserError(f"--companion '{text}' names no host; give {_FORM}.")
     if port is not None and not (re.fullmatch(r"[0-9]{1,5}", port) and 0 < int(port) < 65536):
         raise UserError(f"--companion '{text}' has no port from 1 to 65535 in it; give {_FORM}.")
-    return Address(user, v6 or name, port and int(port))
+    return Address(user, v6 or name, port and int(port))  # type: ignore[arg-type]
 
 
 def _is_ipv6(text: str) -> bool:

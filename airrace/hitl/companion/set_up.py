@@ -3,6 +3,7 @@
 import dataclasses as dc
 import hashlib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import (
@@ -19,6 +20,9 @@ from airrace.common.files import digest
 from airrace.hitl.companion.checkout import source_digest, source_files
 from airrace.hitl.companion.ssh import ConnectionLost, SshConnection
 from airrace.hitl.companion.ssh_errors import file_error, is_disk_full, last_line
+
+if TYPE_CHECKING:
+    from airrace.hitl.companion.address import Address
 
 _SCRIPT = Path(__file__).with_name("board.sh")
 _ROOM = 1_500_000  # kB; an environment takes 630 MB, its wheels 130 MB, at times twice
@@ -40,7 +44,7 @@ class Board:
     package: str
 
 
-def board_command(action: str, *arguments) -> tuple[list[str], bytes]:
+def board_command(action: str, *arguments: object) -> tuple[list[str], bytes]:
     """Returns the command line of an action of board.sh, and its standard input."""
     return ["sh", "-s", action, *map(str, arguments)], _SCRIPT.read_bytes()
 
@@ -51,7 +55,7 @@ def event_of(line: str) -> tuple[str, str]:
     return (kind, text) if line.startswith(_MARK) and separator else ("", line)
 
 
-def failure(events: list[tuple[str, str]], code: int | None, address) -> Exception:
+def failure(events: list[tuple[str, str]], code: int | None, address: "Address") -> Exception:
     """Returns the exception for an action of board.sh that failed.
 
     Args:
@@ -74,7 +78,11 @@ def failure(events: list[tuple[str, str]], code: int | None, address) -> Excepti
 
 
 def set_up(
-    connection: SshConnection, address, checkout: Path, wheels: Path | None, display: "SetUpDisplay"
+    connection: SshConnection,
+    address: "Address",
+    checkout: Path,
+    wheels: Path | None,
+    display: "SetUpDisplay",
 ) -> Board:
     """Brings over what is not there yet and has it installed.
 
@@ -131,7 +139,7 @@ def set_up(
 
 
 def inspect_board(
-    connection: SshConnection, address, environment: str, package: str
+    connection: SshConnection, address: "Address", environment: str, package: str
 ) -> dict[str, str]:
     """Returns what is on a companion: ``cache``, ``python``, and what else board.sh tells.
 

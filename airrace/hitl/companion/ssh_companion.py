@@ -57,8 +57,10 @@ class SshCompanion(Companion):
         super().__init__()
         self.address = address
         self._identity, self._wheels, self._checkout = identity, wheels, checkout
-        self._connection = self._board = None
-        self._failure = None, 0.0  # the last connection that could not be made, and when (s)
+        self._connection: SshConnection | None = None
+        self._board: Board | None = None
+        # The last connection that could not be made, and when (s).
+        self._failure: tuple[UserError | None, float] = None, 0.0
 
     def start(
         self, arguments: Sequence[str], files: Mapping[str, bytes], log: Callable[[str], None]
@@ -113,7 +115,14 @@ class RemoteAutonomy(Autonomy):
     collect() connect again.
     """
 
-    def __init__(self, companion: SshCompanion, board: Board, arguments, files, log):
+    def __init__(
+        self,
+        companion: SshCompanion,
+        board: Board,
+        arguments: Sequence[str],
+        files: Mapping[str, bytes],
+        log: Callable[[str], object],
+    ):
         """Starts it.
 
         Args:
@@ -126,7 +135,7 @@ class RemoteAutonomy(Autonomy):
             ConnectionLost: if the connection goes.
         """
         self._companion, self._log = companion, log
-        self._code = None
+        self._code: int | None = None
         self._lost = self._keep = False
         name = f"{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}-{secrets.token_hex(4)}"
         self._folder = f"{board.cache}/runs/{name}"

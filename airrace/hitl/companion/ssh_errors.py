@@ -24,7 +24,10 @@ _KEY_TIMEOUT = 10.0  # s
 
 
 async def connect_error(
-    error: Exception, address: Address, identity: Path | None, options
+    error: Exception,
+    address: Address,
+    identity: Path | None,
+    options: asyncssh.SSHClientConnectionOptions | None,
 ) -> UserError:
     """Returns the UserError for a connection that could not be made.
 
@@ -94,7 +97,7 @@ async def connect_error(
     return UserError(f"The ssh connection to {host} failed ({said}); see that 'ssh {ssh}' works.")
 
 
-def _is_known(options) -> bool:
+def _is_known(options: asyncssh.SSHClientConnectionOptions) -> bool:
     """Whether known_hosts has any key of the host of asyncssh.SSHClientConnectionOptions."""
     files = options.known_hosts or Path("~/.ssh/known_hosts").expanduser()
     port = None if (options.port or 22) == 22 else options.port
@@ -110,7 +113,7 @@ def _is_known(options) -> bool:
     return any(found[:3])  # host keys, keys of authorities, revoked keys
 
 
-async def _has_a_key(address) -> bool:
+async def _has_a_key(address: Address) -> bool:
     """Whether a server has a host key of any kind."""
     with contextlib.suppress(OSError, asyncssh.Error):
         key = asyncssh.get_server_host_key(address.host, address.port or ())

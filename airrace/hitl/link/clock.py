@@ -2,6 +2,10 @@
 
 import collections
 import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from airrace.lcmtypes import lcmt_heartbeat
 
 _WINDOW = 0.5  # s, in which the quickest message tells the time
 _MOST_AHEAD = 0.015  # s, beyond the newest stamp: a side that sends nothing may stand still
@@ -27,7 +31,7 @@ class PeerClock:
         self._exchanges = collections.deque(maxlen=_EXCHANGES)  # (round trip, offset), s
         self._answered = -math.inf  # when we sent what the newest exchange began with, s
 
-    def add_heartbeat(self, heartbeat, arrival: float) -> None:
+    def add_heartbeat(self, heartbeat: "lcmt_heartbeat", arrival: float) -> None:
         """Takes a heartbeat that came at a time of our computer's clock (s)."""
         if heartbeat.peer_sent <= 0:
             return

@@ -2,7 +2,8 @@
 
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
@@ -23,7 +24,7 @@ class Codec(typing.NamedTuple):
         decode: from a message to a value.
     """
 
-    message_type: type
+    message_type: type[Any]
     encode: Callable
     decode: Callable
 
@@ -36,13 +37,18 @@ class Codec(typing.NamedTuple):
         )
 
 
-def check_finite(*values) -> None:
+def check_finite(*values: Any) -> None:
     """Raises Dropped unless all numbers, and those in sequences, are finite."""
     if not all(np.isfinite(value).all() for value in values):
         raise Dropped(NOT_FINITE)
 
 
-def field_codec(value_type: type, message_type: type, parts=None, infinite=()) -> Codec:
+def field_codec(
+    value_type: type,
+    message_type: type[Any],
+    parts: dict[str, Codec] | None = None,
+    infinite: Iterable[str] = (),
+) -> Codec:
     """Returns the Codec of a dataclass or NamedTuple, field by field.
 
     Fields have the same names in the message. By their annotations, an array or a tuple is

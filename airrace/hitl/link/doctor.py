@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.table import Table
 
-from airrace.hitl.link.probe import PICTURE, STATE
+from airrace.hitl.link.probe import PICTURE, STATE, LinkFindings
 
 GOOD, WEAK, BAD = "good", "weak", "bad"
 _STYLES = {GOOD: "green", WEAK: "yellow", BAD: "red"}
@@ -35,7 +35,7 @@ class Row(NamedTuple):
     remedy: str
 
 
-def diagnose(findings) -> list[Row]:
+def diagnose(findings: LinkFindings) -> list[Row]:
     """Returns the rows of the doctor's table. Args: findings: LinkFindings."""
     f = findings
     pictures, states, commands = f.received(PICTURE), f.received(STATE), f.commands
@@ -75,7 +75,9 @@ def diagnose(findings) -> list[Row]:
     return [_judged(*row) for row in table]
 
 
-def _judged(what, value, form, good, bearable, remedy) -> Row:
+def _judged(
+    what: str, value: float, form: str, good: float | None, bearable: float | None, remedy: str
+) -> Row:
     """Returns a row; more is better if ``good`` is more than ``bearable``; None: any will do."""
     if good is None:
         return Row(what, form.format(value), "any", GOOD, "")

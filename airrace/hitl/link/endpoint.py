@@ -6,6 +6,8 @@ import dataclasses as dc
 import os
 import select
 import time
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
 
 import lcm
 
@@ -14,6 +16,9 @@ from airrace.hitl.link import packets
 from airrace.hitl.link.clock import PeerClock
 from airrace.hitl.link.statistics import ChannelStatistics
 from airrace.lcmtypes import lcmt_heartbeat
+
+if TYPE_CHECKING:
+    from airrace.hitl.link.simulated_bus import SimulatedBus
 
 SIMULATION, AUTONOMY = "simulation", "autonomy"  # the roles
 HEARTBEAT = "AIRRACE_HEARTBEAT"
@@ -43,7 +48,7 @@ class Channel:
     name: str
     message_type: type
     sender: str
-    decode: object
+    decode: Callable[[Any], Any]
     timed: bool = False
 
 
@@ -51,7 +56,7 @@ class Channel:
 class Received:
     """A value that came: with its Stamp, and when, by the endpoint's clock (s)."""
 
-    value: object
+    value: Any
     stamp: packets.Stamp
     arrival: float
 
@@ -77,7 +82,13 @@ def open_lcm(url: str) -> lcm.LCM:
 class Endpoint:
     """Sends and receives for one of the two roles."""
 
-    def __init__(self, role: str, channels, bus: lcm.LCM, clock=time.monotonic):
+    def __init__(
+        self,
+        role: str,
+        channels: Iterable[Channel],
+        bus: "lcm.LCM | SimulatedBus",
+        clock: Callable[[], float] = time.monotonic,
+    ):
         """Constructs the endpoint, which listens from now on.
 
         Args:
@@ -89,7 +100,7 @@ class Endpoint:
         self.role = role
         self.session = int.from_bytes(os.urandom(7)) | 1
         self.peer = 0  # session of the other side, 0 while unknown
-        self.peer_heartbeat = None  # Received, the newest
+        self.peer_heartbeat: Received | None = None  # the newest
         self._stranger = None  # Received, a heartbeat of another session
         self.clock = PeerClock()
         self.statistics = {}  # name of a channel to ChannelStatistics
@@ -101,7 +112,7 @@ class Endpoint:
         self._sim_time = float("inf")  # as newest() was last asked
         self._early = {}  # deque of Received by channel
         self._newest_time = -1.0
-        self._keep = None
+        self._keep: Callable[[str, Received], object] | None = None
         self._beaten = float("-inf")  # when beat() last sent, s
         self._subscriptions = []
         for channel in channels:
@@ -109,7 +120,7 @@ class Endpoint:
                 self._subscribe(channel)
         self._subscribe(Channel(HEARTBEAT, lcmt_heartbeat, "", lambda message: message))
 
-    def _subscribe(self, channel: Channel):
+    def _subscribe(self, channel: Channel) -> None:
         self.statistics[channel.name] = ChannelStatistics()
         subscription = self._bus.subscribe(
             channel.name, lambda _, data: self._receive(channel, data)
@@ -123,7 +134,7 @@ class Endpoint:
             self._bus.unsubscribe(subscription)
         self._subscriptions.clear()
 
-    def publish(self, channel: str, message, sim_time: float) -> bytes:
+    def publish(self, channel: str, message: Any, sim_time: float) -> bytes:
         """Sends a message, stamped with a simulated time (s); returns its bytes."""
         sequence = self._sequences.get(channel, 0) + 1
         self._sequences[channel] = sequence
@@ -176,14 +187,14 @@ class Endpoint:
     def wait(self, timeout: float) -> None:
         """Waits until there is something to drain, at most some time (s)."""
         if timeout > 0.0:
-            select.select([self._bus], [], [], timeout)
+            select.select([self._bus], [], [], timeout)  # type: ignore[type-var]
 
     def drain(self) -> None:
         """Receives all messages that wait. Never raises."""
         while self._bus.handle_timeout(0):
             pass
 
-    def keep_all(self, keep) -> None:
+    def keep_all(self, keep: Callable[[str, Received], object]) -> None:
         """From now on hands every valid message to keep(channel, received), in any order."""
         self._keep = keep
 
@@ -210,7 +221,7 @@ class Endpoint:
             return float("inf")
         return self.now() - self.peer_heartbeat.arrival
 
-    def _receive(self, channel: Channel, data: bytes):
+    def _receive(self, channel: Channel, data: bytes) -> None:
         arrival, clock = self.now(), time.perf_counter()
         statistics = self.statistics[channel.name]
         try:
@@ -252,7 +263,7 @@ class Endpoint:
             time.perf_counter() - clock,
         )
 
-    def _check(self, name, stamp) -> int:
+    def _check(self, name: str, stamp: packets.Stamp) -> int:
         """Returns the sequence number before on the channel; raises Dropped."""
         if stamp.session != self.peer:
             raise packets.Dropped(packets.FOREIGN)

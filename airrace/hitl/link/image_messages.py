@@ -1,7 +1,7 @@
 """Camera pictures in messages, compressed, as Drake's lcmt_image_array."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -71,7 +71,7 @@ def decode_pictures(message: lcmt_pictures) -> tuple[dict, float]:
     return {name: _decoded(image, name) for name, image in images.items()}, message.time
 
 
-def port_value(port: str, pictures: dict, shape):
+def port_value(port: str, pictures: dict, shape: tuple[int, int]) -> Any:
     """Returns the value of one of PICTURE_PORTS.
 
     Args:
@@ -86,7 +86,7 @@ def port_value(port: str, pictures: dict, shape):
     return kind.value_of(picture)
 
 
-def _encoded(name, picture, time, lossless) -> lcmt_image:
+def _encoded(name: str, picture: np.ndarray, time: float, lossless: bool) -> lcmt_image:
     image = lcmt_image()
     image.height, image.width = picture.shape[:2]
     image.header.utime = round(time * 1e6)
@@ -113,7 +113,7 @@ def _encoded(name, picture, time, lossless) -> lcmt_image:
     return image
 
 
-def _decoded(image: lcmt_image, name) -> np.ndarray:
+def _decoded(image: lcmt_image, name: str) -> np.ndarray:
     size = image.width, image.height
     if not all(0 < each <= _LARGEST for each in size):
         raise Dropped(OVERSIZED)

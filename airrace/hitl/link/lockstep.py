@@ -3,10 +3,19 @@
 import heapq
 import itertools
 import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 from airrace.common.errors import UserError
 from airrace.hitl.link import phases
-from airrace.hitl.link.endpoint import HEARTBEAT, HEARTBEAT_PERIOD
+from airrace.hitl.link.endpoint import HEARTBEAT, HEARTBEAT_PERIOD, Endpoint
+
+if TYPE_CHECKING:
+    from pydrake.systems.framework import Context
+
+    from airrace.hitl.lcm_receiver import LcmReceiver
+    from airrace.hitl.lcm_sender import LcmSender
+    from airrace.scenario import Scenario
 
 _RESEND = 0.05  # s without an answer, after which the last messages are sent again
 _PATIENCE = 120.0  # s: planning a lap takes its time
@@ -16,7 +25,7 @@ class PeerLost(Exception):
     """The other side does not answer any more; the argument says since when (s)."""
 
 
-def lockstep_times(scenario, poll_period: float):
+def lockstep_times(scenario: "Scenario", poll_period: float) -> Iterator[float]:
     """Yields all times (s), from 0, at which one side may need what the other one has.
 
     That is whenever a system of either side has an update. The arithmetic is Drake's,
@@ -60,7 +69,7 @@ def lockstep_times(scenario, poll_period: float):
 class Exchange:
     """Exchanges the messages of one tick after the other."""
 
-    def __init__(self, endpoint, receiver, sender):
+    def __init__(self, endpoint: Endpoint, receiver: "LcmReceiver", sender: "LcmSender"):
         """Constructs the exchange, which is at no tick yet.
 
         Args:
@@ -83,7 +92,7 @@ class Exchange:
         elif received.value.step > 0:
             self._beats[received.value.step] = received.value
 
-    def send(self, root_context) -> None:
+    def send(self, root_context: "Context") -> None:
         """Sends what changed, as the next tick."""
         self._sent += 1
         self._asked = time.monotonic()
@@ -95,7 +104,12 @@ class Exchange:
         )
         self._outgoing = (self._outgoing[1], [*sent, (HEARTBEAT, beat)])
 
-    def receive(self, root_context, stop=lambda: False, poll=lambda: None) -> bool:
+    def receive(
+        self,
+        root_context: "Context",
+        stop: Callable[[], bool] = lambda: False,
+        poll: Callable[[], object] = lambda: None,
+    ) -> bool:
         """Waits for the other side's tick, and shows what it brought.
 
         Args:
@@ -139,7 +153,7 @@ class Exchange:
             del self._beats[old]
         return False
 
-    def _is_complete(self, tick) -> bool:
+    def _is_complete(self, tick: int) -> bool:
         beat = self._beats.get(tick)
         return beat is not None and all(
             self._used.get(channel) == sequence or (channel, sequence) in self._pending
@@ -148,13 +162,13 @@ class Exchange:
 
 
 def await_peer(
-    endpoint,
+    endpoint: Endpoint,
     phase: str,
     text: str = "",
     *,
     expected: str | None = None,
     timeout: float,
-    poll=lambda: None,
+    poll: Callable[[], object] = lambda: None,
 ) -> None:
     """Sends heartbeats until the other side is in a phase.
 

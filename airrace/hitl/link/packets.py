@@ -5,6 +5,7 @@ import math
 import struct
 import zlib
 from io import BytesIO
+from typing import Any
 
 VERSION = 1
 MAX_SIZE = 4 << 20  # bytes of a message
@@ -40,7 +41,7 @@ class Stamp:
     time: float
 
 
-def pack(message, stamp: Stamp) -> bytes:
+def pack(message: Any, stamp: Stamp) -> bytes:
     """Returns the bytes of a message with its stamp and checksum.
 
     Args:
@@ -56,7 +57,7 @@ def pack(message, stamp: Stamp) -> bytes:
     return bytes(data)
 
 
-def unpack(data: bytes, message_type):
+def unpack(data: bytes, message_type: type[Any]) -> tuple[Any, Stamp]:
     """Returns (message, Stamp) of bytes that came over a link.
 
     Args:
@@ -84,7 +85,7 @@ def unpack(data: bytes, message_type):
     return message, stamp
 
 
-def _stamp(data) -> Stamp:
+def _stamp(data: bytes) -> Stamp:
     if len(data) < _HEADER.size:
         raise Dropped(MALFORMED)
     _, crc, version, session, sequence, time = _HEADER.unpack_from(data)

@@ -1,6 +1,6 @@
 """The lap plan as a message."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
@@ -15,6 +15,9 @@ from airrace.trajopt.flat_trajectory import (
     segment_coefficients,
 )
 from airrace.trajopt.min_snap.circuit import Circuit
+
+if TYPE_CHECKING:
+    from airrace.lcmtypes import lcmt_lap_plan
 
 _ROWS = 4
 _LEAST_STEP, _MOST = 1e-6, 1e12  # s between breaks, and of any coefficient
@@ -51,7 +54,7 @@ def _joined(parts: _Polynomials) -> PiecewisePolynomial:
 def _checked_circuit(parts: _Circuit) -> Circuit:
     if len(parts.headings) < 2 or len(parts.gate_times) != len(parts.headings) + 1:
         raise Dropped(MALFORMED)
-    return Circuit(*parts)
+    return Circuit(*parts)  # type: ignore[arg-type]
 
 
 _POLYNOMIAL = field_codec(_Polynomials, lcmtypes.lcmt_polynomials).of(_split, _joined)
@@ -72,7 +75,7 @@ def encode_lap_plan(plan: LapPlan) -> lcmtypes.lcmt_lap_plan:
     return lcmtypes.lcmt_lap_plan() if plan is NO_PLAN else _PLAN.encode(plan)
 
 
-def decode_lap_plan(message) -> LapPlan:
+def decode_lap_plan(message: "lcmt_lap_plan") -> LapPlan:
     """Returns the plan, or NO_PLAN itself."""
     if message.lap < 0:
         raise Dropped(MALFORMED)

@@ -2,7 +2,9 @@
 
 import dataclasses as dc
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +13,12 @@ from airrace.hitl.link import image_messages, messages, phases
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Channel, Endpoint
 from airrace.hitl.link.lockstep import await_peer
 from airrace.hitl.link.statistics import ChannelStatistics
+
+if TYPE_CHECKING:
+    import lcm
+
+    from airrace.hitl.link.simulated_bus import SimulatedBus
+    from airrace.scenario import Scenario
 
 PICTURE, STATE, COMMAND, STATUS = (
     f"AIRRACE_TEST_{name}" for name in ("PICTURE", "STATE", "COMMAND", "STATUS")
@@ -64,11 +72,11 @@ class LinkFindings:
 
 
 def measure(
-    bus,
-    scenario,
+    bus: "lcm.LCM | SimulatedBus",
+    scenario: "Scenario",
     duration: float,
-    poll=lambda: None,
-    show=lambda share: None,
+    poll: Callable[[], object] = lambda: None,
+    show: Callable[[float], object] = lambda share: None,
     patience: float = 60.0,
 ) -> LinkFindings:
     """Returns how a link does, with an autonomy that waits at its other end.
@@ -95,13 +103,15 @@ def measure(
 class _Test:
     """Sends what a race sends, and times what comes back."""
 
-    def __init__(self, endpoint, scenario):
+    def __init__(self, endpoint: Endpoint, scenario: "Scenario"):
         self._endpoint = endpoint
         self._rates = {PICTURE: scenario.camera.fps, STATE: scenario.controller.rate}
         self._texture = texture(scenario.camera.height, scenario.camera.width)
         self._ages, self._answered, self._encode_time = [], 0, 0.0
 
-    def run(self, duration, poll, show) -> LinkFindings:
+    def run(
+        self, duration: float, poll: Callable[[], object], show: Callable[[float], object]
+    ) -> LinkFindings:
         start = time.monotonic()
         due = dict.fromkeys(self._rates, start)
         while (now := time.monotonic()) < start + duration:
@@ -165,7 +175,7 @@ def texture(height: int, width: int) -> np.ndarray:
 class Responder:
     """The autonomy's part of a test."""
 
-    def __init__(self, endpoint):
+    def __init__(self, endpoint: Endpoint):
         """Args: endpoint: of the autonomy, which receives on CHANNELS."""
         self._endpoint = endpoint
         self._answered = (0, 0)
@@ -201,7 +211,7 @@ class Responder:
         return message
 
 
-def _kernel_setting(path) -> int:
+def _kernel_setting(path: str) -> int:
     """Returns a number that the kernel's networking works by, 0 if unknown."""
     try:
         return int(Path("/proc/sys/net", path).read_text(encoding="ascii"))

@@ -4,6 +4,7 @@ import dataclasses as dc
 import heapq
 import itertools
 import types
+from collections.abc import Callable
 
 from airrace.math.random import make_generator
 
@@ -76,7 +77,9 @@ class SimulatedBus:
         """Sends a message, or loses it."""
         self._link.send(channel, data)
 
-    def subscribe(self, channel: str, handler):
+    def subscribe(
+        self, channel: str, handler: Callable[[str, bytes], object]
+    ) -> types.SimpleNamespace:
         """Hands all messages of a channel to handler(channel, data)."""
         subscription = types.SimpleNamespace(
             channel=channel, handler=handler, set_queue_capacity=lambda number: None
@@ -84,11 +87,11 @@ class SimulatedBus:
         self._subscriptions.append(subscription)
         return subscription
 
-    def unsubscribe(self, subscription) -> None:
+    def unsubscribe(self, subscription: types.SimpleNamespace) -> None:
         """Ends a subscription."""
         self._subscriptions.remove(subscription)
 
-    def handle_timeout(self, _) -> int:
+    def handle_timeout(self, _: int) -> int:
         """Hands over the next message that has arrived; returns whether there was one."""
         if not self._messages or self._messages[0][0] > self._link.time:
             return 0

@@ -19,7 +19,7 @@ class ChannelStatistics:
         dropped: reason (see packets.py) to count.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.received = self.missing = 0
         self.dropped = collections.Counter()
         # Arrival (s), age (s), size (bytes), time of decoding (s).

@@ -2,6 +2,8 @@
 
 import dataclasses as dc
 import functools
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,6 +11,12 @@ from airrace.rendering.images import as_boxes
 from airrace.rendering.imaging.lens import Lens
 from airrace.rendering.imaging.motion_blur import MeanPicture, Shutter
 from airrace.rendering.imaging.sensor import Sensor
+
+if TYPE_CHECKING:
+    from pydrake.math import RigidTransform
+
+    from airrace.rendering.planar.renderer import Exposure
+    from airrace.systems.types import CameraInfo
 
 
 @dc.dataclass(frozen=True)
@@ -40,7 +48,7 @@ class ImagingChain:
         pinhole: CameraInfo of the pictures that the renderer must draw.
     """
 
-    def __init__(self, *, effects: CameraEffects, camera_info, seed: int):
+    def __init__(self, *, effects: CameraEffects, camera_info: "CameraInfo", seed: int):
         """Constructs the chain.
 
         Args:
@@ -64,7 +72,15 @@ class ImagingChain:
             seed=seed,
         )
 
-    def take(self, render, X_WB, w_WB, v_WB, frame: int, out) -> None:
+    def take(
+        self,
+        render: "Callable[[RigidTransform, np.ndarray], None]",
+        X_WB: "RigidTransform",
+        w_WB: np.ndarray,
+        v_WB: np.ndarray,
+        frame: int,
+        out: np.ndarray,
+    ) -> None:
         """Takes a picture.
 
         Args:
@@ -76,7 +92,14 @@ class ImagingChain:
         expose = functools.partial(MeanPicture, render)
         self.picture(expose, X_WB, w_WB, v_WB, frame).draw(out)
 
-    def picture(self, expose, X_WB, w_WB, v_WB, frame: int):
+    def picture(
+        self,
+        expose: Callable,
+        X_WB: "RigidTransform",
+        w_WB: np.ndarray,
+        v_WB: np.ndarray,
+        frame: int,
+    ) -> "MeanPicture | Exposure | _TakenPicture":
         """Returns a picture to be drawn, perhaps piece by piece.
 
         Args:
@@ -99,12 +122,12 @@ class ImagingChain:
 class _TakenPicture:
     """What picture() returns: an ideal picture, through lens and sensor."""
 
-    ideal: object
+    ideal: Any
     lens: Lens | None
     sensor: Sensor
     frame: int
 
-    def draw(self, out, boxes=None) -> None:
+    def draw(self, out: np.ndarray, boxes: np.ndarray | None = None) -> None:
         boxes = as_boxes(boxes, out)
         if self.lens is None:
             self.ideal.draw(out, boxes)

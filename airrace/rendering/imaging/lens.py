@@ -1,6 +1,7 @@
 """Lens distortion, plumb-bob model (Brown 1966), as in OpenCV and ROS."""
 
 import dataclasses as dc
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -10,6 +11,9 @@ from airrace.common.immutable import read_only
 from airrace.common.jit import compiled
 from airrace.rendering.images import Box, crop, whole_box
 
+if TYPE_CHECKING:
+    from airrace.systems.types import CameraInfo
+
 
 class PixelMap:
     """Where in a source each pixel of a picture comes from, interpolated bilinearly.
@@ -18,13 +22,13 @@ class PixelMap:
         shape: of the picture, (h, w).
     """
 
-    def __init__(self, u, v):
+    def __init__(self, u: np.ndarray, v: np.ndarray):
         """Args: u, v: the pixels of the source, (h, w); neighbours stay neighbours."""
         self.shape = u.shape
         # OpenCV bends grey pictures a tenth quicker by them than by its fixed-point maps.
         self._u, self._v = np.float32(u), np.float32(v)
 
-    def source(self, box, size) -> Box:
+    def source(self, box: Box, size: tuple[int, int]) -> Box:
         """Returns the box of the source that a box of the picture shows.
 
         Args:
@@ -38,7 +42,7 @@ class PixelMap:
         # Whole fours, as the background is drawn.
         return Box(x0 // 4 * 4, y0, min(-(-x1 // 4) * 4, w), min(y1, h))
 
-    def bend(self, source, out, box=None) -> None:
+    def bend(self, source: np.ndarray, out: np.ndarray, box: Box | None = None) -> None:
         """Draws the picture, or a box of it; black and opaque where the source ends.
 
         Args:
@@ -48,8 +52,8 @@ class PixelMap:
         box = whole_box(out) if box is None else box
         cv2.remap(
             source,
-            crop(self._u, box),
-            crop(self._v, box),
+            crop(self._u, box),  # type: ignore[arg-type]
+            crop(self._v, box),  # type: ignore[arg-type]
             cv2.INTER_LINEAR,
             dst=crop(out, box),
             borderValue=(0, 0, 0, 255),
@@ -77,7 +81,7 @@ class Lens:
         distortion: PixelMap from those to the lens's.
     """
 
-    def __init__(self, camera_info):
+    def __init__(self, camera_info: "CameraInfo"):
         """Constructs the lens of a camera.
 
         Args:

@@ -2,15 +2,21 @@
 
 import functools
 import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from airrace.common.jit import compiled
 from airrace.math.vec3 import rotate
 from airrace.vehicle.state import State
+
+if TYPE_CHECKING:
+    from airrace.systems.types import CameraInfo
 
 _DISTANCE = 10.0  # how far away a thing is whose blur decides on the effort (m)
 _SHARP = 1.0  # blur up to here is not drawn (px)
@@ -27,7 +33,7 @@ def pose_of(state: State, dt: float = 0.0) -> RigidTransform:
     return moved(X_WB, state.angular_velocity, state.velocity, dt)
 
 
-def moved(X_WB, w_WB, v_WB, dt) -> RigidTransform:
+def moved(X_WB: RigidTransform, w_WB: np.ndarray, v_WB: np.ndarray, dt: float) -> RigidTransform:
     """Returns a pose after a time of constant velocities.
 
     Args:
@@ -46,7 +52,12 @@ def moved(X_WB, w_WB, v_WB, dt) -> RigidTransform:
 class MeanPicture:
     """The mean of several pictures by a renderer that draws whole ones."""
 
-    def __init__(self, render, poses, X_WC=None):
+    def __init__(
+        self,
+        render: Callable[[RigidTransform, np.ndarray], None],
+        poses: list,
+        X_WC: RigidTransform | None = None,
+    ):
         """Constructs the picture.
 
         Args:
@@ -56,7 +67,7 @@ class MeanPicture:
         """
         self._render, self._poses = render, poses
 
-    def draw(self, out, boxes=None) -> None:
+    def draw(self, out: np.ndarray, boxes: ArrayLike | None = None) -> None:
         """Draws it.
 
         Args:
@@ -83,7 +94,7 @@ class Shutter:
     the parallax, as every pose is drawn.
     """
 
-    def __init__(self, *, time, camera_info):
+    def __init__(self, *, time: float, camera_info: "CameraInfo"):
         """Args: time: how long it is open (s). camera_info: calibration."""
         self._time = time
         self._X_BC = camera_info.X_BC
@@ -93,7 +104,7 @@ class Shutter:
         self._K = camera_info.K
         self._p_C = _DISTANCE * self._pixels @ np.linalg.inv(self._K).T
 
-    def poses(self, X_WB, w_WB, v_WB) -> list:
+    def poses(self, X_WB: RigidTransform, w_WB: np.ndarray, v_WB: np.ndarray) -> list:
         """Returns pairs of a weight and X_WC; the weights add up to 1.
 
         Args: see moved(); all in the middle of the exposure.
@@ -115,7 +126,9 @@ class Shutter:
 
 
 @compiled
-def _longest_motion(R_01, p_01, K, points, pixels) -> float:
+def _longest_motion(
+    R_01: np.ndarray, p_01: np.ndarray, K: np.ndarray, points: np.ndarray, pixels: np.ndarray
+) -> float:
     """Returns how far a point moves in the picture at most (px).
 
     Args:

@@ -2,12 +2,16 @@
 
 import functools
 import typing
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from airrace.common.jit import compilable, compiled
 from airrace.math.random import make_generator
 from airrace.rendering.images import LUMA, as_boxes, with_channels
+
+if TYPE_CHECKING:
+    from airrace.systems.types import CameraInfo
 
 _LUMA = np.float32(LUMA)
 _MARGIN = 256  # of the sheet of noise beyond a picture (px)
@@ -62,7 +66,16 @@ class Sensor:
     corner, in proportion to what the cos^4 law of thin lenses takes away.
     """
 
-    def __init__(self, *, camera_info, gain, vignetting, read_noise, shot_noise, seed):
+    def __init__(
+        self,
+        *,
+        camera_info: "CameraInfo",
+        gain: float,
+        vignetting: float,
+        read_noise: float,
+        shot_noise: float,
+        seed: int,
+    ):
         """Constructs the sensor.
 
         Args:
@@ -78,9 +91,9 @@ class Sensor:
         across = np.float32(((np.arange(w) - K[0, 2]) / K[0, 0]) ** 2)
         down = np.float32(((np.arange(h) - K[1, 2]) / K[1, 1]) ** 2)
         most = 1 - (1 + (across.max() + down.max())) ** -2.0
-        self._light = Light(np.float32(gain), np.float32(vignetting / most), across, down)
+        self._light = Light(np.float32(gain), np.float32(vignetting / most), across, down)  # type: ignore[arg-type]
         read, shot = np.float32(read_noise**2), np.float32(shot_noise)
-        self._noise = Noise(read, shot, np.zeros((0, 0), np.int8), 0, 0, _ZERO)
+        self._noise = Noise(read, shot, np.zeros((0, 0), np.int8), 0, 0, _ZERO)  # type: ignore[arg-type]
         self._places = None
         if not (read_noise > 0 or shot_noise > 0):
             return
@@ -97,7 +110,7 @@ class Sensor:
         sheet = np.clip(np.round(_STEPS * sheet), -127, 127).astype(np.int8)
         self._noise = self._noise._replace(sheet=sheet)
 
-    def expose(self, image, frame: int, boxes=None) -> None:
+    def expose(self, image: np.ndarray, frame: int, boxes: np.ndarray | None = None) -> None:
         """Changes a picture in place; opaque pixels stay opaque.
 
         Args:
@@ -111,7 +124,7 @@ class Sensor:
         noise = self._noise
         if self._places is not None:
             y, x, turned = self._places(frame // _BLOCK)[frame % _BLOCK]
-            noise = noise._replace(x=x, y=y, step=np.float32((1.0 - 2.0 * turned) / _STEPS))
+            noise = noise._replace(x=x, y=y, step=np.float32((1.0 - 2.0 * turned) / _STEPS))  # type: ignore[arg-type]
         _expose(with_channels(image), as_boxes(boxes, image), self._light, noise)
 
 

@@ -5,12 +5,17 @@ pixel meets the sky, or the ground, which is a textured plane behind haze.
 """
 
 import typing
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from airrace.common.jit import compiled
 from airrace.rendering.images import Box, colors_for, to_grey
 from airrace.rendering.scene.textures import GRASS, HORIZON, grass_detail, haze, sky_color
+
+if TYPE_CHECKING:
+    from airrace.systems.types import CameraInfo
 
 _SHRINK = 4
 _HALF = 1024  # entries of the look-up tables on either side of the horizon
@@ -58,7 +63,7 @@ class Rays(typing.NamedTuple):
 class Background:
     """Everything that lies behind pylons and boards, for a camera."""
 
-    def __init__(self, camera_info):
+    def __init__(self, camera_info: "CameraInfo"):
         self._w, self._h = -(-camera_info.width // _SHRINK), -(-camera_info.height // _SHRINK)
         # Small pixel i covers the pixels from 4i to 4i + 3; their mean is its centre.
         centre = (_SHRINK - 1) / 2
@@ -73,7 +78,7 @@ class Background:
         sky = sky_color((np.arange(_HALF)[::-1] + 0.5) / _HALF)
         self._sky = {channels: colors_for(channels, sky) for channels in _GROUND}
 
-    def paint(self, out, boxes, poses) -> None:
+    def paint(self, out: np.ndarray, boxes: ArrayLike, poses: list) -> None:
         """Fills boxes of a picture with the mean of the backgrounds from some poses.
 
         Args:
@@ -100,9 +105,9 @@ class Background:
             if len(poses) > 1:
                 weights = [np.float32(weight) for weight, _ in poses]
                 mean = np.uint8(sum(w * picture for w, picture in zip(weights, pictures)) + 0.5)
-            _enlarge(mean, small, out, box)
+            _enlarge(mean, small, out, box)  # type: ignore[arg-type]
 
-    def _tables(self, height, channels) -> Tables:
+    def _tables(self, height: float, channels: int) -> Tables:
         """Returns the Tables of a camera at a height (m)."""
         tables = Tables(
             np.empty((2 * _HALF, channels)), np.zeros((2 * _HALF, len(_TEXELS), channels))
@@ -113,7 +118,14 @@ class Background:
 
 
 @compiled
-def _fill_ground(tables, height, focal, grass, horizon, tint) -> None:
+def _fill_ground(
+    tables: Tables,
+    height: float,
+    focal: float,
+    grass: np.ndarray,
+    horizon: np.ndarray,
+    tint: np.ndarray,
+) -> None:
     """Fills the ground's half of Tables.
 
     Args:
@@ -180,7 +192,7 @@ def _interpolate(texture, p, q):
 
 
 @compiled
-def _enlarge(picture, small, out, box) -> None:
+def _enlarge(picture: np.ndarray, small: Box, out: np.ndarray, box: Box) -> None:
     """Draws a box: interpolates bilinearly to twice the small size, and doubles pixels.
 
     Args:

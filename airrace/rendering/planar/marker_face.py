@@ -76,7 +76,9 @@ def marker_crossings(marker_id: int) -> np.ndarray:
 
 
 @compilable
-def set_face(face, H, crossings, first, middle) -> None:
+def set_face(
+    face: np.record, H: np.ndarray, crossings: np.ndarray, first: int, middle: float
+) -> None:
     """Fills a FACE.
 
     A pixel is divided into samples such that none shows more than one crossing of lines.
@@ -103,13 +105,13 @@ def set_face(face, H, crossings, first, middle) -> None:
 
 
 @compilable
-def _sample_count(modules) -> int:
+def _sample_count(modules: float) -> int:
     """Returns how many samples a pixel needs along a side that is so many modules long."""
     return int(math.ceil(max(modules, 1.0))) if modules < _MOST_SAMPLES else _MOST_SAMPLES
 
 
 @compiled
-def face_levels(face, start, stop, y, scratch):
+def face_levels(face: np.record, start: int, stop: int, y: int, scratch: np.ndarray) -> np.ndarray:
     """Returns the grey levels of a row of pixels on the face of a board, white around it.
 
     A sample is the mean over its area: of the modules on all sides of the nearest
@@ -173,7 +175,9 @@ def _mix(code, bit, share):
 
 
 @compiled
-def _find_lines(lines, beyond, U, W, samples) -> None:
+def _find_lines(
+    lines: np.ndarray, beyond: np.ndarray, U: np.ndarray, W: np.ndarray, samples: "_SampleRow"
+) -> None:
     """Finds which line is nearest to every sample of a row, and how much of it is beyond.
 
     A sample is a parallelogram across the line: its width is distributed as the sum of two

@@ -8,6 +8,7 @@ import math
 import typing
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from airrace.common.jit import compilable, compiled
 from airrace.rendering.images import Box, as_box, colors_for, intersection, is_empty
@@ -68,13 +69,15 @@ class Span(typing.NamedTuple):
     stop: int
 
 
-def with_grey(colors) -> np.ndarray:
+def with_grey(colors: ArrayLike) -> np.ndarray:
     """Returns colours, RGB (n, 3), as polygons have them, (n, 5)."""
     return np.column_stack([colors_for(4, colors), colors_for(1, colors)])
 
 
 @compilable
-def set_polygon(polygon, corners, n, end, color, box) -> None:
+def set_polygon(
+    polygon: np.record, corners: np.ndarray, n: int, end: float, color: np.ndarray, box: Box
+) -> None:
     """Fills a POLYGON; corners that coincide have no edge between them.
 
     Args:
@@ -109,7 +112,7 @@ def set_polygon(polygon, corners, n, end, color, box) -> None:
 
 
 @compilable
-def end_at_seam(polygon, edge) -> None:
+def end_at_seam(polygon: np.record, edge: int) -> None:
     """Ends a polygon sharply at one of its edges, where another polygon begins.
 
     A pixel there is painted by the polygon that its centre is in. Fading out over each other
@@ -128,7 +131,7 @@ def end_at_seam(polygon, edge) -> None:
 
 
 @compilable
-def row_span(polygon, y, x0, x1) -> Span:
+def row_span(polygon: np.record, y: int, x0: int, x1: int) -> Span:
     """Returns what a polygon touches of columns x0 to x1 - 1 of row y."""
     nothing = Span(x0, x0, x0, x0)
     low, high, full_low, full_high = float(x0), x1 - 1.0, float(x0), x1 - 1.0
@@ -157,7 +160,7 @@ def row_span(polygon, y, x0, x1) -> Span:
 
 
 @compilable
-def coverage(polygon, x, y) -> float:
+def coverage(polygon: np.record, x: float, y: int) -> float:
     """Returns how much of a pixel a polygon covers, 0 to 1."""
     if polygon.end == EXACT and polygon.sides == 4:
         # What opposite edges leave of the pixel in either direction: so a polygon that is
@@ -177,7 +180,9 @@ def coverage(polygon, x, y) -> float:
 
 
 @compiled
-def paint(image, boxes, display_list, shares) -> None:
+def paint(
+    image: np.ndarray, boxes: np.ndarray, display_list: DisplayList, shares: np.ndarray
+) -> None:
     """Paints the mean of exposures over a background.
 
     Args:
@@ -204,7 +209,7 @@ def paint(image, boxes, display_list, shares) -> None:
 
 
 @compilable
-def _touched(box, polygons) -> Box:
+def _touched(box: Box, polygons: np.ndarray) -> Box:
     """Returns the smallest box that holds what polygons can touch of a box."""
     x0, y0, x1, y1 = box.x1, box.y1, box.x0, box.y0
     for i in range(len(polygons)):
@@ -215,7 +220,15 @@ def _touched(box, polygons) -> Box:
 
 
 @compilable
-def _average(image, box, display_list, shares, layer, total, scratch) -> None:
+def _average(
+    image: np.ndarray,
+    box: Box,
+    display_list: DisplayList,
+    shares: np.ndarray,
+    layer: np.ndarray,
+    total: np.ndarray,
+    scratch: np.ndarray,
+) -> None:
     """Paints the mean of exposures into a box; see paint().
 
     Args:
@@ -242,7 +255,9 @@ def _average(image, box, display_list, shares, layer, total, scratch) -> None:
 
 
 @compilable
-def _paint_exposure(image, box, display_list, k, scratch) -> None:
+def _paint_exposure(
+    image: np.ndarray, box: Box, display_list: DisplayList, k: int, scratch: np.ndarray
+) -> None:
     """Paints a box of exposure k over what is there."""
     for i in range(display_list.starts[k], display_list.starts[k + 1]):
         polygon = display_list.polygons[i]
@@ -255,7 +270,7 @@ def _paint_exposure(image, box, display_list, k, scratch) -> None:
 
 
 @compiled
-def _paint_color(image, box, polygon) -> None:
+def _paint_color(image: np.ndarray, box: Box, polygon: np.record) -> None:
     """Paints a polygon in its colour, within a box."""
     channels = image.shape[2]
     color = polygon.color[_GREY:] if channels == 1 else polygon.color[:channels]
@@ -273,7 +288,9 @@ def _paint_color(image, box, polygon) -> None:
 
 
 @compiled
-def _paint_face(image, box, polygon, face, scratch) -> None:
+def _paint_face(
+    image: np.ndarray, box: Box, polygon: np.record, face: np.record, scratch: np.ndarray
+) -> None:
     """Paints a polygon with the face of a board, within a box; opacity stays as it is."""
     shown = min(image.shape[2], 3)
     for y in range(box.y0, box.y1):

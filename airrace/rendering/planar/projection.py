@@ -29,7 +29,7 @@ class View(typing.NamedTuple):
 
 
 @compilable
-def clip_near(points_h, numbers, corners) -> int:
+def clip_near(points_h: np.ndarray, numbers: np.ndarray, corners: np.ndarray) -> int:
     """Clips a convex polygon at the near plane: Sutherland and Hodgman, CACM 17 (1974).
 
     Args:
@@ -55,7 +55,7 @@ def clip_near(points_h, numbers, corners) -> int:
 
 
 @compilable
-def bounding_box(corners, n, limits) -> Box:
+def bounding_box(corners: np.ndarray, n: int, limits: Box) -> Box:
     """Returns the box that holds a polygon and its smooth edges.
 
     Args:

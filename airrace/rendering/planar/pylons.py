@@ -7,9 +7,9 @@ import numpy as np
 
 from airrace.common.jit import compiled
 from airrace.math.vec3 import dot, rotate_each
-from airrace.rendering.images import touches
+from airrace.rendering.images import Box, touches
 from airrace.rendering.planar.polygons import OVERLAPPING, end_at_seam, set_polygon, with_grey
-from airrace.rendering.planar.projection import bounding_box, clip_near
+from airrace.rendering.planar.projection import View, bounding_box, clip_near
 from airrace.rendering.scene.pylon_shape import make_pylon_shape
 from airrace.rendering.scene.textures import HORIZON, haze
 from airrace.track import PYLON_BASE_RADIUS, PYLON_HEIGHT
@@ -34,7 +34,7 @@ class Polyhedron(typing.NamedTuple):
     colors: np.ndarray
 
 
-def _polyhedron(sides, tip_rings) -> Polyhedron:
+def _polyhedron(sides: int, tip_rings: int) -> Polyhedron:
     shape = make_pylon_shape(sides, tip_rings)
     drawn = slice(sides, None)  # the first facets are the flank in one colour
     return Polyhedron(
@@ -60,7 +60,7 @@ _HULL_SIDES = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
 
 
 @compiled
-def pylon_box(p_CF_W, view):
+def pylon_box(p_CF_W: np.ndarray, view: View) -> Box:
     """Returns the Box of what a pylon and its boards can touch of a picture.
 
     Args:
@@ -74,14 +74,14 @@ def pylon_box(p_CF_W, view):
 
 
 @compiled
-def is_inside(p_CF_W) -> bool:
+def is_inside(p_CF_W: np.ndarray) -> bool:
     """Whether the camera is inside the pylon with its foot there; (3,) m."""
     shape = _DETAILS[0]
-    return p_CF_W[2] < 0.0 and np.all(dot(shape.normals.T, -p_CF_W) < shape.offsets)
+    return p_CF_W[2] < 0.0 and np.all(dot(shape.normals.T, -p_CF_W) < shape.offsets)  # type: ignore[return-value]
 
 
 @compiled
-def add_pylon(polygons, n, p_CF_W, view, box) -> int:
+def add_pylon(polygons: np.ndarray, n: int, p_CF_W: np.ndarray, view: View, box: Box) -> int:
     """Adds the polygons of a pylon.
 
     Args:

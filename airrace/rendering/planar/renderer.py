@@ -2,8 +2,11 @@
 
 import functools
 import typing
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from airrace.common.jit import compilable, compiled
 from airrace.math.vec3 import dot, from_columns, rotate, rotate_each
@@ -24,11 +27,17 @@ from airrace.rendering.planar.pylons import MOST_FACETS, add_pylon, is_inside, p
 from airrace.rendering.scene.textures import BOARD_BACK, EARTH, PYLON_COLOR
 from airrace.track import BOARD_SIZE
 
+if TYPE_CHECKING:
+    from pydrake.math import RigidTransform
+
+    from airrace.systems.types import CameraInfo
+    from airrace.track import Track
+
 # Corners (x, y, 1) of a board in its plane.
 _CORNERS = np.array([[-1.0, 1.0, 0], [1.0, 1.0, 0], [1.0, -1.0, 0], [-1.0, -1.0, 0]])
 _CORNERS = _CORNERS * BOARD_SIZE / 2 + [0.0, 0.0, 1.0]
 _NUMBERS = np.arange(4)
-_BACK, _EARTH, _INSIDE = with_grey([BOARD_BACK, EARTH, np.array(PYLON_COLOR) / 2])
+_BACK, _EARTH, _INSIDE = with_grey([BOARD_BACK, EARTH, np.array(PYLON_COLOR) / 2])  # type: ignore[arg-type]
 _NO_CORNERS = np.empty((0, 2))
 _SHARING = 4  # exposures, whose blur the background is too soft to show
 
@@ -59,7 +68,7 @@ class PlanarRenderer:
 
     needs_query_object = False
 
-    def __init__(self, track, camera_info):
+    def __init__(self, track: "Track", camera_info: "CameraInfo"):
         """Constructs the renderer.
 
         Args:
@@ -77,7 +86,9 @@ class PlanarRenderer:
             np.array([marker_crossings(board.id) for board in boards]),
         )
 
-    def render(self, X_WC, out, gate_shifts=None) -> None:
+    def render(
+        self, X_WC: "RigidTransform", out: np.ndarray, gate_shifts: np.ndarray | None = None
+    ) -> None:
         """Draws a picture.
 
         Args:
@@ -88,7 +99,9 @@ class PlanarRenderer:
         """
         self.expose([(1.0, X_WC)], X_WC, gate_shifts).draw(out)
 
-    def expose(self, poses, X_WC, gate_shifts=None) -> "Exposure":
+    def expose(
+        self, poses: list, X_WC: "RigidTransform", gate_shifts: np.ndarray | None = None
+    ) -> "Exposure":
         """Returns the mean of several pictures from nearly the same place.
 
         The background has no detail that a little motion would blur: that of the pose in
@@ -124,12 +137,17 @@ class Exposure:
     A pixel does not depend on what else is drawn, or when.
     """
 
-    def __init__(self, paint_background, display_list, shares):
+    def __init__(
+        self,
+        paint_background: Callable[[np.ndarray, np.ndarray], None],
+        display_list: Callable[[np.ndarray], DisplayList],
+        shares: np.ndarray,
+    ):
         """Args: functions of (out, boxes) and of boxes; shares: see paint()."""
         self._paint_background, self._display_list = paint_background, display_list
         self._shares = shares
 
-    def draw(self, out, boxes=None) -> None:
+    def draw(self, out: np.ndarray, boxes: ArrayLike | None = None) -> None:
         """Draws it.
 
         Args:
@@ -142,7 +160,7 @@ class Exposure:
 
 
 @functools.lru_cache(maxsize=16)
-def _shares(weights) -> np.ndarray:
+def _shares(weights: Sequence[float]) -> np.ndarray:
     """Returns weights as whole numbers: it is quick to multiply and add bytes by them."""
     return np.diff(np.rint(WHOLE * np.cumsum([0.0, *weights]))).astype(np.uint16)
 
@@ -178,7 +196,15 @@ def _display_list(scene, R_WC, p_WC, K, picture, parts):
 
 
 @compilable
-def _add_post(polygons, faces, n, scene, i, p_CF_W, view) -> int:
+def _add_post(
+    polygons: np.ndarray,
+    faces: np.ndarray,
+    n: int,
+    scene: Scene,
+    i: int,
+    p_CF_W: np.ndarray,
+    view: View,
+) -> int:
     """Adds pylon i and its boards, back to front (the painter's algorithm).
 
     A pylon and its two boards stand in an upright cylinder of the pylon's radius. The
@@ -206,7 +232,15 @@ def _add_post(polygons, faces, n, scene, i, p_CF_W, view) -> int:
 
 
 @compiled
-def _add_board(polygons, faces, n, H, crossings, front, view) -> int:
+def _add_board(
+    polygons: np.ndarray,
+    faces: np.ndarray,
+    n: int,
+    H: np.ndarray,
+    crossings: np.ndarray,
+    front: bool,
+    view: View,
+) -> int:
     """Adds a board.
 
     Args:

@@ -1,5 +1,7 @@
 """Textured meshes made in memory: Wavefront OBJ, material and PNG."""
 
+from collections.abc import Iterable, Sequence
+
 import cv2
 import numpy as np
 from pydrake.common import MemoryFile
@@ -57,7 +59,7 @@ def board_mesh(marker_id: int) -> InMemoryMesh:
     return _textured_mesh(f"board_{marker_id}", vertices, uv, faces, image)
 
 
-def pylon_mesh(sides=24, tip_rings=3) -> InMemoryMesh:
+def pylon_mesh(sides: int = 24, tip_rings: int = 3) -> InMemoryMesh:
     """Returns a pylon whose foot is at the origin."""
     shape = make_pylon_shape(sides, tip_rings)
     # The texture is a column of colours over the height.
@@ -88,13 +90,20 @@ def ground_mesh() -> InMemoryMesh:
     return _textured_mesh("ground", vertices, uv, faces, image, up)
 
 
-def shadow_mesh(vertices, image) -> InMemoryMesh:
+def shadow_mesh(vertices: np.ndarray, image: np.ndarray) -> InMemoryMesh:
     """Returns what pylon_shadow() draws."""
     uv = [(0, 0), (1, 0), (1, 1), (0, 1)]
     return _textured_mesh("shadow", vertices, uv, [([0, 1, 2, 3], [0, 1, 2, 3])], image)
 
 
-def _textured_mesh(name, vertices, uv, faces, image, normals=None) -> InMemoryMesh:
+def _textured_mesh(
+    name: str,
+    vertices: Sequence | np.ndarray,
+    uv: Iterable,
+    faces: Iterable,
+    image: np.ndarray,
+    normals: np.ndarray | None = None,
+) -> InMemoryMesh:
     """Writes a mesh of one material.
 
     Args:
@@ -123,7 +132,7 @@ def _textured_mesh(name, vertices, uv, faces, image, normals=None) -> InMemoryMe
         lines.append("f " + " ".join(corners))
     material = f"newmtl surface\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {name}.png\n"
     to_bgr = cv2.COLOR_RGB2BGR if image.shape[2] == 3 else cv2.COLOR_RGBA2BGRA
-    bgr = cv2.cvtColor(np.uint8(np.round(image)), to_bgr)
+    bgr = cv2.cvtColor(np.uint8(np.round(image)), to_bgr)  # type: ignore[call-overload]
     png = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
     return InMemoryMesh(
         mesh_file=MemoryFile("\n".join(lines) + "\n", ".obj", f"{name}.obj"),

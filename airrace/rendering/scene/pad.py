@@ -1,23 +1,28 @@
 """The pad that the drone starts from, where it is not level."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pydrake.geometry import Convex, GeometryInstance, IllustrationProperties
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import CoulombFriction
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+
+if TYPE_CHECKING:
+    from airrace.track import Start
 
 _COLOR = (0.35, 0.35, 0.38, 1.0)
 _FRICTION = CoulombFriction(static_friction=0.8, dynamic_friction=0.6)
 _EDGE = 0.02  # m, height of the lowest edge
 
 
-def pad_rotation(start) -> RotationMatrix:
+def pad_rotation(start: "Start") -> RotationMatrix:
     """Returns the rotation that tilts the level onto the pad of a Start."""
     downhill = RotationMatrix.MakeZRotation(np.deg2rad(start.pad_tilt_direction_deg))
     tilt = RotationMatrix.MakeYRotation(np.deg2rad(start.pad_tilt_deg))
     return downhill @ tilt @ downhill.inverse()
 
 
-def start_pose(start, radius: float, standing_height: float) -> RigidTransform:
+def start_pose(start: "Start", radius: float, standing_height: float) -> RigidTransform:
     """Returns X_WB of a drone that stands on its pad.
 
     Args:
@@ -30,7 +35,7 @@ def start_pose(start, radius: float, standing_height: float) -> RigidTransform:
     return RigidTransform(R_WP @ heading, _middle(start, radius) + standing_height * R_WP.col(2))
 
 
-def AddPad(plant, start, radius: float) -> None:
+def AddPad(plant: MultibodyPlant, start: "Start", radius: float) -> None:
     """Adds the pad of a start to a plant, if it is tilted: a wedge on the ground.
 
     It is drawn for spectators only: the drone's camera looks ahead and does
@@ -58,11 +63,11 @@ def AddPad(plant, start, radius: float) -> None:
     plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), wedge, "pad", _FRICTION)
 
 
-def _half_width(radius) -> float:
+def _half_width(radius: float) -> float:
     return radius + 0.2
 
 
-def _middle(start, radius) -> np.ndarray:
+def _middle(start: "Start", radius: float) -> np.ndarray:
     """Returns the centre of the pad's top, (3,)."""
     if start.pad_tilt_deg == 0.0:
         return np.array(start.position, float)

@@ -38,7 +38,7 @@ class PylonShape:
     facet_colors: np.ndarray
 
 
-def _profile(tip_rings) -> np.ndarray:
+def _profile(tip_rings: int) -> np.ndarray:
     """The outline from foot to tip: rows of height, radius, slope of the normal."""
     centre = PYLON_HEIGHT - PYLON_TIP_RADIUS
     # The flank touches the tip's sphere: its normal rises by such an angle

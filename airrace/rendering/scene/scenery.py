@@ -1,11 +1,12 @@
 """The track as bodies: what can be seen and what can be hit."""
 
 import functools
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.geometry import Box, Convex, GeometryInstance, Mesh, PerceptionProperties
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import CoulombFriction
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
 
 from airrace.rendering.scene.meshes import (
@@ -19,10 +20,17 @@ from airrace.rendering.scene.pylon_shape import make_pylon_shape
 from airrace.rendering.scene.shadows import pylon_shadow
 from airrace.track import BOARD_SIZE
 
+if TYPE_CHECKING:
+    from pydrake.systems.framework import Context
+
+    from airrace.track import Track
+
 _FRICTION = CoulombFriction(static_friction=0.8, dynamic_friction=0.6)
 
 
-def AddScenery(plant, track, movable=False, visible=True) -> None:
+def AddScenery(
+    plant: MultibodyPlant, track: "Track", movable: bool = False, visible: bool = True
+) -> None:
     """Adds the ground, the pylons and the boards of a track to a plant.
 
     Everything is fixed to the world, or gates to bodies that move_gates() moves.
@@ -76,7 +84,7 @@ def AddScenery(plant, track, movable=False, visible=True) -> None:
         add(f"board_{board.id}", body, board.X_WM, face, box, behind_face)
 
 
-def _add_gate_bodies(plant, n) -> list:
+def _add_gate_bodies(plant: MultibodyPlant, n: int) -> list:
     """Adds a body for each of n gates; at first, its frame is the world's."""
     instance = plant.AddModelInstance("gates")
     bodies = []
@@ -90,7 +98,7 @@ def _add_gate_bodies(plant, n) -> list:
     return bodies
 
 
-def move_gates(plant, context, shifts) -> None:
+def move_gates(plant: MultibodyPlant, context: "Context", shifts: np.ndarray) -> None:
     """Moves the gates of a plant with movable gates.
 
     Args:
@@ -106,5 +114,5 @@ def move_gates(plant, context, shifts) -> None:
             place.SetPoseInParentFrame(context, X_WG)
 
 
-def _place_name(i) -> str:
+def _place_name(i: int) -> str:
     return f"place_of_gate_{i + 1}"

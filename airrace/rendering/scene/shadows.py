@@ -19,7 +19,7 @@ _BLUR = 0.08  # the sun is no point: standard deviation of the edge (m)
 _CORNERS_M = BOARD_SIZE / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
 
 
-def pylon_shadow(foot, boards):
+def pylon_shadow(foot: np.ndarray, boards: list) -> tuple[np.ndarray, np.ndarray]:
     """Returns the shadow of a pylon and its boards.
 
     Args:
@@ -33,7 +33,7 @@ def pylon_shadow(foot, boards):
     """
     solids = [make_pylon_shape(24, 3).vertices]
     solids += [(board.X_WM @ _CORNERS_M.T).T - foot for board in boards]
-    outlines = [cv2.convexHull(np.float32(cast(points)))[:, 0] for points in solids]
+    outlines = [cv2.convexHull(np.float32(cast(points)))[:, 0] for points in solids]  # type: ignore[call-overload]
     low = np.min([outline.min(axis=0) for outline in outlines], axis=0) - _MARGIN
     high = np.max([outline.max(axis=0) for outline in outlines], axis=0) + _MARGIN
     texel = (high - low) / _TEXELS
@@ -46,13 +46,13 @@ def pylon_shadow(foot, boards):
         cv2.fillConvexPoly(alpha, fixed, _DARKNESS, cv2.LINE_AA, 4)
     sx, sy = (_BLUR / texel).tolist()
     alpha = cv2.GaussianBlur(alpha, (0, 0), sx, sigmaY=sy)
-    color = np.broadcast_to(np.uint8(_COLOR), (_TEXELS, _TEXELS, 3))
+    color = np.broadcast_to(np.uint8(_COLOR), (_TEXELS, _TEXELS, 3))  # type: ignore[arg-type]
     (x0, y0), (x1, y1) = low, high
     vertices = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
     return np.column_stack([vertices, np.full(4, _HEIGHT)]), np.dstack([color, alpha])
 
 
-def cast(points) -> np.ndarray:
+def cast(points: np.ndarray) -> np.ndarray:
     """Returns where the sun's rays through points meet z = 0, (n, 2).
 
     Args:

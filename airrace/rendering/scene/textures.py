@@ -7,6 +7,7 @@ import functools
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from airrace.common.jit import compilable
 
@@ -58,7 +59,7 @@ def grass_detail(size: int = 512) -> np.ndarray:
     return image
 
 
-def sky_color(sin_elevation) -> np.ndarray:
+def sky_color(sin_elevation: np.ndarray) -> np.ndarray:
     """Returns the colour of the sky, paler towards the horizon.
 
     Args:
@@ -72,7 +73,7 @@ def sky_color(sin_elevation) -> np.ndarray:
 
 
 @compilable
-def haze(distance):
+def haze(distance: float | np.ndarray) -> float | np.ndarray:
     """Returns the share of the horizon's colour that lies over a thing, 0 to 1.
 
     Args:
@@ -81,7 +82,7 @@ def haze(distance):
     return HAZE_MOST * (1.0 - np.exp(-distance / HAZE_LENGTH))
 
 
-def shade(color, normals_W) -> np.ndarray:
+def shade(color: ArrayLike, normals_W: np.ndarray) -> np.ndarray:
     """Returns a matt surface's colours in the sunlight.
 
     Args:

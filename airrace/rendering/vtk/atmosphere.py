@@ -1,11 +1,18 @@
 """What lies between the camera and a thing, and behind all things."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from airrace.common.jit import compiled
 from airrace.rendering.images import LUMA, to_grey, with_channels
 from airrace.rendering.planar.background import Background
 from airrace.rendering.scene.textures import HAZE_LENGTH, HORIZON, haze
+
+if TYPE_CHECKING:
+    from pydrake.math import RigidTransform
+
+    from airrace.systems.types import CameraInfo
 
 _MOST = 10.0  # lengths of the haze, beyond which it is as thick as it gets
 _ENTRIES = 8192  # of the look-up tables over the distance
@@ -16,7 +23,7 @@ _WEIGHTS = tuple(int(weight) for weight in np.round(_ONE * LUMA))
 class Atmosphere:
     """Adds haze and sky to a picture whose depths are known."""
 
-    def __init__(self, camera_info):
+    def __init__(self, camera_info: "CameraInfo"):
         self._background = Background(camera_info)
         K = camera_info.K
         x = (np.arange(camera_info.width) - K[0, 2]) / K[0, 0]
@@ -30,7 +37,9 @@ class Atmosphere:
         horizon = np.append(HORIZON, to_grey(HORIZON))
         self._veil = np.uint32(np.round(_ONE * veil[:, None] * horizon))
 
-    def apply(self, X_WC, depth, picture, out) -> None:
+    def apply(
+        self, X_WC: "RigidTransform", depth: np.ndarray, picture: np.ndarray, out: np.ndarray
+    ) -> None:
         """Adds them.
 
         Args:

@@ -4,6 +4,7 @@ import ctypes
 import functools
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from pydrake.geometry import (
     DepthRenderCamera,
     LightParameter,
     MakeRenderEngineVtk,
+    QueryObject,
     RenderCameraCore,
     RenderEngineVtkParams,
     SceneGraph,
@@ -24,6 +26,9 @@ from pydrake.systems.sensors import CameraInfo as DrakeCameraInfo
 from airrace.common.errors import UserError
 from airrace.rendering.scene.textures import HORIZON, SUN_W
 from airrace.rendering.vtk.atmosphere import Atmosphere
+
+if TYPE_CHECKING:
+    from airrace.systems.types import CameraInfo
 
 _NAME = "vtk"
 _CLIPPING = ClippingRange(0.05, 2000.0)
@@ -74,7 +79,9 @@ def check_vtk_available() -> None:
         )
 
 
-def AddVtkRenderer(scene_graph: SceneGraph, camera_info, *, supersampling=1) -> "VtkRenderer":
+def AddVtkRenderer(
+    scene_graph: SceneGraph, camera_info: "CameraInfo", *, supersampling: int = 1
+) -> "VtkRenderer":
     """Adds a render engine to a scene graph.
 
     Args:
@@ -120,7 +127,7 @@ class VtkRenderer:
 
     needs_query_object = True
 
-    def __init__(self, camera_info, supersampling):
+    def __init__(self, camera_info: "CameraInfo", supersampling: int):
         s = supersampling
         self._size = (camera_info.width, camera_info.height)
         # In OpenCV's convention pixel u covers samples s u to s u + s - 1, whose
@@ -141,7 +148,7 @@ class VtkRenderer:
         )
         self._atmosphere = Atmosphere(camera_info)
 
-    def render(self, X_WC, out, query_object) -> None:
+    def render(self, X_WC: RigidTransform, out: np.ndarray, query_object: QueryObject) -> None:
         """Draws a picture.
 
         Args:

@@ -11,7 +11,7 @@ _UP = np.array((0.0, 0.0, 1.0))
 
 
 @compilable
-def attitude_error(R_DB, w) -> np.ndarray:
+def attitude_error(R_DB: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Returns the error e_R of the body's attitude from the desired one, in B, (3,).
 
     The tilt of the thrust axis and the yaw are separated, as by Brescianini
@@ -31,7 +31,7 @@ def attitude_error(R_DB, w) -> np.ndarray:
 
 
 @compilable
-def tilt_error(n_d, n, w) -> np.ndarray:
+def tilt_error(n_d: np.ndarray, n: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Returns 2 sin(angle / 2) about the axis that turned n_d into n, (3,).
 
     It grows all the way to half a turn, as in Lee, "Geometric tracking control
@@ -57,7 +57,7 @@ def tilt_error(n_d, n, w) -> np.ndarray:
 
 
 @compilable
-def lead_moment(moment, angle: float) -> np.ndarray:
+def lead_moment(moment: np.ndarray, angle: float) -> np.ndarray:
     """Returns a moment turned by -angle about z, (3,).
 
     The rotors of a spinning body answer late, in a direction that has turned with

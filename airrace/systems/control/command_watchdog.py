@@ -1,10 +1,10 @@
 """What a flight controller does when the companion computer falls silent."""
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, System
 
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rotor_monitor import RotorMonitor
@@ -14,6 +14,9 @@ from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state
+
+if TYPE_CHECKING:
+    from airrace.scenario import Scenario
 
 # How old a command may be (s).
 HOLD_AFTER, HOVER_AFTER, LAND_AFTER = 0.1, 0.5, 2.0
@@ -107,7 +110,7 @@ class CommandWatchdog(LeafSystem):
             {self.xd_ticket(), self.time_ticket()},
         )
 
-    def recall(self, context) -> WatchdogMemory:
+    def recall(self, context: Context) -> WatchdogMemory:
         """Returns what it remembers."""
         return WatchdogMemory(*context.get_discrete_state(self._memory).value().tolist())
 
@@ -184,7 +187,9 @@ def stopping(m: WatchdogMemory, time: float) -> np.ndarray:
     return result
 
 
-def AddCommandWatchdog(builder, scenario, simulation, link) -> CommandWatchdog:
+def AddCommandWatchdog(
+    builder: DiagramBuilder, scenario: "Scenario", simulation: Diagram, link: System
+) -> CommandWatchdog:
     """Adds a watchdog, with a controller of its own, before a simulation's rotors.
 
     Args:

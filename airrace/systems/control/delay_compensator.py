@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from airrace.common.jit import all_finite, compiled
 from airrace.math.quaternion import integrate, rotation_matrix
@@ -95,7 +95,7 @@ class DelayCompensator(LeafSystem):
             inputs,
         )
 
-    def set_delay(self, context, delay: float) -> None:
+    def set_delay(self, context: Context, delay: float) -> None:
         """Sets the delay, there and back (s), from rounded()."""
         context.SetDiscreteState(self._delay, [delay])
 

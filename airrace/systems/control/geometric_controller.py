@@ -2,7 +2,7 @@
 
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -48,7 +48,7 @@ class ControlParameters(NamedTuple):
 
 
 @compilable
-def _as_parameters(vector) -> ControlParameters:
+def _as_parameters(vector: np.ndarray) -> ControlParameters:
     v = vector
     return ControlParameters(v[0], v[1:4], v[4], v[5], v[6:9], v[9:12], v[12])
 
@@ -163,7 +163,7 @@ class GeometricController(LeafSystem):
         if all_finite(wrench):
             _set_speeds(command, allocator.allocate(wrench), *rotors)
 
-    def calc_wrench(self, reference, estimate) -> np.ndarray:
+    def calc_wrench(self, reference: np.ndarray, estimate: np.ndarray) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), [f, Mx, My, Mz], (4,).
 
         The result is NaN where an argument is not finite: then the last command is held.
@@ -238,7 +238,7 @@ def lee_wrench(reference: Reference, state: State, parameters: ControlParameters
 
 
 @compilable
-def limited(force, greatest: float) -> np.ndarray:
+def limited(force: np.ndarray, greatest: float) -> np.ndarray:
     """Returns the part of a desired specific force that rotors can give, (3,).
 
     Height goes first; to the side goes what is left.
@@ -255,7 +255,14 @@ def limited(force, greatest: float) -> np.ndarray:
 
 
 @compiled
-def _set_by_inverse(command, wrench, inverse, speeds, max_thrusts, *rotors) -> bool:
+def _set_by_inverse(
+    command: np.ndarray,
+    wrench: np.ndarray,
+    inverse: np.ndarray,
+    speeds: np.ndarray,
+    max_thrusts: np.ndarray,
+    *rotors: Any,
+) -> bool:
     """Sets the speeds for a wrench by the pseudo-inverse; returns whether the limits allow it."""
     thrusts, possible = by_inverse(inverse, wrench, max_thrusts)
     if possible:
@@ -277,7 +284,7 @@ def _set_speeds(command, thrusts, speeds, max_thrusts, thrust_coefficients, max_
         command[i] = min(overdriven, max_speeds[i]) if works else 0.0
 
 
-def _attitude_gains(vehicle: Vehicle):
+def _attitude_gains(vehicle: Vehicle) -> tuple[np.ndarray, np.ndarray]:
     """Returns the gains on the errors in attitude and angular velocity, (3,) each.
 
     Rotors have far less moment about z than about x and y: with the same gains
@@ -292,6 +299,6 @@ def _attitude_gains(vehicle: Vehicle):
     return k_R, vehicle.gains.angular_velocity * np.sqrt(k_R / vehicle.gains.attitude)
 
 
-def _step_share(rate, lag) -> float:
+def _step_share(rate: float, lag: float) -> float:
     """Returns how much of a step a first-order lag makes in one period."""
     return 1.0 - math.exp(-1.0 / (rate * lag))

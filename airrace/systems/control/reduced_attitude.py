@@ -43,7 +43,9 @@ class ReducedAttitude:
         self._allocation = vehicle.allocation
         self._k_R, self._k_w = vehicle.gains.attitude, vehicle.gains.angular_velocity
 
-    def wrench(self, estimate, disturbance, remaining: Remaining) -> np.ndarray:
+    def wrench(
+        self, estimate: np.ndarray, disturbance: np.ndarray, remaining: Remaining
+    ) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), shape (4,).
 
         Args:
@@ -98,7 +100,7 @@ class ReducedAttitude:
         lean *= min(1.0, _MAX_LEAN / max(math.hypot(*lean), 1e-9))
         return np.array([*lean, 1.0]) / math.hypot(*lean, 1.0)
 
-    def _desired_force(self, velocity, disturbance) -> np.ndarray:
+    def _desired_force(self, velocity: np.ndarray, disturbance: np.ndarray) -> np.ndarray:
         """Returns the specific force that brakes to the sink rate (m/s^2), (3,)."""
         force = -disturbance - _BRAKE * (velocity + [0.0, 0.0, _DESCENT])
         force[:2] *= min(1.0, _MAX_SIDE / max(math.hypot(force[0], force[1]), 1e-9))

@@ -46,7 +46,7 @@ _NOTHING = FilterMemory(-1.0, -1.0, 0.0, np.zeros(3), np.zeros(3))
 
 
 @compilable
-def _as_memory(vector) -> FilterMemory:
+def _as_memory(vector: np.ndarray) -> FilterMemory:
     return FilterMemory(vector[0], vector[1], vector[2], vector[3:6], vector[6:9])
 
 
@@ -117,7 +117,13 @@ class StateFilter(LeafSystem):
 
 
 @compilable
-def _predict(memory: FilterMemory, quaternion, thrust, disturbance, time):
+def _predict(
+    memory: FilterMemory,
+    quaternion: np.ndarray,
+    thrust: float,
+    disturbance: np.ndarray,
+    time: float,
+) -> tuple[np.ndarray, np.ndarray]:
     """Returns position and velocity at a time (s), at constant acceleration.
 
     Args:
@@ -130,7 +136,7 @@ def _predict(memory: FilterMemory, quaternion, thrust, disturbance, time):
 
 
 @compilable
-def _quaternion_at(state: State, time):
+def _quaternion_at(state: State, time: float) -> np.ndarray:
     """Returns the unit quaternion of R_WB a short time after a state estimate, (4,)."""
     return integrate(state.quaternion, state.angular_velocity, time - state.time)
 

@@ -1,5 +1,7 @@
 """Routes that keep clear of pylons and pass the right gates only."""
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 
 from airrace.systems.exploring.exploration import gate_pose, known_gates, known_pylons
@@ -23,7 +25,11 @@ def positions(leg: FlatTrajectory, after: float = 0.0) -> tuple[np.ndarray, np.n
 
 
 def is_clear(
-    leg: FlatTrajectory, gate_map: GateMap, clearance: float, through=(), after: float = 0.0
+    leg: FlatTrajectory,
+    gate_map: GateMap,
+    clearance: float,
+    through: Iterable[int] = (),
+    after: float = 0.0,
 ) -> bool:
     """Whether a leg keeps clear of everything known.
 
@@ -56,7 +62,7 @@ def is_clear(
     return passed == expected
 
 
-def gate_crossings(times, p, gates) -> list:
+def gate_crossings(times: np.ndarray, p: np.ndarray, gates: Iterable[GateEstimate]) -> list:
     """Returns when a path crosses gates, below the tips of their pylons.
 
     Args:
@@ -82,7 +88,9 @@ def gate_crossings(times, p, gates) -> list:
     return sorted(result)
 
 
-def route_above_pylons(start, goal) -> list:
+def route_above_pylons(
+    start: Sequence[float] | np.ndarray, goal: Sequence[float] | np.ndarray
+) -> list:
     """Returns waypoints x, y, z, yaw of a route above all pylons, from one pose to another.
 
     There are waypoints on the straight line above, as Richter, Bry and Roy (2016) add them:
@@ -99,7 +107,9 @@ def route_above_pylons(start, goal) -> list:
     return [*across[first:last], goal]
 
 
-def routes_through(start, gates: list[GateEstimate], *, approach: float, beyond: float) -> list:
+def routes_through(
+    start: np.ndarray, gates: list[GateEstimate], *, approach: float, beyond: float
+) -> list:
     """Returns routes through gates, the best first.
 
     The last gate is new: the routes to those before it are known to be clear.

@@ -21,19 +21,19 @@ _STEPS_IN_VAIN = 9  # of a search that found nothing, before the drone goes back
 _FEWEST_GATES = 3  # of a track
 
 
-def yaw_of(estimate) -> float:
+def yaw_of(estimate: np.ndarray) -> float:
     """Returns the heading of the body's x axis (rad)."""
     w, x, y, z = as_state(estimate).quaternion
     return float(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
 
 
-def tilt(estimate) -> float:
+def tilt(estimate: np.ndarray) -> float:
     """Returns the angle between the body's and the world's z axis (rad)."""
     w, x, y, z = as_state(estimate).quaternion / np.linalg.norm(as_state(estimate).quaternion)
     return float(np.arccos(np.clip(1 - 2 * (x * x + y * y), -1.0, 1.0)))
 
 
-def fault_on_pad(estimate, max_tilt_deg: float) -> str | None:
+def fault_on_pad(estimate: np.ndarray, max_tilt_deg: float) -> str | None:
     """Returns why a drone on its pad must not take off, None if it may.
 
     Args:
@@ -48,7 +48,7 @@ def fault_on_pad(estimate, max_tilt_deg: float) -> str | None:
     return "moving, waiting for rest" if motion > _STILL else None
 
 
-def hover_pose(estimate) -> np.ndarray:
+def hover_pose(estimate: np.ndarray) -> np.ndarray:
     """Returns x, y, z (m) and yaw (rad) of an estimate, (4,)."""
     return np.array([*as_state(estimate).position, yaw_of(estimate)])
 
@@ -187,7 +187,7 @@ def angle_in_words(angle: float) -> str:
     return f"{abs(np.rad2deg(angle)):.0f} degrees {'left' if angle >= 0 else 'right'}"
 
 
-def _horizontal(vector) -> np.ndarray:
+def _horizontal(vector: np.ndarray) -> np.ndarray:
     """Returns the unit vector along the horizontal part of a vector, (3,)."""
     flat = vector * [1.0, 1.0, 0.0]
     return flat / max(np.linalg.norm(flat), 1e-9)

@@ -1,7 +1,9 @@
 """Finds the gates of an unknown track."""
 
+from typing import TYPE_CHECKING
+
 from pydrake.common.value import Value
-from pydrake.systems.framework import EventStatus, LeafSystem
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from airrace.systems.exploring import exploration
 from airrace.systems.exploring.explorer_memory import Memory, Situation
@@ -10,6 +12,9 @@ from airrace.systems.types import ExplorerStatus
 from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle.state import STATE_SIZE
+
+if TYPE_CHECKING:
+    from airrace.scenario import ExplorerConfig
 
 _BELOW = 3.0  # m
 
@@ -58,7 +63,12 @@ class Explorer(LeafSystem):
     """
 
     def __init__(
-        self, *, config, hover_height: float, clearance: float, map_is_known: bool = False
+        self,
+        *,
+        config: "ExplorerConfig",
+        hover_height: float,
+        clearance: float,
+        map_is_known: bool = False,
     ):
         """Constructs the explorer.
 
@@ -91,7 +101,7 @@ class Explorer(LeafSystem):
             {ticket},
         )
 
-    def _read_memory(self, context) -> Memory:
+    def _read_memory(self, context: Context) -> Memory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
     def _calc_reference(self, context, output):

@@ -1,5 +1,8 @@
 """Plans the explorer's legs, and checks them as the map grows."""
 
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from airrace.systems.exploring import clear_paths
@@ -9,6 +12,9 @@ from airrace.track.gate_map import GateEstimate
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.min_snap.leg import plan_leg
+
+if TYPE_CHECKING:
+    from airrace.scenario import ExplorerConfig
 
 _SLOW = 1.0  # m/s
 _BRAKING_TIMES = (0.7, 1.0, 0.5, 1.5)  # s, at the present velocity: to where it stops
@@ -20,12 +26,14 @@ class LegPlanner:
     All legs continue the motion of the present one, and are None if no route is clear.
     """
 
-    def __init__(self, *, config, clearance: float):
+    def __init__(self, *, config: "ExplorerConfig", clearance: float):
         """Args: config: an ExplorerConfig. clearance: from pylons' axes (m)."""
         self._config = config
         self._clearance = clearance
 
-    def plan(self, now: Situation, routes, through=()) -> FlatTrajectory | None:
+    def plan(
+        self, now: Situation, routes: Iterable[list], through: Sequence[int] = ()
+    ) -> FlatTrajectory | None:
         """Returns the leg along the first route that is clear.
 
         Args:

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import functools
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class Memory(Immutable):
         """When the leg ends (s)."""
         return self.leg_start + self.leg.duration
 
-    def entered(self, time: float, state: str, reason: str, **changes) -> "Memory":
+    def entered(self, time: float, state: str, reason: str, **changes: Any) -> "Memory":
         """Returns the memory in another state.
 
         Args:
@@ -109,6 +110,6 @@ class Situation:
         last = self.memory.last
         return last and self.gates.get(last.number, last)
 
-    def remembering(self, **changes) -> "Situation":
+    def remembering(self, **changes: Any) -> "Situation":
         """Returns the situation with changes of the memory."""
         return dc.replace(self, memory=dc.replace(self.memory, **changes))

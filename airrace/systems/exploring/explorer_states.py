@@ -8,6 +8,7 @@ every state of flight to FLY_TO_GATE. AVOID follows if the leg is not clear any 
 
 import dataclasses as dc
 import itertools
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.systems.exploring.search import is_far, leads_to, next_steps
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.vehicle.state import as_state
+
+if TYPE_CHECKING:
+    from airrace.scenario import ExplorerConfig
 
 _PERIOD = 0.2  # s, between two checks of a leg, or two attempts to plan one
 _AT_GATE = 0.8  # s, before a gate is passed
@@ -28,7 +32,12 @@ class StateMachine:
     """The states of Explorer; what changes is in the Memory of the Situation."""
 
     def __init__(
-        self, *, config, hover_height: float, clearance: float, map_is_known: bool = False
+        self,
+        *,
+        config: "ExplorerConfig",
+        hover_height: float,
+        clearance: float,
+        map_is_known: bool = False,
     ):
         """Args: see Explorer."""
         self._config = config

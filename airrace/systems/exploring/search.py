@@ -1,7 +1,8 @@
 """The search for a gate that is not in sight: the order of steps, and where they lead."""
 
 import itertools
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from airrace.systems.exploring.exploration import describe_observation, gate_pos
 from airrace.systems.exploring.explorer_memory import Situation
 from airrace.track import BOARD_OFFSET
 from airrace.track.gate_map import GateEstimate
+
+if TYPE_CHECKING:
+    from airrace.scenario import ExplorerConfig
 
 _ON_THE_SPOT = 2.0  # m
 _ASIDE = 4.0  # m, to the side, of a step that is not clear straight on
@@ -106,7 +110,7 @@ _LOST = [
 ]
 
 
-def next_steps(now: Situation, config):
+def next_steps(now: Situation, config: "ExplorerConfig") -> Iterator[Step]:
     """Yields steps of the search, the best first; not all may be free to take.
 
     If a board of the gate was observed, steps around it come first. Then come the steps
@@ -127,17 +131,17 @@ def next_steps(now: Situation, config):
     yield from on
 
 
-def is_far(now: Situation, gate: GateEstimate, config) -> bool:
+def is_far(now: Situation, gate: GateEstimate, config: "ExplorerConfig") -> bool:
     """Whether a gate is farther away than where both its markers should be in view."""
     return np.linalg.norm(now.memory.goal[:3] - gate.p_WG) > config.side_distance
 
 
-def leads_to(goal, gate: GateEstimate, config) -> bool:
+def leads_to(goal: np.ndarray, gate: GateEstimate, config: "ExplorerConfig") -> bool:
     """Whether a step to x, y, z, yaw ends too near to a gate that is not yet in the map."""
     return (goal[:3] - gate.p_WG) @ gate.forward > -config.approach_distance
 
 
-def _steps_on(now: Situation, config):
+def _steps_on(now: Situation, config: "ExplorerConfig") -> Iterator[Step]:
     memory = now.memory
     base = memory.home if now.last is None else gate_pose(now.last, config.passing_distance)
     first = _AT_THE_START if now.last is None else _AFTER_A_GATE
@@ -152,7 +156,9 @@ def _steps_on(now: Situation, config):
         yield Step(move.state, reason, routes, steps + 1, steps_around)
 
 
-def _steps_around_gate(now: Situation, config, gate: GateEstimate | None):
+def _steps_around_gate(
+    now: Situation, config: "ExplorerConfig", gate: GateEstimate | None
+) -> Iterator[Step]:
     if gate is None:
         return
     reason = describe_observation(now, gate.number)
@@ -162,7 +168,7 @@ def _steps_around_gate(now: Situation, config, gate: GateEstimate | None):
         yield Step("STEP_AROUND", reason, routes, now.memory.steps, k + 1)
 
 
-def _poses_in_front(gate: GateEstimate, config) -> list:
+def _poses_in_front(gate: GateEstimate, config: "ExplorerConfig") -> list:
     """Returns poses from which both front markers of a gate should be in view."""
     # From the boards, not from the axes of their pylons.
     far, side = config.side_distance + BOARD_OFFSET, config.side_offset
@@ -178,7 +184,7 @@ def _poses_in_front(gate: GateEstimate, config) -> list:
     ]
 
 
-def _pose(move: _Move, base, step_length) -> np.ndarray:
+def _pose(move: _Move, base: np.ndarray, step_length: float) -> np.ndarray:
     """Returns x, y, z and yaw, (4,)."""
     bearing, far = base[3] + np.deg2rad(move.bearing), move.along * step_length
     x, y = base[0] + far * np.cos(bearing), base[1] + far * np.sin(bearing)
@@ -186,7 +192,7 @@ def _pose(move: _Move, base, step_length) -> np.ndarray:
     return np.array([x, y, z, bearing + np.deg2rad(move.yaw)])
 
 
-def _routes(move: _Move, start, goal) -> list:
+def _routes(move: _Move, start: np.ndarray, goal: np.ndarray) -> list:
     if move.above:
         return [route_above_pylons(start, goal)]
     if move.state != "STEP_FORWARD":

@@ -7,6 +7,7 @@ gate has no other degree of freedom.
 
 import dataclasses as dc
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -107,7 +108,7 @@ class GateFilter(Immutable):
         return _is_below(self.covariance, sigma**2)
 
 
-def fit(observations, before: GateFilter | None = None) -> GateFilter:
+def fit(observations: Sequence[Observation], before: GateFilter | None = None) -> GateFilter:
     """Returns the pose that fits some observations best (Gauss-Newton).
 
     Args:
@@ -156,20 +157,20 @@ def fit_pair(a: Observation, b: Observation, before: GateFilter | None = None) -
 
 
 @compiled
-def facing(id):
+def facing(id: int) -> float:
     """Returns 1 if a board faces in the direction of flight, -1 if against it."""
     return 1.0 if id & 1 else -1.0
 
 
 @compiled
-def gate_heading(observation):
+def gate_heading(observation: Observation) -> float:
     """Returns the gate's heading by the normal of one board (rad)."""
     x, y, _ = observation.normal
     return math.atan2(facing(observation.id) * y, facing(observation.id) * x)
 
 
 @compiled
-def board_position(state, id):
+def board_position(state: np.ndarray, id: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns the position of a board's centre, and its derivative by the gate's state.
 
     Args:
@@ -196,7 +197,7 @@ def board_position(state, id):
 
 
 @compiled
-def boards(state, covariance):
+def boards(state: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Returns position, its variances, and normal of a gate's boards by ID, (4, 3, 3)."""
     result = np.zeros((4, 3, 3))
     for id in range(4):
@@ -208,7 +209,7 @@ def boards(state, covariance):
 
 
 @compiled
-def is_behind(state, observation, reach):
+def is_behind(state: np.ndarray, observation: Observation, reach: float) -> bool:
     """Whether a camera was on the wrong side of the face of the board that it saw.
 
     Args:

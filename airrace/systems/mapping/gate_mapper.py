@@ -1,10 +1,12 @@
 """Builds the map of the track from detections."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.mapping.observation import UNKNOWN_TIME
@@ -38,7 +40,15 @@ class GateMapper(LeafSystem):
     because the noise of a single one would be most of the map's error.
     """
 
-    def __init__(self, *, fps, latency, state_rate, link_delay=0.0, **mapping):
+    def __init__(
+        self,
+        *,
+        fps: float,
+        latency: float,
+        state_rate: float,
+        link_delay: float = 0.0,
+        **mapping: Any,
+    ):
         """Constructs the mapper with an empty map.
 
         Args:
@@ -83,7 +93,7 @@ class GateMapper(LeafSystem):
         after = self._mapper.updated(before, detections, X_WC, info, reason)
         state.get_mutable_abstract_state(int(self._state)).set_value(after)
 
-    def _pose_at(self, context, time) -> tuple[RigidTransform | None, str | None]:
+    def _pose_at(self, context: Context, time: float) -> tuple[RigidTransform | None, str | None]:
         """Returns X_WB at a time within the history, or None and why there is none.
 
         The estimate before that time is extrapolated with its velocities; the difference
@@ -102,7 +112,7 @@ class GateMapper(LeafSystem):
         output.set_value(context.get_abstract_state(int(self._state)).get_value().gate_map)
 
 
-def extrapolate(estimate, dt) -> RigidTransform:
+def extrapolate(estimate: np.ndarray, dt: float) -> RigidTransform:
     """Returns X_WB a short time after a state estimate.
 
     Args:

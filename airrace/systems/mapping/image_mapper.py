@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from collections import Counter
+from typing import Any
 
 from pydrake.math import RigidTransform
 
@@ -35,7 +36,15 @@ class MapperState(Immutable):
 class ImageMapper:
     """Maps image after image; what it knows is in a MapperState."""
 
-    def __init__(self, *, max_range, max_gates, estimator, outlier_sigma, min_observations):
+    def __init__(
+        self,
+        *,
+        max_range: float,
+        max_gates: int,
+        estimator: str,
+        outlier_sigma: float,
+        min_observations: int,
+    ):
         """Constructs the mapper.
 
         Args:
@@ -48,7 +57,7 @@ class ImageMapper:
         """
         self._max_range = max_range
         self._max_id = 4 * max_gates - 1
-        self._estimator = {
+        self._estimator: Any = {
             "robust": lambda: RobustEstimator(min_observations=min_observations),
             "report": lambda: ReportEstimator(
                 outlier_sigma=outlier_sigma, min_observations=min_observations

@@ -42,7 +42,7 @@ class NoDetector(LeafSystem):
     It takes the ArucoDetector's place in a race with a KnownMap.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         LeafSystem.__init__(self)
         self.DeclareAbstractOutputPort(
             "detections",

@@ -148,7 +148,7 @@ def _is_covariance(matrix):
     return not math.isnan(cholesky(matrix + rounding * np.eye(len(matrix)))[-1, -1])
 
 
-def _assumed_covariance(depth, focal_length) -> np.ndarray:
+def _assumed_covariance(depth: float, focal_length: float) -> np.ndarray:
     """Returns that of a marker's pose in the camera from its depth (m) alone, (6, 6)."""
     angle = _CORNER / focal_length
     across, along = depth * angle, depth**2 * angle / MARKER_SIZE

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from collections import Counter
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +34,9 @@ class MarkerStatistics(Immutable):
         """Sample variance of each coordinate, (3,)."""
         return self.squares / max(self.count - 1, 1)
 
-    def updated(self, p_WM, normal, outlier_sigma, min_observations) -> "MarkerStatistics":
+    def updated(
+        self, p_WM: np.ndarray, normal: np.ndarray, outlier_sigma: float, min_observations: int
+    ) -> "MarkerStatistics":
         """Returns the statistics with one more observation.
 
         Section III of the Student AirRace report: an observation is an outlier,
@@ -63,7 +66,7 @@ class ReportEstimator:
     The variance of a MarkerEstimate is that of the observations that count.
     """
 
-    def __init__(self, *, outlier_sigma, min_observations):
+    def __init__(self, *, outlier_sigma: float, min_observations: int):
         """Constructs the estimator.
 
         Args:
@@ -81,7 +84,7 @@ class ReportEstimator:
         )
         return statistics | {observation.id: marker}
 
-    def make_map(self, statistics: dict, **counters) -> GateMap:
+    def make_map(self, statistics: dict, **counters: Any) -> GateMap:
         """Returns the map; counters: the attributes of GateMap that count."""
         refused = Counter(counters.pop("refused", {}))
         refused.update({OFF_MAP: sum(s.outliers for s in statistics.values())})
@@ -110,7 +113,7 @@ class ReportEstimator:
         )
 
 
-def make_gate(number: int, p_WL, p_WR) -> GateEstimate | None:
+def make_gate(number: int, p_WL: np.ndarray, p_WR: np.ndarray) -> GateEstimate | None:
     """Returns the gate between two front markers, None if it is impossible.
 
     Args:

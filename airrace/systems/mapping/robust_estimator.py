@@ -7,6 +7,8 @@ noticed here, see GateTrack.
 import dataclasses as dc
 import functools
 from collections import Counter
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -88,27 +90,27 @@ class GateTrack(Immutable):
         """Returns how many observations, by marker ID and reason, do not count now."""
         return Counter(self.refused) + Counter((o.id, reason) for o, reason in self.unconfirmed)
 
-    def _elapsed(self, observation) -> float:
+    def _elapsed(self, observation: Observation) -> float:
         """Returns the time since the marker's last observation that counts (s)."""
         return observation.time - self.times.get(observation.id, -np.inf)
 
     def _is_certain(self) -> bool:
         return self.estimate is not None and self.estimate.is_certain(_POSITION_SIGMA)
 
-    def _is_behind(self, observation) -> bool:
+    def _is_behind(self, observation: Observation) -> bool:
         """Whether the camera was behind the face of the board that it seems to have seen."""
         return self.estimate.heading_variance < _HEADING_SIGMA**2 and gate_filter.is_behind(
             self.estimate.state, observation, _REACH
         )
 
-    def _refusing(self, *pairs) -> "GateTrack":
+    def _refusing(self, *pairs: tuple) -> "GateTrack":
         """Returns the track that refuses observations for good; pairs: as unconfirmed."""
         if not pairs:
             return self
         refused = Counter(self.refused) + Counter((o.id, reason) for o, reason in pairs)
         return dc.replace(self, refused=dict(refused))
 
-    def _accepting(self, observation) -> "GateTrack":
+    def _accepting(self, observation: Observation) -> "GateTrack":
         """Returns the track with an observation that fits.
 
         It refutes the unconfirmed ones of the same marker. Its errors are correlated with
@@ -126,7 +128,9 @@ class GateTrack(Immutable):
             times=self.times | {id: observation.time},
         )._refusing(*refuted)
 
-    def _restarted(self, estimate, unconfirmed, agreed) -> "GateTrack":
+    def _restarted(
+        self, estimate: GateFilter, unconfirmed: tuple, agreed: Iterable[Observation]
+    ) -> "GateTrack":
         """Returns the track of the gate where observations in agreement put it.
 
         Args:
@@ -162,7 +166,7 @@ class RobustEstimator:
     any observation that is refused here.
     """
 
-    def __init__(self, *, min_observations):
+    def __init__(self, *, min_observations: int):
         """Args: min_observations: of both pylons before a gate is in the map."""
         self._min_observations = min_observations
 
@@ -171,7 +175,7 @@ class RobustEstimator:
         number = observation.id // 4
         return tracks | {number: tracks.get(number, GateTrack()).updated(observation)}
 
-    def make_map(self, tracks: dict, **counters) -> GateMap:
+    def make_map(self, tracks: dict, **counters: Any) -> GateMap:
         """Returns the map; counters: the attributes of GateMap that count."""
         refused = Counter(counters.pop("refused", {}))
         markers, gates = (), ()
@@ -185,7 +189,7 @@ class RobustEstimator:
 
 
 @functools.lru_cache(maxsize=256)  # an image changes the tracks of a gate or two
-def _map_of_gate(number, track: GateTrack, min_observations) -> GateMap:
+def _map_of_gate(number: int, track: GateTrack, min_observations: int) -> GateMap:
     """Returns the map of one gate, without counters.
 
     Boards of a known gate are in it even if they were never seen.

@@ -84,7 +84,13 @@ class ArucoDetector(LeafSystem):
     An image is searched once, however often the output is evaluated.
     """
 
-    def __init__(self, *, fps=30.0, max_gates=None, full_search_periods=PERIODS):
+    def __init__(
+        self,
+        *,
+        fps: float = 30.0,
+        max_gates: int | None = None,
+        full_search_periods: tuple[int, int] = PERIODS,
+    ):
         """Constructs the detector.
 
         Args:
@@ -140,7 +146,7 @@ class ArucoDetector(LeafSystem):
 def detect(
     search: MarkerSearch,
     view: CameraView,
-    time,
+    time: float,
     info: CameraInfo,
     last: DetectorState,
     config: DetectorConfig = DetectorConfig(),

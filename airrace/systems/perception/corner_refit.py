@@ -1,5 +1,7 @@
 """Sub-pixel corners of marker squares: fits a line to each edge and intersects the lines."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from airrace.common.jit import compiled
@@ -24,7 +26,9 @@ _LEAST_SIGMA = 0.03  # px, of a robust standard deviation
 _SYSTEMATIC = 0.02  # px, error of an edge that does not show in its scatter
 
 
-def refit(image, quads):
+def refit(
+    image: np.ndarray, quads: Sequence[np.ndarray] | np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Refits the corners of black squares on white boards.
 
     Along each edge's normals, the edge lies at the centroid of the brightness

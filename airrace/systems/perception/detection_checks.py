@@ -1,6 +1,7 @@
 """Reasons to refuse what looks like a marker."""
 
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,7 +31,7 @@ _JUMP_SIGMAS = 6.0
 _LONGEST_GAP = 0.2  # s, between images that can be compared
 
 
-def check_view(view, time, info: CameraInfo) -> str | None:
+def check_view(view: Any, time: float, info: CameraInfo) -> str | None:
     """Returns why an image cannot be searched, None if it can.
 
     Args:
@@ -45,7 +46,7 @@ def check_view(view, time, info: CameraInfo) -> str | None:
     return None if np.isfinite(time) else NO_TIME
 
 
-def check_quad(quad) -> str | None:
+def check_quad(quad: np.ndarray) -> str | None:
     """Returns why rough corners are no marker's, None if they may be.
 
     Args:
@@ -59,7 +60,7 @@ def check_quad(quad) -> str | None:
     return None if cv2.isContourConvex(quad.astype(np.float32)) else NON_CONVEX
 
 
-def check_corners(corners, quad) -> str | None:
+def check_corners(corners: np.ndarray, quad: np.ndarray) -> str | None:
     """Returns why refitted corners are wrong, None if they may be right.
 
     Args:
@@ -71,7 +72,7 @@ def check_corners(corners, quad) -> str | None:
     return None if np.abs(corners - quad).max() < limit else NO_EDGES
 
 
-def check_id(grey, corners, id) -> str | None:
+def check_id(grey: np.ndarray, corners: np.ndarray, id: int) -> str | None:
     """Returns why a marker's ID is wrong, None if it may be right.
 
     Args:
@@ -80,7 +81,7 @@ def check_id(grey, corners, id) -> str | None:
     return MISREAD if misread_modules(grey, corners, id) > _MOST_MISREAD else None
 
 
-def swapped_pair(id, left, right) -> bool:
+def swapped_pair(id: int, left: np.ndarray, right: np.ndarray) -> bool:
     """Whether a gate's two markers are on the wrong sides of each other.
 
     A camera in front of their faces cannot see that.
@@ -121,7 +122,7 @@ def _distance(detection: Detection) -> float:
     return math.hypot(*detection.X_CM.translation().tolist())
 
 
-def _signed_area(quad) -> float:
+def _signed_area(quad: np.ndarray) -> float:
     """Area (px^2) within corners, negative if they run anticlockwise as seen."""
     (ax, ay), (bx, by) = (quad[2] - quad[0]).tolist(), (quad[3] - quad[1]).tolist()
     return (ax * by - ay * bx) / 2

@@ -6,7 +6,7 @@ import numpy as np
 
 from airrace.common.jit import compiled
 from airrace.math.small_matrices import cholesky, product, solve_cholesky
-from airrace.systems.perception.edges import ACROSS, ALONG, EXTENT, profiles
+from airrace.systems.perception.edges import ACROSS, ALONG, EXTENT, Edges, profiles
 from airrace.track import BOARD_SIZE, MARKER_SIZE
 
 # In widths of the black square: from its edge out to the board's rim and in to
@@ -25,7 +25,7 @@ _MOST_OFFSET = 1.0  # px
 
 
 @compiled
-def model_lines(image, edges):
+def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
     """Returns where the edges of a marker's square lie, by a model of the picture.
 
     Seen through a camera, the white margin around the square and the frame

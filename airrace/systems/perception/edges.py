@@ -33,7 +33,7 @@ class Edges(typing.NamedTuple):
 
 
 @compiled
-def make_edges(corners):
+def make_edges(corners: np.ndarray) -> Edges:
     """Returns the Edges of a square from its corners, (4, 2) px."""
     sides = corners[_NEXT] - corners
     length = np.hypot(sides[:, 0], sides[:, 1])
@@ -46,7 +46,7 @@ def make_edges(corners):
 
 
 @compiled
-def profiles(image, edges, i, reach):
+def profiles(image: np.ndarray, edges: Edges, i: int, reach: float) -> np.ndarray:
     """Returns grey levels at ALONG and ACROSS an edge, (p, s).
 
     Args:
@@ -62,7 +62,7 @@ def profiles(image, edges, i, reach):
 
 
 @compiled
-def intersect(edges, lines):
+def intersect(edges: Edges, lines: np.ndarray) -> np.ndarray:
     """Returns the corners of a square whose edges are shifted and turned a little, (4, 2) px.
 
     Args:

@@ -5,13 +5,13 @@ import numpy as np
 from airrace.common.jit import compiled
 
 
-def as_pixels(image) -> np.ndarray:
+def as_pixels(image: np.ndarray) -> np.ndarray:
     """Returns a picture as compiled functions take it, (h, w), uint8; copied only if necessary."""
     return np.require(image, np.uint8, ["C", "W"])
 
 
 @compiled
-def grey_levels(image, x, y):
+def grey_levels(image: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Returns the grey levels at points by bilinear interpolation, (n,).
 
     Args:

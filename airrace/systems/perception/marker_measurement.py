@@ -1,6 +1,9 @@
 """From rough quads to detections: refitted corners, checks, poses."""
 
 from collections import Counter
+from collections.abc import Iterable, Sequence
+
+import numpy as np
 
 from airrace.systems.perception import detection_checks as checks
 from airrace.systems.perception.corner_refit import FARTHEST_SAMPLE, refit
@@ -9,7 +12,9 @@ from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import CameraInfo
 
 
-def measure(view: CameraView, ids, quads, info: CameraInfo, max_id):
+def measure(
+    view: CameraView, ids: Sequence[int], quads: np.ndarray, info: CameraInfo, max_id: float
+) -> tuple[tuple, tuple]:
     """Refits, checks and locates markers.
 
     Args:
@@ -49,7 +54,7 @@ def measure(view: CameraView, ids, quads, info: CameraInfo, max_id):
     return tuple(located[id] for id in sorted(located)), tuple(refused)
 
 
-def _drawn_around(quads, view: CameraView):
+def _drawn_around(quads: Sequence[np.ndarray], view: CameraView) -> np.ndarray:
     """Returns an image that is valid wherever refit() and check_id() sample these quads."""
     h, w = view.shape
     return view.drawn(
@@ -65,7 +70,7 @@ def _drawn_around(quads, view: CameraView):
     )
 
 
-def _pairs(ids) -> list:
+def _pairs(ids: Iterable[int]) -> list:
     """Returns the IDs of a gate's left and right markers on the same face."""
     return [(id, id + 2) for id in sorted(ids) if id % 4 < 2 and id + 2 in ids]
 
@@ -82,7 +87,7 @@ def _locate_all(usable: dict, info: CameraInfo) -> dict:
         corners, covariances = zip(*(usable[id] for id in pair))
         located.update(locate_gate(pair, corners, covariances, info))
     for id in usable.keys() - located.keys():
-        detection = locate(id, *usable[id], info)
+        detection = locate(id, *usable[id], info)  # type: ignore[call-arg]
         if detection is not None:
             located[id] = detection
     return located

@@ -31,7 +31,7 @@ def _sample_points() -> np.ndarray:
 _SAMPLES = _sample_points()
 
 
-def misread_modules(grey, corners, id) -> int:
+def misread_modules(grey: np.ndarray, corners: np.ndarray, id: int) -> int:
     """Returns how many modules of a marker are not as its ID says.
 
     OpenCV reads them at rough corners: those of small markers it may read one
@@ -46,7 +46,7 @@ def misread_modules(grey, corners, id) -> int:
     return _misread(as_pixels(grey), _homography(corners), _white_modules(id))
 
 
-def read_marker(grey, quad) -> tuple | None:
+def read_marker(grey: np.ndarray, quad: np.ndarray) -> tuple | None:
     """Reads a square that may be any marker of the dictionary, or the board around one.
 
     Args:
@@ -65,7 +65,7 @@ def read_marker(grey, quad) -> tuple | None:
     return None
 
 
-def _homography(corners) -> np.ndarray:
+def _homography(corners: np.ndarray) -> np.ndarray:
     """Returns the projective map of the unit square to corners (4, 2), as a matrix (3, 3)."""
     return cv2.getPerspectiveTransform(_UNIT_SQUARE, np.asarray(corners, np.float32))
 
@@ -73,7 +73,7 @@ def _homography(corners) -> np.ndarray:
 @functools.cache
 def _codes() -> dict:
     """Returns, by what _code() reads, the ID and which corner is the top left one."""
-    bits = np.unpackbits(DICTIONARY.bytesList, axis=2).astype(int)  # (n, quarter turns, 32)
+    bits = np.unpackbits(DICTIONARY.bytesList, axis=2).astype(int)  # type: ignore[arg-type]  # (n, turns, 32)
     codes = np.concatenate([bits[:, :, :24], bits[:, :, 31:]], axis=2) @ _BITS
     # The last one counts: marker 1023 looks the same upside down.
     return {
@@ -84,7 +84,7 @@ def _codes() -> dict:
 
 
 @functools.cache
-def _white_modules(id) -> np.ndarray:
+def _white_modules(id: int) -> np.ndarray:
     """Returns which modules of a marker are white, row by row, (49,); the frame is black."""
     return cv2.aruco.generateImageMarker(DICTIONARY, id, _MODULES).ravel() > 0
 

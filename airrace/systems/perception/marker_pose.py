@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -26,7 +27,9 @@ _R_FM = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
 _TILT = 0.4  # rad
 
 
-def locate(id: int, corners, covariance, info: CameraInfo) -> Detection | None:
+def locate(
+    id: int, corners: np.ndarray, covariance: np.ndarray, info: CameraInfo
+) -> Detection | None:
     """Solves the pose of one marker from its corners.
 
     Args:
@@ -44,7 +47,12 @@ def locate(id: int, corners, covariance, info: CameraInfo) -> Detection | None:
     return None if pose is None else _detection(id, corners, pose, pose.residual)
 
 
-def locate_gate(ids, corners, covariances, info: CameraInfo) -> dict:
+def locate_gate(
+    ids: Sequence[int],
+    corners: Sequence[np.ndarray],
+    covariances: Sequence[np.ndarray],
+    info: CameraInfo,
+) -> dict:
     """Solves the pose of one face of a gate from its two markers.
 
     Both boards lie in one plane, upright, a known distance apart: one rigid
@@ -74,13 +82,15 @@ def locate_gate(ids, corners, covariances, info: CameraInfo) -> dict:
     }
 
 
-def _is_extended(corners) -> bool:
+def _is_extended(corners: np.ndarray) -> bool:
     """Whether corners are finite and not all in one place."""
     x, y = corners.T.tolist()
     return math.isfinite(sum(x) + sum(y)) and (max(x) > min(x) or max(y) > min(y))
 
 
-def _solve(points, corners, covariances, info: CameraInfo) -> Pose | None:
+def _solve(
+    points: np.ndarray, corners: np.ndarray, covariances: np.ndarray, info: CameraInfo
+) -> Pose | None:
     """Returns the best pose of points in a plane, None if there is none.
 
     The seeds are the two solutions of Collins and Bartoli, "Infinitesimal
@@ -107,7 +117,7 @@ def _intrinsics(info: CameraInfo) -> np.ndarray:
     return np.array([*info.K[[0, 1, 0, 1], [0, 1, 2, 2]], *info.D])
 
 
-def _guesses(points, corners, info: CameraInfo) -> np.ndarray:
+def _guesses(points: np.ndarray, corners: np.ndarray, info: CameraInfo) -> np.ndarray:
     """Returns rough poses, for views of perfect symmetry where IPPE finds none, (4, 6)."""
     depth = np.ptp(points, axis=0).max() * info.K[0, 0] / np.ptp(corners, axis=0).max()
     t = depth * np.linalg.solve(info.K, [*corners.mean(axis=0), 1.0])
@@ -116,7 +126,9 @@ def _guesses(points, corners, info: CameraInfo) -> np.ndarray:
     )
 
 
-def _detection(id, corners, pose: Pose, residual, joint=False) -> Detection:
+def _detection(
+    id: int, corners: np.ndarray, pose: Pose, residual: np.ndarray, joint: bool = False
+) -> Detection:
     # A rotation matrix from a product of others is not orthonormal enough for Drake.
     R_CF = RotationMatrix.ProjectToRotationMatrix(pose.R)
     return Detection(

@@ -20,10 +20,10 @@ _USUAL = cv2.aruco.Dictionary(DICTIONARY.bytesList[:80], DICTIONARY.markerSize, 
 class MarkerSearch:
     """OpenCV's detector, set up for the boards."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._detector = make_detector()
 
-    def everywhere(self, image):
+    def everywhere(self, image: np.ndarray) -> tuple[list, np.ndarray]:
         """Searches a whole picture.
 
         Args:
@@ -40,7 +40,9 @@ class MarkerSearch:
                 ids, quads = [*ids, id], np.concatenate([quads, [quad]])
         return ids, quads
 
-    def around(self, view: CameraView, predictions):
+    def around(
+        self, view: CameraView, predictions: dict[int, np.ndarray]
+    ) -> tuple[list, np.ndarray]:
         """Searches a picture for markers near their predicted corners.
 
         Args:
@@ -86,7 +88,9 @@ class MarkerSearch:
         return [] if ids is None else np.ravel(ids).tolist(), quads, rest
 
 
-def _region(box, margin, relative_margin, shape) -> tuple[int, int, int, int]:
+def _region(
+    box: np.ndarray, margin: float, relative_margin: float, shape: tuple[int, ...]
+) -> tuple[int, int, int, int]:
     """Returns the part of a picture to search for a marker; see CameraView.region().
 
     Args:

@@ -57,7 +57,13 @@ class _Problem(typing.NamedTuple):
 
 
 @compiled
-def best_pose(points, corners, covariances, camera, seeds):
+def best_pose(
+    points: np.ndarray,
+    corners: np.ndarray,
+    covariances: np.ndarray,
+    camera: np.ndarray,
+    seeds: np.ndarray,
+) -> Pose:
     """Returns the best Pose from several to start from.
 
     Args:
@@ -87,7 +93,7 @@ def best_pose(points, corners, covariances, camera, seeds):
 
 
 @compiled
-def pose_at(pose, p):
+def pose_at(pose: Pose, p: np.ndarray) -> Pose:
     """Returns the Pose of a frame that is fixed to F, at p in F with its axes; (3,) m."""
     q = rotate(pose.R, p)
     J = np.eye(6)
@@ -179,7 +185,7 @@ def _project(p, camera):
 
 
 @compiled
-def rotation(vector):
+def rotation(vector: np.ndarray) -> np.ndarray:
     """Returns the rotation matrix of a rotation vector (rad), (3, 3) (Rodrigues)."""
     angle = math.sqrt(dot(vector, vector))
     s = math.sin(angle) / angle if angle > 1e-9 else 1.0

@@ -44,7 +44,7 @@ class Rectifier(LeafSystem):
     is rectified once, and only if its output is evaluated.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         LeafSystem.__init__(self)
         # Both depend on the calibration, which never changes.
         self._map = functools.lru_cache(maxsize=1)(_map)

@@ -1,6 +1,7 @@
 """The value that crosses the lap_plan port."""
 
 import dataclasses as dc
+from typing import SupportsIndex
 
 import numpy as np
 
@@ -108,7 +109,7 @@ class LapPlan(Immutable):
         """When the circuit, traced back from the entry's end, starts (s)."""
         return self.start_time + self.entry.duration - self.phase
 
-    def __reduce_ex__(self, protocol):
+    def __reduce_ex__(self, protocol: SupportsIndex) -> str | tuple:
         # So that a pickled NO_PLAN is the same object again.
         return "NO_PLAN" if self.lap == 0 else super().__reduce_ex__(protocol)
 

@@ -1,10 +1,12 @@
 """When laps are planned, from the map as it then stands, and when plans come into force."""
 
 import dataclasses as dc
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import EventStatus, LeafSystem
+from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from airrace.common.immutable import Immutable
 from airrace.scenario.lap_limits import parse_limits
@@ -16,6 +18,9 @@ from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from airrace.scenario import PlannerConfig
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
@@ -40,7 +45,7 @@ class _Memory(Immutable):
 
     plan: LapPlan = NO_PLAN
     pending: LapPlan | None = None
-    job: object = None
+    job: Any = None
     latency: float = 0.0
     tried_at: float = -np.inf
     tried_lap: int = 0
@@ -82,7 +87,15 @@ class LapPlanner(LeafSystem):
     count as moving by the scenario's ``first_lap_move``.
     """
 
-    def __init__(self, *, vehicle: Vehicle, trajectory: str, config, laps=np.inf, solve=plan_lap):
+    def __init__(
+        self,
+        *,
+        vehicle: Vehicle,
+        trajectory: str,
+        config: "PlannerConfig",
+        laps: float = np.inf,
+        solve: Callable[[LapProblem], LapPlan | None] = plan_lap,
+    ):
         """Constructs the planner.
 
         Args:
@@ -108,7 +121,7 @@ class LapPlanner(LeafSystem):
         self._laps = laps
         self._first_lap_move = config.first_lap_move
         self._solve = solve
-        self._submit = None
+        self._submit: Callable | None = None
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self._reference = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
@@ -129,14 +142,14 @@ class LapPlanner(LeafSystem):
             {self.abstract_state_ticket(self._memory)},
         )
 
-    def solve_elsewhere(self, submit) -> None:
+    def solve_elsewhere(self, submit: Callable) -> None:
         """From now on, submit makes a job of a LapProblem: see PlanningWorker."""
         self._submit = submit
 
-    def _recall(self, context) -> _Memory:
+    def _recall(self, context: Context) -> _Memory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
-    def _in_force_from(self, memory: _Memory, now) -> float:
+    def _in_force_from(self, memory: _Memory, now: float) -> float:
         """Returns when a plan that is searched for now comes into force (s)."""
         periods = np.ceil((now + memory.latency - self._offset) / self._period - 1e-6)
         return float(periods * self._period + self._offset)
@@ -150,14 +163,14 @@ class LapPlanner(LeafSystem):
         after = self._next(context, memory, now)
         return self._remember(state, memory, _switched(after, now))
 
-    def _remember(self, state, before: _Memory, after: _Memory) -> EventStatus:
+    def _remember(self, state: State, before: _Memory, after: _Memory) -> EventStatus:
         if after is before:
             # An update would make Drake compute all outputs of the race anew.
             return EventStatus.DidNothing()
         state.get_mutable_abstract_state(int(self._memory)).set_value(after)
         return EventStatus.Succeeded()
 
-    def _next(self, context, memory: _Memory, now: float) -> _Memory:
+    def _next(self, context: Context, memory: _Memory, now: float) -> _Memory:
         """Returns the memory after a tick, whose pending plan may be due."""
         if memory.pending is not None:
             return memory
@@ -190,7 +203,7 @@ class LapPlanner(LeafSystem):
             searched=problem or memory.searched,
         )
 
-    def _is_due(self, context, memory: _Memory, now) -> bool:
+    def _is_due(self, context: Context, memory: _Memory, now: float) -> bool:
         """Whether to search for a plan now.
 
         If there is a plan, that is once a lap, as soon as the new one would come into force
@@ -211,7 +224,9 @@ class LapPlanner(LeafSystem):
             and memory.tried_lap < plan.lap_at(start_time) < self._laps
         )
 
-    def _make_problem(self, context, memory: _Memory, start_time) -> LapProblem | None:
+    def _make_problem(
+        self, context: Context, memory: _Memory, start_time: float
+    ) -> LapProblem | None:
         """Returns the problem of a plan from a time on; None if a gate is not on the map."""
         old, gate_map = memory.plan, self._map.Eval(context)
         known = {gate.number: gate for gate in gate_map.gates}

@@ -87,7 +87,9 @@ class Laps(abc.ABC):
         """
 
     @abc.abstractmethod
-    def transition(self, circuit: Circuit, start, remaining) -> tuple[FlatTrajectory, float]:
+    def transition(
+        self, circuit: Circuit, start: np.ndarray, remaining: float | None
+    ) -> tuple[FlatTrajectory, float]:
         """Returns the quickest transition onto a lap, and when on the lap it joins (s).
 
         Args:

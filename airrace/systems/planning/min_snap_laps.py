@@ -47,7 +47,9 @@ class MinSnapLaps(Laps):
             previous=previous,
         )
 
-    def transition(self, circuit: Circuit, start, remaining) -> tuple[FlatTrajectory, float]:
+    def transition(
+        self, circuit: Circuit, start: np.ndarray, remaining: float | None
+    ) -> tuple[FlatTrajectory, float]:
         # Where there is no limit, that is what the lap has.
         limits = [
             limit if np.isfinite(limit) else 1.01 * peak
@@ -67,7 +69,7 @@ class MinSnapLaps(Laps):
                 fault = e
         raise fault
 
-    def _limited(self, max_speed, max_acceleration) -> FlightConstraints:
+    def _limited(self, max_speed: float, max_acceleration: float) -> FlightConstraints:
         limits = dc.replace(
             self.constraints.limits, max_speed=max_speed, max_acceleration=max_acceleration
         )

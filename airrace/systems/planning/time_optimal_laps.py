@@ -32,7 +32,7 @@ class TimeOptimalLaps(Laps):
     def _gate_regions(self) -> GateRegions:
         gates = self._problem.gates
         # Of a gate's two pylons the one that is known less says how near to come.
-        each = self.constraints.clearance[: 2 * len(gates)].reshape(-1, 2).max(axis=1)
+        each = self.constraints.clearance[: 2 * len(gates)].reshape(-1, 2).max(axis=1)  # type: ignore[index]
         return GateRegions.windows(
             [g.p_WG for g in gates],
             [g.heading for g in gates],
@@ -44,11 +44,13 @@ class TimeOptimalLaps(Laps):
         return plan_optimal_circuit(
             self._gates,
             dc.replace(self.constraints, limits=self.constraints.limits.scaled(_SHARE)),
-            previous=previous,
+            previous=previous,  # type: ignore[arg-type]
             bound=self.point_mass_lap,
         )
 
-    def transition(self, circuit: Circuit, start, remaining) -> tuple[FlatTrajectory, float]:
+    def transition(
+        self, circuit: Circuit, start: np.ndarray, remaining: float | None
+    ) -> tuple[FlatTrajectory, float]:
         if remaining is None:
             joins, constraints, old = _FROM_HOVER, self.constraints, None
             gate = circuit.derivatives(0.0)
@@ -76,11 +78,11 @@ class TimeOptimalLaps(Laps):
         # From odd places, or at the last moment.
         return MinSnapLaps(self._problem, 4).transition(circuit, start, remaining)
 
-    def _old(self, time) -> np.ndarray:
+    def _old(self, time: float) -> np.ndarray:
         """Returns where the old plan leads to after a time, as in LapPlan.derivatives()."""
         return self._problem.old.derivatives(self._problem.start_time + time)
 
-    def _old_distances(self, remaining) -> np.ndarray:
+    def _old_distances(self, remaining: float) -> np.ndarray:
         """Returns how near the old plan comes to each pylon before gate 1, (m,) m."""
         places = [self._old(t)[0, :3] for t in np.linspace(0.0, remaining, _SAMPLES)]
         return pylon_distances(np.transpose(places), self.constraints.pylons).min(axis=0)

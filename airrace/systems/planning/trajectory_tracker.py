@@ -25,7 +25,7 @@ class TrajectoryTracker(LeafSystem):
     its first two derivatives.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         LeafSystem.__init__(self)
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
         self._exploration = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)

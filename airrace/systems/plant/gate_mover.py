@@ -29,7 +29,7 @@ class GateMoverMemory(NamedTuple):
     moved: np.ndarray
 
 
-def _as_memory(vector) -> GateMoverMemory:
+def _as_memory(vector: np.ndarray) -> GateMoverMemory:
     return GateMoverMemory(vector[0], vector[1:4], vector[4:])
 
 
@@ -97,7 +97,7 @@ class GateMover(LeafSystem):
             discrete_state.set_value(self._shifts, shifts.ravel())
         discrete_state.set_value(self._memory, np.hstack(GateMoverMemory(passages, p, moved)))
 
-    def _next_shift(self, old, gate, passage) -> np.ndarray:
+    def _next_shift(self, old: np.ndarray, gate: int, passage: int) -> np.ndarray:
         """Returns where a gate moves to after a passage, (2,), from its place in the file."""
         generator = make_generator(self._seed, f"gate_{gate}", passage)
         while True:

@@ -2,16 +2,19 @@
 
 import contextlib
 import logging
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.dom import expatbuilder
 from xml.parsers.expat import ExpatError
 
 import numpy as np
-from pydrake.geometry import Role
+from pydrake.geometry import Role, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForceMultiplexer,
+    MultibodyPlant,
     Propeller,
     PropellerInfo,
 )
@@ -19,6 +22,9 @@ from pydrake.multibody.plant import (
 from airrace.common.errors import UserError
 from airrace.systems.plant.rotor_bank import RotorBank
 from airrace.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 
 @contextlib.contextmanager
@@ -40,7 +46,9 @@ def _warnings_if_accepted():
 
 
 @_warnings_if_accepted()
-def AddMultirotorModel(plant, vehicle: Vehicle, sdf: Path, truth: Vehicle | None = None) -> None:
+def AddMultirotorModel(
+    plant: MultibodyPlant, vehicle: Vehicle, sdf: Path, truth: Vehicle | None = None
+) -> None:
     """Adds the drone's link to a plant that is not yet finalized.
 
     Its visuals lose the perception role, because the camera sits among them.
@@ -102,17 +110,17 @@ def _scaled_model(sdf: Path, mass_factor: float, inertia_factor: float) -> str:
     factors |= dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), inertia_factor)
     for name, factor in factors.items():
         for element in document.getElementsByTagName(name):
-            element.firstChild.data = repr(factor * float(element.firstChild.data))
+            element.firstChild.data = repr(factor * float(element.firstChild.data))  # type: ignore[union-attr]
     # A text has no folder that the files it names could be relative to.
     for name in ("uri", "drake:diffuse_map"):
         for element in document.getElementsByTagName(name):
-            uri = element.firstChild.data.strip()
+            uri = element.firstChild.data.strip()  # type: ignore[union-attr]
             if "://" not in uri:
-                element.firstChild.data = f"file://{sdf.parent.resolve() / uri}"
+                element.firstChild.data = f"file://{sdf.parent.resolve() / uri}"  # type: ignore[union-attr]
     return document.toxml()
 
 
-def ground_clearance(plant, scene_graph) -> float:
+def ground_clearance(plant: MultibodyPlant, scene_graph: SceneGraph) -> float:
     """Returns how high the origin of the drone is when it stands (m).
 
     That is from the boxes around its collision geometries: a drone that is
@@ -142,14 +150,14 @@ def ground_clearance(plant, scene_graph) -> float:
 
 
 def AddMultirotor(
-    builder,
-    plant,
-    scene_graph,
+    builder: "DiagramBuilder",
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
     vehicle: Vehicle,
     *,
     rate: float | None = None,
-    failures=(),
-    forces=(),
+    failures: Iterable[tuple[int, float]] = (),
+    forces: "Sequence[OutputPort]" = (),
     visible: bool = True,
 ) -> RotorBank:
     """Connects rotors to the drone of a finalized plant.

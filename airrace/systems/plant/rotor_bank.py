@@ -1,7 +1,9 @@
 """Rotors between the commanded speeds and their thrusts."""
 
+from collections.abc import Iterable
+
 import numpy as np
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from airrace.common.jit import compiled
 from airrace.systems.ports import read_vector
@@ -31,7 +33,9 @@ class RotorBank(LeafSystem):
     it. Only they know which commands arrived: over a link, not all do.
     """
 
-    def __init__(self, *, vehicle: Vehicle, period: float, failures=()):
+    def __init__(
+        self, *, vehicle: Vehicle, period: float, failures: Iterable[tuple[int, float]] = ()
+    ):
         """Constructs the bank, its rotors at rest.
 
         Args:
@@ -57,7 +61,7 @@ class RotorBank(LeafSystem):
         self.DeclareStateOutputPort("rotor_status", self._status)
         self.DeclareStateOutputPort("thrusts", self._thrusts)
 
-    def set_speeds(self, context, speeds) -> None:
+    def set_speeds(self, context: Context, speeds: np.ndarray) -> None:
         """Makes the rotors turn with some speeds (rad/s), (n,)."""
         context.SetDiscreteState(self._speeds, speeds)
         context.SetDiscreteState(

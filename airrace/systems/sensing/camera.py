@@ -2,13 +2,14 @@
 
 import math
 import typing
+from typing import Any
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
 from pydrake.geometry import QueryObject
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.rendering.imaging.camera_effects import ImagingChain
@@ -25,7 +26,7 @@ class Renderer(typing.Protocol):
     #: Whether render() takes the QueryObject of a SceneGraph as third argument.
     needs_query_object: bool
 
-    def render(self, X_WC: RigidTransform, out: np.ndarray, *scene) -> None:
+    def render(self, X_WC: RigidTransform, out: np.ndarray, *scene: Any) -> None:
         """Draws the world seen from X_WC into ``out``, uint8.
 
         That is RGBA, (h, w, 4), or grey levels, (h, w). ``scene`` is the
@@ -158,7 +159,7 @@ class Camera(LeafSystem):
             prerequisites_of_calc={self.nothing_ticket()},
         )
 
-    def _sample_now(self, context) -> np.ndarray:
+    def _sample_now(self, context: Context) -> np.ndarray:
         inputs = [self._state] if self._shifts is None else [self._state, self._shifts]
         return np.hstack([context.get_time(), *(port.Eval(context) for port in inputs)])
 
@@ -173,7 +174,7 @@ class Camera(LeafSystem):
         newest = context.get_discrete_state(self._newest).value().copy()
         state.get_mutable_abstract_state(int(self._shown)).set_value(newest)
 
-    def _shown_sample(self, context) -> np.ndarray:
+    def _shown_sample(self, context: Context) -> np.ndarray:
         return context.get_abstract_state(int(self._shown)).get_value()
 
     def _calc_image(self, context, output):

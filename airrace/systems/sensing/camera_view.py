@@ -1,5 +1,7 @@
 """A picture whose parts are drawn when they are read."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from airrace.common.immutable import Immutable
@@ -20,7 +22,7 @@ class CameraView(Immutable):
         dtype: of its pixels, uint8 unless the picture it was made of is wrong.
     """
 
-    def __init__(self, shape, draw):
+    def __init__(self, shape: tuple[int, int], draw: Callable[[np.ndarray, np.ndarray], None]):
         """Constructs the view.
 
         Args:
@@ -36,7 +38,7 @@ class CameraView(Immutable):
         self._missing = np.full((-(-h // _TILE_H), -(-w // _TILE_W)), True)
 
     @classmethod
-    def of(cls, picture) -> "CameraView":
+    def of(cls, picture: np.ndarray) -> "CameraView":
         """Returns the view of an array, (h, w)."""
         view = cls.__new__(cls)
         view.shape, view.dtype, view._pixels = picture.shape, picture.dtype, picture
@@ -54,7 +56,7 @@ class CameraView(Immutable):
         """
         return self.drawn((x0, y0, x1, y1))[y0:y1, x0:x1]
 
-    def drawn(self, *regions) -> np.ndarray:
+    def drawn(self, *regions: tuple[int, int, int, int]) -> np.ndarray:
         """Returns an array of the whole picture, (h, w), of which some regions are valid.
 
         Several regions at once are drawn faster than one after the other.

@@ -17,7 +17,7 @@ _LEAST_JUMP, _MOST_ACCELERATION = 0.2, 50.0  # m and rad; m/s^2 and rad/s^2
 
 
 @compiled
-def remember(history, estimate):
+def remember(history: np.ndarray, estimate: np.ndarray) -> None:
     """Writes a state estimate into a history, if it is sound and newer than what is there.
 
     Args:
@@ -29,7 +29,7 @@ def remember(history, estimate):
 
 
 @compiled
-def last_two(history, newest, time) -> np.ndarray:
+def last_two(history: np.ndarray, newest: np.ndarray, time: float) -> np.ndarray:
     """Returns the two newest estimates that are not after a time; (2, 14).
 
     Args:
@@ -49,14 +49,14 @@ def last_two(history, newest, time) -> np.ndarray:
 
 
 @compilable
-def is_sound(estimate) -> bool:
+def is_sound(estimate: np.ndarray) -> bool:
     """Whether a state estimate is finite and its quaternion one."""
     norm = math.sqrt(np.sum(as_state(estimate).quaternion ** 2))
     return all_finite(estimate) and abs(norm - 1.0) < 0.1
 
 
 @compiled
-def jumps(before, after) -> bool:
+def jumps(before: np.ndarray, after: np.ndarray) -> bool:
     """Whether no flight leads from one state estimate to the next, (14,) each."""
     dt = as_state(after).time - as_state(before).time
     (q_1, p_1), (q_2, p_2) = moved(before, dt), moved(after, 0.0)
@@ -66,7 +66,7 @@ def jumps(before, after) -> bool:
 
 
 @compiled
-def moved(estimate, dt):
+def moved(estimate: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Returns the pose a short time (s) after a state estimate: unit quaternion and p_WB."""
     state = as_state(estimate)
     quaternion = integrate(state.quaternion, state.angular_velocity, dt)

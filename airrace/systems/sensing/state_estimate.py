@@ -32,7 +32,15 @@ class StateEstimate(LeafSystem):
     goes back from there to the time of the sample.
     """
 
-    def __init__(self, *, rate, position_sigma=0.0, velocity_sigma=0.0, seed=0, state_period=0.0):
+    def __init__(
+        self,
+        *,
+        rate: float,
+        position_sigma: float = 0.0,
+        velocity_sigma: float = 0.0,
+        seed: int = 0,
+        state_period: float = 0.0,
+    ):
         """Constructs the estimate.
 
         Args:

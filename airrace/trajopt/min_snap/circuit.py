@@ -2,8 +2,10 @@
 
 import contextlib
 import dataclasses as dc
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
@@ -37,7 +39,13 @@ class Circuit(FlatTrajectory):
         approach: gate index to distance (m) of a waypoint in front of it.
     """
 
-    def __init__(self, polynomial: PiecewisePolynomial, gate_times, headings, approach: dict):
+    def __init__(
+        self,
+        polynomial: PiecewisePolynomial,
+        gate_times: Sequence[float],
+        headings: np.ndarray,
+        approach: dict,
+    ):
         """Args: polynomial: with four rows. The others: see above."""
         super().__init__(polynomial)
         self.gate_times = tuple(gate_times)
@@ -51,9 +59,9 @@ class Circuit(FlatTrajectory):
 
 
 def plan_circuit(
-    midpoints,
-    headings,
-    dimensions,
+    midpoints: ArrayLike,
+    headings: ArrayLike,
+    dimensions: int,
     constraints: FlightConstraints,
     *,
     previous: Circuit | None = None,
@@ -111,7 +119,13 @@ def plan_circuit(
     raise TrajectoryOptimizationError("No lap is within the limits and clear of all pylons.")
 
 
-def _solve(gates, approach, dimensions, durations, limits: FlightLimits) -> Circuit:
+def _solve(
+    gates: np.ndarray,
+    approach: dict,
+    dimensions: int,
+    durations: np.ndarray | None,
+    limits: FlightLimits,
+) -> Circuit:
     """Returns the shortest lap with some waypoints in front of gates."""
     waypoints, indices = [], []
     legs = np.linalg.norm(gates[:, :3] - np.roll(gates[:, :3], 1, axis=0), axis=1)
@@ -148,7 +162,7 @@ def _solve(gates, approach, dimensions, durations, limits: FlightLimits) -> Circ
     return lap(1.0) if limits.vehicle is None else _slowed(lap, limits)
 
 
-def _slowed(lap, limits: FlightLimits) -> Circuit:
+def _slowed(lap: Callable[[float], Circuit], limits: FlightLimits) -> Circuit:
     """Returns lap(factor) with the least factor, 1 or more, that the rotors can fly."""
     limits = dc.replace(limits, thrust_share=_MARGIN * limits.thrust_share)
 

@@ -1,8 +1,10 @@
 """A smooth flight through a few waypoints that ends at rest."""
 
 import contextlib
+from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import FlatTrajectory
@@ -20,7 +22,9 @@ _PEAK = 84 / 5**1.5  # acceleration of a flight of unit length and time, rest to
 _NEAR = 1e-3  # m, rad and their derivatives: less is no difference
 
 
-def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory:
+def plan_leg(
+    start: np.ndarray, waypoints: ArrayLike, *, max_speed: float, max_acceleration: float
+) -> FlatTrajectory:
     """Returns the minimum-snap flight through waypoints to rest at the last.
 
     Waypoints that coincide with the one before, or with the start, are left
@@ -70,7 +74,7 @@ def plan_leg(start, waypoints, *, max_speed, max_acceleration) -> FlatTrajectory
     raise TrajectoryOptimizationError("No leg from this start leads through the waypoints.")
 
 
-def end_constraints(start, goal, orders) -> list:
+def end_constraints(start: np.ndarray, goal: np.ndarray, orders: Iterable[int]) -> list:
     """Returns constraints that fix derivatives of some orders at both ends of a flight.
 
     Args: start, goal: value and derivatives of x, y, z (m) and yaw (rad), (n, 4).
@@ -82,7 +86,9 @@ def end_constraints(start, goal, orders) -> list:
     ]
 
 
-def trapezoid_durations(points, start_speed, cruise_speed, acceleration) -> np.ndarray:
+def trapezoid_durations(
+    points: np.ndarray, start_speed: float, cruise_speed: float, acceleration: float
+) -> np.ndarray:
     """Returns the times between points on straight lines, to rest at the last.
 
     Args:

@@ -1,6 +1,7 @@
 """How near minimum-snap trajectories come to limits of speed and acceleration."""
 
 from math import perm
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,12 +9,15 @@ from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import segment_coefficients
 from airrace.trajopt.min_snap.min_snap import MinSnapProblem
 
+if TYPE_CHECKING:
+    from pydrake.trajectories import PiecewisePolynomial
+
 _SAMPLES = 50  # of a segment, which bracket the peaks
 _NEAR = 0.9  # of the greatest square: lesser peaks are not refined
 _ROUNDS = 3  # of Newton's method, the last for its value alone
 
 
-def slowdown_factor(problem: MinSnapProblem, durations, limits) -> float:
+def slowdown_factor(problem: MinSnapProblem, durations: np.ndarray, limits: np.ndarray) -> float:
     """Returns the greatest of speed / limit and sqrt(acceleration / limit) on a trajectory.
 
     That is how many times slower it must be flown along the same path. The arguments and what it
@@ -25,7 +29,7 @@ def slowdown_factor(problem: MinSnapProblem, durations, limits) -> float:
     return float(max(speed / limits[0], (acceleration / limits[1]) ** 0.5))
 
 
-def peak_speed_and_acceleration(trajectory) -> tuple[float, float]:
+def peak_speed_and_acceleration(trajectory: "PiecewisePolynomial") -> tuple[float, float]:
     """Returns the greatest speed (m/s) and acceleration (m/s^2) of a trajectory.
 
     Both are norms over x, y, z, without gravity, good to about nine digits.
@@ -42,7 +46,7 @@ def peak_speed_and_acceleration(trajectory) -> tuple[float, float]:
     return float(speed), float(acceleration)
 
 
-def _peaks(coefficients, durations) -> np.ndarray:
+def _peaks(coefficients: np.ndarray, durations: np.ndarray) -> np.ndarray:
     """Returns the greatest norms of velocity and acceleration of x, y, z, (2,).
 
     Samples bracket the peaks. Newton's method finds where |p|^2 is level near them:
@@ -81,7 +85,7 @@ def _peaks(coefficients, durations) -> np.ndarray:
 class LimitSamples:
     """|v|^2 / v_max^2 and |a|^2 / a_max^2 at samples, as functions of the durations."""
 
-    def __init__(self, problem: MinSnapProblem, limits, samples: int):
+    def __init__(self, problem: MinSnapProblem, limits: np.ndarray, samples: int):
         """Args: problem: see there. limits: of v and a. samples: a segment."""
         self._problem = problem
         fractions, powers = np.linspace(0, 1, samples), range(len(problem.basis))
@@ -96,7 +100,7 @@ class LimitSamples:
             ]
         )
 
-    def __call__(self, durations):
+    def __call__(self, durations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the samples, (count,), and their Jacobian, (count, segments).
 
         Args:

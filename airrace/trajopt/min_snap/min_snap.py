@@ -6,10 +6,12 @@ quadrotor flight in dense indoor environments" (ISRR 2013).
 """
 
 import functools
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
@@ -39,7 +41,9 @@ class DerivativeConstraint(NamedTuple):
     value: np.ndarray
 
 
-def solve_min_snap(waypoints, durations, **options) -> PiecewisePolynomial:
+def solve_min_snap(
+    waypoints: ArrayLike, durations: ArrayLike, **options: Any
+) -> PiecewisePolynomial:
     """Returns the smoothest piecewise polynomial through the waypoints.
 
     It minimises the integral of the squared norm of a derivative, snap by default, for given
@@ -81,13 +85,13 @@ class MinSnapProblem:
 
     def __init__(
         self,
-        waypoints,
+        waypoints: ArrayLike,
         *,
-        constraints=(),
-        periodic=False,
-        period_offset=None,
-        degree=9,
-        minimized_derivative=4,
+        constraints: Sequence[DerivativeConstraint] = (),
+        periodic: bool = False,
+        period_offset: np.ndarray | None = None,
+        degree: int = 9,
+        minimized_derivative: int = 4,
     ):
         """Checks and arranges a problem.
 
@@ -157,7 +161,7 @@ class MinSnapProblem:
         """
         return not self.by_waypoint()[:, 1:, :3].any()
 
-    def check_durations(self, durations) -> np.ndarray:
+    def check_durations(self, durations: ArrayLike) -> np.ndarray:
         """Returns them as an array; raises ValueError."""
         durations = np.array(durations, float)
         _require(
@@ -168,7 +172,7 @@ class MinSnapProblem:
         _require(valid, "Durations must be positive and finite.")
         return durations
 
-    def assemble(self, durations):
+    def assemble(self, durations: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns the cost for given durations.
 
         That is its Hessian in each segment's end derivatives, (segments, 2n, 2n), and in all
@@ -181,7 +185,7 @@ class MinSnapProblem:
         gradient[self.rows[-1]] = np.outer(segments[-1, :, len(self.order) // 2], self.offset)
         return segments, hessian, gradient
 
-    def require_unique(self, durations=None) -> None:
+    def require_unique(self, durations: np.ndarray | None = None) -> None:
         """Raises TrajectoryOptimizationError if there are many minima: a solver returns any.
 
         Args: durations: (segments,) s; by default all the same.
@@ -204,7 +208,7 @@ class MinSnapProblem:
         ]
 
     @_QUIET
-    def solve(self, durations) -> np.ndarray:
+    def solve(self, durations: np.ndarray) -> np.ndarray:
         """Returns the derivatives at the waypoints that minimise the cost, (N, d).
 
         Raises:
@@ -214,7 +218,7 @@ class MinSnapProblem:
         return self.values + self._solve_free(hessian, -(gradient + hessian @ self.values))
 
     @_QUIET
-    def jacobian(self, durations, x) -> np.ndarray:
+    def jacobian(self, durations: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Returns how the derivatives x of solve() change with the durations, (N, d, segments).
 
         H x + g = 0, hence dx = -H^-1 (dH x + dg).
@@ -226,7 +230,7 @@ class MinSnapProblem:
         change[self.rows, :, each] = -by_T @ self.ends(x)
         return self._solve_free(hessian, change)
 
-    def _solve_free(self, hessian, right) -> np.ndarray:
+    def _solve_free(self, hessian: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Returns y, like right, with H y = right in free rows and y = 0 in fixed ones.
 
         Variables are scaled to unit curvature: derivatives of unlike orders have unlike units.
@@ -244,18 +248,18 @@ class MinSnapProblem:
             raise TrajectoryOptimizationError(_NOT_UNIQUE)
         return y
 
-    def ends(self, derivatives) -> np.ndarray:
+    def ends(self, derivatives: np.ndarray) -> np.ndarray:
         """Returns the end derivatives of the segments, (segments, 2n, d)."""
         ends = derivatives[self.rows]
         ends[-1, len(self.order) // 2] += self.offset
         return ends
 
-    def coefficients(self, durations, derivatives) -> np.ndarray:
+    def coefficients(self, durations: np.ndarray, derivatives: np.ndarray) -> np.ndarray:
         """Returns those of powers of t / duration, from the origin, (segments, 2n, d)."""
         powers = durations[:, None, None] ** self.order[:, None]
         return self.basis @ (powers * self.ends(derivatives))
 
-    def trajectory(self, durations, derivatives) -> PiecewisePolynomial:
+    def trajectory(self, durations: np.ndarray, derivatives: np.ndarray) -> PiecewisePolynomial:
         """Returns the trajectory with these derivatives, (N, d)."""
         coefficients = self.coefficients(durations, derivatives)
         coefficients /= durations[:, None, None] ** np.arange(len(self.order))[:, None]
@@ -264,7 +268,7 @@ class MinSnapProblem:
         return piecewise_polynomial(coefficients.swapaxes(1, 2), breaks)
 
 
-def _apply(constraint: DerivativeConstraint, values, periodic) -> None:
+def _apply(constraint: DerivativeConstraint, values: np.ndarray, periodic: bool) -> None:
     """Puts a constraint into values of derivatives, (m, n, d), those that are free NaN."""
     m, n, d = values.shape
     i, k, value = constraint.waypoint, constraint.order, np.array(constraint.value, float)

@@ -1,9 +1,11 @@
 """Time allocation: how long every segment of a minimum-snap trajectory takes."""
 
 import contextlib
+from typing import Any
 
 import numpy as np
 import scipy.optimize
+from numpy.typing import ArrayLike
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver
 
@@ -15,7 +17,12 @@ _SAMPLES, _FINE_SAMPLES = 12, 64  # of a segment: to optimise, and to polish
 
 
 def durations_within_limits(
-    problem: MinSnapProblem, durations, limits, *, min_factor=0.7, max_factor=4.0
+    problem: MinSnapProblem,
+    durations: ArrayLike,
+    limits: ArrayLike,
+    *,
+    min_factor: float = 0.7,
+    max_factor: float = 4.0,
 ) -> np.ndarray:
     """Returns the shortest multiple of the durations that meets the limits.
 
@@ -58,7 +65,12 @@ def durations_within_limits(
 
 
 def allocate_times(
-    waypoints, *, max_speed, max_acceleration, initial_durations=None, **options
+    waypoints: ArrayLike,
+    *,
+    max_speed: float,
+    max_acceleration: float,
+    initial_durations: ArrayLike | None = None,
+    **options: Any,
 ) -> np.ndarray:
     """Returns the segment durations (s) that make the trajectory the fastest.
 
@@ -142,7 +154,7 @@ def _minimize_total(samples, rows, bound, start, shortest):
     return SnoptSolver().Solve(program, start).GetSolution(T)
 
 
-def _checked(limits, problem: MinSnapProblem) -> np.ndarray:
+def _checked(limits: ArrayLike, problem: MinSnapProblem) -> np.ndarray:
     limits = np.array(limits, float)
     if not np.all((limits > 0) & (limits < np.inf)):
         raise ValueError(f"max_speed and max_acceleration must be positive, not {limits}.")
@@ -155,5 +167,5 @@ def _checked(limits, problem: MinSnapProblem) -> np.ndarray:
     return limits
 
 
-def _in_words(limits) -> str:
+def _in_words(limits: np.ndarray) -> str:
     return f"the limits of {limits[0]:g} m/s and {limits[1]:g} m/s^2"

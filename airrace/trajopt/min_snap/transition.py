@@ -20,7 +20,7 @@ _MIN_DURATION = 0.1  # s, no polynomial changes laps in less
 
 
 def plan_transition_from_hover(
-    start, circuit: Circuit, dimensions, constraints: FlightConstraints
+    start: np.ndarray, circuit: Circuit, dimensions: int, constraints: FlightConstraints
 ) -> tuple[FlatTrajectory, float]:
     """Returns the quickest flight from hover through gate 1 and onto a circuit.
 
@@ -54,7 +54,14 @@ def plan_transition_from_hover(
     raise TrajectoryOptimizationError("No transition onto the lap is within the limits.")
 
 
-def _through_gates(start, circuit: Circuit, dimensions, limits: FlightLimits, gates, approach):
+def _through_gates(
+    start: np.ndarray,
+    circuit: Circuit,
+    dimensions: int,
+    limits: FlightLimits,
+    gates: int,
+    approach: float | None,
+) -> tuple[FlatTrajectory, np.ndarray]:
     """Returns a transition through some gates, and when it passes them, (gates,) s."""
     phase = circuit.gate_times[gates]
     goal = circuit.derivatives(phase)
@@ -91,7 +98,7 @@ def _through_gates(start, circuit: Circuit, dimensions, limits: FlightLimits, ga
 
 
 def plan_transition_between_laps(
-    start, circuit: Circuit, duration, constraints: FlightConstraints
+    start: np.ndarray, circuit: Circuit, duration: float, constraints: FlightConstraints
 ) -> FlatTrajectory:
     """Returns a flight from one lap's last leg onto another lap at its gate 1.
 

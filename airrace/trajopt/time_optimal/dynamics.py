@@ -5,7 +5,8 @@ velocities by T: so both are functions of the derivatives with respect to s, and
 gravity comes in.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,12 +14,17 @@ from airrace.trajopt.flatness import moments, thrust_vectors, unit_vector
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.reference import as_reference
 
+if TYPE_CHECKING:
+    from airrace.trajopt.time_optimal.lap_samples import LapSamples
+
 _STEP = 1e-30  # of complex-step derivatives
 # What the inverse dynamics depend on: (derivative, dimension), and then the unit of time.
 _INPUTS = [(k, d) for k in (2, 3, 4) for d in range(3)] + [(k, 3) for k in range(3)]
 
 
-def angle_dynamics(flat, units, axes, limits: FlightLimits):
+def angle_dynamics(
+    flat: np.ndarray, units: np.ndarray, axes: Sequence[np.ndarray], limits: FlightLimits
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Returns the inverse dynamics with the thrust-axis angle in the place of yaw.
 
     Args:
@@ -67,7 +73,7 @@ class Linear(NamedTuple):
     gradients: np.ndarray
     by_T: np.ndarray
 
-    def of(self, samples) -> "Linear":
+    def of(self, samples: slice) -> "Linear":
         """Returns those of some samples."""
         return Linear(*(each[:, samples] for each in self))
 
@@ -87,7 +93,7 @@ class LinearDynamics(NamedTuple):
     rate: Linear
 
     @classmethod
-    def linearize(cls, samples) -> "LinearDynamics":
+    def linearize(cls, samples: "LapSamples") -> "LinearDynamics":
         """Args: samples: LapSamples."""
         limits, copies = samples.limits, len(_INPUTS) + 1
         axes = [np.tile(axis, copies) for axis in samples.axes]
@@ -101,7 +107,12 @@ class LinearDynamics(NamedTuple):
         return cls(*complex_step_gradients(quantities, samples.flat, samples.units, _INPUTS))
 
 
-def complex_step_gradients(function, flat, units, inputs) -> list[Linear]:
+def complex_step_gradients(
+    function: Callable[[np.ndarray, np.ndarray], Sequence[np.ndarray]],
+    flat: np.ndarray,
+    units: np.ndarray,
+    inputs: Sequence[tuple[int, int]],
+) -> list[Linear]:
     """Returns every array that a function of samples makes, with its gradients.
 
     No digits cancel: Squire and Trapp, "Using complex variables to estimate derivatives of real

@@ -103,7 +103,9 @@ class LapSamples:
         return float(max(excesses)) - 1.0
 
 
-def slowed(lap, grid, limits, turn, tolerance=2e-5) -> LapSamples:
+def slowed(
+    lap: LapSpline, grid: Grid, limits: FlightLimits, turn: float, tolerance: float = 2e-5
+) -> LapSamples:
     """Returns the lap with the least multiple of its durations that keeps the limits.
 
     Args: see LapSamples.of(). tolerance: of the factor.

@@ -142,7 +142,7 @@ class LapSearch:
                 break
         return now, iteration
 
-    def _step(self, now: LapSamples, weight, band) -> LapStep:
+    def _step(self, now: LapSamples, weight: float, band: float) -> LapStep:
         step = LapStep(now, self.grid)
         if not now.lap.is_closed:
             step.excess = step.slack(_EXCESS_COST * now.lap.duration)

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -33,7 +34,14 @@ class LapSpline:
     turn: float
 
     @classmethod
-    def through(cls, positions, velocities, durations, pieces: int, smoothness: float):
+    def through(
+        cls,
+        positions: np.ndarray,
+        velocities: np.ndarray,
+        durations: np.ndarray,
+        pieces: int,
+        smoothness: float,
+    ) -> "LapSpline":
         """Returns the lap that has positions at gates and nearly velocities in between.
 
         It minimises the mean squared error of the velocity and a share of the
@@ -70,7 +78,9 @@ class LapSpline:
         x = np.pad(x, ((0, 0), (0, 1))).reshape(n, size, 4)
         return cls(x[:, :ORDERS], x[:, ORDERS:], np.array(durations), 0.0)
 
-    def fitted(self, wanted, fractions, weights) -> "LapSpline":
+    def fitted(
+        self, wanted: np.ndarray, fractions: np.ndarray, weights: Sequence[float]
+    ) -> "LapSpline":
         """Returns the lap whose control points between gates are the nearest to derivatives.
 
         Args:
@@ -114,7 +124,7 @@ class LapSpline:
         powers = self.durations[:, None, None] ** np.arange(ORDERS)[:, None]
         return np.concatenate([before * powers, self.interior, after * powers], axis=1)
 
-    def evaluate(self, matrices) -> np.ndarray:
+    def evaluate(self, matrices: np.ndarray) -> np.ndarray:
         """Returns derivatives with respect to normalised time, (orders, n, samples, 4).
 
         Args: matrices: of basis(), (orders, samples, 10 + m).
@@ -141,7 +151,7 @@ class LapSpline:
         interior[..., 3] += change * self.sample_times(averages[ORDERS:-ORDERS])
         return dc.replace(self, gates=gates, interior=interior, turn=turn)
 
-    def stepped(self, coefficients, durations, turn: float) -> "LapSpline":
+    def stepped(self, coefficients: np.ndarray, durations: np.ndarray, turn: float) -> "LapSpline":
         """Returns the lap with other coefficients.
 
         Both legs at a gate have their own idea of the derivatives there. Their mean
@@ -170,13 +180,13 @@ class LapSpline:
             gates=self.gates / factor ** np.arange(ORDERS)[:, None],
         )
 
-    def sample_times(self, fractions) -> np.ndarray:
+    def sample_times(self, fractions: np.ndarray) -> np.ndarray:
         """Returns the times of fractions of every leg, (n, samples) s."""
         starts = np.concatenate([[0.0], np.cumsum(self.durations)[:-1]])
         return starts[:, None] + self.durations[:, None] * np.asarray(fractions)
 
 
-def _knots(pieces) -> np.ndarray:
+def _knots(pieces: int) -> np.ndarray:
     return np.concatenate([np.zeros(DEGREE), np.arange(pieces + 1) / pieces, np.ones(DEGREE)])
 
 

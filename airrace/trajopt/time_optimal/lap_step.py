@@ -1,6 +1,7 @@
 """The convex program of one iteration: its variables, and constraints on samples of the lap."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.solvers import MathematicalProgram
 
 from airrace.trajopt.cone_solver import solve_cones
@@ -39,7 +40,7 @@ class LapStep:
         self.lap, self.samples, self.grid = samples.lap, samples, grid
         self.dynamics = LinearDynamics.linearize(samples)
         self.program = MathematicalProgram()
-        self.excess = None
+        self.excess: np.ndarray | None = None
         T, after = self.lap.durations, self.lap.after
         n, m = self.lap.interior.shape[:2]
         gates = len(self.lap.gates)
@@ -109,7 +110,7 @@ class LapStep:
         """Leaves path and durations as they are."""
         self._fix(self._gates[:, :, :3], self._interior[:, :, :3], self._stretch)
 
-    def slack(self, cost: float):
+    def slack(self, cost: float) -> np.ndarray:
         """Returns a new variable of zero or more that costs so many s by one, (1,)."""
         slack = self.program.NewContinuousVariables(1)
         self.program.AddBoundingBoxConstraint(0.0, np.inf, slack)
@@ -126,7 +127,7 @@ class LapStep:
                 zero = np.zeros(fixed.size)
                 self.program.AddBoundingBoxConstraint(zero, zero, fixed.ravel())
 
-    def derivatives(self, leg: int, order: int):
+    def derivatives(self, leg: int, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns how samples' derivatives in normalised time depend on the step of a leg.
 
         That is by coefficients, (samples, coefficients), the same for each dimension, and by
@@ -135,7 +136,14 @@ class LapStep:
         matrix = self.grid.matrices[order]
         return matrix * self._scale[leg], matrix @ self._by_stretch[leg]
 
-    def rows(self, leg, which, gradients, by_T, matrices=None) -> np.ndarray:
+    def rows(
+        self,
+        leg: int,
+        which: np.ndarray,
+        gradients: np.ndarray,
+        by_T: ArrayLike,
+        matrices: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Returns rows over the variables of a leg, (rows, variables).
 
         Args:
@@ -157,7 +165,15 @@ class LapStep:
             result += gradients[:, 0, 3:] * self._axis_turns[leg][which]
         return result
 
-    def at_most(self, leg, rows, bounds, slack_cost=None, extra=(), limit=None) -> None:
+    def at_most(
+        self,
+        leg: int,
+        rows: np.ndarray,
+        bounds: np.ndarray,
+        slack_cost: float | None = None,
+        extra: np.ndarray | tuple = (),
+        limit: float | np.ndarray | None = None,
+    ) -> None:
         """Constrains rows over a leg's variables to lie below bounds.
 
         Args:
@@ -178,7 +194,14 @@ class LapStep:
             rows = np.hstack([rows, np.full((len(rows), 1), -1.0)])
         self.program.AddLinearConstraint(rows, np.full(len(rows), -np.inf), bounds, variables)
 
-    def in_cones(self, leg, rows, values, extra=None, limit=None) -> None:
+    def in_cones(
+        self,
+        leg: int,
+        rows: np.ndarray,
+        values: np.ndarray,
+        extra: np.ndarray | None = None,
+        limit: float | None = None,
+    ) -> None:
         """Constrains vectors of rows to Lorentz cones.
 
         Args:
@@ -199,13 +222,13 @@ class LapStep:
             else:
                 self.program.AddLorentzConeConstraint(A, b, variables)
 
-    def least_squares(self, leg, rows, values) -> None:
+    def least_squares(self, leg: int, rows: np.ndarray, values: np.ndarray) -> None:
         """Adds |rows x + values|^2 to the cost, over a leg's variables."""
         self.program.AddQuadraticCost(
             2.0 * rows.T @ rows, 2.0 * rows.T @ values, self._variables[leg], is_convex=True
         )
 
-    def at_gate(self, i: int, order: int):
+    def at_gate(self, i: int, order: int) -> tuple[np.ndarray, float]:
         """Returns the variables of a derivative of the path at a gate, (3,), and their unit."""
         return self._gates[i, order, :3], self._units[i] ** -order
 

@@ -41,7 +41,13 @@ class OptimalCircuit(Circuit):
         summary: LapSummary.
     """
 
-    def __init__(self, polynomial, headings, spline: LapSpline, summary: LapSummary):
+    def __init__(
+        self,
+        polynomial: PiecewisePolynomial,
+        headings: np.ndarray,
+        spline: LapSpline,
+        summary: LapSummary,
+    ):
         """Args: polynomial: of flat_polynomial(). The others: see Circuit and above."""
         breaks = polynomial.get_segment_times()
         gate_times = breaks[:: (len(breaks) - 1) // len(headings)]
@@ -56,7 +62,11 @@ class OptimalCircuit(Circuit):
 
 
 def flat_polynomial(
-    lap: LapSpline, limits: FlightLimits, turn: float, refinement: int, end=None
+    lap: LapSpline,
+    limits: FlightLimits,
+    turn: float,
+    refinement: int,
+    end: np.ndarray | None = None,
 ) -> PiecewisePolynomial:
     """Returns a lap as a trajectory of x, y, z (m) and yaw (rad), from time 0.
 

@@ -2,11 +2,12 @@
 
 import contextlib
 import dataclasses as dc
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.feasibility import check_flight, passes_forward, sample_times
+from airrace.trajopt.feasibility import FlightCheck, check_flight, passes_forward, sample_times
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints
 from airrace.trajopt.gate_regions import GateRegions
@@ -18,6 +19,9 @@ from airrace.trajopt.time_optimal.optimal_circuit import LapSummary, OptimalCirc
 from airrace.trajopt.time_optimal.path_terms import angle_cost
 from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_bound
 from airrace.trajopt.time_optimal.visibility import keep_in_view
+
+if TYPE_CHECKING:
+    from pydrake.trajectories import PiecewisePolynomial
 
 _FINE = 120  # samples of each leg in the last check
 _PRECISION = dict(intervals=16, tolerance=1e-4)  # of the point mass's lap to start from
@@ -67,7 +71,7 @@ def plan_optimal_circuit(
         with contextlib.suppress(TrajectoryOptimizationError):
             now = _moved_lap(previous.spline, search)
     if bound is None or now is None:
-        bound = point_mass_bound(gates, constraints, **({} if now else _PRECISION))
+        bound = point_mass_bound(gates, constraints, **({} if now else _PRECISION))  # type: ignore[arg-type]
     warm = now is not None and now.lap.duration < _MOST_HELPFUL * bound.duration
     effort = effort or (IN_FLIGHT if warm else Effort())
     if not warm:
@@ -128,7 +132,9 @@ def _refined_lap(lap: LapSpline, pieces: int) -> LapSpline:
     return new.fitted(wanted, fractions, _FIT_WEIGHTS)
 
 
-def _finish(lap: LapSpline, search: LapSearch):
+def _finish(
+    lap: LapSpline, search: LapSearch
+) -> "tuple[LapSpline, PiecewisePolynomial, FlightCheck]":
     """Returns the lap slowed until it keeps its limits at 1 kHz, as polynomial, and its check."""
     gates, constraints = search.gates, search.constraints
     lap = lap.dilated(1.0 + _LEAST_SLOWING)

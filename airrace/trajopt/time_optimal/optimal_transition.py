@@ -1,6 +1,7 @@
 """Time-optimal transitions onto a time-optimal lap: from hover, and from the lap before."""
 
 import dataclasses as dc
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -32,13 +33,13 @@ _AIMS, _COLD_AIMS = (0.998, 0.994, 0.988), (0.995, 0.988)
 
 
 def plan_optimal_transition(
-    start,
-    durations,
+    start: np.ndarray,
+    durations: Sequence[float],
     gates: GateRegions,
     circuit: Circuit,
     constraints: FlightConstraints,
     *,
-    old=None,
+    old: Callable[[float], np.ndarray] | None = None,
 ) -> tuple[FlatTrajectory, float]:
     """Returns the quickest flight from a state through gates 1, ..., k - 1 onto a lap at gate k.
 
@@ -77,7 +78,7 @@ def plan_optimal_transition(
     else:
         on_lap = [lambda t, begin=begin: circuit.derivatives(begin + t) for begin in times]
         paths = [(durations, [old, *on_lap])]
-    now = min((search.settled(_guess(*path, ends)) for path in paths), key=search.merit)
+    now = min((search.settled(_guess(*path, ends)) for path in paths), key=search.merit)  # type: ignore[call-arg]
     warm = old is not None
     for aim in _AIMS if warm else _COLD_AIMS:
         search.constraints = dc.replace(constraints, limits=limits.scaled(aim))
@@ -97,7 +98,7 @@ def plan_optimal_transition(
     return transition, phase
 
 
-def _thrust_axis_angle(state) -> np.ndarray:
+def _thrust_axis_angle(state: np.ndarray) -> np.ndarray:
     """Returns the angle about the thrust from the least rotation's axes, and derivatives, (5,)."""
     flat = flat_outputs(state)
     *_, yaw, rate, acceleration = as_reference(flat)
@@ -108,7 +109,7 @@ def _thrust_axis_angle(state) -> np.ndarray:
     return np.array([np.arctan2(axes[0] @ e2, axes[0] @ e1), w[2], alpha[2], 0.0, 0.0])
 
 
-def _gates_of(gates: GateRegions, start, k: int) -> GateRegions:
+def _gates_of(gates: GateRegions, start: np.ndarray, k: int) -> GateRegions:
     """Returns the start, as a gate, and the first k gates."""
     sizes = gates.half_sizes
     return dc.replace(
@@ -132,7 +133,9 @@ def _smoothest(points, ends, durations):
     return durations, [leg(begin) for begin in path.get_segment_times()[:-1]]
 
 
-def _guess(durations, legs, ends) -> LapSpline:
+def _guess(
+    durations: np.ndarray, legs: Sequence[Callable[[float], np.ndarray]], ends: Sequence[np.ndarray]
+) -> LapSpline:
     """Returns a path as a spline.
 
     Args:
@@ -157,7 +160,9 @@ def _guess(durations, legs, ends) -> LapSpline:
     return lap.fitted(wanted, fractions, (1.0, 1.0))
 
 
-def _finished(now: LapSamples, search: LapSearch, limits: FlightLimits, goal):
+def _finished(
+    now: LapSamples, search: LapSearch, limits: FlightLimits, goal: np.ndarray
+) -> tuple[FlatTrajectory, float]:
     """Returns the transition as a trajectory, and by which share it exceeds limits at 1 kHz."""
     transition = FlatTrajectory(
         flat_polynomial(now.lap, search.constraints.limits, search.turn, _REFINEMENT, goal)

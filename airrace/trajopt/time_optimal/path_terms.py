@@ -1,5 +1,7 @@
 """Costs and constraints of a step that concern the path: nearness, smoothness, clearance, gates."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from airrace.trajopt.feasibility import MAX_CROSSING_ANGLE, MIN_HEIGHT
@@ -87,7 +89,7 @@ def shortfall(lap: LapSpline, constraints: FlightConstraints) -> float:
     return float(lack)
 
 
-def _places(lap: LapSpline):
+def _places(lap: LapSpline) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yields leg by leg the matrices (1, k, coefficients) and places (k, 3) of samples."""
     for leg, z in enumerate(lap.coefficients()):
         length = np.linalg.norm(np.diff(z[[0, -5], :3], axis=0))

@@ -7,7 +7,7 @@ from pydrake.solvers import MathematicalProgram
 
 from airrace.trajopt.cone_solver import solve_cones
 from airrace.trajopt.errors import TrajectoryOptimizationError
-from airrace.trajopt.flight_limits import FlightConstraints
+from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
 from airrace.vehicle import GRAVITY
 
@@ -132,7 +132,7 @@ class _Pylons:
         away = places[:, :, None] - self._axes
         return away, np.maximum(np.linalg.norm(away, axis=3), 1e-6)
 
-    def lack(self, w, P) -> float:
+    def lack(self, w: np.ndarray, P: np.ndarray) -> float:
         """Returns by how much each leg comes too near, in all (m)."""
         _, distance = self._away(w, P)
         return float(np.max(self._clearance - distance, axis=(1, 2), initial=0.0).sum())
@@ -156,7 +156,7 @@ class _Pylons:
 class _Problem:
     """The convex problem about an iterate; its cones are always the same."""
 
-    def __init__(self, gates, intervals, limits):
+    def __init__(self, gates: GateRegions, intervals: int, limits: FlightLimits):
         n, N = len(gates.midpoints), intervals
         self._program = program = MathematicalProgram()
         self._w = program.NewContinuousVariables(3 * n * (N + 1)).reshape(n, N + 1, 3)

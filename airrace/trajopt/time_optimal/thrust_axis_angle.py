@@ -7,6 +7,8 @@ acceleration about z, whatever the tilt does. In terms of a heading, that would 
 small difference of large terms.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from airrace.trajopt.flat_trajectory import pack
@@ -16,13 +18,15 @@ from airrace.trajopt.time_optimal.dynamics import complex_step_gradients
 _NODES, _WEIGHTS = (0.5 * (x + o) for x, o in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0)))
 
 
-def quadrature(fractions) -> np.ndarray:
+def quadrature(fractions: np.ndarray) -> np.ndarray:
     """Returns nodes between fractions of a leg, the first 0, and on to 1, (4 samples,)."""
     ends = np.append(fractions, 1.0)
     return (ends[:-1, None] + np.diff(ends)[:, None] * _NODES).ravel()
 
 
-def transported_axes(derivatives, between, durations, fractions):
+def transported_axes(
+    derivatives: np.ndarray, between: np.ndarray, durations: np.ndarray, fractions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Returns the axes of a body that flies a lap without turning about its thrust.
 
     The least rotation that takes the vertical to the thrust's axis b turns about
@@ -51,7 +55,9 @@ def transported_axes(derivatives, between, durations, fractions):
     return c * e1 - s * e2, s * e1 + c * e2, turn
 
 
-def turn_gradients(between, durations, fractions):
+def turn_gradients(
+    between: np.ndarray, durations: np.ndarray, fractions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns how the turn of the transported axes depends on the lap.
 
     Args: see transported_axes().
@@ -76,7 +82,7 @@ def turn_gradients(between, durations, fractions):
     return gradients.reshape(n, count, 5, 4), by_T.reshape(n, count), sums
 
 
-def least_rotation_axes(b):
+def least_rotation_axes(b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the x and y axes that the least rotation from the vertical to b gives, (3, N) each.
 
     Args: b: unit vectors, (3, N).
@@ -98,7 +104,7 @@ def _thrust_axes(flat, units):
     return unit_vector(*thrust_vectors(flat, units))[:2]
 
 
-def yaw_of_attitude(axes, w, alpha):
+def yaw_of_attitude(axes: Sequence[np.ndarray], w: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """Returns the yaw of an attitude, as attitude_from_force() defines it.
 
     The heading is horizontal and at right angles to the body's y axis.

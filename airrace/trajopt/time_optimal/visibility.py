@@ -10,7 +10,9 @@ LEAST_RANGE = 8.0  # m, to a gate: nearer, its pylons leave the picture
 _STEP = 1e-30  # of complex-step derivatives
 
 
-def angle_bounds(samples: LapSamples, gates: GateRegions, half_view: float):
+def angle_bounds(
+    samples: LapSamples, gates: GateRegions, half_view: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns between which thrust-axis angles the next gate's midpoint is within the view.
 
     That is by bearing: pitch and roll tilt the camera as the flight demands.
@@ -105,7 +107,7 @@ def _bound_gradients(to_gate, force, turn, axes):
     return np.array(result[:2]), np.array(result[2:])
 
 
-def out_of_view(samples: LapSamples, gates, half_view) -> float:
+def out_of_view(samples: LapSamples, gates: GateRegions, half_view: float) -> float:
     """Returns by how much the worst sample leaves the bounds on the angle (rad)."""
     low, high, seen = angle_bounds(samples, gates, half_view)
     angles = samples.derivatives[0, ..., 3]

@@ -67,6 +67,7 @@ def test_runs_on_and_is_stopped_through_another_connection(hosts, companion, tmp
     assert not list((hosts.home / ".cache/airrace/runs").iterdir())
 
 
+@pytest.mark.slow
 def test_pulled_for_a_moment(hosts, companion):
     autonomy, log = start(companion, "talk")
     hosts.cable(plugged=False)
@@ -79,6 +80,7 @@ def test_pulled_for_a_moment(hosts, companion):
     assert autonomy.poll() == 1
 
 
+@pytest.mark.slow
 def test_pulled_for_good(hosts, companion, checkout, impatient, tmp_path):
     start(companion, "farewell")  # sets up, before the clock of anything ticks
     companion.close()

@@ -97,6 +97,7 @@ def _home():
     return os.environ["HOME"]  # the workstation's, which has the key
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "time_limit", [5.0, pytest.param(600.0, marks=long_test)], ids=["start", "whole"]
 )
@@ -128,6 +129,7 @@ def test_race_in_lockstep(board, hexagon, tmp_path, time_limit):  # noqa: F811
     assert len(logs) == 1 and "airrace: autonomy ready" in logs[0].read_text()
 
 
+@pytest.mark.slow
 def test_interrupted_race_leaves_nothing_running(board, tmp_path):
     with subprocess.Popen(
         [

@@ -26,6 +26,7 @@ def runs(hosts):
     return list((hosts.home / ".cache/airrace/runs").iterdir())
 
 
+@pytest.mark.slow
 def test_runs_and_brings_its_files_back(companion, hosts, tmp_path):
     files = {
         "scenario.yaml": b"laps: 1\n",
@@ -92,6 +93,7 @@ def test_set_up_is_done_once(companion, hosts, checkout, capfd):
     assert len(list(cache.glob("packages/*/airrace/new.py"))) == 1
 
 
+@pytest.mark.slow
 def test_interrupted_set_up_is_done_again(companion, hosts, checkout):
     start(companion, "farewell")
     for stamp in (hosts.home / ".cache/airrace").glob("*/*/complete"):

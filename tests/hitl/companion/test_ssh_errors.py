@@ -46,6 +46,7 @@ def test_unknown_host(hosts, refusal):
     assert "no host named no-such-host.invalid" in sentence and "/etc/hosts" in sentence
 
 
+@pytest.mark.slow
 def test_host_that_is_not_there(hosts, refusal):
     sentence = refusal(Address("root", "10.0.0.77"))
     assert "10.0.0.77 cannot be reached" in sentence and "ping 10.0.0.77" in sentence
@@ -163,6 +164,7 @@ def small_disk(hosts):
     hosts.restart_server()
 
 
+@pytest.mark.slow
 def test_full_disk(small_disk, refusal, checkout, monkeypatch):
     # Seen before anything is done,
     sentence = refusal()
@@ -193,6 +195,7 @@ def test_folder_that_may_not_be_written(hosts, refusal):
     assert "on 10.0.0.2 cannot be used" in sentence
 
 
+@pytest.mark.slow
 def test_wheels_that_are_not_the_locked_ones(hosts, refusal, tmp_path):
     checkout, wheels = make_checkout(tmp_path)
     lock = checkout / "requirements.lock"
@@ -205,6 +208,7 @@ def test_wheels_that_are_not_the_locked_ones(hosts, refusal, tmp_path):
     assert "No matching distribution found for numpy==1.0" in sentence and "--wheels" in sentence
 
 
+@pytest.mark.slow
 def test_drake_that_cannot_be_imported(hosts, refusal, tmp_path):
     checkout, wheels = make_checkout(tmp_path, drake="raise ImportError('libglib-2.0.so.0: no')")
     sentence = refusal(checkout=checkout, wheels=wheels)

@@ -108,6 +108,7 @@ def set_at(message, path, value):
         setattr(message, path[-1], value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(packed()))
 def test_twenty_thousand_malformed_datagrams(name):
     """Torn, changed, and garbage: dropped, never raised; checksums that fit included."""

@@ -38,6 +38,7 @@ def test_no_effects_draw_the_renderers_picture():
     assert np.array_equal(take(CameraEffects()), ideal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["shutter", "gain", "vignetting", "read_noise", "shot_noise", "distortion"]
 )
@@ -47,6 +48,7 @@ def test_each_effect_shows_alone(name):
     assert difference.max() > 3
 
 
+@pytest.mark.slow
 def test_pictures_are_functions_of_sample_frame_and_seed():
     picture = take(EVERYTHING, 3, 1)
     assert np.array_equal(picture, take(EVERYTHING, 3, 1))
@@ -54,6 +56,7 @@ def test_pictures_are_functions_of_sample_frame_and_seed():
     assert not np.array_equal(picture, take(EVERYTHING, 3, 2))
 
 
+@pytest.mark.slow
 def test_a_chain_remembers_nothing():
     info = dc.replace(CAMERA_INFO, D=read_only(EVERYTHING.distortion))
     chain = ImagingChain(effects=EVERYTHING, camera_info=info, seed=0)

@@ -27,6 +27,7 @@ def make_info(D, fov_y_deg=55.95):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("D", [BARREL, PINCUSHION])
 def test_points_are_where_opencv_projects_them(D):
     info = make_info(D)
@@ -50,6 +51,7 @@ def test_points_are_where_opencv_projects_them(D):
         assert np.abs(centre).max() < 0.03
 
 
+@pytest.mark.slow
 def test_nothing_is_left_out():
     for D in (BARREL, PINCUSHION):
         lens = Lens(make_info(D))
@@ -59,6 +61,7 @@ def test_nothing_is_left_out():
         assert np.all(picture == 255)
 
 
+@pytest.mark.slow
 def test_the_pinhole_picture_holds_all_that_the_lens_sees():
     pinhole = Lens(make_info(BARREL)).pinhole
     assert pinhole.width > 1280 and pinhole.height > 720
@@ -68,6 +71,7 @@ def test_the_pinhole_picture_holds_all_that_the_lens_sees():
     assert Lens(make_info(PINCUSHION)).pinhole.width < 1280
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "D, fov_y_deg",
     [

@@ -51,6 +51,7 @@ def supersampled(H, box):
     return BLACK + (WHITE - BLACK) * share
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance, rms", [(4, 2.0), (10, 1.5), (25, 1.5), (50, 2.0), (150, 8.0)])
 @pytest.mark.parametrize("roll", [0.0, 0.4, 2.5])
 @pytest.mark.parametrize("azimuth", [0.0, -0.9])
@@ -65,6 +66,7 @@ def test_pixels_are_means_over_their_areas(distance, rms, roll, azimuth):
     assert abs(error.mean()) < 0.5
 
 
+@pytest.mark.slow
 def test_a_row_does_not_depend_on_where_it_starts():
     H = homography(look_at(BOARD.X_WM @ [1.0, 0.4, 9.0], BOARD.X_WM.translation(), 0.2))
     face, scratch = make_face(H, 560.0, 640.0), np.empty((5, 300), np.float32)

@@ -56,6 +56,7 @@ def views(nearest, farthest, most_oblique):
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(views(3.0, 28.0, 60))
 def test_edges_of_markers_are_unbiased(view):
@@ -74,6 +75,7 @@ def test_edges_of_markers_are_unbiased(view):
     assert abs(np.sum(error * outward, axis=1).mean()) < 0.08
 
 
+@pytest.mark.slow
 def test_edges_of_markers_are_precise_on_the_whole():
     rng = np.random.default_rng(3)
     errors = []
@@ -91,6 +93,7 @@ def test_edges_of_markers_are_precise_on_the_whole():
     assert np.sqrt(np.mean(errors**2)) < 0.03
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(views(5.0, 20.0, 45))
 def test_opencv_detects_markers_where_they_are(view):

@@ -35,6 +35,7 @@ def is_dark(picture, pixel):
     return picture[v, u, :3].mean() < 40
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("roll", np.deg2rad([-150.0, -60.0, -20.0, 0.0, 45.0, 90.0, 180.0]))
 @pytest.mark.parametrize("pitch", np.deg2rad([-15.0, 0.0, 12.0]))
 def test_horizon(roll, pitch):

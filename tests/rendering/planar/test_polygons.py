@@ -76,6 +76,7 @@ def drawn(corners, end, boxes=ALL, channels=1):
     return picture
 
 
+@pytest.mark.slow
 @given(st.floats(12.0, 28.0), st.floats(12.0, 28.0), st.floats(0.2, 16.0), angles)
 def test_what_is_covered_is_the_area_wherever_it_lies(x, y, side, angle):
     """Of squares smaller than a pixel, too."""

@@ -158,6 +158,7 @@ def test_meshes_are_closed_in_themselves(mesh):
     assert mesh.supporting_files[image].contents()[:4] == b"\x89PNG"
 
 
+@pytest.mark.slow
 def test_meshcat_scene_is_light():
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)

@@ -29,6 +29,7 @@ def looked_at(depth, color=COLOR):
     return picture[..., :3].astype(float)
 
 
+@pytest.mark.slow
 def test_haze():
     for depth in (0.0, 10.0, 100.0, 500.0):
         picture = looked_at(depth)

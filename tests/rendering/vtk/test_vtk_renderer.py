@@ -86,6 +86,7 @@ def views(count):
 
 
 # One sample a pixel aliases a little more than the planar renderer does.
+@pytest.mark.slow
 @pytest.mark.parametrize("supersampling, rms, count", [(1, 0.25, 30), (2, 0.15, 15)])
 def test_renderers_agree_on_corners(vtk_available, supersampling, rms, count):
     vtk = make_vtk(supersampling)
@@ -101,6 +102,7 @@ def test_renderers_agree_on_corners(vtk_available, supersampling, rms, count):
     assert np.abs(centres.mean(axis=0)).max() < 0.05
 
 
+@pytest.mark.slow
 def test_renderers_show_the_same_scene(vtk):
     for p_WC, target, roll in (
         ([0.0, 0.0, 5.0], [20.0, 0.0, 5.0], 0.0),
@@ -116,6 +118,7 @@ def test_renderers_show_the_same_scene(vtk):
             assert (a & b).sum() > 0.7 * (a | b).sum()
 
 
+@pytest.mark.slow
 def test_boards_have_contrast_on_all_sides(vtk):
     for board in TRACK.boards():
         X_WC = look_at(board.X_WM @ [3.0, 0.5, 6.0], board.X_WM.translation())
@@ -130,6 +133,7 @@ def test_boards_have_contrast_on_all_sides(vtk):
         assert picture[v, u] < 40
 
 
+@pytest.mark.slow
 def test_boards_can_be_read_from_any_side(vtk):
     """In the sun, in the shade, and however the camera is turned."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)

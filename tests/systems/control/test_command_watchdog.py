@@ -178,6 +178,7 @@ def fly(silent, until):
     return data.sample_times(), data.data().T, watchdog, report
 
 
+@pytest.mark.slow
 def test_a_drone_left_alone_in_a_tumble_levels_hovers_and_lands_gently():
     times, states, _, report = fly(silent=-0.5, until=9.0)
     down = report.end_time

@@ -54,6 +54,7 @@ def test_without_a_delay_nothing_is_touched():
     np.testing.assert_array_equal(speeds, HOVER)
 
 
+@pytest.mark.slow
 def test_a_hovering_drone_goes_on_as_it_does():
     state, speeds = fixed(estimate(), HOVER, HOVER, 0.04)
     assert as_state(state).time == pytest.approx(0.29)

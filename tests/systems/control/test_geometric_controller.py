@@ -298,6 +298,7 @@ def test_a_wrench_that_is_not_finite_keeps_the_last_command(bad):
     np.testing.assert_array_equal(bench.update(), last)
 
 
+@pytest.mark.slow
 @both_drones
 @pytest.mark.parametrize("bad", BAD)
 def test_a_rotor_that_reports_no_speed_is_not_driven(drone, bad):
@@ -361,6 +362,7 @@ def losses(draw):
     return drone, draw(st.sets(st.integers(0, len(VEHICLES[drone].rotors) - 1), min_size=1))
 
 
+@pytest.mark.slow
 @given(losses(), vectors, headings, vectors, st.floats(0.0, 1.0))
 def test_a_lost_rotor_is_not_driven(case, p, tilt, w, share):
     drone, lost = case
@@ -466,6 +468,7 @@ def fly(vehicle, R, seconds):
     return p, R, w
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(hexacopters(), headings)
 def test_the_gains_suit_any_drone(vehicle, heading):

@@ -69,6 +69,7 @@ def steady(share, seconds, vehicle=DEFAULT):
     return np.tile(share * vehicle.max_speeds, (round(seconds * RATE), 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drone", VEHICLES)
 @given(data=st.data())
 def test_a_rotor_that_stops_is_noticed_within_20_ms(drone, data):
@@ -98,6 +99,7 @@ def command_histories(draw):
     return GREATEST * np.array(rows).reshape(-1, 4)
 
 
+@pytest.mark.slow
 @given(command_histories(), st.data())
 @example(np.repeat([GREATEST * np.ones(4), np.zeros(4)], 100, axis=0), None)
 @example(np.tile([GREATEST * np.ones(4), np.zeros(4)], (100, 1)), None)

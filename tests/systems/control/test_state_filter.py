@@ -227,6 +227,7 @@ def steady_covariance(dt, look):
     return transition(look) @ P @ transition(look).T
 
 
+@pytest.mark.slow
 def test_noise_is_reduced_as_much_as_theory_says():
     bench = Bench()
     found = []

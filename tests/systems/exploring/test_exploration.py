@@ -130,6 +130,7 @@ def test_off_the_rule_gate_1_closes_the_loop_if_it_is_ahead(y, heading_deg, clos
     assert exploration.next_gate(now, 40.0) is (made[0] if closes else None)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 9), st.integers(0, 3))
 def test_any_board_tells_where_its_gate_should_be(number, board):
     gate = exploration.presumed_gate(mapped({4 * number + board: 9}), number)

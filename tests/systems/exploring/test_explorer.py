@@ -47,11 +47,13 @@ def reference_run():
     return run(REFERENCE)
 
 
+@pytest.mark.slow
 def test_finds_all_gates_of_the_reference_track_in_order(reference_run):
     check_explored(reference_run, REFERENCE)
     assert reference_run.status.closed_at < 75.0
 
 
+@pytest.mark.slow
 def test_states_follow_the_flow_chart(reference_run):
     entered = states(reference_run)
     assert entered[:4] == ["CALIBRATE", "TAKE_OFF", "HOVER", "HOVER"]
@@ -69,21 +71,25 @@ def test_states_follow_the_flow_chart(reference_run):
     )
 
 
+@pytest.mark.slow
 def test_legs_keep_to_the_limits(reference_run):
     velocity = np.diff(reference_run.path, axis=0) * RATE
     assert np.linalg.norm(velocity, axis=1).max() < 1.3 * ExplorerConfig().max_speed
 
 
+@pytest.mark.slow
 def test_ends_hovering_over_the_start(reference_run):
     np.testing.assert_allclose(reference_run.path[-1], [0, 0, 5.1], atol=0.05)
 
 
+@pytest.mark.slow
 def test_the_same_seed_flies_the_same(reference_run):
     again = run(REFERENCE)
     np.testing.assert_array_equal(again.path, reference_run.path)
     assert not np.array_equal(run(REFERENCE, seconds=10.0, seed=1).path, again.path[:200])
 
 
+@pytest.mark.slow
 def test_does_not_stop_between_gates_in_sight():
     """From gate 1 to gate 4, each next gate shows before the last is passed."""
     flown = run(REFERENCE, seconds=30.0, perception=PerceptionConfig(max_range=45.0))
@@ -92,6 +98,7 @@ def test_does_not_stop_between_gates_in_sight():
     assert speed[int((times["gate 1"] + 2) * RATE) : int(times["gate 4"] * RATE)].min() > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_explores_tracks_that_it_has_never_seen(seed):
     track = generate_track(seed)
@@ -112,6 +119,7 @@ def test_turns_to_gate_1_before_it_flies(off):
     assert np.ptp(turning[:, :2], axis=0).max() < 0.05  # on the spot
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [90.0, 180.0, -100.0])
 def test_a_start_that_sees_no_gate_turns_before_it_steps(off):
     track = turned_start(off)
@@ -122,6 +130,7 @@ def test_a_start_that_sees_no_gate_turns_before_it_steps(off):
     assert not {"STEP_FORWARD", "STEP_AROUND"} & set(entered[: entered.index("FLY_TO_GATE")])
 
 
+@pytest.mark.slow
 def test_other_gates_that_it_sees_while_turning_are_not_flown():
     """Looking at gates 9 and 10 from the front first."""
     track = turned_start(-120.0)
@@ -129,6 +138,7 @@ def test_other_gates_that_it_sees_while_turning_are_not_flown():
     check_explored(flown, track)
 
 
+@pytest.mark.slow
 def test_a_lone_marker_is_stepped_around():
     """The left board of gate 1 is hidden until the drone has stepped back."""
     hidden = lambda id, p: id in (0, 1) and p[0] > -0.5  # noqa: E731
@@ -138,6 +148,7 @@ def test_a_lone_marker_is_stepped_around():
     check_explored(flown, REFERENCE)
 
 
+@pytest.mark.slow
 def test_steps_around_that_do_not_help_are_followed_by_another_search():
     """The left board shows only from above the pylons."""
     flown = run(REFERENCE, hidden=lambda id, p: id == 0 and p[2] < 12.0)
@@ -146,6 +157,7 @@ def test_steps_around_that_do_not_help_are_followed_by_another_search():
     assert flown.status.gates[:2] == (0, 1)
 
 
+@pytest.mark.slow
 def test_a_lost_drone_goes_back_above_the_pylons():
     """Gate 6 cannot be read from the height of the boards."""
     hidden = lambda id, p: id // 4 == 5 and p[2] < 10.0  # noqa: E731
@@ -159,6 +171,7 @@ def test_a_lost_drone_goes_back_above_the_pylons():
     assert flown.path[:, 2].max() < ABOVE_PYLONS + 4.5
 
 
+@pytest.mark.slow
 def test_a_lost_drone_that_is_back_looks_from_above():
     """Gate 6 can be read from above the pylons, but not on the way back."""
     back = []
@@ -179,10 +192,12 @@ def test_a_lost_drone_that_is_back_looks_from_above():
     assert clear_of_pylons(flown.path, REFERENCE, RADIUS) > 0.0
 
 
+@pytest.mark.slow
 def test_gate_1_seen_across_the_track_does_not_close_the_loop():
     check_explored(run(REFERENCE, perception=PerceptionConfig(max_range=75.0)), REFERENCE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", [90.0, 200.0])
 def test_any_heading_of_the_track(turned):
     c, s = np.cos(np.deg2rad(turned)), np.sin(np.deg2rad(turned))
@@ -211,6 +226,7 @@ def polygon(n, leg=20.0):
     return Track(f"polygon-{n}", Start([0.0, 0.0, 0.0], 0.0), 5.0, gates)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [6, 7, 8])
 def test_returns_home_clear_of_pylons(n):
     """Gate 1 shows up before the last gates are flown, and they are in the way."""
@@ -220,6 +236,7 @@ def test_returns_home_clear_of_pylons(n):
     np.testing.assert_allclose(flown.path[-1], [0, 0, 5.1], atol=0.05)
 
 
+@pytest.mark.slow
 def test_a_ring_that_breaks_the_rule():
     """Six gates on a circle, 60 degrees apart."""
     gates = []

@@ -54,6 +54,7 @@ def test_a_fit_is_as_good_as_it_says(gate, seed):
     assert np.all(np.linalg.eigvalsh(estimate.covariance) > 0)
 
 
+@pytest.mark.slow
 @given(gates, seeds)
 def test_errors_shrink_with_observations(gate, seed):
     rng = np.random.default_rng(seed)
@@ -65,6 +66,7 @@ def test_errors_shrink_with_observations(gate, seed):
     assert np.linalg.norm(error(estimate, gate)[:3]) < 4 * SIGMA / np.sqrt(60 / 3)
 
 
+@pytest.mark.slow
 @given(gates, seeds)
 def test_one_board_improves_all_four(gate, seed):
     rng = np.random.default_rng(seed)
@@ -77,6 +79,7 @@ def test_one_board_improves_all_four(gate, seed):
         assert now < before
 
 
+@pytest.mark.slow
 @given(gates, seeds, st.floats(-np.pi, np.pi), st.tuples(*[st.floats(-50, 50)] * 2))
 def test_turning_the_world_turns_the_estimate(gate, seed, turn, shift):
     """Equivariance: the same observations in another world frame are the same gate there."""

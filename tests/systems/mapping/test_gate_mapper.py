@@ -69,6 +69,7 @@ def run(
     return mapper.get_output_port().Eval(context)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_projects_through_the_pose_at_the_images_own_time(estimator):
     """At 10 m/s and 2 rad/s, a pose 10 ms off would be 10 cm and more off."""

@@ -48,6 +48,7 @@ def fuzzed(rng) -> Detection:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_ten_thousand_fuzzed_detections(estimator):
     """Nothing crashes, everything is counted, and the map stays finite."""

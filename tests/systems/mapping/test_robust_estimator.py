@@ -29,6 +29,7 @@ def worst(gate_map, gate):
     return max(np.linalg.norm(m.p_WM - boards[m.id].X_WM.translation()) for m in gate_map.markers)
 
 
+@pytest.mark.slow
 @given(gates, seeds)
 def test_a_known_gate_has_four_boards(gate, seed):
     """Two seen, two derived, all as good as the observations."""
@@ -62,6 +63,7 @@ def test_gates_that_are_not_by_the_rules(spacing):
     assert gate_map.gates[0].spacing == pytest.approx(spacing, abs=0.05)
 
 
+@pytest.mark.slow
 @given(gates, seeds)
 def test_gross_outliers_do_no_harm(gate, seed):
     rng = np.random.default_rng(seed)
@@ -78,6 +80,7 @@ def test_gross_outliers_do_no_harm(gate, seed):
     assert sum(m.count for m in gate_map.markers) + refused == len(observations)
 
 
+@pytest.mark.slow
 @given(gates, seeds, st.floats(0.5, 15.0), st.floats(-np.pi, np.pi), st.floats(-60, 60))
 def test_a_gate_that_moved_is_followed(gate, seed, distance, direction, turn):
     rng = np.random.default_rng(seed)
@@ -148,6 +151,7 @@ def test_consecutive_frames_are_not_independent():
     assert b.variance[0] > 2 * c.variance[0]
 
 
+@pytest.mark.slow
 def test_tracks_do_not_grow():
     rng = np.random.default_rng(0)
     tracks, _ = mapped(flight(make_gate(), rng))

@@ -37,6 +37,7 @@ def ids(detections):
     return [m.id for m in detections.markers]
 
 
+@pytest.mark.slow
 def test_finds_markers_and_their_poses():
     poses = GATE | LONE
     found = detected(picture(poses))

@@ -25,6 +25,7 @@ def rough(corners, seed=0):
     return corners + 0.7 * inwards + np.random.default_rng(seed).uniform(-0.5, 0.5, (4, 2))
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(poses, st.integers(0, 79))
 def test_exact_in_sharp_pictures(X_CM, id):
@@ -34,6 +35,7 @@ def test_exact_in_sharp_pictures(X_CM, id):
     np.testing.assert_allclose(found[0], corners, atol=0.3)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(poses, st.integers(0, 79), st.floats(0.4, 0.8), st.floats(0, 3))
 def test_close_in_blurred_and_noisy_pictures(X_CM, id, blur, noise):
@@ -44,6 +46,7 @@ def test_close_in_blurred_and_noisy_pictures(X_CM, id, blur, noise):
     assert np.linalg.eigvalsh(covariance[0]).min() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", [12.0, 22.0, 30.0])
 @pytest.mark.parametrize("blur", [0.0, 0.8])
 def test_unbiased_and_as_sure_as_it_says(distance, blur):

@@ -33,6 +33,7 @@ def test_images():
         assert checks.check_view(bad, 0.0, INFO) == checks.WRONG_IMAGE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", [10.0, 30.0])
 def test_another_id_is_noticed(distance):
     X_CM = pose(0.5, -0.3, distance, yaw=0.5)

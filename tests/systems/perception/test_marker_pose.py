@@ -20,6 +20,7 @@ def assert_close(X_CM, true, atol):
     assert X_CM.rotation().IsValid()
 
 
+@pytest.mark.slow
 @given(angles, angles, st.floats(-4, 4), st.floats(-2, 2), st.floats(6, 35))
 def test_locate_inverts_the_projection(pitch, yaw, x, y, z):
     """From exact corners, the position is exact."""
@@ -38,6 +39,7 @@ def test_locate_in_views_of_perfect_symmetry(yaw, x):
         assert_close(locate(5, project(X_CM), COVARIANCE, INFO).X_CM, X_CM, 1e-5 * z)
 
 
+@pytest.mark.slow
 @given(angles, st.floats(-0.2, 0.2), st.floats(-2, 2), st.floats(12, 35), st.booleans())
 def test_both_markers_of_a_gate(yaw, pitch, x, z, back):
     truth = gate(pose(x, 0.0, z, pitch, yaw), back=back)

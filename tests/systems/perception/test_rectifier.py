@@ -54,6 +54,7 @@ def views(count):
             yield X_WC, corners
 
 
+@pytest.mark.slow
 def test_round_trip_of_corners():
     """Distorted and rectified, markers are where a pinhole camera shows them."""
     lens = Lens(HARSH)

@@ -90,6 +90,7 @@ class Bench:
         return plans, times
 
 
+@pytest.mark.slow
 def test_optimal_laps_are_faster_and_within_the_limits_and_followed_by_the_next():
     bench = Bench("optimal")
     plans = [bench.plan_at(1.0)]
@@ -141,6 +142,7 @@ def test_no_plan_before_the_exploration_is_done():
     np.testing.assert_allclose(plan.derivatives(5.55)[1:4], 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(st.floats(0.01, 2.0), st.floats(2.0, 50.0))
 def test_plans_come_into_force_exactly_one_latency_later(latency, rate):
@@ -163,6 +165,7 @@ def test_plans_come_into_force_exactly_one_latency_later(latency, rate):
     assert ticks == pytest.approx(round(ticks), abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimensions", [3, 4, 6])
 def test_a_plan_a_lap_from_the_map_as_it_then_stands(dimensions):
     bench = Bench(dimensions)
@@ -310,6 +313,7 @@ def test_a_drone_that_cannot_hover_within_the_limits_is_refused():
         Bench(thrust_share=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gates", UNUSABLE.values(), ids=UNUSABLE)
 def test_without_a_usable_map_the_old_plan_goes_on(gates):
     bench = Bench()
@@ -348,6 +352,7 @@ SQUARE = tuple(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate, latency", [(0.3, 0.5), (0.45, 3.0), (20.0, 30.0)])
 @pytest.mark.parametrize("gates", [GATES, SQUARE], ids=["reference", "square"])
 def test_a_slow_planner_never_skips_a_gate(gates, rate, latency):
@@ -367,6 +372,7 @@ def test_a_slow_planner_never_skips_a_gate(gates, rate, latency):
         assert new.lap == old.lap_at(new.start_time) + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimensions", [3, 6])
 def test_the_report_is_true(dimensions):
     bench = Bench(dimensions)
@@ -396,6 +402,7 @@ def test_the_report_is_true(dimensions):
         assert 0.0 < summary.solve_time < 20.0
 
 
+@pytest.mark.slow
 def test_two_runs_are_the_same():
     one, other = (Bench(6).plan_at(1.0) for _ in range(2))
     for t in np.linspace(0.5, 60.0, 20):
@@ -435,6 +442,7 @@ def seams(plan):
     return [on] + [on - plan.phase + k * plan.circuit.duration for k in range(1, 4)]
 
 
+@pytest.mark.slow
 @few
 @given(plans)
 def test_a_plan_has_no_seams(plan):

@@ -88,6 +88,7 @@ def assert_same(one, other):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trajectory", ["3", "optimal"])
 def test_another_process_would_find_the_same_plan(trajectory):
     given = problem(trajectory, gates=moved(0.1), old=first(trajectory))
@@ -96,6 +97,7 @@ def test_another_process_would_find_the_same_plan(trajectory):
     assert_same(pickle.loads(pickle.dumps(plan_lap(copy))), plan_lap(given))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1047, 1143])
 def test_no_transition_onto_a_lap_loops_before_a_gate(seed):
     """There, a search from the best of its guesses ends with a loop that takes two seconds."""
@@ -113,6 +115,7 @@ def test_no_transition_onto_a_lap_loops_before_a_gate(seed):
         assert np.count_nonzero(np.diff(ahead > 0.0)) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", ["original", "rotor", "v=15,a=8", "a=12"])
 @pytest.mark.parametrize("trajectory", ["3", "4", "6", "optimal"])
 def test_limits_are_kept_and_used_and_the_report_is_true(trajectory, limits):
@@ -142,6 +145,7 @@ def test_limits_are_kept_and_used_and_the_report_is_true(trajectory, limits):
     assert summary.duration == plan.circuit.duration
 
 
+@pytest.mark.slow
 def test_laps_get_faster_as_the_map_gets_better():
     durations = [plan_lap(problem(extra=extra)).circuit.duration for extra in (0.6, 0.3, 0.0)]
     assert durations[0] > durations[1] + 0.05 > durations[2] + 0.1

@@ -39,6 +39,7 @@ quaternions = (
 )
 
 
+@pytest.mark.slow
 def test_along_the_axes():
     moment, force = drag(v=[3.0, 0.0, -4.0], w=[1.0, 2.0, 3.0])
     np.testing.assert_allclose(force, [-3 * (0.1 + 5 * 0.01), 0, 4 * (0.3 + 5 * 0.03)])
@@ -82,6 +83,7 @@ def test_it_turns_with_the_world(q, turn, w, v, wind):
     np.testing.assert_allclose(turned_moment, R @ moment, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(vectors(30), vectors(30), vectors(100))
 def test_only_the_velocity_through_the_air_counts(v, wind, p):
     _, force = drag(v=v, wind=wind)

@@ -241,6 +241,7 @@ def distances(state, other):
     return np.array([np.arccos(cosine), *(np.linalg.norm((state - other)[s]) for s in parts)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wind", [None, np.array([5.0, -4.0, 2.0])], ids=["vacuum", "wind"])
 @pytest.mark.parametrize("drone", DRONES)
 def test_the_plant_against_our_own_integration(drone, wind):

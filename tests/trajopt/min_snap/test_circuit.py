@@ -78,6 +78,7 @@ def assert_raceable(circuit, midpoints, headings):
     assert distances.min() > 1.99
 
 
+@pytest.mark.slow
 @each
 def test_the_reference_track(dimensions):
     assert_raceable(reference(dimensions), MIDPOINTS, HEADINGS)
@@ -153,6 +154,7 @@ def test_three_and_four_dimensions_fly_the_same_path():
     )
 
 
+@pytest.mark.slow
 @few
 @given(st.floats(-np.pi, np.pi), st.floats(-500, 500), st.sampled_from([3, 4]), st.booleans())
 def test_it_does_not_matter_where_the_track_lies(angle, shift, dimensions, mirrored):
@@ -168,6 +170,7 @@ def test_it_does_not_matter_where_the_track_lies(angle, shift, dimensions, mirro
     assert_raceable(circuit, midpoints, headings + angle)
 
 
+@pytest.mark.slow
 def test_it_does_not_matter_where_a_level_track_lies():
     turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
     circuit = plan(MIDPOINTS @ turn.T + [7.0, -3.0, 0.0], HEADINGS + np.pi / 2, 6)
@@ -193,6 +196,7 @@ def test_full_turns_of_a_heading_do_not_matter(turns):
         np.testing.assert_allclose(getattr(ours, part), getattr(expected, part), atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_moved_gates(seed):
     midpoints, headings = moved(seed)
@@ -227,6 +231,7 @@ def test_a_lap_from_one_of_another_track_is_as_short():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", range(4))
 @pytest.mark.parametrize("by", [-1.4, 1.4])
 @each
@@ -329,6 +334,7 @@ def test_limits_scale(s):
     assert circuit.duration == pytest.approx(s * reference(3).duration, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_faults_that_move_from_gate_to_gate():
     """With a waypoint in front of the faulty gates, another one becomes faulty here."""
     gates = np.array(

@@ -83,6 +83,7 @@ def test_a_slow_start_keeps_the_limits(seed):
     assert speed <= 8.0 * (1 + 1e-6) and acceleration <= 6.0 * (1 + 1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(seeds)
 def test_a_leg_is_planned_with_few_trials(seed):

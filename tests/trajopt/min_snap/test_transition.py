@@ -107,6 +107,7 @@ STARTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STARTS)
 @pytest.mark.parametrize("dimensions", [3, 6])
 def test_start(name, dimensions):

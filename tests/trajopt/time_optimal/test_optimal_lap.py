@@ -79,6 +79,7 @@ def assert_raceable(lap, midpoints, headings, limits=None, drone="Default", half
     assert np.all(np.sum(v * forward, axis=1) > 0.49 * np.linalg.norm(v, axis=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "limits, kind, longest",
     [("original", "balls", 21.0), ("original", "windows", 19.3), ("rotor", "windows", 10.0)],
@@ -95,6 +96,7 @@ def test_the_reference_track(limits, kind, longest):
         assert_raceable(lap, MIDPOINTS, HEADINGS, LIMITS[limits])
 
 
+@pytest.mark.slow
 def test_the_report_says_what_is_so():
     lap, check = reference(), reference().summary.check
     samples = lap.sample(np.arange(0.0, lap.duration, 1e-3))
@@ -148,6 +150,7 @@ def test_it_does_not_matter_where_the_track_lies(angle, mirrored):
     assert lap.duration == pytest.approx(small().duration, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_limits_cost_time():
     free = small()
     for name, value in (
@@ -175,6 +178,7 @@ def moved(seed):
     return MIDPOINTS + rng.normal(scale=0.3 / np.sqrt(3), size=MIDPOINTS.shape), HEADINGS
 
 
+@pytest.mark.slow
 def test_a_lap_through_moved_gates_from_the_one_before():
     midpoints, headings = moved(0)
     cold = plan(midpoints, headings)
@@ -242,6 +246,7 @@ def impossible():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", impossible())
 def test_impossible_laps_are_refused_in_time(case):
     gates, options, word = impossible()[case]

@@ -97,6 +97,7 @@ def assert_sound(found, phase, start, circuit, gates, k, limits):
         assert passes_forward(found, [times], gates.headings[i : i + 1]).all()
 
 
+@pytest.mark.slow
 @each
 @pytest.mark.parametrize("k", [2, 3])
 def test_from_hover(limits, k):
@@ -127,6 +128,7 @@ def test_a_turned_drone_turns_on_the_way():
     assert_sound(found, phase, start, circuit, gates, 2, "original")
 
 
+@pytest.mark.slow
 @each
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("known", [False, True])

@@ -1,0 +1,58 @@
+"""Files beside the code that tools and people read: they parse, and agree with the code."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+import airrace
+
+ROOT = Path(__file__).parents[1]
+
+
+def load(name):
+    return yaml.safe_load((ROOT / name).read_text(encoding="utf-8"))
+
+
+def test_there_is_one_version():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert "version" in project["project"]["dynamic"] and "version" not in project["project"]
+    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "airrace.__version__"}
+    assert load("CITATION.cff")["version"] == airrace.__version__
+    assert f"## [{airrace.__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_citation_has_what_its_format_wants():
+    citation = load("CITATION.cff")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert citation["cff-version"] == "1.2.0"
+    assert {"message", "title", "authors"} <= citation.keys()
+    assert citation["authors"] == project["authors"]
+    assert citation["license"] == project["license"]
+
+
+def test_the_workflow_runs_the_tests_on_both_processors():
+    workflow = load(".github/workflows/test.yml")
+    (job,) = workflow["jobs"].values()
+    assert job["strategy"]["matrix"]["os"] == ["ubuntu-24.04", "ubuntu-24.04-arm"]
+    assert "./test.bash" in [step.get("run") for step in job["steps"]]
+
+
+def test_hooks_before_a_commit_need_no_network():
+    (repository,) = load(".pre-commit-config.yaml")["repos"]
+    assert repository["repo"] == "local"
+    for hook in repository["hooks"]:
+        assert hook["language"] == "system" and hook["entry"].startswith(".venv/bin/")
+
+
+@pytest.mark.parametrize("name", ["CONTRIBUTING.md", "CHANGELOG.md"])
+def test_what_is_named_is_there(name):
+    """Paths in links and in code that begin with a folder of the checkout."""
+    text = (ROOT / name).read_text(encoding="utf-8")
+    links = [part.partition(")")[0].partition("#")[0] for part in text.split("](")[1:]]
+    code = [word for part in text.split("`")[1::2] for word in part.split()]
+    folders = ("airrace/", "models/", "tests/", "tools/", "./")
+    named = [link for link in links if not link.startswith("https:")]
+    named += [word for word in code if word.startswith(folders)]
+    assert all((ROOT / path).exists() for path in named)

@@ -145,10 +145,8 @@ def options(command: str) -> str:
     Args:
         command: such as "race", or "hitl autonomy".
     """
-    try:
-        from airrace.commands.app import make_app
-    except ModuleNotFoundError:  # until there is the command `airrace`
-        return f"`airrace {command} --help` lists them."
+    from airrace.commands.app import make_app
+
     app = make_app()
     parameters = app.default_parameter
     for name in command.split():

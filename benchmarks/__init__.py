@@ -1,1 +1,1 @@
-"""What the README's numbers come from: one command each."""
+"""What the numbers of docs/benchmarks.md come from: one command each."""

@@ -10,6 +10,7 @@ from docutils.parsers.rst import Directive
 import airrace
 
 _SKIPPED = re.compile(r"\.(lcmtypes|__main__)\b")
+_FILE_LINK = re.compile(r"\[([^\]]*)\]\(\.\./([^)]+)\)")
 # What would be markup, but in our docstrings is a letter of a formula or a file's name.
 _MARKUP = re.compile(r"([*|])|(\w)_(?=\W|$)")
 
@@ -99,6 +100,23 @@ def _escaped(match) -> str:
     return f"\\{match[1]}" if match[1] else f"{match[2]}\\_"
 
 
+def link_code(app, name, source) -> None:
+    """Makes links of our pages to files of the repository links to what the site has of them.
+
+    In the repository ``../airrace/track/rules.py`` is a file; on the site it is a module of
+    the API pages. The text of a link to any other file becomes the file's path.
+    """
+    source[0] = _FILE_LINK.sub(_linked, source[0])
+
+
+def _linked(match) -> str:
+    text, path = match.groups()
+    if path.startswith("airrace/") and path.endswith(".py"):
+        module = path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+        return f"{{py:mod}}`{text} <{module}>`"
+    return f"`{path}`"
+
+
 def modules() -> list:
     """Returns the names of all modules of airrace, packages first."""
     found = pkgutil.walk_packages(airrace.__path__, "airrace.")
@@ -133,5 +151,6 @@ def setup(app):
     app.add_directive("pydrake_system", PydrakeSystem)
     # Before napoleon, which makes markup of its own.
     app.connect("autodoc-process-docstring", plain_docstring, priority=100)
+    app.connect("source-read", link_code)
     app.connect("builder-inited", write_pages, priority=100)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

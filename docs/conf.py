@@ -1,4 +1,4 @@
-"""Sphinx: `python -m sphinx -W docs runs/docs` writes the pages; `pip install '.[docs]'`."""
+"""Sphinx: `python -m sphinx -W docs runs/docs` writes the pages; `pip install -e '.[docs]'`."""
 
 import sys
 from pathlib import Path
@@ -8,16 +8,21 @@ sys.path[:0] = [str(_HERE), str(_HERE.parent)]
 
 project = "airrace"
 author = "airrace developers"
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "airrace_docs"]
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "myst_parser",
+    "airrace_docs",
+    "airrace_reference",
+]
 exclude_patterns = ["pictures"]
-html_theme = "alabaster"
+smartquotes = False  # they would make a dash of the two hyphens of an option
+html_theme = "furo"
+html_title = "airrace"
 html_static_path = ["static"]
 html_css_files = ["airrace.css"]
-html_theme_options = {
-    "description": "Autonomous drone racing on Drake",
-    "page_width": "1100px",
-    "fixed_sidebar": True,
-}
+myst_heading_anchors = 3
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True, "show-inheritance": True}
 autodoc_typehints = "none"  # the docstrings say more: shapes, units, frames

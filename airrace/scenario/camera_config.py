@@ -31,7 +31,7 @@ class EffectsConfig:
     """Takes the place of what the preset says; see CameraEffects."""
 
     shutter: float | None = None  # s
-    gain: float | None = None
+    gain: float | None = None  # of the brightness
     vignetting: float | None = None  # share of the light lost in the corners
     read_noise: float | None = None  # grey levels
     shot_noise: float | None = None  # variance per grey level
@@ -43,11 +43,11 @@ class EffectsConfig:
 class CameraConfig:
     """The drone's camera."""
 
-    renderer: str = "planar"  # or "vtk"
-    width: int = 1280
-    height: int = 720
-    fov_y_deg: float = 55.95
-    fps: float = 30.0
+    renderer: str = "planar"  # or "vtk"; or "none", with a map
+    width: int = 1280  # px
+    height: int = 720  # px
+    fov_y_deg: float = 55.95  # from the top to the bottom of the picture
+    fps: float = 30.0  # pictures a second
     preset: str = "realistic"  # or "clean", "harsh"
     effects: EffectsConfig = dc.field(default_factory=EffectsConfig)
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # Least and greatest value of numbers for which "positive" does not say it all;
 # [] is any element of a list. The upper limits keep a slip of the pen from
 # filling the memory.
-_RANGES = {
+RANGES = {
     "laps": (1, 1000),
     "seed": (0, math.inf),
     "camera.width": (16, 8192),
@@ -92,9 +92,9 @@ def _numbers(value, name=""):
 
 def _check_range(name, value):
     key = re.sub(r"\[\d+\]", "[]", name)
-    if key not in _RANGES and value <= 0:
+    if key not in RANGES and value <= 0:
         raise UserError(f"{name} must be positive, not {value}.")
-    low, high = _RANGES.get(key, (0, math.inf))
+    low, high = RANGES.get(key, (0, math.inf))
     if value < low:
         raise UserError(f"{name} must be at least {low}, not {value}.")
     if value > high:

@@ -134,7 +134,7 @@ class RecordingConfig:
     pose_rate: float = 30.0  # Hz, of the poses that a 3-D view moves things by
     image_rate: float = 5.0  # Hz, up to the camera's
     image_width: int = 640  # px, wider pictures are made smaller
-    jpeg_quality: int = 75
+    jpeg_quality: int = 75  # of the pictures
     flush_period: float = 0.5  # s, what a crash can cost
 
 
@@ -148,9 +148,9 @@ class Scenario:
     # What is raced.
     track: str = "student-airrace"  # name of a shipped track, or a file
     drone: str = "Default"  # a shipped drone, or the folder of one
-    laps: int = 10
-    trajectory: str = "optimal"  # in time; or dimensions of minimum-snap laps, 3, 4 or 6
-    seed: int = 0
+    laps: int = 10  # after exploring
+    trajectory: str = "optimal"  # in time; or the dimensions of minimum-snap laps, 3, 4 or 6
+    seed: int = 0  # of all that is drawn at random
 
     # The simulated world.
     simulator_config: SimulatorConfig = dc.field(
@@ -171,7 +171,7 @@ class Scenario:
     map: str = ""
     camera: CameraConfig = dc.field(default_factory=CameraConfig)
     rotors: RotorsConfig = dc.field(default_factory=RotorsConfig)
-    state_noise: str = "reference"  # or "none"
+    state_noise: str = "reference"  # or "none": the estimate is the truth
     state_estimate: StateEstimateConfig = dc.field(default_factory=StateEstimateConfig)
     disturbances: DisturbancesConfig = dc.field(default_factory=DisturbancesConfig)
     rotor_failures: list[RotorFailure] = dc.field(default_factory=list)
@@ -190,6 +190,7 @@ class Scenario:
     # which is called with this scenario and returns a System.
     systems: dict[str, str] = dc.field(default_factory=dict)
 
+    # What is kept of it.
     recording: RecordingConfig = dc.field(default_factory=RecordingConfig)
 
     def check(self) -> None:

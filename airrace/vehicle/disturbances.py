@@ -27,8 +27,8 @@ class DisturbancesConfig:
 
     wind: WindConfig = dc.field(default_factory=WindConfig)
     drag: float = 0.0  # share of the vehicle's drag: 0 as in the reference system, 1 all
-    mass_error: float = 0.0
-    inertia_error: float = 0.0
+    mass_error: float = 0.0  # of the mass
+    inertia_error: float = 0.0  # of all moments of inertia alike
     thrust_coefficient_error: float = 0.0  # of each rotor, drawn on its own
     actuator_delay: float = 0.0  # s, of rotor speed commands: whole periods of scenario.rotors
     gate_shift: float = 0.0  # m, how far a gate may move between laps; see GateMover

@@ -1,24 +1,38 @@
-"""The API pages are built without a warning, and show what they should."""
+"""The pages are built without a warning, and show what they should."""
 
+import dataclasses as dc
 import importlib.util
 import re
 import shutil
 import subprocess
 import sys
+import typing
 from pathlib import Path
 
 import pytest
 
+from airrace.scenario import Scenario
+
 ROOT = Path(__file__).parents[2]
+
+
+def load(name):
+    """Returns a module of docs/, which is no package."""
+    pytest.importorskip("sphinx", reason="pip install '.[docs]'")
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="module")
 def extension():
-    pytest.importorskip("sphinx", reason="pip install '.[docs]'")
-    spec = importlib.util.spec_from_file_location("airrace_docs", ROOT / "docs/airrace_docs.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load("airrace_docs")
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return load("airrace_reference")
 
 
 @pytest.fixture(scope="module")
@@ -26,8 +40,7 @@ def pages(extension, tmp_path_factory):
     """The built pages; nothing is written to the checkout."""
     folder = tmp_path_factory.mktemp("docs")
     shutil.copytree(ROOT / "docs", folder / "docs", ignore=shutil.ignore_patterns("api"))
-    conf = folder / "docs" / "conf.py"
-    conf.write_text(conf.read_text().replace("_HERE.parent", repr(str(ROOT))))
+    (folder / "airrace").symlink_to(ROOT / "airrace")
     build = subprocess.run(
         [
             sys.executable,
@@ -80,6 +93,14 @@ def test_a_block_of_ports_is_read(extension):
     }
 
 
+def test_links_to_code_become_links_to_the_api(extension):
+    source = ["[a.py](../airrace/track/rules.py), [b](../models/tracks/hexagon.yaml), [c](c.md)"]
+    extension.link_code(None, "page", source)
+    assert (
+        source[0] == "{py:mod}`a.py <airrace.track.rules>`, `models/tracks/hexagon.yaml`, [c](c.md)"
+    )
+
+
 def test_formulas_stay_as_they_are(extension):
     lines = ["thrust c_f w^2, |v| v and 2 * x; ``a * b``", "", ".. block::", "", "    - a * b"]
     extension.plain_docstring(None, "function", "f", None, None, lines)
@@ -87,9 +108,60 @@ def test_formulas_stay_as_they_are(extension):
     assert lines[4] == "    - a * b"
 
 
+def test_every_field_of_a_scenario_is_on_its_page(pages):
+    text = (pages / "scenario.html").read_text()
+    for path, name in fields_of_a_scenario(Scenario):
+        assert f">{name}</span></code>" in text, name
+        assert not path or f">{path}</span></code>" in text, path
+
+
+def fields_of_a_scenario(cls, path=""):
+    """Yields every part of a scenario, by its path, and the names of its fields."""
+    for name, hint in typing.get_type_hints(cls).items():
+        yield path, name
+        for part in (hint, *typing.get_args(hint)):
+            if dc.is_dataclass(part):
+                is_list = typing.get_origin(hint) is list
+                yield from fields_of_a_scenario(part, f"{path}.{name}".strip(".") + "[]" * is_list)
+
+
+def test_every_field_of_a_scenario_has_a_meaning(reference):
+    for line in reference.scenario_reference().splitlines():
+        if line.startswith("| `") and line.count("|") == 6:
+            *_, meaning, _ = line.split("|")
+            assert meaning.strip(), line
+
+
+def test_fields_are_read_with_their_comments(reference):
+    part = reference.fields_of(Example)
+    assert [field.name for field in part] == ["speed", "limits", "track", "seed"]
+    assert [field.type for field in part] == ["float", "list[float] or null", "str", "int"]
+    assert [field.comment for field in part] == ["m/s", "Not twice. Not once.", "a file", ""]
+    assert [field.heading for field in part] == ["", "", "The world.", ""]
+
+
+def test_the_table_of_systems_has_their_ports(reference):
+    row = "| `lap_planner` | `gate_map`, `explorer_status`, `exploration_reference` | `lap_plan` |"
+    assert row in reference.systems()
+
+
+@dc.dataclass
+class Example:
+    """A part of a scenario."""
+
+    speed: float = 1.0  # m/s
+    # Not twice.
+    # Not once.
+    limits: list[float] | None = None
+
+    # The world.
+    track: str = "a # b"  # a file
+    seed: int = 0
+
+
 def test_the_architecture_names_files_and_what_is_in_them():
-    text = (ROOT / "docs" / "architecture.rst").read_text(encoding="utf-8")
-    rows = re.findall(r"\* - (.+)\n     - ``(.+)``\n     - ``(.+)``", text)
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.+) \| `(.+)` \| `(.+)` \|$", text, re.M)
     assert len(rows) >= 15
     for behaviour, path, name in rows:
         source = (ROOT / "airrace" / path).read_text(encoding="utf-8")

@@ -180,7 +180,7 @@ def find_wheels(folder: Path, lock: Path) -> list[Path]:
     if not wheels:
         raise UserError(
             f"--wheels {folder} holds no wheel of requirements.lock; fill it with pip download, "
-            "see 'On a companion computer' in the README."
+            "see docs/board.md."
         )
     return wheels
 

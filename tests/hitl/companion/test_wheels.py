@@ -1,4 +1,4 @@
-"""README's way to bring the wheels along for a board without the internet."""
+"""The way of docs/board.md to bring the wheels along for a board without the internet."""
 
 import json
 import shlex
@@ -18,8 +18,8 @@ def pip(*words):
 
 
 def download_command():
-    """Returns the words of README's command after ``pip download``."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8").replace("\\\n", " ")
+    """Returns the words of the page's command after ``pip download``."""
+    text = (ROOT / "docs" / "board.md").read_text(encoding="utf-8").replace("\\\n", " ")
     (line,) = (line for line in text.splitlines() if " -m pip download " in line)
     return shlex.split(line.partition(" -m pip download ")[2])
 

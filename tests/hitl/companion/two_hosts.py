@@ -67,7 +67,7 @@ class TwoHosts(contextlib.ExitStack):
             for name in (self.workstation, self.companion):
                 _ip("netns", "add", name)
                 _ip("-n", name, "link", "set", "lo", "up")
-                with in_namespace(name):  # as README has it
+                with in_namespace(name):  # as docs/board.md has it
                     Path("/proc/sys/net/ipv4/ipfrag_time").write_text("1")
             self._lay_cable()
             self.process = self._serve()

@@ -1,0 +1,302 @@
+"""A Sphinx extension: tables that are made of the code, so that they cannot be out of date.
+
+The directive ``airrace-reference`` writes, by its argument:
+
+- ``scenario``: every field of a scenario, with its type, default, range, and comment;
+- ``presets``: what the camera's presets mean;
+- ``systems``: the systems of the autonomy and their ports;
+- ``options COMMAND``: the options of a subcommand of ``airrace``.
+"""
+
+import ast
+import dataclasses as dc
+import inspect
+import io
+import re
+import tokenize
+import typing
+from typing import NamedTuple
+
+from sphinx.util.docutils import SphinxDirective
+
+from airrace.rendering.imaging.camera_effects import CameraEffects
+from airrace.scenario import Scenario
+from airrace.scenario.camera_config import PRESETS, EffectsConfig
+from airrace.scenario.checks import RANGES
+
+_DRAKE = "https://drake.mit.edu/doxygen_cxx/structdrake"
+_DRAKES = {
+    "SimulatorConfig": f"{_DRAKE}_1_1systems_1_1_simulator_config.html",
+    "MultibodyPlantConfig": f"{_DRAKE}_1_1multibody_1_1_multibody_plant_config.html",
+}
+
+
+class Field(NamedTuple):
+    """A field of a dataclass, as its source has it.
+
+    Attributes:
+        name: of the field.
+        type: as it is written.
+        comment: behind the field or, without one there, right above it.
+        heading: the comment above the field that begins a group of fields, or "".
+    """
+
+    name: str
+    type: str
+    comment: str
+    heading: str
+
+
+class AirraceReference(SphinxDirective):
+    """Writes what its argument asks for."""
+
+    required_arguments = 1
+    optional_arguments = 1
+    final_argument_whitespace = True
+
+    def run(self):
+        what, *rest = self.arguments
+        text = _MAKERS[what](*rest)
+        return self.parse_text_to_nodes(text, allow_section_headings=True)
+
+
+def scenario_reference() -> str:
+    """Returns Markdown with a table of every part of a scenario."""
+    return "\n".join(_section("", Scenario, Scenario()))
+
+
+def _section(path: str, cls, default) -> list[str]:
+    """Returns the lines of a part of the scenario, and of the parts in it."""
+    lines, parts = [], []
+    if path:
+        lines += [f"(scenario-{_anchor(path)})=", f"## `{path}`", "", *_paragraphs(cls), ""]
+    for heading, fields in _groups(fields_of(cls)):
+        if heading:
+            lines += [f"**{heading.rstrip('.')}**", ""]
+        lines += ["| field | type | default | range | meaning |", "|---|---|---|---|---|"]
+        for field in fields:
+            value, name = getattr(default, field.name), _join(path, field.name)
+            part = _part_of(cls, field.name)
+            cells = [f"`{field.name}`", field.type, yaml_value(value), _range(name, field.type)]
+            if part is not None:
+                is_list = isinstance(value, list)
+                name += "[]" * is_list
+                cells[1:] = [f"[{'list' if is_list else 'fields'}](#scenario-{_anchor(name)})"]
+                cells += ["`[]`" if is_list else "", ""]
+                parts.append((name, part, part() if is_list else value))
+            meaning = field.comment
+            if part is not None and not meaning:
+                name = part.__name__
+                meaning = f"Drake's own {name}." if name in _DRAKES else _paragraphs(part)[0]
+            lines.append(_row(*cells, escape(meaning)))
+        lines.append("")
+    for part in parts:
+        lines += _drakes(*part) if part[1].__name__ in _DRAKES else _section(*part)
+    return lines
+
+
+def _drakes(path: str, cls, default) -> list[str]:
+    """Returns the lines of a struct of Drake's own."""
+    rows = [
+        _row(f"`{field.name}`", yaml_value(getattr(default, field.name)))
+        for field in cls.__fields__
+    ]
+    return [
+        f"(scenario-{_anchor(path)})=",
+        f"## `{path}`",
+        "",
+        f"Drake's own [{cls.__name__}]({_DRAKES[cls.__name__]}), which says what its fields mean.",
+        "",
+        "| field | default here |",
+        "|---|---|",
+        *rows,
+        "",
+    ]
+
+
+def presets() -> str:
+    """Returns Markdown with a table of the camera's presets."""
+    comments = {field.name: field.comment for field in fields_of(EffectsConfig)}
+    rows = []
+    for name in (field.name for field in dc.fields(CameraEffects)):
+        values = (yaml_value(getattr(preset, name)) for preset in PRESETS.values())
+        rows.append(_row(f"`{name}`", *values, comments[name]))
+    heads = ["effect", *(f"`{preset}`" for preset in PRESETS), "meaning"]
+    return "\n".join([_row(*heads), "|" + "---|" * len(heads), *rows])
+
+
+def systems() -> str:
+    """Returns Markdown with a table of the autonomy's systems and their ports."""
+    from airrace.diagrams.autonomy import SYSTEMS, make_system
+
+    lines = ["| system | inputs | outputs |", "|---|---|---|"]
+    for name in SYSTEMS:
+        system = make_system(name, Scenario())
+        inputs = (system.get_input_port(k) for k in range(system.num_input_ports()))
+        outputs = (system.get_output_port(k) for k in range(system.num_output_ports()))
+        ports = [", ".join(f"`{port.get_name()}`" for port in each) for each in (inputs, outputs)]
+        lines.append(_row(f"`{name}`", *ports))
+    return "\n".join(lines)
+
+
+def options(command: str) -> str:
+    """Returns Markdown with a table of a subcommand's options for every group of them.
+
+    Args:
+        command: such as "race", or "hitl autonomy".
+    """
+    from airrace.commands.app import make_app
+
+    app = make_app()
+    parameters = app.default_parameter
+    for name in command.split():
+        app = app[name]
+    groups = {}
+    for argument in app.assemble_argument_collection(
+        default_parameter=parameters, parse_docstring=True
+    ):
+        if argument.parse and argument.show and argument.names != ("*",):
+            group = argument.parameter.group[0]
+            groups.setdefault((group.sort_key, group.name), []).append(_option(argument))
+    lines = []
+    # A subcommand's own options are in a group of Cyclopts's, whose key is no number.
+    for (_, name), rows in sorted(groups.items(), key=lambda item: _order(item[0][0])):
+        title = "Options" if name == "Parameters" else name
+        lines += [f"**{title}**", "", "| option | meaning |", "|---|---|", *rows, ""]
+    return "\n".join(lines)
+
+
+def _order(key) -> int:
+    return key if isinstance(key, int) else 0
+
+
+def _option(argument) -> str:
+    """Returns the row of an option."""
+    takes = argument.parameter.metavar or _takes(argument.hint)
+    names = sorted(argument.names, key=len)
+    text = ", ".join(f"`{name}`" for name in names)
+    return _row(f"{text} `{takes}`" if takes else text, escape(argument.parameter.help or ""))
+
+
+def _takes(hint) -> str:
+    """Returns what an option of a type takes, or "" if nothing."""
+    hints = [each for each in typing.get_args(hint) if each is not type(None)]
+    if typing.get_origin(hint) is typing.Literal:
+        return "|".join(map(str, typing.get_args(hint)))
+    if len(hints) == 1:
+        return _takes(hints[0])
+    return {bool: "", int: "N", float: "X"}.get(hint, "TEXT")
+
+
+def fields_of(cls) -> list[Field]:
+    """Returns the fields of a dataclass with their comments, from its source."""
+    source = inspect.getsource(cls)
+    lines = source.splitlines()
+    comments = {
+        token.start[0]: token.string.lstrip("# ")
+        for token in tokenize.generate_tokens(io.StringIO(source).readline)
+        if token.type == tokenize.COMMENT
+    }
+    fields = []
+    for node in ast.parse(source).body[0].body:
+        if not isinstance(node, ast.AnnAssign):
+            continue
+        first = node.lineno
+        while first - 1 in comments and lines[first - 2].lstrip().startswith("#"):
+            first -= 1
+        above = " ".join(comments[line] for line in range(first, node.lineno))
+        behind = comments.get(node.end_lineno, "")
+        # A comment after an empty line is about all fields below it.
+        begins = above and not lines[first - 2].strip()
+        fields.append(
+            Field(
+                name=node.target.id,
+                type=_type(node.annotation),
+                comment=behind or ("" if begins else above),
+                heading=above if begins else "",
+            )
+        )
+    return fields
+
+
+def _type(annotation) -> str:
+    """Returns a type as a reader of YAML knows it."""
+    return re.sub(r" \| None$", " or null", ast.unparse(annotation))
+
+
+def _part_of(cls, name: str):
+    """Returns the class of a field that has fields of its own, or None."""
+    hint = typing.get_type_hints(cls)[name]
+    for each in (hint, *typing.get_args(hint)):
+        if dc.is_dataclass(each) or getattr(each, "__name__", "") in _DRAKES:
+            return each
+    return None
+
+
+def _groups(fields):
+    """Yields pairs of a heading and its fields."""
+    starts = [k for k, field in enumerate(fields) if k == 0 or field.heading]
+    for start, end in zip(starts, [*starts[1:], len(fields)]):
+        yield fields[start].heading, fields[start:end]
+
+
+def _paragraphs(cls) -> list[str]:
+    """Returns the lines of a class's docstring."""
+    return inspect.cleandoc(cls.__doc__).replace("``", "`").splitlines()
+
+
+def _range(name: str, type_name: str) -> str:
+    """Returns what a number may be."""
+    elements = type_name.startswith("list")
+    low, high = RANGES.get(name + "[]" * elements, (None, None))
+    each = "each " if elements else ""
+    if low is None:
+        return "above 0" if type_name.startswith(("int", "float")) else ""
+    if high == float("inf"):
+        return f"{each}at least {low}"
+    return f"{each}{low} to {high}"
+
+
+def yaml_value(value) -> str:
+    """Returns a value as YAML has it, as code."""
+    if isinstance(value, bool):
+        text = str(value).lower()
+    elif value is None or value == "":
+        text = '""' if value == "" else "null"
+    else:
+        text = str(list(value)) if isinstance(value, tuple) else str(value)
+    return f"`{text}`"
+
+
+def escape(text: str) -> str:
+    """Returns text in which nothing is markup but what is between backquotes."""
+    parts = text.split("`")
+    parts[::2] = [re.sub(r"([*<>\[\]_])", r"\\\1", part) for part in parts[::2]]
+    return "`".join(parts)
+
+
+def _row(*cells) -> str:
+    cells = (cell.replace("\n", " ").replace("|", "\\|") for cell in cells)
+    return f"| {' | '.join(cells)} |"
+
+
+def _join(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _anchor(path: str) -> str:
+    return path.replace(".", "-").replace("[]", "").replace("_", "-")
+
+
+_MAKERS = {
+    "scenario": scenario_reference,
+    "presets": presets,
+    "systems": systems,
+    "options": options,
+}
+
+
+def setup(app):
+    """Registers what is above; called by Sphinx."""
+    app.add_directive("airrace-reference", AirraceReference)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,135 @@
+"""Every script of examples/ does what its first lines say, wherever it is called."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import airrace
+from airrace.common.resources import models_path
+
+ROOT = models_path().parent
+SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
+NUMBER = r"(\d+\.\d+)"
+LAP_ERRORS = rf"(?m)^[1-9] +{NUMBER} +{NUMBER} +{NUMBER}$"
+
+
+def run(name, folder, *words) -> str:
+    """Runs a script of examples/ in a folder, where it must leave its picture; returns its output.
+
+    Args:
+        name: of the script, without .py.
+        folder: the working directory.
+        words: arguments of the script.
+    """
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / f"{name}.py"), *map(str, words)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr and "Warning" not in done.stderr
+    picture = folder / f"{name}.png"
+    assert done.stdout.endswith(f"Picture: {picture}\n")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    return done.stdout
+
+
+def numbers(pattern: str, text: str) -> np.ndarray:
+    """Returns the numbers in all matches of a pattern, a row a match if it has several groups."""
+    return np.array(re.findall(pattern, text), float)
+
+
+@pytest.fixture(scope="module")
+def first_race(tmp_path_factory):
+    """The folder in which first_race.py was run, and what it printed."""
+    folder = tmp_path_factory.mktemp("first_race").resolve()
+    return folder, run("first_race", folder)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A working directory, as a script prints it."""
+    return tmp_path.resolve()
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_a_script_is_short_and_says_how_it_is_run(path):
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 80
+    assert f"    .venv/bin/python examples/{path.name}" in "\n".join(lines[:4])
+
+
+def test_every_script_is_run_here():
+    text = Path(__file__).read_text(encoding="utf-8")
+    assert {path.stem for path in SCRIPTS} == set(re.findall(r'run\("(\w+)", folder', text))
+
+
+def test_a_first_race(first_race):
+    _, text = first_race
+    ((duration, max_speed),) = numbers(rf"lap 1: {NUMBER} s, at most {NUMBER} m/s", text)
+    # A circle of 22.6 m radius at 10 m/s^2 takes 9.4 s, and 15 m/s; it comes faster to gate 1.
+    assert duration == pytest.approx(9.4, abs=0.3) and 15.0 <= max_speed <= 20.0
+    assert numbers(rf"error of the map: {NUMBER} cm", text) < 0.3
+
+
+def test_reading_the_log_of_that_race(first_race, folder):
+    (run_folder,) = (first_race[0] / "runs").iterdir()
+    text = run("read_log", folder, run_folder)
+    for name in airrace.load_run(run_folder).tables:
+        assert re.search(rf"^  {name} +\d+ rows: ", text, re.MULTILINE)
+    ((rms, median, worst),) = numbers(LAP_ERRORS, text)
+    assert 0.0 < median < worst and 0.0 < rms < worst < 5.0  # cm
+
+
+def test_reading_a_log_flies_a_race_if_there_is_none(folder):
+    text = run("read_log", folder)
+    assert numbers(LAP_ERRORS, text).shape == (2, 3)
+
+
+def test_a_controller_of_ones_own(folder):
+    text = run("own_controller", folder, 1)
+    rms = dict(re.findall(rf"(\w+) +tracking error +{NUMBER} cm RMS", text))
+    plain, feedback, mine = (float(rms[name]) for name in ("plain", "feedback", "mine"))
+    # On a circle at 15 m/s, drag is 0.10 * 15 + 0.006 * 15^2 = 2.85 N; through 1 kg and the
+    # gain of 7 1/s^2 on the position, that is 41 cm.
+    assert plain == pytest.approx(41, abs=5)
+    assert feedback < 0.4 * plain and mine < 0.2 * plain
+
+
+def test_a_detector_of_ones_own(folder):
+    text = run("own_detector", folder)
+    pattern = rf"(\d+) detections, explored in {NUMBER} s, map {NUMBER} cm off"
+    (every, explored, error), (some, explored_, error_) = numbers(pattern, text)
+    assert some / every == pytest.approx(2 / 3, abs=0.03)
+    assert explored_ == pytest.approx(explored, abs=2.0) and max(error, error_) < 0.3
+
+
+def test_planning_a_lap(folder):
+    text = run("plan_a_lap", folder)
+    durations = dict(re.findall(rf"(\S+) +{NUMBER} s ", text))
+    # The README's mean laps of this track.
+    for name, duration in {"3-D": 22.11, "6-D": 30.60, "optimal": 19.17}.items():
+        assert float(durations[name]) == pytest.approx(duration, abs=0.3)
+
+
+def test_planning_a_lap_of_another_track_with_other_limits(folder):
+    text = run("plan_a_lap", folder, "hexagon", 8, 5)
+    speeds = numbers(rf"at most +{NUMBER} m/s", text)
+    assert len(speeds) == 3 and 7.0 < speeds.min() and speeds.max() <= 8.0
+
+
+def test_comparing_planners(folder):
+    text = run("compare_planners", folder, 2)
+    rates = re.findall(r"finished (\d) of (\d)", text)
+    assert rates == [("2", "2")] * 2
+    slow, quick = numbers(rf"mean lap {NUMBER} s", text)
+    assert 0.7 * slow < quick < 0.95 * slow
+    assert (folder / "runs").is_dir()

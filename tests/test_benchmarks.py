@@ -52,12 +52,14 @@ def rows_of(table, name):
     return [row[1:] for row in table if row[0] == name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["evaluation", "hitl", "mapping"])
 def test_those_that_take_minutes_have_help(name):
     done = command(name, "--help")
     assert done.returncode == 0 and "--json" in done.stdout, done.stderr
 
 
+@pytest.mark.slow
 def test_recovery_is_the_same_in_any_process(run):
     options = ("--only", "recovery", "--attitudes", 1)
     table, figures, _ = run("control", *options, "--workers", 1)
@@ -68,6 +70,7 @@ def test_recovery_is_the_same_in_any_process(run):
         assert recovered == "1/1" and worst == f"{row['hover_s']:.2f}"
 
 
+@pytest.mark.slow
 def test_generated_tracks_are_measured(run):
     table, rows, _ = run("tracks", "--seeds", 3, "--gates", 8)
     assert [row["fault"] for row in rows] == 3 * [None]
@@ -77,11 +80,13 @@ def test_generated_tracks_are_measured(run):
     assert numbers[3:6] == [f"{f(laps):.0f}" for f in (np.min, np.median, np.max)]
 
 
+@pytest.mark.slow
 def test_a_track_that_cannot_be_is_a_fault(run):
     _, rows, text = run("tracks", "--seeds", 1, "--gates", 9, code=1)
     assert "9 gates" in rows[0]["fault"] and rows[0]["fault"] in text
 
 
+@pytest.mark.slow
 def test_an_exploration(run):
     table, rows, _ = run("exploration", "--tracks", 1, "--first", 2)
     assert rows[0]["failure"] is None and rows[0]["room_m"] > 1.0
@@ -89,6 +94,7 @@ def test_an_exploration(run):
     assert rows_of(table, "least room to a pylon") == [[f"{rows[0]['room_m']:.2f} m"]]
 
 
+@pytest.mark.slow
 def test_perception(run):
     table, figures, _ = run("perception", "--views", 1, "--frames", 2)
     near = next(row for row in figures["accuracy"] if row["camera"] == "clean")
@@ -98,6 +104,7 @@ def test_perception(run):
     assert rows_of(table, "tracked (ms)") == [[f"{figures['time']['tracked (ms)']:.3f}"]]
 
 
+@pytest.mark.slow
 def test_trajectories(run):
     table, figures, _ = run("trajectories", "--quick", "--only", "bounds", "minsnap")
     assert all(row["ok"] for rows in figures.values() for row in rows)
@@ -106,6 +113,7 @@ def test_trajectories(run):
         assert numbers[:2] == [f"{row['duration_s']:.2f}", f"{row['gap']:.1%}"]
 
 
+@pytest.mark.slow
 def test_speed_is_the_median_of_races(run):
     options = ("--renderer", "none", "--scenario_text", SHORT)
     table, figures, text = run("race_speed", *options, "--runs", 2, code=1)  # out of time
@@ -121,6 +129,7 @@ def test_speed_is_the_median_of_races(run):
     assert numbers[5:] == [f"{min(speeds):.2f}", f"{max(speeds):.2f}"]
 
 
+@pytest.mark.slow
 def test_the_times_of_the_boxes_add_up(run):
     table, figures, _ = run("race_speed", "--scenario_text", SHORT, "--profile", code=1)
     phase = figures["runs"][0]["phases"]["exploration"]
@@ -135,6 +144,7 @@ def test_the_times_of_the_boxes_add_up(run):
     assert float(total) == pytest.approx(1e3 * phase["cpu_s"] / phase["simulated_s"], rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options, named",
     [
@@ -151,6 +161,7 @@ def test_bad_input_is_one_sentence(options, named):
     assert done.returncode == 2 and named in done.stderr and "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_longer_tracks_are_compared_with_shorter_ones(run):
     table, rows, _ = run("growth", "--runs", 1, "--scenario_text", SHORT, code=1)
     assert [row["gates"] for row in rows] == [10, 20]
@@ -160,6 +171,7 @@ def test_longer_tracks_are_compared_with_shorter_ones(run):
     assert numbers[0] == "0 of 1" and numbers[3] == f"{cost[1] / cost[0]:.2f}"
 
 
+@pytest.mark.slow
 def test_a_frame_of_vtk_is_compared_with_a_bare_one(run):
     try:
         check_vtk_available()
@@ -170,6 +182,7 @@ def test_a_frame_of_vtk_is_compared_with_a_bare_one(run):
     assert rows_of(table, "airrace, colour") == [[f"{colour:.1f}", f"{colour / bare:.2f}"]]
 
 
+@pytest.mark.slow
 def test_another_simulator_is_compared_with_ours(run, tmp_path):
     """It is a shell script here; one that is not installed is named."""
     requirements = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][

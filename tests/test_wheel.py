@@ -54,6 +54,7 @@ def files(*patterns):
 SOURCES = [f"airrace/**/*.{end}" for end in ("py", "sh", "html", "lcm", "gltf")]
 
 
+@pytest.mark.slow
 def test_wheel_has_all_that_a_race_needs(wheel):
     names = set(wheel.namelist())
     assert files(*SOURCES, "airrace/py.typed") <= names

@@ -196,6 +196,7 @@ class TestOptions:
         assert settings["track"] == "the track student-airrace"
 
 
+@pytest.mark.slow
 def test_the_results(reference):
     data = json.loads((reference / "evaluation.json").read_text())
     assert data["complete"] and data["summary"]["dnf_reasons"] == {
@@ -208,6 +209,7 @@ def test_the_results(reference):
     assert text.startswith("# Default, optimal, races Defaults: 3 races of 1 lap, generated tracks")
 
 
+@pytest.mark.slow
 def test_a_killed_worker(reference, tmp_path):
     """Its race dies with it and is flown again, as is one whose process is killed."""
     process = start(*RACES, "--workers", 2, "--output", tmp_path)
@@ -221,6 +223,7 @@ def test_a_killed_worker(reference, tmp_path):
     check_same(tmp_path, reference)
 
 
+@pytest.mark.slow
 def test_ctrl_c_then_a_crash(reference, tmp_path, capsys):
     """Both leave no process behind, and what was flown is not flown again."""
     process = start(*RACES, "--workers", 1, "--output", tmp_path)
@@ -314,6 +317,7 @@ def dask_by_hand(folder, workers=2):
         yield address, scheduler
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_started_by_hand(reference, tmp_path):
     """And its scheduler is killed in the middle."""
     output = tmp_path / "out"
@@ -329,6 +333,7 @@ def test_a_dask_cluster_started_by_hand(reference, tmp_path):
     check_same(output, reference)
 
 
+@pytest.mark.slow
 def test_workers_that_differ_do_not_fly(folder, monkeypatch, capsys):
     monkeypatch.setattr("airrace.evaluation.jobs.versions", lambda systems: {"airrace": "another"})
     assert (
@@ -352,6 +357,7 @@ def test_workers_that_differ_do_not_fly(folder, monkeypatch, capsys):
     assert not (folder / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_race_that_is_refused_ends_the_evaluation(folder, capsys):
     text = "{referee: {time_limit: 0.2}, systems: {explorer: 'nobody:Box'}}"
     assert (

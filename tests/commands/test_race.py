@@ -231,6 +231,7 @@ class TestBadInput:
         assert re.search(words, err), err
         assert tree(folder) == before
 
+    @pytest.mark.slow
     def test_the_process(self, folder):
         before = tree(folder)
         for args in (
@@ -412,6 +413,7 @@ class TestOptions:
                 self.resolve(*args)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drone", vehicle.DRONES)
 def test_the_reference_track(folder, capsys, drone):
     """From pixels: explored, mapped and raced."""
@@ -429,6 +431,7 @@ def test_the_reference_track(folder, capsys, drone):
 
 
 class TestOutput:
+    @pytest.mark.slow
     def test_the_default_folder(self, folder, hexagon, capsys, monkeypatch):
         """Named after a track that may be called anything, and never shared."""
         noon = datetime.datetime(2026, 5, 4, 12, tzinfo=datetime.UTC)
@@ -452,6 +455,7 @@ class TestOutput:
             f"Results: {path.relative_to(folder)}" for path in folders
         }
 
+    @pytest.mark.slow
     def test_a_drone_of_ones_own(self, folder, monkeypatch):
         """It may be called anything, and flies again from any folder."""
         (folder / "my_drone").mkdir()
@@ -467,6 +471,7 @@ class TestOutput:
         assert main(["--scenario_file", str(left), "--no-meshcat", "--output", "again"]) == 1
         assert (path / "again" / "scenario.yaml").read_text() == left.read_text()
 
+    @pytest.mark.slow
     def test_a_folder_of_ones_own(self, folder, capsys):
         (folder / "mine" / "notes").mkdir(parents=True)
         assert main(["--output", "mine", *SHORT]) == 1
@@ -485,16 +490,19 @@ class TestOutput:
         assert "already holds results" in capsys.readouterr().err
         assert tree(folder) == before
 
+    @pytest.mark.slow
     def test_graphviz(self, folder):
         assert main(["--graphviz", "race.dot", "--output", "out", *SHORT]) == 1
         dot = (folder / "race.dot").read_text()
         assert dot.startswith("digraph") and "geometric_controller" in dot
 
+    @pytest.mark.slow
     def test_meshcat_leaves_a_replay(self, folder, capsys):
         assert main(["--output", "out", "--scenario_text", "referee: {time_limit: 0.2}"]) == 1
         assert "Watch it at http://localhost:" in capsys.readouterr().out
         assert "</html>" in (folder / "out" / "race.html").read_text()
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("reader", ["| head -n 1", "| true", ">/dev/full", ">&-"])
     def test_nobody_reads(self, folder, reader):
         """The race is flown to its end all the same, without a complaint."""
@@ -515,6 +523,7 @@ class TestOutput:
         reason = json.loads((folder / "out" / "race.json").read_text())["dnf_reason"]
         assert reason.startswith("ran out of time")
 
+    @pytest.mark.slow
     def test_a_box_that_raises_is_shown_with_its_traceback(self, folder):
         """It is the student's bug: the place matters."""
         (folder / "systems").mkdir()

@@ -48,6 +48,7 @@ def test_after_its_end_a_ghost_stays(runs):
     np.testing.assert_array_equal(p[0], p[1])
 
 
+@pytest.mark.slow
 def test_all_of_them_are_in_the_scene(runs):
     meshcat = Meshcat()
     show_ghosts(meshcat, make_ghosts(runs))

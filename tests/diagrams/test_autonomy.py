@@ -124,6 +124,7 @@ def test_every_input_of_every_box_is_fed():
     }
 
 
+@pytest.mark.slow
 def test_a_students_box_flies(tmp_path):
     import student_boxes
 

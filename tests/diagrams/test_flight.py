@@ -53,6 +53,7 @@ def sources(flight, box):
             )
 
 
+@pytest.mark.slow
 def test_what_controls_never_sees_the_truth():
     """Of the simulated world it sees the state estimate, and what the motors report."""
     flight = MakeFlight(scenario(), hover_reference(5.0))
@@ -113,6 +114,7 @@ def test_the_same_flight_twice():
     assert np.any(quiet.positions != one.positions)
 
 
+@pytest.mark.slow
 @both_drones
 @pytest.mark.parametrize("noise", ["none", "reference"])
 def test_it_recovers_from_upside_down(drone, noise):
@@ -163,6 +165,7 @@ def assert_landed_softly(flown):
     assert flown.speeds[-1] < 1.0  # m/s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rotor", [1, 2, 3, 4])
 def test_a_quadrotor_without_a_rotor_comes_down_softly(rotor):
     failing = scenario(rotor_failures=[RotorFailure(rotor, 0.3)])
@@ -176,6 +179,7 @@ def test_a_quadrotor_without_a_rotor_comes_down_softly(rotor):
     assert np.linalg.norm(flown.positions[:, :2], axis=1).max() < 5.0
 
 
+@pytest.mark.slow
 def test_the_spin_settles_on_a_long_way_down():
     """Without drag nothing stops it but the rotor opposite the lost one."""
     failing = scenario(rotor_failures=[RotorFailure(3, 0.3)])
@@ -185,6 +189,7 @@ def test_the_spin_settles_on_a_long_way_down():
     assert spins[-1] > 30.0 and spins.max() < 45.0
 
 
+@pytest.mark.slow
 def test_it_comes_down_from_a_lap_as_well():
     """When the rotor stops, it is fast and leans into a bend."""
     failing = scenario(rotor_failures=[RotorFailure(2, 3.0)], state_noise="reference")

@@ -22,6 +22,7 @@ def main(words):
 BLIND = CameraConfig(renderer="none")
 
 
+@pytest.mark.slow
 def test_a_race_without_a_camera_and_another_on_its_map(hexagon, tmp_path):  # noqa: F811
     scenario = Scenario(track=hexagon, laps=1, map="track", camera=BLIND)
     (tmp_path / "one").mkdir()

@@ -72,6 +72,7 @@ def load(folder):
     return json.loads((folder / "race.json").read_text())
 
 
+@pytest.mark.slow
 def test_lockstep_equals_sitl_to_the_last_bit(hexagon, tmp_path):
     results = []
     for name, options in (("sitl", ()), ("hitl", ("-s", "HITL", "--lockstep"))):
@@ -91,6 +92,7 @@ def test_lockstep_equals_sitl_to_the_last_bit(hexagon, tmp_path):
     assert maps[0] == maps[1] == maps[2]
 
 
+@pytest.mark.slow
 def test_two_races_at_once_do_not_disturb_each_other(hexagon, tmp_path):
     """In one network: each has an LCM port of its own."""
     first, second = (
@@ -115,6 +117,7 @@ def test_default_urls():
     assert default_url("pilot@10.0.0.2") == "udpm://239.255.76.67:7667?ttl=1"
 
 
+@pytest.mark.slow
 def test_in_real_time_slowed_down(hexagon, tmp_path):
     """At a quarter of the speed, so that a busy machine keeps up."""
     process = start(*race(tmp_path / "out", hexagon, "-s", "HITL", "--realtime_rate", "0.25"))
@@ -130,6 +133,7 @@ def test_in_real_time_slowed_down(hexagon, tmp_path):
     assert (tmp_path / "out/autonomy/checkpoint.pickle").exists()
 
 
+@pytest.mark.slow
 def test_an_autonomy_that_is_killed_ends_the_race_and_says_so(hexagon, tmp_path):
     text = "{camera: {width: 640, height: 360}, referee: {time_limit: 60.0}}"
     process = start(
@@ -163,6 +167,7 @@ def _autonomy_group(parent):
     return next(c.pid for c in children if "autonomy" in c.cmdline() and c.pid == os.getpgid(c.pid))
 
 
+@pytest.mark.slow
 def test_doctor_and_the_simulations_death(tmp_path):
     """The doctor measures a link; then nobody comes, and the autonomy gives up."""
     script = tmp_path / "both.sh"
@@ -178,6 +183,7 @@ def test_doctor_and_the_simulations_death(tmp_path):
     assert "autonomy 2" in text and "No simulation answered within 8 s" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options, sentence",
     [
@@ -206,6 +212,7 @@ def test_bad_input_is_one_sentence(options, sentence, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     """It is killed on its way to gate 1, and another process resumes with its checkpoint."""
     text = "{camera: {width: 640, height: 360}, referee: {time_limit: 7.0}, link_delay: 0.2}"

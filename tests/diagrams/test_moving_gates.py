@@ -30,6 +30,7 @@ def race(hexagon, tmp_path_factory):
     return load_track(hexagon), result, looks
 
 
+@pytest.mark.slow
 def test_it_is_finished(race):
     _, result, _ = race
     assert result["finished"] and result["collisions"] == 0
@@ -45,6 +46,7 @@ def passages(looks):
         seen = len(look.referee_status.crossings)
 
 
+@pytest.mark.slow
 def test_every_gate_moves_between_two_passages(race):
     _, _, looks = race
     last = {gate: np.zeros(2) for gate in range(N)}
@@ -57,6 +59,7 @@ def test_every_gate_moves_between_two_passages(race):
     assert len(lengths) == LAPS * N + 1 and max(lengths) > 0.7
 
 
+@pytest.mark.slow
 def test_no_gate_moves_near_the_drone(race):
     track, _, looks = race
     for before, after in zip(looks, looks[1:]):
@@ -65,6 +68,7 @@ def test_no_gate_moves_near_the_drone(race):
             assert np.linalg.norm(track.gates[gate].p_WG - after.state[4:7]) > 18.0
 
 
+@pytest.mark.slow
 def test_the_map_follows_before_the_gate_is_passed(race):
     """Within the lap: two observations in agreement beat whatever was believed before.
 
@@ -79,6 +83,7 @@ def test_the_map_follows_before_the_gate_is_passed(race):
     assert max(errors) < 0.2 and np.median(errors) < 0.05, errors
 
 
+@pytest.mark.slow
 def test_it_is_off_by_no_more_than_the_gates_have_moved_since_the_plan(race):
     _, result, _ = race
     (lap,) = result["laps"]

@@ -216,6 +216,7 @@ class TestWholeRace:
         statistics = json.loads((folder / "map_statistics.json").read_text())
         assert statistics["detections"] > 500 and statistics["error_rate"] < 0.01
 
+    @pytest.mark.slow
     def test_its_scenario_gives_the_same_race_again(self, flown, tmp_path, monkeypatch, capsys):
         """By the command line, from another folder, and with a spectator."""
         folder, result, _ = flown
@@ -236,6 +237,7 @@ class TestWholeRace:
 
 
 class TestShortFlights:
+    @pytest.mark.slow
     def test_the_seed_decides(self, tmp_path):
         states = {}
         for name, seed in (("a", 3), ("b", 3), ("c", 4)):
@@ -358,6 +360,7 @@ def faulty_boxes(tmp_path, monkeypatch):
 
 
 class TestFaults:
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         "systems, time_s",
         [
@@ -417,6 +420,7 @@ class TestFaults:
         assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("signum, replay", [(signal.SIGINT, True), (signal.SIGTERM, False)])
 def test_a_signal_in_mid_flight(tmp_path, signum, replay):
     log = tmp_path / "log"

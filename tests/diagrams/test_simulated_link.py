@@ -35,6 +35,7 @@ def race(hexagon, tmp_path, link, time_limit, stall=(0.0, 0.0), **fields):
     return result, dict(modes)
 
 
+@pytest.mark.slow
 def test_delay_jitter_and_loss_do_not_stop_a_race_and_are_the_same_twice(hexagon, tmp_path):
     link = dict(delay=0.02, jitter=0.005, loss=0.01)
     first, _ = race(hexagon, tmp_path, link, 5.0)
@@ -48,6 +49,7 @@ def test_delay_jitter_and_loss_do_not_stop_a_race_and_are_the_same_twice(hexagon
     assert channels["AIRRACE_ROTOR_SPEED_COMMAND"]["missing"] > 10
 
 
+@pytest.mark.slow
 def test_a_cable_that_is_pulled(hexagon, tmp_path):
     """For 0.2 s: nothing but a hold. For 1 s: a hover, and on. For good: down."""
     link = dict(cuts=((4.0, 4.2), (5.0, 6.0), (8.0, 1e9)))
@@ -63,6 +65,7 @@ def test_a_cable_that_is_pulled(hexagon, tmp_path):
     assert (watchdog["holds"], watchdog["hovers"], watchdog["landings"]) == (3, 2, 1)
 
 
+@pytest.mark.slow
 def test_an_autonomy_that_does_nothing_for_a_while(hexagon, tmp_path):
     """As of a computer that is busy: it is back at once, and nothing of the kind was a delay."""
     link = dict(delay=0.02, jitter=0.005, loss=0.01)

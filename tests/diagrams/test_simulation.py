@@ -359,6 +359,7 @@ class TestMovingGates:
         assert crossing.time == pytest.approx(0.4, abs=0.01)
         assert crossing.offset == pytest.approx(0.5, abs=0.05)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("renderer", RENDERERS)
     def test_it_is_seen_where_it_stands(self, tmp_path, renderer):
         if renderer == "vtk":

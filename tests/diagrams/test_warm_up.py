@@ -35,6 +35,7 @@ print(*sorted(compiled() - before), sep="\\n")
 """
 
 
+@pytest.mark.slow
 def test_nothing_is_left_to_compile_in_the_race(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(tmp_path)], capture_output=True, text=True
@@ -43,6 +44,7 @@ def test_nothing_is_left_to_compile_in_the_race(tmp_path):
     assert not done.stdout.strip(), done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "on_disk, renderer", [(False, "none"), (False, "planar"), (True, "planar")]
 )

@@ -20,7 +20,6 @@ PYTHON = blocks("python")
 CONSOLE = blocks("console")
 WITH_OUTPUT = sorted({block.page for block in CONSOLE})
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
-_TO_COME = ("CONTRIBUTING.md", "CITATION.cff")
 _INLINE = re.compile(r"`((?:airrace|\./run\.bash) [^`]+)`")
 
 
@@ -153,7 +152,7 @@ def test_links_lead_to_files_and_headings(page):
         if "://" in link or path == "api/index.rst":  # written by Sphinx
             continue
         target = page.parent / path if path else page
-        assert target.exists() or path in _TO_COME, f"{page.name}: {link}"
+        assert target.exists(), f"{page.name}: {link}"
         assert not heading or heading in headings(target), f"{page.name}: {link}"
 
 

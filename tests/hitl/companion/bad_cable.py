@@ -55,7 +55,8 @@ def relay(a: int, b: int, delay: float, jitter: float, loss: float) -> None:
         now = time.monotonic()
         while waiting and waiting[0][0] <= now:
             _, _, tap, frame = heapq.heappop(waiting)
-            os.write(tap, frame)
+            with contextlib.suppress(OSError):  # the other end is not up yet: it is lost
+                os.write(tap, frame)
 
 
 if __name__ == "__main__":

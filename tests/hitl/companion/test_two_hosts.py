@@ -18,6 +18,7 @@ def _one_way(hosts):
         receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # stays there
     with receiver, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         receiver.bind((COMPANION, 0))
+        receiver.settimeout(10.0)
         sender.sendto(b"", receiver.getsockname())  # finds the address
         receiver.recv(100)
         delays, sent = [], 0

@@ -65,6 +65,9 @@ figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
 race = dict(track="hexagon", laps=1, record="light", quiet=True)
 for name, systems in DETECTORS.items():
     run = airrace.race(**race, fields={"systems": systems})
+    if not run.result["finished"]:
+        print(f"{name:8s} did not finish: {run.result['dnf_reason']}")
+        continue
     error = run.map.groupby("time").error.agg(lambda e: np.sqrt(np.mean(e**2)))  # m, RMS
     print(
         f"{name:8s} {len(run.detections)} detections, explored in "

@@ -57,6 +57,9 @@ def compile_apart(scenario: Scenario) -> None:
     blind = scenario.camera.renderer == NO_CAMERA
     # A link is for races that explore.
     scenario = dc.replace(scenario, map="", camera=CameraConfig() if blind else scenario.camera)
+    # The other process has another __main__ than a script or notebook with systems of its own.
+    systems = {n: path for n, path in scenario.systems.items() if not path.startswith("__main__:")}
+    scenario = dc.replace(scenario, systems=systems)
     with (
         tempfile.TemporaryDirectory() as folder,
         Console(stderr=True).status("Compiling, once; it takes about a minute"),

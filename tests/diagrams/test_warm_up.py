@@ -59,7 +59,8 @@ def test_another_process_compiles_the_first_time(monkeypatch, tmp_path, capsys, 
     warm_up.compile_apart(
         load_scenario(
             scenario_text=f"{{map: track, camera: {{renderer: {renderer}}}, systems: "
-            "{trajectory_tracker: 'tests.diagrams.test_warm_up:make_tracker'}}"
+            "{trajectory_tracker: 'tests.diagrams.test_warm_up:make_tracker', "
+            "geometric_controller: '__main__:only_in_a_script'}}"
         )
     )
     assert [each.returncode for each in ran] == ([] if on_disk else [0]), ran[0].stderr

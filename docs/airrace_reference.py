@@ -5,16 +5,20 @@ The directive ``airrace-reference`` writes, by its argument:
 - ``scenario``: every field of a scenario, with its type, default, range, and comment;
 - ``presets``: what the camera's presets mean;
 - ``systems``: the systems of the autonomy and their ports;
-- ``options COMMAND``: the options of a subcommand of ``airrace``.
+- ``options COMMAND``: the options of a subcommand of ``airrace``;
+- ``measurement NAME``: the tables of docs/measurements/NAME.json, which
+  ``python -m benchmarks.NAME --json docs/measurements/NAME.json`` wrote.
 """
 
 import ast
 import dataclasses as dc
 import inspect
 import io
+import json
 import re
 import tokenize
 import typing
+from pathlib import Path
 from typing import NamedTuple
 
 from sphinx.util.docutils import SphinxDirective
@@ -24,6 +28,7 @@ from airrace.scenario import Scenario
 from airrace.scenario.camera_config import PRESETS, EffectsConfig
 from airrace.scenario.checks import RANGES
 
+_MEASUREMENTS = Path(__file__).parent / "measurements"
 _DRAKE = "https://drake.mit.edu/doxygen_cxx/structdrake"
 _DRAKES = {
     "SimulatorConfig": f"{_DRAKE}_1_1systems_1_1_simulator_config.html",
@@ -288,7 +293,23 @@ def _anchor(path: str) -> str:
     return path.replace(".", "-").replace("[]", "").replace("_", "-")
 
 
+def measurement(name: str) -> str:
+    """Returns Markdown with the tables that a benchmark printed, and where they come from."""
+    written = json.loads((_MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))
+    lines = []
+    for table in written["tables"]:
+        title, *notes = table["title"].splitlines()
+        headings = table["headings"] or [" "] * len(table["rows"][0])
+        lines += [f"**{escape(title)}**", "", *map(escape, notes), ""]
+        lines += [_row(*map(escape, headings)), "|---" * len(headings) + "|"]
+        lines += [_row(*map(escape, row)) for row in table["rows"]]
+        lines.append("")
+    source = f"of commit {written['commit']}, on {written['date']} ({written['machine']})"
+    return "\n".join([*lines, f"Printed by `{written['command']}` {source}.", ""])
+
+
 _MAKERS = {
+    "measurement": measurement,
     "scenario": scenario_reference,
     "presets": presets,
     "systems": systems,

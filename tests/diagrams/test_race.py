@@ -176,6 +176,7 @@ def flown(hexagon, tmp_path_factory):
 
 
 class TestWholeRace:
+    # One test without `slow`: with more, both processes of the fast lane would fly the race.
     def test_it_is_finished(self, flown):
         folder, result, _ = flown
         data = read_race(folder)
@@ -187,6 +188,7 @@ class TestWholeRace:
         assert data["exploration"]["success"] and data["exploration"]["gates_found"] == 6
         assert 10 < data["exploration"]["time_s"] < 100
 
+    @pytest.mark.slow
     def test_its_laps_are_plausible(self, flown):
         for lap in flown[1]["laps"]:
             assert lap["gate_times_s"][0] == 0.0
@@ -198,6 +200,7 @@ class TestWholeRace:
             assert lap["time_s"] == pytest.approx(plan["duration_s"], rel=0.1)
             assert lap["max_speed"] == pytest.approx(plan["max_speed"], rel=0.1)
 
+    @pytest.mark.slow
     def test_laps_are_on_disk_as_they_end(self, flown):
         for look in flown[2]:
             crossings = len(look.referee_status.crossings)
@@ -208,6 +211,7 @@ class TestWholeRace:
         assert first.on_disk["laps"] == flown[1]["laps"][:1]
         assert first.on_disk["dnf_reason"] == "not over yet"
 
+    @pytest.mark.slow
     def test_the_map_is_on_disk(self, flown):
         folder, _, looks = flown
         gates = json.loads((folder / "map.json").read_text())["gates"]

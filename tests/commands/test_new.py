@@ -26,6 +26,7 @@ def printed_command(capsys) -> list[str]:
     return words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["drone", "track"])
 def test_a_drone_and_a_track_are_accepted(kind, folder, capsys):
     assert main(["new", kind, "my-own_1"]) == 0
@@ -36,6 +37,7 @@ def test_a_drone_and_a_track_are_accepted(kind, folder, capsys):
     assert race[kind] == "my-own_1" and "ran out of time" in race["dnf_reason"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["controller", "detector"])
 def test_a_system_races(kind, folder, capsys):
     name = f"new_{kind}"

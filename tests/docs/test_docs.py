@@ -108,6 +108,7 @@ def test_formulas_stay_as_they_are(extension):
     assert lines[4] == "    - a * b"
 
 
+@pytest.mark.slow
 def test_every_field_of_a_scenario_is_on_its_page(pages):
     text = (pages / "scenario.html").read_text()
     for path, name in fields_of_a_scenario(Scenario):

@@ -27,6 +27,7 @@ def test_the_readme_is_a_front_page():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_OUTPUT, ids=lambda page: page.name)
 def test_commands_print_what_the_page_says(page, tmp_path):
     write_stubs(tmp_path)
@@ -68,6 +69,7 @@ def run(command, folder):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", SHELL, ids=str)
 def test_commands_that_are_not_run_exist(block):
     checked = subprocess.run(["bash", "-n"], input=block.text, capture_output=True, text=True)

@@ -72,6 +72,7 @@ def test_every_script_is_run_here():
     assert {path.stem for path in SCRIPTS} == set(re.findall(r'run\("(\w+)", folder', text))
 
 
+@pytest.mark.slow
 def test_a_first_race(first_race):
     _, text = first_race
     ((duration, max_speed),) = numbers(rf"lap 1: {NUMBER} s, at most {NUMBER} m/s", text)
@@ -80,6 +81,7 @@ def test_a_first_race(first_race):
     assert numbers(rf"error of the map: {NUMBER} cm", text) < 0.3
 
 
+@pytest.mark.slow
 def test_reading_the_log_of_that_race(first_race, folder):
     (run_folder,) = (first_race[0] / "runs").iterdir()
     text = run("read_log", folder, run_folder)
@@ -89,11 +91,13 @@ def test_reading_the_log_of_that_race(first_race, folder):
     assert 0.0 < median < worst and 0.0 < rms < worst < 5.0  # cm
 
 
+@pytest.mark.slow
 def test_reading_a_log_flies_a_race_if_there_is_none(folder):
     text = run("read_log", folder)
     assert numbers(LAP_ERRORS, text).shape == (2, 3)
 
 
+@pytest.mark.slow
 def test_a_controller_of_ones_own(folder):
     text = run("own_controller", folder, 1)
     rms = dict(re.findall(rf"(\w+) +tracking error +{NUMBER} cm RMS", text))
@@ -104,6 +108,7 @@ def test_a_controller_of_ones_own(folder):
     assert feedback < 0.4 * plain and mine < 0.2 * plain
 
 
+@pytest.mark.slow
 def test_a_detector_of_ones_own(folder):
     text = run("own_detector", folder)
     pattern = rf"(\d+) detections, explored in {NUMBER} s, map {NUMBER} cm off"
@@ -112,6 +117,7 @@ def test_a_detector_of_ones_own(folder):
     assert explored_ == pytest.approx(explored, abs=2.0) and max(error, error_) < 0.3
 
 
+@pytest.mark.slow
 def test_planning_a_lap(folder):
     text = run("plan_a_lap", folder)
     durations = dict(re.findall(rf"(\S+) +{NUMBER} s ", text))
@@ -120,12 +126,14 @@ def test_planning_a_lap(folder):
         assert float(durations[name]) == pytest.approx(duration, abs=0.3)
 
 
+@pytest.mark.slow
 def test_planning_a_lap_of_another_track_with_other_limits(folder):
     text = run("plan_a_lap", folder, "hexagon", 8, 5)
     speeds = numbers(rf"at most +{NUMBER} m/s", text)
     assert len(speeds) == 3 and 7.0 < speeds.min() and speeds.max() <= 8.0
 
 
+@pytest.mark.slow
 def test_comparing_planners(folder):
     text = run("compare_planners", folder, 2)
     rates = re.findall(r"finished (\d) of (\d)", text)

@@ -26,7 +26,8 @@ def exit_code(program: Callable[[], int]) -> int:
     """
     try:
         code = program()
-        sys.stdout.flush()
+        if sys.stdout is not None:  # it is None if it was closed before Python started
+            sys.stdout.flush()
         return code
     except UserError as e:
         print(f"airrace: {e}", file=sys.stderr)

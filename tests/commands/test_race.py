@@ -90,11 +90,11 @@ DRONES = {
     ),
     "not_finite": (
         drone_with(sdf=lambda text: text.replace("<mass>1.0", "<mass>nan")),
-        "default.sdf must have the mass and inertia of its vehicle.yaml",
+        "default.sdf must have the moments of inertia of its vehicle.yaml, 0.01,",
     ),
     "heavy": (
         drone_with(sdf=lambda text: text.replace("<mass>1.0", "<mass>1.1")),
-        "default.sdf must have the mass and inertia of its vehicle.yaml",
+        "default.sdf has a mass of 1.1 kg, and its vehicle.yaml 1 kg; make them equal",
     ),
 }
 FILES = {

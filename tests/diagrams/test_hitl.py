@@ -187,7 +187,7 @@ def test_doctor_and_the_simulations_death(tmp_path):
 @pytest.mark.parametrize(
     "options, sentence",
     [
-        (("--lockstep",), "--lockstep and --lcm_url are for HITL"),
+        (("--lockstep",), "--lockstep is for hardware in the loop"),
         (("-s", "HITL", "--companion", "nobody"), "--companion 'nobody' names no user"),
         (("-s", "HITL", "--lcm_url", "nonsense"), "--lcm_url nonsense cannot be opened"),
         (

@@ -13,7 +13,8 @@ AUTONOMY = '''
 import os, signal, subprocess, sys, time
 from pathlib import Path
 
-words = sys.argv[1:]
+assert sys.argv[1:3] == ["hitl", "autonomy"]
+words = sys.argv[3:]
 print("arguments", words)
 print("folder", sorted(os.listdir()), file=sys.stderr)
 output = Path("output")
@@ -88,12 +89,11 @@ def make_checkout(folder: Path, drake: str = "") -> tuple[Path, Path]:
     wheel = make_wheel(
         wheels, "drake", "1.58.0", {"pydrake/__init__.py": "", "pydrake/common.py": drake}
     )
-    (checkout / "airrace" / "diagrams").mkdir(parents=True)
+    (checkout / "airrace").mkdir(parents=True)
     (checkout / "models").mkdir()
     for name in ("pyproject.toml", "models/package.xml"):
         shutil.copy(ROOT / name, checkout / name)
-    for name in ("airrace/__init__.py", "airrace/diagrams/__init__.py"):
-        (checkout / name).touch()
-    (checkout / "airrace" / "diagrams" / "hitl.py").write_text(AUTONOMY)
+    (checkout / "airrace" / "__init__.py").touch()
+    (checkout / "airrace" / "__main__.py").write_text(AUTONOMY)
     make_lock(checkout / "requirements.lock", [wheel])
     return checkout, wheels

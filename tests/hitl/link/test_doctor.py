@@ -97,7 +97,10 @@ def test_what_falls_short_is_named_with_a_remedy(changes, verdict, what, remedy)
     reason = refusal(rows)
     assert (reason is not None) == (verdict == "bad")
     if reason:
-        assert reason.startswith("The link cannot carry a race: ") and "--doctor" in reason
+        assert (
+            reason.startswith("The link cannot carry a race: ")
+            and "airrace doctor --link" in reason
+        )
 
 
 def test_a_link_in_memory_is_measured():

@@ -36,6 +36,7 @@ def races(tmp_path_factory):
     return result
 
 
+@pytest.mark.slow
 def test_recording_changes_nothing(races):
     _, data, states = races["none"]
     for content in ("light", "full"):
@@ -49,6 +50,7 @@ def test_none_leaves_no_log(races):
     assert not (races["none"][0] / "race.mcap").exists()
 
 
+@pytest.mark.slow
 def test_a_real_race_has_every_signal(races):
     folder, _, states = races["full"]
     run = load_run(folder)

@@ -119,6 +119,7 @@ def until(condition, patience=60.0):
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_live_view(browser, race, tmp_path):
     browser.open(race.url)
     browser.evaluate(TOOLS)
@@ -135,6 +136,7 @@ def test_live_view(browser, race, tmp_path):
     assert browser.errors == []
 
 
+@pytest.mark.slow
 def test_pause_and_speed(browser, race):
     browser.open(race.url)
     browser.evaluate(TOOLS)
@@ -184,6 +186,7 @@ def open_offline(browser, page):
     assert {url.partition(":")[0] for url in browser.requests} <= {"file", "data", "blob"}
 
 
+@pytest.mark.slow
 def test_race_html(browser, folder, tmp_path):
     open_offline(browser, folder / "race.html")
     browser.evaluate(TOOLS)
@@ -193,6 +196,7 @@ def test_race_html(browser, folder, tmp_path):
     assert browser.errors == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2])
 def test_replay(browser, count, tmp_path):
     folders = [tmp_path / f"run{k}" for k in range(count)]
@@ -210,6 +214,7 @@ def test_replay(browser, count, tmp_path):
     assert browser.errors == []
 
 
+@pytest.mark.slow
 def test_replay_that_is_served(browser, tmp_path):
     make_run(tmp_path / "run", laps=2)
     with subprocess.Popen(
@@ -231,6 +236,7 @@ def test_replay_that_is_served(browser, tmp_path):
     assert browser.errors == []
 
 
+@pytest.mark.slow
 def test_report_html(browser, folder, tmp_path):
     open_offline(browser, folder / "report.html")
     look(browser, tmp_path / "report.png")

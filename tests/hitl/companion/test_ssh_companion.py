@@ -48,6 +48,7 @@ def test_runs_and_brings_its_files_back(companion, hosts, tmp_path):
     assert not runs(hosts)
 
 
+@pytest.mark.slow
 def test_another_ssh_server(companion, hosts, checkout, tmp_path, monkeypatch):
     """The same with the server of asyncssh, where the other tests have sshd."""
     start(companion, "farewell")

@@ -29,6 +29,7 @@ Race i = 0, 1, ... flies the generated track of seed track_seed + i, or the one 
 --track, with that seed for all other randomness; the scenario's own track and seed
 are not used. A seed without a track is said before anything flies. Every race is
 a process of its own; what crashes one is the reason why that one did not finish.
+Unless --level or --scenario_file is given, the races are those of --level 1.
 
 The output folder:
   races.jsonl      one line a race, written when it ends: race.json and wall times

@@ -12,6 +12,7 @@ import pytest
 from airrace.common.errors import UserError
 from airrace.common.processes import child_environment
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
+from benchmarks import documented, races
 
 ROOT = Path(__file__).parents[1]
 SHORT = "{referee: {time_limit: 1.0}}"  # the race runs out of time on the pad
@@ -78,6 +79,52 @@ def test_generated_tracks_are_measured(run):
     (numbers,) = rows_of(table, "8")
     laps = [row["lap_m"] for row in rows]
     assert numbers[3:6] == [f"{f(laps):.0f}" for f in (np.min, np.median, np.max)]
+
+
+@pytest.mark.slow
+def test_races_are_put_side_by_side(run):
+    options = ("--runs", 1, "--tracks", 1, "--scenario_text", SHORT)
+    table, figures, text = run("races", *options, code=1)  # out of time, on the pad
+    assert [row["name"] for row in figures["reference"]][:2] == ["optimal", "3-D"]
+    (row,) = rows_of(table, "6-D")
+    assert row[0] == "0 of 1" and row[1] == "-" and row[-1] == "41.21"
+    assert rows_of(table, "level 3")[0][0] == "0 of 1" and "ran out of time" in text
+
+
+def test_a_row_of_races_has_the_figures_of_them_all():
+    rows = [
+        {
+            "trajectory": "3",
+            "finished": finished,
+            "dnf_reason": None if finished else "touched pylon 1",
+            "lap_times_s": laps,
+            "gate_offsets_m": [[offset]],
+            "map_rms_m": error,
+            "exploration_s": explored,
+        }
+        for finished, laps, offset, error, explored in (
+            (True, [20.0, 22.0], 0.1, 0.01, 60.0),
+            (False, [21.0], 0.3, None, 62.0),
+        )
+    ]
+    figures = races.summary("3-D", rows)
+    assert figures["finished"] == 1 and figures["races"] == 2
+    assert figures["mean_lap_s"] == 21.0 and figures["best_lap_s"] == 20.0
+    assert figures["worst_gate_offset_m"] == 0.3 and figures["map_rms_cm"] == 1.0
+    assert figures["exploration_s"] == "60.0 to 62.0" and figures["reasons"] == "touched pylon 1"
+    assert figures["original_s"] == 40.60
+
+
+@pytest.mark.slow
+def test_tables_are_measured_for_the_documentation(tmp_path, monkeypatch):
+    monkeypatch.setattr(documented, "FOLDER", tmp_path / "measurements")
+    monkeypatch.setitem(documented.BENCHMARKS, "tracks", ("tracks", "--seeds", "2"))
+    assert documented.main(["--only", "tracks"]) == 0
+    written = json.loads((tmp_path / "measurements" / "tracks.json").read_text())
+    assert written["command"] == "python -m benchmarks.tracks --seeds 2"
+    assert written["tables"] and "figures" not in written
+    monkeypatch.setitem(documented.BENCHMARKS, "tracks", ("tracks", "--seeds", "0"))
+    assert documented.main(["--only", "tracks"]) == 1
 
 
 @pytest.mark.slow

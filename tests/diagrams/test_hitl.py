@@ -215,7 +215,7 @@ def test_bad_input_is_one_sentence(options, sentence, tmp_path):
 @pytest.mark.slow
 def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     """It is killed on its way to gate 1, and another process resumes with its checkpoint."""
-    text = "{camera: {width: 640, height: 360}, referee: {time_limit: 7.0}, link_delay: 0.2}"
+    text = "{camera: {width: 640, height: 360}, referee: {time_limit: 5.5}, link_delay: 0.2}"
     scenario = ["--scenario_text", text.replace("{camera", f"{{track: {hexagon}, laps: 1, camera")]
     first, second = (
         " ".join(

@@ -1,0 +1,86 @@
+"""Measures what the tables of the documentation show, anew.
+
+    python -m benchmarks.documented [--only NAME ...] [--workers N]
+
+Runs the benchmarks below one after the other, and writes the tables of each to
+docs/measurements/NAME.json, with the command, the commit, the machine and the date. The pages
+are made from these files. It takes hours; figures of speed need a machine without other work.
+A benchmark whose bounds are broken says so, and its tables are written all the same.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from airrace.common.errors import exit_code
+from airrace.common.files import write_json
+from benchmarks import harness
+
+FOLDER = Path(__file__).parents[1] / "docs" / "measurements"
+# The name of the file, and what is run; {workers} is the option.
+BENCHMARKS = {
+    "races": ("races", "--runs", "4", "--workers", "{workers}"),
+    "control": ("control", "--workers", "{workers}"),
+    "perception": ("perception",),
+    "mapping": ("mapping",),
+    "exploration": ("exploration", "--workers", "{workers}"),
+    "trajectories": ("trajectories",),
+    "tracks": ("tracks",),
+    "hitl": ("hitl",),
+    "race_speed": ("race_speed", "--laps", "3", "--runs", "5"),
+    "race_speed_on_a_map": ("race_speed", "--renderer", "none", "--laps", "10", "--runs", "5"),
+    "race_speed_vtk": ("race_speed", "--renderer", "vtk", "--laps", "1"),
+    "growth": ("growth", "--runs", "3"),
+    "vtk_frame": ("vtk_frame",),
+}
+
+
+def main(argv=None) -> int:
+    """Runs the benchmarks; exit code 1 if one wrote no tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--only", nargs="+", choices=BENCHMARKS, default=list(BENCHMARKS), help="(default: all)"
+    )
+    parser.add_argument("--workers", type=harness.count, default=1, help="processes (default: 1)")
+    args = parser.parse_args(argv)
+
+    def program():
+        written = [measure(name, args.workers) for name in args.only]  # all, even after a fault
+        return 0 if all(written) else 1
+
+    return exit_code(program)
+
+
+def measure(name: str, workers: int) -> bool:
+    """Runs a benchmark and writes its tables; returns whether there are any.
+
+    Args:
+        name: of BENCHMARKS.
+        workers: number of processes, where a benchmark can use several.
+    """
+    module, *options = (word.format(workers=workers) for word in BENCHMARKS[name])
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "figures.json"
+        command = [sys.executable, "-m", f"benchmarks.{module}", *options, "--json", str(file)]
+        subprocess.run(command, check=False)
+        if not file.exists():
+            return False
+        publish(name, file)
+    return True
+
+
+def publish(name: str, file: Path) -> None:
+    """Writes the tables of what a benchmark's --json wrote to the documentation's folder."""
+    written = json.loads(file.read_text(encoding="utf-8"))
+    del written["figures"]  # of every single view and flight
+    FOLDER.mkdir(exist_ok=True)
+    write_json(FOLDER / f"{name}.json", written)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

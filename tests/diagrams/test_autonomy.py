@@ -9,6 +9,7 @@ from airrace.common.errors import UserError
 from airrace.diagrams.autonomy import INPUTS, OUTPUTS, MakeAutonomy
 from airrace.diagrams.race import MakeRace, run_race
 from airrace.scenario import Scenario
+from airrace.systems.control.state_filter import UnfilteredState
 from airrace.vehicle import find_vehicle
 
 STUDENT = """
@@ -121,6 +122,7 @@ def test_without_the_state_filter_all_get_the_estimate_as_it_is():
     scenario = Scenario()
     scenario.state_filter.enabled = False
     autonomy = MakeAutonomy(scenario)
+    assert type(autonomy.GetSubsystemByName("state_filter")) is UnfilteredState
     context, estimate = autonomy.CreateDefaultContext(), np.arange(14.0)
     autonomy.GetInputPort("state_estimate").FixValue(context, estimate)
     for name in ("geometric_controller", "gate_mapper"):

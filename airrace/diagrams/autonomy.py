@@ -10,7 +10,7 @@ from airrace.scenario import Scenario
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rotor_monitor import RotorMonitor
-from airrace.systems.control.state_filter import StateFilter
+from airrace.systems.control.state_filter import StateFilter, UnfilteredState
 from airrace.systems.exploring.explorer import Explorer
 from airrace.systems.mapping.gate_mapper import GateMapper
 from airrace.systems.mapping.known_map import KnownMap, NoDetector
@@ -69,7 +69,9 @@ def _make_rotor_monitor(scenario: Scenario) -> RotorMonitor:
     return RotorMonitor(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.rotor_monitor.rate)
 
 
-def _make_state_filter(scenario: Scenario) -> StateFilter:
+def _make_state_filter(scenario: Scenario) -> System:
+    if not scenario.state_filter.enabled:
+        return UnfilteredState()
     return StateFilter(
         vehicle=load_vehicle(scenario.drone)[0],
         state_rate=scenario.state_estimate.rate,

@@ -16,6 +16,7 @@ from airrace.scenario.scenario import (
     RotorsConfig,
     Scenario,
     StateEstimateConfig,
+    StateFilterConfig,
     load_scenario,
     scenario_yaml,
     trajectory_name,

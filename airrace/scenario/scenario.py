@@ -25,6 +25,8 @@ from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
 
 TRAJECTORIES = ("3", "4", "6", "optimal")
 ESTIMATORS = ("robust", "report")
+ATTITUDE_ERRORS = ("reduced", "lee")
+GAINS = ("vehicle", "report")
 CONTENTS = ("none", "light", "full")  # of a recording
 LINK_DELAY = 0.2  # s, of Scenario.link_delay in HITL
 
@@ -104,9 +106,10 @@ class PlannerConfig:
 
 @dc.dataclass
 class StateFilterConfig:
-    """What smooths the state estimate for the controller."""
+    """What smooths the state estimate for the controller and the mapper."""
 
     rate: float = 250.0  # Hz, of checks for new estimates; it predicts from them to any time
+    enabled: bool = True  # false: the newest estimate is used as it is, and no disturbance known
 
 
 @dc.dataclass
@@ -121,8 +124,11 @@ class ControllerConfig:
     """The geometric controller."""
 
     rate: float = 500.0  # Hz
-    feed_forward: bool = True  # of the reference's jerk and snap, and of the rotors' lag
+    feed_forward: bool = True  # of the reference's jerk, snap and rates of yaw
     disturbance_rejection: bool = True  # against wind and drag: integral action
+    attitude_error: str = "reduced"  # the tilt before the yaw; or "lee", the paper's law as it is
+    gains: str = "vehicle"  # or "report": the original's, of force and moment (report_gains)
+    rotor_overdrive: bool = True  # commands overshoot, so that the rotors answer sooner
 
 
 @dc.dataclass
@@ -211,6 +217,8 @@ class Scenario:
                 f"not {self.recording.image_rate:g}."
             )
         check_choice("perception.estimator", self.perception.estimator, ESTIMATORS)
+        check_choice("controller.attitude_error", self.controller.attitude_error, ATTITUDE_ERRORS)
+        check_choice("controller.gains", self.controller.gains, GAINS)
         check_disturbances(self.disturbances)
         check_rotor_failures(self.rotor_failures)
         check_drakes_own(self.simulator_config, self.plant_config)

@@ -34,7 +34,7 @@ def attitude_from_force(
     """Returns the attitude that thrusts along a force and faces a heading.
 
     The body's z axis is along the force and its x axis in the plane of force
-    and heading, as in Lee, Leok, McClamroch (CDC 2010), equation (23); the
+    and heading, as Lee, Leok, McClamroch (CDC 2010) make R_d of equation (12); the
     derivatives follow from differentiating that construction twice.
 
     All vectors are (3,), or (3, N) for N samples.

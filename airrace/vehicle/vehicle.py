@@ -101,6 +101,27 @@ class Gains:
 
 
 @dc.dataclass
+class ReportGains:
+    """Controller gains of force and moment, as the system of the Student AirRace report had them.
+
+    They belong to one drone: a moment that suits a small inertia is too little for a large one.
+    With a moment of inertia J, a mass m and rotors without lag, the linearised loop about a hover,
+    J s^4 + k_w s^3 + k_R s^2 + k_R k_v / m s + k_R k_x / m, is stable where
+    k_R k_v (k_w - J k_v / m) > k_w^2 k_x (Routh's criterion). For the Default that is below
+    J = 0.26 kg m^2: its own 0.010 is, the 1 kg m^2 of the original simulator would not be.
+
+    Attributes:
+        position: k_x (N/m). velocity: k_v (N s/m).
+        attitude: k_R (N m). angular_velocity: k_w (N m s).
+    """
+
+    position: float = float("nan")
+    velocity: float = float("nan")
+    attitude: float = float("nan")
+    angular_velocity: float = float("nan")
+
+
+@dc.dataclass
 class Vehicle:
     """A multirotor.
 
@@ -113,6 +134,7 @@ class Vehicle:
         rotors: in the order of the rotor_speed_command.
         camera, drag: see there.
         gains: of the geometric controller.
+        report_gains: the same, of the Student AirRace report; None if that did not have the drone.
     """
 
     name: str = ""
@@ -124,6 +146,7 @@ class Vehicle:
     camera: CameraMount = dc.field(default_factory=CameraMount)
     drag: Drag = dc.field(default_factory=Drag)
     gains: Gains = dc.field(default_factory=Gains)
+    report_gains: ReportGains | None = None
 
     @property
     def allocation(self) -> np.ndarray:
@@ -204,6 +227,10 @@ class Vehicle:
             "its rotors cannot hold it level",
         )
         require(positive(*dc.astuple(self.gains)), "all gains must be positive")
+        if self.report_gains is not None:
+            require(
+                positive(*dc.astuple(self.report_gains)), "all four report_gains must be positive"
+            )
 
 
 def find_vehicle(drone: str) -> Path:

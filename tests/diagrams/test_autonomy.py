@@ -1,5 +1,7 @@
+import shutil
 import textwrap
 
+import numpy as np
 import pytest
 from pydrake.systems.framework import InputPortIndex
 
@@ -7,6 +9,8 @@ from airrace.common.errors import UserError
 from airrace.diagrams.autonomy import INPUTS, OUTPUTS, MakeAutonomy
 from airrace.diagrams.race import MakeRace, run_race
 from airrace.scenario import Scenario
+from airrace.systems.control.state_filter import UnfilteredState
+from airrace.vehicle import find_vehicle
 
 STUDENT = """
     from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -111,6 +115,31 @@ def test_ports():
     assert not any(
         autonomy.HasDirectFeedthrough(i, command) for i in range(autonomy.num_input_ports())
     )
+
+
+def test_without_the_state_filter_all_get_the_estimate_as_it_is():
+    """The controller and the mapper."""
+    scenario = Scenario()
+    scenario.state_filter.enabled = False
+    autonomy = MakeAutonomy(scenario)
+    assert type(autonomy.GetSubsystemByName("state_filter")) is UnfilteredState
+    context, estimate = autonomy.CreateDefaultContext(), np.arange(14.0)
+    autonomy.GetInputPort("state_estimate").FixValue(context, estimate)
+    for name in ("geometric_controller", "gate_mapper"):
+        box = autonomy.GetSubsystemByName(name)
+        port = box.GetInputPort("filtered_estimate")
+        np.testing.assert_array_equal(port.Eval(box.GetMyContextFromRoot(context)), estimate)
+
+
+def test_a_drone_without_the_originals_gains_is_told(tmp_path):
+    mine = shutil.copytree(find_vehicle("Default").parent, tmp_path / "mine")
+    text = (mine / "vehicle.yaml").read_text()
+    (mine / "vehicle.yaml").write_text(text[: text.index("report_gains: {")])
+    scenario = Scenario(drone=str(mine))
+    MakeAutonomy(scenario)
+    scenario.controller.gains = "report"
+    with pytest.raises(UserError, match="controller.gains 'report' needs report_gains in the"):
+        MakeAutonomy(scenario)
 
 
 def test_every_input_of_every_box_is_fed():

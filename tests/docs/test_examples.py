@@ -13,6 +13,7 @@ import yaml
 from cyclopts import CycloptsError
 
 from airrace.commands.app import make_app
+from airrace.scenario import load_scenario
 from tests.docs.pages import PAGES, ROOT, blocks, console_commands, same_line, same_lines
 
 SHELL = blocks("sh")
@@ -145,6 +146,14 @@ def test_python_compiles_and_imports_what_there_is(block):
 @pytest.mark.parametrize("block", blocks("yaml"), ids=str)
 def test_yaml_can_be_read(block):
     assert yaml.safe_load(block.text)
+
+
+@pytest.mark.parametrize(
+    "block", [each for each in blocks("yaml") if each.page.name == "scenario.md"], ids=str
+)
+def test_a_scenario_can_be_loaded(block, tmp_path):
+    (tmp_path / "mine.yaml").write_text(block.text)
+    load_scenario(filename=str(tmp_path / "mine.yaml")).check()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -246,6 +246,8 @@ BAD = {
     "disturbances: {drag: 1, wind: {mean_speed: -1}}": "disturbances.wind.mean_speed must be at least 0, not -1",
     "disturbances: {gate_shift: 3}": "disturbances.gate_shift must be at most 2, not 3",
     "controller: {feed_forward: 1}": "controller.feed_forward must be true or false, not 1",
+    "controller: {attitude_error: Lee}": "controller.attitude_error must be one of reduced, lee, not 'Lee'",
+    "controller: {gains: mine}": "controller.gains must be one of vehicle, report, not 'mine'",
     "rotor_failures: {rotor: 1, time: 1}": "rotor_failures must be a list",
     "rotor_failures: [3]": r"rotor_failures\[0\] must be a mapping",
     "rotor_failures: [{rotor: 1.5, time: 1}]": r"rotor_failures\[0\].rotor must be a whole number",

@@ -43,6 +43,17 @@ def test_the_reference_track_keeps_all_rules():
     check_rules(REFERENCE)
 
 
+def test_the_shipped_hexagon_breaks_two():
+    """As its file says: it is for quick tries."""
+    hexagon = Layout.of(load_track("hexagon"))
+    for check, words in (
+        (check_layout, "the turn after gate 1 is 60.00 degrees, not 45"),
+        (check_visibility, "gate 2 cannot be seen on the way straight on from gate 1"),
+    ):
+        with pytest.raises(RuleError, match=words):
+            check(hexagon)
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_octagons_keep_the_rules(sign):
     layout = octagon(30.0, sign)

@@ -8,7 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
-from airrace.vehicle import DRONES, CameraMount, Drag, Rotor, Vehicle, find_vehicle, load_vehicle
+from airrace.vehicle import (
+    DRONES,
+    CameraMount,
+    Drag,
+    ReportGains,
+    Rotor,
+    Vehicle,
+    find_vehicle,
+    load_vehicle,
+)
 
 
 def test_allocation_is_equation_1():
@@ -124,6 +133,7 @@ def test_a_folder_of_ones_own(tmp_path, monkeypatch, relative):
         (dict(rotors=[]), "rotors"),
         (dict(camera=CameraMount(position=[0.0])), "camera.position"),
         (dict(drag=Drag(linear=[-0.1, 0.0, 0.0])), "drag.linear"),
+        (dict(report_gains=ReportGains(1.0, 1.0, 1.0)), "all four report_gains must be positive"),
     ],
 )
 def test_impossible_vehicles(change, words):

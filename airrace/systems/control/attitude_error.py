@@ -11,14 +11,14 @@ _UP = np.array((0.0, 0.0, 1.0))
 
 
 @compilable
-def attitude_error(R_DB: np.ndarray, w: np.ndarray) -> np.ndarray:
+def reduced_error(R_DB: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Returns the error e_R of the body's attitude from the desired one, in B, (3,).
 
     The tilt of the thrust axis and the yaw are separated, as by Brescianini
     and D'Andrea, "Tilt-prioritized quadrocopter attitude control" (IEEE T-CST
     2020), so that a large error in yaw, which multirotors correct slowly,
     does not change the direction in which the tilt is corrected. To first order
-    it is equation (19) of Lee, Leok, McClamroch (CDC 2010).
+    it is lee_error().
 
     Args:
         R_DB: R_WD^T R_WB, (3, 3).
@@ -28,6 +28,21 @@ def attitude_error(R_DB: np.ndarray, w: np.ndarray) -> np.ndarray:
     x, y, _ = tilt_error(R_DB[2], _UP, w)
     yaw = math.atan2(R_DB[1, 0] - R_DB[0, 1], R_DB[0, 0] + R_DB[1, 1])
     return np.array((x, y, 2.0 * math.sin(yaw / 2)))
+
+
+@compilable
+def lee_error(R_DB: np.ndarray) -> np.ndarray:
+    """Returns the error e_R of the body's attitude from the desired one, in B, (3,).
+
+    It is 1/2 (R_d^T R - R^T R_d)^vee, equation (10) of Lee, Leok, McClamroch (CDC
+    2010): the sine of the angle, about the axis of the rotation. So it grows up to 90
+    degrees only, and vanishes at half a turn.
+
+    Args:
+        R_DB: R_d^T R, that is R_WD^T R_WB, (3, 3).
+    """
+    S = R_DB
+    return 0.5 * np.array((S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]))
 
 
 @compilable

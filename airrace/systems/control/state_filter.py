@@ -116,6 +116,35 @@ class StateFilter(LeafSystem):
         )
 
 
+class UnfilteredState(LeafSystem):
+    """Takes the place of a StateFilter where nothing is to be smoothed or predicted.
+
+    .. pydrake_system::
+
+        name: UnfilteredState
+        input_ports:
+        - state_estimate
+        output_ports:
+        - filtered_estimate
+        - disturbance
+
+    ``filtered_estimate`` is the newest ``state_estimate``, as noisy and as old as it is;
+    ``disturbance`` is zero. So the system of the Student AirRace report had it.
+    """
+
+    def __init__(self) -> None:
+        """Constructs the system."""
+        LeafSystem.__init__(self)
+        estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
+        self.DeclareVectorOutputPort(
+            "filtered_estimate",
+            STATE_SIZE,
+            lambda context, output: output.set_value(read_vector(estimate, context)),
+            {estimate.ticket()},
+        )
+        self.DeclareStateOutputPort("disturbance", self.DeclareDiscreteState(3))
+
+
 @compilable
 def _predict(
     memory: FilterMemory,

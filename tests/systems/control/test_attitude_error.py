@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.common.eigen_geometry import AngleAxis
-from pydrake.math import RotationMatrix
+from pydrake.math import RollPitchYaw, RotationMatrix
 
-from airrace.systems.control.attitude_error import attitude_error, lead_moment, tilt_error
+from airrace.systems.control.attitude_error import lead_moment, lee_error, reduced_error, tilt_error
 
 Z = np.array([0.0, 0.0, 1.0])
 REST = np.zeros(3)
@@ -31,17 +31,37 @@ def vee(S):
     return np.array([S[2, 1], S[0, 2], S[1, 0]])
 
 
+@given(units, half_turns, units, half_turns)
+def test_lees_error_is_the_papers(axis, angle, axis_d, angle_d):
+    """Equation (10), of any desired and any actual attitude."""
+    R, R_d = turn(angle, axis), turn(angle_d, axis_d)
+    e_R = vee(0.5 * (R_d.T @ R - R.T @ R_d))
+    np.testing.assert_allclose(lee_error(R_d.T @ R), e_R, atol=1e-15)
+    # It is the gradient of Psi = 1/2 tr(I - R_d^T R), the paper's error function.
+    psi = [0.5 * np.trace(np.eye(3) - R_d.T @ R @ turn(h, Z)) for h in (-1e-5, 1e-5)]
+    assert e_R[2] == pytest.approx((psi[1] - psi[0]) / 2e-5, abs=1e-9)
+
+
+@given(units, half_turns)
+def test_lees_error_is_the_sine(axis, angle):
+    np.testing.assert_allclose(lee_error(turn(angle, axis)), np.sin(angle) * axis, atol=1e-9)
+
+
+def test_the_two_errors_differ_where_the_yaw_is_large():
+    R = RollPitchYaw(0.3, -0.2, 2.5).ToRotationMatrix().matrix()
+    np.testing.assert_allclose(lee_error(R), [0.08, 0.07, 0.56], atol=0.005)
+    np.testing.assert_allclose(reduced_error(R, REST), [0.29, -0.20, 1.91], atol=0.005)
+
+
 @given(units, st.floats(-1e-3, 1e-3), vectors)
 def test_to_first_order_it_is_lees(axis, angle, w):
     E = turn(angle, axis)
-    lee = vee(E - E.T) / 2
-    np.testing.assert_allclose(attitude_error(E, w), lee, atol=angle**2 + 1e-15)
-    np.testing.assert_allclose(lee, angle * axis, atol=1e-9)
+    np.testing.assert_allclose(reduced_error(E, w), lee_error(E), atol=angle**2 + 1e-15)
 
 
 @given(headings, half_turns, vectors)
 def test_a_tilt_counts_twice_the_sine_of_half_its_angle(heading, angle, w):
-    e = attitude_error(turn(angle, across(heading)), w)
+    e = reduced_error(turn(angle, across(heading)), w)
     assert np.hypot(e[0], e[1]) == pytest.approx(2 * np.sin(angle / 2), abs=1e-6)
     if angle < 3.1:
         np.testing.assert_allclose(e, 2 * np.sin(angle / 2) * across(heading), atol=1e-9)
@@ -52,7 +72,7 @@ def test_it_grows_all_the_way_to_half_a_turn(heading, one, other):
     """In tilt as well as in yaw."""
     low, high = sorted((one, other))
     for axis, part in ((across(heading), slice(2)), (Z, slice(2, 3))):
-        small, large = (attitude_error(turn(a, axis), REST)[part] for a in (low, high))
+        small, large = (reduced_error(turn(a, axis), REST)[part] for a in (low, high))
         assert np.linalg.norm(small) <= np.linalg.norm(large) + 1e-12
 
 
@@ -60,7 +80,7 @@ def test_it_grows_all_the_way_to_half_a_turn(heading, one, other):
 def test_at_half_a_turn_it_does_not_vanish(heading, w):
     E = turn(np.pi, across(heading))
     exact = np.diag([1.0, -1.0, -1.0])
-    for e in (attitude_error(E, w), attitude_error(E, REST), attitude_error(exact, REST)):
+    for e in (reduced_error(E, w), reduced_error(E, REST), reduced_error(exact, REST)):
         assert np.hypot(e[0], e[1]) == pytest.approx(2.0)  # there is no yaw to speak of
 
 
@@ -89,13 +109,13 @@ def test_yaw_and_tilt_are_told_apart(heading, tilt, yaw, w):
     """In whichever order they are made, neither part knows of the other."""
     swing, twist = turn(tilt, across(heading)), turn(yaw, Z)
     for E in (swing @ twist, twist @ swing):
-        e = attitude_error(E, w)
+        e = reduced_error(E, w)
         assert np.hypot(e[0], e[1]) == pytest.approx(2 * np.sin(tilt / 2), abs=1e-9)
         if abs(yaw) < 3.14:  # at half a turn, either sign will do
             assert e[2] == pytest.approx(2 * np.sin(yaw / 2), abs=1e-6)
     # The tilt as the turned body sees it.
     np.testing.assert_allclose(
-        attitude_error(swing @ twist, w)[:2], (twist.T @ attitude_error(swing, w))[:2], atol=1e-6
+        reduced_error(swing @ twist, w)[:2], (twist.T @ reduced_error(swing, w))[:2], atol=1e-6
     )
 
 
@@ -103,8 +123,8 @@ def test_yaw_and_tilt_are_told_apart(heading, tilt, yaw, w):
 def test_it_turns_with_the_body(axis, angle, yaw, w):
     """Seen from axes that are turned about z, it is the same vector."""
     T, E = turn(yaw, Z), turn(angle, axis)
-    e = attitude_error(T.T @ E @ T, T.T @ w)
-    np.testing.assert_allclose(e, T.T @ attitude_error(E, w), atol=1e-9)
+    e = reduced_error(T.T @ E @ T, T.T @ w)
+    np.testing.assert_allclose(e, T.T @ reduced_error(E, w), atol=1e-9)
 
 
 @given(units, units, vectors, units, half_turns)

@@ -12,13 +12,15 @@ from pydrake.systems.analysis import Simulator
 
 from airrace.math.vec3 import cross
 from airrace.systems.control.attitude_error import lead_moment
-from airrace.systems.control.geometric_controller import GeometricController, limited
+from airrace.systems.control.control_law import lee_wrench, make_parameters
+from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY
 from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, inverse_dynamics
 from airrace.trajopt.reference import Reference, as_reference
 from airrace.vehicle import GRAVITY, Rotor, Vehicle, load_vehicle
 from airrace.vehicle.allocation import Allocator
+from airrace.vehicle.state import as_state
 
 RATE = 500.0
 VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}
@@ -27,6 +29,7 @@ CONTROLLERS = {
 }
 both_drones = pytest.mark.parametrize("drone", VEHICLES)
 P = np.array([0.0, 0.0, 5.0])
+E1, REST = np.array([1.0, 0.0, 0.0]), np.zeros(3)
 numbers = st.floats(-1.0, 1.0)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)
 angles = st.floats(-1.0, 1.0)
@@ -174,19 +177,6 @@ def test_it_turns_with_the_world(drone, p, v, w, tilt, angle, a):
         calc(one, estimate(P + p, R, 5 * w, v)),
         atol=1e-6,
     )
-
-
-@given(st.tuples(numbers, numbers, numbers).map(lambda f: 50 * np.array(f)), st.floats(5.0, 30.0))
-def test_height_goes_first(force, greatest):
-    result = limited(force, greatest)
-    assert np.linalg.norm(result) <= greatest + 1e-9
-    assert result[2] == pytest.approx(min(max(force[2], 0.2 * GRAVITY), greatest))
-    # To the side in the direction that was wanted, and as far as there is room.
-    assert result[0] * force[1] == pytest.approx(result[1] * force[0], abs=1e-6)
-    assert result[:2] @ force[:2] >= 0.0
-    side, wanted = np.hypot(*result[:2]), np.hypot(*force[:2])
-    room = np.sqrt(max(greatest**2 - result[2] ** 2, 0.0))
-    assert side == pytest.approx(min(wanted, room), abs=1e-6)
 
 
 @both_drones
@@ -354,6 +344,51 @@ def test_without_feed_forward_the_desired_rates_are_zero(drone):
         busy = np.hstack(parts._replace(**{part: 0.01 + getattr(parts, part)}))
         plain.fix(reference=busy)
         assert np.abs(plain.update() - expected).max() > 1e-6
+
+
+ORIGINAL = dict(  # the controller of the original system
+    rate=800.0,
+    feed_forward=False,
+    disturbance_rejection=False,
+    attitude_error="lee",
+    gains="report",
+    rotor_overdrive=False,
+)
+
+
+@both_drones
+@given(vectors, vectors, vectors, vectors, headings)
+def test_the_originals_rotors_are_to_give_the_papers_wrench(drone, p, v, w, a, yaw):
+    """At once, whatever they do now, and without a look at what comes next."""
+    vehicle = VEHICLES[drone]
+    bench = Bench(vehicle, **ORIGINAL)
+    R = RotationMatrix.MakeZRotation(yaw)
+    where = estimate(P + p / 50, R, w / 50, v / 50)
+    reference = Reference(P, REST, a / 50, 30 * w, 30 * v, yaw, 2.0, 3.0)
+    bench.fix(
+        reference=np.hstack(reference),
+        filtered_estimate=where,
+        disturbance=5 * a,
+        rotor_speeds=0.5 * hover_speeds(vehicle),
+    )
+    thrusts = vehicle.thrust_coefficients * bench.update() ** 2
+    calm = reference._replace(jerk=REST, snap=REST, yaw_rate=0.0, yaw_acceleration=0.0)
+    wrench = lee_wrench(calm, as_state(where), make_parameters(vehicle, "lee", "report"))
+    np.testing.assert_allclose(vehicle.allocation @ thrusts, wrench, atol=1e-9)
+
+
+@both_drones
+def test_each_part_of_the_originals_controller_is_one_of_its_own(drone):
+    """Each setting changes the command by itself."""
+    vehicle = VEHICLES[drone]
+    commands = []
+    for name in (None, *ORIGINAL):
+        bench = Bench(vehicle, **({} if name is None else {name: ORIGINAL[name]}))
+        reference = np.hstack(Reference(P, REST, REST, 9 * E1, 9 * E1, 0.3, 0.2, 0.2))
+        bench.fix(reference=reference, filtered_estimate=estimate(P + E1, tilted(0.1, 0.0)))
+        bench.fix(disturbance=0.1 * E1, rotor_speeds=0.9 * hover_speeds(vehicle))
+        commands.append(tuple(bench.update()))
+    assert len(set(commands)) == len(ORIGINAL) + 1
 
 
 @st.composite

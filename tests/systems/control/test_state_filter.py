@@ -11,7 +11,7 @@ from pydrake.math import RotationMatrix
 from pydrake.systems.analysis import Simulator
 
 from airrace.systems.control import state_filter
-from airrace.systems.control.state_filter import StateFilter, kalman_gain
+from airrace.systems.control.state_filter import StateFilter, UnfilteredState, kalman_gain
 from airrace.vehicle import GRAVITY, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state
 
@@ -351,6 +351,20 @@ def test_the_gain_is_the_limit_of_the_recursion(dt):
         K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
         P = (np.eye(3) - K @ C) @ P
     np.testing.assert_allclose(kalman_gain(dt), K, rtol=1e-5, atol=1e-9)
+
+
+@given(vectors, vectors, st.floats(0.0, 100.0))
+def test_unfiltered_is_the_newest_estimate_as_it_is(p, v, now):
+    """As noisy and as old; and nothing pushes the drone."""
+    system = UnfilteredState()
+    context = system.CreateDefaultContext()
+    context.SetTime(now)
+    estimate = Motion().at(0.3)
+    as_state(estimate).position[:], as_state(estimate).velocity[:] = p, v
+    system.GetInputPort("state_estimate").FixValue(context, estimate)
+    found = system.GetOutputPort("filtered_estimate").Eval(context)
+    np.testing.assert_array_equal(found, estimate)
+    np.testing.assert_array_equal(system.GetOutputPort("disturbance").Eval(context), 0.0)
 
 
 def test_sizes_and_feedthrough():

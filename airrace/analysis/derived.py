@@ -80,11 +80,11 @@ def _laps(result: dict) -> pd.DataFrame:
     """Returns the laps of a race.json; NaN where there was no plan or map."""
     rows = [
         (
-            *(lap["lap"], lap["start_s"], lap["time_s"]),
+            *(lap["lap"], (lap["plan"] or {}).get("number"), lap["start_s"], lap["time_s"]),
             (lap["plan"] or {}).get("duration_s", np.nan),
             *(lap["max_speed"], max(lap["gate_offsets_m"]), lap["map_rms_m"]),
         )
         for lap in result["laps"]
     ]
-    names = ("lap", "start", "duration", "planned", "max_speed", "worst_offset", "map_rms")
-    return pd.DataFrame(rows, columns=names).astype({"map_rms": float})
+    names = ("lap", "plan", "start", "duration", "planned", "max_speed", "worst_offset", "map_rms")
+    return pd.DataFrame(rows, columns=names).astype({"plan": "Int64", "map_rms": float})

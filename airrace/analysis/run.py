@@ -47,7 +47,7 @@ class Run:
     plan_samples   its entry and its circuit, every 0.02 s
     events         what the explorer and the referee said
     crossings      a row a gate that counted
-    laps           as in race.json
+    laps           as in race.json; ``plan`` is the number of the plan that was flown
     ============== ==================================================================
 
     All is SI, in the world frame unless it says otherwise, angles in rad. ``lap`` is

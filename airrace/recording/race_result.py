@@ -80,7 +80,7 @@ class RaceResult:
             wall: what else belongs below ``wall``, a dict.
         """
         laps = [self._lap(k) for k in range(1, self.laps_flown + 1)]
-        plans = [self._plan_summary(lap["lap"]) for lap in laps]
+        summaries = [self._plan_of(lap["lap"])[1] for lap in laps]
         times = [lap["time_s"] for lap in laps]
         referee, explorer = self.referee_status, self.explorer_status
         end = referee.end_time if referee.over else self._time  # is observed a little later
@@ -112,7 +112,7 @@ class RaceResult:
                 "simulation": self._simulation,
                 "seconds": wall_seconds,
                 "real_time_factor": self._time / max(wall_seconds, 1e-9),
-                "plan_solve_times_s": [plan and plan.solve_time for plan in plans],
+                "plan_solve_times_s": [each and each.solve_time for each in summaries],
                 **dict(wall),
             },
         }
@@ -129,7 +129,7 @@ class RaceResult:
     def _lap(self, lap: int) -> dict:
         n = len(self._track.gates)
         crossings = self.referee_status.crossings[n * (lap - 1) : n * lap + 1]
-        start, summary = crossings[0].time, self._plan_summary(lap)
+        start, (number, summary) = crossings[0].time, self._plan_of(lap)
         return {
             "lap": lap,
             "start_s": start,
@@ -138,13 +138,13 @@ class RaceResult:
             "gate_offsets_m": [c.offset for c in crossings[:-1]],
             "max_speed": max(c.max_speed for c in crossings[1:]),
             "map_rms_m": self._map_rms[lap],
-            "plan": summary and plan_data(summary),
+            "plan": summary and {"number": number, **plan_data(summary)},
         }
 
-    def _plan_summary(self, lap: int) -> PlanSummary | None:
-        """Returns what the plan of a lap promised."""
+    def _plan_of(self, lap: int) -> tuple[int, PlanSummary | None]:
+        """Returns the number of the plan that a lap flew, from 1, and what it promised."""
         plans = [plan for first, plan in sorted(self._plans.items()) if first <= lap]
-        return plans[-1].summary if plans else None
+        return len(plans), plans[-1].summary if plans else None
 
 
 # What race.json calls the parts of a PlanSummary that it holds.

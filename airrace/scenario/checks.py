@@ -12,10 +12,11 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from airrace.common.errors import UserError
 from airrace.scenario.camera_config import NO_CAMERA, PRESETS, RENDERERS, CameraConfig
+from airrace.scenario.lap_limits import parse_limits
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
 
 if TYPE_CHECKING:
-    from airrace.scenario import Scenario
+    from airrace.scenario import PlannerConfig, Scenario
 
 # Least and greatest value of numbers for which "positive" does not say it all;
 # [] is any element of a list. The upper limits keep a slip of the pen from
@@ -121,6 +122,23 @@ def check_camera(config: CameraConfig) -> None:
             raise UserError(
                 f"camera.effects.{name} must be shorter than one frame, 1 / camera.fps; "
                 f"it is {getattr(effects, name)} s."
+            )
+
+
+def check_planner(config: "PlannerConfig", trajectory: str) -> None:
+    """Checks limits and choices, and that those of minimum-snap laps are made for such."""
+    parse_limits(config.limits)
+    check_choice("planner.update", config.update, ("if_better", "always"))
+    for name, usual, other in (
+        ("lap", "periodic", "rest_to_rest"),
+        ("time_allocation", "exact", "report"),
+    ):
+        value = getattr(config, name)
+        check_choice(f"planner.{name}", value, (usual, other))
+        if value == other and trajectory == "optimal":
+            raise UserError(
+                f"planner.{name} '{other}' is for minimum-snap laps: set trajectory (-t) to 3, 4 "
+                f"or 6, or leave planner.{name} at '{usual}'."
             )
 
 

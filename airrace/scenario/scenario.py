@@ -16,9 +16,9 @@ from airrace.scenario.checks import (
     check_disturbances,
     check_drakes_own,
     check_numbers,
+    check_planner,
     check_rotor_failures,
 )
-from airrace.scenario.lap_limits import parse_limits
 from airrace.track.map_files import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
@@ -102,6 +102,13 @@ class PlannerConfig:
     limits: str = "original"  # or "rotor", or such as "v=15,a=8"; see scenario/lap_limits.py
     thrust_share: float = 0.9  # of the rotors' limits: the rest is for the controller
     first_lap_move: float = 1.0  # m, by which gates may have moved since they were explored
+    # Laps of -t 3, 4 and 6: without a stop, or "rest_to_rest", each from hover to hover, 0.5 m
+    # beyond the midpoint of gate 1.
+    lap: str = "periodic"
+    # Of -t 3, 4 and 6: the quickest laps within the limits, or "report", which weighs snap against
+    # time, as the report's planner did: -t 3 exceeds the limits a little.
+    time_allocation: str = "exact"
+    update: str = "if_better"  # or "always", each lap on a new plan even if it is slower
 
 
 @dc.dataclass
@@ -203,7 +210,7 @@ class Scenario:
         """Raises UserError with one sentence on the first bad value."""
         check_numbers(self)
         check_choice("trajectory", self.trajectory, TRAJECTORIES)
-        parse_limits(self.planner.limits)
+        check_planner(self.planner, self.trajectory)
         check_choice("state_noise", self.state_noise, ("reference", "none"))
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")

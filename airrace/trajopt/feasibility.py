@@ -58,14 +58,22 @@ def pylon_distances(samples: np.ndarray, pylons: ArrayLike) -> np.ndarray:
     return np.sqrt(x * x + y * y + above * above)
 
 
-def passes_forward(trajectory: FlatTrajectory, times: ArrayLike, headings: ArrayLike) -> np.ndarray:
-    """Whether gates are passed forward, within MAX_CROSSING_ANGLE of their headings, (n,) bool.
+def passes_forward(
+    trajectory: FlatTrajectory,
+    times: ArrayLike,
+    headings: ArrayLike,
+    within: float = MAX_CROSSING_ANGLE,
+) -> np.ndarray:
+    """Whether gates are passed forward, within an angle of their headings, (n,) bool.
 
-    Args: times: when they are passed, (n,) s. headings: of the gates, (n,) rad.
+    Args:
+        times: when they are passed, (n,) s.
+        headings: of the gates, (n,) rad.
+        within: the angle (rad).
     """
     velocity = as_reference(trajectory.sample(times)).velocity
     along = velocity[0] * np.cos(headings) + velocity[1] * np.sin(headings)
-    return along > np.cos(MAX_CROSSING_ANGLE) * np.linalg.norm(velocity, axis=0)
+    return along > np.cos(within) * np.linalg.norm(velocity, axis=0)
 
 
 def peaks(samples: np.ndarray) -> tuple[float, float]:

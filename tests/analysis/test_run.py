@@ -59,7 +59,7 @@ def test_laps_are_counted_from_gate_1(run):
     assert laps["min"][1] == pytest.approx(FIRST)
     assert laps["min"][3] == pytest.approx(FIRST + 2 * LAP, abs=0.021)
     np.testing.assert_allclose(run.lap_starts, FIRST + LAP * np.arange(3))
-    assert run.laps.duration.tolist() == [LAP, LAP]
+    assert run.laps.duration.tolist() == [LAP, LAP] and run.laps.plan.tolist() == [1, 1]
     assert len(run.crossings) == 2 * GATES + 1
 
 

@@ -152,6 +152,10 @@ BAD = [
         ["--scenario_text", "{planner: {thrust_share: 0.2}}", "--no-meshcat"],
         "rotors of Default cannot hold a hover. Raise planner.thrust_share.",
     ),
+    (
+        ["--scenario_text", "planner: {lap: rest_to_rest}"],
+        "'rest_to_rest' is for minimum-snap laps: set trajectory .-t. to 3, 4 or 6",
+    ),
     (["--scenario_file", "nan_scenario.yaml"], "explorer.max_speed must be a finite number"),
     (["--scenario_file", "bad_scenario.yaml"], "bad_scenario.yaml .*camera.lens is unknown"),
     (["--scenario_name", "Vtk"], "--scenario_name needs --scenario_file"),

@@ -76,6 +76,7 @@ def check_schema(data, gates, laps):
 
     plan = matches(
         {
+            "number": is_a(int),
             "duration_s": is_number,
             "bound_s": is_number,
             "over_bound": is_number,

@@ -228,6 +228,7 @@ def test_a_whole_race():
     assert second["map_rms_m"] == pytest.approx(0.2)
     assert first["plan"]["duration_s"] == 19.0
     said = {
+        "number": 2,
         "duration_s": 18.0,
         "max_speed": 19.0,
         "max_acceleration": 9.5,
@@ -257,6 +258,7 @@ def test_a_plan_that_is_flown_twice_counts_twice():
     observe(result, 199.0, referee(3 * N + 1), RACING, gate_map(), plan(2, 18.0))
     laps = result.data(1.0)["laps"]
     assert [lap["plan"]["duration_s"] for lap in laps] == [19.0, 18.0, 18.0]
+    assert [lap["plan"]["number"] for lap in laps] == [1, 2, 2]
 
 
 def test_a_lap_without_a_plan():

@@ -256,6 +256,11 @@ BAD = {
     "rotor_failures: [{rotor: 1, time: -1}]": r"rotor_failures\[0\].time must be at least 0, not -1",
     "rotor_failures: [{rotor: 2, time: 1}, {rotor: 1}, {rotor: 2, time: 3}]": "rotor_failures has rotor 2 twice; name each rotor once",
     "perception: {estimator: best}": "perception.estimator must be one of robust, report, not",
+    "trajectory: '3'\nplanner: {lap: once}": "planner.lap must be one of periodic, rest_to_rest, not 'once'",
+    "planner: {time_allocation: soft}": "planner.time_allocation must be one of exact, report, not 'soft'",
+    "planner: {update: never}": "planner.update must be one of if_better, always, not 'never'",
+    "planner: {lap: rest_to_rest}": "planner.lap 'rest_to_rest' is for minimum-snap laps: set trajectory .-t. to 3, 4 or 6",
+    "planner: {time_allocation: report}": "time_allocation 'report' is for minimum-snap laps: .* at 'exact'",
     "perception: {latency: 0.04}": "perception.latency must be shorter than one frame",
     "referee: {time_limit: 0.0}": "referee.time_limit must be positive",
     "simulator_config: {target_realtime_rate: -1}": "target_realtime_rate",
@@ -433,6 +438,9 @@ def scenarios(draw):
                 setattr(config, name, draw(st.integers(16, 256)))
     scenario.planner.thrust_share = draw(st.floats(0.1, 1.0))
     scenario.planner.limits = draw(st.sampled_from(["original", "rotor", "v=3,a=1.5"]))
+    scenario.planner.lap = draw(st.sampled_from(["periodic", "rest_to_rest"]))
+    scenario.planner.time_allocation = draw(st.sampled_from(["exact", "report"]))
+    scenario.planner.update = draw(st.sampled_from(["if_better", "always"]))
     scenario.camera.preset = draw(st.sampled_from(list(PRESETS)))
     scenario.camera.effects.shutter = draw(st.none() | st.floats(0, 0.03))
     scenario.camera.effects.distortion = draw(

@@ -75,6 +75,7 @@ def race_json(laps, finished=True):
                 "max_speed": 20.0,
                 "map_rms_m": MAP_ERROR,
                 "plan": {
+                    "number": 1,
                     "duration_s": LAP - 0.2,
                     "max_speed": 20.0,
                     "max_acceleration": 10.0,

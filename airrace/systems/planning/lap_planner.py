@@ -16,6 +16,7 @@ from airrace.systems.planning.laps import LapProblem
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
 from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import Vehicle
 
@@ -81,7 +82,9 @@ class LapPlanner(LeafSystem):
 
     **When is there no new plan?** If the search finds none, or refuses it since the old plan is
     quicker (see plan_lap()), or if the same problem was solved before. Then the old lap is
-    flown again. Before the first plan, the search is repeated when the map has changed.
+    flown again. Before the first plan, the search is repeated when the map has changed. With the
+    scenario's ``update: always``, nothing is refused: each lap that a plan is found for has
+    one of its own.
 
     **With which margin?** See pylon_margins(): until a lap has shown how far gates move, they
     count as moving by the scenario's ``first_lap_move``.
@@ -120,6 +123,10 @@ class LapPlanner(LeafSystem):
         self._trajectory = trajectory
         self._laps = laps
         self._first_lap_move = config.first_lap_move
+        self._style = LapStyle(
+            rests=config.lap == "rest_to_rest", soft=config.time_allocation == "report"
+        )
+        self._always = config.update == "always"
         self._solve = solve
         self._submit: Callable | None = None
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
@@ -188,7 +195,8 @@ class LapPlanner(LeafSystem):
         if not self._is_due(context, memory, now):
             return memory
         start_time = self._in_force_from(memory, now)
-        problem, last = self._make_problem(context, memory, start_time), memory.searched
+        problem = self._make_problem(context, memory, start_time)
+        last = None if self._always else memory.searched
         if problem and last and last.old and last.has_same_lap(problem):
             # Another search would make the lap a few hundredths of a percent quicker.
             problem = None
@@ -251,6 +259,8 @@ class LapPlanner(LeafSystem):
             start_time=start_time,
             start=start,
             old=old,
+            style=self._style,
+            always=self._always,
         )
 
 

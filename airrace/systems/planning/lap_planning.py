@@ -20,15 +20,16 @@ def plan_lap(problem: LapProblem) -> LapPlan | None:
     """Returns the plan from the problem's start on, or None to go on with the old one.
 
     The same problem gives the same plan, but for the time that it took. There is none
-    if no lap, or no transition onto it, was found. A new plan is refused if the old one is
-    quicker and still leads through the gates as they are known now.
+    if no lap, or no transition onto it, was found. Unless the problem says ``always``, a new
+    plan is refused if the old one is quicker and still leads through the gates as they are
+    known now.
     """
     clock = wall_clock.perf_counter()
     old = problem.old
     try:
         is_optimal = problem.trajectory == "optimal"
         laps = TimeOptimalLaps(problem) if is_optimal else MinSnapLaps(problem)
-        circuit, bound = _best_lap(laps, old)
+        circuit, bound = _best_lap(laps, old, problem.always)
         if circuit is None:
             return None
         remaining = None
@@ -61,8 +62,10 @@ def plan_lap(problem: LapProblem) -> LapPlan | None:
     return LapPlan(lap, problem.start_time, entry, circuit, phase, summary)
 
 
-def _best_lap(laps: Laps, old: LapPlan | None) -> tuple[Circuit | None, float]:
-    """Returns the lap to fly and its bound; None to stay with the old.
+def _best_lap(
+    laps: Laps, old: LapPlan | None, always: bool = False
+) -> tuple[Circuit | None, float]:
+    """Returns the lap to fly and its bound; None to stay with the old, unless always a new one.
 
     A lap is judged beside the bound, since gates that moved explain as much. One that
     started from the old lap and fell behind it is searched for again from nothing.
@@ -78,6 +81,7 @@ def _best_lap(laps: Laps, old: LapPlan | None) -> tuple[Circuit | None, float]:
         with contextlib.suppress(TrajectoryOptimizationError):
             found.append(laps.lap(None))
     best = min(found, key=lambda lap: lap.duration, default=None)
-    if best is not None and best.duration > old.circuit.duration and laps.fits(old.circuit):
+    is_worse = best is not None and best.duration > old.circuit.duration
+    if is_worse and not always and laps.fits(old.circuit):
         return None, bound
     return best, bound

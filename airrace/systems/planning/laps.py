@@ -13,7 +13,7 @@ from airrace.trajopt.feasibility import clearance_of, pylon_distances, sample_ti
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap.circuit import Circuit
+from airrace.trajopt.min_snap.circuit import Circuit, LapStyle
 from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_bound
 
 _SLACK = 0.05  # m, by which an old lap may miss what is asked of a new one
@@ -35,6 +35,8 @@ class LapProblem(Immutable):
         start: value and four derivatives of x, y, z (m) and yaw (rad) at that time,
             (5, 4); at rest, if there is no old plan.
         old: the LapPlan in force until then, or None before the first.
+        style: of minimum-snap laps.
+        always: whether a new plan is flown even if the old one is quicker and still fits.
     """
 
     trajectory: str
@@ -45,6 +47,8 @@ class LapProblem(Immutable):
     start_time: float
     start: np.ndarray
     old: LapPlan | None
+    style: LapStyle = LapStyle()
+    always: bool = False
 
     def has_same_lap(self, other: "LapProblem") -> bool:
         """Whether the lap of another problem leads through the very same gates."""

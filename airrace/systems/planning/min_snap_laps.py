@@ -10,7 +10,7 @@ from airrace.trajopt.feasibility import peaks, sample_times
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap.circuit import Circuit, plan_circuit
+from airrace.trajopt.min_snap.circuit import REST_BEYOND, Circuit, plan_circuit
 from airrace.trajopt.min_snap.transition import (
     plan_transition_between_laps,
     plan_transition_from_hover,
@@ -24,35 +24,40 @@ _SHARES = (1.0, 0.8, 0.6)  # of the lap's own speed and acceleration, for the tr
 class MinSnapLaps(Laps):
     """Finds minimum-snap laps through the midpoints, see plan_circuit()."""
 
-    solver = "SNOPT"
-
     def __init__(self, problem: LapProblem, dimensions: int | None = None):
         """Args: problem: see Laps. dimensions: 3, 4 or 6; by default the problem's."""
         super().__init__(problem)
         self._dimensions = dimensions or int(problem.trajectory)
+        self.solver = "BOBYQA" if problem.style.soft else "SNOPT"
 
     def _gate_regions(self) -> GateRegions:
         gates = self._problem.gates
-        return GateRegions.balls([g.p_WG for g in gates], [g.heading for g in gates], 0.0)
+        points = [g.p_WG for g in gates]
+        if self._problem.style.rests and gates:
+            forward = np.array([np.cos(gates[0].heading), np.sin(gates[0].heading), 0.0])
+            points[0] = points[0] + REST_BEYOND * forward
+        return GateRegions.balls(points, [g.heading for g in gates], 0.0)
 
     def lap(self, previous: Circuit | None) -> Circuit:
         # What thrusts hold against gravity, at level flight.
         limits = self._problem.limits
         level = np.sqrt(limits.max_specific_force**2 - GRAVITY**2)
         return plan_circuit(
-            self._gates.midpoints,
+            [g.p_WG for g in self._problem.gates],
             self._gates.headings,
             self._dimensions,
             self._limited(min(limits.max_speed, _MAX_SPEED), min(limits.max_acceleration, level)),
             previous=previous,
+            style=self._problem.style,
         )
 
     def transition(
         self, circuit: Circuit, start: np.ndarray, remaining: float | None
     ) -> tuple[FlatTrajectory, float]:
-        # Where there is no limit, that is what the lap has.
+        # Where there is no limit, or a soft one, that is what the lap has.
+        soft = self._problem.style.soft
         limits = [
-            limit if np.isfinite(limit) else 1.01 * peak
+            limit if np.isfinite(limit) and not (soft and limit < peak) else 1.01 * peak
             for limit, peak in zip(
                 (self._problem.limits.max_speed, self._problem.limits.max_acceleration),
                 peaks(circuit.sample(sample_times(circuit))),

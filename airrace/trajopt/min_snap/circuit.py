@@ -5,11 +5,13 @@ import dataclasses as dc
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import (
+    MAX_CROSSING_ANGLE,
     check_flight,
     is_feasible,
     passes_forward,
@@ -20,21 +22,41 @@ from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.gate_regions import GateRegions, turn_per_lap
 from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
+from airrace.trajopt.min_snap.soft_allocation import allocate_times_softly
 from airrace.trajopt.min_snap.time_allocation import allocate_times
 
+# m, from gate 1's midpoint on to where laps rest. In the gate's plane itself, noise would decide
+# when the gate counts; 0.5 m beyond it, the drone has passed, and is still between the boards.
+REST_BEYOND = 0.5
 LEVEL = np.array([0.0, 0.0, np.nan, np.nan])  # no horizontal acceleration
 # Of the limits, so that a slightly different transition onto the circuit keeps them.
 _MARGIN = 0.99
 _APPROACHES = (None, 5.0, 3.0, 2.0, 10.0)  # m before a gate, tried in turn
 _MOST_ROUNDS = 4  # of each, with the gates that were faulty in the last
 _MOST_SLOWING = 20.0  # times the durations within limits of speed and acceleration
+_LEG_SAMPLES = 200  # which bracket where a leg passes its gate
+
+
+@dc.dataclass(frozen=True)
+class LapStyle:
+    """What sets laps apart from the quickest ones that never stop.
+
+    Attributes:
+        rests: whether every lap starts and ends at rest, REST_BEYOND the midpoint of gate 1.
+        soft: whether durations weigh snap against time, with soft limits, as those of the
+            original system: see allocate_times_softly(). Else they are the shortest.
+    """
+
+    rests: bool = False
+    soft: bool = False
 
 
 class Circuit(FlatTrajectory):
-    """One lap from gate 1 to gate 1.
+    """One lap from gate 1 to gate 1, or from rest just beyond gate 1 to rest there.
 
     Attributes:
-        gate_times: when each gate is passed (s), then the duration.
+        gate_times: when each gate is passed, and then gate 1 again (s): 0 and the duration. If
+            it rests, gate 1 is passed a little earlier, the first time before it starts.
         headings: of the gates (rad), as a tuple.
         approach: gate index to distance (m) of a waypoint in front of it.
     """
@@ -54,8 +76,13 @@ class Circuit(FlatTrajectory):
 
     @property
     def waypoint_times(self) -> tuple:
-        """When gates and waypoints in front of them are passed, then the duration (s)."""
+        """When gates and the waypoints between them are passed, then the duration (s)."""
         return self.breaks
+
+    @property
+    def rests(self) -> bool:
+        """Whether it starts and ends at rest."""
+        return self.gate_times[0] < 0.0
 
 
 def plan_circuit(
@@ -65,17 +92,27 @@ def plan_circuit(
     constraints: FlightConstraints,
     *,
     previous: Circuit | None = None,
+    style: LapStyle = LapStyle(),
 ) -> Circuit:
     """Returns the lap through the gates that is shortest within the limits.
 
     Section V of the Student AirRace report, as a closed loop: nobody stops at
-    gate 1. In three dimensions only x, y, z are planned and yaw stays at the
-    heading of gate 1; in four, yaw follows the gates' headings; in six, roll
+    gate 1, unless the style says so. In three dimensions only x, y, z are planned and yaw stays
+    at the heading of gate 1; in four, yaw follows the gates' headings; in six, roll
     and pitch are zero at each gate as well. By differential flatness (Mellinger
     and Kumar, ICRA 2011) these are zero where the horizontal acceleration is.
 
     Between midpoints alone, the shortest lap may slip through a gate sideways,
     along its pylons. Such a gate gets a waypoint straight in front of it.
+
+    A lap that rests leads from beyond gate 1 to there: at both ends, all derivatives through
+    the snap are zero. If need be, it gets a waypoint as far in front of gate 1.
+
+    With soft limits, laps are as the original system had them. Those in four and six dimensions
+    are stretched until they keep the limits; those in three may exceed them, but not what the
+    rotors can fly. Roll and pitch had polynomials of their own, which were zero and did not
+    bend the path: so laps in six dimensions are those in four. Gates may be passed at any angle
+    from the front. All laps keep clear of pylons, which the original ones did not.
 
     Args:
         midpoints: of the gates, (n, 3) m.
@@ -83,19 +120,21 @@ def plan_circuit(
         dimensions: 3, 4 or 6.
         constraints: of finite speed and acceleration. If there is a vehicle, the lap is
             slowed until its rotors can fly it.
-        previous: the lap through a similar map, to start from.
+        previous: the lap through a similar map, to start from; not with soft limits.
+        style: see LapStyle.
 
     Raises:
         TrajectoryOptimizationError: if there is no such lap.
     """
     limits = constraints.limits
+    constraints = dc.replace(constraints, limits=_kept(limits, dimensions, style))
     regions = GateRegions.balls(midpoints, headings, 0.0)
     gates = np.column_stack([regions.midpoints, regions.headings])
-    if previous is not None and len(previous.headings) == len(gates):
+    if previous is not None and not style.soft and len(previous.headings) == len(gates):
         with contextlib.suppress(TrajectoryOptimizationError):
             durations = np.diff(previous.breaks)
-            circuit = _solve(gates, previous.approach, dimensions, durations, limits)
-            faults = _faults(circuit, constraints)
+            circuit = _solve(gates, previous.approach, dimensions, limits, style, durations)
+            faults = _faults(circuit, constraints, style)
             if not faults and is_feasible(circuit, constraints):
                 return circuit
     faults = set()
@@ -103,15 +142,18 @@ def plan_circuit(
         # A waypoint in front of one gate may lead to another minimum, with faults elsewhere.
         for _ in range(_MOST_ROUNDS):
             approach = {} if distance is None else dict.fromkeys(sorted(faults), distance)
+            if style.rests and approach:
+                approach[0] = REST_BEYOND
             try:
-                circuit = _solve(gates, approach, dimensions, None, limits)
+                circuit = _solve(gates, approach, dimensions, limits, style)
             except TrajectoryOptimizationError:
                 break
-            new_faults = _faults(circuit, constraints)
+            new_faults = _faults(circuit, constraints, style)
             if not new_faults and is_feasible(circuit, constraints):
                 return circuit
             settled = distance is None or new_faults <= faults
-            faults |= new_faults
+            # A lap that comes to rest from the side may have no other fault.
+            faults |= {0} if style.rests and not faults else new_faults
             if settled:
                 break
         if not faults:
@@ -123,18 +165,19 @@ def _solve(
     gates: np.ndarray,
     approach: dict,
     dimensions: int,
-    durations: np.ndarray | None,
     limits: FlightLimits,
+    style: LapStyle,
+    durations: np.ndarray | None = None,
 ) -> Circuit:
-    """Returns the shortest lap with some waypoints in front of gates."""
+    """Returns the lap with some waypoints in front of gates, searched for from some durations."""
     waypoints, indices = [], []
     legs = np.linalg.norm(gates[:, :3] - np.roll(gates[:, :3], 1, axis=0), axis=1)
     for i, (gate, leg) in enumerate(zip(gates, legs)):
+        forward = np.array([np.cos(gate[3]), np.sin(gate[3]), 0.0, 0.0])
         if i in approach:
-            forward = np.array([np.cos(gate[3]), np.sin(gate[3]), 0.0, 0.0])
             waypoints.append(gate - min(approach[i], leg / 2) * forward)
         indices.append(len(waypoints))
-        waypoints.append(gate)
+        waypoints.append(gate + REST_BEYOND * forward if i == 0 and style.rests else gate)
     turn = np.array([0.0, 0.0, 0.0, turn_per_lap(gates[:, 3])])
     # The lap starts at gate 1, its approach comes last.
     if indices[0] > 0:
@@ -143,23 +186,66 @@ def _solve(
     waypoints = np.array(waypoints)
     if dimensions == 3:
         waypoints[:, 3], turn = gates[0, 3], np.zeros(4)
-    level = indices if dimensions == 6 else ()
+    level = indices if dimensions == 6 and not style.soft else ()
     constraints = [DerivativeConstraint(i, 2, LEVEL) for i in level]
+    if style.rests:
+        constraints += [DerivativeConstraint(0, order, np.zeros(4)) for order in range(1, 5)]
     problem = dict(constraints=constraints, periodic=True, period_offset=turn)
-    durations = allocate_times(
-        waypoints,
-        initial_durations=durations,
-        max_speed=_MARGIN * limits.max_speed,
-        max_acceleration=_MARGIN * limits.max_acceleration,
-        **problem,
-    )
+    if style.soft:
+        durations = allocate_times_softly(
+            waypoints,
+            max_speed=limits.max_speed,
+            max_acceleration=limits.max_acceleration,
+            share=None if dimensions == 3 else _MARGIN,
+            **problem,
+        )
+    else:
+        durations = allocate_times(
+            waypoints,
+            initial_durations=durations,
+            max_speed=_MARGIN * limits.max_speed,
+            max_acceleration=_MARGIN * limits.max_acceleration,
+            **problem,
+        )
+    limits = _kept(limits, dimensions, style)
 
     def lap(factor):
         path = solve_min_snap(waypoints, factor * durations, **problem)
         breaks = np.array(path.get_segment_times())
-        return Circuit(path, [*breaks[indices], breaks[-1]], gates[:, 3], approach)
+        times = np.append(breaks[indices], breaks[-1])
+        if style.rests:
+            times[[0, -1]] -= _since_gate(path, times[-2], gates[0])
+        return Circuit(path, times, gates[:, 3], approach)
 
     return lap(1.0) if limits.vehicle is None else _slowed(lap, limits)
+
+
+def _kept(limits: FlightLimits, dimensions: int, style: LapStyle) -> FlightLimits:
+    """Returns the limits that laps keep: soft ones in three dimensions only what rotors can fly."""
+    if style.soft and dimensions == 3:
+        return dc.replace(limits, max_speed=np.inf, max_acceleration=np.inf)
+    return limits
+
+
+def _since_gate(path: PiecewisePolynomial, start: float, gate: np.ndarray) -> float:
+    """Returns for how long a path has been beyond a gate when it ends (s).
+
+    Args:
+        path: of x, y, z and yaw.
+        start: of its last leg (s).
+        gate: its midpoint and heading, x, y, z and yaw, (4,).
+    """
+    forward = np.array([np.cos(gate[3]), np.sin(gate[3]), 0.0, 0.0])
+
+    def ahead(time):
+        return float(forward @ (path.value(time)[:, 0] - gate))
+
+    end = path.end_time()
+    times = np.linspace(start, end, _LEG_SAMPLES)
+    behind = [k for k, time in enumerate(times) if ahead(time) < 0.0]
+    if not behind:
+        return 0.0  # at rest in the gate, it has not passed it forward
+    return end - scipy.optimize.brentq(ahead, times[behind[-1]], times[behind[-1] + 1])
 
 
 def _slowed(lap: Callable[[float], Circuit], limits: FlightLimits) -> Circuit:
@@ -181,10 +267,15 @@ def _slowed(lap: Callable[[float], Circuit], limits: FlightLimits) -> Circuit:
     return lap(high)
 
 
-def _faults(circuit: Circuit, constraints: FlightConstraints) -> set:
+def _faults(circuit: Circuit, constraints: FlightConstraints, style: LapStyle) -> set:
     """Returns the gates that are passed sideways or nearest to where a pylon is too near."""
     gate_times = np.array(circuit.gate_times)
-    forward = passes_forward(circuit, gate_times[:-1], circuit.headings)
+    forward = passes_forward(
+        circuit,
+        gate_times[:-1] % circuit.duration,
+        circuit.headings,
+        within=np.pi / 2 if style.soft else MAX_CROSSING_ANGLE,
+    )
     times = sample_times(circuit)
     distances = pylon_distances(circuit.sample(times), constraints.pylons)
     near = (distances < constraints.clearance).any(axis=1)

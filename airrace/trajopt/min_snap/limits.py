@@ -25,7 +25,7 @@ def slowdown_factor(problem: MinSnapProblem, durations: np.ndarray, limits: np.n
     """
     durations = problem.check_durations(durations)
     coefficients = problem.coefficients(durations, problem.solve(durations))
-    speed, acceleration = _peaks(coefficients, durations)
+    speed, acceleration = peak_norms(coefficients, durations)
     return float(max(speed / limits[0], (acceleration / limits[1]) ** 0.5))
 
 
@@ -42,17 +42,19 @@ def peak_speed_and_acceleration(trajectory: "PiecewisePolynomial") -> tuple[floa
     coefficients = (
         coefficients * durations[:, None, None] ** np.arange(coefficients.shape[1])[:, None]
     )
-    speed, acceleration = _peaks(coefficients, durations)
+    speed, acceleration = peak_norms(coefficients, durations)
     return float(speed), float(acceleration)
 
 
-def _peaks(coefficients: np.ndarray, durations: np.ndarray) -> np.ndarray:
-    """Returns the greatest norms of velocity and acceleration of x, y, z, (2,).
+def peak_norms(coefficients: np.ndarray, durations: np.ndarray) -> np.ndarray:
+    """Returns the greatest norms of velocity and acceleration of x, y, z, (2,) (m, s).
 
     Samples bracket the peaks. Newton's method finds where |p|^2 is level near them:
     (|p|^2)' / 2 = p . p' and (|p|^2)'' / 2 = p' . p' + p . p''.
 
-    Args: coefficients: of powers of s = t / duration, (segments, k, d). durations: (segments,) s.
+    Args:
+        coefficients: of powers of s = t / duration, (segments, k, d), as MinSnapProblem has them.
+        durations: of the segments, (segments,) s.
     """
     powers = np.arange(float(coefficients.shape[1]))
     differentiate = np.diag(powers[1:], 1)

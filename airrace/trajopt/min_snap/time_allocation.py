@@ -82,6 +82,7 @@ def allocate_times(
     Laps through free waypoints have one local minimum, as far as seen; fixed
     derivatives in between make many. Then it also starts from the solution
     without those, and from perturbations of the best, always the same ones.
+    A lap through a waypoint where all derivatives are fixed starts and ends there.
 
     Args:
         waypoints, options: see MinSnapProblem(); only the first three dimensions matter.
@@ -123,9 +124,10 @@ def allocate_times(
         raise TrajectoryOptimizationError(
             f"No durations found meet {_in_words(limits)}; relax them or the fixed derivatives."
         )
-    relaxed = [
-        c for c in constraints if not options.get("periodic") and c.waypoint in (0, -1, len(chords))
-    ]
+    ends_at = [0, -1, len(chords)]
+    if options.get("periodic"):
+        ends_at = np.flatnonzero(problem.fixed.reshape(len(positions), -1).all(axis=1)).tolist()
+    relaxed = [c for c in constraints if c.waypoint in ends_at]
     if not warm and len(relaxed) < len(constraints):
         loose = MinSnapProblem(positions, constraints=relaxed, **options)
         for start in solve(equal_speeds, loose):

@@ -8,7 +8,7 @@ from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import is_feasible, passes_forward
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
-from airrace.trajopt.min_snap.circuit import LEVEL, Circuit
+from airrace.trajopt.min_snap.circuit import LEVEL, REST_BEYOND, Circuit
 from airrace.trajopt.min_snap.leg import end_constraints, trapezoid_durations
 from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
 from airrace.trajopt.min_snap.time_allocation import allocate_times
@@ -24,8 +24,8 @@ def plan_transition_from_hover(
 ) -> tuple[FlatTrajectory, float]:
     """Returns the quickest flight from hover through gate 1 and onto a circuit.
 
-    It joins the circuit at gate 2, 3 or 4, whichever saves most time. From
-    behind or beside gate 1 it takes a waypoint in front of it.
+    It joins the circuit at gate 2, 3 or 4, whichever saves most time; one that rests, where it
+    rests. From behind or beside gate 1 it takes a waypoint in front of it.
 
     Args:
         start: value and four derivatives of x, y, z (m) and yaw (rad), (5, 4).
@@ -39,16 +39,17 @@ def plan_transition_from_hover(
     Raises:
         TrajectoryOptimizationError: if none is within the limits.
     """
+    phases = (0.0,) if circuit.rests else circuit.gate_times[1:-1][:3]
     for approach in _APPROACHES:
         found = []
-        for gates in range(1, min(4, len(circuit.headings))):
+        for phase in phases:
             with contextlib.suppress(TrajectoryOptimizationError):
                 transition, times = _through_gates(
-                    start, circuit, dimensions, constraints.limits, gates, approach
+                    start, circuit, dimensions, constraints.limits, phase, approach
                 )
-                forward = passes_forward(transition, times, circuit.headings[:gates])
+                forward = passes_forward(transition, times, circuit.headings[: len(times)])
                 if forward.all() and is_feasible(transition, constraints):
-                    found.append((transition, circuit.gate_times[gates]))
+                    found.append((transition, phase))
         if found:
             return min(found, key=lambda each: each[0].duration - each[1])
     raise TrajectoryOptimizationError("No transition onto the lap is within the limits.")
@@ -59,19 +60,20 @@ def _through_gates(
     circuit: Circuit,
     dimensions: int,
     limits: FlightLimits,
-    gates: int,
+    phase: float,
     approach: float | None,
 ) -> tuple[FlatTrajectory, np.ndarray]:
-    """Returns a transition through some gates, and when it passes them, (gates,) s."""
-    phase = circuit.gate_times[gates]
-    goal = circuit.derivatives(phase)
-    knots = [start[0]]
+    """Returns a transition that joins at a phase (s), and when it passes gates before, (n,) s."""
+    goal, yaw = circuit.derivatives(phase), circuit.headings[0]
+    forward = np.array([np.cos(yaw), np.sin(yaw), 0.0, 0.0])
+    knots, indices = [start[0]], []
+    gate_1 = circuit.derivatives(0.0)[0] - (REST_BEYOND * forward if circuit.rests else 0.0)
     if approach is not None:
-        yaw = circuit.headings[0]
-        forward = np.array([np.cos(yaw), np.sin(yaw), 0.0, 0.0])
-        knots.append(circuit.derivatives(0.0)[0] - approach * forward)
+        knots.append(gate_1 - approach * forward)
+    if circuit.rests:
+        indices.append(len(knots))
+        knots.append(gate_1)
     # The circuit's own waypoints in front of gates are passed as well.
-    indices = []
     for t in circuit.waypoint_times[: circuit.waypoint_times.index(phase)]:
         if t in circuit.gate_times:
             indices.append(len(knots))
@@ -80,8 +82,9 @@ def _through_gates(
     knots[:, 3] = np.unwrap(knots[:, 3])
     if np.linalg.norm(np.diff(knots[:, :3], axis=0), axis=1).min() < _LEAST_DISTANCE:
         raise TrajectoryOptimizationError("Two waypoints coincide.")
-    constraints = end_constraints(start, goal, (1, 2, 3))
-    if dimensions == 6:
+    constraints = end_constraints(start, goal, (1, 2, 3, 4) if circuit.rests else (1, 2, 3))
+    # Where it brakes to rest, it is level a little later.
+    if dimensions == 6 and not circuit.rests:
         constraints += [DerivativeConstraint(i, 2, LEVEL) for i in indices]
     guess = trapezoid_durations(
         knots[:, :3], 0.0, 0.75 * limits.max_speed, 0.5 * limits.max_acceleration

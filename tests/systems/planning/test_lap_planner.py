@@ -23,7 +23,7 @@ from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
-from airrace.trajopt.min_snap.circuit import plan_circuit
+from airrace.trajopt.min_snap.circuit import LapStyle, plan_circuit
 from airrace.trajopt.min_snap.transition import (
     plan_transition_between_laps,
     plan_transition_from_hover,
@@ -267,6 +267,36 @@ def test_it_does_not_search_twice_for_a_lap_through_the_same_gates():
         dict(pylons=second.pylons[:-2]),
     ):
         assert not dc.replace(second, **other).has_same_lap(second)
+
+
+def test_always_a_new_plan_even_on_the_same_map():
+    bench = Bench(update="always", lap="rest_to_rest", time_allocation="report")
+    plans, _ = bench.follow(160.0, every=0.5)
+    assert [plan.lap for plan in plans] == [1, 2, 3, 4]
+    assert len(bench.problems) == 4
+    for problem in bench.problems:
+        assert problem.always and problem.style == LapStyle(rests=True, soft=True)
+    # Each is in force when the lap before it ends, at rest.
+    for old, new in zip(plans, plans[1:]):
+        assert old.next_start(new.start_time) == pytest.approx(
+            new.start_time + new.entry.duration, abs=0.2
+        )
+        end = new.start_time + new.entry.duration
+        np.testing.assert_allclose(new.derivatives(end)[1:], 0.0, atol=1e-4)
+
+
+def test_what_the_scenario_says_of_laps_reaches_the_problem():
+    bench = Bench(solve=lambda problem: None)
+    bench.plan_at(1.0)
+    (problem,) = bench.problems
+    assert problem.style == LapStyle() and not problem.always
+    for config, style in (
+        (dict(lap="rest_to_rest"), LapStyle(rests=True)),
+        (dict(time_allocation="report"), LapStyle(soft=True)),
+    ):
+        bench = Bench(solve=lambda problem: None, **config)
+        bench.plan_at(1.0)
+        assert bench.problems[0].style == style
 
 
 def test_the_problem_says_how_well_pylons_are_known_and_starts_on_the_old_lap():

@@ -14,6 +14,7 @@ from airrace.systems.planning import lap_planning
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem
 from airrace.systems.planning.map_margins import pylon_margins
+from airrace.systems.planning.min_snap_laps import MinSnapLaps
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate
 from airrace.track.map_files import true_map
@@ -21,6 +22,7 @@ from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.feasibility import pylon_distances, sample_times
 from airrace.trajopt.flatness import inverse_dynamics
 from airrace.trajopt.flight_limits import FlightLimits
+from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import load_vehicle
 
@@ -89,9 +91,13 @@ def assert_same(one, other):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("trajectory", ["3", "optimal"])
-def test_another_process_would_find_the_same_plan(trajectory):
-    given = problem(trajectory, gates=moved(0.1), old=first(trajectory))
+@pytest.mark.parametrize(
+    "trajectory, style",
+    [("3", LapStyle()), ("optimal", LapStyle()), ("4", LapStyle(rests=True, soft=True))],
+)
+def test_another_process_would_find_the_same_plan(trajectory, style):
+    old = plan_lap(problem(trajectory, style=style)) if style.rests else first(trajectory)
+    given = problem(trajectory, gates=moved(0.1), old=old, style=style, always=True)
     copy = pickle.loads(pickle.dumps(given))
     assert copy.old is not given.old
     assert_same(pickle.loads(pickle.dumps(plan_lap(copy))), plan_lap(given))
@@ -227,3 +233,58 @@ def test_what_cannot_be_flown_gives_no_plan(trajectory, fault):
         "no gates": lambda: problem(trajectory, gates=()),
     }[fault]()
     assert plan_lap(given) is None
+
+
+ORIGINAL = LapStyle(rests=True, soft=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("style", [LapStyle(rests=True), ORIGINAL])
+@pytest.mark.parametrize("trajectory", ["3", "4", "6"])
+def test_laps_from_rest_to_rest_follow_one_another(trajectory, style):
+    old = plan_lap(problem(trajectory, extra=1.0, style=style))
+    # From the hover over the start through gate 1, from the front, to rest.
+    rest = old.circuit.derivatives(0.0)
+    assert old.phase == 0.0 and np.abs(rest[1:]).max() < 1e-6
+    for t, expected in ((0.0, HOVER), (old.entry.duration, rest)):
+        np.testing.assert_allclose(old.entry.derivatives(t)[1:], expected[1:], atol=1e-6)
+        np.testing.assert_allclose(old.entry.derivatives(t)[0, :3], expected[0, :3], atol=1e-8)
+    p = old.entry.positions(np.linspace(0.0, old.entry.duration, 1000)).T - GATES[0].p_WG
+    ahead = p @ [np.cos(GATES[0].heading), np.sin(GATES[0].heading), 0.0]
+    assert np.count_nonzero(np.diff(ahead > 0.0)) == 1 and ahead[0] < 0.0
+    for seed in range(2):
+        new = plan_lap(
+            problem(trajectory, gates=moved(0.05, seed), old=old, style=style, always=True)
+        )
+        assert new.lap == old.lap + 1 and new.phase == 0.0
+        t = new.start_time
+        jump = new.derivatives(t) - old.derivatives(t)
+        jump[0, 3] = np.sin(jump[0, 3] / 2)
+        np.testing.assert_allclose(jump, 0.0, atol=1e-5)
+        np.testing.assert_allclose(new.entry.derivatives(new.entry.duration)[1:], 0.0, atol=1e-5)
+        # The lap before ends when it would have ended: a little later at most.
+        late = new.next_start(t) - old.next_start(t)
+        assert -1e-9 <= late < 0.06 * (old.circuit.duration - old.circuit.gate_times[-2])
+        old = new
+    soft = style.soft and trajectory == "3"
+    assert old.summary.max_speed <= (22.0 if soft else 20.0 + 1e-3)
+    assert old.summary.max_acceleration <= (11.0 if soft else 10.0 + 1e-3)
+    assert max(old.summary.max_thrusts) <= 0.9 * VEHICLE.max_thrusts[0] * (1 + 1e-4)
+    assert old.summary.solver == ("BOBYQA" if style.soft else "SNOPT")
+
+
+@pytest.mark.slow
+def test_an_old_lap_to_rest_still_fits_its_own_map():
+    old = plan_lap(problem("3", style=LapStyle(rests=True)))
+    laps = MinSnapLaps(problem("3", style=LapStyle(rests=True), old=old))
+    assert laps.fits(old.circuit)
+    elsewhere = problem("3", gates=moved(0.5), style=LapStyle(rests=True), old=old)
+    assert not MinSnapLaps(elsewhere).fits(old.circuit)
+
+
+def test_always_a_new_lap_even_if_it_is_slower():
+    laps = Laps(25.0, 24.0, fits=True)
+    assert lap_planning._best_lap(laps, first())[0] is None
+    assert lap_planning._best_lap(laps, first(), always=True)[0].kind == "cold"
+    # Where none is found, the old one goes on.
+    assert lap_planning._best_lap(Laps(None, None, fits=True), first(), always=True)[0] is None

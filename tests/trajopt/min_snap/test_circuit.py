@@ -10,11 +10,13 @@ from hypothesis import strategies as st
 
 from airrace.track import PYLON_HEIGHT, load_track
 from airrace.trajopt.errors import TrajectoryOptimizationError
+from airrace.trajopt.feasibility import check_flight
+from airrace.trajopt.flat_trajectory import segment_coefficients
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
-from airrace.trajopt.min_snap.circuit import plan_circuit
+from airrace.trajopt.min_snap.circuit import REST_BEYOND, LapStyle, plan_circuit
 from airrace.trajopt.reference import as_reference
-from airrace.vehicle import GRAVITY
+from airrace.vehicle import GRAVITY, load_vehicle
 
 TRACK = load_track("student-airrace")
 MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
@@ -362,3 +364,127 @@ def test_faults_that_move_from_gate_to_gate():
     midpoints = np.column_stack([gates[:, :2], np.full(len(gates), 6.25)])
     circuit = plan(midpoints, np.deg2rad(gates[:, 2]), 6)
     assert 50.0 < circuit.duration < 60.0 and len(circuit.approach) > 2
+
+
+RESTING = {"exact": LapStyle(rests=True), "soft": LapStyle(rests=True, soft=True)}
+FORWARD = np.array([np.cos(HEADINGS[0]), np.sin(HEADINGS[0]), 0.0])
+
+
+@functools.cache
+def resting(dimensions, kind):
+    return plan(MIDPOINTS, HEADINGS, dimensions, style=RESTING[kind])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", RESTING)
+@each
+def test_a_lap_from_rest_to_rest(dimensions, kind):
+    circuit = resting(dimensions, kind)
+    assert circuit.rests
+    # Just beyond gate 1, with its heading, all derivatives through the snap are zero.
+    ends = circuit.derivatives(0.0), circuit.derivatives(circuit.duration)
+    for d in ends:
+        np.testing.assert_allclose(d[0, :3], MIDPOINTS[0] + REST_BEYOND * FORWARD, atol=1e-8)
+        assert np.cos(d[0, 3] - HEADINGS[0]) == pytest.approx(1.0)
+        np.testing.assert_allclose(d[1:], 0.0, atol=1e-6)
+    assert ends[1][0, 3] - ends[0][0, 3] == pytest.approx(2 * np.pi * (dimensions > 3))
+    for t in circuit.breaks[1:-1]:
+        before, after = circuit.derivatives(t - 1e-9), circuit.derivatives(t + 1e-9)
+        np.testing.assert_allclose(before, after, atol=1e-5)
+    # Polynomials of ten coefficients, from waypoint to waypoint.
+    pieces = segment_coefficients(circuit.polynomial)
+    assert pieces.shape == (len(MIDPOINTS) + len(circuit.approach), 4, 10)
+    # It passes gate 1 a little before it rests, and the others at their midpoints.
+    times = np.array(circuit.gate_times)
+    assert times[0] + circuit.duration == pytest.approx(times[-1])
+    assert np.all(np.diff(times) > 0.0) and -2.0 < times[0] < -0.3
+    d = np.array([circuit.derivatives(t) for t in times[1:]])
+    np.testing.assert_allclose(d[:-1, 0, :3], MIDPOINTS[1:], atol=1e-8)
+    assert FORWARD @ (d[-1, 0, :3] - MIDPOINTS[0]) == pytest.approx(0.0, abs=1e-6)
+    assert np.linalg.norm(d[-1, 0, :3] - MIDPOINTS[0]) < 0.6
+    assert 0.5 < np.linalg.norm(d[-1, 1, :3]) < 4.0 and d[-1, 1, :3] @ FORWARD > 0.3
+    if dimensions == 6 and kind == "exact":
+        np.testing.assert_allclose(tilts_at_gates(circuit)[1:-1], 0.0, atol=1e-6)
+    samples = dense(circuit)
+    pylons = pylons_of(MIDPOINTS, HEADINGS)
+    distances = np.linalg.norm(samples[:2, :, None] - pylons.T[:, None], axis=0)
+    assert distances.min() > 1.99 and samples[2].min() > 1.0
+    speed = np.linalg.norm(as_reference(samples).velocity, axis=0).max()
+    acceleration = np.linalg.norm(as_reference(samples).acceleration, axis=0).max()
+    if dimensions == 3 and kind == "soft":
+        assert 20.0 < speed < 22.0 and 10.0 < acceleration < 11.0
+    else:
+        assert speed <= 20.0 and acceleration <= 10.0
+        assert speed > 19.5 or acceleration > 9.8
+
+
+@pytest.mark.slow
+def test_laps_of_the_original_system_last_as_long_as_in_its_report():
+    """40.60, 41.52 and 41.21 s, mean of ten laps on maps of its own."""
+    assert resting(3, "soft").duration == pytest.approx(40.60, rel=0.01)
+    assert resting(4, "soft").duration == pytest.approx(41.52, rel=0.01)
+    assert resting(6, "soft").duration == resting(4, "soft").duration
+
+
+@pytest.mark.slow
+@each
+def test_to_rest_takes_time_and_so_do_soft_limits(dimensions):
+    exact, soft = (resting(dimensions, kind).duration for kind in RESTING)
+    assert reference(dimensions).duration < exact < soft
+    again = plan(
+        *(MIDPOINTS, HEADINGS, dimensions),
+        style=RESTING["exact"],
+        previous=resting(dimensions, "exact"),
+    )
+    assert again.duration <= exact * (1 + 1e-6) and again.approach == {0: REST_BEYOND}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", RESTING)
+def test_a_lap_from_rest_to_rest_lies_anywhere(kind):
+    turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+    midpoints = MIDPOINTS @ turn.T + [7.0, -3.0, 0.0]
+    circuit = plan(midpoints, HEADINGS + np.pi / 2, 4, style=RESTING[kind])
+    assert circuit.duration == pytest.approx(resting(4, kind).duration, rel=1e-3)
+    # At any gate: also where the last leg comes from straight ahead.
+    for first in (3, 6, 9):
+        order = np.roll(np.arange(len(MIDPOINTS)), -first)
+        circuit = plan(MIDPOINTS[order], HEADINGS[order], 4, style=RESTING[kind])
+        velocity = circuit.derivatives(circuit.gate_times[-1])[1, :3]
+        heading = HEADINGS[first]
+        assert velocity @ [np.cos(heading), np.sin(heading), 0.0] > 0.0
+
+
+@pytest.mark.slow
+def test_soft_limits_are_those_of_speed_and_acceleration_alone():
+    vehicle, _ = load_vehicle("Default")
+    pylons = pylons_of(MIDPOINTS, HEADINGS)
+
+    def soft(clearance=2.0, **limits):
+        limits = FlightLimits(vehicle, max_speed=20.0, max_acceleration=10.0, **limits)
+        constraints = FlightConstraints(pylons, clearance, limits)
+        circuit = plan_circuit(MIDPOINTS, HEADINGS, 3, constraints, style=RESTING["soft"])
+        check = check_flight(dense(circuit), pylons, limits)
+        assert check.clearance >= clearance - 0.01
+        return circuit, check
+
+    usual, _ = soft()
+    weak, check = soft(thrust_share=0.35)
+    assert weak.duration > 1.01 * usual.duration
+    assert max(check.max_thrusts) <= 0.35 * vehicle.max_thrusts[0] * (1 + 1e-4)
+    # Where the usual one comes too near to a pylon, it is another lap, or none.
+    wider, _ = soft(clearance=2.8)
+    assert wider.approach and not usual.approach
+    with pytest.raises(TrajectoryOptimizationError, match="clear of all pylons"):
+        soft(clearance=5.1)
+
+
+@pytest.mark.slow
+def test_soft_laps_do_not_start_from_the_lap_before():
+    """Their search stops early: from lap to lap they would be quicker, and exceed more."""
+    again = plan(MIDPOINTS, HEADINGS, 3, style=RESTING["soft"], previous=resting(3, "soft"))
+    assert again.breaks == resting(3, "soft").breaks
+
+
+def test_a_lap_that_never_stops_does_not_rest():
+    assert not reference(3).rests

@@ -27,7 +27,7 @@ from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.systems.types import ExplorerStatus, make_camera_info
 from airrace.vehicle import CameraMount, load_vehicle
 from airrace.visualization.meshcat_page import overview
-from airrace.visualization.scoreboard import draw_lines, scoreboard_lines
+from airrace.visualization.scoreboard import Moment, draw_lines, scoreboard_lines
 from airrace.visualization.tubes import speed_colors, tube
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
@@ -153,7 +153,8 @@ def lines_at(run, time, speed) -> list:
             crossings.append(GateCrossing(t, k % len(run.track.gates) + 1, 1, 0.0, 0.0))
     over = len(crossings) == len(gate_times)
     report = RefereeStatus(tuple(crossings), over, None, time if over else None, 0)
-    return scoreboard_lines(time, speed, len(run.track.gates), 1, report, ExplorerStatus(done=True))
+    moment = Moment(time, speed, report, ExplorerStatus(done=True))
+    return scoreboard_lines(moment, len(run.track.gates), 1)
 
 
 def overlay(picture, inset, left, top) -> None:

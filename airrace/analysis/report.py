@@ -6,6 +6,7 @@ import numpy as np
 
 from airrace.analysis.run import Run
 from airrace.common.files import write_text
+from airrace.recording.flown_plans import plan_of_laps, same_plan_words
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK
 from airrace.scenario import trajectory_name
 
@@ -26,15 +27,23 @@ def make_report(run: Run) -> str:
         keep_trailing_newline=True,
     )
     result = run.result
+    plans = plan_of_laps(result["laps"])
     return templates.get_template(FILE).render(
         run=run,
         result=result,
         trajectory=trajectory_name(result["trajectory"]),
         summary=_summary(run),
         splits=np.array([np.diff([*lap["gate_times_s"], lap["time_s"]]) for lap in result["laps"]]),
-        original=ORIGINAL_LAPS if result["track"] == ORIGINAL_TRACK else {},
+        plans=plans,
+        same_plan=same_plan_words(plans),
+        original=ORIGINAL_LAPS if _is_comparable(result) else {},
         pictures=_pictures(run),
     )
+
+
+def _is_comparable(result: dict) -> bool:
+    """Whether the original system flew this track within these limits."""
+    return (result["track"], result["limits"]) == (ORIGINAL_TRACK, "original")
 
 
 def _summary(run: Run) -> dict:
@@ -54,12 +63,13 @@ def _pictures(run: Run) -> dict[str, str]:
     """Returns an <svg> element by the title of every section that this run has data for."""
     from matplotlib import rc_context
 
-    from airrace.analysis import figures_laps, figures_signals, figures_track
+    from airrace.analysis import figures_laps, figures_plans, figures_signals, figures_track
     from airrace.analysis.figure_style import STYLE, inline_svg
 
     laps = run.result["laps"]
     sections = (
         ("The track from above", True, figures_track.track_figure),
+        ("The planned laps", figures_plans.planned_laps(run), figures_plans.plans_figure),
         ("Where time was lost", figures_laps.time_lost(run), figures_laps.time_lost_figure),
         ("Gates", laps, figures_track.offsets_figure),
         ("The map", len(run.map) and len(run.lap_starts), figures_signals.map_figure),

@@ -1,4 +1,4 @@
-"""The path that the drone has flown, and the laps that it plans."""
+"""The path that the drone has flown."""
 
 import numpy as np
 from pydrake.common.value import Value
@@ -9,31 +9,30 @@ from pydrake.systems.framework import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.vehicle.state import as_plant_state
 from airrace.visualization.meshcat_page import Audience
-from airrace.visualization.tubes import speed_colors, tube
+from airrace.visualization.tubes import faded, speed_colors, tube
 
 HERE = "here"
 _HERE_COLOR = Rgba(1.0, 0.9, 0.1, 0.35)
 _MAX_SPEED = 20.0  # m/s, that is drawn red
-_CHUNK = 30  # points a mesh
-_FLOWN_RADIUS, _PLAN_RADIUS = 0.09, 0.12  # m; a well flown plan is around the flown path
-_CURRENT = Rgba(1.0, 1.0, 1.0, 0.35)
-_EARLIER = (0.35, 0.25, 0.18, 0.1)  # opacity of the plans before it, newest first
-_SAMPLE = 0.1  # s
+_CHUNK = 30  # steps a mesh
+_RADIUS = 0.09  # m
 
 
 class PathVisualizer(LeafSystem):
-    """Draws where the drone is and where it flew, coloured by its speed.
+    """Draws where the drone is and where it flew, coloured by its speed; earlier laps fainter.
 
     .. pydrake_system::
 
         name: PathVisualizer
         input_ports:
         - truth.state
+        - lap_plan
 
-    ``truth.state`` is the plant's floating-body state (13). The path is drawn in
-    pieces, so that a long race costs no more per point than a short one: each when
-    it is complete, and while somebody watches, as it grows. A forced publish draws
-    what is there. A translucent ball marks the drone, which is too small to see from afar.
+    ``truth.state`` is the plant's floating-body state (13), ``lap_plan`` a LapPlan, which
+    says when a new lap begins, or NO_PLAN. The path is drawn in pieces, so that a long race
+    costs no more per point than a short one: each when it is complete, and while somebody
+    watches, as it grows. A forced publish draws what is there. A translucent ball marks the
+    drone, which is too small to see from afar.
     """
 
     def __init__(self, *, meshcat: Meshcat, audience: Audience | None = None):
@@ -42,9 +41,11 @@ class PathVisualizer(LeafSystem):
         self._meshcat = meshcat
         self._audience = audience or Audience(meshcat)
         self._state = self.DeclareVectorInputPort("truth.state", 13)
+        self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
         # What is on the page is output, not state: it depends on nothing but
         # the publishes so far, and nothing in the simulation depends on it.
-        self._points, self._speeds = [], []
+        self._points, self._speeds = [], []  # of the newest piece
+        self._lap, self._laps = 0, []  # that is flown, and that of every piece before the newest
         meshcat.SetObject(HERE, Sphere(0.8), _HERE_COLOR)
         self.DeclarePeriodicPublishEvent(0.1, 0.0, self._follow)
         self.DeclareForcedPublishEvent(lambda context: self._draw())
@@ -53,60 +54,34 @@ class PathVisualizer(LeafSystem):
         state = as_plant_state(self._state.Eval(context))
         p_WB = state.position.copy()
         self._meshcat.SetTransform(HERE, RigidTransform(p_WB), context.get_time())
+        plan = self._plan.Eval(context)
+        lap = 0 if plan is NO_PLAN else plan.lap_at(context.get_time())
         self._points.append(p_WB)
         self._speeds.append(float(np.linalg.norm(state.velocity)))
-        if (len(self._points) - 1) % _CHUNK == 0 or self._audience.waits():
+        if lap != self._lap:
+            self._begin_piece()
+            self._lap = lap
+            self._fade()
+        elif len(self._points) > _CHUNK:
+            self._begin_piece()
+        elif self._audience.waits():
             self._draw()
+
+    def _begin_piece(self):
+        """Draws the newest piece, and goes on with another one from its end."""
+        self._draw()
+        self._laps.append(self._lap)
+        del self._points[:-1], self._speeds[:-1]
+
+    def _fade(self):
+        """Makes all earlier laps fainter."""
+        for piece, lap in enumerate(self._laps):
+            self._meshcat.SetProperty(f"flown/{piece}", "opacity", faded(self._lap - lap))
 
     def _draw(self):
         """Draws the newest piece."""
-        count = len(self._points) - 1
-        if count < 1:
+        if len(self._points) < 2:
             return
-        first = (count - 1) // _CHUNK * _CHUNK
-        vertices, faces = tube(self._points[first:], _FLOWN_RADIUS)
-        colors = speed_colors(self._speeds[first:], _MAX_SPEED)
-        self._meshcat.SetTriangleColorMesh(
-            f"flown/{first // _CHUNK}", vertices, faces, np.repeat(colors, 3, axis=0).T
-        )
-
-
-class PlanVisualizer(LeafSystem):
-    """Draws the plan in force, and in orange those before it, the older the fainter.
-
-    .. pydrake_system::
-
-        name: PlanVisualizer
-        input_ports:
-        - lap_plan
-
-    ``lap_plan`` is a LapPlan or NO_PLAN.
-    """
-
-    def __init__(self, *, meshcat: Meshcat):
-        """Args: meshcat: to draw in."""
-        LeafSystem.__init__(self)
-        self._meshcat = meshcat
-        self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
-        self._drawn = [NO_PLAN]  # plans in their order; see PathVisualizer
-        self.DeclarePeriodicPublishEvent(0.1, 0.0, self._draw)
-
-    def _draw(self, context):
-        plan = self._plan.Eval(context)
-        if plan is self._drawn[-1]:
-            return
-        self._drawn.append(plan)
-        newest = len(self._drawn) - 1
-        self._draw_plan(newest, _CURRENT)
-        for k, opacity in enumerate(_EARLIER, start=1):
-            if newest - k > 0:
-                self._draw_plan(newest - k, Rgba(1.0, 0.5, 0.0, opacity))
-        if newest - len(_EARLIER) > 1:
-            self._meshcat.Delete(f"planned/{newest - len(_EARLIER) - 1}")
-
-    def _draw_plan(self, number: int, color: Rgba) -> None:
-        plan = self._drawn[number]
-        for name, part in (("entry", plan.entry), ("circuit", plan.circuit)):
-            times = np.linspace(0.0, part.duration, max(2, round(part.duration / _SAMPLE)))
-            vertices, faces = tube(part.sample(times)[:3].T, _PLAN_RADIUS)
-            self._meshcat.SetTriangleMesh(f"planned/{number}/{name}", vertices, faces, color)
+        vertices, faces = tube(self._points, _RADIUS)
+        colors = np.repeat(speed_colors(self._speeds, _MAX_SPEED), 3, axis=0).T
+        self._meshcat.SetTriangleColorMesh(f"flown/{len(self._laps)}", vertices, faces, colors)

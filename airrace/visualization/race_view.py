@@ -2,17 +2,15 @@
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 from pydrake.geometry import Meshcat
 
-from airrace.rendering.planar.renderer import PlanarRenderer
-from airrace.systems.types import CameraInfo, make_camera_info
 from airrace.track import load_track
 from airrace.vehicle import load_vehicle
 from airrace.visualization.camera_inset import RAYS, CameraInset
 from airrace.visualization.map_visualizer import MapVisualizer
 from airrace.visualization.meshcat_page import HUD, overview
-from airrace.visualization.paths import PathVisualizer, PlanVisualizer
+from airrace.visualization.paths import PathVisualizer
+from airrace.visualization.plan_visualizer import PlanVisualizer
 from airrace.visualization.rotor_visualizer import RotorVisualizer, body_path
 from airrace.visualization.scoreboard import Scoreboard
 from airrace.visualization.views import ViewDirector
@@ -21,10 +19,7 @@ if TYPE_CHECKING:
     from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
     from airrace.scenario import Scenario
-    from airrace.scenario.camera_config import CameraConfig
-    from airrace.vehicle import Vehicle
 
-_INSET_WIDTH = 320  # px
 _DIRECTOR = "view_director"
 
 
@@ -47,10 +42,7 @@ def AddVisualization(
     vehicle, _ = load_vehicle(scenario.drone)
     plant = simulation.GetSubsystemByName("plant")
     scene_graph = simulation.GetSubsystemByName("scene_graph")
-    camera = scenario.camera
-    info, small = (_camera_info(camera, vehicle, width) for width in (camera.width, _INSET_WIDTH))
     path = body_path(plant)
-    moving = simulation.HasOutputPort("truth.gate_shifts")
     systems = {
         "path_visualizer": PathVisualizer(meshcat=meshcat),
         "plan_visualizer": PlanVisualizer(meshcat=meshcat),
@@ -58,17 +50,10 @@ def AddVisualization(
         "rotor_visualizer": RotorVisualizer(
             meshcat=meshcat, vehicle=vehicle, plant=plant, scene_graph=scene_graph
         ),
-        "camera_inset": CameraInset(
-            meshcat=meshcat,
-            small=small,
-            scale=small.width / info.width,
-            renderer=PlanarRenderer(track, small),
-            body_path=path,
-            moving_gates=len(track.gates) if moving else 0,
-        ),
+        "camera_inset": CameraInset(meshcat=meshcat, body_path=path),
         "scoreboard": Scoreboard(meshcat=meshcat, gates=len(track.gates), laps=scenario.laps),
         _DIRECTOR: ViewDirector(
-            meshcat=meshcat, overview=overview(track), body_path=path, X_BC=info.X_BC
+            meshcat=meshcat, overview=overview(track), body_path=path, X_BC=vehicle.camera.X_BC
         ),
     }
     for name, box in systems.items():
@@ -97,13 +82,3 @@ def end_live_view(race: "Diagram", meshcat: Meshcat) -> None:
     meshcat.Delete(HUD)
     meshcat.Delete(RAYS)
     meshcat.DeleteAddedControls()
-
-
-def _camera_info(config: "CameraConfig", vehicle: "Vehicle", width: int) -> CameraInfo:
-    """Returns the calibration of the scenario's camera with another width (px)."""
-    return make_camera_info(
-        width=width,
-        height=round(width * config.height / config.width),
-        fov_y=np.deg2rad(config.fov_y_deg),
-        X_BC=vehicle.camera.X_BC,
-    )

@@ -1,6 +1,7 @@
 """The state of the race as text: laps, splits at the gates, and what the drone is doing."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -8,6 +9,7 @@ from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import LeafSystem
 
+from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.vehicle.state import as_plant_state
 from airrace.visualization.meshcat_page import LEFT, Audience
@@ -20,17 +22,31 @@ _LAPS = 6  # the last so many are shown
 _NONE = RefereeStatus((), False, None, None, 0)
 
 
-def scoreboard_lines(
-    time: float, speed: float, gates: int, laps: int, report: RefereeStatus, status: ExplorerStatus
-) -> list[str]:
-    """Returns what to say about a race, line by line.
+class Moment(NamedTuple):
+    """What there is to say of a race at a time.
 
-    Args:
+    Attributes:
         time: in the race (s).
         speed: of the drone (m/s).
-        gates: of the track. laps: to fly.
         report, status: see there.
+        plans: the first lap of every plan so far.
     """
+
+    time: float
+    speed: float
+    report: RefereeStatus
+    status: ExplorerStatus
+    plans: Collection[int] = ()
+
+
+def scoreboard_lines(moment: Moment, gates: int, laps: int) -> list[str]:
+    """Returns what to say about a race, line by line; a lap on an earlier lap's plan says so.
+
+    Args:
+        moment: see Moment.
+        gates: of the track. laps: to fly.
+    """
+    time, speed, report, status, plans = moment
     now = f"{time:.1f} s    {speed:.1f} m/s"
     crossings = report.crossings
     lines = [_what(gates, laps, report, status), now]
@@ -38,11 +54,18 @@ def scoreboard_lines(
     times = np.diff(starts).tolist()
     for lap, lap_time in list(enumerate(times, start=1))[-_LAPS:]:
         best = min(times[: lap - 1], default=lap_time)
-        lines.append(f"lap {lap}    {lap_time:.2f} s    {lap_time - best:+.2f}")
+        again = _again(lap, plans)
+        lines.append(f"lap {lap}    {lap_time:.2f} s    {lap_time - best:+.2f}{again}")
     if crossings and not report.over:
-        lines.append(f"lap {len(starts)}    {time - starts[-1]:.1f} s")
+        lines.append(f"lap {len(starts)}    {time - starts[-1]:.1f} s{_again(len(starts), plans)}")
     split = _last_split(crossings, gates, times)
     return lines + ([split] if split else [])
+
+
+def _again(lap: int, plans: Collection[int]) -> str:
+    """Returns words on whose plan a lap flies, if that is an earlier lap's, else ''."""
+    first = max((plan for plan in plans if plan <= lap), default=lap)
+    return "" if first == lap else f"    plan of lap {first}"
 
 
 def _what(gates: int, laps: int, report: RefereeStatus, status: ExplorerStatus) -> str:
@@ -97,9 +120,10 @@ class Scoreboard(LeafSystem):
         - truth.state
         - truth.referee_status
         - explorer_status
+        - lap_plan
 
     ``truth.state`` is the plant's floating-body state (13), the others a
-    RefereeStatus and an ExplorerStatus. Nothing is drawn if nobody watches.
+    RefereeStatus, an ExplorerStatus and a LapPlan. Nothing is drawn if nobody watches.
     """
 
     def __init__(
@@ -115,18 +139,18 @@ class Scoreboard(LeafSystem):
         self._status = self.DeclareAbstractInputPort(
             "explorer_status", Value[object](ExplorerStatus())
         )
+        self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
+        self._plans = set()  # first laps of those so far; see PathVisualizer
         self.DeclarePeriodicPublishEvent(0.1, 0.0, self._draw)
 
     def _draw(self, context):
+        plan = self._plan.Eval(context)
+        if plan is not NO_PLAN:
+            self._plans.add(plan.lap)
         if not self._audience.waits():
             return
         speed = float(np.linalg.norm(as_plant_state(self._state.Eval(context)).velocity))
-        lines = scoreboard_lines(
-            context.get_time(),
-            speed,
-            self._gates,
-            self._laps,
-            self._report.Eval(context),
-            self._status.Eval(context),
-        )
+        report, status = self._report.Eval(context), self._status.Eval(context)
+        moment = Moment(context.get_time(), speed, report, status, self._plans)
+        lines = scoreboard_lines(moment, self._gates, self._laps)
         self._picture.show(draw_lines(lines))

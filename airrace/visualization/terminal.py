@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Column, Table
 
 from airrace.common.words import count
+from airrace.recording.flown_plans import plan_of_laps, same_plan_words
 from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, RaceResult
 from airrace.scenario import Scenario, trajectory_name
 from airrace.track import Track
@@ -167,15 +168,16 @@ class RaceDisplay:
             if (result["track"], result["limits"]) == (ORIGINAL_TRACK, "original"):
                 # Three dimensions were the nearest to an optimal lap that it had.
                 original = ORIGINAL_LAPS.get(result["trajectory"], ORIGINAL_LAPS["3"])
-                line += f" (the original system: mean {original:.2f} s)"
+                line += f" (the original system, from rest to rest: mean {original:.2f} s)"
         else:
             line = f"Did not finish: {result['dnf_reason']}"
         wall = result["wall"]
         with self._patience():
             if result["laps"]:
                 self._console.print(lap_table(result, self._half_width))
-            if failures := failures_line(result):
-                self._print(failures)
+            for sentence in (same_plan_words(plan_of_laps(result["laps"])), failures_line(result)):
+                if sentence:
+                    self._print(sentence)
             self._print(
                 f"{line}; {wall['seconds']:.0f} s of work, "
                 f"{wall['real_time_factor']:.1f} x real time."

@@ -22,6 +22,7 @@ def main(words):
 SECTIONS = [
     "Laps",
     "The track from above",
+    "The planned laps",
     "Where time was lost",
     "Gates",
     "The map",
@@ -58,10 +59,17 @@ def test_the_whole_report(folder, capsys):
     text = (folder / "report.html").read_text()
     check_page(text)
     assert headings(text) == SECTIONS
-    assert text.count("<svg") == 7
+    assert text.count("<svg") == 8
     for word in ("40.60", "41.52", "41.21", "original, 6-D", "Finished.", "20.0 m/s"):
         assert word in text
     assert f"{LAP:.2f} s" in text  # the best lap
+    # Below the table of laps, below the picture of the plans, and in its description.
+    assert text.count("Laps 2 and 3 flew the plan of lap 1.") == 3
+    assert re.findall(r"<td>(\d)</td><td>5.00</td>\n<td>4.80</td>\n<td>(\d)</td>", text) == [
+        ("1", "1"),
+        ("2", "1"),
+        ("3", "1"),
+    ]
 
 
 @pytest.mark.slow
@@ -92,6 +100,14 @@ def test_the_numbers_behind_the_pictures(folder):
     for share in rotor_usage(run):
         np.testing.assert_allclose(share, 1.6 / 8.5, rtol=1e-6)
     assert states(run) == [("CALIBRATE", 0.0, 0.5), ("TAKE_OFF", 0.5, FIRST)]
+
+
+@pytest.mark.parametrize("field", [{"limits": "rotor"}, {"track": "hexagon"}])
+def test_the_original_system_is_no_comparison_for_other_races(tmp_path, field):
+    run = load_run(make_run(tmp_path / "run", recorded=False))
+    assert "original, 3-D" in make_report(run)
+    run.result |= field
+    assert "original, 3-D" not in make_report(run)
 
 
 def test_a_race_that_did_not_finish(tmp_path):

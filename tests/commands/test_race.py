@@ -431,7 +431,7 @@ def test_the_reference_track(folder, capsys, drone):
     gates = json.loads((folder / "out" / "map.json").read_text())["gates"]
     assert [gate["gate"] for gate in gates] == list(range(1, 11))
     out, err = capsys.readouterr()
-    assert "(the original system: mean 40.60 s)" in out and err == ""
+    assert "(the original system, from rest to rest: mean 40.60 s)" in out and err == ""
 
 
 class TestOutput:

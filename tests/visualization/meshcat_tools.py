@@ -1,7 +1,12 @@
 """What the tests of the live view share: pages without browsers."""
 
 import msgpack
+import numpy as np
 from pydrake.common.value import Value
+from pydrake.trajectories import PiecewisePolynomial
+
+from airrace.systems.planning.lap_plan import LapPlan
+from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 
 def click(meshcat, button: str) -> None:
@@ -45,7 +50,22 @@ class Watching:
     """An Audience that always waits, or never."""
 
     def __init__(self, watching: bool = True):
-        self._watching = watching
+        self.watching = watching
 
     def waits(self) -> bool:
-        return self._watching
+        return self.watching
+
+
+def plan(lap: int, lap_time: float = 4.0, start_time: float = 0.0) -> LapPlan:
+    """Returns a plan of laps on a level square of 10 m, with an entry that takes no time."""
+    corners = np.array([[0.0, 0, 5, 0], [10, 0, 5, 1], [10, 10, 5, 2], [0, 10, 5, 3], [0, 0, 5, 4]])
+    times = np.linspace(0.0, lap_time, len(corners))
+    square = PiecewisePolynomial.CubicShapePreserving(times, corners.T)
+    return LapPlan(
+        lap=lap,
+        start_time=start_time,
+        entry=FlatTrajectory.resting(corners[0]),
+        circuit=FlatTrajectory(square),
+        phase=1e-3,
+        summary=None,
+    )

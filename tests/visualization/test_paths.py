@@ -1,16 +1,15 @@
 import numpy as np
-import pytest
 from pydrake.systems.analysis import Simulator
 
-from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
-from airrace.visualization.paths import PathVisualizer, PlanVisualizer
-from tests.visualization.meshcat_tools import Watching, drawn, fix
+from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.visualization.paths import PathVisualizer
+from tests.visualization.meshcat_tools import Watching, drawn, fix, plan, property_of
 
 
 def test_draws_the_flown_path_in_pieces(meshcat):
     paths = PathVisualizer(meshcat=meshcat)
     simulator = Simulator(paths)
-    fix(paths, simulator.get_mutable_context(), truth__state=np.zeros(13))
+    fix(paths, simulator.get_mutable_context(), truth__state=np.zeros(13), lap_plan=NO_PLAN)
     simulator.AdvanceTo(2.95)
     assert meshcat.HasPath("here") and not meshcat.HasPath("flown")
     simulator.AdvanceTo(4.05)
@@ -22,7 +21,7 @@ def test_draws_the_flown_path_in_pieces(meshcat):
 def test_who_looks_sees_the_path_grow(meshcat):
     paths = PathVisualizer(meshcat=meshcat, audience=Watching())
     simulator = Simulator(paths)
-    fix(paths, simulator.get_mutable_context(), truth__state=np.zeros(13))
+    fix(paths, simulator.get_mutable_context(), truth__state=np.zeros(13), lap_plan=NO_PLAN)
     for end, count in ((0.15, 2), (1.05, 11), (3.05, 31), (3.15, 2)):
         simulator.AdvanceTo(end)
         piece = drawn(meshcat, f"flown/{int(end > 3.1)}")["object"]["geometries"][0]
@@ -37,7 +36,7 @@ def test_the_path_is_coloured_by_speed(meshcat):
         simulator = Simulator(paths)
         state = np.zeros(13)
         state[10] = speed
-        fix(paths, simulator.get_mutable_context(), truth__state=state)
+        fix(paths, simulator.get_mutable_context(), truth__state=state, lap_plan=NO_PLAN)
         simulator.AdvanceTo(0.25)
         geometry = drawn(meshcat, "flown/0")["object"]["geometries"][0]
         data = geometry["data"]["attributes"]["color"]["array"]
@@ -45,57 +44,16 @@ def test_the_path_is_coloured_by_speed(meshcat):
     assert colors[0][2] > colors[0][0] and colors[1][0] > colors[1][2]
 
 
-class _Line:
-    """A way straight ahead, for plans."""
-
-    duration = 2.0
-
-    def sample(self, times):
-        return np.array([times, 0 * times, 0 * times, 0 * times])
-
-
-def _plan(lap):
-    return LapPlan(lap=lap, start_time=0.0, entry=_Line(), circuit=_Line(), phase=0.0, summary=None)
-
-
-@pytest.fixture
-def plans(meshcat):
-    """Draws plans one after the other."""
-    visualizer = PlanVisualizer(meshcat=meshcat)
-    context = visualizer.CreateDefaultContext()
-
-    def draw(plan):
-        fix(visualizer, context, lap_plan=plan)
-        simulator = Simulator(visualizer, context.Clone())
-        simulator.AdvanceTo(0.05)
-
-    return draw
-
-
-def _material(meshcat, number):
-    return drawn(meshcat, f"planned/{number}/circuit")["object"]["materials"][0]
-
-
-def test_nothing_is_drawn_before_there_is_a_plan(meshcat, plans):
-    plans(NO_PLAN)
-    assert not meshcat.HasPath("planned")
-
-
-def test_earlier_plans_are_orange_and_fade(meshcat, plans):
-    for lap in range(1, 8):
-        plans(_plan(lap))
-    assert _material(meshcat, 7)["color"] == 0xFFFFFF
-    opacities = []
-    for number in (6, 5, 4, 3):
-        material = _material(meshcat, number)
-        assert material["color"] >> 16 == 0xFF and material["color"] & 0xFF == 0
-        opacities.append(material["opacity"])
-    assert opacities == sorted(opacities, reverse=True) and opacities[-1] > 0.0
-    assert not meshcat.HasPath("planned/2") and not meshcat.HasPath("planned/1")
-
-
-def test_a_plan_is_drawn_once(meshcat, plans):
-    plan = _plan(1)
-    plans(plan)
-    plans(plan)
-    assert not meshcat.HasPath("planned/2")
+def test_all_earlier_laps_are_there_and_the_older_the_fainter(meshcat):
+    paths = PathVisualizer(meshcat=meshcat)
+    simulator = Simulator(paths)
+    lap = plan(lap=1, lap_time=2.0, start_time=1.0)
+    fix(paths, simulator.get_mutable_context(), truth__state=np.zeros(13), lap_plan=lap)
+    simulator.AdvanceTo(1.0 + 30 * 2.0 + 0.25)
+    # One piece before gate 1, and one a lap.
+    opacities = [property_of(meshcat, f"flown/{piece}", "opacity") for piece in range(31)]
+    assert 0.02 < opacities[0] and np.all(np.diff(opacities) > 0.0) and opacities[-1] < 1.0
+    paths.ForcedPublish(simulator.get_context())
+    # Of the lap that is flown, nothing is faint.
+    assert all(meshcat.HasPath(f"flown/{piece}") for piece in range(32))
+    assert property_of(meshcat, "flown/31", "opacity") is None

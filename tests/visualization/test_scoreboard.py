@@ -1,10 +1,11 @@
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
+from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.visualization.meshcat_page import HUD
-from airrace.visualization.scoreboard import Scoreboard, draw_lines, scoreboard_lines
-from tests.visualization.meshcat_tools import Watching, fix
+from airrace.visualization.scoreboard import Moment, Scoreboard, draw_lines, scoreboard_lines
+from tests.visualization.meshcat_tools import Watching, fix, plan
 
 RACING = ExplorerStatus(state="DONE", done=True, gates=(0, 1, 2))
 
@@ -26,8 +27,8 @@ def _report(times, **fields):
     )
 
 
-def _lines(times, status=RACING, time=100.0, **fields):
-    return scoreboard_lines(time, 9.0, 3, 2, _report(times, **fields), status)
+def _lines(times, status=RACING, time=100.0, plans=(), **fields):
+    return scoreboard_lines(Moment(time, 9.0, _report(times, **fields), status, plans), 3, 2)
 
 
 def test_exploring():
@@ -46,12 +47,49 @@ def test_splits_are_compared_with_the_best_lap():
     assert lines[2:] == ["lap 1    10.00 s    +0.00", "lap 2    4.0 s", "gate 2    3.50 s    -0.50"]
 
 
+def test_a_lap_on_an_earlier_plan_says_so():
+    crossings = np.arange(0.0, 31.0, 3.0)  # three laps, and two gates of a fourth
+    lines = _lines(crossings, time=34.0, plans={1, 2})
+    assert lines[2:6] == [
+        "lap 1    9.00 s    +0.00",
+        "lap 2    9.00 s    +0.00",
+        "lap 3    9.00 s    +0.00    plan of lap 2",
+        "lap 4    7.0 s    plan of lap 2",
+    ]
+    # The next lap's plan is in force before the lap begins.
+    assert _lines(crossings, time=34.0, plans={1, 2, 5}) == lines
+    assert _lines(crossings, time=34.0, plans={1, 2, 4})[5] == "lap 4    7.0 s"
+
+
+def test_plans_are_remembered_while_nobody_watches(meshcat, monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        "airrace.visualization.scoreboard.scoreboard_lines",
+        lambda moment, *_: [seen.append(set(moment.plans)) or "words"],
+    )
+    audience = Watching(False)
+    board = Scoreboard(meshcat=meshcat, gates=3, laps=2, audience=audience)
+    context = board.CreateDefaultContext()
+    ports = dict(truth__state=np.zeros(13), truth__referee_status=_report([]))
+    for now in (NO_PLAN, plan(1), plan(3)):
+        audience.watching = now is not NO_PLAN and now.lap == 3
+        fix(board, context, **ports, explorer_status=RACING, lap_plan=now)
+        Simulator(board, context.Clone()).AdvanceTo(0.05)
+    assert seen == [{1, 3}]
+
+
 def test_the_end():
     lines = _lines([10.0, 14, 17, 20, 23, 26, 29.0], finished=True, end_time=29.0)
     assert lines[0] == "finished"
     assert lines[2:] == ["lap 1    10.00 s    +0.00", "lap 2    9.00 s    -1.00"]
     lines = _lines([10.0], dnf_reason="hit the ground", end_time=11.0)
     assert lines[0] == "did not finish: hit the ground"
+
+
+def test_the_longest_line_fits():
+    lap = "lap 88    88.88 s    +88.88    plan of lap 88"
+    right = draw_lines(["", lap])[:, -14:]
+    assert (right == right[0, 0]).all()
 
 
 def test_the_text_can_be_read():
@@ -71,6 +109,7 @@ def test_it_is_drawn_only_for_somebody(meshcat):
             truth__state=np.zeros(13),
             truth__referee_status=_report([]),
             explorer_status=RACING,
+            lap_plan=NO_PLAN,
         )
         simulator.AdvanceTo(0.05)
         assert meshcat.HasPath(f"{HUD}/scoreboard") == watching

@@ -79,8 +79,8 @@ def test_a_log_where_there_is_no_terminal():
     ]
     assert lines[5:7] == ["[   20.0 s] lap 1: 10.00 s", "[   30.0 s] lap 2: 10.00 s"]
     assert lines[-2:] == [
-        "Finished: mean lap 10.00 s, best 10.00 s (the original system: mean 40.60 s); "
-        "12 s of work, 2.5 x real time.",
+        "Finished: mean lap 10.00 s, best 10.00 s (the original system, from rest to rest: "
+        "mean 40.60 s); 12 s of work, 2.5 x real time.",
         "Results: runs/here",
     ]
     assert "\x1b" not in console.file.getvalue()
@@ -137,6 +137,27 @@ def test_a_race_that_does_not_finish():
     race.display.print_summary(race.result.data(1.0, "interrupted"), "runs/here")
     assert "Did not finish: interrupted; 1 s of work, 9.0 x real time.\n" in console.file.getvalue()
     assert "lap" not in console.file.getvalue().split("Did not finish")[0].split("2 laps")[1]
+
+
+def test_laps_that_flew_the_same_plan_are_named():
+    race = Race(plain())
+    result = race.fly()
+    for durations, sentences in (((9.5, 9.5), 1), ((9.5, 9.4), 0)):
+        for lap, duration in zip(result["laps"], durations):
+            lap["plan"] = {"duration_s": duration}
+        console = race.display._console = plain()
+        race.display.print_summary(result, "runs/here")
+        said = console.file.getvalue().splitlines()
+        assert said.count("Lap 2 flew the plan of lap 1.") == sentences
+
+
+@pytest.mark.parametrize("field", [{"limits": "rotor"}, {"track": "hexagon"}])
+def test_the_original_system_is_no_comparison_for_other_races(field):
+    race = Race(plain())
+    result = race.fly() | field
+    console = race.display._console = plain()
+    race.display.print_summary(result, "runs/here")
+    assert "Finished: mean lap 10.00 s, best 10.00 s; 12 s" in console.file.getvalue()
 
 
 def test_names_are_printed_as_they_are():

@@ -52,6 +52,7 @@ def race_json(laps, finished=True):
         "track": "student-airrace",
         "drone": "Default",
         "trajectory": "6",
+        "limits": "original",
         "seed": 0,
         "rotor_failures": [],
         "finished": finished,

@@ -6,21 +6,15 @@ from collections.abc import Iterable, Mapping
 def plan_of_laps(laps: Iterable[Mapping]) -> dict[int, int]:
     """Returns which plan every lap flew, named by the first lap that flew it.
 
-    Two laps flew the same plan if race.json says the same of it, to the last digit.
-
     Args:
         laps: of a race.json. Those without a plan are left out.
     """
-    first: list[Mapping] = []
-    plans = {}
-    for lap in laps:
-        if lap.get("plan") is None:
-            continue
-        same = next((other for other in first if other["plan"] == lap["plan"]), lap)
-        if same is lap:
-            first.append(lap)
-        plans[lap["lap"]] = same["lap"]
-    return plans
+    first: dict[int, int] = {}  # by the number of the plan
+    return {
+        lap["lap"]: first.setdefault(lap["plan"]["number"], lap["lap"])
+        for lap in laps
+        if lap.get("plan") is not None
+    }
 
 
 def same_plan_words(plans: Mapping[int, int]) -> str:

@@ -4,24 +4,19 @@ from airrace.recording.flown_plans import plan_of_laps, same_plan_words
 
 
 def _laps(*plans):
-    """Laps of a race.json that flew plans of so many seconds; None: no plan."""
+    """Laps of a race.json that flew plans of these numbers; None: no plan."""
     return [
-        {"lap": k, "plan": None if plan is None else {"duration_s": plan, "margin_m": 0.3}}
+        {"lap": k, "plan": None if plan is None else {"number": plan, "duration_s": 8.0}}
         for k, plan in enumerate(plans, start=1)
     ]
 
 
 @pytest.mark.parametrize(
     "plans, expected",
-    [((), {}), ((9.0, 8.0, 8.0, 7.0), {1: 1, 2: 2, 3: 2, 4: 4}), ((None, 8.0, None), {2: 2})],
+    [((), {}), ((1, 2, 2, 3), {1: 1, 2: 2, 3: 2, 4: 4}), ((None, 1, None), {2: 2})],
 )
 def test_a_plan_is_named_by_the_first_lap_that_flew_it(plans, expected):
     assert plan_of_laps(_laps(*plans)) == expected
-
-
-def test_plans_that_are_numbered_are_told_apart_by_their_numbers():
-    laps = [{"lap": k, "plan": {"plan": n, "duration_s": 8.0}} for k, n in ((1, 1), (2, 2), (3, 2))]
-    assert plan_of_laps(laps) == {1: 1, 2: 2, 3: 2}
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """How reliably the explorer finds the gates of tracks that it has never seen.
 
     python -m benchmarks.exploration [--tracks 200] [--first 0] [--turned 0] [--blind 0]
+    python -m benchmarks.exploration --step_length 2 5 10 15 25 --reference --tracks 40
 
 Every track is a random one that obeys the rules. The drone flies without physics
 and sees without pixels (tests/worlds/exploration.py), which takes seconds a track.
@@ -13,13 +14,14 @@ import numpy as np
 
 from airrace.math.random import make_generator
 from airrace.scenario import Scenario
-from airrace.track import Track
+from airrace.track import Track, load_track
 from airrace.track.generator import generate_track
 from airrace.vehicle import load_vehicle
 from benchmarks import harness
 from benchmarks.harness import column
 from tests.worlds.exploration import ExplorationWorld, clear_of_pylons, explore, make_explorer
 
+_REFERENCE = "student-airrace"
 _TIME_LIMIT = 720.0  # s, of a race of one lap
 _BLIND_BEYOND = 12.0  # m
 _REQUIRED = 0.98  # of the tracks
@@ -45,57 +47,83 @@ def main(argv=None) -> int:
         metavar="SHARE",
         help="of the boards that cannot be read from beyond 12 m (default: 0)",
     )
+    parser.add_argument(
+        "--step_length",
+        type=float,
+        nargs="+",
+        default=[Scenario().explorer.step_length],
+        metavar="M",
+        help="of the explorer's steps forward, a row each (default: the scenario's)",
+    )
+    parser.add_argument(
+        "--reference", action="store_true", help=f"also the reference track, {_REFERENCE}"
+    )
     parser.add_argument("--workers", type=harness.count, default=1, help="processes (default: 1)")
     return harness.run(parser, argv, measure, show)
 
 
 def measure(args) -> list:
-    """Returns a row for every track."""
+    """Returns a row for every track and length of a step."""
+    seeds = [None] * args.reference + list(range(args.first, args.first + args.tracks))
+    for step_length in args.step_length:
+        _scenario(args.drone, step_length).check()
     jobs = [
-        (explore_generated, (seed, args.drone, args.turned, args.blind))
-        for seed in range(args.first, args.first + args.tracks)
+        (explore_one, (seed, step_length, args.drone, args.turned, args.blind))
+        for step_length in args.step_length
+        for seed in seeds
     ]
     return harness.in_processes(jobs, "Exploring", workers=args.workers, jobs_each=100)
 
 
-def explore_generated(seed: int, drone="Default", turned=0.0, blind=0.0) -> dict:
+def _scenario(drone: str, step_length: float) -> Scenario:
+    """Returns the scenario with a drone and steps of a length (m)."""
+    scenario = Scenario(drone=drone)
+    scenario.explorer.step_length = step_length
+    return scenario
+
+
+def explore_one(
+    seed: int | None, step_length: float, drone="Default", turned=0.0, blind=0.0
+) -> dict:
     """Explores the track of a seed; see explore_track().
 
     Args:
-        seed: of the track and of all noise.
+        seed: of the track and of all noise; None for the reference track.
+        step_length: of a step forward (m).
         drone: whose size counts.
         turned: angle by which the start is turned (degrees).
         blind: share of the boards that can be read from near only.
     """
-    track = generate_track(seed)
+    track = load_track(_REFERENCE) if seed is None else generate_track(seed)
     track.start.heading_deg += turned
     hidden = {
         board.id: board.X_WM.translation()
-        for board, draw in zip(track.boards(), make_generator(seed, "blind").random(1000))
+        for board, draw in zip(track.boards(), make_generator(seed or 0, "blind").random(1000))
         if draw < blind
     }
 
     def too_far(id, p_WC):
         return id in hidden and np.linalg.norm(p_WC - hidden[id]) > _BLIND_BEYOND
 
-    world = ExplorationWorld(track, seed=seed, hidden=too_far)
-    return {"seed": seed, **explore_track(track, world, drone)}
+    world = ExplorationWorld(track, seed=seed or 0, hidden=too_far)
+    flown = explore_track(track, world, _scenario(drone, step_length))
+    return {"seed": seed, "step_length_m": step_length, **flown}
 
 
-def explore_track(track: Track, world: ExplorationWorld, drone: str) -> dict:
+def explore_track(track: Track, world: ExplorationWorld, scenario: Scenario) -> dict:
     """Explores a track.
 
     Args:
         track: with the true gates.
         world: of that track.
-        drone: whose size counts.
+        scenario: with the explorer, and the drone whose size counts.
 
     Returns:
         what happened; ``failure`` is None or says what went wrong.
     """
-    flown = explore(make_explorer(track, Scenario(drone=drone)), world, track, _TIME_LIMIT)
+    flown = explore(make_explorer(track, scenario), world, track, _TIME_LIMIT)
     status, n = flown.status, len(track.gates)
-    room = clear_of_pylons(flown.path, track, load_vehicle(drone)[0].radius)
+    room = clear_of_pylons(flown.path, track, load_vehicle(scenario.drone)[0].radius)
     wrong = [crossing for k, crossing in enumerate(flown.crossings) if crossing != k]
     failure = None
     if room < 0.0:
@@ -112,6 +140,7 @@ def explore_track(track: Track, world: ExplorationWorld, drone: str) -> dict:
         "failure": failure,
         "hit": room < 0.0,
         "time_s": status.closed_at,
+        "home_s": status.since if status.done else None,
         "room_m": room,
         "wrong_gaps": len(wrong),
         "length_m": float(np.linalg.norm(np.diff(flown.path, axis=0), axis=1).sum()),
@@ -122,29 +151,63 @@ def explore_track(track: Track, world: ExplorationWorld, drone: str) -> dict:
 
 
 def show(rows: list) -> tuple[list, bool]:
-    """Returns the table of the rows, a line for each failure, and whether the bounds are kept."""
-    good = [row for row in rows if row["failure"] is None]
-    times = column(good, "time_s") if good else np.array([np.nan])
-    speeds = column(good, "length_m") / times if good else times
-    states = collections.Counter(state for row in rows for _, state, _ in row["events"])
-    hits = sum(row["hit"] for row in rows)
-    figures = {
-        "explored and back home": f"{len(good)} ({len(good) / len(rows):.1%})",
-        "hit a pylon": hits,
-        "flew through a wrong gap": sum(row["wrong_gaps"] > 0 for row in rows),
-        "least room to a pylon": f"{column(rows, 'room_m').min():.2f} m",
-        "time to the closed loop, mean and longest": f"{times.mean():.1f} s, {times.max():.1f} s",
-        "mean speed": f"{speeds.mean():.1f} m/s",
-        "states entered": ", ".join(f"{state} {n}" for state, n in sorted(states.items())),
-    }
+    """Returns the table, its states and failures in lines, and whether the bounds are kept."""
+    by_step = [group for _, group in harness.groups(rows, "step_length_m")]
+    summaries = [_summary(group) for group in by_step]
+    table = harness.make_table(
+        "Exploration, by the length of a step forward; times are to the closed loop",
+        summaries,
+        {
+            "step (m)": "{step_length_m:g}",
+            "explored and back home": "{home} of {tracks}",
+            "hit a pylon": "{hits}",
+            "flew through a wrong gap": "{wrong}",
+            "least room to a pylon (m)": "{room_m:.2f}",
+            "mean (s)": "{mean_s:.1f}",
+            "longest (s)": "{longest_s:.1f}",
+            "mean speed (m/s)": "{speed:.1f}",
+            "reference track (s)": "{reference_s:.1f}",
+            "... home again (s)": "{reference_home_s:.1f}",
+        },
+    )
+    states = [_states(group) for group in by_step]
     failures = [
-        f"seed {row['seed']}, {row['track']}: {row['failure']}; "
-        f"last in {row['state']}: {row['reason']}"
+        f"seed {row['seed']}, {row['track']}, steps of {row['step_length_m']:g} m: "
+        f"{row['failure']}; last in {row['state']}: {row['reason']}"
         for row in rows
         if row["failure"]
     ]
-    table = harness.make_list(f"Exploration of {len(rows)} tracks", figures)
-    return [table, *failures], len(good) >= _REQUIRED * len(rows) and not hits
+    passed = all(
+        each["home"] >= _REQUIRED * each["tracks"] and not each["hits"] for each in summaries
+    )
+    return [table, *states, *failures], passed
+
+
+def _summary(rows: list) -> dict:
+    """Returns what the table says of the tracks explored in steps of one length."""
+    good = [row for row in rows if row["failure"] is None]
+    times = column(good, "time_s") if good else np.array([np.nan])
+    reference = next((row for row in rows if row["seed"] is None), {})
+    return {
+        "step_length_m": rows[0]["step_length_m"],
+        "tracks": len(rows),
+        "home": len(good),
+        "hits": sum(row["hit"] for row in rows),
+        "wrong": sum(row["wrong_gaps"] > 0 for row in rows),
+        "room_m": float(column(rows, "room_m").min()),
+        "mean_s": float(times.mean()),
+        "longest_s": float(times.max()),
+        "speed": float((column(good, "length_m") / times).mean()) if good else np.nan,
+        "reference_s": reference.get("time_s"),
+        "reference_home_s": reference.get("home_s"),
+    }
+
+
+def _states(rows: list) -> str:
+    """Returns a line that says how often each state was entered in steps of one length."""
+    states = collections.Counter(state for row in rows for _, state, _ in row["events"])
+    entered = ", ".join(f"{state} {n}" for state, n in sorted(states.items()))
+    return f"states entered with steps of {rows[0]['step_length_m']:g} m: {entered}"
 
 
 if __name__ == "__main__":

@@ -137,8 +137,26 @@ def test_a_track_that_cannot_be_is_a_fault(run):
 def test_an_exploration(run):
     table, rows, _ = run("exploration", "--tracks", 1, "--first", 2)
     assert rows[0]["failure"] is None and rows[0]["room_m"] > 1.0
-    assert rows_of(table, "explored and back home") == [["1 (100.0%)"]]
-    assert rows_of(table, "least room to a pylon") == [[f"{rows[0]['room_m']:.2f} m"]]
+    (numbers,) = rows_of(table, "15")
+    room, time = rows[0]["room_m"], rows[0]["time_s"]
+    assert numbers[:5] == ["1 of 1", "0", "0", f"{room:.2f}", f"{time:.1f}"]
+    assert time < rows[0]["home_s"] and numbers[-2:] == ["-", "-"]
+
+
+@pytest.mark.slow
+def test_explorations_with_several_lengths_of_a_step(run):
+    options = ("--reference", "--tracks", 1, "--first", 2, "--step_length", 5, 25)
+    table, rows, text = run("exploration", *options)
+    assert [(row["seed"], row["step_length_m"]) for row in rows] == [
+        (None, 5.0),
+        (2, 5.0),
+        (None, 25.0),
+        (2, 25.0),
+    ]
+    for step, reference in (("5", rows[0]), ("25", rows[2])):
+        (numbers,) = rows_of(table, step)
+        assert numbers[0] == "2 of 2" and numbers[-2] == f"{reference['time_s']:.1f}"
+        assert f"states entered with steps of {step} m: CALIBRATE 2, " in text
 
 
 @pytest.mark.slow

@@ -59,6 +59,8 @@ RANGES = {
     "rotor_failures[].time": (0, math.inf),
     "perception.max_gates": (1, 256),
     "explorer.rate": (1, 10000),
+    "explorer.step_length": (0.5, math.inf),
+    "explorer.expected_gates": (3, 256),
     "link_delay": (0, 0.5),
     "planner.rate": (1, 10000),
     "planner.thrust_share": (0.1, 1),

@@ -84,10 +84,12 @@ class ExplorerConfig:
     max_heading_error_deg: float = 5.0  # off gate 1, that it does not turn away
     reached_distance: float = 1.0  # m, when a set-point counts as reached
     hover_time: float = 0.5  # s, of hovering before a search step
+    hover_before_step: bool = False  # before every step; false = on without a stop if forward
     step_length: float = 15.0  # m, of one step forward
     side_distance: float = 20.0  # m, in front of a gate when stepping around
     side_offset: float = 5.0  # m, to the side, if straight in front did not help
     closing_range: float = 40.0  # m, how near gate 1 must be to close the loop
+    expected_gates: int | None = None  # that end the search; null = only gate 1 seen again does
     approach_distance: float = 8.0  # m, before a gate, if the straight path is not free
     passing_distance: float = 5.0  # m, beyond a gate before the drone stops
     replan_distance: float = 0.3  # m, by which gates ahead move in the map
@@ -222,6 +224,11 @@ class Scenario:
             raise UserError(
                 f"recording.image_rate must be at most camera.fps, {self.camera.fps:g} Hz, "
                 f"not {self.recording.image_rate:g}."
+            )
+        if (self.explorer.expected_gates or 0) > self.perception.max_gates:
+            raise UserError(
+                f"explorer.expected_gates must be at most perception.max_gates, "
+                f"{self.perception.max_gates}, not {self.explorer.expected_gates}."
             )
         check_choice("perception.estimator", self.perception.estimator, ESTIMATORS)
         check_choice("controller.attitude_error", self.controller.attitude_error, ATTITUDE_ERRORS)

@@ -214,6 +214,11 @@ BAD = {
     "trajectory: 4": "trajectory must be text in quotes, not 4",
     "trajectory: '5'": "trajectory must be one of 3, 4, 6, optimal, not '5'",
     "explorer: 3": "explorer must be a mapping",
+    "explorer: {step_length: 0.1}": "explorer.step_length must be at least 0.5, not 0.1",
+    "explorer: {expected_gates: 2}": "explorer.expected_gates must be at least 3, not 2",
+    "explorer: {expected_gates: 21}": "explorer.expected_gates must be at most perception.max_gates, 20, not 21",
+    "{explorer: {expected_gates: 9}, perception: {max_gates: 8}}": "perception.max_gates, 8, not 9",
+    "explorer: {expected_gates: ten}": "explorer.expected_gates must be a whole number, not 'ten'",
     "explorer: {max_speed: fast}": "explorer.max_speed must be a number, not 'fast'",
     "systems: {explorer: 3}": "systems.explorer must be text",
     "[1, 2]": "must be a mapping",
@@ -433,7 +438,8 @@ def scenarios(draw):
             if type(value) is bool:
                 setattr(config, name, draw(st.booleans()))
             elif type(value) is float and section not in ("camera", "perception"):
-                setattr(config, name, draw(st.floats(1, 1e4) if name == "rate" else _positive))
+                at_least_1 = name in ("rate", "step_length")
+                setattr(config, name, draw(st.floats(1, 1e4) if at_least_1 else _positive))
             elif type(value) is int:
                 setattr(config, name, draw(st.integers(16, 256)))
     scenario.planner.thrust_share = draw(st.floats(0.1, 1.0))

@@ -17,7 +17,6 @@ _TURN, _TURN_TOLERANCE = np.deg2rad(45.0), np.deg2rad(15.0)
 _SIDE_TOLERANCE = 2.5  # m
 _MOST_TURN = np.deg2rad(80.0)  # after a gate and before the next, on any track
 _STILL = 0.3  # m/s and rad/s, of a drone that stands on its pad
-_STEPS_IN_VAIN = 9  # of a search that found nothing, before the drone goes back
 _FEWEST_GATES = 3  # of a track
 
 
@@ -58,15 +57,20 @@ def gate_pose(gate: GateEstimate, beyond: float = 0.0) -> np.ndarray:
     return np.array([*(gate.p_WG + beyond * gate.forward), gate.heading])
 
 
-def next_gate(now: Situation, closing_range: float) -> GateEstimate | None:
+def next_gate(now: Situation, closing_range: float, is_lost: bool = False) -> GateEstimate | None:
     """Returns the gate to fly to, if it has just been found.
 
     That is the gate with the next number, once it is in the map with both pylons, or
-    gate 1 again, if it is within the closing range (m): see _closes_loop().
+    gate 1 again, if it closes the loop: see _closes_loop().
+
+    Args:
+        now: what is known.
+        closing_range: how near gate 1 must be to close the loop (m).
+        is_lost: whether the search ahead of the last gate was in vain.
     """
     if now.next_number in now.gates:
         return now.gates[now.next_number]
-    return now.gates[0] if _closes_loop(now, closing_range) else None
+    return now.gates[0] if _closes_loop(now, closing_range, is_lost) else None
 
 
 def front_markers(now: Situation, number: int) -> set:
@@ -74,7 +78,7 @@ def front_markers(now: Situation, number: int) -> set:
     return {4 * number, 4 * number + 2} & {marker.id for marker in now.detections.markers}
 
 
-def _closes_loop(now: Situation, closing_range: float) -> bool:
+def _closes_loop(now: Situation, closing_range: float, is_lost: bool) -> bool:
     """Whether gate 1 comes after the last gate.
 
     Gate 1 may come into view across the track before that. So it must be near, with a
@@ -95,7 +99,7 @@ def _closes_loop(now: Situation, closing_range: float) -> bool:
         return True
     found = [now.gates[number] for number in now.memory.status.gates if number in now.gates]
     rule_holds = all(map(obeys_rule, found, found[1:]))
-    may_break_rule = now.memory.steps > _STEPS_IN_VAIN or not rule_holds
+    may_break_rule = is_lost or not rule_holds
     return may_break_rule and len(in_image) == 2 and _is_ahead(last, first)
 
 

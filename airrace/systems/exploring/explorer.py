@@ -43,7 +43,8 @@ class Explorer(LeafSystem):
     - TAKE_OFF: the hover height, levelling in the air.
     - HOVER: the drone at its set-point, and some images there.
     - TURN_TO_GATE: gate 1 is off the heading, so turn until it is ahead.
-    - STEP_FORWARD: no gate in sight, so on along the last gate's heading.
+    - STEP_FORWARD: no gate in sight, so on along the last gate's heading; with
+      ``hover_before_step`` from HOVER to HOVER, otherwise without a stop.
     - LOOK_AROUND: steps forward did not help, so turn on the spot. At the
       start, this comes before any step.
     - STEP_AROUND: a board of the gate was observed, so to where both of its front
@@ -54,7 +55,8 @@ class Explorer(LeafSystem):
     - FLY_TO_GATE: through every gate found and not yet passed. Gates found
       meanwhile extend the leg without a stop; after the last, the search goes on.
     - AVOID: a pylon that was just found is in the way, so stop.
-    - RETURN: gate 1 was found again, so through the gates still ahead and home.
+    - RETURN: gate 1 was found again, or as many gates as are expected, so through the
+      gates still ahead and home.
     - DONE: hovering there, ready to race.
 
     From all states between TAKE_OFF and RETURN, FLY_TO_GATE follows as soon as

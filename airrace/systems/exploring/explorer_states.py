@@ -15,7 +15,7 @@ import numpy as np
 from airrace.systems.exploring import exploration
 from airrace.systems.exploring.explorer_legs import LegPlanner
 from airrace.systems.exploring.explorer_memory import Memory, Situation
-from airrace.systems.exploring.search import is_far, leads_to, next_steps
+from airrace.systems.exploring.search import is_far, is_lost, leads_to, next_steps
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.vehicle.state import as_state
 
@@ -123,9 +123,13 @@ class StateMachine:
             return after
         if now.memory.gates_ahead:
             return self._check_leg(now)
-        gate = exploration.presumed_gate(now.gate_map, now.next_number)
-        if gate and self._arrival_time(now) is None and not is_far(now, gate, self._config):
-            return self._check_leg(now)  # its other markers may be detected better at rest
+        if self._arrival_time(now) is None:
+            gate = exploration.presumed_gate(now.gate_map, now.next_number)
+            # At rest, its other markers may be detected better.
+            if self._config.hover_before_step or gate and not is_far(now, gate, self._config):
+                return self._check_leg(now)
+        elif self._config.hover_before_step:
+            return now.memory.entered(now.time, "HOVER", "reached the set-point")
         return self._take_search_step(now)
 
     def _return(self, now):
@@ -161,13 +165,21 @@ class StateMachine:
         return self._follow(now, leg, "TURN_TO_GATE", f"{what}, {angle}")
 
     def _fly_to_next_gate(self, now):
-        """Flies to a gate that was just found, after those ahead; None if there is none."""
-        memory = now.memory
-        gate = exploration.next_gate(now, self._config.closing_range)
-        if gate is None or now.time < memory.blocked_at + _PERIOD or self._is_at_gate(now):
+        """Flies to a gate that was just found, after those ahead; None if there is none.
+
+        After the last gate it returns home.
+        """
+        memory, found = now.memory, len(now.memory.status.gates)
+        all_found = found == self._config.expected_gates
+        lost = is_lost(now, self._config)
+        gate = exploration.next_gate(now, self._config.closing_range, lost)
+        nothing_new = gate is None and not all_found
+        if nothing_new or now.time < memory.blocked_at + _PERIOD or self._is_at_gate(now):
             return None
+        if all_found:
+            return self._return_home(now, f"all {found} gates that are expected were found")
         if memory.last is not None and gate.number == 0:
-            return self._return_home(now)
+            return self._return_home(now, f"gate 1 again after {found} gates: the loop is closed")
         gates = [*self._gates_ahead(now), gate]
         leg = self._legs.plan_through(now, gates)
         if leg is None:
@@ -182,13 +194,12 @@ class StateMachine:
         reason = f"gate {gate.number + 1}: {how}"
         return self._follow(now, leg, "FLY_TO_GATE", reason, gates)
 
-    def _return_home(self, now):
-        """Flies home through the gates ahead."""
+    def _return_home(self, now, reason):
+        """Flies home through the gates ahead, for there are no others."""
         memory, gates = now.memory, self._gates_ahead(now)
         leg = self._legs.plan_home(now, gates)
         if leg is None:
             return dc.replace(memory, blocked_at=now.time)
-        reason = f"gate 1 again after {len(memory.status.gates)} gates: the loop is closed"
         now = now.remembering(status=dc.replace(memory.status, closed_at=now.time))
         return self._follow(now, leg, "RETURN", reason, gates)
 
@@ -248,6 +259,8 @@ class StateMachine:
 
         It may end too near to a gate of which a board was just detected, or another follows.
         """
+        if self._config.hover_before_step:
+            return False
         gate = exploration.presumed_gate(now.gate_map, now.next_number)
         if gate is not None and leads_to(now.memory.goal, gate, self._config):
             return True

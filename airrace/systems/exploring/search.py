@@ -1,6 +1,12 @@
-"""The search for a gate that is not in sight: the order of steps, and where they lead."""
+"""The search for a gate that is not in sight: the order of steps, and where they lead.
 
+How far it goes, and where it looks around, follows from the rules for tracks and is the same for
+any length of a step.
+"""
+
+import functools
 import itertools
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -9,14 +15,21 @@ import numpy as np
 from airrace.systems.exploring.clear_paths import ABOVE_PYLONS, route_above_pylons
 from airrace.systems.exploring.exploration import describe_observation, gate_pose, presumed_gate
 from airrace.systems.exploring.explorer_memory import Situation
+from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.track import BOARD_OFFSET
 from airrace.track.gate_map import GateEstimate
+from airrace.track.rules import FARTHEST_VIEW, LENGTHS, TURN
 
 if TYPE_CHECKING:
     from airrace.scenario import ExplorerConfig
 
 _ON_THE_SPOT = 2.0  # m
+_LEAST_STEP = 1e-3  # m
+_SURE_VIEW = 24.0  # m, from where a marker is read, also by a worse camera than the rules' one
 _ASIDE = 4.0  # m, to the side, of a step that is not clear straight on
+# The longest leg straight on from a gate's midpoint (m): to the next left pylon, as the rules
+# allow it, and to the midpoint beside it.
+_LONGEST_LEG = LENGTHS[1] + GATE_SPACING / 2 * math.sin(TURN)
 
 
 class Step(NamedTuple):
@@ -41,7 +54,7 @@ class _Move(NamedTuple):
 
     Attributes:
         state, reason: see Step.
-        along: distance from the base (steps).
+        along: distance from the base (m).
         bearing: where that is, left of the base's heading (degrees).
         yaw: of the drone, left of the bearing (degrees).
         above: whether above all pylons, where no obstacle is.
@@ -69,45 +82,64 @@ def _look_around(along, *angles, **where):
     ]
 
 
-def _step_forward(*along):
-    return [
-        _Move("STEP_FORWARD", "still no gate in sight" if k else "no gate in sight", distance)
-        for k, distance in enumerate(along)
-    ]
-
-
 _ALL_ROUND = (60.0, -60.0, -120.0, 180.0, 120.0)
-# The next gate is straight ahead of the last one, at up to 70 m, and can be read
-# from 30 m: three steps do, unless something hides it.
-_AFTER_A_GATE = [
-    *_step_forward(1, 2, 3),
-    *_look_around(3, 60, -60),
-    *_step_forward(4, 5),
-    *_look_around(5, 60, -60),
-]
-_AT_THE_START = [
-    *_look_around(0, *_ALL_ROUND),
-    *_step_forward(1),
-    *_look_around(1, 60, -60),
-    *_step_forward(2),
-    *_look_around(2, 60, -60),
-]
-# Bearings (degrees) and distances (steps) of viewpoints above the pylons.
-_FROM_ABOVE = [(0, 1), (0, 2), (0, 3), (0, 4), (0, 5), (50, 2), (50, 4), (-50, 2), (-50, 4)]
-_FROM_ABOVE += [(110, 2), (-110, 2), (180, 2)]
-_LOST = [
-    _Move("GO_BACK", "lost"),
-    *_look_around(0, *_ALL_ROUND),
-    _Move("LOOK_FROM_ABOVE", "lost, looking from above the pylons", above=True),
-    *_look_around(0, *_ALL_ROUND, above=True),
-    *itertools.chain.from_iterable(
-        [
-            _Move("LOOK_FROM_ABOVE", "lost, on above the pylons", k, bearing, above=True),
-            *_look_around(k, 60, -60, bearing=bearing, above=True),
-        ]
-        for bearing, k in _FROM_ABOVE
-    ),
-]
+# Bearings (degrees) and distances (parts of the reach) of viewpoints above the pylons. On each
+# bearing, the next viewpoint is well within what can be read from the last.
+_FROM_ABOVE = [(0, 0.2), (0, 0.4), (0, 0.6), (0, 0.8), (0, 1.0)]
+_FROM_ABOVE += [(50, 0.4), (50, 0.8), (-50, 0.4), (-50, 0.8), (110, 0.4), (-110, 0.4), (180, 0.4)]
+
+
+def _reach(config: "ExplorerConfig") -> float:
+    """Returns how far beyond a base the next gate may be (m)."""
+    return max(_LONGEST_LEG - config.passing_distance, 0.0)
+
+
+@functools.cache
+def _straight_on(reach: float, step_length: float, *looks: float) -> tuple[_Move, ...]:
+    """Returns steps forward, and looking around on the way.
+
+    Args:
+        reach: where the last step ends (m); that may be shorter than the others.
+        step_length: of the others (m).
+        looks: distances (m); it looks around where the step ends that gets there.
+    """
+    moves, along = [], 0.0
+    for k in range(math.ceil((reach - _LEAST_STEP) / step_length)):
+        before, along = along, min((k + 1) * step_length, reach)
+        reason = "still no gate in sight" if k else "no gate in sight"
+        moves.append(_Move("STEP_FORWARD", reason, along))
+        if any(before < look <= along for look in looks):
+            moves += _look_around(along, 60, -60)
+    return tuple(moves)
+
+
+def _search_ahead(now: Situation, config: "ExplorerConfig") -> tuple[_Move, ...]:
+    """Returns the moves of a search before the drone is lost."""
+    if now.last is None:
+        # By the rules, gate 1 is so near that it can be read from the start.
+        first = tuple(_look_around(0.0, *_ALL_ROUND))
+        looks = FARTHEST_VIEW / 2, FARTHEST_VIEW
+        return first + _straight_on(FARTHEST_VIEW, config.step_length, *looks)
+    # The next gate is straight ahead. Where it first looks around it would have been read, however
+    # far it is, unless something hides it.
+    reach = _reach(config)
+    return _straight_on(reach, config.step_length, reach - _SURE_VIEW, reach)
+
+
+@functools.cache
+def _search_when_lost(reach: float) -> tuple[_Move, ...]:
+    """Returns the moves after those ahead, which begin anew when all were in vain."""
+    moves = [
+        _Move("GO_BACK", "lost"),
+        *_look_around(0.0, *_ALL_ROUND),
+        _Move("LOOK_FROM_ABOVE", "lost, looking from above the pylons", above=True),
+        *_look_around(0.0, *_ALL_ROUND, above=True),
+    ]
+    for bearing, part in _FROM_ABOVE:
+        along, reason = part * reach, "lost, on above the pylons"
+        moves.append(_Move("LOOK_FROM_ABOVE", reason, along, bearing, above=True))
+        moves += _look_around(along, 60, -60, bearing=bearing, above=True)
+    return tuple(moves)
 
 
 def next_steps(now: Situation, config: "ExplorerConfig") -> Iterator[Step]:
@@ -131,6 +163,11 @@ def next_steps(now: Situation, config: "ExplorerConfig") -> Iterator[Step]:
     yield from on
 
 
+def is_lost(now: Situation, config: "ExplorerConfig") -> bool:
+    """Whether the search ahead was in vain, and the drone went back."""
+    return now.memory.steps > len(_search_ahead(now, config))
+
+
 def is_far(now: Situation, gate: GateEstimate, config: "ExplorerConfig") -> bool:
     """Whether a gate is farther away than where both its markers should be in view."""
     return np.linalg.norm(now.memory.goal[:3] - gate.p_WG) > config.side_distance
@@ -144,14 +181,14 @@ def leads_to(goal: np.ndarray, gate: GateEstimate, config: "ExplorerConfig") -> 
 def _steps_on(now: Situation, config: "ExplorerConfig") -> Iterator[Step]:
     memory = now.memory
     base = memory.home if now.last is None else gate_pose(now.last, config.passing_distance)
-    first = _AT_THE_START if now.last is None else _AFTER_A_GATE
+    ahead, when_lost = _search_ahead(now, config), _search_when_lost(_reach(config))
     back_to = "the start" if now.last is None else f"gate {now.last.number + 1}"
     for steps in itertools.count(memory.steps):
-        lost = steps - len(first)
-        move = first[steps] if lost < 0 else _LOST[lost % len(_LOST)]
+        lost = steps - len(ahead)
+        move = ahead[steps] if lost < 0 else when_lost[lost % len(when_lost)]
         going_back = move.state == "GO_BACK"
         reason = f"{move.reason}, back to {back_to}" if going_back else move.reason
-        routes = _routes(move, memory.goal, _pose(move, base, config.step_length))
+        routes = _routes(move, memory.goal, _pose(move, base))
         steps_around = 0 if going_back else memory.steps_around
         yield Step(move.state, reason, routes, steps + 1, steps_around)
 
@@ -184,10 +221,10 @@ def _poses_in_front(gate: GateEstimate, config: "ExplorerConfig") -> list:
     ]
 
 
-def _pose(move: _Move, base: np.ndarray, step_length: float) -> np.ndarray:
+def _pose(move: _Move, base: np.ndarray) -> np.ndarray:
     """Returns x, y, z and yaw, (4,)."""
-    bearing, far = base[3] + np.deg2rad(move.bearing), move.along * step_length
-    x, y = base[0] + far * np.cos(bearing), base[1] + far * np.sin(bearing)
+    bearing = base[3] + np.deg2rad(move.bearing)
+    x, y = base[0] + move.along * np.cos(bearing), base[1] + move.along * np.sin(bearing)
     z = ABOVE_PYLONS if move.above else base[2]
     return np.array([x, y, z, bearing + np.deg2rad(move.yaw)])
 

@@ -36,13 +36,12 @@ def mapped(counts, track=TRACK):
     return estimator.make_map(statistics, time=0.0, detections=0, out_of_range=0)
 
 
-def situation(counts, in_image, last=None, p=(0.0, 0.0, 5.0), steps=0, track=TRACK):
+def situation(counts, in_image, last=None, p=(0.0, 0.0, 5.0), track=TRACK):
     """What the explorer knows with some markers mapped and some in the image."""
     gate_map = mapped(counts, track)
     gates = {gate.number: gate for gate in gate_map.gates}
     memory = types.SimpleNamespace(
         last=None if last is None else gates[last],
-        steps=steps,
         status=ExplorerStatus(gates=() if last is None else tuple(range(last + 1))),
     )
     markers = tuple(Detection(id, np.zeros((4, 2)), RigidTransform(), 0.0) for id in in_image)
@@ -56,8 +55,8 @@ def situation(counts, in_image, last=None, p=(0.0, 0.0, 5.0), steps=0, track=TRA
     )
 
 
-def found(*args, **kwargs):
-    gate = exploration.next_gate(situation(*args, **kwargs), CONFIG.closing_range)
+def found(*args, is_lost=False, **kwargs):
+    gate = exploration.next_gate(situation(*args, **kwargs), CONFIG.closing_range, is_lost)
     return None if gate is None else gate.number
 
 
@@ -90,10 +89,9 @@ def test_what_is_known_of_a_next_gate_keeps_the_loop_open_but_a_stray_id_does_no
 
 @pytest.mark.parametrize("last", range(2, 9))
 def test_the_loop_does_not_close_before_the_last_gate(last):
-    """Even if gate 1 is near, and some steps of the search were in vain."""
+    """Even if gate 1 is near."""
     seen = {id: n for id, n in ALL.items() if id // 4 <= last}
-    for steps in (0, 5):
-        assert found(seen, [0, 2], last=last, p=(10.0, 0.0, 6.0), steps=steps) is None
+    assert found(seen, [0, 2], last=last, p=(10.0, 0.0, 6.0)) is None
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -124,7 +122,7 @@ def test_off_the_rule_gate_1_closes_the_loop_if_it_is_ahead(y, heading_deg, clos
         for k, (x, y, h) in gates.items()
     )
     now = situation({}, [0, 2], p=(15.0, 0.0, 6.0))
-    memory = types.SimpleNamespace(last=made[2], steps=0, status=ExplorerStatus(gates=(0, 1, 2)))
+    memory = types.SimpleNamespace(last=made[2], status=ExplorerStatus(gates=(0, 1, 2)))
     looking = types.SimpleNamespace(gates=made, markers=())
     now = Situation(memory, 1.0, now.detections, looking, now.estimate)
     assert exploration.next_gate(now, 40.0) is (made[0] if closes else None)
@@ -205,6 +203,6 @@ def test_tilt_and_yaw():
 def test_once_a_search_was_in_vain_gate_1_may_follow_off_the_rule():
     seen = {id: n for id, n in ALL.items() if id // 4 <= 7}
     where = dict(last=7, p=(10.0, 0.0, 6.0))
-    assert found(seen, [0, 2], steps=9, **where) is None
-    assert found(seen, [0], steps=10, **where) is None
-    assert found(seen, [0, 2], steps=10, **where) == 0
+    assert found(seen, [0, 2], **where) is None
+    assert found(seen, [0], is_lost=True, **where) is None
+    assert found(seen, [0, 2], is_lost=True, **where) == 0

@@ -7,10 +7,11 @@ from pydrake.common.value import Value
 from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
+from airrace.diagrams.race import run_race
 from airrace.scenario import ExplorerConfig, PerceptionConfig, Scenario
 from airrace.systems.exploring.clear_paths import ABOVE_PYLONS
 from airrace.systems.exploring.explorer import Explorer
-from airrace.systems.types import Detections
+from airrace.systems.types import Detections, ExplorerEvent
 from airrace.track import Gate, Start, Track, load_track
 from airrace.track.gate_map import GateMap
 from airrace.track.generator import generate_track
@@ -51,6 +52,63 @@ def reference_run():
 def test_finds_all_gates_of_the_reference_track_in_order(reference_run):
     check_explored(reference_run, REFERENCE)
     assert reference_run.status.closed_at < 75.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("step_length", [2.0, 5.0, 10.0, 25.0])
+def test_steps_of_any_length_find_all_gates_of_the_reference_track(step_length):
+    explorer = make_explorer(REFERENCE, Scenario(explorer=ExplorerConfig(step_length=step_length)))
+    flown = explore(explorer, ExplorationWorld(REFERENCE), REFERENCE, 300.0)
+    check_explored(flown, REFERENCE)
+    assert flown.status.closed_at < 75.0
+    assert "GO_BACK" not in states(flown)
+
+
+ORIGINAL = ExplorerConfig(
+    step_length=5.0, hover_before_step=True, hover_time=1.0, reached_distance=3.0, expected_gates=10
+)
+
+
+@pytest.mark.slow
+def test_it_can_explore_as_the_original_did():
+    """It hovers for 1 s before each step of 5 m, and is done with ten gates."""
+    flown = explore(
+        make_explorer(REFERENCE, Scenario(explorer=ORIGINAL)),
+        ExplorationWorld(REFERENCE),
+        REFERENCE,
+        300.0,
+    )
+    check_explored(flown, REFERENCE)
+    check_hovers_before_steps(flown.status.events)
+    (end,) = [event for event in flown.status.events if event.state == "RETURN"]
+    assert end.reason == "all 10 gates that are expected were found"
+    np.testing.assert_allclose(flown.path[-1], [0, 0, 5.1], atol=0.05)
+
+
+def check_hovers_before_steps(events):
+    before = [
+        (last.state, event.time - last.time)
+        for last, event in zip(events, events[1:])
+        if event.state == "STEP_FORWARD"
+    ]
+    assert len(before) >= 8  # gate 6 is 70 m beyond gate 5
+    for state, waited in before:
+        assert state == "HOVER" and waited > ORIGINAL.hover_time - 2.0 / RATE
+
+
+@pytest.mark.slow
+def test_from_pixels_it_can_explore_as_the_original_did(tmp_path):
+    scenario = Scenario(explorer=ORIGINAL, laps=1, trajectory="4")
+    scenario.recording.content = "none"
+    race = run_race(scenario, tmp_path)
+    assert race["finished"] and race["collisions"] == 0
+    assert race["exploration"]["success"] and race["exploration"]["gates_found"] == 10
+    events = [
+        ExplorerEvent(event["time_s"], event["state"], event["reason"])
+        for event in race["exploration"]["events"]
+    ]
+    check_hovers_before_steps(events)
+    assert "all 10 gates that are expected were found" in [event.reason for event in events]
 
 
 @pytest.mark.slow

@@ -3,19 +3,29 @@ import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring import search
 from airrace.systems.exploring.exploration import gate_pose
 from airrace.systems.exploring.explorer_memory import Memory
+from airrace.track.rules import FARTHEST_VIEW, LENGTHS
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from tests.systems.exploring.test_exploration import situation
 
 CONFIG = ExplorerConfig()
 HOME = np.array([0.0, 0.0, 5.0, 0.3])
+# From a gate's midpoint to the next, along the line straight on from it.
+LONGEST_LEG = LENGTHS[1] + 5.0 / np.sqrt(2.0)
+STEP_LENGTHS = st.floats(2.0, 25.0)
 
 
-def steps(counts, in_image=(), last=None, goal=HOME, count=1, **memory):
+def steps(*args, count=1, config=CONFIG, **kwargs):
+    return list(itertools.islice(search.next_steps(searching(*args, **kwargs), config), count))
+
+
+def searching(counts, in_image=(), last=None, goal=HOME, **memory):
     now = situation(counts, in_image, last)
     status = now.memory.status
     made = dc.replace(
@@ -26,8 +36,7 @@ def steps(counts, in_image=(), last=None, goal=HOME, count=1, **memory):
         leg=FlatTrajectory.resting(goal),
         **memory,
     )
-    now = dc.replace(now, memory=made)
-    return list(itertools.islice(search.next_steps(now, CONFIG), count))
+    return dc.replace(now, memory=made)
 
 
 def test_the_start_looks_all_round_before_it_steps():
@@ -62,6 +71,74 @@ def test_a_search_never_ends_and_comes_back_and_up_again_and_again():
     assert "LOOK_FROM_ABOVE" not in states[:back]
     assert all(step.routes[-1][-1][2] > 13.0 for step in found if step.state == "LOOK_FROM_ABOVE")
     assert [step.steps for step in found] == list(range(1, 201))
+
+
+def searched_ahead(step_length):
+    """Steps of a search beyond gate 1, until the drone is lost and goes back."""
+    config = dc.replace(CONFIG, step_length=step_length)
+    found = steps({0: 9, 2: 9}, last=0, count=200, config=config)
+    return list(itertools.takewhile(lambda step: step.state != "GO_BACK", found))
+
+
+@given(STEP_LENGTHS)
+def test_every_metre_ahead_is_searched_whatever_the_length_of_a_step(step_length):
+    """As far beyond the gate as the rules allow the next, and there is no gap in between."""
+    found = searched_ahead(step_length)
+    base = 20.0 + CONFIG.passing_distance  # gate 1 is at x = 20
+    end = 20.0 + LONGEST_LEG
+    forward, looks = (
+        [step.routes[-1][-1][0] for step in found if step.state == state]
+        for state in ("STEP_FORWARD", "LOOK_AROUND")
+    )
+    assert np.all(np.diff([base, *forward]) > 0.0) and forward[-1] == pytest.approx(end)
+    assert np.max(np.diff([base, *forward])) <= min(step_length, FARTHEST_VIEW) + 1e-9
+    # A gate at any distance can be read from some look around, which are no farther apart.
+    sides = np.rad2deg([step.routes[-1][-1][3] for step in found if step.state == "LOOK_AROUND"])
+    np.testing.assert_allclose(sides, len(looks) // 2 * [60.0, -60.0])
+    assert end - looks[0] < FARTHEST_VIEW and looks[-1] == pytest.approx(end)
+    assert np.max(np.diff(looks)) <= FARTHEST_VIEW
+
+
+@given(STEP_LENGTHS)
+def test_no_step_leads_beyond_the_longest_leg(step_length):
+    config = dc.replace(CONFIG, step_length=step_length)
+    for last, base in ((0, [20.0, 0.0]), (None, HOME[:2])):
+        for step in steps({0: 9, 2: 9}, last=last, count=200, config=config):
+            for route in step.routes:
+                # To give way to an obstacle, a step may go to the side.
+                aside = 4.0 * (step.state == "STEP_FORWARD")
+                far = np.linalg.norm(route[-1][:2] - base)
+                assert far <= np.hypot(LONGEST_LEG, aside) + 1e-9
+
+
+def test_from_above_viewpoints_are_the_same_whatever_the_length_of_a_step():
+    def from_above(step_length):
+        config = dc.replace(CONFIG, step_length=step_length)
+        found = steps({0: 9, 2: 9}, last=0, count=150, config=config)
+        poses = [s.routes[-1][-1] for s in found if s.routes[-1][-1][2] > 13.0]
+        return np.array(poses[: 1 + 5 + 3 * 12])
+
+    np.testing.assert_array_equal(from_above(2.0), from_above(25.0))
+    ahead = np.unique(from_above(5.0)[:21, 0])
+    assert np.diff(ahead).max() < FARTHEST_VIEW / 2
+
+
+@pytest.mark.parametrize("step_length", [2.0, 5.0, 15.0, 25.0])
+@pytest.mark.parametrize("last", [None, 0])
+def test_a_drone_is_lost_once_it_goes_back(step_length, last):
+    config = dc.replace(CONFIG, step_length=step_length)
+    count = steps({0: 9, 2: 9}, last=last, count=200, config=config)
+    back = next(step.steps for step in count if step.state == "GO_BACK")
+    for taken, lost in ((0, False), (back - 1, False), (back, True), (back + 1, True)):
+        now = searching({0: 9, 2: 9}, last=last, steps=taken)
+        assert search.is_lost(now, config) is lost
+
+
+def test_a_step_that_is_longer_than_the_search_ends_with_it():
+    (far,) = steps({0: 9, 2: 9}, last=0, config=dc.replace(CONFIG, step_length=1e9))
+    np.testing.assert_allclose(far.routes[0][-1][0], 20.0 + LONGEST_LEG)
+    nowhere = dc.replace(CONFIG, passing_distance=1e3)
+    assert steps({0: 9, 2: 9}, last=0, config=nowhere)[0].state == "GO_BACK"
 
 
 def test_the_next_step_is_that_after_the_last():

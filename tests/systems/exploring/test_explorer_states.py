@@ -1,0 +1,137 @@
+"""The state machine alone: perfect flight, and a map that shows gates from where they can be read."""
+
+import dataclasses as dc
+
+import numpy as np
+import pytest
+
+from airrace.scenario import ExplorerConfig
+from airrace.systems.exploring.exploration import gate_pose
+from airrace.systems.exploring.explorer_memory import Memory, Situation
+from airrace.systems.exploring.explorer_states import StateMachine
+from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.min_snap.leg import plan_leg
+from airrace.vehicle.state import as_state
+from tests.systems.exploring.test_exploration import TRACK, mapped, situation
+from tests.worlds.kinematic_flight import flat_state
+
+TICK = 0.05  # s
+HOME = np.array([0.0, 0.0, 5.0, 0.0])
+READING_RANGE = 25.0  # m, of a marker
+
+
+def front(*numbers):
+    return {id: 9 for number in numbers for id in (4 * number, 4 * number + 2)}
+
+
+def memory_at(pose, found, state):
+    """The memory of a drone at rest that has found so many gates of the reference track."""
+    gates = mapped(front(*range(found))).gates
+    memory = Memory(home=HOME, aligned=True, last=gates[-1])
+    memory = memory.flying(FlatTrajectory.resting(np.asarray(pose, float)), 0.0)
+    return memory.entered(0.0, state, "test", gates=tuple(range(found)))
+
+
+def search_on(config, found, seconds):
+    """The memories of a drone that is beyond its last gate, tick by tick, until it finds one."""
+    known = front(*range(found))
+    gate = TRACK.gates[found]
+    memory = memory_at(gate_pose(mapped(known).gates[-1], 5.0), found, "HOVER")
+    machine = StateMachine(config=config, hover_height=5.0, clearance=2.0)
+    passed = []
+    for time in np.arange(0.0, seconds, TICK):
+        estimate = flat_state(memory.leg.reference(time - memory.leg_start), time)
+        near = np.linalg.norm(as_state(estimate).position - gate.p_WG) < READING_RANGE
+        counts = {**known, **front(found)} if near else known
+        looking = situation(counts, list(counts))
+        memory = machine.next(
+            Situation(memory, time, looking.detections, looking.gate_map, estimate)
+        )
+        passed.append((time, memory, estimate))
+        if memory.status.state == "FLY_TO_GATE":
+            break
+    return passed
+
+
+@pytest.mark.parametrize("step_length", [2.0, 5.0, 25.0])
+def test_a_gate_at_the_end_of_a_long_leg_is_found_with_steps_of_any_length(step_length):
+    """Gate 6 is 70 m from gate 5."""
+    passed = search_on(ExplorerConfig(step_length=step_length), 5, 30.0)
+    time, memory, _ = passed[-1]
+    assert memory.status.state == "FLY_TO_GATE" and memory.status.gates[-1] == 5
+    entered = [event.state for event in memory.status.events]
+    assert set(entered[2:-1]) == {"STEP_FORWARD"}
+    assert entered.count("STEP_FORWARD") <= 1 + (70.0 - READING_RANGE + 11.0) / step_length
+    speeds = [np.linalg.norm(as_state(estimate).velocity) for _, _, estimate in passed]
+    assert min(speeds[40:]) > 1.0  # it does not stop, once it flies
+    assert time < 16.0
+
+
+@pytest.mark.parametrize("step_length", [5.0, 15.0])
+def test_it_can_hover_before_each_step_forward(step_length):
+    config = ExplorerConfig(step_length=step_length, hover_before_step=True, hover_time=1.0)
+    passed = search_on(config, 5, 90.0)
+    assert passed[-1][1].status.state == "FLY_TO_GATE"
+    events = passed[-1][1].status.events
+    steps = [k for k, event in enumerate(events) if event.state == "STEP_FORWARD"]
+    assert len(steps) == np.ceil((68.5 - READING_RANGE) / step_length)
+    assert all(events[k - 1].state == "HOVER" for k in steps)
+    velocity = {time: as_state(estimate).velocity for time, _, estimate in passed}
+    for k in steps[1:]:
+        waiting = [v for t, v in velocity.items() if events[k].time - 0.9 < t <= events[k].time]
+        assert len(waiting) > 15 and np.abs(waiting).max() < 1e-6
+
+
+def test_hovering_before_each_step_begins_beyond_the_last_gate():
+    """Without it, the first step goes on from the gate in flight."""
+    for hovers, after in ((False, "STEP_FORWARD"), (True, "HOVER")):
+        gate = mapped(front(*range(5))).gates[-1]
+        memory = memory_at(gate_pose(gate, 5.0), 5, "FLY_TO_GATE")
+        start = np.zeros((5, 4))
+        start[0] = gate_pose(gate, 1.0)
+        machine = StateMachine(
+            config=ExplorerConfig(hover_before_step=hovers), hover_height=5.0, clearance=2.0
+        )
+        looking = situation(front(*range(5)), [])
+        estimate = flat_state(memory.leg.reference(0.0), 1.0)
+        now = Situation(memory, 1.0, looking.detections, looking.gate_map, estimate)
+        assert machine.next(now).status.state == after
+        leg = plan_leg(start, gate_pose(gate, 5.0)[None], max_speed=8.0, max_acceleration=6.0)
+        flying = dc.replace(memory, leg_start=0.9, leg=leg)
+        state = machine.next(dc.replace(now, memory=flying)).status.state
+        assert state == ("FLY_TO_GATE" if hovers else "STEP_FORWARD")
+
+
+@pytest.mark.parametrize("state", ["FLY_TO_GATE", "HOVER", "STEP_FORWARD"])
+def test_with_all_gates_that_are_expected_it_returns(state):
+    counts = front(*range(5))
+    memory = memory_at(gate_pose(mapped(counts).gates[-1], 5.0), 5, state)
+    looking = situation(counts, [])
+    estimate = flat_state(memory.leg.reference(0.0), 1.0)
+    now = Situation(memory, 1.0, looking.detections, looking.gate_map, estimate)
+    for expected in (None, 4, 5, 6):
+        config = ExplorerConfig(expected_gates=expected)
+        after = StateMachine(config=config, hover_height=5.0, clearance=2.0).next(now)
+        if expected == 5:
+            assert after.status.state == "RETURN" and after.status.closed_at == 1.0
+            assert after.status.reason == "all 5 gates that are expected were found"
+            np.testing.assert_allclose(after.goal, HOME, atol=1e-6)
+        else:
+            assert after.status.state != "RETURN" and after.status.closed_at is None
+
+
+def test_it_returns_through_the_gates_still_ahead():
+    """The last one was just found, and is 20 m ahead."""
+    counts = front(*range(5))
+    gate = mapped(counts).gates[-1]
+    memory = memory_at(gate_pose(gate, -20.0), 4, "HOVER")
+    machine = StateMachine(config=ExplorerConfig(expected_gates=5), hover_height=5.0, clearance=2.0)
+    looking = situation(counts, [16, 18])
+    for time in (1.0, 1.0 + TICK):
+        estimate = flat_state(memory.leg.reference(time - memory.leg_start), time)
+        memory = machine.next(
+            Situation(memory, time, looking.detections, looking.gate_map, estimate)
+        )
+    assert [event.state for event in memory.status.events[-2:]] == ["FLY_TO_GATE", "RETURN"]
+    assert [ahead.number for ahead, _ in memory.gates_ahead] == [4]
+    np.testing.assert_allclose(memory.goal, HOME, atol=1e-6)

@@ -3,8 +3,8 @@
     python -m benchmarks.mapping [--laps 3] [--seed 0] [--camera realistic] [--json FILE]
 
 A camera flies one lap at the explorer's limits and some at the planner's, without
-physics. The same pictures of it are measured twice, by OpenCV's own corners and by
-refitted ones, and the same detections are mapped by both estimators.
+physics. The same pictures of it are measured twice, by OpenCV's own corners and poses and
+as airrace does, and the same detections are mapped by both estimators.
 """
 
 import itertools

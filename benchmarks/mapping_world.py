@@ -4,7 +4,6 @@ import dataclasses as dc
 import functools
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from pydrake.math import RigidTransform
 
@@ -15,9 +14,9 @@ from airrace.scenario import Scenario
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.mapping.gate_mapper import extrapolate
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
+from airrace.systems.perception.detector_config import DetectorConfig
 from airrace.systems.perception.marker_measurement import measure
-from airrace.systems.perception.marker_pose import locate
-from airrace.systems.perception.marker_search import MarkerSearch, make_detector
+from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import Detections, make_camera_info
 from airrace.track import load_track
@@ -26,10 +25,10 @@ from airrace.vehicle.state import as_state
 from benchmarks import harness
 from tests.worlds.kinematic_flight import Flight, filtered, fly_laps
 
-CORNERS = ("refitted", "OpenCV")
+# Ways to measure: corners and poses as airrace has them, or both by OpenCV alone.
+CORNERS = {"refitted": DetectorConfig(), "OpenCV": DetectorConfig(corners="opencv", poses="marker")}
 _OUTLIER_SIGMA = 3.0  # m, on each coordinate
 _LEAST_OBSERVATIONS = 5  # of a marker that is judged
-_CORNER_SIGMA = 0.1  # px, of OpenCV's corners
 
 
 class Errors(NamedTuple):
@@ -114,8 +113,7 @@ class World:
             estimator: which of ESTIMATORS.
             errors: of poses and detections.
         """
-        settings = {k: v for k, v in vars(self.scenario.perception).items() if k != "latency"}
-        mapper = ImageMapper(**settings | {"estimator": estimator})
+        mapper = ImageMapper(dc.replace(self.scenario.perception, estimator=estimator))
         rng = make_generator(0, "outliers")
         state, injected, results = MapperState(), {}, []
         for frame, following in zip(frames, [*frames[1:], None]):
@@ -165,31 +163,22 @@ class World:
 
 
 class _Detector:
-    """Measures markers in pictures, in both ways."""
+    """Measures markers in pictures, in all ways."""
 
     def __init__(self, info):
         self._info = info
-        self._search = MarkerSearch()
-        self._opencv = make_detector()
-        parameters = self._opencv.getDetectorParameters()
-        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-        self._opencv.setDetectorParameters(parameters)
+        self._searches = {
+            name: MarkerSearch(refine=config.corners == "opencv")
+            for name, config in CORNERS.items()
+        }
 
     def detect(self, image) -> dict:
         """Returns tuples of Detection by a key of CORNERS; image: grey levels."""
-        ids, quads = self._search.everywhere(image)
-        refitted, _ = measure(CameraView.of(image), ids, quads, self._info, np.inf)
-        quads, ids, _ = self._opencv.detectMarkers(image)
-        covariance = _CORNER_SIGMA**2 * np.eye(8)
-        located = (
-            ()
-            if ids is None
-            else (
-                locate(id, quad.reshape(4, 2).astype(float), covariance, self._info)
-                for quad, id in zip(quads, np.ravel(ids).tolist())
-            )
-        )
-        return {"refitted": refitted, "OpenCV": tuple(m for m in located if m is not None)}
+        view = CameraView.of(image)
+        return {
+            name: measure(view, *self._searches[name].everywhere(image), self._info, config)[0]
+            for name, config in CORNERS.items()
+        }
 
 
 def _grossly_wrong(marker, rng, injected):

@@ -18,8 +18,10 @@ import numpy as np
 
 from airrace.common.errors import UserError
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
+from airrace.scenario import CORNERS, POSES
 from airrace.scenario.camera_config import PRESETS
 from airrace.systems.perception.aruco_detector import DetectorState, detect
+from airrace.systems.perception.detector_config import DetectorConfig
 from airrace.systems.perception.marker_measurement import measure
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
@@ -39,6 +41,7 @@ from tests.worlds.pictures import look_at
 
 _DISTANCES = (5, 10, 15, 20, 25, 30, 35, 40)  # m
 _OBLIQUE = (30, 45)  # degrees
+_WAY_DISTANCES = (10, 20, 30)  # m, at which the settings of corners and poses are compared
 _CAMERAS = {"clean": 0.0, "realistic": 0.0, "blurred": 0.7}  # and their defocus (px)
 _FLIP = np.deg2rad(15)  # a normal farther off is the other solution's
 _STRAY = 10.0  # px from any board of that ID
@@ -66,6 +69,11 @@ def measure_all(args) -> dict:
             measure_accuracy(*case, args.views, args.seed)
             for case in progress(list(cases), "Views")
         ],
+        "ways": [
+            row
+            for distance in progress(_WAY_DISTANCES, "Settings")
+            for row in compare_ways(distance, args.views, args.seed)
+        ],
         "renderers": compare_renderers(args.views, args.seed),
         "strays": count_strays(args.frames, args.seed),
         "time": measure_time(),
@@ -76,6 +84,7 @@ def show(results: dict) -> tuple[list, bool]:
     """Returns the tables; there are no bounds."""
     tables = [
         make_accuracy_table(results["accuracy"]),
+        make_ways_table(results["ways"]),
         make_list("Corners, planar against vtk", results["renderers"]),
         make_list("Stray markers over the reference track", results["strays"]),
         make_list("Time of one frame, one thread", results["time"]),
@@ -100,7 +109,7 @@ def measure_accuracy(camera, most_oblique_deg, distance, count, seed) -> dict:
         ids, quads = _SEARCH.everywhere(grey)
         seen = CameraView.of(grey)
         near = [i for i, id in enumerate(ids) if id == view.board.id]
-        alone, _ = measure(seen, [ids[i] for i in near], quads[near], INFO, np.inf)
+        alone, _ = measure(seen, [ids[i] for i in near], quads[near], INFO)
         if not alone:
             continue
         error = alone[0].corners - view.corners
@@ -109,7 +118,7 @@ def measure_accuracy(camera, most_oblique_deg, distance, count, seed) -> dict:
         errors.append(error)
         radial.append(np.sum(error * outward, axis=1).mean())
         single.append(pose_error(alone[0].X_CM, view.X_CM))
-        together, _ = measure(seen, ids, quads, INFO, np.inf)
+        together, _ = measure(seen, ids, quads, INFO)
         joint += [
             pose_error(m.X_CM, view.X_CM) for m in together if m.id == view.board.id and m.joint
         ]
@@ -135,6 +144,43 @@ def pose_error(found, true):
     ratio = np.linalg.norm(found.translation()) / np.linalg.norm(true.translation())
     cosine = found.rotation().col(2) @ true.rotation().col(2)
     return ratio - 1, np.arccos(np.clip(cosine, -1, 1))
+
+
+def compare_ways(distance, count, seed) -> list[dict]:
+    """Compares the settings of corners and poses, in the same random views at one distance.
+
+    The camera is `realistic`, and up to 30 degrees off the board's normal.
+    """
+    rng = np.random.default_rng(seed)
+    shoot = make_camera("realistic", rng)
+    searches = {corners: MarkerSearch(refine=corners == "opencv") for corners in CORNERS}
+    errors = {way: [] for way in itertools.product(CORNERS, POSES)}
+    for _ in range(count):
+        view = random_view(rng, ONE_GATE.boards(), distance, np.deg2rad(30))
+        grey = shoot(view.X_WC)
+        for corners, search in searches.items():
+            ids, quads = search.everywhere(grey)
+            for poses in POSES:
+                config = DetectorConfig(corners=corners, poses=poses)
+                markers, _ = measure(CameraView.of(grey), ids, quads, INFO, config)
+                errors[corners, poses] += [
+                    pose_error(m.X_CM, view.X_CM) for m in markers if m.id == view.board.id
+                ]
+    rows = []
+    for (corners, poses), found in errors.items():
+        ranges, angles = np.reshape(found, (-1, 2)).T
+        rows.append(
+            {
+                "corners": corners,
+                "poses": poses,
+                "distance_m": distance,
+                "found": len(found) / count,
+                "range_bias_m": distance * float(np.mean(ranges)),
+                "range_spread_m": distance * float(np.std(ranges)),
+                "flips": float(np.mean(angles > _FLIP)),
+            }
+        )
+    return rows
 
 
 def compare_renderers(count, seed) -> dict:
@@ -167,7 +213,7 @@ def compare_renderers(count, seed) -> dict:
 def find(picture, id):
     """Returns the refitted corners of a marker, (4, 2) px, or None."""
     ids, quads = _SEARCH.everywhere(picture)
-    markers, _ = measure(CameraView.of(picture), ids, quads, INFO, np.inf)
+    markers, _ = measure(CameraView.of(picture), ids, quads, INFO)
     return next((m.corners for m in markers if m.id == id), None)
 
 
@@ -240,6 +286,20 @@ def make_accuracy_table(rows):
     }
     title = "One marker, random views; and the same jointly with the gate's other"
     return harness.make_table(title, rows, columns)
+
+
+def make_ways_table(rows):
+    """Returns the table of compare_ways()."""
+    columns = {
+        "corners": "{corners}",
+        "poses": "{poses}",
+        "distance (m)": "{distance_m}",
+        "found": "{found:.3f}",
+        "range bias (cm)": lambda row: f"{100 * row['range_bias_m']:+.1f}",
+        "spread (cm)": lambda row: f"{100 * row['range_spread_m']:.1f}",
+        "flips": "{flips:.1%}",
+    }
+    return harness.make_table("perception: {corners: ..., poses: ...}", rows, columns)
 
 
 if __name__ == "__main__":

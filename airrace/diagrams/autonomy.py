@@ -15,6 +15,7 @@ from airrace.systems.exploring.explorer import Explorer
 from airrace.systems.mapping.gate_mapper import GateMapper
 from airrace.systems.mapping.known_map import KnownMap, NoDetector
 from airrace.systems.perception.aruco_detector import ArucoDetector
+from airrace.systems.perception.detector_config import DetectorConfig
 from airrace.systems.perception.rectifier import Rectifier
 from airrace.systems.planning.lap_planner import LapPlanner
 from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
@@ -26,20 +27,25 @@ from airrace.vehicle import load_vehicle
 
 
 def _make_aruco_detector(scenario: Scenario) -> System:
-    return NoDetector() if scenario.map else ArucoDetector(fps=scenario.camera.fps)
+    if scenario.map:
+        return NoDetector()
+    perception = scenario.perception
+    config = DetectorConfig(
+        corners=perception.corners, poses=perception.poses, jump_filter=perception.jump_filter
+    )
+    return ArucoDetector(fps=scenario.camera.fps, config=config)
 
 
 def _make_gate_mapper(scenario: Scenario) -> System:
     if scenario.map:
         return KnownMap(read_map(scenario.map, scenario.track))
-    perception = dict(vars(scenario.perception))
-    # The mapper counts from the exposure.
-    perception["latency"] += scenario.camera.resolved().latency
     return GateMapper(
         fps=scenario.camera.fps,
+        # The mapper counts from the exposure.
+        latency=scenario.perception.latency + scenario.camera.resolved().latency,
         state_rate=scenario.state_estimate.rate,
         link_delay=scenario.link_delay,
-        **perception,
+        config=scenario.perception,
     )
 
 

@@ -121,7 +121,10 @@ def MakeRace(
         message = " ".join(str(e).split())
         raise UserError(f"The ports of the systems do not fit: {message}") from None
     if output_dir is not None:
-        writer = builder.AddNamedSystem("gate_map_writer", GateMapWriter(directory=output_dir))
+        writer = builder.AddNamedSystem(
+            "gate_map_writer",
+            GateMapWriter(directory=output_dir, period=scenario.perception.map_period),
+        )
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
         AddRecorder(builder, scenario, simulation, autonomy, output_dir)
     if meshcat is not None:

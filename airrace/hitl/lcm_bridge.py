@@ -67,6 +67,9 @@ def MakeAutonomySide(
         if source is not None:
             builder.Connect(source.GetOutputPort(port.get_name()), port)
     sender = LcmSender(autonomy, channels, AUTONOMY, endpoint, lossless)
-    writer = builder.AddNamedSystem("gate_map_writer", GateMapWriter(directory=output_dir))
+    writer = builder.AddNamedSystem(
+        "gate_map_writer",
+        GateMapWriter(directory=output_dir, period=scenario.perception.map_period),
+    )
     builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
     return builder.Build(), simulation, sender, compensator

@@ -5,8 +5,10 @@ scenario.py has its fields; checks.py says what their values may be.
 
 from airrace.scenario.scenario import (
     CONTENTS,
+    CORNERS,
     ESTIMATORS,
     LINK_DELAY,
+    POSES,
     TRAJECTORIES,
     ControllerConfig,
     ExplorerConfig,

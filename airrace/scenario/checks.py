@@ -58,6 +58,7 @@ RANGES = {
     "rotor_failures[].rotor": (1, math.inf),
     "rotor_failures[].time": (0, math.inf),
     "perception.max_gates": (1, 256),
+    "perception.map_period": (0.001, 3600),
     "explorer.rate": (1, 10000),
     "explorer.step_length": (0.5, math.inf),
     "explorer.expected_gates": (3, 256),
@@ -68,13 +69,17 @@ RANGES = {
     "rotor_monitor.rate": (1, 10000),
     "controller.rate": (1, 10000),
 }
+# Limits that .inf takes away.
+UNLIMITED = ("perception.max_range",)
 
 
 def check_numbers(scenario: "Scenario") -> None:
-    """Checks that all numbers are finite, and ours within their ranges."""
+    """Checks that all numbers are finite or may be infinite, and ours within their ranges."""
     for name, value in _numbers(scenario):
-        if isinstance(value, float) and not math.isfinite(value):
-            raise UserError(f"{name} must be a finite number, not {value}.")
+        is_unlimited = name in UNLIMITED and value == math.inf
+        if isinstance(value, float) and not math.isfinite(value) and not is_unlimited:
+            kind = "a positive number" if name in UNLIMITED else "a finite number"
+            raise UserError(f"{name} must be {kind}, not {value}.")
         if not name.startswith(("simulator_config.", "plant_config.")):
             _check_range(name, value)
 

@@ -24,6 +24,8 @@ from airrace.vehicle import DRONES, find_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
 
 TRAJECTORIES = ("3", "4", "6", "optimal")
+CORNERS = ("refit", "opencv")  # of markers
+POSES = ("gate", "marker")
 ESTIMATORS = ("robust", "report")
 ATTITUDE_ERRORS = ("reduced", "lee")
 GAINS = ("vehicle", "report")
@@ -66,11 +68,15 @@ class PerceptionConfig:
     """From pixels to the map."""
 
     latency: float = 0.010  # s, from an image to its detections
-    max_range: float = 30.0  # m, farther observations do not enter the map
+    corners: str = "refit"  # by edges fitted to the picture; or "opencv", as OpenCV refines them
+    poses: str = "gate"  # of a gate's two markers as one body; or "marker", each alone by OpenCV
+    jump_filter: bool = True  # refuses markers whose pose jumps, and pictures if the drone's does
+    max_range: float = 30.0  # m, farther observations do not enter the map; .inf for no limit
     max_gates: int = 20  # the rule book's limit: higher IDs are out of range
     estimator: str = "robust"  # or "report", section III to the letter
-    outlier_sigma: float = 3.0  # the rejection threshold of `report`
-    min_observations: int = 5  # before a gate is known, and to `report` anything an outlier
+    outlier_sigma: float = 3.0  # standard deviations, the rejection threshold of `report`
+    min_observations: int = 5  # of both pylons, before a gate is in the map
+    map_period: float = 2.0  # s, between two writes of map.json and map_statistics.json
 
 
 @dc.dataclass
@@ -230,6 +236,8 @@ class Scenario:
                 f"explorer.expected_gates must be at most perception.max_gates, "
                 f"{self.perception.max_gates}, not {self.explorer.expected_gates}."
             )
+        check_choice("perception.corners", self.perception.corners, CORNERS)
+        check_choice("perception.poses", self.perception.poses, POSES)
         check_choice("perception.estimator", self.perception.estimator, ESTIMATORS)
         check_choice("controller.attitude_error", self.controller.attitude_error, ATTITUDE_ERRORS)
         check_choice("controller.gains", self.controller.gains, GAINS)

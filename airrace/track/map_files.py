@@ -47,18 +47,22 @@ def map_data(gate_map: GateMap) -> dict:
 def statistics_data(gate_map: GateMap) -> dict:
     """Returns the statistics of section III of the Student AirRace report.
 
-    And why markers were refused; of a board with no observations, position and
-    variance follow from the other boards of its gate.
+    And why markers were refused. The detections of a marker are its observations, which count,
+    and its outliers. Of a board with no observations, position and variance follow from the
+    other boards of its gate.
     """
     return {
         "time_s": _time(gate_map),
         "detections": gate_map.detections,
         "out_of_range_ids": gate_map.out_of_range,
         "error_rate": gate_map.error_rate,
+        "error_rate_percent": 100.0 * gate_map.error_rate,
+        "outliers": sum(m.outliers for m in gate_map.markers),
         "refused": gate_map.refused,
         "markers": [
             {
                 "id": m.id,
+                "detections": m.count + m.outliers,
                 "observations": m.count,
                 "outliers": m.outliers,
                 "mean": rounded(m.p_WM),

@@ -40,6 +40,8 @@ def read_race(folder):
         "detections",
         "out_of_range_ids",
         "error_rate",
+        "error_rate_percent",
+        "outliers",
         "refused",
         "markers",
     }

@@ -17,6 +17,7 @@ from airrace.diagrams.race import run_race
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.scenario import CONTENTS, RecordingConfig, Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera_config import PRESETS
+from airrace.scenario.checks import UNLIMITED
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig
 
 SHIPPED = [
@@ -266,6 +267,16 @@ BAD = {
     "planner: {update: never}": "planner.update must be one of if_better, always, not 'never'",
     "planner: {lap: rest_to_rest}": "planner.lap 'rest_to_rest' is for minimum-snap laps: set trajectory .-t. to 3, 4 or 6",
     "planner: {time_allocation: report}": "time_allocation 'report' is for minimum-snap laps: .* at 'exact'",
+    "perception: {corners: subpix}": "perception.corners must be one of refit, opencv, not 'subpix'",
+    "perception: {poses: both}": "perception.poses must be one of gate, marker, not 'both'",
+    "perception: {jump_filter: 1}": "perception.jump_filter must be true or false, not 1",
+    "perception: {max_range: 0}": "perception.max_range must be positive, not 0",
+    "perception: {max_range: -.inf}": "perception.max_range must be a positive number, not -inf",
+    "perception: {max_range: .nan}": "perception.max_range must be a positive number, not nan",
+    "perception: {max_range: far}": "perception.max_range must be a number, not 'far'",
+    "perception: {min_observations: 0}": "perception.min_observations must be positive, not 0",
+    "perception: {outlier_sigma: .inf}": "perception.outlier_sigma must be a finite number, not inf",
+    "perception: {map_period: 0}": "perception.map_period must be at least 0.001, not 0",
     "perception: {latency: 0.04}": "perception.latency must be shorter than one frame",
     "referee: {time_limit: 0.0}": "referee.time_limit must be positive",
     "simulator_config: {target_realtime_rate: -1}": "target_realtime_rate",
@@ -297,8 +308,18 @@ def test_every_number_must_be_finite():
     }
     for path in floats:
         for value in (math.nan, math.inf):
+            if dotted(path) in UNLIMITED:
+                continue
             message = refusal(scenario_text=changed(path, value))
             assert message == f"{dotted(path)} must be a finite number, not {value}."
+
+
+def test_infinite_means_unlimited_and_stays_so():
+    scenario = load_scenario(scenario_text="perception: {max_range: .inf}")
+    scenario.check()
+    data = yaml.safe_load(scenario_yaml(scenario))["Defaults"]
+    again = load_scenario(scenario_text=yaml.safe_dump(data))
+    assert again.perception.max_range == math.inf
 
 
 # The numbers of ours that zero is good for.

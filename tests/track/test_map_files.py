@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
-from airrace.systems.mapping.report_estimator import MarkerStatistics, ReportEstimator
+from airrace.systems.mapping.report_estimator import EMPTY, ReportEstimator
 from airrace.track import load_track
-from airrace.track.gate_map import GateMap
+from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.track.map_files import map_data, read_map, statistics_data, write_map
 
 TRUTH = read_map("track", "student-airrace")
@@ -22,16 +22,12 @@ ESTIMATOR = ReportEstimator(outlier_sigma=3.0, min_observations=5)
 def maps(draw):
     """Maps as the mapper makes them."""
     ids = draw(st.sets(st.integers(0, 79), max_size=12))
-    statistics = {
-        id: MarkerStatistics(
-            count=draw(st.integers(1, 50)),
-            outliers=draw(st.integers(0, 50)),
-            mean=draw(_vectors),
-            squares=np.abs(draw(_vectors)),
-            normal=draw(_vectors),
-        )
-        for id in ids
-    }
+    statistics = {}
+    for id in ids:
+        p_WM, normal, far = draw(_vectors), draw(_vectors), draw(_vectors)
+        statistics[id] = EMPTY
+        for p in [*draw(st.integers(1, 20)) * [p_WM], *draw(st.integers(0, 2)) * [far]]:
+            statistics[id] = statistics[id].updated(p, normal, 3.0)
     out_of_range = draw(st.integers(0, 100))
     return ESTIMATOR.make_map(
         statistics,
@@ -54,6 +50,8 @@ def test_an_empty_map(tmp_path):
         "detections": 0,
         "out_of_range_ids": 0,
         "error_rate": 0.0,
+        "error_rate_percent": 0.0,
+        "outliers": 0,
         "refused": {},
         "markers": [],
     }
@@ -86,21 +84,22 @@ def test_the_files_say_what_the_map_says(tmp_path_factory, gate_map):
     assert 0 <= data["error_rate"] <= 1
     errors = data["error_rate"] * max(data["detections"], 1)
     assert errors == pytest.approx(data["out_of_range_ids"])
+    assert data["error_rate_percent"] == pytest.approx(100 * data["error_rate"])
+    assert data["outliers"] == sum(entry["outliers"] for entry in data["markers"])
     for entry, marker in zip(data["markers"], gate_map.markers, strict=True):
         assert (entry["id"], entry["observations"], entry["outliers"]) == (
             marker.id,
             marker.count,
             marker.outliers,
         )
+        assert entry["detections"] == marker.count + marker.outliers
         np.testing.assert_allclose(entry["mean"], marker.p_WM, atol=1e-4)
         np.testing.assert_allclose(entry["variance"], marker.variance, atol=1e-6)
 
 
 def test_a_broken_map_still_makes_valid_files(tmp_path):
-    lost = MarkerStatistics(9, 0, np.full(3, np.nan), np.zeros(3), np.ones(3))
-    write_map(
-        tmp_path, ESTIMATOR.make_map({0: lost}, time=float("nan"), detections=9, out_of_range=0)
-    )
+    lost = MarkerEstimate(0, 9, 0, np.full(3, np.nan), np.full(3, np.inf), np.ones(3))
+    write_map(tmp_path, GateMap(time=float("nan"), markers=(lost,), detections=9))
     for name in ("map.json", "map_statistics.json"):
         text = (tmp_path / name).read_text()
         assert "NaN" not in text

@@ -87,8 +87,7 @@ class ExplorationWorld(LeafSystem):
         self._pylons = track.pylons()[:, :2]
         self._hidden, self._seed = hidden, seed
         self._rng = make_generator(seed, "sight")
-        settings = {k: v for k, v in vars(perception).items() if k != "latency"}
-        self._mapper, self._mapped = ImageMapper(**settings), MapperState()
+        self._mapper, self._mapped = ImageMapper(perception), MapperState()
         self._pad = self._state = _on_pad(track)
         self._estimate = self._state
         self._detections = Detections()

@@ -22,7 +22,7 @@ class GateMapWriter(LeafSystem):
     publish writes at once.
     """
 
-    def __init__(self, *, directory: Path, period: float = 2.0):
+    def __init__(self, *, directory: Path, period: float):
         """Constructs the writer.
 
         Args:

@@ -1,13 +1,12 @@
 """Builds the map of the track from detections."""
 
-from typing import Any
-
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
+from airrace.scenario import PerceptionConfig
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.mapping.observation import UNKNOWN_TIME
 from airrace.systems.perception.detection_checks import JUMP
@@ -47,7 +46,7 @@ class GateMapper(LeafSystem):
         latency: float,
         state_rate: float,
         link_delay: float = 0.0,
-        **mapping: Any,
+        config: PerceptionConfig,
     ):
         """Constructs the mapper with an empty map.
 
@@ -56,11 +55,13 @@ class GateMapper(LeafSystem):
             latency: from an image to its detections (s).
             state_rate: of the state estimate (Hz).
             link_delay: additional delay of detections (s).
-            mapping: the arguments of ImageMapper.
+            config: see ImageMapper; and by its jump_filter, images that were taken where
+                the state estimate jumps are refused.
         """
         LeafSystem.__init__(self)
-        self._mapper = ImageMapper(**mapping)
+        self._mapper = ImageMapper(config)
         self._longest_gap = _LONGEST_GAP / state_rate
+        self._jump_filter = config.jump_filter
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
@@ -104,7 +105,7 @@ class GateMapper(LeafSystem):
         last_time = as_state(last).time
         if last_time < 0.0 or not time - last_time <= self._longest_gap:
             return None, UNKNOWN_TIME
-        if as_state(before).time >= 0.0 and jumps(before, last):
+        if self._jump_filter and as_state(before).time >= 0.0 and jumps(before, last):
             return None, JUMP
         return extrapolate(last, time - last_time), None
 

@@ -7,6 +7,7 @@ from typing import Any
 from pydrake.math import RigidTransform
 
 from airrace.common.immutable import Immutable
+from airrace.scenario import PerceptionConfig
 from airrace.systems.mapping.observation import UNKNOWN_TIME, make_observation, refusal
 from airrace.systems.mapping.report_estimator import ReportEstimator
 from airrace.systems.mapping.robust_estimator import RobustEstimator
@@ -36,33 +37,21 @@ class MapperState(Immutable):
 class ImageMapper:
     """Maps image after image; what it knows is in a MapperState."""
 
-    def __init__(
-        self,
-        *,
-        max_range: float,
-        max_gates: int,
-        estimator: str,
-        outlier_sigma: float,
-        min_observations: int,
-    ):
+    def __init__(self, config: PerceptionConfig):
         """Constructs the mapper.
 
         Args:
-            max_range: observations beyond this distance are refused (m).
-            max_gates: IDs of 4 max_gates and more are out of range.
-            estimator: "robust" or "report".
-            outlier_sigma: of the report's estimator, see MarkerStatistics.
-            min_observations: of both pylons before a gate is in the map; and of a marker
-                before the report's estimator refuses outliers.
+            config: of which estimator, outlier_sigma and min_observations say how it maps,
+                and max_range and max_gates what it refuses.
         """
-        self._max_range = max_range
-        self._max_id = 4 * max_gates - 1
+        self._max_range = config.max_range
+        self._max_id = 4 * config.max_gates - 1
         self._estimator: Any = {
-            "robust": lambda: RobustEstimator(min_observations=min_observations),
+            "robust": lambda: RobustEstimator(min_observations=config.min_observations),
             "report": lambda: ReportEstimator(
-                outlier_sigma=outlier_sigma, min_observations=min_observations
+                outlier_sigma=config.outlier_sigma, min_observations=config.min_observations
             ),
-        }[estimator]()
+        }[config.estimator]()
 
     def updated(
         self,

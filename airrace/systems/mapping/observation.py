@@ -11,7 +11,7 @@ from airrace.common.jit import compiled
 from airrace.math.small_matrices import cholesky, propagated
 from airrace.math.vec3 import dot, rotate
 from airrace.systems.perception.detection_checks import FOREIGN_ID, FROM_BEHIND
-from airrace.systems.perception.marker_pose import GATE_SPACING
+from airrace.systems.perception.marker_pose import GATE_SPACING, assumed_covariance
 from airrace.systems.types import CameraInfo, Detection
 from airrace.track import MARKER_SIZE
 
@@ -19,6 +19,7 @@ from airrace.track import MARKER_SIZE
 UNKNOWN_TIME = "no pose of the drone at that time"
 BROKEN = "pose or covariance makes no sense"
 TOO_FAR = "beyond the range"
+INVALID = "at the origin of the world"  # the position in a message that nobody filled in
 OFF_MAP = "far from the map"
 UNCONFIRMED = "not yet confirmed"
 
@@ -30,7 +31,7 @@ _RADIAL = 1e-3  # rad, of all corners towards the marker's centre
 _HEADING = np.deg2rad(3.0)  # of the normal of one board
 _FLIP = np.deg2rad(40.0)  # of a normal that may be the wrong one of two
 _MOST_VARIANCE = 100.0  # m^2 and rad^2: a pose with more says nothing
-_CORNER = 0.3  # px, of corners whose covariance is not known
+_FARTHEST = 1e6  # m: a pose that is farther away is broken, whatever the range
 
 
 class Observation(typing.NamedTuple):
@@ -63,7 +64,7 @@ def refusal(marker: Detection, max_id: int, max_range: float) -> str | None:
     Args:
         marker: the detection.
         max_id: the highest possible ID.
-        max_range: of the observations that are used (m).
+        max_range: of the observations that are used (m), perhaps infinite.
     """
     if not 0 <= marker.id <= max_id:
         return FOREIGN_ID
@@ -72,8 +73,11 @@ def refusal(marker: Detection, max_id: int, max_range: float) -> str | None:
     if not np.isfinite(X_CM).all() or (covariance is not None and not _is_covariance(covariance)):
         return BROKEN
     x, y, z = X_CM[:, 3].tolist()
-    if math.hypot(x, y, z) > max_range:
+    distance = math.hypot(x, y, z)
+    if distance > max_range:
         return TOO_FAR
+    if distance > _FARTHEST:
+        return BROKEN
     # A board that faces away, or is behind the camera, cannot be read.
     if z <= 0.0 or X_CM[:, 2] @ X_CM[:, 3] >= 0.0:
         return FROM_BEHIND
@@ -97,7 +101,7 @@ def make_observation(
     p_CM = marker.X_CM.translation()
     covariance = marker.covariance
     if covariance is None:
-        covariance = read_only(_assumed_covariance(p_CM[2], info.K[0, 0]))
+        covariance = read_only(assumed_covariance(p_CM[2], info.K[0, 0]))
     size = GATE_SPACING if marker.joint else MARKER_SIZE
     X_WM = X_WC @ marker.X_CM
     in_world = _world_covariance(X_WC.rotation().matrix(), p_CM, covariance, size)
@@ -146,12 +150,3 @@ def _is_covariance(matrix):
     # Something is added to the diagonal, because rounding is no fault.
     rounding = 1e-9 * np.abs(matrix).max() + 1e-300
     return not math.isnan(cholesky(matrix + rounding * np.eye(len(matrix)))[-1, -1])
-
-
-def _assumed_covariance(depth: float, focal_length: float) -> np.ndarray:
-    """Returns that of a marker's pose in the camera from its depth (m) alone, (6, 6)."""
-    angle = _CORNER / focal_length
-    across, along = depth * angle, depth**2 * angle / MARKER_SIZE
-    turn = depth * angle / MARKER_SIZE
-    # Head-on, a rotation out of the image plane hardly moves the corners.
-    return np.diag([4 * turn, 4 * turn, turn, across, across, along]) ** 2

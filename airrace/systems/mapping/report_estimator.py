@@ -2,77 +2,141 @@
 
 import dataclasses as dc
 from collections import Counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from airrace.common.immutable import Immutable, read_only
-from airrace.systems.mapping.observation import OFF_MAP, Observation
+from airrace.common.jit import compiled
+from airrace.systems.mapping.observation import INVALID, OFF_MAP, Observation
 from airrace.track import BOARD_OFFSET, PYLON_BASE_RADIUS
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 
 
-@dc.dataclass(frozen=True, eq=False)
-class MarkerStatistics(Immutable):
-    """Running statistics of one marker (Welford 1962).
+class PositionEstimate(NamedTuple):
+    """What some positions of a marker say together.
 
     Attributes:
-        count, outliers: observations that count, and that were rejected.
-        mean: of p_WM, (3,).
-        squares: sum of squared deviations from the mean, (3,).
-        normal: sum of the unit vectors out of the board's face, (3,).
+        mean: of those that are no outliers, (3,) m.
+        variance: of their coordinates, as of a population, (3,) m^2.
+        outliers: number of the others.
     """
 
-    count: int
-    outliers: int
     mean: np.ndarray
-    squares: np.ndarray
+    variance: np.ndarray
+    outliers: int
+
+
+@dc.dataclass(frozen=True, eq=False)
+class MarkerStatistics(Immutable):
+    """All that is known of one marker; a new one for every observation.
+
+    Attributes:
+        positions: p_WM of every observation, oldest first, (n, 3) m; none is ever deleted.
+        normal: sum of their unit vectors out of the board's face, (3,).
+        estimate: what the positions say.
+        invalid: number of observations that said nothing.
+    """
+
+    positions: np.ndarray
     normal: np.ndarray
+    estimate: PositionEstimate
+    invalid: int = 0
 
     @property
-    def variance(self) -> np.ndarray:
-        """Sample variance of each coordinate, (3,)."""
-        return self.squares / max(self.count - 1, 1)
+    def count(self) -> int:
+        """Number of positions."""
+        return len(self.positions)
 
     def updated(
-        self, p_WM: np.ndarray, normal: np.ndarray, outlier_sigma: float, min_observations: int
+        self, p_WM: np.ndarray, normal: np.ndarray, outlier_sigma: float
     ) -> "MarkerStatistics":
         """Returns the statistics with one more observation.
 
-        Section III of the Student AirRace report: an observation is an outlier,
-        and does not count, if any coordinate deviates from the mean so far by
-        more than three standard deviations.
+        Args:
+            p_WM: position of the board's centre, (3,) m; invalid if it is (0, 0, 0).
+            normal: unit vector out of the board's face, (3,).
+            outlier_sigma: see estimate_position().
         """
-        deviation = p_WM - self.mean
-        limit = outlier_sigma * np.sqrt(self.variance)
-        if self.count >= min_observations and np.any(np.abs(deviation) > limit):
-            return dc.replace(self, outliers=self.outliers + 1)
-        mean = self.mean + deviation / (self.count + 1)
+        if not p_WM.any():
+            return dc.replace(self, invalid=self.invalid + 1)
+        positions = np.concatenate((self.positions, p_WM[None]))
+        positions.setflags(write=False)
         return MarkerStatistics(
-            count=self.count + 1,
-            outliers=self.outliers,
-            mean=mean,
-            squares=self.squares + deviation * (p_WM - mean),
-            normal=self.normal + normal,
+            positions=positions,
+            normal=read_only(self.normal + normal),
+            estimate=estimate_position(positions, outlier_sigma),
+            invalid=self.invalid,
         )
 
 
-EMPTY = MarkerStatistics(0, 0, *(read_only(np.zeros(3)) for _ in range(3)))
+_ZERO = read_only(np.zeros(3))
+EMPTY = MarkerStatistics(read_only(np.zeros((0, 3))), _ZERO, PositionEstimate(_ZERO, _ZERO, 0))
+
+
+def estimate_position(positions: np.ndarray, outlier_sigma: float) -> PositionEstimate:
+    """Returns what positions of a marker say together.
+
+    Section III of the Student AirRace report, as its mapping service computed it. With mean m
+    and standard deviation s = sqrt(sum (x - m)^2 / n) of each coordinate of all n positions, a
+    position is an outlier if a coordinate has |x - m| >= 3 s. Mean and variance of the others
+    are the estimate. As no x is farther off than s sqrt(n - 1), the first outlier is one of ten.
+
+    Args:
+        positions: (n, 3) m, n at least 1.
+        outlier_sigma: the 3.
+    """
+    mean, variance, outliers = _estimate(positions, outlier_sigma)
+    return PositionEstimate(read_only(mean), read_only(variance), outliers)
+
+
+@compiled
+def _estimate(positions, outlier_sigma):
+    """Returns what PositionEstimate consists of; see estimate_position()."""
+    counts = np.full(len(positions), True)
+    mean, variance = _moments(positions, counts)
+    limit = outlier_sigma * np.sqrt(variance)
+    for i in range(len(positions)):
+        for k in range(3):
+            off = abs(positions[i, k] - mean[k])
+            # Where all positions are equal, s is 0: none is off, though 0 >= 3 s is true.
+            if off > 0.0 and off >= limit[k]:
+                counts[i] = False
+    outliers = len(counts) - counts.sum()
+    # With less than sqrt(3) standard deviations all may be outliers. The mean of no positions
+    # does not exist, so that of all of them stands.
+    if 0 < outliers < len(counts):
+        return *_moments(positions, counts), outliers
+    return mean, variance, 0
+
+
+@compiled
+def _moments(positions, counts):
+    """Returns mean and population variance of the positions that count, (3,) each."""
+    mean, variance, count = np.zeros(3), np.zeros(3), counts.sum()
+    for k in range(3):
+        for i in range(len(positions)):
+            mean[k] += counts[i] * positions[i, k]
+        mean[k] /= count
+        for i in range(len(positions)):
+            variance[k] += counts[i] * (positions[i, k] - mean[k]) ** 2
+    return mean, variance / count
 
 
 class ReportEstimator:
     """Section III of the Student AirRace report.
 
-    The variance of a MarkerEstimate is that of the observations that count.
+    The variance of a MarkerEstimate is that of the observations that count, and an outlier is
+    one that is left out of the mean now: all are tested again whenever one is added.
     """
 
     def __init__(self, *, outlier_sigma: float, min_observations: int):
         """Constructs the estimator.
 
         Args:
-            outlier_sigma: see MarkerStatistics.updated().
-            min_observations: before observations can be outliers, and of both front
-                markers before a gate is in the map.
+            outlier_sigma: see estimate_position().
+            min_observations: of both front markers, outliers included, before a gate is in
+                the map.
         """
         self._outlier_sigma = outlier_sigma
         self._min_observations = min_observations
@@ -80,24 +144,26 @@ class ReportEstimator:
     def updated(self, statistics: dict, observation: Observation) -> dict:
         """Returns marker ID to MarkerStatistics after one more observation."""
         marker = statistics.get(observation.id, EMPTY).updated(
-            observation.p_WM, observation.normal, self._outlier_sigma, self._min_observations
+            observation.p_WM, observation.normal, self._outlier_sigma
         )
         return statistics | {observation.id: marker}
 
     def make_map(self, statistics: dict, **counters: Any) -> GateMap:
         """Returns the map; counters: the attributes of GateMap that count."""
         refused = Counter(counters.pop("refused", {}))
-        refused.update({OFF_MAP: sum(s.outliers for s in statistics.values())})
+        for s in statistics.values():
+            refused.update({OFF_MAP: s.estimate.outliers, INVALID: s.invalid})
         markers = {
             id: MarkerEstimate(
                 id=id,
-                count=s.count,
-                outliers=s.outliers,
-                p_WM=read_only(s.mean),
-                variance=read_only(s.variance),
+                count=s.count - s.estimate.outliers,
+                outliers=s.estimate.outliers,
+                p_WM=s.estimate.mean,
+                variance=s.estimate.variance,
                 normal=read_only(s.normal / max(np.linalg.norm(s.normal), 1e-9)),
             )
             for id, s in sorted(statistics.items())
+            if s.count
         }
         known = {id for id, s in statistics.items() if s.count >= self._min_observations}
         gates = (

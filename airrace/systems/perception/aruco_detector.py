@@ -9,6 +9,7 @@ from pydrake.systems.framework import LeafSystem, ValueProducer
 
 from airrace.common.immutable import Immutable
 from airrace.systems.perception import detection_checks as checks
+from airrace.systems.perception.detector_config import DetectorConfig
 from airrace.systems.perception.marker_measurement import measure
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
@@ -16,10 +17,7 @@ from airrace.systems.types import CameraInfo, Detections
 
 _LONGEST_GAP = 0.1  # s, between images, over which motion can be predicted
 _AT_REST = np.zeros(2)  # px/s
-# Periods of full searches (images): while no marker is found; and otherwise the shortest
-# and the longest, see ArucoDetector.
-_EMPTY_PERIOD = 5
-PERIODS = 8, 16
+_EMPTY_PERIOD = 5  # images, of full searches while no marker is found
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -42,20 +40,6 @@ class DetectorState(Immutable):
     period: int = 0
 
 
-@dc.dataclass(frozen=True)
-class DetectorConfig:
-    """Settings of detect().
-
-    Attributes:
-        max_id: greater IDs are refused.
-        full_search_periods: shortest and longest period of full searches (images);
-            (1, 1) for a full search of every image.
-    """
-
-    max_id: float = math.inf
-    full_search_periods: tuple[int, int] = PERIODS
-
-
 class ArucoDetector(LeafSystem):
     """Detects ArUco markers and their poses in the camera frame.
 
@@ -73,7 +57,8 @@ class ArucoDetector(LeafSystem):
     taken (s), ``camera_info`` a CameraInfo; ``detections`` a Detections.
 
     detect() is what it computes: search (marker_search.py), refit of the corners
-    (corner_refit.py), checks (detection_checks.py) and poses (marker_pose.py).
+    (corner_refit.py), checks (detection_checks.py) and poses (marker_pose.py). By its
+    settings (detector_config.py), corners and poses are OpenCV's own.
 
     The output is a function of the inputs and of the last image's markers, which are
     the state. A full search covers the whole image. In the images between two full
@@ -84,24 +69,16 @@ class ArucoDetector(LeafSystem):
     An image is searched once, however often the output is evaluated.
     """
 
-    def __init__(
-        self,
-        *,
-        fps: float = 30.0,
-        max_gates: int | None = None,
-        full_search_periods: tuple[int, int] = PERIODS,
-    ):
+    def __init__(self, *, fps: float = 30.0, config: DetectorConfig = DetectorConfig()):
         """Constructs the detector.
 
         Args:
             fps: rate of the camera, at which the state is updated (Hz).
-            max_gates: IDs of 4 max_gates and more are refused; None for no limit.
-            full_search_periods: see DetectorConfig.
+            config: settings.
         """
         LeafSystem.__init__(self)
-        self._search = MarkerSearch()
-        max_id = math.inf if max_gates is None else 4 * max_gates - 1
-        self._config = DetectorConfig(max_id, full_search_periods)
+        self._search = MarkerSearch(refine=config.corners == "opencv")
+        self._config = config
         self._view = self.DeclareAbstractInputPort("camera_view", Value[object]())
         self._time = self.DeclareVectorInputPort("camera_image_time", 1)
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
@@ -154,7 +131,7 @@ def detect(
     """Detects the markers in an image.
 
     Args:
-        search: finds the markers.
+        search: finds the markers, and refines their corners if config.corners is "opencv".
         view: of the image.
         time: when it was taken (s).
         info: the camera.
@@ -171,11 +148,11 @@ def detect(
         (ids, quads), age = search.around(view, predictions), last.age + 1
     else:
         (ids, quads), age = search.everywhere(view.whole()), 0
-    measured, refused = measure(view, ids, quads, info, config.max_id)
+    measured, refused = measure(view, ids, quads, info, config)
 
     before = {m.id: m for m in last.measured}
     pairs = [(m, before[m.id]) for m in measured if m.id in before]
-    jumped = {m.id for m, old in pairs if checks.jumps(m, old, dt)}
+    jumped = {m.id for m, old in pairs if config.jump_filter and checks.jumps(m, old, dt)}
     detections = Detections(
         time,
         tuple(m for m in measured if m.id not in jumped),

@@ -1,4 +1,4 @@
-"""From rough quads to detections: refitted corners, checks, poses."""
+"""From quads to detections: corners, checks, poses."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -7,35 +7,46 @@ import numpy as np
 
 from airrace.systems.perception import detection_checks as checks
 from airrace.systems.perception.corner_refit import FARTHEST_SAMPLE, refit
-from airrace.systems.perception.marker_pose import locate, locate_gate
+from airrace.systems.perception.detector_config import DetectorConfig
+from airrace.systems.perception.marker_pose import CORNER_SIGMA, locate, locate_alone, locate_gate
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import CameraInfo
 
+_OPENCV_COVARIANCE = CORNER_SIGMA**2 * np.eye(8)  # px^2, of one marker's corners
+
 
 def measure(
-    view: CameraView, ids: Sequence[int], quads: np.ndarray, info: CameraInfo, max_id: float
+    view: CameraView,
+    ids: Sequence[int],
+    quads: np.ndarray,
+    info: CameraInfo,
+    config: DetectorConfig = DetectorConfig(),
 ) -> tuple[tuple, tuple]:
     """Refits, checks and locates markers.
 
     Args:
         view: of the image.
         ids: of n markers.
-        quads: their rough corners, (n, 4, 2) px.
+        quads: their corners, (n, 4, 2) px: rough ones, unless config.corners is "opencv".
         info: the camera.
-        max_id: IDs beyond it are refused.
+        config: settings.
 
     Returns:
         tuple of Detection by ID, and tuple of (reason, ID) of what was refused.
     """
     refused, candidates = [], []
     for id, quad in zip(ids, quads):
-        if reason := checks.FOREIGN_ID if id > max_id else checks.check_quad(quad):
+        if reason := checks.FOREIGN_ID if id > config.max_id else checks.check_quad(quad):
             refused.append((reason, id))
         else:
             candidates.append((id, quad))
     quads = [quad for _, quad in candidates]
     grey, passed = _drawn_around(quads, view), []
-    for (id, quad), corners, covariance in zip(candidates, *refit(grey, quads)):
+    if config.corners == "opencv":
+        corners_and_covariances = quads, [_OPENCV_COVARIANCE] * len(quads)
+    else:
+        corners_and_covariances = refit(grey, quads)
+    for (id, quad), corners, covariance in zip(candidates, *corners_and_covariances):
         if reason := checks.check_corners(corners, quad) or checks.check_id(grey, corners, id):
             refused.append((reason, id))
         else:
@@ -49,7 +60,7 @@ def measure(
         if checks.swapped_pair(left, usable[left][0], usable[right][0]):
             refused += [(checks.FROM_BEHIND, left), (checks.FROM_BEHIND, right)]
             del usable[left], usable[right]
-    located = _locate_all(usable, info)
+    located = _locate_all(usable, info, config.poses)
     refused += [(checks.NO_POSE, id) for id in sorted(usable.keys() - located.keys())]
     return tuple(located[id] for id in sorted(located)), tuple(refused)
 
@@ -75,13 +86,17 @@ def _pairs(ids: Iterable[int]) -> list:
     return [(id, id + 2) for id in sorted(ids) if id % 4 < 2 and id + 2 in ids]
 
 
-def _locate_all(usable: dict, info: CameraInfo) -> dict:
+def _locate_all(usable: dict, info: CameraInfo, poses: str) -> dict:
     """Returns ID to Detection of all that have a pose.
 
     Args:
         usable: ID to corners and their covariance.
         info: the camera.
+        poses: see DetectorConfig.
     """
+    if poses == "marker":
+        alone = (locate_alone(id, corners, info) for id, (corners, _) in usable.items())
+        return {detection.id: detection for detection in alone if detection is not None}
     located = {}
     for pair in _pairs(usable):
         corners, covariances = zip(*(usable[id] for id in pair))

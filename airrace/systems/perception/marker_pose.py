@@ -14,6 +14,7 @@ from airrace.systems.types import CameraInfo, Detection
 from airrace.track import MARKER_SIZE
 
 GATE_SPACING = 10.0  # m, between the axes of a gate's pylons, by the rules
+CORNER_SIGMA = 0.3  # px, of corners whose covariance is not known
 # A gate does not have that spacing if the corners are this many standard deviations
 # (root mean square) off the joint pose.
 _MISFIT = 3.0
@@ -21,10 +22,12 @@ _MISFIT = 3.0
 # marker that faces the camera then has no rotation.
 _H = MARKER_SIZE / 2
 _POINTS = np.array([[-_H, -_H, 0.0], [_H, -_H, 0.0], [_H, _H, 0.0], [-_H, _H, 0.0]])
+_SQUARE = _POINTS @ np.diag([1.0, -1.0, -1.0])  # in M itself, as OpenCV wants a square
 _TO_RIGHT = np.array([GATE_SPACING / 2, 0.0, 0.0])
 _GATE_POINTS = np.concatenate([_POINTS - _TO_RIGHT, _POINTS + _TO_RIGHT])
 _R_FM = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
 _TILT = 0.4  # rad
+_MOST_RESIDUAL = 0.05  # of the corners' extent: a pose with more is none
 
 
 def locate(
@@ -45,6 +48,43 @@ def locate(
         return None
     pose = _solve(_POINTS, corners, covariance[None], info)
     return None if pose is None else _detection(id, corners, pose, pose.residual)
+
+
+def locate_alone(id: int, corners: np.ndarray, info: CameraInfo) -> Detection | None:
+    """Solves the pose of one marker as OpenCV does, in closed form and without a refinement.
+
+    Of the two solutions of Collins and Bartoli (OpenCV's SOLVEPNP_IPPE_SQUARE) it is the one
+    with the smaller reprojection error. The covariance is an assumed one.
+
+    OpenCV returns rotations as vectors, which it computes wrongly where the angle is within
+    rounding of pi. That takes corners of perfect symmetry, so no camera sees it; there is no
+    pose then.
+
+    Args:
+        id, corners, info: see locate().
+
+    Returns:
+        as locate().
+    """
+    if not _is_extended(corners):
+        return None
+    _, turns, positions, errors = cv2.solvePnPGeneric(
+        _SQUARE, corners, info.K, info.D, flags=cv2.SOLVEPNP_IPPE_SQUARE
+    )
+    if not turns or not np.isfinite([turns[0], positions[0]]).all() or positions[0][2] <= 0.0:
+        return None
+    R_CM, p_CM, errors = cv2.Rodrigues(turns[0])[0], positions[0].ravel(), np.ravel(errors)
+    if not errors[0] < _MOST_RESIDUAL * np.ptp(corners):
+        return None
+    return Detection(
+        id=id,
+        corners=read_only(corners),
+        X_CM=RigidTransform(RotationMatrix.ProjectToRotationMatrix(R_CM), p_CM),
+        # OpenCV's is the root mean square of coordinates, not of distances.
+        reprojection_error=float(math.sqrt(2.0) * errors[0]),
+        covariance=read_only(assumed_covariance(p_CM[2], info.K[0, 0])),
+        ambiguity=min(float(errors[0] / max(errors[-1], 1e-12)), 1.0) if len(errors) > 1 else 0.0,
+    )
 
 
 def locate_gate(
@@ -80,6 +120,22 @@ def locate_gate(
             ids, corners, (-_TO_RIGHT, _TO_RIGHT), pose.residual.reshape(2, 4, 2)
         )
     }
+
+
+def assumed_covariance(depth: float, focal_length: float) -> np.ndarray:
+    """Returns that of a marker's pose in the camera from its depth alone, (6, 6).
+
+    As of Detection; it is for corners with a standard deviation of CORNER_SIGMA.
+
+    Args:
+        depth: of the marker (m).
+        focal_length: of the camera (px).
+    """
+    angle = CORNER_SIGMA / focal_length
+    across, along = depth * angle, depth**2 * angle / MARKER_SIZE
+    turn = depth * angle / MARKER_SIZE
+    # Head-on, a rotation out of the image plane hardly moves the corners.
+    return np.diag([4 * turn, 4 * turn, turn, across, across, along]) ** 2
 
 
 def _is_extended(corners: np.ndarray) -> bool:

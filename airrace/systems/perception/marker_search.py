@@ -15,13 +15,17 @@ _LEAST_SHARE = 0.5  # of the expected perimeter: modules look like squares, too
 # OpenCV compares a square with one ID after the other, 1.5 us each, so it only gets the
 # IDs of most tracks.
 _USUAL = cv2.aruco.Dictionary(DICTIONARY.bytesList[:80], DICTIONARY.markerSize, 0)
+_ALL = cv2.aruco.Dictionary(DICTIONARY.bytesList, DICTIONARY.markerSize, 0)
 
 
 class MarkerSearch:
     """OpenCV's detector, set up for the boards."""
 
-    def __init__(self) -> None:
-        self._detector = make_detector()
+    def __init__(self, *, refine: bool = False):
+        """Args: refine: whether OpenCV refines the corners."""
+        self._detector = make_detector(refine)
+        # OpenCV refines the corners of those only that it reads itself.
+        self._usual = _ALL if refine else _USUAL
 
     def everywhere(self, image: np.ndarray) -> tuple[list, np.ndarray]:
         """Searches a whole picture.
@@ -30,13 +34,13 @@ class MarkerSearch:
             image: grey levels, (h, w), uint8.
 
         Returns:
-            IDs, list of n; and rough corners, top left first, clockwise as the
-            marker is read, (n, 4, 2) px.
+            IDs, list of n; and corners, top left first, clockwise as the marker is read,
+            (n, 4, 2) px; rough ones unless they are refined.
         """
-        self._detector.setDictionary(_USUAL)
+        self._detector.setDictionary(self._usual)
         ids, quads, rest = self._detect(image, 4 * _SMALLEST_SIDE)
         for id, quad in filter(None, (read_marker(image, quad) for quad in rest)):
-            if id >= len(_USUAL.bytesList):
+            if id >= len(self._usual.bytesList):
                 ids, quads = [*ids, id], np.concatenate([quads, [quad]])
         return ids, quads
 
@@ -107,7 +111,7 @@ def _region(
     return x0, y0, x1, y1
 
 
-def make_detector() -> cv2.aruco.ArucoDetector:
+def make_detector(refine: bool) -> cv2.aruco.ArucoDetector:
     """Returns OpenCV's detector with parameters for the boards.
 
     The boards are black on white. One threshold window, and a constant above OpenCV's 7
@@ -116,11 +120,15 @@ def make_detector() -> cv2.aruco.ArucoDetector:
     blur. Slivers are left out, because OpenCV spends milliseconds on reading one. Modules
     of small markers are read at twice the default resolution. OpenCV's own refinements
     pull corners inwards: see corner_refit.py.
+
+    Args: refine: whether it refines the corners all the same, by CORNER_REFINE_SUBPIX.
     """
     parameters = cv2.aruco.DetectorParameters()
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = 7
     parameters.adaptiveThreshConstant = 10
     parameters.minCornerDistanceRate = 0.1  # of the perimeter
     parameters.perspectiveRemovePixelPerCell = 8
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+    parameters.cornerRefinementMethod = (
+        cv2.aruco.CORNER_REFINE_SUBPIX if refine else cv2.aruco.CORNER_REFINE_NONE
+    )
     return cv2.aruco.ArucoDetector(DICTIONARY, parameters)

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring import exploration
 from airrace.systems.exploring.explorer_memory import Situation
-from airrace.systems.mapping.report_estimator import MarkerStatistics, ReportEstimator
+from airrace.systems.mapping.report_estimator import EMPTY, ReportEstimator
 from airrace.systems.types import Detection, Detections, ExplorerStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate
@@ -22,16 +22,13 @@ CONFIG = ExplorerConfig()
 def mapped(counts, track=TRACK):
     """The map after so many true observations of markers, ID to number."""
     boards = {board.id: board.X_WM for board in track.boards()}
-    statistics = {
-        id: MarkerStatistics(
-            n,
-            0,
-            boards[id].translation() if id in boards else np.zeros(3),
-            np.zeros(3),
-            n * boards[id].rotation().col(2) if id in boards else np.ones(3),
-        )
-        for id, n in counts.items()
-    }
+    statistics = {}
+    for id, n in counts.items():
+        X_WM = boards.get(id, RigidTransform([1.0, 1.0, 1.0]))
+        statistics[id] = EMPTY
+        for _ in range(n):
+            p_WM, normal = X_WM.translation(), X_WM.rotation().col(2)
+            statistics[id] = statistics[id].updated(p_WM, normal, 3.0)
     estimator = ReportEstimator(outlier_sigma=3.0, min_observations=5)
     return estimator.make_map(statistics, time=0.0, detections=0, out_of_range=0)
 

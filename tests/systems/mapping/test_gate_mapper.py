@@ -6,7 +6,7 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
-from airrace.scenario import ESTIMATORS
+from airrace.scenario import ESTIMATORS, PerceptionConfig
 from airrace.systems.mapping.gate_mapper import GateMapper, extrapolate
 from airrace.systems.types import Detection, Detections, make_camera_info
 from airrace.track import load_track
@@ -28,28 +28,18 @@ def sight(X_WB, board, time):
     return Detection(board.id, np.zeros((4, 2)), X_CM, 0.0)
 
 
-def run(
-    images,
-    seconds,
-    pose=lambda t: estimate(t, [0, 0, 5]),
-    max_range=1e3,
-    estimator="robust",
-    seen=lambda t: None,
-):
+def run(images, seconds, pose=lambda t: estimate(t, [0, 0, 5]), seen=lambda t: None, **perception):
     """Shows a mapper images {time: markers(X_WB)} and returns its map.
 
     As in flight: estimates come at 200 Hz, an image's detections a latency
-    after its exposure. What is `seen` of a time replaces the estimate.
+    after its exposure. What is `seen` of a time replaces the estimate; `perception` are
+    fields of PerceptionConfig.
     """
     mapper = GateMapper(
         fps=30.0,
         latency=LATENCY,
         state_rate=200.0,
-        max_range=max_range,
-        max_gates=20,
-        estimator=estimator,
-        outlier_sigma=3.0,
-        min_observations=5,
+        config=PerceptionConfig(**{"max_range": 1e3} | perception),
     )
     simulator = Simulator(mapper)
     context = simulator.get_mutable_context()
@@ -167,26 +157,56 @@ def test_broken_poses_do_no_harm(broken):
     np.testing.assert_allclose(marker.p_WM, BOARD.X_WM.translation(), atol=1e-6)
 
 
-def test_a_drone_that_jumps_maps_nothing_from_mid_air():
-    def seen(t):
-        return estimate(t, [0, 0, 5 + 2.0 * (abs(t - 0.1) < 1e-3)])
+def jumping(t):
+    """The drone's pose, which is 2 m higher at one time."""
+    return estimate(t, [0, 0, 5 + 2.0 * (abs(t - 0.1) < 1e-3)])
 
-    gate_map = run(looks([0.05, 0.1, 0.15]), 0.3, seen=seen)
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_a_drone_that_jumps_maps_nothing_from_mid_air(estimator):
+    gate_map = run(looks([0.05, 0.1, 0.15]), 0.3, seen=jumping, estimator=estimator)
     assert gate_map.refused == {"pose jumps": 1}
     assert gate_map.markers[0].count == 2
+
+
+def test_it_does_without_the_jump_filter():
+    gate_map = run(
+        looks([0.05, 0.1, 0.15]), 0.3, seen=jumping, estimator="report", jump_filter=False
+    )
+    (marker,) = gate_map.markers
+    assert gate_map.refused == {} and marker.count == 3
+    assert marker.p_WM[2] == pytest.approx(BOARD.X_WM.translation()[2] + 2.0 / 3, abs=1e-6)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_a_gate_far_away_that_was_seen_once_or_twice(estimator):
+    """Twice by the robust estimator, which wants two observations in agreement."""
+    boards, images = TRACK.boards(), 1 if estimator == "report" else 2
+    settings = dict(max_range=np.inf, min_observations=1, estimator=estimator)
+
+    def pose(t):
+        return estimate(t, [-40, -5, 5])
+
+    far = {
+        k / 30: lambda X_WB: [sight(X_WB, boards[id], 0) for id in (0, 2)]
+        for k in range(1, images + 1)
+    }
+    assert run(far, 0.3, pose, **settings | {"max_range": 30.0}).gates == ()
+    one = {1 / 30: lambda X_WB: [sight(X_WB, boards[0], 0)]}
+    assert run(one, 0.3, pose, **settings).gates == ()
+    gate_map = run(far, 0.3, pose, **settings)
+    assert gate_map.refused == {}
+    if estimator == "report":
+        (gate,) = gate_map.gates
+        np.testing.assert_allclose(gate.p_WG, TRACK.gates[0].p_WG, atol=1e-6)
+    else:  # from so far away, two are not enough for it to be certain
+        assert [m.count for m in gate_map.markers] == [2, 2]
 
 
 def test_times_that_cannot_be():
     """NaN, the future, and before the first estimate: counted, and the next image is mapped."""
     mapper = GateMapper(
-        fps=30.0,
-        latency=LATENCY,
-        state_rate=200.0,
-        max_range=1e3,
-        max_gates=20,
-        estimator="robust",
-        outlier_sigma=3.0,
-        min_observations=5,
+        fps=30.0, latency=LATENCY, state_rate=200.0, config=PerceptionConfig(max_range=1e3)
     )
     simulator = Simulator(mapper)
     context = simulator.get_mutable_context()

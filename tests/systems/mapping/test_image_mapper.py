@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from airrace.scenario import ESTIMATORS
+from airrace.scenario import ESTIMATORS, PerceptionConfig
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.types import Detection, Detections, make_camera_info
 from airrace.track.map_files import map_data, statistics_data
@@ -13,10 +13,8 @@ from airrace.vehicle import CameraMount
 INFO = make_camera_info(width=1280, height=720, fov_y=1.0, X_BC=CameraMount().X_BC)
 
 
-def make_mapper(estimator):
-    return ImageMapper(
-        max_range=30.0, max_gates=10, estimator=estimator, outlier_sigma=3.0, min_observations=5
-    )
+def make_mapper(estimator, max_range=30.0):
+    return ImageMapper(PerceptionConfig(max_gates=10, estimator=estimator, max_range=max_range))
 
 
 def fuzzed(rng) -> Detection:
@@ -49,11 +47,12 @@ def fuzzed(rng) -> Detection:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("max_range", [30.0, np.inf])
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_ten_thousand_fuzzed_detections(estimator):
+def test_ten_thousand_fuzzed_detections(estimator, max_range):
     """Nothing crashes, everything is counted, and the map stays finite."""
     rng = np.random.default_rng(0)
-    mapper, state, own, foreign = make_mapper(estimator), MapperState(), 0, 0
+    mapper, state, own, foreign = make_mapper(estimator, max_range), MapperState(), 0, 0
     for k in range(2500):
         markers = tuple(fuzzed(rng) for _ in range(4))
         refused = (("tiny quad", 3), ("foreign ID", 99)) if k % 100 == 0 else ()

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airrace.systems.perception.marker_pose import locate, locate_gate
+from airrace.systems.perception.marker_pose import locate, locate_alone, locate_gate
 from tests.systems.perception.marker_pictures import INFO, gate, pose, project
 
 SIGMA = 0.05  # px
@@ -91,7 +91,36 @@ def test_the_joint_pose_is_the_better_one():
     assert np.all(np.diag(jointly.covariance) < np.diag(alone.covariance))
 
 
+@given(angles, angles, st.floats(-4, 4), st.floats(-2, 2), st.floats(6, 35), st.integers(0, 99))
+def test_opencvs_pose_of_one_marker_inverts_the_projection(pitch, yaw, x, y, z, seed):
+    X_CM = pose(x, y, z, pitch, yaw)
+    noise = np.random.default_rng(seed).normal(0.0, 0.01, (4, 2))
+    marker = locate_alone(5, project(X_CM) + noise, INFO)
+    assert_close(marker.X_CM, X_CM, 5e-3 * z)
+    assert not marker.joint and 0 <= marker.ambiguity <= 1
+    assert np.all(np.linalg.eigvalsh(marker.covariance) > 0)
+
+
+def test_opencvs_pose_has_the_reprojection_error_of_its_docstring():
+    corners = project(pose(1.0, 0.5, 15.0, yaw=0.4)) + [[0.3, 0], [0, -0.2], [0.1, 0.1], [-0.2, 0]]
+    marker = locate_alone(5, corners, INFO)
+    off = np.linalg.norm(project(marker.X_CM) - corners, axis=1)
+    assert marker.reprojection_error == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-6)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, -0.44])
+@pytest.mark.parametrize("x", [0.0, 1.0, -3.3])
+def test_opencvs_pose_in_views_of_perfect_symmetry(yaw, x):
+    """A pose near the true one, or none: OpenCV loses some of their rotations."""
+    for z in np.linspace(6.0, 35.0, 30):
+        X_CM = pose(x, 0.0, z, yaw=yaw)
+        marker = locate_alone(5, project(X_CM), INFO)
+        if marker is not None:
+            assert_close(marker.X_CM, X_CM, 0.02 * z)
+
+
 @pytest.mark.parametrize("corners", [np.full((4, 2), np.nan), np.zeros((4, 2))])
 def test_what_is_no_square_has_no_pose(corners):
     assert locate(5, corners, COVARIANCE, INFO) is None
+    assert locate_alone(5, corners, INFO) is None
     assert locate_pair((0, 2), [corners, corners]) == {}

@@ -393,7 +393,7 @@ def test_lists_take_the_place_of_lists(tmp_path):
 
 
 def test_missing_files_and_names(tmp_path):
-    assert "the shipped scenarios are: levels, races" in refusal(filename="none")
+    assert "the shipped scenarios are: levels, original, races" in refusal(filename="none")
     assert "no 'Nobody' at its top level, only: Defaults, NoNoise" in refusal(
         filename="races", scenario_name="Nobody"
     )

@@ -64,6 +64,7 @@ RANGES = {
     "explorer.expected_gates": (3, 256),
     "link_delay": (0, 0.5),
     "planner.rate": (1, 10000),
+    "planner.first_lap_move": (0, math.inf),
     "planner.thrust_share": (0.1, 1),
     "state_filter.rate": (1, 10000),
     "rotor_monitor.rate": (1, 10000),

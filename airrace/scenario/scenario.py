@@ -114,7 +114,7 @@ class PlannerConfig:
     # beyond the midpoint of gate 1.
     lap: str = "periodic"
     # Of -t 3, 4 and 6: the quickest laps within the limits, or "report", which weighs snap against
-    # time, as the report's planner did: -t 3 exceeds the limits a little.
+    # time, as the report's planner did: -t 3 exceeds the limits a little, -t 6 flies as -t 4.
     time_allocation: str = "exact"
     update: str = "if_better"  # or "always", each lap on a new plan even if it is slower
 

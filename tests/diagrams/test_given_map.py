@@ -3,14 +3,16 @@
 import dataclasses as dc
 import json
 
+import numpy as np
 import pytest
 
 from airrace.analysis import load_run
+from airrace.analysis.figures_laps import time_lost
 from airrace.commands.app import main as command
 from airrace.common.errors import UserError
 from airrace.diagrams.hitl_race import prepared
 from airrace.diagrams.race import MakeRace, run_race
-from airrace.scenario import Scenario, load_scenario
+from airrace.scenario import PlannerConfig, Scenario, load_scenario
 from airrace.scenario.camera_config import CameraConfig
 
 
@@ -53,6 +55,35 @@ def test_a_race_without_a_camera_and_another_on_its_map(hexagon, tmp_path):  # n
     assert two["mean_lap_s"] == pytest.approx(one["mean_lap_s"], abs=0.05)
     again = load_scenario(filename=str(output / "scenario.yaml"))
     assert again.map == str(tmp_path / "one" / "map.json")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "planner, numbers",
+    [
+        (PlannerConfig(), [1, 1, 1]),  # the map does not change: no plan is quicker
+        (PlannerConfig(update="always"), [1, 2, 3]),
+        (PlannerConfig(lap="rest_to_rest", time_allocation="report", update="always"), [1, 2, 3]),
+    ],
+    ids=["usual", "always", "original"],
+)
+def test_each_lap_says_which_plan_it_flew(hexagon, tmp_path, planner, numbers):
+    scenario = Scenario(
+        track=hexagon, laps=3, map="track", camera=BLIND, trajectory="4", planner=planner
+    )
+    result = run_race(scenario, tmp_path)
+    assert result["finished"] and result["collisions"] == 0
+    assert [lap["plan"]["number"] for lap in result["laps"]] == numbers
+    for lap in result["laps"]:
+        # The first comes from a hover.
+        assert lap["time_s"] == pytest.approx(lap["plan"]["duration_s"], abs=1.0)
+        assert max(lap["gate_offsets_m"]) < 1.0
+    run = load_run(tmp_path)
+    assert run.laps.plan.tolist() == numbers
+    assert run.plans.plan.tolist() == run.plans.lap.tolist() == sorted(set(numbers))
+    # What the plans say of gates is when they are passed, also by laps that rest beyond gate 1.
+    lost = time_lost(run)
+    assert np.nanmax(np.abs(lost[3])) < 0.1
 
 
 def test_with_a_camera_nobody_looks(hexagon):  # noqa: F811

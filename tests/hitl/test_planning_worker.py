@@ -16,10 +16,10 @@ from airrace.track.gate_map import GateMap
 from tests.systems.planning.test_lap_planner import Bench, moved
 
 
-def problem():
+def problem(**config):
     """Returns what a planner wants solved first."""
     asked = []
-    Bench("3", solve=lambda it: asked.append(it)).plan_at(0.01)
+    Bench("3", solve=lambda it: asked.append(it), **config).plan_at(0.01)
     return asked[0]
 
 
@@ -32,8 +32,9 @@ def solved(job, timeout=60.0):
 
 
 @pytest.mark.slow
-def test_the_same_plan_as_here_and_another_one_after_it():
-    asked = problem()
+@pytest.mark.parametrize("config", [{}, dict(lap="rest_to_rest", time_allocation="report")])
+def test_the_same_plan_as_here_and_another_one_after_it(config):
+    asked = problem(**config)
     here = plan_lap(asked)
     with contextlib.closing(PlanningWorker()) as worker:
         for _ in range(2):

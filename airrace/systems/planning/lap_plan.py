@@ -92,7 +92,7 @@ class LapPlan(Immutable):
         return self.circuit, t % self.circuit.duration
 
     def lap_at(self, time: float) -> int:
-        """Returns the number of the lap being flown at a time; gate 1 starts it.
+        """Returns the number of the lap being flown at a time; gate 1, or rest there, starts it.
 
         On an entry before gate 1 that is the lap before the plan's first.
         """
@@ -100,7 +100,7 @@ class LapPlan(Immutable):
         return self.lap + int(max(np.floor(flown), -1.0))
 
     def next_start(self, time: float) -> float:
-        """Returns when the drone next passes gate 1 after a time (s)."""
+        """Returns when the drone next passes gate 1, or rests there, after a time (s)."""
         laps = self.lap_at(time) + 1 - self.lap
         return self._first_start + laps * self.circuit.duration
 

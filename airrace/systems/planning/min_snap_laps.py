@@ -10,7 +10,7 @@ from airrace.trajopt.feasibility import peaks, sample_times
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.flight_limits import FlightConstraints
 from airrace.trajopt.gate_regions import GateRegions
-from airrace.trajopt.min_snap.circuit import REST_BEYOND, Circuit, plan_circuit
+from airrace.trajopt.min_snap.circuit import REST_BEYOND, Circuit, LapStyle, plan_circuit
 from airrace.trajopt.min_snap.transition import (
     plan_transition_between_laps,
     plan_transition_from_hover,
@@ -18,17 +18,21 @@ from airrace.trajopt.min_snap.transition import (
 from airrace.vehicle import GRAVITY
 
 _MAX_SPEED = 100.0  # m/s, where there is no limit: time allocation needs one
+_EXACT, _SOFT = "SNOPT", "BOBYQA"  # what finds durations
 _SHARES = (1.0, 0.8, 0.6)  # of the lap's own speed and acceleration, for the transition onto it
 
 
 class MinSnapLaps(Laps):
-    """Finds minimum-snap laps through the midpoints, see plan_circuit()."""
+    """Finds minimum-snap laps through the midpoints, see plan_circuit().
+
+    Where no lap of soft limits is clear of the pylons, it finds the quickest one.
+    """
 
     def __init__(self, problem: LapProblem, dimensions: int | None = None):
         """Args: problem: see Laps. dimensions: 3, 4 or 6; by default the problem's."""
         super().__init__(problem)
         self._dimensions = dimensions or int(problem.trajectory)
-        self.solver = "BOBYQA" if problem.style.soft else "SNOPT"
+        self.solver = _SOFT if problem.style.soft else _EXACT
 
     def _gate_regions(self) -> GateRegions:
         gates = self._problem.gates
@@ -39,6 +43,17 @@ class MinSnapLaps(Laps):
         return GateRegions.balls(points, [g.heading for g in gates], 0.0)
 
     def lap(self, previous: Circuit | None) -> Circuit:
+        style = self._problem.style
+        try:
+            return self._lap(previous, style)
+        except TrajectoryOptimizationError:
+            if not style.soft:
+                raise
+            # With the original's time allocation, which knew of no pylons, none is clear of them.
+            self.solver = _EXACT
+            return self._lap(previous, dc.replace(style, soft=False))
+
+    def _lap(self, previous: Circuit | None, style: LapStyle) -> Circuit:
         # What thrusts hold against gravity, at level flight.
         limits = self._problem.limits
         level = np.sqrt(limits.max_specific_force**2 - GRAVITY**2)
@@ -48,7 +63,7 @@ class MinSnapLaps(Laps):
             self._dimensions,
             self._limited(min(limits.max_speed, _MAX_SPEED), min(limits.max_acceleration, level)),
             previous=previous,
-            style=self._problem.style,
+            style=style,
         )
 
     def transition(

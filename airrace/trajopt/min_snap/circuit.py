@@ -42,7 +42,7 @@ class LapStyle:
     """What sets laps apart from the quickest ones that never stop.
 
     Attributes:
-        rests: whether every lap starts and ends at rest, REST_BEYOND the midpoint of gate 1.
+        rests: whether every lap starts and ends at rest, REST_BEYOND gate 1's midpoint.
         soft: whether durations weigh snap against time, with soft limits, as those of the
             original system: see allocate_times_softly(). Else they are the shortest.
     """
@@ -76,7 +76,7 @@ class Circuit(FlatTrajectory):
 
     @property
     def waypoint_times(self) -> tuple:
-        """When gates and the waypoints between them are passed, then the duration (s)."""
+        """When each waypoint is passed, those of gates and those in front of them (s)."""
         return self.breaks
 
     @property

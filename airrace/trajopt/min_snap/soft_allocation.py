@@ -18,7 +18,7 @@ from airrace.trajopt.min_snap.limits import peak_norms
 from airrace.trajopt.min_snap.min_snap import MinSnapProblem
 from airrace.trajopt.min_snap.time_allocation import durations_within_limits
 
-_TIME_PENALTY = 500.0  # of the squared total duration (m^2/s^7 / s^2)
+_TIME_PENALTY = 500.0  # m^2/s^9, of the squared total duration
 _WEIGHT = 100.0  # of a limit's relative violation, in the exponent
 _MOST_COST = 1e12  # of a limit's violation
 _SHORT = 6.5  # by how much the guess makes short segments longer
@@ -100,13 +100,18 @@ def _search(cost, guess):
     long as that: 10 % of each duration.
     """
 
-    def durations(x):
-        return np.maximum(guess * (1.0 + _STEP * (x - 1.0)), _SHORTEST)
+    found = []
+
+    def evaluate(x):
+        # Drake hands over what could carry gradients, even for a method that asks for none.
+        durations = guess * (1.0 + _STEP * (ExtractValue(x).ravel() - 1.0))
+        durations = np.maximum(durations, _SHORTEST)
+        found.append((cost(durations), durations))
+        return AutoDiffXd(found[-1][0])
 
     program = MathematicalProgram()
     x = program.NewContinuousVariables(len(guess), "x")
-    # Drake hands over what could carry gradients, even to a method that asks for none.
-    program.AddCost(lambda x: AutoDiffXd(cost(durations(ExtractValue(x).ravel()))), x)
+    program.AddCost(evaluate, x)
     options = SolverOptions()
     for name, value in {
         NloptSolver.AlgorithmName(): "LN_BOBYQA",
@@ -116,4 +121,5 @@ def _search(cost, guess):
         NloptSolver.MaxEvalName(): _MOST_EVALUATIONS,
     }.items():
         options.SetOption(NloptSolver.id(), name, value)
-    return durations(NloptSolver().Solve(program, np.ones(len(guess)), options).GetSolution(x))
+    NloptSolver().Solve(program, np.ones(len(guess)), options)
+    return min(found, key=lambda each: each[0])[1]  # also where rounding stopped the search

@@ -274,6 +274,18 @@ def test_laps_from_rest_to_rest_follow_one_another(trajectory, style):
 
 
 @pytest.mark.slow
+def test_where_soft_laps_come_too_near_to_pylons_the_quickest_is_flown():
+    track, _ = generated_track(1003)
+    hover = np.zeros((5, 4))
+    hover[0] = *track.start.position[:2], track.hover_height, np.deg2rad(track.start.heading_deg)
+    given = dict(gates=true_map(track).gates, start=hover)
+    plan = plan_lap(problem("4", style=ORIGINAL, **given))
+    quickest = plan_lap(problem("4", style=LapStyle(rests=True), **given))
+    assert plan.summary.solver == "SNOPT" and plan.circuit.breaks == quickest.circuit.breaks
+    assert plan.summary.clearance > 1.8
+
+
+@pytest.mark.slow
 def test_an_old_lap_to_rest_still_fits_its_own_map():
     old = plan_lap(problem("3", style=LapStyle(rests=True)))
     laps = MinSnapLaps(problem("3", style=LapStyle(rests=True), old=old))

@@ -7,8 +7,8 @@ from airrace.trajopt.body_frames import BodyFrames
 
 # As everywhere in robotics: x is red, z is blue.
 X_COLOR, Z_COLOR = (0.95, 0.1, 0.1), (0.1, 0.25, 1.0)
-_LENGTH, _HEAD = 1.8, 0.8  # m, of an arrow, and of its head alone
-_SHAFT_RADIUS, _HEAD_RADIUS = 0.08, 0.3  # m
+_LENGTH, _HEAD = 1.5, 0.6  # m, of an arrow, and of its head alone
+_SHAFT_RADIUS, _HEAD_RADIUS = 0.06, 0.22  # m
 _SIDES = 3
 # An arrow along x: rings of corners, each (x, radius), and the tip.
 _RINGS = ((0.0, _SHAFT_RADIUS), (_LENGTH - _HEAD, _SHAFT_RADIUS), (_LENGTH - _HEAD, _HEAD_RADIUS))
@@ -16,7 +16,7 @@ _TIP = _SIDES * len(_RINGS)
 
 
 def arrows(starts: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the mesh of arrows that are 1.8 m long.
+    """Returns the mesh of arrows that are 1.5 m long.
 
     Args:
         starts: of the arrows (m), (3, n).

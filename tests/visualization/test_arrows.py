@@ -25,7 +25,7 @@ def test_an_arrow_goes_from_its_start_along_its_direction(vectors):
     along = np.einsum("nij,jn->ni", corners, directions)
     # Nothing is behind the start, the tip is the farthest, and it is on the axis.
     assert along.min() > -1e-9 and np.all(along.argmax(axis=1) == 9)
-    np.testing.assert_allclose(corners[:, 9], 1.8 * directions.T, atol=1e-9)
+    np.testing.assert_allclose(corners[:, 9], 1.5 * directions.T, atol=1e-9)
     # The foot is around the start.
     np.testing.assert_allclose(corners[:, :3].mean(axis=1), 0.0, atol=1e-9)
 
@@ -53,5 +53,5 @@ def test_x_is_red_and_z_is_blue():
     frames = BodyFrames(np.zeros((3, 2)), np.eye(3)[:, [0, 1]], np.eye(3)[:, [2, 2]])
     vertices, _, colors = frame_arrows(frames)
     tips, paint = vertices[:, 9::10].T, colors[:, 9::10].T
-    np.testing.assert_allclose(tips, 1.8 * np.eye(3)[[0, 1, 2, 2]], atol=1e-12)
+    np.testing.assert_allclose(tips, 1.5 * np.eye(3)[[0, 1, 2, 2]], atol=1e-12)
     np.testing.assert_allclose(paint, [X_COLOR, X_COLOR, Z_COLOR, Z_COLOR])

@@ -23,6 +23,7 @@ FOLDER = Path(__file__).parents[1] / "docs" / "measurements"
 # The name of the file, and what is run; {workers} is the option.
 BENCHMARKS = {
     "races": ("races", "--runs", "4", "--workers", "{workers}"),
+    "original": ("original", "--workers", "{workers}"),
     "control": ("control", "--workers", "{workers}"),
     "perception": ("perception",),
     "mapping": ("mapping",),

@@ -91,6 +91,17 @@ def test_races_are_put_side_by_side(run):
     assert rows_of(table, "level 3")[0][0] == "0 of 1" and "ran out of time" in text
 
 
+@pytest.mark.slow
+def test_the_originals_races_are_put_beside_ours(run):
+    table, figures, _ = run("original", "--laps", 1, "--scenario_text", SHORT)
+    assert [row["trajectory"] for row in figures["original"]] == ["3", "4", "6"]
+    assert rows_of(table, "4-D")[0][-1] == "41.52"
+    kinds = {row["name"]: row["trajectory"] for row in figures["improved"]}
+    assert kinds["none: the original's system"] == "3"
+    assert kinds["all together: airrace's defaults"] == "optimal"
+    assert all("ran out of time" in row["dnf_reason"] for row in figures["improved"])
+
+
 def test_a_row_of_races_has_the_figures_of_them_all():
     rows = [
         {

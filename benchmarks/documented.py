@@ -1,10 +1,10 @@
 """Measures what the tables of the documentation show, anew.
 
-    python -m benchmarks.documented [--only NAME ...] [--workers N]
+    python -m benchmarks.documented [--only NAME ...] [--workers N] [--folder DIR]
 
-Runs the benchmarks below one after the other, and writes the tables of each to
-docs/measurements/NAME.json, with the command, the commit, the machine and the date. The pages
-are made from these files. It takes hours; figures of speed need a machine without other work.
+Runs the benchmarks below one after the other, and writes the tables of each to NAME.json in
+docs/measurements/, with the command, the commit, the machine and the date. The pages are made
+from these files. It takes hours; figures of speed need a machine without other work.
 A benchmark whose bounds are broken says so, and its tables are written all the same.
 """
 
@@ -48,39 +48,39 @@ def main(argv=None) -> int:
         "--only", nargs="+", choices=BENCHMARKS, default=list(BENCHMARKS), help="(default: all)"
     )
     parser.add_argument("--workers", type=harness.count, default=1, help="processes (default: 1)")
+    parser.add_argument(
+        "--folder", type=Path, default=FOLDER, help="for the tables (default: docs/measurements)"
+    )
     args = parser.parse_args(argv)
 
     def program():
-        written = [measure(name, args.workers) for name in args.only]  # all, even after a fault
+        # All of them, even after a fault.
+        written = [measure(name, args.workers, args.folder) for name in args.only]
         return 0 if all(written) else 1
 
     return exit_code(program)
 
 
-def measure(name: str, workers: int) -> bool:
+def measure(name: str, workers: int, folder: Path) -> bool:
     """Runs a benchmark and writes its tables; returns whether there are any.
 
     Args:
         name: of BENCHMARKS.
         workers: number of processes, where a benchmark can use several.
+        folder: for the tables; it is made.
     """
     module, *options = (word.format(workers=workers) for word in BENCHMARKS[name])
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "figures.json"
+    with tempfile.TemporaryDirectory() as scratch:
+        file = Path(scratch) / "figures.json"
         command = [sys.executable, "-m", f"benchmarks.{module}", *options, "--json", str(file)]
         subprocess.run(command, check=False)
         if not file.exists():
             return False
-        publish(name, file)
-    return True
-
-
-def publish(name: str, file: Path) -> None:
-    """Writes the tables of what a benchmark's --json wrote to the documentation's folder."""
-    written = json.loads(file.read_text(encoding="utf-8"))
+        written = json.loads(file.read_text(encoding="utf-8"))
     del written["figures"]  # of every single view and flight
-    FOLDER.mkdir(exist_ok=True)
-    write_json(FOLDER / f"{name}.json", written)
+    folder.mkdir(exist_ok=True)
+    write_json(folder / f"{name}.json", written)
+    return True
 
 
 if __name__ == "__main__":

@@ -144,7 +144,7 @@ def test_laps_that_flew_the_same_plan_are_named():
     result = race.fly()
     for numbers, sentences in (((1, 1), 1), ((1, 2), 0)):
         for lap, number in zip(result["laps"], numbers):
-            lap["plan"] = {"number": number}
+            lap["plan"] = {"number": number, "duration_s": 9.5}
         console = race.display._console = plain()
         race.display.print_summary(result, "runs/here")
         said = console.file.getvalue().splitlines()

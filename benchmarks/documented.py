@@ -28,6 +28,10 @@ BENCHMARKS = {
     "perception": ("perception",),
     "mapping": ("mapping",),
     "exploration": ("exploration", "--workers", "{workers}"),
+    "exploration_steps": (
+        *("exploration", "--step_length", "2", "5", "10", "15", "25"),
+        *("--reference", "--tracks", "40", "--workers", "{workers}"),
+    ),
     "trajectories": ("trajectories",),
     "tracks": ("tracks",),
     "hitl": ("hitl",),

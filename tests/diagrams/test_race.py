@@ -345,7 +345,8 @@ FAULTY = """
     class Mapper(GateMapper):
         "Nobody can have its map, not even when the race is over."
         def __init__(self, scenario):
-            super().__init__(fps=30.0, state_rate=200.0, **vars(scenario.perception))
+            config = scenario.perception
+            super().__init__(fps=30.0, latency=0.01, state_rate=200.0, config=config)
 
         mistakes = 0
 

@@ -75,7 +75,8 @@ def run(command, folder):
 def test_commands_that_are_not_run_exist(block):
     checked = subprocess.run(["bash", "-n"], input=block.text, capture_output=True, text=True)
     assert checked.returncode == 0, checked.stderr
-    for line in block.text.replace("\\\n", " ").splitlines():
+    text = re.sub(r"\\\n|\n {2,}", " ", block.text)  # a line that goes on is one command
+    for line in text.splitlines():
         line = re.sub(r"^[A-Z_]+=\S+ ", "", line)  # of the environment
         if words := shlex.split(line, comments=True):
             check_command(words)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from airrace.hitl.companion.address import Address
 
 _SCRIPT = Path(__file__).with_name("board.sh")
-_ROOM = 1_500_000  # kB; an environment takes 630 MB, its wheels 130 MB, at times twice
+_ROOM = 1_500_000  # kB; the packages take 860 MB, and their byte code; their wheels 265 MB
 _MARK = "airrace-"
 
 

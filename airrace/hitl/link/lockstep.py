@@ -183,7 +183,7 @@ def await_peer(
         endpoint: of this side.
         phase, text: of the heartbeats.
         expected: phase of the other side; None: the same.
-        timeout: (s), since a doctor was last there.
+        timeout: (s), since a doctor was last there, or the autonomy last said that it compiles.
         poll: called now and then; may raise.
 
     Raises:
@@ -200,8 +200,8 @@ def await_peer(
         if heard is not None and endpoint.silence < 1.0:
             if heard.value.phase == (expected or phase):
                 return
-            if heard.value.phase == phases.TESTING:
-                start = now  # the doctor's measurement may take longer than this side waits
+            if heard.value.phase in (phases.TESTING, phases.COMPILING):
+                start = now  # which may take longer than this side waits
         if now - start > timeout:
             other = "autonomy" if endpoint.role == "simulation" else "simulation"
             raise UserError(

@@ -186,8 +186,9 @@ def test_a_peer_that_never_comes():
         await_peer(endpoint, "waiting", timeout=0.05)
 
 
+@pytest.mark.parametrize("phase", ["testing", "compiling"])
 @pytest.mark.parametrize("comes", [True, False])
-def test_a_doctor_may_measure_for_longer_than_the_patience(comes):
+def test_measuring_and_compiling_may_take_longer_than_the_patience(comes, phase):
     link = SimulatedLink(LinkConfig())
     simulation, autonomy = (
         Endpoint(role, [], link.bus(), link.clock) for role in ("simulation", "autonomy")
@@ -200,7 +201,7 @@ def test_a_doctor_may_measure_for_longer_than_the_patience(comes):
     def be_the_other():
         simulation.drain()
         if link.time < begun + 20.0:
-            simulation.send_heartbeat("testing", 0.0)
+            simulation.send_heartbeat(phase, 0.0)
         elif comes:
             simulation.send_heartbeat("ready", 0.0)
 

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Regenerates requirements.lock from pyproject.toml: the newest versions of the
-# run-time and dev dependencies, with the hashes of every platform's files.
+# Regenerates both locks from pyproject.toml, with the hashes of every platform's files:
+# requirements.lock has the newest versions of the run-time and dev dependencies, and
+# requirements-run.lock those of them that running takes, for companion boards.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 source tools/setup.bash
@@ -16,10 +17,14 @@ else
   uv=$scratch/bin/uv
 fi
 
-# No addresses in the lock: whoever installs it chooses the index. Only wheels,
+# No addresses in the locks: whoever installs them chooses the index. Only wheels,
 # because set-up must not need a compiler.
-"$uv" pip compile --quiet --upgrade --universal --python-version 3.12 \
-  --only-binary :all: --generate-hashes \
-  --no-emit-index-url --no-emit-find-links --no-header --no-annotate \
-  --extra dev --output-file requirements.lock pyproject.toml >/dev/null
-say "requirements.lock written: read the difference, then run ./test.bash."
+compile() {
+  "$uv" pip compile --quiet --upgrade --universal --python-version 3.12 \
+    --only-binary :all: --generate-hashes \
+    --no-emit-index-url --no-emit-find-links --no-header --no-annotate \
+    "$@" pyproject.toml >/dev/null
+}
+compile --extra dev --output-file requirements.lock
+compile --constraint requirements.lock --output-file requirements-run.lock
+say "both locks written: read the difference, then run ./test.bash."

@@ -71,16 +71,18 @@ def autonomy(
             one that has ended; only of a folder that you trust, it can hold code
         patience: how long to wait for the simulation (default: 60 s)
     """
+    from airrace.common import jit
     from airrace.common.files import results_folder
     from airrace.common.interrupts import interrupt_flag
     from airrace.diagrams.autonomy_process import AutonomyProcess
-    from airrace.diagrams.warm_up import warm_up
+    from airrace.diagrams.warm_up import warm_up_autonomy
 
     scenario, bus = scenario_and_bus(options, lcm_url)
     with interrupt_flag() as interrupted:
-        warm_up(scenario, briefly=resume is not None)
         with results_folder(output) as folder:
             process = AutonomyProcess(scenario, bus, folder, stop=lambda: interrupted.is_set)
+            with jit.watched(process.show_compiling):
+                warm_up_autonomy(scenario, briefly=resume is not None)
             print(READY, flush=True)
             return process.run(resume=resume, patience=patience)
 

@@ -9,14 +9,16 @@ controller computes; so loops of hundreds of hertz hand over a plain tuple or a 
 which the compiled function makes the NamedTuple again.
 """
 
+import contextlib
 import hashlib
 import math
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numba
+import numba.core.event
 import numba.extending
 import numpy as np
 
@@ -77,6 +79,27 @@ def remove_stale() -> None:
     for old in (_PACKAGE / "__pycache__").glob("machine_code-*"):
         if old != folder:
             shutil.rmtree(old, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def watched(show: Callable[[int], object]) -> Iterator[None]:
+    """Calls show() after each function that is compiled, with how many have been, meanwhile.
+
+    Those that are read from the disk do not count.
+    """
+
+    class Listener(numba.core.event.Listener):
+        count = 0
+
+        def on_start(self, event):
+            pass
+
+        def on_end(self, event):
+            self.count += 1
+            show(self.count)
+
+    with numba.core.event.install_listener("numba:compile", Listener()):
+        yield
 
 
 compilable = numba.extending.register_jitable

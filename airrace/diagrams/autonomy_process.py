@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 LEFT, STOPPED, LOST = 0, 1, 3  # exit codes
 _PATIENCE = 5.0  # s without a heartbeat in a race
+_NEWS = 5.0  # s from one line about compiling to the next
 _TICK = 0.001  # s, that it waits for a message at most
 _GAP = 0.1  # s, beyond which the past is not caught up with
 
@@ -61,6 +62,7 @@ class AutonomyProcess:
         self.channels = make_channels(scenario, pictures_wanted(self._autonomy))
         self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock)
         self._responder = Responder(self._endpoint)
+        self._said = float("-inf")  # when the log was last told that it compiles, s
         self._delay = 0.0  # s, there and back, that is compensated for
 
     def run(self, resume: Path | None = None, patience: float = 60.0) -> int:
@@ -109,6 +111,19 @@ class AutonomyProcess:
         )
         self._simulator = Simulator(diagram)
         self._context = self._simulator.get_mutable_context()
+
+    def show_compiling(self, count: int) -> None:
+        """Tells the simulation, and now and then whoever reads the log, that it goes on.
+
+        Args:
+            count: of the functions that have been compiled.
+        """
+        self._endpoint.drain()
+        self._endpoint.beat(phases.COMPILING, 0.0)
+        now = self._endpoint.now()
+        if now - self._said > _NEWS:
+            self._said = now
+            self._log(f"airrace: compiling, once; {count} functions are done")
 
     def _poll(self):
         self._responder.respond()

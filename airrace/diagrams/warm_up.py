@@ -11,18 +11,18 @@ from rich.console import Console
 
 from airrace.common import jit
 from airrace.common.processes import child_environment
+from airrace.diagrams.made_up_messages import standing
+from airrace.diagrams.playback import LINK, Playback
 from airrace.diagrams.race import MakeRace
 from airrace.diagrams.simulated_link import SimulatedRemote
-from airrace.hitl.link.simulated_bus import LinkConfig
 from airrace.scenario import LINK_DELAY, Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 
 _TIME = 0.6  # s: it has seen, measured and mapped, and takes off by then
 _BRIEF = 0.3  # s: it has seen by then
-LINK = LinkConfig(delay=0.01, jitter=0.0, loss=0.0, seed=0)  # long enough to compensate for
 
 
-def warm_up(scenario: Scenario, briefly: bool = False) -> None:
+def warm_up(scenario: Scenario) -> None:
     """Flies the first moment of a race over a link, all in this process, and forgets it.
 
     The machine code of the inner loops is compiled, or read from the disk, when it is
@@ -30,7 +30,6 @@ def warm_up(scenario: Scenario, briefly: bool = False) -> None:
 
     Args:
         scenario: of the race.
-        briefly: to go on with a race: the code is on the disk, and a drone is hovering.
     """
     scenario = dc.replace(scenario, link_delay=LINK_DELAY)
     with tempfile.TemporaryDirectory() as folder:
@@ -38,7 +37,24 @@ def warm_up(scenario: Scenario, briefly: bool = False) -> None:
         simulator = Simulator(MakeRace(scenario, transport=transport))
         simulator.Initialize()
         transport.begin(simulator)
-        transport.advance(simulator, _BRIEF if briefly else _TIME)
+        transport.advance(simulator, _TIME)
+
+
+def warm_up_autonomy(scenario: Scenario, briefly: bool = False) -> None:
+    """Flies the autonomy alone for a moment, and forgets it.
+
+    What simulates and draws is not called: a companion does not need it, and a board takes
+    minutes to compile it.
+
+    Args:
+        scenario: of the race.
+        briefly: to go on with a race: the code is on the disk, and a drone is hovering.
+    """
+    scenario = dc.replace(scenario, link_delay=LINK_DELAY)
+    duration = _BRIEF if briefly else _TIME
+    with tempfile.TemporaryDirectory() as folder:
+        playback = Playback(scenario, Path(folder))
+        playback.play(standing(scenario, playback.channels, duration), duration)
 
 
 def compile_apart(scenario: Scenario) -> None:

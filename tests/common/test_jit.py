@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 
+import numba
 import numpy as np
 import pytest
 
@@ -120,3 +121,17 @@ for module in pkgutil.walk_packages(airrace.__path__, "airrace."):
         assert old.is_dir() and not list(tmp_path.rglob("*.nbc"))
     finally:
         old.rmdir()
+
+
+def test_what_is_compiled_is_counted_meanwhile():
+    @numba.njit
+    def one_more(x):
+        return x + 1
+
+    counts = []
+    with jit.watched(counts.append):
+        one_more(1)
+        one_more(1)
+        one_more(1.0)
+    one_more(1j)
+    assert counts == [1, 2]

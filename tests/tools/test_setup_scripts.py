@@ -1,4 +1,4 @@
-"""Tests run.bash, test.bash, tools/setup.bash and requirements.lock.
+"""Tests run.bash, test.bash, tools/setup.bash and the locks.
 
 The scripts run in a copy of their part of the checkout, with stand-ins for the
 interpreters and nothing else of the system's on PATH but the few commands they
@@ -352,12 +352,15 @@ def test_scripts_are_executable(name):
     assert os.access(ROOT / name, os.X_OK)
 
 
-# requirements.lock.
+# The locks.
+
+LOCKS = {"requirements.lock": ["dev"], "requirements-run.lock": []}  # to the extras in them
+locks = pytest.mark.parametrize("lock", LOCKS)
 
 
-def locked():
-    """Returns [(requirement, hashes)] of requirements.lock."""
-    text = (ROOT / "requirements.lock").read_text().replace("\\\n", "")
+def locked(lock):
+    """Returns [(requirement, hashes)] of a lock."""
+    text = (ROOT / lock).read_text().replace("\\\n", "")
     result = []
     for line in text.splitlines():
         requirement, *hashes = line.split("--hash=")
@@ -365,8 +368,9 @@ def locked():
     return result
 
 
-def test_lock_holds_no_addresses():
-    text = (ROOT / "requirements.lock").read_text()
+@locks
+def test_lock_holds_no_addresses(lock):
+    text = (ROOT / lock).read_text()
     for word in [
         "http",
         "://",
@@ -381,16 +385,32 @@ def test_lock_holds_no_addresses():
         assert word not in text
 
 
-def test_lock_pins_exactly_and_with_hashes():
-    for requirement, hashes in locked():
+@locks
+def test_lock_pins_exactly_and_with_hashes(lock):
+    for requirement, hashes in locked(lock):
         assert [s.operator for s in requirement.specifier] == ["=="], requirement
         assert hashes and all(h.startswith("sha256:") for h in hashes), requirement
         assert not requirement.url
 
 
+def test_what_running_takes_is_a_part_of_the_whole():
+    """A companion gets the very files that the tests ran with."""
+    everything, running = (
+        {
+            f"{requirement.name}{requirement.specifier}": hashes
+            for requirement, hashes in locked(lock)
+        }
+        for lock in LOCKS
+    )
+    assert running.items() <= everything.items()
+    names = {pin.partition("==")[0] for pin in running}
+    assert "drake" in names and not {"pytest", "sphinx", "pyarrow", "debugpy"} & names
+
+
+@locks
 @pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
 @pytest.mark.parametrize("python", ["3.12", "3.13", "3.14"])
-def test_lock_satisfies_pyproject(machine, python):
+def test_lock_satisfies_pyproject(machine, python, lock):
     environment = {
         **default_environment(),
         "platform_machine": machine,
@@ -401,14 +421,15 @@ def test_lock_satisfies_pyproject(machine, python):
     }
     pins = {
         canonicalize_name(requirement.name): next(iter(requirement.specifier)).version
-        for requirement, _ in locked()
+        for requirement, _ in locked(lock)
         if requirement.marker is None or requirement.marker.evaluate(environment)
     }
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    for text in project["dependencies"] + project["optional-dependencies"]["dev"]:
+    extras = [each for extra in LOCKS[lock] for each in project["optional-dependencies"][extra]]
+    for text in project["dependencies"] + extras:
         requirement = Requirement(text)
         name = canonicalize_name(requirement.name)
-        assert name in pins, f"{name} is not in requirements.lock: run tools/lock.bash"
+        assert name in pins, f"{name} is not in {lock}: run tools/lock.bash"
         assert requirement.specifier.contains(pins[name]), (
-            f"requirements.lock has {name} {pins[name]}, not {text}: run tools/lock.bash"
+            f"{lock} has {name} {pins[name]}, not {text}: run tools/lock.bash"
         )

@@ -100,7 +100,7 @@ make_environment() {
   say step "making an environment with $2"
   "$2" -I -m venv --clear "$environment" 2>&1 || refuse "Python on {host} cannot make virtual \
 environments ({said}); run there 'sudo apt-get install python3-venv'."
-  say step 'installing requirements.lock'
+  say step 'installing requirements-run.lock'
   if [ "$4" = OFFLINE ]; then
     set -- --no-index --find-links "$cache/wheelhouse/$1"
     remedy='have a wheel of every locked package for it in the folder of --wheels'
@@ -111,7 +111,7 @@ environments ({said}); run there 'sudo apt-get install python3-venv'."
   "$environment/bin/python" -I -m pip install --no-input --disable-pip-version-check \
     --no-cache-dir --progress-bar off --only-binary :all: --require-hashes "$@" \
     --requirement "$lock" 2>&1 ||
-    refuse "Installing requirements.lock on {host} failed ({said}); $remedy."
+    refuse "Installing requirements-run.lock on {host} failed ({said}); $remedy."
   error=$("$environment/bin/python" -I -c 'import pydrake.common' 2>&1) || {
     echo "$error"
     case $error in

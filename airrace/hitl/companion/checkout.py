@@ -6,6 +6,7 @@ import airrace
 from airrace.common.errors import UserError
 from airrace.common.files import digest, files_in
 
+LOCK = "requirements-run.lock"  # what running takes, without what developing takes
 _FOLDERS = ("airrace", "models")
 
 
@@ -16,7 +17,7 @@ def checkout_path() -> Path:
         UserError: if it runs from an installed package.
     """
     root = Path(airrace.__file__).resolve().parent.parent
-    if not all((root / name).is_file() for name in ("pyproject.toml", "requirements.lock")):
+    if not all((root / name).is_file() for name in ("pyproject.toml", LOCK)):
         raise UserError(
             f"airrace runs from {root}, which is no checkout of it, so that it cannot "
             "be brought to a companion; start it with ./run.bash of a checkout."

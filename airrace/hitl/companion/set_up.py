@@ -17,7 +17,7 @@ from rich.progress import (
 
 from airrace.common.errors import UserError
 from airrace.common.files import digest
-from airrace.hitl.companion.checkout import source_digest, source_files
+from airrace.hitl.companion.checkout import LOCK, source_digest, source_files
 from airrace.hitl.companion.ssh import ConnectionLost, SshConnection
 from airrace.hitl.companion.ssh_errors import file_error, is_disk_full, last_line
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from airrace.hitl.companion.address import Address
 
 _SCRIPT = Path(__file__).with_name("board.sh")
-_ROOM = 1_500_000  # kB; an environment takes 630 MB, its wheels 130 MB, at times twice
+_ROOM = 1_500_000  # kB; the packages take 860 MB, and their byte code; their wheels 265 MB
 _MARK = "airrace-"
 
 
@@ -89,7 +89,7 @@ def set_up(
     Args:
         connection: to the companion.
         address: of the companion.
-        checkout: whose airrace and requirements.lock to bring.
+        checkout: whose airrace and requirements-run.lock to bring.
         wheels: a folder of wheels to install from, instead of the index
             that pip is set to there; None: no.
         display: shows what is being done.
@@ -99,7 +99,7 @@ def set_up(
         ConnectionLost: if the connection goes.
     """
     display.step("looking for Python")
-    lock = checkout / "requirements.lock"
+    lock = checkout / LOCK
     environment, package = digest(lock), source_digest(checkout)
     found = inspect_board(connection, address, environment, package)
     cache, locked = found["cache"], []
@@ -179,7 +179,7 @@ def find_wheels(folder: Path, lock: Path) -> list[Path]:
         ) from None
     if not wheels:
         raise UserError(
-            f"--wheels {folder} holds no wheel of requirements.lock; fill it with pip download, "
+            f"--wheels {folder} holds no wheel of {lock.name}; fill it with pip download, "
             "see docs/board.md."
         )
     return wheels

@@ -31,6 +31,7 @@ _MOST_AHEAD = 1_000_000  # of the sequence number, beyond which it is made up
 _LONG_AGO = 1.0  # s, by which a message may be sent before the newest and still count
 _OLD_ECHO = 3.0  # s, age of the heartbeat of ours that a new session answers
 _DOUBT = 0.3  # s of silence, after which another session may be the other side
+_DRAINING = 0.2  # s that drain() takes at most, if it can choose: messages may come without an end
 
 
 @dc.dataclass(frozen=True)
@@ -113,6 +114,7 @@ class Endpoint:
         self._early = {}  # deque of Received by channel
         self._newest_time = -1.0
         self._keep: Callable[[str, Received], object] | None = None
+        self._is_known: Callable[[str, int], bool] = lambda channel, sequence: False
         self._beaten = float("-inf")  # when beat() last sent, s
         self._subscriptions = []
         for channel in channels:
@@ -190,13 +192,26 @@ class Endpoint:
             select.select([self._bus], [], [], timeout)  # type: ignore[type-var]
 
     def drain(self) -> None:
-        """Receives all messages that wait. Never raises."""
-        while self._bus.handle_timeout(0):
+        """Receives the messages that wait, the oldest first. Never raises.
+
+        It ends although some still wait when it has taken too long: where decoding takes longer
+        than the other side takes to send, there would be no end, and nothing else had a turn.
+        """
+        end = self.now() + _DRAINING
+        while self._bus.handle_timeout(0) and self.now() < end:
             pass
 
-    def keep_all(self, keep: Callable[[str, Received], object]) -> None:
-        """From now on hands every valid message to keep(channel, received), in any order."""
-        self._keep = keep
+    def keep_all(
+        self, keep: Callable[[str, Received], object], is_known: Callable[[str, int], bool]
+    ) -> None:
+        """From now on hands every valid message to keep(channel, received), in any order.
+
+        Args:
+            keep: takes them.
+            is_known: of a channel and a sequence number: whether that message was kept before.
+                It is not decoded again, which may take longer than until its next copy comes.
+        """
+        self._keep, self._is_known = keep, is_known
 
     def show(self, channel: str, received: Received) -> None:
         """Makes something that was kept the newest on its channel."""
@@ -225,14 +240,17 @@ class Endpoint:
         arrival, clock = self.now(), time.perf_counter()
         statistics = self.statistics[channel.name]
         try:
-            message, stamp = packets.unpack(data, channel.message_type)
+            stamp = packets.stamp_of(data)
             if channel.name == HEARTBEAT:
+                message = packets.decode(data, channel.message_type)
                 if message.role == self.role:
                     return  # our own, or of a second process with this role
                 self._check_heartbeat(message, stamp, arrival)
             last = self._check(channel.name, stamp)
             if channel.timed and stamp.time > self._sim_time + _LONG_AGO:
                 raise packets.Dropped(packets.MALFORMED)  # it would block all others
+            if channel.name != HEARTBEAT:
+                message = packets.decode(data, channel.message_type)
             value = channel.decode(message)
         except packets.Dropped as e:
             statistics.drop(e.args[0])
@@ -268,7 +286,8 @@ class Endpoint:
         if stamp.session != self.peer:
             raise packets.Dropped(packets.FOREIGN)
         last = self._last.get(name, 0)
-        if stamp.sequence <= last and self._keep is None:
+        replayed = self._keep is None or self._is_known(name, stamp.sequence)
+        if stamp.sequence <= last and replayed:
             raise packets.Dropped(packets.REPLAYED)
         if stamp.sequence > last + _MOST_AHEAD:
             raise packets.Dropped(packets.MALFORMED)

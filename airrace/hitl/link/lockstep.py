@@ -2,7 +2,6 @@
 
 import heapq
 import itertools
-import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from airrace.scenario import Scenario
 
 _RESEND = 0.05  # s without an answer, after which the last messages are sent again
+_LONGEST_PAUSE = 2.0  # s; from one time to the next, the pause doubles
 _PATIENCE = 120.0  # s: planning a lap takes its time
 
 
@@ -80,11 +80,17 @@ class Exchange:
         self._sent = self._received = 0  # ticks
         self._sequences = {}  # of what was sent so far, by channel
         self._outgoing = ([], [])  # channels and bytes of the last two ticks
-        self._asked = 0.0  # when they were last sent, by time.monotonic() (s)
+        self._asked, self._pause = 0.0, _RESEND  # when they were last sent, until the next time (s)
         self._pending = {}  # (channel, sequence) to Received
         self._beats = {}  # tick to heartbeat
         self._used = {}  # channel to sequence
-        endpoint.keep_all(self._keep)
+        endpoint.keep_all(self._keep, self._is_known)
+
+    def _is_known(self, channel, sequence):
+        if channel == HEARTBEAT:
+            return False
+        used = self._used.get(channel, 0)
+        return sequence <= used or (channel, sequence) in self._pending
 
     def _keep(self, channel, received):
         if channel != HEARTBEAT:
@@ -95,7 +101,7 @@ class Exchange:
     def send(self, root_context: "Context") -> None:
         """Sends what changed, as the next tick."""
         self._sent += 1
-        self._asked = time.monotonic()
+        self._asked, self._pause = self._endpoint.now(), _RESEND
         sent = self._sender.send(root_context)
         for channel, _ in sent:
             self._sequences[channel] = self._endpoint.sequence(channel)
@@ -123,19 +129,20 @@ class Exchange:
         Raises:
             PeerLost: if it does not answer.
         """
-        start = time.monotonic()
+        start = self._endpoint.now()
         tick = self._received + 1
         while True:
             self._endpoint.drain()
             if self._is_complete(tick):
                 break
-            now = time.monotonic()
+            now = self._endpoint.now()
             if self._endpoint.peer_heartbeat.value.phase == phases.OVER or stop():
                 return True
             if now - start > _PATIENCE:
                 raise PeerLost(now - start)
-            if now - self._asked > _RESEND:
-                self._asked = now
+            if now - self._asked > self._pause:
+                # The other side may only be slow: the more copies, the longer it takes.
+                self._asked, self._pause = now, min(2.0 * self._pause, _LONGEST_PAUSE)
                 for channel, data in (*self._outgoing[0], *self._outgoing[1]):
                     self._endpoint.republish(channel, data)
             poll()
@@ -176,7 +183,7 @@ def await_peer(
         endpoint: of this side.
         phase, text: of the heartbeats.
         expected: phase of the other side; None: the same.
-        timeout: (s), since a doctor was last there.
+        timeout: (s), since a doctor was last there, or the autonomy last said that it compiles.
         poll: called now and then; may raise.
 
     Raises:
@@ -193,8 +200,8 @@ def await_peer(
         if heard is not None and endpoint.silence < 1.0:
             if heard.value.phase == (expected or phase):
                 return
-            if heard.value.phase == phases.TESTING:
-                start = now  # the doctor's measurement may take longer than this side waits
+            if heard.value.phase in (phases.TESTING, phases.COMPILING):
+                start = now  # which may take longer than this side waits
         if now - start > timeout:
             other = "autonomy" if endpoint.role == "simulation" else "simulation"
             raise UserError(

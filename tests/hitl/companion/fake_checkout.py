@@ -6,6 +6,8 @@ import shutil
 import zipfile
 from pathlib import Path
 
+from airrace.hitl.companion.checkout import LOCK
+
 ROOT = Path(__file__).resolve().parents[3]
 
 AUTONOMY = '''
@@ -95,5 +97,5 @@ def make_checkout(folder: Path, drake: str = "") -> tuple[Path, Path]:
         shutil.copy(ROOT / name, checkout / name)
     (checkout / "airrace" / "__init__.py").touch()
     (checkout / "airrace" / "__main__.py").write_text(AUTONOMY)
-    make_lock(checkout / "requirements.lock", [wheel])
+    make_lock(checkout / LOCK, [wheel])
     return checkout, wheels

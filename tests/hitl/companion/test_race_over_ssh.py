@@ -20,7 +20,7 @@ from airrace.common.files import digest
 from airrace.common.resources import models_path
 from airrace.diagrams.hitl_race import default_url
 from airrace.hitl.channels import make_channels
-from airrace.hitl.companion.checkout import source_digest
+from airrace.hitl.companion.checkout import LOCK, source_digest
 from airrace.hitl.link.endpoint import HEARTBEAT
 from airrace.scenario import Scenario
 from tests.hitl.companion.conftest import ADDRESS
@@ -42,7 +42,7 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(models_path().parent)}
 def board(hosts):
     """The hosts; the companion has an environment of the lock: that of these tests."""
     cache = hosts.home / ".cache/airrace"
-    environment = cache / "environments" / digest(ROOT / "requirements.lock")
+    environment = cache / "environments" / digest(ROOT / LOCK)
     (environment / "bin").mkdir(parents=True, exist_ok=True)
     python = environment / "bin" / "python"
     # Not a link, by which it would lose its packages.

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from airrace.common.errors import UserError
+from airrace.hitl.companion.checkout import LOCK
 from airrace.hitl.companion.ssh_companion import SshCompanion
 from tests.hitl.companion.conftest import ADDRESS
 from tests.hitl.companion.tiny_autonomy import start
@@ -89,7 +90,7 @@ def test_set_up_is_done_once(companion, hosts, checkout, capfd):
     finally:
         changed.unlink()
     shown = capfd.readouterr().err
-    assert "bringing this airrace" in shown and "requirements.lock" not in shown
+    assert "bringing this airrace" in shown and LOCK not in shown
     assert (stamp.parent / "pyvenv.cfg").stat().st_ino == before
     assert len(list(cache.glob("packages/*/airrace/new.py"))) == 1
 

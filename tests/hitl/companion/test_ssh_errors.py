@@ -16,6 +16,7 @@ import pytest
 from airrace.common.errors import exit_code
 from airrace.hitl.companion import set_up
 from airrace.hitl.companion.address import Address
+from airrace.hitl.companion.checkout import LOCK
 from airrace.hitl.companion.ssh_companion import SshCompanion
 from airrace.hitl.companion.ssh_errors import connect_error
 from tests.hitl.companion.conftest import ADDRESS
@@ -198,12 +199,10 @@ def test_folder_that_may_not_be_written(hosts, refusal):
 @pytest.mark.slow
 def test_wheels_that_are_not_the_locked_ones(hosts, refusal, tmp_path):
     checkout, wheels = make_checkout(tmp_path)
-    lock = checkout / "requirements.lock"
+    lock = checkout / LOCK
     lock.write_text(f"{lock.read_text()}numpy==1.0 --hash=sha256:{'0' * 64}\n")
     (tmp_path / "empty").mkdir()
-    assert "holds no wheel of requirements.lock" in refusal(
-        checkout=checkout, wheels=tmp_path / "empty"
-    )
+    assert f"holds no wheel of {LOCK}" in refusal(checkout=checkout, wheels=tmp_path / "empty")
     sentence = refusal(checkout=checkout, wheels=wheels)
     assert "No matching distribution found for numpy==1.0" in sentence and "--wheels" in sentence
 

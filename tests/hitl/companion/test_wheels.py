@@ -9,6 +9,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from airrace.hitl.companion.checkout import LOCK
 from tests.hitl.companion.fake_checkout import ROOT
 
 
@@ -42,7 +43,7 @@ def test_every_locked_package_has_a_wheel_for_the_board(tmp_path):
         canonicalize_name(item["metadata"]["name"])
         for item in json.loads(report.read_text(encoding="utf-8"))["install"]
     }
-    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8").replace("\\\n", " ")
+    lock = (ROOT / LOCK).read_text(encoding="utf-8").replace("\\\n", " ")
     locked = [
         Requirement(line.partition(" --hash")[0])
         for line in lock.splitlines()

@@ -191,6 +191,35 @@ def test_a_flood_of_stale_messages_changes_nothing(link):
     assert (statistics.received, dict(statistics.dropped)) == (1, {packets.REPLAYED: 20_000})
 
 
+class Stalled(BaseException):
+    """It would go on for ever. (An endpoint survives any Exception.)"""
+
+
+@pytest.mark.parametrize("keeps_all", [False, True])
+def test_messages_without_an_end_do_not_take_every_turn(link, keeps_all):
+    """As when each takes 200 ms to decode, while several more come."""
+    if keeps_all:
+        link.simulation.keep_all(lambda channel, received: None, lambda channel, sequence: False)
+    count, decode = [0], COMMAND.decode
+
+    def slow(message):
+        count[0] += 1
+        if count[0] > 10:
+            raise Stalled
+        link.air.time += 0.2
+        for _ in range(3):
+            link.autonomy.publish(COMMAND.name, message_of(COMMAND), 0.0)
+        return decode(message)
+
+    channel = types.SimpleNamespace(**{**vars(COMMAND), "decode": slow})
+    link.simulation.close()
+    link.simulation._subscribe(channel)
+    link.autonomy.publish(COMMAND.name, message_of(COMMAND), 0.0)
+    for drained in range(1, 4):
+        link.simulation.drain()
+        assert count[0] == drained
+
+
 def test_over_lcm_itself():
     bus = lcm.LCM("memq://")
     ends = [Endpoint(role, CHANNELS, bus) for role in ("simulation", "autonomy")]

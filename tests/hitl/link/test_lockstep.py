@@ -46,10 +46,10 @@ def test_ticks_are_in_order_and_hold_the_looks():
 class Side:
     """One side whose only value is a count; what it showed is kept."""
 
-    def __init__(self, role, link):
+    def __init__(self, role, link, decode=lambda message: message.value[0]):
         other = "autonomy" if role == "simulation" else "simulation"
         self.out, self.into = f"FROM_{role}", f"FROM_{other}"
-        channel = Channel(self.into, lcmtypes.lcmt_rotors, other, lambda message: message.value[0])
+        channel = Channel(self.into, lcmtypes.lcmt_rotors, other, decode)
         self.endpoint = Endpoint(role, [channel], link.bus(), clock=link.clock)
         self.value, self.shown = 0, []
         self.exchange = None
@@ -75,6 +75,25 @@ class Pause(Exception):
     """In the place of waiting."""
 
 
+def greet(link, sides):
+    """Lets both sides hear each other."""
+    for side in 4 * sides:
+        link.time += 0.05
+        side.endpoint.send_heartbeat("ready", 0.0)
+        side.endpoint.drain()
+
+
+def begin(side, link, ticks):
+    """Returns turns() of a side that does not wait but yields."""
+
+    def pause(timeout):
+        raise Pause
+
+    side.exchange = Exchange(side.endpoint, side, side)
+    side.endpoint.wait = pause
+    return turns(side, link, ticks)
+
+
 def turns(side, link, ticks):
     """Makes a side's exchanges; yields where it would wait."""
     for _ in range(ticks):
@@ -98,21 +117,12 @@ def turns(side, link, ticks):
 def test_an_exchange_gives_every_tick_its_own_messages_whatever_is_lost(loss, monkeypatch):
     link = SimulatedLink(LinkConfig(delay=0.001, jitter=0.001))
     sides = [Side("simulation", link), Side("autonomy", link)]
-    for side in 4 * sides:
-        link.time += 0.05
-        side.endpoint.send_heartbeat("ready", 0.0)
-        side.endpoint.drain()
+    greet(link, sides)
     link._config = LinkConfig(delay=0.001, jitter=0.001, loss=loss)
     monkeypatch.setattr(lockstep, "_RESEND", 0.0)
 
-    def pause(timeout):
-        raise Pause
-
-    ticks, runs = 40, []
-    for side in sides:
-        side.exchange = Exchange(side.endpoint, side, side)
-        monkeypatch.setattr(side.endpoint, "wait", pause)
-        runs.append(turns(side, link, ticks))
+    ticks = 40
+    runs = [begin(side, link, ticks) for side in sides]
     for _ in range(20_000):
         if min(side.value for side in sides) == ticks:
             break
@@ -122,6 +132,53 @@ def test_an_exchange_gives_every_tick_its_own_messages_whatever_is_lost(loss, mo
         assert side.shown[:ticks] == [float(k - k % 3) for k in range(ticks)]
 
 
+class Stalled(BaseException):
+    """It has decoded for longer than anybody waits. (An endpoint survives any Exception.)"""
+
+
+def test_a_decoder_that_is_slower_than_messages_are_sent_again():
+    """200 ms for each message, which the other side sends again after 50 ms without an answer."""
+    link = SimulatedLink(LinkConfig(delay=0.001))
+    ticks, decoded = 10, []
+
+    def decode(message):
+        decoded.append(message.value[0])
+        if len(decoded) > 5 * ticks:
+            raise Stalled
+        for _ in range(100):  # meanwhile, the other side waits and sends again
+            link.time += 0.002
+            next(runs[0])
+        return message.value[0]
+
+    sides = [Side("simulation", link), Side("autonomy", link, decode)]
+    greet(link, sides)
+    runs = [begin(side, link, ticks) for side in sides]
+    for _ in range(20_000):
+        if min(side.value for side in sides) == ticks:
+            break
+        for run in runs:
+            link.time += 0.002
+            next(run)
+    for side in sides:
+        assert side.shown[:ticks] == [float(k - k % 3) for k in range(ticks)]
+    assert decoded == [0.0, 3.0, 6.0, 9.0]  # each once
+
+
+def test_who_waits_for_long_sends_again_more_and_more_rarely():
+    link = SimulatedLink(LinkConfig())
+    side, other = Side("simulation", link), Side("autonomy", link)
+    greet(link, [side, other])
+    run, sent = begin(side, link, 1), []
+    side.endpoint.republish = lambda channel, data: sent.append((channel, link.time))
+    while link.time < 20.0:
+        link.time += 0.005
+        next(run)
+    times = [time for channel, time in sent if channel == side.out]
+    pauses = [b - a for a, b in itertools.pairwise(times)]
+    assert pauses[:5] == pytest.approx([0.05, 0.1, 0.2, 0.4, 0.8], abs=0.012)
+    assert pauses[6:] and pauses[6:] == pytest.approx([2.0] * len(pauses[6:]), abs=0.012)
+
+
 def test_a_peer_that_never_comes():
     endpoint = Endpoint("simulation", [], SimulatedLink(LinkConfig()).bus())
     endpoint.wait = lambda timeout: None
@@ -129,8 +186,9 @@ def test_a_peer_that_never_comes():
         await_peer(endpoint, "waiting", timeout=0.05)
 
 
+@pytest.mark.parametrize("phase", ["testing", "compiling"])
 @pytest.mark.parametrize("comes", [True, False])
-def test_a_doctor_may_measure_for_longer_than_the_patience(comes):
+def test_measuring_and_compiling_may_take_longer_than_the_patience(comes, phase):
     link = SimulatedLink(LinkConfig())
     simulation, autonomy = (
         Endpoint(role, [], link.bus(), link.clock) for role in ("simulation", "autonomy")
@@ -143,7 +201,7 @@ def test_a_doctor_may_measure_for_longer_than_the_patience(comes):
     def be_the_other():
         simulation.drain()
         if link.time < begun + 20.0:
-            simulation.send_heartbeat("testing", 0.0)
+            simulation.send_heartbeat(phase, 0.0)
         elif comes:
             simulation.send_heartbeat("ready", 0.0)
 

@@ -1,0 +1,136 @@
+"""Messages of a race that is not simulated: a drone stands before a gate.
+
+They are for a computer that has the autonomy alone: nothing that simulates or draws is called,
+so that its machine code is not needed there.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from pydrake.math import RigidTransform
+
+from airrace.diagrams.playback import Message
+from airrace.hitl.link.endpoint import SIMULATION
+from airrace.hitl.link.image_messages import COLOUR, GREY, port_value
+from airrace.rendering.scene.textures import BLACK, WHITE, marker_modules
+from airrace.systems.types import CameraInfo, make_camera_info
+from airrace.track.track import BOARD_SIZE, MARKER_SIZE, Gate
+from airrace.vehicle import load_vehicle
+from airrace.vehicle.state import State, state_vector
+from airrace.vehicle.vehicle import GRAVITY
+
+if TYPE_CHECKING:
+    from airrace.hitl.channels import PortChannel
+    from airrace.scenario import Scenario
+
+_DISTANCE = 15.0  # m, of the gate
+_SKY = 190  # grey level all around the boards
+_MODULE = 16  # px of a board's texture
+# In the end it says that it tumbles, so that rotors come to their limits.
+_TUMBLE, _TUMBLE_RATE = 0.05, 20.0  # s, rad/s
+_SWAY, _SWAY_RATE = 0.01, 6.0  # m, rad/s: no two pictures are the same
+
+
+def standing(
+    scenario: "Scenario", channels: "Sequence[PortChannel]", duration: float
+) -> list[Message]:
+    """Returns what the simulation of a drone that stands before a gate would send.
+
+    Args:
+        scenario: whose drone, camera and rates to use.
+        channels: PortChannels of the race.
+        duration: (s).
+    """
+    values = _Standing(scenario, duration)
+    messages = [
+        Message(
+            time,
+            channel.name,
+            channel.encode(
+                lossless=False, **{port: values.of(port, time) for port in channel.ports}
+            ),
+        )
+        for channel in channels
+        if channel.sender == SIMULATION and not channel.ports[0].startswith("truth.")
+        for time in np.arange(0.0, duration, 1.0 / channel.rate).tolist()
+    ]
+    return sorted(messages, key=lambda each: each.time)
+
+
+class _Standing:
+    """What the ports of the simulation would show."""
+
+    def __init__(self, scenario: "Scenario", duration: float):
+        vehicle, config = load_vehicle(scenario.drone)[0], scenario.camera
+        self._info = make_camera_info(
+            width=config.width,
+            height=config.height,
+            fov_y=np.deg2rad(config.fov_y_deg),
+            X_BC=vehicle.camera.X_BC,
+            D=config.resolved().distortion,
+        )
+        thrust = vehicle.mass * GRAVITY / len(vehicle.rotors)
+        self._tumbling = duration - _TUMBLE  # since when (s)
+        self._speeds = np.sqrt(thrust / vehicle.thrust_coefficients)
+
+    def of(self, port: str, time: float) -> Any:
+        """Returns the value of a port at a time (s)."""
+        p_WB = np.array([0.0, _SWAY * np.sin(_SWAY_RATE * time), 0.0])
+        match port:
+            case "state_estimate":
+                upright = np.array([1.0, 0.0, 0.0, 0.0])
+                w_WB = np.array([float(time > self._tumbling) * _TUMBLE_RATE, 0.0, 0.0])
+                return state_vector(State(time, upright, p_WB, w_WB, np.zeros(3)))
+            case "camera_info":
+                return self._info
+            case "camera_image_time":
+                return np.array([time])
+            case "rotor_status":
+                return np.hstack([time, self._speeds, self._speeds])
+            case "rotor_speeds":
+                return self._speeds
+        grey = draw_gate(self._info, RigidTransform(p_WB) @ self._info.X_BC)
+        colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2RGBA)
+        return port_value(port, {GREY: grey, COLOUR: colour}, grey.shape)
+
+
+def draw_gate(info: CameraInfo, X_WC: RigidTransform) -> np.ndarray:
+    """Returns a picture of the boards of a gate before a grey sky, (h, w), uint8.
+
+    Args:
+        info: of the camera; its distortion is left out.
+        X_WC: its pose; the gate is 15 m from the origin, towards +x.
+    """
+    picture = np.full((info.height, info.width), _SKY, np.uint8)
+    for board in Gate(left_pylon=[_DISTANCE, 5.0], heading_deg=0.0).boards(0):
+        X_CM = X_WC.inverse() @ board.X_WM
+        if X_CM.inverse().translation()[2] <= 0.0:
+            continue  # its back is seen
+        corners = np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * BOARD_SIZE / 2
+        p_C = X_CM @ corners.T
+        if (p_C[2] <= 0.0).any():
+            continue
+        pixels = (info.K @ (p_C / p_C[2]))[:2].T
+        texture = _texture(board.id)
+        side = len(texture) - 0.5
+        of_texture = np.array([[-0.5, -0.5], [side, -0.5], [side, side], [-0.5, side]])
+        H = cv2.getPerspectiveTransform(of_texture.astype(np.float32), pixels.astype(np.float32))
+        cv2.warpPerspective(
+            texture,
+            H,
+            picture.shape[::-1],
+            dst=picture,
+            flags=cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_TRANSPARENT,
+        )
+    return picture
+
+
+def _texture(marker_id: int) -> np.ndarray:
+    """Returns the face of a board: a marker in its white border, uint8."""
+    modules = np.where(marker_modules(marker_id), WHITE, BLACK).astype(np.uint8)
+    marker = np.kron(modules, np.ones((_MODULE, _MODULE), np.uint8))
+    border = round(len(marker) * (BOARD_SIZE / MARKER_SIZE - 1.0) / 2)
+    return cv2.GaussianBlur(np.pad(marker, border, constant_values=int(WHITE)), (0, 0), 1.0)

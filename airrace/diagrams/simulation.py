@@ -23,6 +23,7 @@ from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, 
 from airrace.systems.plant.wind import Wind
 from airrace.systems.referee import Referee
 from airrace.systems.sensing.camera import Camera
+from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.state_estimate import StateEstimate
 from airrace.systems.types import make_camera_info
 from airrace.track import Track, load_track
@@ -38,8 +39,8 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
     Output ports for the autonomy: ``camera_image`` (ImageRgba8U),
     ``camera_grey`` (the same picture, ImageGrey8U), ``camera_view`` (the same once more,
     drawn only where it is read, CameraView),
-    ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
-    (see vehicle/state.py), ``rotor_speeds`` (rad/s) and
+    ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``imu`` (see ImuSamples),
+    ``state_estimate`` (see vehicle/state.py), ``rotor_speeds`` (rad/s) and
     ``rotor_status`` (see RotorBank) of the motor controllers. Truth, for judges
     and spectators only: ``truth.state`` (13), ``truth.referee_status``
     (RefereeStatus), and if gates move, ``truth.gate_shifts`` (see GateMover),
@@ -60,6 +61,7 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
     _add_rotors(builder, world, forces=_add_air(builder, world))
     if scenario.camera.renderer != NO_CAMERA:
         _add_camera(builder, world)
+    _add_imu(builder, world)
     _add_state_estimate(builder, world)
     _add_referee(builder, world)
     if world.gates_move:
@@ -202,6 +204,20 @@ def _add_camera(builder: DiagramBuilder, world: _World) -> None:
     for i in range(camera.num_output_ports()):
         port = camera.get_output_port(i)
         builder.ExportOutput(port, port.get_name())
+
+
+def _add_imu(builder: DiagramBuilder, world: _World) -> None:
+    scenario, config = world.scenario, world.scenario.imu
+    imu = Imu(
+        rate=config.rate,
+        errors=config.resolved(),
+        position=world.vehicle.imu.position,
+        seed=scenario.seed,
+        state_period=scenario.plant_config.time_step,
+    )
+    builder.AddNamedSystem("imu", imu)
+    builder.Connect(world.state, imu.GetInputPort("state"))
+    builder.ExportOutput(imu.GetOutputPort("imu"), "imu")
 
 
 def _add_state_estimate(builder: DiagramBuilder, world: _World) -> None:

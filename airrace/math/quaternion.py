@@ -22,6 +22,34 @@ def rotation_matrix(q: np.ndarray) -> np.ndarray:
 
 
 @compilable
+def rotation_between(q_1: np.ndarray, q_2: np.ndarray) -> np.ndarray:
+    """Returns the rotation vector of R_1^T R_2 (rad), (3,), no longer than pi.
+
+    It is twice the angle of the quaternion conj(q_1) q_2, along its axis (Sola, "Quaternion
+    kinematics for the error-state Kalman filter", 2017, equation 105).
+
+    Args:
+        q_1, q_2: of R_1 and R_2, of any length, (4,).
+    """
+    a, b, c, d = q_1
+    w, x, y, z = q_2
+    v = np.array(
+        (
+            a * x - b * w - c * z + d * y,
+            a * y + b * z - c * w - d * x,
+            a * z - b * y + c * x - d * w,
+        )
+    )
+    real = a * w + b * x + c * y + d * z
+    if real < 0.0:  # q and -q are the same rotation
+        real, v = -real, -v
+    length = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if length < 1e-12 * real:  # the angle is the sine
+        return 2.0 / real * v
+    return 2.0 * math.atan2(length, real) / length * v
+
+
+@compilable
 def integrate(q: np.ndarray, w_W: np.ndarray, dt: float) -> np.ndarray:
     """Returns the unit quaternion of R_WB after a short time at constant angular velocity.
 

@@ -11,6 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from airrace.common.errors import UserError
+from airrace.scenario import imu_config
 from airrace.scenario.camera_config import NO_CAMERA, PRESETS, RENDERERS, CameraConfig
 from airrace.scenario.lap_limits import parse_limits
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
@@ -35,6 +36,16 @@ RANGES = {
     "camera.effects.shot_noise": (0, 10),
     "camera.effects.latency": (0, 1),
     "camera.effects.distortion[]": (-10, 10),
+    "imu.rate": (1, 10000),
+    "imu.errors.gyro_noise": (0, 1),
+    "imu.errors.gyro_bias": (0, 10),
+    "imu.errors.gyro_walk": (0, 1),
+    "imu.errors.accelerometer_noise": (0, 10),
+    "imu.errors.accelerometer_bias": (0, 100),
+    "imu.errors.accelerometer_walk": (0, 10),
+    "imu.errors.scale": (0, 0.5),
+    "imu.errors.axes": (0, 0.5),
+    "imu.errors.latency": (0, 0.1),
     "recording.state_rate": (1, 1000),
     "recording.pose_rate": (1, 1000),
     "recording.image_rate": (0.1, 1000),
@@ -71,7 +82,7 @@ RANGES = {
     "controller.rate": (1, 10000),
 }
 # Limits that .inf takes away.
-UNLIMITED = ("perception.max_range",)
+UNLIMITED = ("perception.max_range", "imu.errors.gyro_range", "imu.errors.accelerometer_range")
 
 
 def check_numbers(scenario: "Scenario") -> None:
@@ -131,6 +142,11 @@ def check_camera(config: CameraConfig) -> None:
                 f"camera.effects.{name} must be shorter than one frame, 1 / camera.fps; "
                 f"it is {getattr(effects, name)} s."
             )
+
+
+def check_imu(config: imu_config.ImuConfig) -> None:
+    """Checks the name of the preset."""
+    check_choice("imu.preset", config.preset, imu_config.PRESETS)
 
 
 def check_planner(config: "PlannerConfig", trajectory: str) -> None:

@@ -15,10 +15,12 @@ from airrace.scenario.checks import (
     check_choice,
     check_disturbances,
     check_drakes_own,
+    check_imu,
     check_numbers,
     check_planner,
     check_rotor_failures,
 )
+from airrace.scenario.imu_config import ImuConfig
 from airrace.track.map_files import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
@@ -191,6 +193,7 @@ class Scenario:
     # earlier race. Without one, it is made in flight.
     map: str = ""
     camera: CameraConfig = dc.field(default_factory=CameraConfig)
+    imu: ImuConfig = dc.field(default_factory=ImuConfig)
     rotors: RotorsConfig = dc.field(default_factory=RotorsConfig)
     state_noise: str = "reference"  # or "none": the estimate is the truth
     state_estimate: StateEstimateConfig = dc.field(default_factory=StateEstimateConfig)
@@ -223,6 +226,7 @@ class Scenario:
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
         check_camera(self.camera)
+        check_imu(self.imu)
         if self.camera.renderer == NO_CAMERA and not self.map:
             raise UserError("camera.renderer 'none' needs a map to race on: see --map.")
         check_choice("recording.content", self.recording.content, CONTENTS)

@@ -22,4 +22,5 @@ from airrace.systems.plant.rotor_bank import RotorBank
 from airrace.systems.plant.wind import Wind
 from airrace.systems.referee import Referee
 from airrace.systems.sensing.camera import Camera
+from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.state_estimate import StateEstimate

@@ -7,13 +7,13 @@ from pydrake.systems.framework import EventStatus, LeafSystem
 from airrace.scenario import PerceptionConfig
 from airrace.systems.estimation.error_state import ImuNoise
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE, SAMPLE_SIZE
-from airrace.systems.estimation.slam_filter import SlamFilter, SlamState, Start
+from airrace.systems.estimation.slam_filter import SlamFilter, SlamState, MapFrame
 from airrace.systems.estimation.strapdown_integrator import history_depth
 from airrace.systems.ports import read_vector
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import GRAVITY, Vehicle
 
-_TURNING = 0.1  # of the weight: with that thrust, the drone may begin to move
+_TURNING = 0.3  # of the weight: they idle with less, and with more the drone may move
 
 
 class GateSlam(LeafSystem):
@@ -49,7 +49,7 @@ class GateSlam(LeafSystem):
         latency: float,
         link_delay: float = 0.0,
         imu_rate: float,
-        start: Start,
+        frame: MapFrame,
         noise: ImuNoise,
         vehicle: Vehicle,
         config: PerceptionConfig,
@@ -61,14 +61,14 @@ class GateSlam(LeafSystem):
             latency: from an exposure to its detections (s).
             link_delay: additional delay of detections (s).
             imu_rate: of the inertial sensor (Hz).
-            start: of the map's frame.
+            frame: of the map.
             noise: of the inertial sensor.
             vehicle: its rotors, mass and where the sensor is.
             config: see SlamFilter.
         """
         LeafSystem.__init__(self)
         self._filter = SlamFilter(
-            start=start, noise=noise, p_BI=np.array(vehicle.imu.position), config=config
+            frame=frame, noise=noise, p_BI=np.array(vehicle.imu.position), config=config
         )
         self._longest_wait = latency + link_delay + 1.5 / fps
         self._thrust_coefficients = np.array(vehicle.thrust_coefficients)

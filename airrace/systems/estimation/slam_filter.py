@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 from collections import Counter
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +48,7 @@ _MOVED = np.array([1.0, 1.0, 0.01, 0.01, 0.0])  # m^2, rad^2
 _PROCESS_NOISE = 1.3  # times that of the sensor
 
 
-class Start(NamedTuple):
+class MapFrame(NamedTuple):
     """Where the frame of the map is: the drone's pose on its pad defines it.
 
     Attributes:
@@ -56,7 +57,7 @@ class Start(NamedTuple):
     """
 
     heading: float
-    position: "object"
+    position: Callable[[np.ndarray], np.ndarray]
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -106,17 +107,17 @@ class SlamFilter:
     """Estimates drone and gates together; what it knows is in a SlamState."""
 
     def __init__(
-        self, *, start: Start, noise: ImuNoise, p_BI: np.ndarray, config: PerceptionConfig
+        self, *, frame: MapFrame, noise: ImuNoise, p_BI: np.ndarray, config: PerceptionConfig
     ):
         """Constructs the filter.
 
         Args:
-            start: of the frame.
+            frame: of the map.
             noise: of the inertial sensor, as its data sheet says.
             p_BI: where that is in the body (m), (3,).
             config: of which max_range, max_gates and min_observations matter.
         """
-        self._start = start
+        self._frame = frame
         self._turn_on = noise
         self._noise = ImuNoise(*(_PROCESS_NOISE * np.array(noise[:4])), noise.accel_turn_on)
         self._p_BI = np.array(p_BI, float)
@@ -145,8 +146,8 @@ class SlamFilter:
         return dc.replace(state, belief=belief, at_rest=False)
 
     def _aligned(self, state: SlamState, rest: Rest, time: float) -> SlamState:
-        quaternion, gyro_bias, accel_bias, P = aligned(rest, self._start.heading, self._turn_on)
-        position = self._start.position(rotation_matrix(quaternion))
+        quaternion, gyro_bias, accel_bias, P = aligned(rest, self._frame.heading, self._turn_on)
+        position = self._frame.position(rotation_matrix(quaternion))
         navigation = Navigation(time, quaternion, position, np.zeros(3), gyro_bias, accel_bias)
         belief = Belief(navigation_vector(navigation), np.zeros((0, GATE)), P)
         return dc.replace(state, belief=belief, rest=rest)

@@ -190,12 +190,13 @@ def _carry_forward(result, estimate, memory, samples, time, p_BI):
     """Writes the estimate for a time (s), (14,), with the samples that are not in it yet."""
     for i in range(STATE_SIZE):
         result[i] = estimate[i]
-    newest = 0
-    while newest < len(samples) - 1 and not all_finite(samples[newest]):
-        newest += 1
-    if not memory[0] >= 0.0 or not all_finite(samples[newest]) or samples[newest, 0] <= 0.0:
+    sound, count = np.full(samples.shape, -1.0), 0
+    for sample in samples:
+        if all_finite(sample):
+            sound[count] = sample
+            count += 1
+    if not memory[0] >= 0.0 or sound[0, 0] <= 0.0:
         return
-    sound = samples[newest:]
     state = as_navigation(carried_to(memory[:-1], sound, time))
     write_state(result, state, sound[0, 1:4] - state.gyro_bias, p_BI)
 

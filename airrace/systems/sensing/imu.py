@@ -141,7 +141,8 @@ class Imu(LeafSystem):
         self._memory = self.DeclareDiscreteState(np.concatenate(memory))
         self.DeclareStateOutputPort("imu", self._shown)
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._sample)
+        # Without an offset, its times are those of other systems of its rate to the last bit.
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
 
     def _start(self, context, discrete_state):
         memory = discrete_state.get_mutable_value(self._memory)
@@ -150,6 +151,8 @@ class Imu(LeafSystem):
 
     def _sample(self, context, discrete_state):
         time = context.get_time()
+        if time == 0.0:
+            return self._start(context, discrete_state)
         _sample(
             discrete_state.get_mutable_value(self._shown),
             discrete_state.get_mutable_value(self._late),

@@ -341,3 +341,9 @@ def test_samples_are_views():
     assert isinstance(samples, ImuSamples) and all(np.shares_memory(x, vector) for x in samples)
     np.testing.assert_array_equal(samples.angular_velocity[1], [8, 9, 10])
     np.testing.assert_array_equal(samples.specific_force[9], [67, 68, 69])
+
+
+def test_it_samples_when_other_systems_of_its_rate_are_updated():
+    """To the last bit: otherwise some would see a sample sooner than others."""
+    samples = measure(seconds=1.0)
+    assert samples.time.tolist() == [k * (1.0 / RATE) for k in range(1, 501)]

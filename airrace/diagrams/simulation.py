@@ -194,6 +194,7 @@ def _add_camera(builder: DiagramBuilder, world: _World) -> None:
         imaging=imaging,
         latency=effects.latency,
         moving_gates=len(world.track.gates) if world.gates_move else 0,
+        failures=scenario.camera_failures,
         state_period=scenario.plant_config.time_step,
     )
     builder.AddNamedSystem("camera", camera)
@@ -212,6 +213,7 @@ def _add_imu(builder: DiagramBuilder, world: _World) -> None:
         rate=config.rate,
         errors=config.resolved(),
         position=world.vehicle.imu.position,
+        failures=scenario.imu_failures,
         seed=scenario.seed,
         state_period=scenario.plant_config.time_step,
     )

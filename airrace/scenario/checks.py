@@ -15,6 +15,7 @@ from airrace.scenario import imu_config
 from airrace.scenario.camera_config import NO_CAMERA, PRESETS, RENDERERS, CameraConfig
 from airrace.scenario.lap_limits import parse_limits
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
+from airrace.vehicle.sensor_failures import CAMERA_FAILURES, IMU_FAILURES, CameraFailure, ImuFailure
 
 if TYPE_CHECKING:
     from airrace.scenario import PlannerConfig, Scenario
@@ -68,6 +69,8 @@ RANGES = {
     "disturbances.gate_shift": (0, 2),
     "rotor_failures[].rotor": (1, math.inf),
     "rotor_failures[].time": (0, math.inf),
+    "imu_failures[].time": (0, math.inf),
+    "camera_failures[].time": (0, math.inf),
     "perception.max_gates": (1, 256),
     "perception.map_period": (0.001, 3600),
     "explorer.rate": (1, 10000),
@@ -194,6 +197,27 @@ def check_rotor_failures(failures: list[RotorFailure]) -> None:
     for rotor in rotors:
         if rotors.count(rotor) > 1:
             raise UserError(f"rotor_failures has rotor {rotor} twice; name each rotor once.")
+
+
+def check_imu_failures(failures: list[ImuFailure], config: imu_config.ImuConfig) -> None:
+    """Checks the kinds, and that what shows the end of its range has a range."""
+    errors = config.resolved()
+    for i, failure in enumerate(failures):
+        check_choice(f"imu_failures[{i}].kind", failure.kind, IMU_FAILURES)
+        limited = math.isfinite(errors.gyro_range + errors.accelerometer_range)
+        if failure.kind == "saturated" and not limited:
+            raise UserError(
+                f"imu_failures[{i}].kind 'saturated' needs an IMU with ranges: set "
+                "imu.errors.gyro_range and accelerometer_range, or another imu.preset."
+            )
+
+
+def check_camera_failures(failures: list[CameraFailure], config: CameraConfig) -> None:
+    """Checks the kinds, and that there is a camera."""
+    for i, failure in enumerate(failures):
+        check_choice(f"camera_failures[{i}].kind", failure.kind, CAMERA_FAILURES)
+    if failures and config.renderer == NO_CAMERA:
+        raise UserError("camera_failures need a camera: camera.renderer is 'none'.")
 
 
 def check_drakes_own(simulator_config: SimulatorConfig, plant_config: MultibodyPlantConfig) -> None:

@@ -12,11 +12,13 @@ from airrace.common.resources import find_yaml, load_yaml, models_path
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 from airrace.scenario.checks import (
     check_camera,
+    check_camera_failures,
     check_choice,
     check_disturbances,
     check_drakes_own,
     check_estimator,
     check_imu,
+    check_imu_failures,
     check_numbers,
     check_planner,
     check_rotor_failures,
@@ -25,6 +27,7 @@ from airrace.scenario.imu_config import ImuConfig
 from airrace.track.map_files import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
+from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure
 
 TRAJECTORIES = ("3", "4", "6", "optimal")
 CORNERS = ("refit", "opencv")  # of markers
@@ -201,6 +204,8 @@ class Scenario:
     state_estimate: StateEstimateConfig = dc.field(default_factory=StateEstimateConfig)
     disturbances: DisturbancesConfig = dc.field(default_factory=DisturbancesConfig)
     rotor_failures: list[RotorFailure] = dc.field(default_factory=list)
+    imu_failures: list[ImuFailure] = dc.field(default_factory=list)
+    camera_failures: list[CameraFailure] = dc.field(default_factory=list)
     referee: RefereeConfig = dc.field(default_factory=RefereeConfig)
 
     # The autonomy. What tells it where it is: the simulator ("truth", with the noise below), or
@@ -252,6 +257,8 @@ class Scenario:
         check_choice("controller.gains", self.controller.gains, GAINS)
         check_disturbances(self.disturbances)
         check_rotor_failures(self.rotor_failures)
+        check_imu_failures(self.imu_failures, self.imu)
+        check_camera_failures(self.camera_failures, self.camera)
         check_drakes_own(self.simulator_config, self.plant_config)
 
 

@@ -1,7 +1,7 @@
 """The gyroscope and the accelerometer."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,11 @@ from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_ROW
 from airrace.systems.sensing.state_estimate import plant_lead
 from airrace.vehicle import GRAVITY
 from airrace.vehicle.imu_errors import ImuErrors, axis_matrices, turn_on_biases
+from airrace.vehicle.sensor_failures import IMU_FAILURES, ImuFailure, failure_at
 from airrace.vehicle.state import STATE_SIZE, as_plant_state
+
+_LOST, _NAN, _STUCK, _SATURATED = range(len(IMU_FAILURES))
+_WORKS = -1  # in the place of these
 
 
 class ImuMemory(NamedTuple):
@@ -81,6 +85,9 @@ class Imu(LeafSystem):
     so that nothing is lost between samples. To these come the errors of ImuErrors: shown is
     (I + E) x + bias + noise, within the sensor's range.
 
+    While the sensor fails, there are no samples at all, or wrong ones: see ImuFailure. Samples
+    after it are as they would have been without.
+
     The first sample ends one period after the start. A system that is updated at the time when a
     sample ends, as the controller is, sees the sample before it: that is a period of delay, to
     which the latency of ImuErrors comes.
@@ -96,6 +103,7 @@ class Imu(LeafSystem):
         rate: float,
         errors: ImuErrors | None = None,
         position: Sequence[float] = (0.0, 0.0, 0.0),
+        failures: Iterable[ImuFailure] = (),
         seed: int = 0,
         state_period: float = 0.0,
     ):
@@ -105,6 +113,7 @@ class Imu(LeafSystem):
             rate: samples per second (Hz).
             errors: of the sensor; by default, none.
             position: p_BI, of the sensor in the body (m).
+            failures: when it fails, and how.
             seed: of all that is random in the errors.
             state_period: of the plant's steps (s); 0 if its state is continuous.
         """
@@ -112,6 +121,7 @@ class Imu(LeafSystem):
         errors = errors or ImuErrors()
         period = 1.0 / rate
         self._rate, self._state_period = rate, state_period
+        self._failures = tuple(failures)
         self._model = ImuModel(
             period,
             np.array(position, float),
@@ -131,7 +141,8 @@ class Imu(LeafSystem):
         self._memory = self.DeclareDiscreteState(np.concatenate(memory))
         self.DeclareStateOutputPort("imu", self._shown)
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._sample)
+        # Without an offset, its times are those of other systems of its rate to the last bit.
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
 
     def _start(self, context, discrete_state):
         memory = discrete_state.get_mutable_value(self._memory)
@@ -140,6 +151,8 @@ class Imu(LeafSystem):
 
     def _sample(self, context, discrete_state):
         time = context.get_time()
+        if time == 0.0:
+            return self._start(context, discrete_state)
         _sample(
             discrete_state.get_mutable_value(self._shown),
             discrete_state.get_mutable_value(self._late),
@@ -148,8 +161,13 @@ class Imu(LeafSystem):
             time,
             plant_lead(time, self._state_period),
             self._noise[round(time * self._rate)],
+            self._failure(time),
             tuple(self._model),
         )
+
+    def _failure(self, time):
+        kind = failure_at(self._failures, time)
+        return _WORKS if kind is None else IMU_FAILURES.index(kind)
 
 
 @compiled
@@ -163,7 +181,7 @@ def _remember(memory, plant_state, lead, position):
 
 
 @compiled
-def _sample(shown, late, memory, plant_state, time, lead, noise, model):
+def _sample(shown, late, memory, plant_state, time, lead, noise, failure, model):
     """Takes a sample.
 
     Args:
@@ -173,6 +191,7 @@ def _sample(shown, late, memory, plant_state, time, lead, noise, model):
         plant_state: (13,), and by how much it is ahead of the time: lead (s).
         time: of the end of the sample (s).
         noise: standard normal numbers, (12,), of the sample and of the biases.
+        failure: _WORKS, or what is wrong with this sample.
         model: an ImuModel, as a tuple.
     """
     period, position, axes, sigmas, walk, ranges = model
@@ -187,11 +206,21 @@ def _sample(shown, late, memory, plant_state, time, lead, noise, model):
         value = dot(axes[i // 3, i % 3], true) + biases[i] + sigmas[i] * noise[i]
         row[1 + i] = min(max(value, -ranges[i]), ranges[i])
         biases[i] += walk[i] * noise[6 + i]
+    last = late if len(late) else shown
+    if failure == _LOST:
+        row[0] = -1.0
+    elif failure == _NAN:
+        row[1:] = np.nan
+    elif failure == _STUCK:
+        row[1:] = last[1:IMU_ROW]
+    elif failure == _SATURATED:
+        row[1:] = ranges
     if len(late):
         newest = row
         row = late[-IMU_ROW:].copy()
         assign(late, np.concatenate((newest, late[:-IMU_ROW])))
-    assign(shown, np.concatenate((row, shown[:-IMU_ROW])))
+    if row[0] >= 0.0:
+        assign(shown, np.concatenate((row, shown[:-IMU_ROW])))
 
 
 @compilable

@@ -1,3 +1,5 @@
+import dataclasses as dc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,6 +12,7 @@ from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_SIZE, ImuSamples, as_samples
 from airrace.vehicle import GRAVITY, GRAVITY_W
 from airrace.vehicle.imu_errors import ImuErrors, axis_matrices, turn_on_biases
+from airrace.vehicle.sensor_failures import ImuFailure
 
 RATE, T = 500.0, 0.002
 STILL = np.array([1.0, 0, 0, 0, 1, 2, 3, 0, 0, 0, 0, 0, 0])
@@ -271,6 +274,66 @@ def test_of_a_plant_in_steps(period):
     np.testing.assert_allclose(samples.specific_force, np.tile(UP, (IMU_DEPTH, 1)), atol=1e-9)
 
 
+class TestFailures:
+    """Samples 21 to 30, which end from 0.042 s to 0.06 s, are wrong."""
+
+    ERRORS = ImuErrors(
+        gyro_noise=0.001, gyro_walk=0.001, gyro_range=30.0, accelerometer_range=150.0
+    )
+
+    def measure(self, kind, start=0.042, duration=0.02, latency=0.0):
+        errors = dc.replace(self.ERRORS, latency=latency)
+        return measure(errors=errors, failures=[ImuFailure(kind, start, duration)])
+
+    def rows(self, samples):
+        return np.column_stack(samples)
+
+    @pytest.mark.parametrize("latency", [0.0, 0.002, 0.01])
+    def test_lost(self, latency):
+        good = self.rows(measure(errors=self.ERRORS))
+        lost = self.rows(self.measure("lost", latency=latency))
+        expected = np.delete(good, range(20, 30), axis=0)
+        unseen = round(latency / T)
+        # measure() reads ten samples a tick: those that were not there are read twice.
+        _, first = np.unique(lost[:, 0], return_index=True)
+        np.testing.assert_array_equal(lost[first], expected[: len(expected) - unseen])
+
+    def test_while_samples_are_lost_none_is_new(self):
+        imu = Imu(rate=RATE, failures=[ImuFailure("lost", 0.05, 0.05)])
+        simulator = Simulator(imu)
+        context = simulator.get_mutable_context()
+        imu.get_input_port().FixValue(context, STILL)
+        newest = []
+        for k in range(1, 60):
+            simulator.AdvanceTo((k + 0.5) * T)
+            newest.append(as_samples(imu.get_output_port().Eval(context)).time[0])
+        before, gap, after = np.split(np.array(newest), [24, 49])
+        np.testing.assert_allclose(before, T * np.arange(1, 25))
+        np.testing.assert_allclose(gap, 0.048)
+        np.testing.assert_allclose(after, T * np.arange(50, 60))
+
+    @pytest.mark.parametrize("latency", [0.0, 0.01])
+    @pytest.mark.parametrize("kind", ["nan", "stuck", "saturated"])
+    def test_wrong(self, kind, latency):
+        good, bad = measure(errors=self.ERRORS), self.measure(kind, latency=latency)
+        good, bad = self.rows(good), self.rows(bad)
+        good = good[: len(bad)]
+        np.testing.assert_array_equal(bad[:, 0], good[:, 0])
+        is_wrong = np.arange(len(bad)) // 10 == 2
+        np.testing.assert_array_equal(bad[~is_wrong], good[~is_wrong])
+        shown = {
+            "nan": np.full(6, np.nan),
+            "stuck": good[19, 1:],
+            "saturated": [30.0] * 3 + [150.0] * 3,
+        }[kind]
+        np.testing.assert_array_equal(bad[is_wrong, 1:], np.tile(shown, (10, 1)))
+
+    def test_without_an_end(self):
+        samples = self.measure("nan", start=0.05, duration=None)
+        assert np.all(np.isnan(samples.specific_force[24:]))
+        assert np.all(np.isfinite(samples.specific_force[:24]))
+
+
 def test_samples_are_views():
     vector = np.arange(1.0 * IMU_SIZE)
     samples = as_samples(vector)
@@ -278,3 +341,9 @@ def test_samples_are_views():
     assert isinstance(samples, ImuSamples) and all(np.shares_memory(x, vector) for x in samples)
     np.testing.assert_array_equal(samples.angular_velocity[1], [8, 9, 10])
     np.testing.assert_array_equal(samples.specific_force[9], [67, 68, 69])
+
+
+def test_it_samples_when_other_systems_of_its_rate_are_updated():
+    """To the last bit: otherwise some would see a sample sooner than others."""
+    samples = measure(seconds=1.0)
+    assert samples.time.tolist() == [k * (1.0 / RATE) for k in range(1, 501)]

@@ -14,7 +14,7 @@ from airrace.systems.estimation.slam_filter import MapFrame
 from airrace.systems.estimation.strapdown_integrator import StrapdownIntegrator, history_depth
 from airrace.systems.plant.multirotor import AddMultirotorModel, ground_clearance
 from airrace.track import Start, load_track
-from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from airrace.scenario import Scenario
 
+_SIGMAS = 2.5  # of the accelerometer's bias: a greater tilt is the pad's
 
 def make_gate_slam(scenario: "Scenario") -> GateSlam:
     """Returns the GateSlam of a scenario."""
@@ -77,21 +78,24 @@ class _PadPosition:
     """Where the inertial sensor of a drone on its pad is.
 
     The pad's centre is the one point of the track that the drone knows: it defines the frame of
-    its map. How the pad is tilted, the drone's own tilt says.
+    its map. How the pad is tilted, the drone's own tilt says; unless that may be an error of its
+    accelerometer, and the pad is level.
     """
 
     def __init__(self, scenario: "Scenario", vehicle: Vehicle, standing_height: float):
         self._start = load_track(scenario.track).start
+        self._least_tilt = _SIGMAS * scenario.imu.resolved().accelerometer_bias / GRAVITY
         self._radius, self._height = vehicle.radius, standing_height
         self._p_BI = np.array(vehicle.imu.position, float)
 
     def __call__(self, R_WB: np.ndarray) -> np.ndarray:
         """Returns p_WI (m), (3,). Args: R_WB: of the drone at rest, (3, 3)."""
         x, y, z = R_WB[:, 2]
+        tilt = math.atan2(math.hypot(x, y), z)
         pad = Start(
             self._start.position,
             self._start.heading_deg,
-            pad_tilt_deg=math.degrees(math.atan2(math.hypot(x, y), z)),
+            pad_tilt_deg=math.degrees(tilt) if tilt > self._least_tilt else 0.0,
             pad_tilt_direction_deg=math.degrees(math.atan2(y, x)),
         )
         return start_pose(pad, self._radius, self._height).translation() + R_WB @ self._p_BI

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from airrace.hitl.channels import OPTIONAL_PORTS
 from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
-from airrace.hitl.link.image_messages import PICTURE_PORTS
 from airrace.systems.control.delay_compensator import DelayCompensator
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
 from airrace.vehicle import load_vehicle
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from airrace.scenario import Scenario
 
 
-def pictures_wanted(autonomy: Diagram) -> tuple[str, ...]:
-    """Returns which of PICTURE_PORTS the systems of an autonomy use."""
+def ports_wanted(autonomy: Diagram) -> tuple[str, ...]:
+    """Returns which of OPTIONAL_PORTS the systems of an autonomy use."""
     names = {
         system.get_input_port(i).get_name()
         for system in autonomy.GetSystems()
         if system.get_name() != "rectifier"
         for i in range(system.num_input_ports())
     }
-    return tuple(port for port in PICTURE_PORTS if port in names)
+    return tuple(port for port in OPTIONAL_PORTS if port in names)
 
 
 def MakeAutonomySide(

@@ -152,6 +152,17 @@ def check_imu(config: imu_config.ImuConfig) -> None:
     check_choice("imu.preset", config.preset, imu_config.PRESETS)
 
 
+def check_estimator(scenario: "Scenario") -> None:
+    """Checks the estimator's name, and that a drone that has to see where it is can see."""
+    check_choice("estimator", scenario.estimator, ("truth", "vio"))
+    if scenario.estimator == "vio" and (scenario.map or scenario.camera.renderer == NO_CAMERA):
+        what = "--map" if scenario.map else "--renderer none"
+        raise UserError(
+            f"The estimator 'vio' sees from pictures where the drone is, and makes its own map: "
+            f"leave out {what}, or set --estimator truth."
+        )
+
+
 def check_planner(config: "PlannerConfig", trajectory: str) -> None:
     """Checks limits and choices, and that those of minimum-snap laps are made for such."""
     parse_limits(config.limits)

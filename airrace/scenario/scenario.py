@@ -16,6 +16,7 @@ from airrace.scenario.checks import (
     check_choice,
     check_disturbances,
     check_drakes_own,
+    check_estimator,
     check_imu,
     check_imu_failures,
     check_numbers,
@@ -34,6 +35,7 @@ POSES = ("gate", "marker")
 ESTIMATORS = ("robust", "report")
 ATTITUDE_ERRORS = ("reduced", "lee")
 GAINS = ("vehicle", "report")
+TRUTH, VIO = "truth", "vio"  # what tells the drone where it is
 CONTENTS = ("none", "light", "full")  # of a recording
 LINK_DELAY = 0.2  # s, of Scenario.link_delay in HITL
 
@@ -206,7 +208,9 @@ class Scenario:
     camera_failures: list[CameraFailure] = dc.field(default_factory=list)
     referee: RefereeConfig = dc.field(default_factory=RefereeConfig)
 
-    # The autonomy.
+    # The autonomy. What tells it where it is: the simulator ("truth", with the noise below), or
+    # nothing but the inertial sensor, the rotors and the camera ("vio").
+    estimator: str = "truth"
     perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
     explorer: ExplorerConfig = dc.field(default_factory=ExplorerConfig)
     planner: PlannerConfig = dc.field(default_factory=PlannerConfig)
@@ -234,6 +238,7 @@ class Scenario:
         check_imu(self.imu)
         if self.camera.renderer == NO_CAMERA and not self.map:
             raise UserError("camera.renderer 'none' needs a map to race on: see --map.")
+        check_estimator(self)
         check_choice("recording.content", self.recording.content, CONTENTS)
         if self.recording.content == "full" and self.recording.image_rate > self.camera.fps:
             raise UserError(

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from airrace.hitl.link.codec import Codec
 
 # Of the simulation, which not every autonomy needs; the others always cross the link.
-OPTIONAL_PORTS = (*PICTURE_PORTS, "imu")
+OPTIONAL_PORTS = (*PICTURE_PORTS, "state_estimate", "imu")
 _IMAGES = {"camera_grey": ImageGrey8U, "camera_image": ImageRgba8U}  # C++ values
 
 
@@ -64,7 +64,7 @@ class PortChannel(Channel):
 
 
 def make_channels(
-    scenario: Scenario, wanted: Collection[str] = ("camera_view",)
+    scenario: Scenario, wanted: Collection[str] = ("camera_view", "state_estimate")
 ) -> tuple[PortChannel, ...]:
     """Returns the channels of a scenario's race.
 
@@ -79,10 +79,13 @@ def make_channels(
     command = {"repeat": 0.02, "timed": True}
     estimates, commands = scenario.state_estimate.rate, scenario.controller.rate
     events = scenario.explorer.rate
-    table: tuple[tuple, ...] = (
+    # Each message of the IMU has as many new samples as old ones, so that one may get lost.
+    imu = 2 * scenario.imu.rate / IMU_DEPTH
+    table = (
         # Port, sender, Codec, initial value, rate (Hz), options.
         ("camera_info", SIMULATION, messages.CAMERA_INFO, None, 1.0),
         ("state_estimate", SIMULATION, messages.STATE_ESTIMATE, np.zeros(STATE_SIZE), estimates),
+        ("imu", SIMULATION, messages.IMU, NO_SAMPLES, imu),
         ("truth.referee_status", SIMULATION, messages.REFEREE_STATUS, nothing, 10.0),
         ("rotor_speed_command", AUTONOMY, messages.ROTORS, np.zeros(n), commands, command),
         ("rotor_losses", AUTONOMY, messages.ROTOR_LOSSES, np.full(n, np.inf), 10.0),
@@ -90,12 +93,9 @@ def make_channels(
         ("gate_map", AUTONOMY, messages.GATE_MAP, GateMap(), 10.0),
         ("lap_plan", AUTONOMY, LAP_PLAN, NO_PLAN, scenario.planner.rate),
     )
-    if "imu" in wanted:
-        # Each message has as many new samples as old ones, so that one may get lost.
-        rate = 2 * scenario.imu.rate / IMU_DEPTH
-        table += (("imu", SIMULATION, messages.IMU, NO_SAMPLES, rate),)
+    rows = [row for row in table if row[0] in wanted or row[0] not in OPTIONAL_PORTS]
     pictures = [port for port in wanted if port in PICTURE_PORTS]
-    return (_camera(scenario, pictures), _rotor_status(scenario, n), *starmap(_channel, table))
+    return (_camera(scenario, pictures), _rotor_status(scenario, n), *starmap(_channel, rows))
 
 
 def _channel(

@@ -21,13 +21,14 @@ if TYPE_CHECKING:
 
 def ports_wanted(autonomy: Diagram) -> tuple[str, ...]:
     """Returns which of OPTIONAL_PORTS the systems of an autonomy use."""
-    names = {
+    # A rectifier has inputs for pictures that nobody may use.
+    used = {
         system.get_input_port(i).get_name()
         for system in autonomy.GetSystems()
         if system.get_name() != "rectifier"
         for i in range(system.num_input_ports())
     }
-    return tuple(port for port in OPTIONAL_PORTS if port in names)
+    return tuple(port for port in OPTIONAL_PORTS if port in used and autonomy.HasInputPort(port))
 
 
 def MakeAutonomySide(
@@ -58,7 +59,8 @@ def MakeAutonomySide(
         compensator = DelayCompensator(vehicle=vehicle, rate=scenario.controller.rate)
         builder.AddNamedSystem("delay_compensator", compensator)
         for name in ("state_estimate", "rotor_speeds", "rotor_speed_command"):
-            source = autonomy if name == "rotor_speed_command" else simulation
+            # An autonomy that estimates where it is itself does so up to the present.
+            source = autonomy if autonomy.HasOutputPort(name) else simulation
             builder.Connect(source.GetOutputPort(name), compensator.GetInputPort(name))
         sources.insert(0, compensator)
     for i in range(autonomy.num_input_ports()):

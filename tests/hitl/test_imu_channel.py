@@ -5,11 +5,12 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
+from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.hitl.channels import make_channels
 from airrace.hitl.lcm_bridge import ports_wanted
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link.packets import Stamp, pack, unpack
-from airrace.scenario import Scenario
+from airrace.scenario import TRUTH, VIO, Scenario
 from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_SIZE, NO_SAMPLES
 from airrace.vehicle.imu_errors import ImuErrors
@@ -121,5 +122,14 @@ def test_it_is_there_for_autonomies_that_use_it():
     builder.ExportInput(estimator.get_input_port(), "imu")
     builder.ExportOutput(builder.AddSystem(Imu(rate=1.0)).get_output_port(), "other")
     assert ports_wanted(builder.Build()) == ("imu",)
-    names = [row.name for row in make_channels(Scenario(), ("camera_view",))]
-    assert "AIRRACE_IMU" not in names and CHANNEL.name == "AIRRACE_IMU"
+
+
+def test_what_tells_the_drone_where_it_is_does_not_cross_the_link_if_nobody_may_know():
+    expected = {TRUTH: ("camera_view", "state_estimate"), VIO: ("camera_view", "imu")}
+    for estimator, ports in expected.items():
+        scenario = Scenario(estimator=estimator)
+        wanted = ports_wanted(MakeAutonomy(scenario))
+        assert wanted == ports
+        names = {row.name for row in make_channels(scenario, wanted)}
+        assert ("AIRRACE_STATE_ESTIMATE" in names) == (estimator == TRUTH)
+        assert ("AIRRACE_IMU" in names) == (estimator == VIO)

@@ -102,7 +102,7 @@ def values():
     }
 
 
-ROWS = make_channels(scenario(), ("camera_view", "imu"))
+ROWS = make_channels(scenario(), ("camera_view", "state_estimate", "imu"))
 
 
 def message_of(row, given=None):

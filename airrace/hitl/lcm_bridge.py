@@ -10,6 +10,7 @@ from airrace.hitl.channels import OPTIONAL_PORTS
 from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
+from airrace.scenario import VIO
 from airrace.systems.control.delay_compensator import DelayCompensator
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
 from airrace.vehicle import load_vehicle
@@ -17,6 +18,8 @@ from airrace.vehicle import load_vehicle
 if TYPE_CHECKING:
     from airrace.hitl.channels import PortChannel
     from airrace.scenario import Scenario
+
+PREDICTED = "filtered_estimate"
 
 
 def ports_wanted(autonomy: Diagram) -> tuple[str, ...]:
@@ -43,7 +46,8 @@ def MakeAutonomySide(
 
     Args:
         scenario: the race.
-        autonomy: from MakeAutonomy().
+        autonomy: from MakeAutonomy(). If it estimates where it is itself, and the link is not
+            lossless, it was given PREDICTED: the controller then acts on what is predicted.
         channels, endpoint, lossless: see LcmSender.
         output_dir: where the map is kept on disk.
 
@@ -56,13 +60,18 @@ def MakeAutonomySide(
     sources, compensator = [simulation], None
     if not lossless:
         vehicle = load_vehicle(scenario.drone)[0]
-        compensator = DelayCompensator(vehicle=vehicle, rate=scenario.controller.rate)
+        compensator = DelayCompensator(
+            vehicle=vehicle, rate=scenario.controller.rate, to_present=scenario.estimator == VIO
+        )
         builder.AddNamedSystem("delay_compensator", compensator)
         for name in ("state_estimate", "rotor_speeds", "rotor_speed_command"):
-            # An autonomy that estimates where it is itself does so up to the present.
             source = autonomy if autonomy.HasOutputPort(name) else simulation
             builder.Connect(source.GetOutputPort(name), compensator.GetInputPort(name))
         sources.insert(0, compensator)
+        if autonomy.HasInputPort(PREDICTED):
+            builder.Connect(
+                compensator.GetOutputPort("state_estimate"), autonomy.GetInputPort(PREDICTED)
+            )
     for i in range(autonomy.num_input_ports()):
         port = autonomy.get_input_port(i)
         source = next((each for each in sources if each.HasOutputPort(port.get_name())), None)

@@ -2,6 +2,7 @@
 
 import importlib
 import traceback
+from collections.abc import Collection
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
@@ -149,7 +150,7 @@ def systems_of(scenario: Scenario) -> dict:
     return kept | VIO_SYSTEMS
 
 
-def MakeAutonomy(scenario: Scenario) -> Diagram:
+def MakeAutonomy(scenario: Scenario, given: Collection[str] = ()) -> Diagram:
     """Builds the autonomy of a scenario.
 
     The ports carry the names of what they carry, and ports of the same name
@@ -162,6 +163,7 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
 
     Args:
         scenario: the race; of its track, only the hover height is used.
+        given: which OUTPUTS the systems get from outside instead, through inputs of the diagram.
 
     Raises:
         UserError: if a system of the scenario cannot be had or does not fit.
@@ -176,14 +178,16 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
     ports = (VIO_INPUTS, VIO_OUTPUTS) if scenario.estimator == VIO else (INPUTS, OUTPUTS)
     try:
         bends = scenario.camera.renderer != NO_CAMERA and any(scenario.camera.resolved().distortion)
-        diagram = _wired(systems, *ports, rectify=bends)
+        diagram = _wired(systems, *ports, rectify=bends, given=given)
     except RuntimeError as e:  # Drake's, on types, sizes and algebraic loops
         raise UserError(f"The systems do not fit together: {' '.join(str(e).split())}") from None
     diagram.set_name("autonomy")
     return diagram
 
 
-def _wired(systems: dict, inputs: tuple, outputs: dict, rectify: bool) -> Diagram:
+def _wired(
+    systems: dict, inputs: tuple, outputs: dict, rectify: bool, given: Collection[str]
+) -> Diagram:
     """Returns the diagram of the systems, joined by the names of their ports."""
     builder = DiagramBuilder()
     for name, system in systems.items():
@@ -191,6 +195,8 @@ def _wired(systems: dict, inputs: tuple, outputs: dict, rectify: bool) -> Diagra
     sources = {port: _output(systems[name], port) for port, name in outputs.items()}
     for name, port in sources.items():
         builder.ExportOutput(port, name)
+    for name in given:
+        del sources[name]
     exported = set()
     if rectify:
         rectifier = builder.AddNamedSystem("rectifier", Rectifier())
@@ -205,7 +211,7 @@ def _wired(systems: dict, inputs: tuple, outputs: dict, rectify: bool) -> Diagra
                 builder.Connect(sources[name], port)
             elif name in exported:
                 builder.ConnectInput(name, port)
-            elif name in inputs:
+            elif name in (*inputs, *given):
                 builder.ExportInput(port, name)
                 exported.add(name)
             else:

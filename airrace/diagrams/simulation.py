@@ -15,7 +15,7 @@ from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.pad import AddPad, start_pose
 from airrace.rendering.scene.scenery import AddScenery, move_gates
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
-from airrace.scenario import Scenario
+from airrace.scenario import VIO, Scenario
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.plant.drag import Drag
 from airrace.systems.plant.gate_mover import GateMover
@@ -39,12 +39,12 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
     Output ports for the autonomy: ``camera_image`` (ImageRgba8U),
     ``camera_grey`` (the same picture, ImageGrey8U), ``camera_view`` (the same once more,
     drawn only where it is read, CameraView),
-    ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``imu`` (see ImuSamples),
-    ``state_estimate`` (see vehicle/state.py), ``rotor_speeds`` (rad/s) and
-    ``rotor_status`` (see RotorBank) of the motor controllers. Truth, for judges
-    and spectators only: ``truth.state`` (13), ``truth.referee_status``
-    (RefereeStatus), and if gates move, ``truth.gate_shifts`` (see GateMover),
-    which the plant's bodies follow when follow_gates() is called.
+    ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
+    (see vehicle/state.py), ``rotor_speeds`` (rad/s) and ``rotor_status`` (see RotorBank) of
+    the motor controllers, and with the estimator ``vio`` ``imu`` (see ImuSamples), which costs
+    a little time. Truth, for judges and spectators only: ``truth.state`` (13),
+    ``truth.referee_status`` (RefereeStatus), and if gates move, ``truth.gate_shifts`` (see
+    GateMover), which the plant's bodies follow when follow_gates() is called.
 
     The drone that flies is the scenario's with the errors of its disturbances.
 
@@ -61,7 +61,8 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
     _add_rotors(builder, world, forces=_add_air(builder, world))
     if scenario.camera.renderer != NO_CAMERA:
         _add_camera(builder, world)
-    _add_imu(builder, world)
+    if scenario.estimator == VIO:
+        _add_imu(builder, world)
     _add_state_estimate(builder, world)
     _add_referee(builder, world)
     if world.gates_move:

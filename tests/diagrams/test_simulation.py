@@ -206,6 +206,7 @@ def test_the_start_pose_is_the_tracks(tmp_path):
 
 def test_sensors_fail_when_the_scenario_says_so():
     scenario = Scenario(
+        estimator="vio",
         imu_failures=[ImuFailure("nan", 0.05, 0.05)],
         camera_failures=[CameraFailure("dark", 0.05, 0.05)],
     )

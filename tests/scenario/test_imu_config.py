@@ -17,7 +17,7 @@ from airrace.vehicle.imu_errors import ImuErrors
 
 
 def loaded(text):
-    scenario = load_scenario(scenario_text=f"{{imu: {text}}}")
+    scenario = load_scenario(scenario_text=f"{{estimator: vio, imu: {text}}}")
     scenario.check()
     return scenario
 

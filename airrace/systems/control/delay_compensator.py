@@ -58,11 +58,20 @@ class DelayCompensator(LeafSystem):
     and not yet reported upon. So a controller acts on the state that its
     command will meet (O. J. Smith, "Closer control of loops with dead time", 1957).
     A rotor that does not follow its commands is shown as reported.
+
+    With ``to_present``, the state is carried forward from its own time to that of the Context.
     """
 
-    def __init__(self, *, vehicle: Vehicle, rate: float):
-        """Constructs the compensator, for no delay. Args: rate: of the commands (Hz)."""
+    def __init__(self, *, vehicle: Vehicle, rate: float, to_present: bool = False):
+        """Constructs the compensator, for no delay.
+
+        Args:
+            vehicle: mass, inertia and rotors.
+            rate: of the commands (Hz).
+            to_present: for estimates that come seldom.
+        """
         LeafSystem.__init__(self)
+        self._to_present = to_present
         n = len(vehicle.rotors)
         self._period = 1.0 / rate
         self._model = RigidBodyModel(
@@ -82,6 +91,8 @@ class DelayCompensator(LeafSystem):
         self._delay = self.DeclareDiscreteState(1)
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._remember)
         inputs = {self._estimate.ticket(), self._speeds.ticket(), self.xd_ticket()}
+        if to_present:
+            inputs.add(self.time_ticket())
         self.DeclareVectorOutputPort(
             "state_estimate",
             STATE_SIZE,
@@ -130,6 +141,8 @@ class DelayCompensator(LeafSystem):
             return estimate, speeds
         commands = context.get_discrete_state(self._history).value().reshape(-1, len(speeds))
         since = context.get_discrete_state(self._since).value()[0]
+        if self._to_present:
+            delay = min(max(context.get_time() - as_state(estimate).time, 0.0), _MOST)
         return _predict(estimate, speeds, commands, since, delay, self._model)
 
 

@@ -12,7 +12,7 @@ from airrace.math.quaternion import integrate, rotation_between, rotation_matrix
 from airrace.math.random import NoiseSequence
 from airrace.math.vec3 import cross, dot, rotate
 from airrace.systems.ports import read_vector
-from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_ROW
+from airrace.systems.sensing.imu_samples import IMU_ROW, NO_SAMPLES
 from airrace.systems.sensing.state_estimate import plant_lead
 from airrace.vehicle import GRAVITY
 from airrace.vehicle.imu_errors import ImuErrors, axis_matrices, turn_on_biases
@@ -133,10 +133,9 @@ class Imu(LeafSystem):
         self._noise = NoiseSequence(seed, "imu", 12)
         self._state = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
         late = round(errors.latency * rate)
-        no_sample = [-1.0, *[0.0] * (IMU_ROW - 1)]
-        self._shown = self.DeclareDiscreteState(np.tile(no_sample, IMU_DEPTH))
+        self._shown = self.DeclareDiscreteState(NO_SAMPLES)
         # Samples that cannot be read yet.
-        self._late = self.DeclareDiscreteState(np.tile(no_sample, late))
+        self._late = self.DeclareDiscreteState(np.tile(NO_SAMPLES[:IMU_ROW], late))
         memory = ImuMemory(np.array([1.0, 0, 0, 0]), np.zeros(3), turn_on_biases(errors, seed))
         self._memory = self.DeclareDiscreteState(np.concatenate(memory))
         self.DeclareStateOutputPort("imu", self._shown)

@@ -4,11 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from airrace.common.immutable import read_only
 from airrace.common.jit import compilable
 
 IMU_DEPTH = 10  # samples in a vector, so that a reader may miss some
 IMU_ROW = 7  # numbers of a sample
 IMU_SIZE = IMU_DEPTH * IMU_ROW
+NO_SAMPLES = read_only(np.tile([-1.0, *[0.0] * (IMU_ROW - 1)], IMU_DEPTH))
 
 
 class ImuSamples(NamedTuple):

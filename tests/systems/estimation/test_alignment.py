@@ -6,18 +6,14 @@ from hypothesis import strategies as st
 from airrace.math.quaternion import rotation_matrix
 from airrace.rendering.scene.pad import pad_rotation, start_pose
 from airrace.systems.estimation import alignment
-from airrace.systems.estimation.kalman_update import _minus
+from airrace.systems.estimation.kalman_update import error_between
 from airrace.systems.estimation.navigation import Navigation
 from airrace.track import Start
 from airrace.vehicle import GRAVITY
 from tests.systems.estimation.motions import NOISE
 
 starts = st.builds(
-    Start,
-    st.just([0.0, 0.0, 0.0]),
-    st.floats(-180, 180),
-    st.floats(0, 15),
-    st.floats(0, 360),
+    Start, st.just([0.0, 0.0, 0.0]), st.floats(-180, 180), st.floats(0, 15), st.floats(0, 360)
 )
 
 
@@ -43,7 +39,7 @@ def test_errors_at_rest_are_as_great_as_they_should_be(tilt):
         rest = alignment.Rest(250, 0.5, w, force)
         estimate, gyro_bias, accel_bias, P = alignment.aligned(rest, heading, NOISE)
         zero = np.zeros(3)
-        off = _minus(
+        off = error_between(
             Navigation(0.5, q, zero, zero, b_g, b_a),
             Navigation(0.5, estimate, zero, zero, gyro_bias, accel_bias),
         )
@@ -56,7 +52,9 @@ def test_errors_at_rest_are_as_great_as_they_should_be(tilt):
 
 def test_a_perfect_sensor_is_believed():
     rest = alignment.Rest(100, 0.2, np.zeros(3), np.array([0.0, 0.0, GRAVITY]))
-    q, _, bias, P = alignment.aligned(rest, 0.0, NOISE._replace(gyro=0.0, accel=0.0, accel_turn_on=0.0))
+    q, _, bias, P = alignment.aligned(
+        rest, 0.0, NOISE._replace(gyro=0.0, accel=0.0, accel_turn_on=0.0)
+    )
     np.testing.assert_allclose(q, [1, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(bias, 0.0, atol=1e-9)
     assert np.isfinite(P).all()
@@ -75,6 +73,6 @@ def test_means_of_samples_come_in_pieces():
     once = alignment.rested(alignment.NO_REST, history, -1.0, 0.02)
     half = alignment.rested(alignment.NO_REST, history, -1.0, 0.01)
     twice = alignment.rested(half, history, 0.01, 0.02)
-    assert once.count == twice.count == 10
+    assert once.samples == twice.samples == 10
     np.testing.assert_allclose(once.angular_velocity, twice.angular_velocity)
     assert once.duration == pytest.approx(twice.duration) == 0.02

@@ -30,11 +30,11 @@ def look(rng, gate, *ids):
     truth = as_navigation(navigation())
     pixels = [predicted_corners(truth, GATES[gate], id, CAMERA)[0] for id in ids]
     noise = ku.CORNER_SIGMA * rng.standard_normal((len(ids), 8))
-    return ku.Sight(gate, np.array(ids), np.array(pixels) + noise)
+    return ku.Sight(gate, np.array(ids), np.array(pixels) + noise, np.zeros(len(ids)))
 
 
 def errors(belief):
-    drone = ku._minus(as_navigation(navigation()), as_navigation(belief.navigation))
+    drone = ku.error_between(as_navigation(navigation()), as_navigation(belief.navigation))
     return np.concatenate([drone, (GATES - belief.gates).ravel()])
 
 
@@ -91,11 +91,7 @@ def test_nothing_behind_the_camera_changes_anything():
 
 def test_a_known_spacing():
     belief, _ = ku.updated(
-        draw(np.random.default_rng(3)),
-        look(np.random.default_rng(3), 0, 0, 2),
-        CAMERA,
-        1.0,
-        5,
+        draw(np.random.default_rng(3)), look(np.random.default_rng(3), 0, 0, 2), CAMERA, 1.0, 5
     )
     after = ku.with_spacing(belief, 0, 10.0, 0.005)
     assert after.gates[0, 4] == pytest.approx(10.0, abs=0.01)

@@ -44,6 +44,7 @@ def make_gate_slam(scenario: "Scenario") -> GateSlam:
             gyro_walk=errors.gyro_walk,
             accel_walk=errors.accelerometer_walk,
             accel_turn_on=errors.accelerometer_bias,
+            period=1.0 / scenario.imu.rate,
         ),
         vehicle=vehicle,
         config=scenario.perception,
@@ -53,6 +54,7 @@ def make_gate_slam(scenario: "Scenario") -> GateSlam:
 def make_strapdown_integrator(scenario: "Scenario") -> StrapdownIntegrator:
     """Returns the StrapdownIntegrator of a scenario."""
     vehicle, sdf = load_vehicle(scenario.drone)
+    errors = scenario.imu.resolved()
     start = load_track(scenario.track).start
     X_WB = start_pose(
         Start(start.position, start.heading_deg), vehicle.radius, _standing_height(vehicle, sdf)
@@ -67,6 +69,7 @@ def make_strapdown_integrator(scenario: "Scenario") -> StrapdownIntegrator:
             scenario.camera.fps, _latency(scenario) + scenario.link_delay, scenario.imu.rate
         ),
         start=at_rest,
+        ranges=np.repeat([errors.gyro_range, errors.accelerometer_range], 3),
     )
 
 

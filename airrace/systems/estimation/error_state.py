@@ -24,6 +24,8 @@ from airrace.systems.estimation.navigation import (
 )
 
 DRONE = 15  # errors of the drone
+# How much the motion may differ from that of the next sample while there is none (sigma).
+_MISSED_TURN, _MISSED_ACCELERATION = 2.0, 10.0  # rad/s, m/s^2
 THETA, POSITION, VELOCITY, GYRO_BIAS, ACCEL_BIAS = 0, 3, 6, 9, 12  # where each begins
 
 
@@ -36,6 +38,7 @@ class ImuNoise(NamedTuple):
         gyro_walk: how fast its bias wanders (rad/s/sqrt(s)).
         accel_walk: (m/s^2/sqrt(s)).
         accel_turn_on: standard deviation of the specific force's bias at the start (m/s^2).
+        period: of the sensor (s); a longer time without a sample adds to the noise.
     """
 
     gyro: float
@@ -43,6 +46,7 @@ class ImuNoise(NamedTuple):
     gyro_walk: float
     accel_walk: float
     accel_turn_on: float
+    period: float = 0.002
 
 
 @compilable
@@ -129,8 +133,13 @@ def propagate(
             continue
         F = transition(state, sample, dt)
         own = _times(F, _times(F, own).T)
+        gap = dt - 1.5 * noise.period
         for i in range(DRONE):
             own[i, i] += dt * densities[i]
+            if gap > 0.0 and i < POSITION:
+                own[i, i] += (_MISSED_TURN * gap) ** 2
+            elif gap > 0.0 and VELOCITY <= i < GYRO_BIAS:
+                own[i, i] += (_MISSED_ACCELERATION * gap) ** 2
         total = _times(F, total)
         state = moved_by(state, sample, dt)
     result = covariance.copy()

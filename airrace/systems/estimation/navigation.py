@@ -5,7 +5,6 @@ is carried forward is the sensor's, I, whose axes are those of the body; the bod
 from where the sensor is mounted.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -140,20 +139,30 @@ def write_state(
         body.velocity[i] = state.velocity[i] - turning[i]
 
 
+@compilable
+def _is_sound(sample, ranges):
+    """Whether a sample is finite, and no axis of it at the end of its range."""
+    for j in range(1, SAMPLE_SIZE):
+        if not abs(sample[j]) < ranges[j - 1]:  # nor is NaN
+            return False
+    return True
+
+
 @compiled
-def remember(history: np.ndarray, samples: np.ndarray) -> int:
-    """Writes the samples that are new, and finite, into a history; returns how many were.
+def remember(history: np.ndarray, samples: np.ndarray, ranges: np.ndarray) -> int:
+    """Writes the samples that are new and sound into a history; returns how many were.
+
+    Sound is what is finite and within the sensor's ranges.
 
     Args:
         history: samples, newest first, (n, 7); changed.
         samples: of the sensor, newest first, (m, 7).
+        ranges: of the angular velocity (rad/s) and the specific force (m/s^2), (6,).
     """
     count = 0
     for k in range(len(samples) - 1, -1, -1):
-        sound = samples[k, 0] > history[0, 0] and samples[k, 0] > 0.0
-        for value in samples[k]:
-            sound = sound and math.isfinite(value)
-        if sound:
+        is_new = samples[k, 0] > history[0, 0] and samples[k, 0] > 0.0
+        if is_new and _is_sound(samples[k], ranges):
             for i in range(len(history) - 1, 0, -1):
                 for j in range(SAMPLE_SIZE):
                     history[i, j] = history[i - 1, j]

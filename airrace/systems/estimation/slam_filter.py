@@ -122,6 +122,7 @@ class SlamFilter:
             _PROCESS_NOISE * noise.gyro_walk,
             _PROCESS_NOISE * noise.accel_walk,
             noise.accel_turn_on,
+            noise.period,
         )
         self._p_BI = np.array(p_BI, float)
         self._config = config

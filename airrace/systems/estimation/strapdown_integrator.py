@@ -25,6 +25,7 @@ _TIME_CONSTANT = 0.15  # s, of the disturbance
 _MAX_DISTURBANCE = 8.0  # m/s^2
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _SPARE = 0.1  # s, of samples, should pictures come late
+_UNLIMITED = np.full(6, np.inf)
 _AVERAGED = 10  # samples, of the angular velocity in `state_estimate`
 
 
@@ -64,10 +65,19 @@ class StrapdownIntegrator(LeafSystem):
     newest n samples, newest first, for GateSlam.
 
     After a correction, the samples since then are integrated anew. What the sensor shows is
-    dropped if it is not finite; a sample that is missing is bridged by the next.
+    dropped if it is not finite or at the end of the range; a sample that is missing is bridged by
+    the next.
     """
 
-    def __init__(self, *, vehicle: Vehicle, rate: float, depth: int, start: np.ndarray):
+    def __init__(
+        self,
+        *,
+        vehicle: Vehicle,
+        rate: float,
+        depth: int,
+        start: np.ndarray,
+        ranges: np.ndarray = _UNLIMITED,
+    ):
         """Constructs the integrator.
 
         Args:
@@ -75,10 +85,12 @@ class StrapdownIntegrator(LeafSystem):
             rate: of the sensor (Hz).
             depth: n of ``imu_history``, see history_depth().
             start: the state before anything is known, see vehicle/state.py, (14,).
+            ranges: of the sensor's angular velocity (rad/s) and specific force (m/s^2), (6,).
         """
         LeafSystem.__init__(self)
         self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
         self._p_BI = np.array(vehicle.imu.position, float)
+        self._ranges = np.array(ranges, float)
         self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
         self._corrections = self.DeclareVectorInputPort("corrections", NAVIGATION_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
@@ -105,6 +117,7 @@ class StrapdownIntegrator(LeafSystem):
             read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE),
             read_vector(self._corrections, context),
             self._p_BI,
+            self._ranges,
         )
         _smooth(
             discrete_state.get_mutable_value(self._disturbance),
@@ -121,14 +134,16 @@ class StrapdownIntegrator(LeafSystem):
             output.get_mutable_value(),
             context.get_discrete_state(self._estimate).value(),
             context.get_discrete_state(self._memory).value(),
+            context.get_discrete_state(self._history).value().reshape(-1, SAMPLE_SIZE),
             read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE),
             context.get_time(),
             self._p_BI,
+            self._ranges,
         )
 
 
 @compiled
-def _advance(history, memory, estimate, samples, corrections, p_BI):
+def _advance(history, memory, estimate, samples, corrections, p_BI, ranges):
     """Takes up new samples and a new correction.
 
     Args:
@@ -138,8 +153,9 @@ def _advance(history, memory, estimate, samples, corrections, p_BI):
         samples: of the sensor, newest first, (10, 7).
         corrections: vector of a Navigation, (17,).
         p_BI: where the sensor is mounted (m), (3,).
+        ranges: of the sensor, see remember(), (6,).
     """
-    count = remember(history, samples)
+    count = remember(history, samples, ranges)
     newest = history[0, 0]
     if all_finite(corrections) and corrections[0] > memory[-1]:
         memory[:-1] = carried_to(corrections, history, max(newest, corrections[0]))
@@ -184,16 +200,12 @@ def _smooth(disturbance, before, history, memory, speeds, thrust_per_mass, p_BI)
 
 
 @compiled
-def _carry_forward(result, estimate, memory, samples, time, p_BI):
+def _carry_forward(result, estimate, memory, history, samples, time, p_BI, ranges):
     """Writes the estimate for a time (s), (14,), with the samples that are not in it yet."""
     for i in range(STATE_SIZE):
         result[i] = estimate[i]
-    sound, count = np.full(samples.shape, -1.0), 0
-    for sample in samples:
-        if all_finite(sample):
-            sound[count] = sample
-            count += 1
-    if not memory[0] >= 0.0 or sound[0, 0] <= 0.0:
-        return
-    state = as_navigation(carried_to(memory[:-1], sound, time))
-    write_state(result, state, sound[0, 1:4] - state.gyro_bias, p_BI)
+    recent = history[: len(samples)].copy()
+    remember(recent, samples, ranges)
+    if memory[0] >= 0.0 and recent[0, 0] > 0.0:
+        state = as_navigation(carried_to(memory[:-1], recent, time))
+        write_state(result, state, recent[0, 1:4] - state.gyro_bias, p_BI)

@@ -71,9 +71,11 @@ def test_only_sound_and_new_samples_are_remembered():
     rows[:, 0] = -1.0
     rows[0, 0], rows[1, 0], rows[2, 0] = 0.006, 0.004, 0.002
     rows[1, 3] = np.nan
-    assert nav.remember(history, rows) == 2
+    assert nav.remember(history, rows, np.full(6, 50.0)) == 2
     np.testing.assert_array_equal(history[:3, 0], [0.006, 0.002, -1.0])
-    assert nav.remember(history, rows) == 0
+    assert nav.remember(history, rows, np.full(6, 50.0)) == 0
+    rows[0, 0], rows[0, 5] = 0.008, 50.0  # the end of the range
+    assert nav.remember(history, rows, np.full(6, 50.0)) == 0
 
 
 @given(vectors, vectors)

@@ -20,7 +20,9 @@ class Flight:
     def __init__(self):
         start = np.zeros(STATE_SIZE)
         start[1] = 1.0
-        self.system = StrapdownIntegrator(vehicle=VEHICLE, rate=1 / PERIOD, depth=80, start=start)
+        self.system = StrapdownIntegrator(
+            vehicle=VEHICLE, rate=1 / PERIOD, depth=80, start=start, ranges=np.full(6, 50.0)
+        )
         self.context = self.system.CreateDefaultContext()
         self.samples = np.full((10, 7), -1.0)
         self.fix("corrections", np.full(NAVIGATION_SIZE, -1.0))
@@ -109,7 +111,7 @@ def test_on_the_ground_there_is_no_disturbance(flight):
     np.testing.assert_array_equal(flight.read("disturbance"), np.zeros(3))
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 50.0])
 def test_what_is_not_finite_is_bridged(flight, value):
     flight.feel(f=(1.0, 0.0, GRAVITY), steps=5)
     flight.feel(f=(value, 0.0, GRAVITY), steps=5)

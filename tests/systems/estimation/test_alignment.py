@@ -13,11 +13,7 @@ from airrace.vehicle import GRAVITY
 from tests.systems.estimation.motions import NOISE
 
 starts = st.builds(
-    Start,
-    st.just([0.0, 0.0, 0.0]),
-    st.floats(-180, 180),
-    st.floats(0, 15),
-    st.floats(0, 360),
+    Start, st.just([0.0, 0.0, 0.0]), st.floats(-180, 180), st.floats(0, 15), st.floats(0, 360)
 )
 
 
@@ -56,7 +52,9 @@ def test_errors_at_rest_are_as_great_as_they_should_be(tilt):
 
 def test_a_perfect_sensor_is_believed():
     rest = alignment.Rest(100, 0.2, np.zeros(3), np.array([0.0, 0.0, GRAVITY]))
-    q, _, bias, P = alignment.aligned(rest, 0.0, NOISE._replace(gyro=0.0, accel=0.0, accel_turn_on=0.0))
+    q, _, bias, P = alignment.aligned(
+        rest, 0.0, NOISE._replace(gyro=0.0, accel=0.0, accel_turn_on=0.0)
+    )
     np.testing.assert_allclose(q, [1, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(bias, 0.0, atol=1e-9)
     assert np.isfinite(P).all()

@@ -20,7 +20,9 @@ def test_corners_are_where_the_track_has_them(id):
     state = np.array([*gate.p_WG, gate.heading, gate.pylon_spacing])
     corners, _ = gp.corner_positions(state, id)
     X_WM, half = gate.boards(0)[id].X_WM, 0.6
-    expected = [X_WM @ [x, y, 0.0] for x, y in ((-1, 1), (1, 1), (1, -1), (-1, -1)) * np.array(half)]
+    expected = [
+        X_WM @ [x, y, 0.0] for x, y in ((-1, 1), (1, 1), (1, -1), (-1, -1)) * np.array(half)
+    ]
     np.testing.assert_allclose(corners, expected, atol=1e-9)
 
 

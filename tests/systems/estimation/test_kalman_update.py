@@ -91,11 +91,7 @@ def test_nothing_behind_the_camera_changes_anything():
 
 def test_a_known_spacing():
     belief, _ = ku.updated(
-        draw(np.random.default_rng(3)),
-        look(np.random.default_rng(3), 0, 0, 2),
-        CAMERA,
-        1.0,
-        5,
+        draw(np.random.default_rng(3)), look(np.random.default_rng(3), 0, 0, 2), CAMERA, 1.0, 5
     )
     after = ku.with_spacing(belief, 0, 10.0, 0.005)
     assert after.gates[0, 4] == pytest.approx(10.0, abs=0.01)

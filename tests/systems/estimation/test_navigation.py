@@ -5,13 +5,7 @@ from hypothesis import strategies as st
 from airrace.math.quaternion import rotation_matrix
 from airrace.systems.estimation import navigation as nav
 from airrace.vehicle.state import as_state
-from tests.systems.estimation.motions import (
-    PERIOD,
-    as_history,
-    navigation,
-    true_sample,
-    vectors,
-)
+from tests.systems.estimation.motions import PERIOD, as_history, navigation, true_sample, vectors
 
 
 @given(vectors, vectors)

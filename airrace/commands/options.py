@@ -33,7 +33,9 @@ def _whole(type_: type, tokens: Sequence[Token]) -> int:
 
 Whole = Annotated[int, Parameter(converter=_whole, metavar="N")]
 # Fields of the scenario that options give.
-_FIELDS = {name: name for name in ("drone", "trajectory", "track", "laps", "seed", "map", "estimator")} | {
+_FIELDS = {
+    name: name for name in ("drone", "trajectory", "track", "laps", "seed", "map", "estimator")
+} | {
     "limits": "planner.limits",
     "renderer": "camera.renderer",
     "record": "recording.content",

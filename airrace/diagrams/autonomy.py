@@ -58,6 +58,7 @@ def _make_explorer(scenario: Scenario) -> Explorer:
         hover_height=load_track(scenario.track).hover_height,
         clearance=clearance_of(load_vehicle(scenario.drone)[0].radius),  # type: ignore[arg-type]
         map_is_known=bool(scenario.map),
+        sees_first_gates_again=scenario.estimator == VIO,
     )
 
 
@@ -103,10 +104,7 @@ SYSTEMS = {
     "geometric_controller": _make_geometric_controller,
 }
 # With the estimator `vio` there is no gate_mapper and no state_filter; these take their places.
-VIO_SYSTEMS = {
-    "gate_slam": make_gate_slam,
-    "strapdown_integrator": make_strapdown_integrator,
-}
+VIO_SYSTEMS = {"gate_slam": make_gate_slam, "strapdown_integrator": make_strapdown_integrator}
 _REPLACED = ("gate_mapper", "state_filter")
 INPUTS = (
     "camera_image",

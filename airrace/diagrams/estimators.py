@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _SIGMAS = 2.5  # of the accelerometer's bias: a greater tilt is the pad's
 
+
 def make_gate_slam(scenario: "Scenario") -> GateSlam:
     """Returns the GateSlam of a scenario."""
     vehicle, sdf = load_vehicle(scenario.drone)

@@ -70,3 +70,32 @@ def integrate(q: np.ndarray, w_W: np.ndarray, dt: float) -> np.ndarray:
     )
     length = math.sqrt(w * w + x * x + y * y + z * z)
     return np.array((w / length, x / length, y / length, z / length))
+
+
+@compilable
+def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns the quaternion of R(a) R(b), (4,)."""
+    return np.array(
+        (
+            a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+            a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+            a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+        )
+    )
+
+
+@compilable
+def exp_quaternion(vector: np.ndarray) -> np.ndarray:
+    """Returns the unit quaternion of a rotation vector (rad), (4,); Sola 2017, eq. 101."""
+    x, y, z = vector
+    half = 0.5 * math.sqrt(x * x + y * y + z * z)
+    s = 0.5 * (math.sin(half) / half if half > 1e-8 else 1.0)
+    return np.array((math.cos(half), s * x, s * y, s * z))
+
+
+@compilable
+def turned(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Returns the unit quaternion of R exp(vector), (4,): a rotation in axes of the body."""
+    result = quaternion_product(q, exp_quaternion(vector))
+    return result / math.sqrt(np.sum(result * result))

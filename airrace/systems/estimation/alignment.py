@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import compilable, compiled
+from airrace.math.quaternion import quaternion_product, rotation_between
 from airrace.systems.estimation.error_state import (
     ACCEL_BIAS,
     DRONE,
@@ -20,7 +21,6 @@ from airrace.systems.estimation.error_state import (
     VELOCITY,
     ImuNoise,
 )
-from airrace.systems.estimation.navigation import log_quaternion, quaternion_product
 from airrace.vehicle import GRAVITY
 
 _SCALE = 0.02  # m/s^2, of the specific force's length: scale errors of the sensor
@@ -33,13 +33,13 @@ class Rest(NamedTuple):
     """Means of all samples at rest.
 
     Attributes:
-        count: of the samples.
+        samples: how many.
         duration: of them together (s).
         angular_velocity: mean (rad/s), (3,).
         specific_force: mean (m/s^2), (3,).
     """
 
-    count: int
+    samples: int
     duration: float
     angular_velocity: np.ndarray
     specific_force: np.ndarray
@@ -72,14 +72,13 @@ def attitude_from(up: np.ndarray, heading: float) -> np.ndarray:
 def _attitude_by_force(force, heading):
     """Returns the derivative of the attitude's error by the specific force, (3, 3)."""
     q = attitude_from(force, heading)
-    inverse = np.array((q[0], -q[1], -q[2], -q[3]))
     result = np.empty((3, 3))
     for j in range(3):
         forward, backward = force.copy(), force.copy()
         forward[j] += _STEP * GRAVITY
         backward[j] -= _STEP * GRAVITY
-        a = log_quaternion(quaternion_product(inverse, attitude_from(forward, heading)))
-        b = log_quaternion(quaternion_product(inverse, attitude_from(backward, heading)))
+        a = rotation_between(q, attitude_from(forward, heading))
+        b = rotation_between(q, attitude_from(backward, heading))
         result[:, j] = (a - b) / (2.0 * _STEP * GRAVITY)
     return result
 
@@ -141,7 +140,7 @@ def rested(rest: Rest, history: np.ndarray, after: float, until: float) -> Rest:
         history: samples, newest first, (n, 7).
         after, until: (s).
     """
-    count, duration = rest.count, rest.duration
+    count, duration = rest.samples, rest.duration
     w, f = rest.angular_velocity.copy(), rest.specific_force.copy()
     for k in range(len(history) - 1, -1, -1):
         if 0.0 < history[k, 0] <= until and history[k, 0] > after:

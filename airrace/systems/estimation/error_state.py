@@ -5,8 +5,8 @@ The error of the drone is (theta, dp, dv, db_g, db_a), (15,), so that the truth 
     R = R_nominal exp(theta),   p = p_nominal + dp,   v, b_g and b_a likewise:
 
 the attitude's error is in axes of the body (Sola 2017, chapter 5, "local"). The errors of the
-gates follow, five each, see gate_projection.py. A gate stands still, so that only its correlation with
-the drone changes.
+gates follow, five each, see gate_projection.py. A gate stands still, so that only its correlation
+with the drone changes.
 """
 
 from typing import NamedTuple
@@ -14,16 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import compilable, compiled
-from airrace.math.quaternion import rotation_matrix
-from airrace.math.vec3 import rotate
+from airrace.math.quaternion import exp_quaternion, rotation_matrix, turned
 from airrace.systems.estimation.navigation import (
     Navigation,
     as_navigation,
-    exp_quaternion,
     first_after,
     moved_by,
     navigation_vector,
-    turned,
 )
 
 DRONE = 15  # errors of the drone
@@ -144,9 +141,3 @@ def propagate(
         for j in range(cross.shape[1]):
             result[i, DRONE + j] = result[DRONE + j, i] = cross[i, j]
     return navigation_vector(state), result
-
-
-@compilable
-def acceleration_of(state: Navigation, sample: np.ndarray) -> np.ndarray:
-    """Returns the specific force of a sample less its bias, in axes of W (m/s^2), (3,)."""
-    return rotate(rotation_matrix(state.quaternion), sample[4:7] - state.accel_bias)

@@ -2,12 +2,12 @@
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import EventStatus, LeafSystem
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from airrace.scenario import PerceptionConfig
 from airrace.systems.estimation.error_state import ImuNoise
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE, SAMPLE_SIZE
-from airrace.systems.estimation.slam_filter import SlamFilter, SlamState, MapFrame
+from airrace.systems.estimation.slam_filter import MapFrame, SlamFilter, SlamState
 from airrace.systems.estimation.strapdown_integrator import history_depth
 from airrace.systems.ports import read_vector
 from airrace.track.gate_map import GateMap
@@ -100,7 +100,7 @@ class GateSlam(LeafSystem):
             ticket,
         )
 
-    def _recall(self, context) -> SlamState:
+    def _recall(self, context: Context) -> SlamState:
         return context.get_abstract_state(int(self._state)).get_value()
 
     def _update(self, context, state):

@@ -7,19 +7,15 @@ import numpy as np
 
 from airrace.common.jit import compilable, compiled
 from airrace.math.angles import wrap_angle
-from airrace.math.quaternion import rotation_matrix
+from airrace.math.quaternion import rotation_between, rotation_matrix
 from airrace.math.small_matrices import cholesky
 from airrace.systems.estimation.error_state import DRONE, corrected
 from airrace.systems.estimation.gate_projection import GATE, POSE, Camera, predicted_corners
-from airrace.systems.estimation.navigation import (
-    Navigation,
-    as_navigation,
-    log_quaternion,
-    navigation_vector,
-    quaternion_product,
-)
+from airrace.systems.estimation.navigation import Navigation, as_navigation, navigation_vector
 
-CORNER_SIGMA, SHARP_RANGE = 0.08, 25.0  # px, of a corner up to this depth (m); beyond, it grows
+# Errors that pictures share, and that their noise does not show: px, of a coordinate of a corner up
+# to this depth (m); beyond, it grows.
+CORNER_SIGMA, SHARP_RANGE = 0.08, 25.0
 ACTIVE = POSE + GATE  # errors that one gate's picture depends on
 
 
@@ -44,11 +40,13 @@ class Sight(NamedTuple):
         gate: index of the gate in the belief.
         ids: of the markers, (m,).
         corners: (m, 8) px, x and y of each corner in turn.
+        noise: variance of a coordinate by the picture's noise, of each marker (px^2), (m,).
     """
 
     gate: int
     ids: np.ndarray
     corners: np.ndarray
+    noise: np.ndarray
 
 
 class Innovation(NamedTuple):
@@ -72,13 +70,11 @@ def _corrected_gate(gate, error):
 
 
 @compilable
-def _minus(state: Navigation, start: Navigation) -> np.ndarray:
-    """Returns the error, (15,), that corrects `start` to `state`."""
-    s, q = start.quaternion, state.quaternion
-    inverse = np.array((s[0], -s[1], -s[2], -s[3]))
+def error_between(state: Navigation, start: Navigation) -> np.ndarray:
+    """Returns the error, (15,), that a start has if the truth is a state."""
     return np.concatenate(
         (
-            log_quaternion(quaternion_product(inverse, q)),
+            rotation_between(start.quaternion, state.quaternion),
             state.position - start.position,
             state.velocity - start.velocity,
             state.gyro_bias - start.gyro_bias,
@@ -100,7 +96,7 @@ def _linearized(state, gate, sight, camera):
         for i in range(8):
             row = 8 * m + i
             residual[row] = sight.corners[m, i] - pixels[i]
-            variances[row] = sigma * sigma
+            variances[row] = sigma * sigma + sight.noise[m]
             for j in range(POSE):
                 H[row, j] = by_pose[i, j]
             for j in range(GATE):

@@ -12,8 +12,8 @@ from airrace.math.angles import wrap_angle
 from airrace.math.small_matrices import product
 from airrace.math.vec3 import rotate
 from airrace.systems.estimation.error_state import DRONE
-from airrace.systems.estimation.kalman_update import Belief, Sight, body_axes, updated
 from airrace.systems.estimation.gate_projection import GATE, Camera
+from airrace.systems.estimation.kalman_update import Belief, Sight, body_axes, updated
 from airrace.systems.estimation.navigation import as_navigation
 from airrace.systems.mapping.gate_filter import board_position, facing
 from airrace.systems.perception.marker_pose import GATE_SPACING
@@ -58,12 +58,12 @@ class Candidate(NamedTuple):
     """A gate that is not yet in the filter.
 
     Attributes:
-        count: sights so far that agree.
+        sights: so far, that agree.
         time: of the newest (s).
         state: of the gate by that, (5,).
     """
 
-    count: int
+    sights: int
     time: float
     state: np.ndarray
 
@@ -73,17 +73,29 @@ def agreeing(candidate: Candidate | None, time: float, state: np.ndarray) -> Can
     if candidate is not None and time - candidate.time < _SOON:
         shift = np.linalg.norm(state[:3] - candidate.state[:3])
         if shift < _NEAR and abs(wrap_angle(state[3] - candidate.state[3])) < _TURN:
-            return Candidate(candidate.count + 1, time, state)
+            return Candidate(candidate.sights + 1, time, state)
     return Candidate(1, time, state)
 
 
 def is_confirmed(candidate: Candidate) -> bool:
     """Whether enough sights of a new gate agree."""
-    return candidate.count >= _CONFIRMATIONS
+    return candidate.sights >= _CONFIRMATIONS
+
+
+def make_sight(gate: int, markers: list) -> Sight:
+    """Returns the Sight of Detections of one gate, which is that of an index in the belief."""
+    return Sight(
+        gate,
+        np.array([marker.id for marker in markers]),
+        np.array([marker.corners.ravel() for marker in markers], float),
+        np.array([marker.corner_sigma**2 for marker in markers]),
+    )
 
 
 @compiled
-def _seed(belief: Belief, id: int, R_CM: np.ndarray, p_CM: np.ndarray, camera: Camera):
+def _seed(
+    belief: Belief, id: int, R_CM: np.ndarray, p_CM: np.ndarray, camera: Camera
+) -> np.ndarray:
     """Returns where the pose of one marker puts its gate, and the other pose of that picture.
 
     A square has two poses in a picture, whose normals are mirrored at the line of sight
@@ -131,9 +143,8 @@ def _with_gate(belief: Belief, gate: np.ndarray) -> Belief:
 
 
 @compiled
-def _best(belief: Belief, seeds: np.ndarray, ids: np.ndarray, corners: np.ndarray, camera: Camera):
+def _best(belief: Belief, seeds: np.ndarray, sight: Sight, camera: Camera) -> tuple[Belief, bool]:
     """Returns the belief with the gate that fits best, and whether that is beyond doubt."""
-    sight = Sight(len(belief.gates), ids, corners)
     best, fit = updated(_with_gate(belief, seeds[0]), sight, camera, 1.0, _ITERATIONS)
     cost, other = fit.cost, np.inf
     for k in range(1, len(seeds)):
@@ -171,7 +182,5 @@ def new_gate(belief: Belief, markers: list, camera: Camera) -> Belief | None:
     X_CM = marker.X_CM.GetAsMatrix34()
     R_CM, p_CM = np.ascontiguousarray(X_CM[:, :3]), np.ascontiguousarray(X_CM[:, 3])
     seeds = _seed(belief, marker.id, R_CM, p_CM, camera)
-    ids = np.array([marker.id for marker in markers])
-    corners = np.array([marker.corners.ravel() for marker in markers], float)
-    result, accepted = _best(belief, seeds, ids, corners, camera)
+    result, accepted = _best(belief, seeds, make_sight(len(belief.gates), markers), camera)
     return result if accepted else None

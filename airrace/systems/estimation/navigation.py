@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import compilable, compiled
-from airrace.math.quaternion import rotation_matrix
+from airrace.math.quaternion import rotation_matrix, turned
 from airrace.math.vec3 import cross, rotate
 from airrace.vehicle import GRAVITY_W
 from airrace.vehicle.state import as_state
@@ -53,44 +53,6 @@ def navigation_vector(state: Navigation) -> np.ndarray:
     """Returns the vector of a nominal state, (17,)."""
     time, q, p, v, b_g, b_a = state
     return np.concatenate((np.array((time,)), q, p, v, b_g, b_a))
-
-
-@compilable
-def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Returns the quaternion of R(a) R(b), (4,)."""
-    return np.array(
-        (
-            a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-            a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-            a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-        )
-    )
-
-
-@compilable
-def exp_quaternion(vector: np.ndarray) -> np.ndarray:
-    """Returns the unit quaternion of a rotation vector (rad), (4,); Sola 2017, eq. 101."""
-    x, y, z = vector
-    half = 0.5 * math.sqrt(x * x + y * y + z * z)
-    s = 0.5 * (math.sin(half) / half if half > 1e-8 else 1.0)
-    return np.array((math.cos(half), s * x, s * y, s * z))
-
-
-@compilable
-def log_quaternion(q: np.ndarray) -> np.ndarray:
-    """Returns the rotation vector (rad) of a unit quaternion, (3,), no longer than pi."""
-    sign = 1.0 if q[0] >= 0.0 else -1.0
-    length = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    scale = 2.0 * math.atan2(length, sign * q[0]) / length if length > 1e-12 else 2.0
-    return sign * scale * np.array((q[1], q[2], q[3]))
-
-
-@compilable
-def turned(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Returns the unit quaternion of R exp(vector), (4,): a rotation in axes of the body."""
-    result = quaternion_product(q, exp_quaternion(vector))
-    return result / math.sqrt(np.sum(result * result))
 
 
 @compilable

@@ -16,7 +16,6 @@ from airrace.systems.estimation.error_state import DRONE, ImuNoise, propagate
 from airrace.systems.estimation.gate_projection import GATE, Camera
 from airrace.systems.estimation.kalman_update import (
     Belief,
-    Sight,
     attitude_sigma,
     innovation,
     relative_covariance,
@@ -77,9 +76,7 @@ class SlamState(Immutable):
     """
 
     belief: Belief = Belief(
-        np.array([-1.0, 1.0, *[0.0] * (NAVIGATION_SIZE - 2)]),
-        np.zeros((0, GATE)),
-        np.eye(DRONE),
+        np.array([-1.0, 1.0, *[0.0] * (NAVIGATION_SIZE - 2)]), np.zeros((0, GATE)), np.eye(DRONE)
     )
     landmarks: tuple = ()
     candidates: dict = dc.field(default_factory=dict)
@@ -119,7 +116,13 @@ class SlamFilter:
         """
         self._frame = frame
         self._turn_on = noise
-        self._noise = ImuNoise(*(_PROCESS_NOISE * np.array(noise[:4])), noise.accel_turn_on)
+        self._noise = ImuNoise(
+            _PROCESS_NOISE * noise.gyro,
+            _PROCESS_NOISE * noise.accel,
+            _PROCESS_NOISE * noise.gyro_walk,
+            _PROCESS_NOISE * noise.accel_walk,
+            noise.accel_turn_on,
+        )
         self._p_BI = np.array(p_BI, float)
         self._config = config
 
@@ -136,7 +139,7 @@ class SlamFilter:
         """
         if state.at_rest and not rotors_turn:
             rest = rested(state.rest, history, state.time, time)
-            return self._aligned(state, rest, time) if rest.count else state
+            return self._aligned(state, rest, time) if rest.samples else state
         if state.time < 0.0 or time <= state.time:
             return dc.replace(state, at_rest=False)
         navigation, covariance = propagate(
@@ -209,7 +212,7 @@ class SlamFilter:
         counts, outliers = Counter(landmark.counts), Counter(landmark.outliers)
         innovations, accepted = [], 0
         for marker in markers:
-            sight = Sight(index, np.array([marker.id]), marker.corners.reshape(1, 8))
+            sight = landmarks.make_sight(index, [marker])
             squared = innovation(belief, sight, camera).squared
             innovations.append((marker.id, squared))
             if not squared <= _REFUSED:
@@ -233,10 +236,7 @@ class SlamFilter:
         belief, landmark = self._certain(belief, index, landmark)
         every = (*state.landmarks[:index], landmark, *state.landmarks[index + 1 :])
         state = dc.replace(
-            state,
-            belief=belief,
-            landmarks=every,
-            innovations=(*state.innovations, *innovations),
+            state, belief=belief, landmarks=every, innovations=(*state.innovations, *innovations)
         )
         return state, (len(markers) - accepted) * [OFF_MAP]
 

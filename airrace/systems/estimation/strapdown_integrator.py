@@ -67,9 +67,7 @@ class StrapdownIntegrator(LeafSystem):
     dropped if it is not finite; a sample that is missing is bridged by the next.
     """
 
-    def __init__(
-        self, *, vehicle: Vehicle, rate: float, depth: int, start: np.ndarray
-    ):
+    def __init__(self, *, vehicle: Vehicle, rate: float, depth: int, start: np.ndarray):
         """Constructs the integrator.
 
         Args:
@@ -199,5 +197,3 @@ def _carry_forward(result, estimate, memory, samples, time, p_BI):
         return
     state = as_navigation(carried_to(memory[:-1], sound, time))
     write_state(result, state, sound[0, 1:4] - state.gyro_bias, p_BI)
-
-

@@ -157,7 +157,7 @@ def _linearized(problem, R, t):
 
 
 @compiled
-def project(p, camera):
+def project(p: np.ndarray, camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the pixel of a point through a lens with plumb-bob distortion.
 
     Args:

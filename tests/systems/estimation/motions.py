@@ -4,9 +4,10 @@ import numpy as np
 from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RotationMatrix
 
+from airrace.math.quaternion import exp_quaternion
 from airrace.systems.estimation.error_state import DRONE, ImuNoise
 from airrace.systems.estimation.gate_projection import Camera
-from airrace.systems.estimation.navigation import Navigation, exp_quaternion, navigation_vector
+from airrace.systems.estimation.navigation import Navigation, navigation_vector
 from airrace.systems.types import make_camera_info
 from airrace.vehicle import GRAVITY_W
 

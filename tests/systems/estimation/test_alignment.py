@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from airrace.math.quaternion import rotation_matrix
 from airrace.rendering.scene.pad import pad_rotation, start_pose
 from airrace.systems.estimation import alignment
-from airrace.systems.estimation.kalman_update import _minus
+from airrace.systems.estimation.kalman_update import error_between
 from airrace.systems.estimation.navigation import Navigation
 from airrace.track import Start
 from airrace.vehicle import GRAVITY
@@ -39,7 +39,7 @@ def test_errors_at_rest_are_as_great_as_they_should_be(tilt):
         rest = alignment.Rest(250, 0.5, w, force)
         estimate, gyro_bias, accel_bias, P = alignment.aligned(rest, heading, NOISE)
         zero = np.zeros(3)
-        off = _minus(
+        off = error_between(
             Navigation(0.5, q, zero, zero, b_g, b_a),
             Navigation(0.5, estimate, zero, zero, gyro_bias, accel_bias),
         )
@@ -73,6 +73,6 @@ def test_means_of_samples_come_in_pieces():
     once = alignment.rested(alignment.NO_REST, history, -1.0, 0.02)
     half = alignment.rested(alignment.NO_REST, history, -1.0, 0.01)
     twice = alignment.rested(half, history, 0.01, 0.02)
-    assert once.count == twice.count == 10
+    assert once.samples == twice.samples == 10
     np.testing.assert_allclose(once.angular_velocity, twice.angular_velocity)
     assert once.duration == pytest.approx(twice.duration) == 0.02

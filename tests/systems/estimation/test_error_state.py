@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.systems.estimation import error_state as es
-from airrace.systems.estimation.kalman_update import _minus
+from airrace.systems.estimation.kalman_update import error_between
 from airrace.systems.estimation.navigation import as_navigation, carried_to, moved_by
 from tests.systems.estimation.motions import (
     NOISE,
@@ -23,7 +23,7 @@ def test_the_transition_is_the_derivative_of_a_step(turn, w, f):
     after = moved_by(state, sample, PERIOD)
 
     def error_after(error):
-        return _minus(moved_by(es.corrected(state, error), sample, PERIOD), after)
+        return error_between(moved_by(es.corrected(state, error), sample, PERIOD), after)
 
     J = numerical(error_after, es.DRONE)
     # To first order in the step: the gyroscope's bias acts at its end.
@@ -77,6 +77,6 @@ def test_errors_grow_as_the_covariance_says():
             1.0 + PERIOD * steps,
             NOISE._replace(gyro_walk=0.0, accel_walk=0.0),
         )
-        off = _minus(truth, as_navigation(vector))
+        off = error_between(truth, as_navigation(vector))
         total += off @ np.linalg.solve(P, off) / es.DRONE
     assert 0.9 < total / count < 1.1

@@ -30,11 +30,11 @@ def look(rng, gate, *ids):
     truth = as_navigation(navigation())
     pixels = [predicted_corners(truth, GATES[gate], id, CAMERA)[0] for id in ids]
     noise = ku.CORNER_SIGMA * rng.standard_normal((len(ids), 8))
-    return ku.Sight(gate, np.array(ids), np.array(pixels) + noise)
+    return ku.Sight(gate, np.array(ids), np.array(pixels) + noise, np.zeros(len(ids)))
 
 
 def errors(belief):
-    drone = ku._minus(as_navigation(navigation()), as_navigation(belief.navigation))
+    drone = ku.error_between(as_navigation(navigation()), as_navigation(belief.navigation))
     return np.concatenate([drone, (GATES - belief.gates).ravel()])
 
 

@@ -1,3 +1,5 @@
+import dataclasses as dc
+
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RotationMatrix
@@ -53,8 +55,6 @@ def test_a_wrong_pose_of_the_two_is_found_out():
     normal = marker.X_CM.rotation().col(2)
     mirrored = 2 * (normal @ sight) * sight - normal
     turn = RotationMatrix.MakeFromOneVector(mirrored, 2)
-    import dataclasses as dc
-
     other = dc.replace(marker, X_CM=RigidTransform(turn, marker.X_CM.translation()))
     after = lm.new_gate(belief(), [other], CAMERA)
     assert after is not None
@@ -68,5 +68,5 @@ def test_several_sights_have_to_agree():
         assert candidate is None or not lm.is_confirmed(candidate)
         candidate = lm.agreeing(candidate, 0.1 * k, gate + 0.1 * k)
     assert lm.is_confirmed(candidate)
-    assert lm.agreeing(candidate, 0.3, gate + [5, 0, 0, 0, 0]).count == 1
-    assert lm.agreeing(candidate, 9.0, gate).count == 1
+    assert lm.agreeing(candidate, 0.3, gate + [5, 0, 0, 0, 0]).sights == 1
+    assert lm.agreeing(candidate, 9.0, gate).sights == 1

@@ -47,6 +47,7 @@ RANGES = {
     "imu.errors.scale": (0, 0.5),
     "imu.errors.axes": (0, 0.5),
     "imu.errors.latency": (0, 0.1),
+    "imu.errors.time_offset": (-0.1, 0.1),
     "recording.state_rate": (1, 1000),
     "recording.pose_rate": (1, 1000),
     "recording.image_rate": (0.1, 1000),

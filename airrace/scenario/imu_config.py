@@ -76,6 +76,7 @@ class ImuErrorsConfig:
     scale: float | None = None  # share, of each axis
     axes: float | None = None  # rad, by which each axis is off
     latency: float | None = None  # s, from the end of a sample until it can be read
+    time_offset: float | None = None  # s, by which its clock is ahead of the camera's
 
 
 @dc.dataclass

@@ -31,6 +31,7 @@ class ImuErrors:
         axes: standard deviation of the share of another axis that an axis of either shows;
             that is, of the angle between the axis and where it should be (rad).
         latency: from the end of a sample until it can be read (s), as whole samples.
+        time_offset: by which the times that samples say are late, beside those of pictures (s).
     """
 
     gyro_noise: float = 0.0
@@ -44,6 +45,7 @@ class ImuErrors:
     scale: float = 0.0
     axes: float = 0.0
     latency: float = 0.0
+    time_offset: float = 0.0
 
 
 def turn_on_biases(errors: ImuErrors, seed: int) -> np.ndarray:

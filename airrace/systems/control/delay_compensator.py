@@ -14,6 +14,7 @@ from airrace.vehicle.rotors import RotorDynamics, make_rotor_dynamics, next_spee
 from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
 
 _LEAST = 0.004  # s; shorter delays are ignored
+_MOMENT = 1e-9  # s, that only rounding makes
 _MOST = 0.25  # s; the model is not good enough for longer ones
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _FOLLOWS = 0.6  # of the least speed commanded in a while: a rotor below has stopped
@@ -137,12 +138,14 @@ class DelayCompensator(LeafSystem):
         """Returns the two outputs."""
         estimate, speeds = self._estimate.Eval(context), self._speeds.Eval(context)
         delay = context.get_discrete_state(self._delay).value()[0]
-        if delay < _LEAST or not all_finite(estimate):
+        if self._to_present:
+            delay = min(max(context.get_time() - as_state(estimate).time, 0.0), _MOST)
+        elif delay < _LEAST:
+            delay = 0.0
+        if delay == 0.0 or not all_finite(estimate):
             return estimate, speeds
         commands = context.get_discrete_state(self._history).value().reshape(-1, len(speeds))
         since = context.get_discrete_state(self._since).value()[0]
-        if self._to_present:
-            delay = min(max(context.get_time() - as_state(estimate).time, 0.0), _MOST)
         return _predict(estimate, speeds, commands, since, delay, self._model)
 
 
@@ -165,7 +168,8 @@ def _predict(estimate, speeds, commands, since, delay, model):
     # The command in force at the time of the estimate, and those after it.
     first = int(math.floor((since - state.time) / h)) + 1
     first = min(max(first, 0), len(commands) - 1)
-    for k in range(int(round(delay / h))):
+    steps = int(round(delay / h))
+    for k in range(steps):
         turning = next_speeds(turning, commands[max(first - k, 0)], model.rotors)
         if flying:
             wrench = model.allocation @ (c_f * turning**2)
@@ -174,6 +178,10 @@ def _predict(estimate, speeds, commands, since, delay, model):
             R_WB = rotation_matrix(quaternion)
             p = p + h * v
             v = v + h * (wrench[0] / mass * R_WB[:, 2] - g_W)
+    rest = delay - steps * h
+    if flying and abs(rest) > _MOMENT:
+        quaternion = integrate(quaternion, rotate(R_WB, w), rest)
+        p = p + rest * v
     after = speeds.copy()
     for i in range(len(speeds)):
         if not speeds[i] < _FOLLOWS * np.min(commands[first : first + _WHILE, i]):

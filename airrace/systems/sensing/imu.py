@@ -55,6 +55,7 @@ class ImuModel(NamedTuple):
         noise: standard deviations of a sample's noise, (6,): 3 (rad/s), 3 (m/s^2).
         walk: standard deviations of the biases' change over a period, (6,), likewise.
         ranges: the greatest values that are shown, (6,), likewise.
+        time_offset: by which the time of a sample is late (s).
     """
 
     period: float
@@ -63,6 +64,7 @@ class ImuModel(NamedTuple):
     noise: np.ndarray
     walk: np.ndarray
     ranges: np.ndarray
+    time_offset: float
 
 
 class Imu(LeafSystem):
@@ -129,6 +131,7 @@ class Imu(LeafSystem):
             np.repeat([errors.gyro_noise, errors.accelerometer_noise], 3) / math.sqrt(period),
             np.repeat([errors.gyro_walk, errors.accelerometer_walk], 3) * math.sqrt(period),
             np.repeat([errors.gyro_range, errors.accelerometer_range], 3),
+            errors.time_offset,
         )
         self._noise = NoiseSequence(seed, "imu", 12)
         self._state = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
@@ -193,13 +196,13 @@ def _sample(shown, late, memory, plant_state, time, lead, noise, failure, model)
         failure: _WORKS, or what is wrong with this sample.
         model: an ImuModel, as a tuple.
     """
-    period, position, axes, sigmas, walk, ranges = model
+    period, position, axes, sigmas, walk, ranges, time_offset = model
     before = memory.copy()
     _remember(memory, plant_state, lead, position)
     motion = _motion(_as_memory(before), _as_memory(memory), period)
     biases = _as_memory(memory).biases
     row = np.empty(IMU_ROW)
-    row[0] = time
+    row[0] = time + time_offset
     for i in range(6):
         true = motion[:3] if i < 3 else motion[3:]
         value = dot(axes[i // 3, i % 3], true) + biases[i] + sigmas[i] * noise[i]

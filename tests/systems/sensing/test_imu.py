@@ -238,6 +238,16 @@ def test_samples_appear_late(latency, late):
         np.testing.assert_array_equal(ours, its[:n])
 
 
+@pytest.mark.parametrize("offset", [0.005, -0.005])
+def test_a_clock_that_is_ahead_or_behind_changes_only_the_times(offset):
+    errors = ImuErrors(gyro_noise=0.001)
+    right, wrong = measure(errors=errors), measure(errors=dc.replace(errors, time_offset=offset))
+    n = len(wrong.time)  # what would be before the start is left out
+    assert n == (50 if offset > 0.0 else 48)
+    np.testing.assert_allclose(wrong.time, right.time[-n:] + offset, atol=1e-12)
+    np.testing.assert_array_equal(wrong.angular_velocity, right.angular_velocity[-n:])
+
+
 def test_the_same_seed_gives_the_same_samples_whatever_the_motion():
     errors = ImuErrors(gyro_noise=0.001, gyro_bias=0.01, gyro_walk=0.001, accelerometer_noise=0.1)
 

@@ -44,6 +44,8 @@ _SPACING_TOLERANCE, _SPACING_CERTAINTY, _RULES_SIGMA = 0.2, 0.15, 0.005
 # A gate that was refused in so many pictures in a row has moved, or was wrong: variances added.
 _MOST_REFUSED = 5
 _MOVED = np.array([1.0, 1.0, 0.01, 0.01, 0.0])  # m^2, rad^2
+# A gate in the filter is seen usefully from farther away than a new one: of the range.
+_BEYOND = 1.4
 _PROCESS_NOISE = 1.3  # times that of the sensor
 
 
@@ -112,7 +114,8 @@ class SlamFilter:
             frame: of the map.
             noise: of the inertial sensor, as its data sheet says.
             p_BI: where that is in the body (m), (3,).
-            config: of which max_range, max_gates and min_observations matter.
+            config: of which max_range, max_gates and min_observations matter; a gate that is known
+                is of use from somewhat farther away.
         """
         self._frame = frame
         self._turn_on = noise
@@ -166,7 +169,7 @@ class SlamFilter:
         by_gate: dict[int, list[Detection]] = {}
         max_id = 4 * self._config.max_gates - 1
         for marker in detections.markers:
-            reason = refusal(marker, max_id, self._config.max_range)
+            reason = refusal(marker, max_id, _BEYOND * self._config.max_range)
             if reason is None and state.time < 0.0:
                 reason = UNKNOWN_TIME
             if reason is None:

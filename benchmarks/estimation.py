@@ -24,7 +24,9 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
+from pydrake.systems.framework import System
 
+from airrace.diagrams.autonomy import SYSTEMS
 from airrace.scenario import TRUTH, VIO, Scenario, load_scenario
 from airrace.scenario.imu_config import PRESETS
 from airrace.systems.estimation import slam_filter
@@ -133,8 +135,10 @@ def _ablations(args) -> list[Case]:
     def with_clock_ahead(offset):
         return with_imu(errors=dc.replace(scenario.imu.errors, time_offset=offset))
 
+    hasty = scenario.systems | {"explorer": "benchmarks.estimation:make_hasty_explorer"}
     cases = {
         "complete": (scenario, fly),
+        "no loop closure": (dc.replace(scenario, systems=hasty), fly),
         "no robust weights": (scenario, fly_without_robust_weights),
         "no bias of the gyroscope": (scenario, fly_without_gyro_bias),
         "IMU at 100 Hz": (with_imu(rate=100.0), fly),
@@ -155,6 +159,11 @@ def fly(scenario_text: str, track_seed: int | None = None) -> dict:
         scenario = races.scenario_of(scenario_text, track_seed, Path(folder))
         race, figures = fly_logged(scenario, Path(folder))
     return {**races.figures(scenario, race), "estimator": scenario.estimator, **figures}
+
+
+def make_hasty_explorer(scenario: Scenario) -> System:
+    """Returns an explorer that goes home when it sees gate 1 again, without closing the loop."""
+    return SYSTEMS["explorer"](dc.replace(scenario, estimator=TRUTH))
 
 
 def fly_without_robust_weights(*race) -> dict:

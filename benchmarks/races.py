@@ -13,7 +13,7 @@ import dataclasses as dc
 import itertools
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -49,12 +49,14 @@ class Case(NamedTuple):
         scenario: of all its races, but for the seed and, if they are generated, the tracks.
         seeds: one a race.
         generated: whether the tracks are generated, each from its race's seed.
+        fly: takes the place of fly().
     """
 
     name: str
     scenario: Scenario
     seeds: Sequence[int]
     generated: bool = False
+    fly: Callable[..., dict] | None = None
 
 
 def main(argv=None) -> int:
@@ -116,7 +118,7 @@ def fly_all(cases: Sequence[Case], workers: int = 1) -> list[dict]:
         workers: number of processes.
 
     Returns:
-        rows of fly(), each with the ``name`` of its case.
+        rows of fly(), or of what takes its place, each with the ``name`` of its case.
 
     Raises:
         UserError: if a scenario cannot be flown.
@@ -127,7 +129,7 @@ def fly_all(cases: Sequence[Case], workers: int = 1) -> list[dict]:
         for seed in case.seeds:
             scenario = dc.replace(case.scenario, seed=seed, recording=quiet)
             scenario.check()
-            jobs.append((fly, (_text(scenario), seed if case.generated else None)))
+            jobs.append((case.fly or fly, (_text(scenario), seed if case.generated else None)))
             names.append(case.name)
     compile_apart(Scenario())
     rows = harness.in_processes(jobs, "Racing", workers=workers, jobs_each=4)
@@ -145,13 +147,23 @@ def fly(scenario_text: str, track_seed: int | None = None) -> dict:
         scenario_text: the fields of its scenario, as YAML.
         track_seed: of its generated track; None for the scenario's own.
     """
-    scenario = load_scenario(scenario_text=scenario_text)
     with tempfile.TemporaryDirectory() as folder:
-        if track_seed is not None:
-            track = Path(folder) / "track.yaml"
-            track.write_text(generated_track(track_seed)[1], encoding="utf-8")
-            scenario = dc.replace(scenario, track=str(track))
-        race = run_race(scenario, Path(folder))
+        scenario = scenario_of(scenario_text, track_seed, Path(folder))
+        return figures(scenario, run_race(scenario, Path(folder)))
+
+
+def scenario_of(scenario_text: str, track_seed: int | None, folder: Path) -> Scenario:
+    """Returns the scenario of a race, see fly(); writes its track into a folder."""
+    scenario = load_scenario(scenario_text=scenario_text)
+    if track_seed is None:
+        return scenario
+    track = folder / "track.yaml"
+    track.write_text(generated_track(track_seed)[1], encoding="utf-8")
+    return dc.replace(scenario, track=str(track))
+
+
+def figures(scenario: Scenario, race: dict) -> dict:
+    """Returns the figures of a race from its race.json."""
     laps, exploration = race["laps"], race["exploration"]
     return {
         "seed": scenario.seed,

@@ -4,6 +4,7 @@ The directive ``airrace-reference`` writes, by its argument:
 
 - ``scenario``: every field of a scenario, with its type, default, range, and comment;
 - ``presets``: what the camera's presets mean;
+- ``imu_presets``: what the presets of the IMU mean;
 - ``systems``: the systems of the autonomy and their ports;
 - ``options COMMAND``: the options of a subcommand of ``airrace``;
 - ``measurement NAME``: the tables of docs/measurements/NAME.json, which
@@ -15,16 +16,17 @@ import dataclasses as dc
 import inspect
 import io
 import json
+import math
 import re
 import tokenize
 import typing
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 from sphinx.util.docutils import SphinxDirective
 
-from airrace.rendering.imaging.camera_effects import CameraEffects
-from airrace.scenario import Scenario
+from airrace.scenario import Scenario, imu_config
 from airrace.scenario.camera_config import PRESETS, EffectsConfig
 from airrace.scenario.checks import RANGES
 
@@ -121,22 +123,36 @@ def _drakes(path: str, cls, default) -> list[str]:
 
 def presets() -> str:
     """Returns Markdown with a table of the camera's presets."""
-    comments = {field.name: field.comment for field in fields_of(EffectsConfig)}
+    return _presets("effect", PRESETS, EffectsConfig, yaml_value)
+
+
+def imu_presets() -> str:
+    """Returns Markdown with a table of the presets of the IMU."""
+
+    def rounded(value):
+        return "none" if value == math.inf else f"`{value:.3g}`"
+
+    return _presets("error", imu_config.PRESETS, imu_config.ImuErrorsConfig, rounded)
+
+
+def _presets(head: str, presets: dict, config: type, text: Callable[[typing.Any], str]) -> str:
+    """Returns a table of presets, whose fields have comments in a class of the scenario."""
     rows = []
-    for name in (field.name for field in dc.fields(CameraEffects)):
-        values = (yaml_value(getattr(preset, name)) for preset in PRESETS.values())
-        rows.append(_row(f"`{name}`", *values, comments[name]))
-    heads = ["effect", *(f"`{preset}`" for preset in PRESETS), "meaning"]
+    for field in fields_of(config):
+        values = (text(getattr(preset, field.name)) for preset in presets.values())
+        rows.append(_row(f"`{field.name}`", *values, escape(field.comment)))
+    heads = [head, *(f"`{preset}`" for preset in presets), "meaning"]
     return "\n".join([_row(*heads), "|" + "---|" * len(heads), *rows])
 
 
 def systems() -> str:
     """Returns Markdown with a table of the autonomy's systems and their ports."""
-    from airrace.diagrams.autonomy import SYSTEMS, make_system
+    from airrace.diagrams.autonomy import SYSTEMS, VIO_SYSTEMS, make_system
 
     lines = ["| system | inputs | outputs |", "|---|---|---|"]
-    for name in SYSTEMS:
-        system = make_system(name, Scenario())
+    for name in (*SYSTEMS, *VIO_SYSTEMS):
+        scenario = Scenario(estimator="vio" if name in VIO_SYSTEMS else "truth")
+        system = make_system(name, scenario)
         inputs = (system.get_input_port(k) for k in range(system.num_input_ports()))
         outputs = (system.get_output_port(k) for k in range(system.num_output_ports()))
         ports = [", ".join(f"`{port.get_name()}`" for port in each) for each in (inputs, outputs)]
@@ -312,6 +328,7 @@ _MAKERS = {
     "measurement": measurement,
     "scenario": scenario_reference,
     "presets": presets,
+    "imu_presets": imu_presets,
     "systems": systems,
     "options": options,
 }

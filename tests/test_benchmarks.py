@@ -255,3 +255,20 @@ def test_another_simulator_is_compared_with_ours(run, tmp_path):
     assert [row["rms_m"] < 0.03 for row in ours] == [True, True]
     assert theirs["x_cpu"] == 2.5 and theirs["ours"] == pytest.approx(ours[1]["x_cpu"] / 2.5)
     assert rows_of(table, "other 1")[0][-2:] == ["2.5", f"{theirs['ours']:.2g} times"]
+
+
+@pytest.mark.slow
+def test_estimators_are_put_beside_the_truth(run):
+    options = ("--seeds", 1, "--tracks", 1, "--levels", 1, "--laps", 1)
+    table, figures, _ = run("estimation", *options, "--scenario_text", SHORT, code=1)
+    vio, truth = figures["reference"]
+    assert (vio["estimator"], truth["estimator"]) == ("vio", "truth")
+    assert 0.0 < vio["nees_exploring"] < 20.0 and truth["nees_exploring"] is None
+    assert rows_of(table, "vio")[0][0] == "0 of 1"
+    assert len(rows_of(table, "level 1")) == 2  # one in each of two tables
+    complete, *others = figures["ablations"]
+    assert complete == {**vio, "name": "complete"}
+    assert len(others) == 7
+    for row in others:  # on the pad, no loop is to be closed and no marker is doubtful
+        same = row["nees_exploring"] == complete["nees_exploring"]
+        assert same == (row["name"] in ("no loop closure", "no robust weights")), row["name"]

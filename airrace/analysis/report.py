@@ -12,7 +12,9 @@ from airrace.scenario import trajectory_name
 
 FILE = "report.html"
 # Topics that it says nothing of.
-_WITHOUT = "/state/estimate /state/filtered /state/disturbance /detections /rotors/command".split()
+_WITHOUT = (
+    "/state/estimate /state/filtered /state/disturbance /imu /detections /rotors/command".split()
+)
 
 
 def make_report(run: Run) -> str:

@@ -35,6 +35,8 @@ SIGNALS = {
     "reference": _STATE,
     "reference_acceleration": _VECTOR,
     "disturbance": _VECTOR,
+    # Of samples, which end at the time: angular velocity, specific force; in axes of the body.
+    "imu": ("time", "wx", "wy", "wz", "fx", "fy", "fz"),
     "rotors": ("time", "rotor", "speed", "thrust"),
     "rotor_commands": ("time", "rotor", "speed", "thrust"),
     # Poses are in the camera frame.
@@ -97,6 +99,13 @@ def _vector(table):
     return read
 
 
+def _imu(rows, time, message):
+    if message["time"] >= 0.0:
+        vectors = message["angular_velocity"], message["specific_force"]
+        values = np.array([v[axis] for v in vectors for axis in "xyz"], float)  # null is NaN
+        rows["imu"].append((message["time"], *values))
+
+
 def _rotors(table):
     def read(rows, time, message):
         for number, joint in enumerate(message.joints, 1):
@@ -153,6 +162,7 @@ _READERS = {
     "/state/estimate": _odometry("estimate"),
     "/state/filtered": _odometry("filtered"),
     "/state/disturbance": _vector("disturbance"),
+    "/imu": _imu,
     "/reference": _odometry("reference"),
     "/reference/acceleration": _vector("reference_acceleration"),
     "/rotors/measured": _rotors("rotors"),

@@ -33,7 +33,9 @@ def _whole(type_: type, tokens: Sequence[Token]) -> int:
 
 Whole = Annotated[int, Parameter(converter=_whole, metavar="N")]
 # Fields of the scenario that options give.
-_FIELDS = {name: name for name in ("drone", "trajectory", "track", "laps", "seed", "map")} | {
+_FIELDS = {
+    name: name for name in ("drone", "trajectory", "track", "laps", "seed", "map", "estimator")
+} | {
     "limits": "planner.limits",
     "renderer": "camera.renderer",
     "record": "recording.content",
@@ -73,6 +75,11 @@ class DroneOptions(ScenarioOptions):
     (
         "what laps keep to: original = 20 m/s and 10 m/s^2; rotor = nothing but what the rotors "
         "can do; or limits of your own in m/s and m/s^2, such as v=15,a=8 (default: original)"
+    )
+    estimator: Annotated[Literal["truth", "vio"] | None, Parameter(group=RACE)] = None
+    (
+        "what tells the drone where it is: truth = the simulator, with a little noise; vio = "
+        "nothing but gyroscope, accelerometer, rotor speeds and the camera (default: truth)"
     )
     level: Annotated[Literal[0, 1, 2, 3, 4] | None, Parameter(group=RACE)] = None
     (

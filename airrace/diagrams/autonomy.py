@@ -2,11 +2,13 @@
 
 import importlib
 import traceback
+from collections.abc import Collection
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
 from airrace.common.errors import UserError
-from airrace.scenario import Scenario
+from airrace.diagrams.estimators import make_gate_slam, make_strapdown_integrator
+from airrace.scenario import VIO, Scenario
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rotor_monitor import RotorMonitor
@@ -56,6 +58,7 @@ def _make_explorer(scenario: Scenario) -> Explorer:
         hover_height=load_track(scenario.track).hover_height,
         clearance=clearance_of(load_vehicle(scenario.drone)[0].radius),  # type: ignore[arg-type]
         map_is_known=bool(scenario.map),
+        sees_first_gates_again=scenario.estimator == VIO,
     )
 
 
@@ -100,6 +103,9 @@ SYSTEMS = {
     "state_filter": _make_state_filter,
     "geometric_controller": _make_geometric_controller,
 }
+# With the estimator `vio` there is no gate_mapper and no state_filter; these take their places.
+VIO_SYSTEMS = {"gate_slam": make_gate_slam, "strapdown_integrator": make_strapdown_integrator}
+_REPLACED = ("gate_mapper", "state_filter")
 INPUTS = (
     "camera_image",
     "camera_grey",
@@ -122,9 +128,27 @@ OUTPUTS = {
     "gate_map": "gate_mapper",
     "detections": "aruco_detector",
 }
+VIO_INPUTS = tuple("imu" if name == "state_estimate" else name for name in INPUTS)
+VIO_OUTPUTS = OUTPUTS | {
+    "filtered_estimate": "strapdown_integrator",
+    "disturbance": "strapdown_integrator",
+    "state_estimate": "strapdown_integrator",
+    "imu_history": "strapdown_integrator",
+    "gate_map": "gate_slam",
+    "corrections": "gate_slam",
+    "slam_state": "gate_slam",
+}
 
 
-def MakeAutonomy(scenario: Scenario) -> Diagram:
+def systems_of(scenario: Scenario) -> dict:
+    """Returns the name of every system of a scenario's autonomy, and what makes it."""
+    if scenario.estimator != VIO:
+        return SYSTEMS
+    kept = {name: make for name, make in SYSTEMS.items() if name not in _REPLACED}
+    return kept | VIO_SYSTEMS
+
+
+def MakeAutonomy(scenario: Scenario, given: Collection[str] = ()) -> Diagram:
     """Builds the autonomy of a scenario.
 
     The ports carry the names of what they carry, and ports of the same name
@@ -132,35 +156,45 @@ def MakeAutonomy(scenario: Scenario) -> Diagram:
     that make them. All OUTPUTS are also outputs of the diagram. If the camera's
     lens distorts, a Rectifier stands between its images and every system.
 
+    With the estimator ``vio`` nothing tells the autonomy where it is: there is no input
+    ``state_estimate``, but an ``imu``; see VIO_SYSTEMS, VIO_INPUTS and VIO_OUTPUTS.
+
     Args:
         scenario: the race; of its track, only the hover height is used.
+        given: which OUTPUTS the systems get from outside instead, through inputs of the diagram.
 
     Raises:
         UserError: if a system of the scenario cannot be had or does not fit.
     """
+    names = systems_of(scenario)
     for name in scenario.systems:
-        if name not in SYSTEMS:
+        if name not in names:
             raise UserError(
-                f"systems.{name} is not a system of the autonomy; there are: {', '.join(SYSTEMS)}."
+                f"systems.{name} is not a system of the autonomy; there are: {', '.join(names)}."
             )
-    systems = {name: make_system(name, scenario) for name in SYSTEMS}
+    systems = {name: make_system(name, scenario) for name in names}
+    ports = (VIO_INPUTS, VIO_OUTPUTS) if scenario.estimator == VIO else (INPUTS, OUTPUTS)
     try:
         bends = scenario.camera.renderer != NO_CAMERA and any(scenario.camera.resolved().distortion)
-        diagram = _wired(systems, rectify=bends)
+        diagram = _wired(systems, *ports, rectify=bends, given=given)
     except RuntimeError as e:  # Drake's, on types, sizes and algebraic loops
         raise UserError(f"The systems do not fit together: {' '.join(str(e).split())}") from None
     diagram.set_name("autonomy")
     return diagram
 
 
-def _wired(systems: dict, rectify: bool) -> Diagram:
+def _wired(
+    systems: dict, inputs: tuple, outputs: dict, rectify: bool, given: Collection[str]
+) -> Diagram:
     """Returns the diagram of the systems, joined by the names of their ports."""
     builder = DiagramBuilder()
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
-    sources = {port: _output(systems[name], port) for port, name in OUTPUTS.items()}
+    sources = {port: _output(systems[name], port) for port, name in outputs.items()}
     for name, port in sources.items():
         builder.ExportOutput(port, name)
+    for name in given:
+        del sources[name]
     exported = set()
     if rectify:
         rectifier = builder.AddNamedSystem("rectifier", Rectifier())
@@ -175,13 +209,13 @@ def _wired(systems: dict, rectify: bool) -> Diagram:
                 builder.Connect(sources[name], port)
             elif name in exported:
                 builder.ConnectInput(name, port)
-            elif name in INPUTS:
+            elif name in (*inputs, *given):
                 builder.ExportInput(port, name)
                 exported.add(name)
             else:
                 raise UserError(
                     f"The system {system.get_name()} has an input port '{name}', which nothing "
-                    f"provides; there are: {', '.join([*INPUTS, *OUTPUTS])}."
+                    f"provides; there are: {', '.join([*inputs, *outputs])}."
                 )
     return builder.Build()
 
@@ -189,7 +223,7 @@ def _wired(systems: dict, rectify: bool) -> Diagram:
 def make_system(name: str, scenario: Scenario) -> System:
     """Makes a system by its default or by the scenario's "module:callable"."""
     if name not in scenario.systems:
-        return SYSTEMS[name](scenario)
+        return systems_of(scenario)[name](scenario)
     path = scenario.systems[name]
     module, _, attribute = path.partition(":")
     try:

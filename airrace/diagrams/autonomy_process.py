@@ -11,7 +11,7 @@ from pydrake.systems.analysis import InitializeParams, Simulator
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.hitl.channels import make_channels
 from airrace.hitl.checkpoint import CHECKPOINT_PERIOD, restore, save
-from airrace.hitl.lcm_bridge import MakeAutonomySide, pictures_wanted
+from airrace.hitl.lcm_bridge import PREDICTED, MakeAutonomySide, ports_wanted
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
 from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
@@ -19,6 +19,7 @@ from airrace.hitl.link.probe import CHANNELS, Responder
 from airrace.hitl.planning_worker import PlanningWorker
 from airrace.hitl.remote_autonomy import LOCKSTEP
 from airrace.hitl.transport import POLL_PERIOD
+from airrace.scenario import VIO
 from airrace.systems.planning.lap_planner import LapPlanner
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ class AutonomyProcess:
         self._scenario, self._output_dir = scenario, output_dir
         self._log, self._stop = log, stop
         self._autonomy = MakeAutonomy(scenario)
-        self.channels = make_channels(scenario, pictures_wanted(self._autonomy))
+        self.channels = make_channels(scenario, ports_wanted(self._autonomy))
         self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock)
         self._responder = Responder(self._endpoint)
         self._said = float("-inf")  # when the log was last told that it compiles, s
@@ -101,6 +102,8 @@ class AutonomyProcess:
 
     def build(self, lossless: bool) -> None:
         """Makes the Simulator."""
+        if self._scenario.estimator == VIO and not lossless:
+            self._autonomy = MakeAutonomy(self._scenario, given=(PREDICTED,))
         diagram, self._receiver, self._sender, self._compensator = MakeAutonomySide(
             self._scenario,
             self._autonomy,

@@ -18,7 +18,7 @@ from airrace.hitl.channels import make_channels
 from airrace.hitl.companion import OUTPUT, Autonomy, Companion
 from airrace.hitl.companion.address import Address, parse_address
 from airrace.hitl.companion.local import LocalCompanion
-from airrace.hitl.lcm_bridge import pictures_wanted
+from airrace.hitl.lcm_bridge import ports_wanted
 from airrace.hitl.link import phases
 from airrace.hitl.link.doctor import diagnose, refusal
 from airrace.hitl.link.endpoint import DEFAULT_URL, SIMULATION, Endpoint, open_lcm
@@ -92,7 +92,7 @@ def remote_transport(
     config = scenario.simulator_config
     rate, config.target_realtime_rate = config.target_realtime_rate, 0.0
     bus = open_lcm(url)
-    channels = make_channels(scenario, pictures_wanted(MakeAutonomy(scenario)))
+    channels = make_channels(scenario, ports_wanted(MakeAutonomy(scenario)))
     with contextlib.ExitStack() as stack:
         poll = poll_start = lambda: None
         patience = _START_BY_HAND if companion == BY_HAND else _START

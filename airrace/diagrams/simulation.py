@@ -15,7 +15,7 @@ from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.pad import AddPad, start_pose
 from airrace.rendering.scene.scenery import AddScenery, move_gates
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
-from airrace.scenario import Scenario
+from airrace.scenario import VIO, Scenario
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.plant.drag import Drag
 from airrace.systems.plant.gate_mover import GateMover
@@ -23,6 +23,7 @@ from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, 
 from airrace.systems.plant.wind import Wind
 from airrace.systems.referee import Referee
 from airrace.systems.sensing.camera import Camera
+from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.state_estimate import StateEstimate
 from airrace.systems.types import make_camera_info
 from airrace.track import Track, load_track
@@ -39,11 +40,11 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
     ``camera_grey`` (the same picture, ImageGrey8U), ``camera_view`` (the same once more,
     drawn only where it is read, CameraView),
     ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
-    (see vehicle/state.py), ``rotor_speeds`` (rad/s) and
-    ``rotor_status`` (see RotorBank) of the motor controllers. Truth, for judges
-    and spectators only: ``truth.state`` (13), ``truth.referee_status``
-    (RefereeStatus), and if gates move, ``truth.gate_shifts`` (see GateMover),
-    which the plant's bodies follow when follow_gates() is called.
+    (see vehicle/state.py), ``rotor_speeds`` (rad/s) and ``rotor_status`` (see RotorBank) of
+    the motor controllers, and with the estimator ``vio`` ``imu`` (see ImuSamples), which costs
+    a little time. Truth, for judges and spectators only: ``truth.state`` (13),
+    ``truth.referee_status`` (RefereeStatus), and if gates move, ``truth.gate_shifts`` (see
+    GateMover), which the plant's bodies follow when follow_gates() is called.
 
     The drone that flies is the scenario's with the errors of its disturbances.
 
@@ -60,6 +61,8 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
     _add_rotors(builder, world, forces=_add_air(builder, world))
     if scenario.camera.renderer != NO_CAMERA:
         _add_camera(builder, world)
+    if scenario.estimator == VIO:
+        _add_imu(builder, world)
     _add_state_estimate(builder, world)
     _add_referee(builder, world)
     if world.gates_move:
@@ -192,6 +195,7 @@ def _add_camera(builder: DiagramBuilder, world: _World) -> None:
         imaging=imaging,
         latency=effects.latency,
         moving_gates=len(world.track.gates) if world.gates_move else 0,
+        failures=scenario.camera_failures,
         state_period=scenario.plant_config.time_step,
     )
     builder.AddNamedSystem("camera", camera)
@@ -202,6 +206,21 @@ def _add_camera(builder: DiagramBuilder, world: _World) -> None:
     for i in range(camera.num_output_ports()):
         port = camera.get_output_port(i)
         builder.ExportOutput(port, port.get_name())
+
+
+def _add_imu(builder: DiagramBuilder, world: _World) -> None:
+    scenario, config = world.scenario, world.scenario.imu
+    imu = Imu(
+        rate=config.rate,
+        errors=config.resolved(),
+        position=world.vehicle.imu.position,
+        failures=scenario.imu_failures,
+        seed=scenario.seed,
+        state_period=scenario.plant_config.time_step,
+    )
+    builder.AddNamedSystem("imu", imu)
+    builder.Connect(world.state, imu.GetInputPort("state"))
+    builder.ExportOutput(imu.GetOutputPort("imu"), "imu")
 
 
 def _add_state_estimate(builder: DiagramBuilder, world: _World) -> None:

@@ -1,7 +1,7 @@
 """What crosses the link in HITL: the one table that both bridges are built from."""
 
 import dataclasses as dc
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from airrace.hitl.link.plan_messages import LAP_PLAN
 from airrace.lcmtypes import lcmt_pictures
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.systems.sensing.imu_samples import IMU_DEPTH, NO_SAMPLES
 from airrace.systems.types import ExplorerStatus, RefereeStatus
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
@@ -26,6 +27,8 @@ from airrace.vehicle.state import STATE_SIZE
 if TYPE_CHECKING:
     from airrace.hitl.link.codec import Codec
 
+# Of the simulation, which not every autonomy needs; the others always cross the link.
+OPTIONAL_PORTS = (*PICTURE_PORTS, "state_estimate", "imu")
 _IMAGES = {"camera_grey": ImageGrey8U, "camera_image": ImageRgba8U}  # C++ values
 
 
@@ -61,7 +64,7 @@ class PortChannel(Channel):
 
 
 def make_channels(
-    scenario: Scenario, wanted: Iterable[str] = ("camera_view",)
+    scenario: Scenario, wanted: Collection[str] = ("camera_view", "state_estimate")
 ) -> tuple[PortChannel, ...]:
     """Returns the channels of a scenario's race.
 
@@ -69,17 +72,20 @@ def make_channels(
 
     Args:
         scenario: the race.
-        wanted: which of PICTURE_PORTS the autonomy's systems use.
+        wanted: which ports of OPTIONAL_PORTS the autonomy's systems use.
     """
     n = len(load_vehicle(scenario.drone)[0].rotors)
     nothing = RefereeStatus((), False, None, None, 0)
     command = {"repeat": 0.02, "timed": True}
     estimates, commands = scenario.state_estimate.rate, scenario.controller.rate
     events = scenario.explorer.rate
+    # Each message of the IMU has as many new samples as old ones, so that one may get lost.
+    imu = 2 * scenario.imu.rate / IMU_DEPTH
     table = (
         # Port, sender, Codec, initial value, rate (Hz), options.
         ("camera_info", SIMULATION, messages.CAMERA_INFO, None, 1.0),
         ("state_estimate", SIMULATION, messages.STATE_ESTIMATE, np.zeros(STATE_SIZE), estimates),
+        ("imu", SIMULATION, messages.IMU, NO_SAMPLES, imu),
         ("truth.referee_status", SIMULATION, messages.REFEREE_STATUS, nothing, 10.0),
         ("rotor_speed_command", AUTONOMY, messages.ROTORS, np.zeros(n), commands, command),
         ("rotor_losses", AUTONOMY, messages.ROTOR_LOSSES, np.full(n, np.inf), 10.0),
@@ -87,7 +93,9 @@ def make_channels(
         ("gate_map", AUTONOMY, messages.GATE_MAP, GateMap(), 10.0),
         ("lap_plan", AUTONOMY, LAP_PLAN, NO_PLAN, scenario.planner.rate),
     )
-    return (_camera(scenario, wanted), _rotor_status(scenario, n), *starmap(_channel, table))
+    rows = [row for row in table if row[0] in wanted or row[0] not in OPTIONAL_PORTS]
+    pictures = [port for port in wanted if port in PICTURE_PORTS]
+    return (_camera(scenario, pictures), _rotor_status(scenario, n), *starmap(_channel, rows))
 
 
 def _channel(

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from airrace.hitl.channels import OPTIONAL_PORTS
 from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
-from airrace.hitl.link.image_messages import PICTURE_PORTS
+from airrace.scenario import VIO
 from airrace.systems.control.delay_compensator import DelayCompensator
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
 from airrace.vehicle import load_vehicle
@@ -18,16 +19,19 @@ if TYPE_CHECKING:
     from airrace.hitl.channels import PortChannel
     from airrace.scenario import Scenario
 
+PREDICTED = "filtered_estimate"
 
-def pictures_wanted(autonomy: Diagram) -> tuple[str, ...]:
-    """Returns which of PICTURE_PORTS the systems of an autonomy use."""
-    names = {
+
+def ports_wanted(autonomy: Diagram) -> tuple[str, ...]:
+    """Returns which of OPTIONAL_PORTS the systems of an autonomy use."""
+    # A rectifier has inputs for pictures that nobody may use.
+    used = {
         system.get_input_port(i).get_name()
         for system in autonomy.GetSystems()
         if system.get_name() != "rectifier"
         for i in range(system.num_input_ports())
     }
-    return tuple(port for port in PICTURE_PORTS if port in names)
+    return tuple(port for port in OPTIONAL_PORTS if port in used and autonomy.HasInputPort(port))
 
 
 def MakeAutonomySide(
@@ -42,7 +46,8 @@ def MakeAutonomySide(
 
     Args:
         scenario: the race.
-        autonomy: from MakeAutonomy().
+        autonomy: from MakeAutonomy(). If it estimates where it is itself, and the link is not
+            lossless, it was given PREDICTED: the controller then acts on what is predicted.
         channels, endpoint, lossless: see LcmSender.
         output_dir: where the map is kept on disk.
 
@@ -55,12 +60,18 @@ def MakeAutonomySide(
     sources, compensator = [simulation], None
     if not lossless:
         vehicle = load_vehicle(scenario.drone)[0]
-        compensator = DelayCompensator(vehicle=vehicle, rate=scenario.controller.rate)
+        compensator = DelayCompensator(
+            vehicle=vehicle, rate=scenario.controller.rate, to_present=scenario.estimator == VIO
+        )
         builder.AddNamedSystem("delay_compensator", compensator)
         for name in ("state_estimate", "rotor_speeds", "rotor_speed_command"):
-            source = autonomy if name == "rotor_speed_command" else simulation
+            source = autonomy if autonomy.HasOutputPort(name) else simulation
             builder.Connect(source.GetOutputPort(name), compensator.GetInputPort(name))
         sources.insert(0, compensator)
+        if autonomy.HasInputPort(PREDICTED):
+            builder.Connect(
+                compensator.GetOutputPort("state_estimate"), autonomy.GetInputPort(PREDICTED)
+            )
     for i in range(autonomy.num_input_ports()):
         port = autonomy.get_input_port(i)
         source = next((each for each in sources if each.HasOutputPort(port.get_name())), None)

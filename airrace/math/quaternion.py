@@ -22,6 +22,34 @@ def rotation_matrix(q: np.ndarray) -> np.ndarray:
 
 
 @compilable
+def rotation_between(q_1: np.ndarray, q_2: np.ndarray) -> np.ndarray:
+    """Returns the rotation vector of R_1^T R_2 (rad), (3,), no longer than pi.
+
+    It is twice the angle of the quaternion conj(q_1) q_2, along its axis (Sola, "Quaternion
+    kinematics for the error-state Kalman filter", 2017, equation 105).
+
+    Args:
+        q_1, q_2: of R_1 and R_2, of any length, (4,).
+    """
+    a, b, c, d = q_1
+    w, x, y, z = q_2
+    v = np.array(
+        (
+            a * x - b * w - c * z + d * y,
+            a * y + b * z - c * w - d * x,
+            a * z - b * y + c * x - d * w,
+        )
+    )
+    real = a * w + b * x + c * y + d * z
+    if real < 0.0:  # q and -q are the same rotation
+        real, v = -real, -v
+    length = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if length < 1e-12 * real:  # the angle is the sine
+        return 2.0 / real * v
+    return 2.0 * math.atan2(length, real) / length * v
+
+
+@compilable
 def integrate(q: np.ndarray, w_W: np.ndarray, dt: float) -> np.ndarray:
     """Returns the unit quaternion of R_WB after a short time at constant angular velocity.
 
@@ -42,3 +70,32 @@ def integrate(q: np.ndarray, w_W: np.ndarray, dt: float) -> np.ndarray:
     )
     length = math.sqrt(w * w + x * x + y * y + z * z)
     return np.array((w / length, x / length, y / length, z / length))
+
+
+@compilable
+def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns the quaternion of R(a) R(b), (4,)."""
+    return np.array(
+        (
+            a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+            a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+            a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+        )
+    )
+
+
+@compilable
+def exp_quaternion(vector: np.ndarray) -> np.ndarray:
+    """Returns the unit quaternion of a rotation vector (rad), (4,); Sola 2017, eq. 101."""
+    x, y, z = vector
+    half = 0.5 * math.sqrt(x * x + y * y + z * z)
+    s = 0.5 * (math.sin(half) / half if half > 1e-8 else 1.0)
+    return np.array((math.cos(half), s * x, s * y, s * z))
+
+
+@compilable
+def turned(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Returns the unit quaternion of R exp(vector), (4,): a rotation in axes of the body."""
+    result = quaternion_product(q, exp_quaternion(vector))
+    return result / math.sqrt(np.sum(result * result))

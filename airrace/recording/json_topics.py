@@ -9,6 +9,7 @@ import yaml
 from airrace.common.files import finite
 from airrace.common.resources import models_path
 from airrace.systems.planning.lap_plan import LapPlan
+from airrace.systems.sensing.imu_samples import as_samples
 from airrace.systems.types import Detections, GateCrossing
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import map_data, rounded, statistics_data
@@ -40,6 +41,13 @@ def detections_data(detections: Detections) -> dict:
         ],
         "refused": [{"reason": reason, "id": marker} for reason, marker in detections.refused],
     }
+
+
+def imu_data(vector: np.ndarray) -> dict:
+    """Returns a message of /imu, of the newest of some samples, (7 n,)."""
+    time, *vectors = (each[0] for each in as_samples(vector))
+    w, f = (dict(zip("xyz", rounded(v, 6))) for v in vectors)
+    return finite({"time": float(time), "angular_velocity": w, "specific_force": f})
 
 
 def full_map_data(gate_map: GateMap) -> dict:

@@ -15,6 +15,7 @@ from airrace.recording.writer import FILE, RaceLog
 from airrace.scenario import Scenario, scenario_yaml
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.systems.sensing.imu_samples import IMU_SIZE
 from airrace.track import load_track
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import find_vehicle, load_vehicle
@@ -41,6 +42,7 @@ class RaceRecorder(LeafSystem):
         - state_estimate
         - filtered_estimate
         - disturbance
+        - imu
         - reference
         - rotor_speeds
         - rotor_speed_command
@@ -96,6 +98,7 @@ class RaceRecorder(LeafSystem):
             "state_estimate": STATE_SIZE,
             "filtered_estimate": STATE_SIZE,
             "disturbance": 3,
+            "imu": IMU_SIZE,
             "reference": REFERENCE_SIZE,
             "rotor_speeds": n,
             "rotor_speed_command": n,

@@ -36,8 +36,12 @@ def _rotors(time, speeds, vehicle):
     return messages.rotors(time, speeds, vehicle.thrust_coefficients)
 
 
-# Written at the state_rate of RecordingConfig: class of Foxglove's channel, port of RaceRecorder,
-# and what makes the message of the time (s), the port's vector and the Vehicle.
+def _imu(time, vector, vehicle):
+    return json_topics.imu_data(vector)
+
+
+# Written at the state_rate of RecordingConfig: class of Foxglove's channel, or a JSON schema, port
+# of RaceRecorder, and what makes the message of the time (s), the port's vector and the Vehicle.
 SAMPLED = {
     "/state/truth": (fg.OdometryChannel, "truth.state", _truth),
     # As the autopilot hands it to the autonomy, as the controller uses it, and the
@@ -45,6 +49,8 @@ SAMPLED = {
     "/state/estimate": (fg.OdometryChannel, "state_estimate", _estimate),
     "/state/filtered": (fg.OdometryChannel, "filtered_estimate", _estimate),
     "/state/disturbance": (fg.Vector3Channel, "disturbance", _vector3),
+    # The newest sample, where the drone has an IMU.
+    "/imu": (json_topics.SCHEMAS["/imu"], "imu", _imu),
     # Position, yaw and their rates; m/s^2 in world.
     "/reference": (fg.OdometryChannel, "reference", _reference),
     "/reference/acceleration": (fg.Vector3Channel, "reference", _acceleration),

@@ -10,6 +10,8 @@ from airrace.scenario.scenario import (
     LINK_DELAY,
     POSES,
     TRAJECTORIES,
+    TRUTH,
+    VIO,
     ControllerConfig,
     ExplorerConfig,
     PerceptionConfig,

@@ -11,9 +11,11 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from airrace.common.errors import UserError
+from airrace.scenario import imu_config
 from airrace.scenario.camera_config import NO_CAMERA, PRESETS, RENDERERS, CameraConfig
 from airrace.scenario.lap_limits import parse_limits
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
+from airrace.vehicle.sensor_failures import CAMERA_FAILURES, IMU_FAILURES, CameraFailure, ImuFailure
 
 if TYPE_CHECKING:
     from airrace.scenario import PlannerConfig, Scenario
@@ -35,6 +37,17 @@ RANGES = {
     "camera.effects.shot_noise": (0, 10),
     "camera.effects.latency": (0, 1),
     "camera.effects.distortion[]": (-10, 10),
+    "imu.rate": (1, 10000),
+    "imu.errors.gyro_noise": (0, 1),
+    "imu.errors.gyro_bias": (0, 10),
+    "imu.errors.gyro_walk": (0, 1),
+    "imu.errors.accelerometer_noise": (0, 10),
+    "imu.errors.accelerometer_bias": (0, 100),
+    "imu.errors.accelerometer_walk": (0, 10),
+    "imu.errors.scale": (0, 0.5),
+    "imu.errors.axes": (0, 0.5),
+    "imu.errors.latency": (0, 0.1),
+    "imu.errors.time_offset": (-0.1, 0.1),
     "recording.state_rate": (1, 1000),
     "recording.pose_rate": (1, 1000),
     "recording.image_rate": (0.1, 1000),
@@ -57,6 +70,8 @@ RANGES = {
     "disturbances.gate_shift": (0, 2),
     "rotor_failures[].rotor": (1, math.inf),
     "rotor_failures[].time": (0, math.inf),
+    "imu_failures[].time": (0, math.inf),
+    "camera_failures[].time": (0, math.inf),
     "perception.max_gates": (1, 256),
     "perception.map_period": (0.001, 3600),
     "explorer.rate": (1, 10000),
@@ -71,7 +86,7 @@ RANGES = {
     "controller.rate": (1, 10000),
 }
 # Limits that .inf takes away.
-UNLIMITED = ("perception.max_range",)
+UNLIMITED = ("perception.max_range", "imu.errors.gyro_range", "imu.errors.accelerometer_range")
 
 
 def check_numbers(scenario: "Scenario") -> None:
@@ -133,6 +148,22 @@ def check_camera(config: CameraConfig) -> None:
             )
 
 
+def check_imu(config: imu_config.ImuConfig) -> None:
+    """Checks the name of the preset."""
+    check_choice("imu.preset", config.preset, imu_config.PRESETS)
+
+
+def check_estimator(scenario: "Scenario") -> None:
+    """Checks the estimator's name, and that a drone that has to see where it is can see."""
+    check_choice("estimator", scenario.estimator, ("truth", "vio"))
+    if scenario.estimator == "vio" and (scenario.map or scenario.camera.renderer == NO_CAMERA):
+        what = "--map" if scenario.map else "--renderer none"
+        raise UserError(
+            f"The estimator 'vio' sees from pictures where the drone is, and makes its own map: "
+            f"leave out {what}, or set --estimator truth."
+        )
+
+
 def check_planner(config: "PlannerConfig", trajectory: str) -> None:
     """Checks limits and choices, and that those of minimum-snap laps are made for such."""
     parse_limits(config.limits)
@@ -167,6 +198,27 @@ def check_rotor_failures(failures: list[RotorFailure]) -> None:
     for rotor in rotors:
         if rotors.count(rotor) > 1:
             raise UserError(f"rotor_failures has rotor {rotor} twice; name each rotor once.")
+
+
+def check_imu_failures(failures: list[ImuFailure], config: imu_config.ImuConfig) -> None:
+    """Checks the kinds, and that what shows the end of its range has a range."""
+    errors = config.resolved()
+    for i, failure in enumerate(failures):
+        check_choice(f"imu_failures[{i}].kind", failure.kind, IMU_FAILURES)
+        limited = math.isfinite(errors.gyro_range + errors.accelerometer_range)
+        if failure.kind == "saturated" and not limited:
+            raise UserError(
+                f"imu_failures[{i}].kind 'saturated' needs an IMU with ranges: set "
+                "imu.errors.gyro_range and accelerometer_range, or another imu.preset."
+            )
+
+
+def check_camera_failures(failures: list[CameraFailure], config: CameraConfig) -> None:
+    """Checks the kinds, and that there is a camera."""
+    for i, failure in enumerate(failures):
+        check_choice(f"camera_failures[{i}].kind", failure.kind, CAMERA_FAILURES)
+    if failures and config.renderer == NO_CAMERA:
+        raise UserError("camera_failures need a camera: camera.renderer is 'none'.")
 
 
 def check_drakes_own(simulator_config: SimulatorConfig, plant_config: MultibodyPlantConfig) -> None:

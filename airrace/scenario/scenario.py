@@ -12,16 +12,22 @@ from airrace.common.resources import find_yaml, load_yaml, models_path
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 from airrace.scenario.checks import (
     check_camera,
+    check_camera_failures,
     check_choice,
     check_disturbances,
     check_drakes_own,
+    check_estimator,
+    check_imu,
+    check_imu_failures,
     check_numbers,
     check_planner,
     check_rotor_failures,
 )
+from airrace.scenario.imu_config import ImuConfig
 from airrace.track.map_files import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
+from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure
 
 TRAJECTORIES = ("3", "4", "6", "optimal")
 CORNERS = ("refit", "opencv")  # of markers
@@ -29,6 +35,7 @@ POSES = ("gate", "marker")
 ESTIMATORS = ("robust", "report")
 ATTITUDE_ERRORS = ("reduced", "lee")
 GAINS = ("vehicle", "report")
+TRUTH, VIO = "truth", "vio"  # what tells the drone where it is
 CONTENTS = ("none", "light", "full")  # of a recording
 LINK_DELAY = 0.2  # s, of Scenario.link_delay in HITL
 
@@ -191,14 +198,19 @@ class Scenario:
     # earlier race. Without one, it is made in flight.
     map: str = ""
     camera: CameraConfig = dc.field(default_factory=CameraConfig)
+    imu: ImuConfig = dc.field(default_factory=ImuConfig)
     rotors: RotorsConfig = dc.field(default_factory=RotorsConfig)
     state_noise: str = "reference"  # or "none": the estimate is the truth
     state_estimate: StateEstimateConfig = dc.field(default_factory=StateEstimateConfig)
     disturbances: DisturbancesConfig = dc.field(default_factory=DisturbancesConfig)
     rotor_failures: list[RotorFailure] = dc.field(default_factory=list)
+    imu_failures: list[ImuFailure] = dc.field(default_factory=list)
+    camera_failures: list[CameraFailure] = dc.field(default_factory=list)
     referee: RefereeConfig = dc.field(default_factory=RefereeConfig)
 
-    # The autonomy.
+    # The autonomy. What tells it where it is: the simulator ("truth", with the noise below), or
+    # nothing but the inertial sensor, the rotors and the camera ("vio").
+    estimator: str = "truth"
     perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
     explorer: ExplorerConfig = dc.field(default_factory=ExplorerConfig)
     planner: PlannerConfig = dc.field(default_factory=PlannerConfig)
@@ -223,8 +235,10 @@ class Scenario:
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
         check_camera(self.camera)
+        check_imu(self.imu)
         if self.camera.renderer == NO_CAMERA and not self.map:
             raise UserError("camera.renderer 'none' needs a map to race on: see --map.")
+        check_estimator(self)
         check_choice("recording.content", self.recording.content, CONTENTS)
         if self.recording.content == "full" and self.recording.image_rate > self.camera.fps:
             raise UserError(
@@ -243,6 +257,8 @@ class Scenario:
         check_choice("controller.gains", self.controller.gains, GAINS)
         check_disturbances(self.disturbances)
         check_rotor_failures(self.rotor_failures)
+        check_imu_failures(self.imu_failures, self.imu)
+        check_camera_failures(self.camera_failures, self.camera)
         check_drakes_own(self.simulator_config, self.plant_config)
 
 

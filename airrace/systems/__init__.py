@@ -8,6 +8,8 @@ from airrace.systems.control.delay_compensator import DelayCompensator
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rotor_monitor import RotorMonitor
 from airrace.systems.control.state_filter import StateFilter
+from airrace.systems.estimation.gate_slam import GateSlam
+from airrace.systems.estimation.strapdown_integrator import StrapdownIntegrator
 from airrace.systems.exploring.explorer import Explorer
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
 from airrace.systems.mapping.gate_mapper import GateMapper
@@ -22,4 +24,5 @@ from airrace.systems.plant.rotor_bank import RotorBank
 from airrace.systems.plant.wind import Wind
 from airrace.systems.referee import Referee
 from airrace.systems.sensing.camera import Camera
+from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.state_estimate import StateEstimate

@@ -77,6 +77,8 @@ class Detection(Immutable):
         ambiguity: misfit of X_CM divided by that of the other pose that a planar
             marker admits, 0 to 1: near 1 the poses are hard to tell apart, and the
             rotation may be the wrong one. 0 if there is no other.
+        corner_sigma: standard deviation of a coordinate of a corner by the picture's noise
+            (px), root mean square over the corners.
     """
 
     id: int
@@ -86,6 +88,7 @@ class Detection(Immutable):
     covariance: np.ndarray | None = None
     joint: bool = False
     ambiguity: float = 0.0
+    corner_sigma: float = 0.0
 
     @property
     def face(self) -> str:

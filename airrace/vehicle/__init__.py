@@ -20,6 +20,7 @@ from airrace.vehicle.vehicle import (
     CameraMount,
     Drag,
     Gains,
+    ImuMount,
     ReportGains,
     Rotor,
     Vehicle,

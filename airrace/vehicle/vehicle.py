@@ -86,6 +86,17 @@ class CameraMount:
 
 
 @dc.dataclass
+class ImuMount:
+    """Where the inertial measurement unit is; its axes are those of the body.
+
+    Attributes:
+        position: p_BI in the body frame, [x, y, z] (m).
+    """
+
+    position: list[float] = dc.field(default_factory=lambda: [0.0] * 3)
+
+
+@dc.dataclass
 class Gains:
     """Controller gains per unit of mass and inertia, so that they suit any drone.
 
@@ -132,7 +143,7 @@ class Vehicle:
         inertia: principal moments about the body axes, [Jx, Jy, Jz] (kg m^2).
         rotor_lag: time constant of a rotor's speed (s).
         rotors: in the order of the rotor_speed_command.
-        camera, drag: see there.
+        camera, imu, drag: see there.
         gains: of the geometric controller.
         report_gains: the same, of the Student AirRace report; None if that did not have the drone.
     """
@@ -144,6 +155,7 @@ class Vehicle:
     rotor_lag: float = float("nan")
     rotors: list[Rotor] = dc.field(default_factory=list)
     camera: CameraMount = dc.field(default_factory=CameraMount)
+    imu: ImuMount = dc.field(default_factory=ImuMount)
     drag: Drag = dc.field(default_factory=Drag)
     gains: Gains = dc.field(default_factory=Gains)
     report_gains: ReportGains | None = None
@@ -195,11 +207,14 @@ class Vehicle:
         require(len(J) == 3 and positive(*J), "inertia needs three positive numbers")
         require(2 * max(J) <= sum(J), "inertia breaks the triangle inequality")
         require(positive(self.rotor_lag), "rotor_lag must be positive")
-        for name in ("position", "rpy_deg"):
-            numbers = getattr(self.camera, name)
+        for name, numbers in (
+            ("camera.position", self.camera.position),
+            ("camera.rpy_deg", self.camera.rpy_deg),
+            ("imu.position", self.imu.position),
+        ):
             require(
                 len(numbers) == 3 and np.all(np.isfinite(numbers)),
-                f"camera.{name} needs three finite numbers",
+                f"{name} needs three finite numbers",
             )
         for name, numbers in vars(self.drag).items():
             require(

@@ -74,6 +74,9 @@ def test_tracking_is_the_distance_from_the_reference(run):
 
 
 def test_rotors_are_tidy(run):
+    assert run.imu.time.min() == pytest.approx(0.019)  # at the start, there is no sample yet
+    assert set(run.imu.wz[:50]) == {round(TURN_RATE, 6)} and set(run.imu.fz[:50]) == {9.81}
+    assert run.imu[["wx", "fx"]][200:].isna().all(axis=None)
     assert sorted(run.rotors.rotor.unique()) == [1, 2, 3, 4]
     assert set(run.rotors.speed) == {40.0} and set(run.rotors.command) == {50.0}
     assert run.rotors.thrust.iloc[0] == pytest.approx(1.6)

@@ -73,10 +73,11 @@ def load(folder):
 
 
 @pytest.mark.slow
-def test_lockstep_equals_sitl_to_the_last_bit(hexagon, tmp_path):
+@pytest.mark.parametrize("estimator", ["truth", "vio"])
+def test_lockstep_equals_sitl_to_the_last_bit(hexagon, tmp_path, estimator):
     results = []
     for name, options in (("sitl", ()), ("hitl", ("-s", "HITL", "--lockstep"))):
-        process = start(*race(tmp_path / name, hexagon, *options))
+        process = start(*race(tmp_path / name, hexagon, "--estimator", estimator, *options))
         text = process.communicate(timeout=120)[0]
         assert process.returncode == 1 and "ran out of time" in text, text
         results.append(load(tmp_path / name))

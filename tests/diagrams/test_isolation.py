@@ -47,11 +47,11 @@ def leaves(system):
         yield system
 
 
-def check_isolation(race):
+def check_isolation(race, inputs=frozenset(INPUTS), sensors=frozenset(SENSORS)):
     """Raises AssertionError if Autonomy sees more than a drone could."""
     autonomy = race.GetSubsystemByName("autonomy")
     names = {autonomy.get_input_port(i).get_name() for i in range(autonomy.num_input_ports())}
-    assert names == INPUTS, f"the inputs of autonomy are {names}"
+    assert names == inputs, f"the inputs of autonomy are {names}"
     fed = set()
     for consumer, sink, producer, source in feeds(race):
         if consumer is not autonomy:
@@ -60,10 +60,10 @@ def check_isolation(race):
         assert not source.get_name().startswith("truth."), f"autonomy is fed {source.get_name()}"
         assert source.get_name() == sink.get_name()
         system, port = origin(producer, source.get_index())
-        assert system.get_name() in SENSORS, f"{source.get_name()} comes from {system.get_name()}"
+        assert system.get_name() in sensors, f"{source.get_name()} comes from {system.get_name()}"
         assert port.get_name() == source.get_name()
         fed.add(sink.get_name())
-    assert fed == INPUTS
+    assert fed == inputs
     # Inside, nothing that could produce the truth, or asks for it.
     for system in leaves(autonomy):
         ports = [
@@ -94,6 +94,20 @@ def test_the_race_is_isolated(tmp_path):
         if producer.get_name() == "autonomy" and consumer is simulation
     }
     assert back == {"rotor_speed_command", "explorer_status"}
+
+
+def test_with_vio_not_even_the_noisy_state_reaches_autonomy(tmp_path):
+    race = MakeRace(Scenario(estimator="vio"), tmp_path)
+    inputs = frozenset(INPUTS - {"state_estimate"} | {"imu"})
+    check_isolation(race, inputs, frozenset({"camera", "imu", "rotor_bank"}))
+    # What systems inside read as state_estimate is what one of them integrates.
+    autonomy = race.GetSubsystemByName("autonomy")
+    sources = {
+        producer.get_name()
+        for consumer, sink, producer, source in feeds(autonomy)
+        if source.get_name() in ("state_estimate", "filtered_estimate", "disturbance")
+    }
+    assert sources == {"strapdown_integrator"}
 
 
 def test_the_race_is_isolated_with_spectators(tmp_path):

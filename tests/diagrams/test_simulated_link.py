@@ -50,6 +50,16 @@ def test_delay_jitter_and_loss_do_not_stop_a_race_and_are_the_same_twice(hexagon
 
 
 @pytest.mark.slow
+def test_over_a_link_a_drone_knows_where_it_is_from_what_it_measures(hexagon, tmp_path):
+    link = dict(delay=0.02, jitter=0.005, loss=0.01)
+    result, _ = race(hexagon, tmp_path, link, 5.0, estimator="vio")
+    states = [event["state"] for event in result["exploration"]["events"]]
+    assert states[:2] == ["CALIBRATE", "TAKE_OFF"] and states[-1] == "FLY_TO_GATE"
+    assert result["collisions"] == 0 and result["wall"]["link"]["watchdog"]["hovers"] == 0
+    assert result["dnf_reason"].startswith("ran out of time")
+
+
+@pytest.mark.slow
 def test_a_cable_that_is_pulled(hexagon, tmp_path):
     """For 0.2 s: nothing but a hold. For 1 s: a hover, and on. For good: down."""
     link = dict(cuts=((4.0, 4.2), (5.0, 6.0), (8.0, 1e9)))

@@ -15,10 +15,12 @@ from airrace.diagrams.simulation import MakeSimulation, follow_gates
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.scenario import RotorsConfig, Scenario
 from airrace.scenario.camera_config import RENDERERS, CameraConfig
+from airrace.systems.sensing.imu_samples import as_samples
 from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
 from airrace.vehicle import GRAVITY, find_vehicle, load_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig, true_vehicle
+from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure
 from airrace.vehicle.state import as_state
 
 VEHICLE, _ = load_vehicle("Default")
@@ -200,6 +202,19 @@ def test_the_start_pose_is_the_tracks(tmp_path):
     np.testing.assert_allclose(flight.state[:4], [1, 0, 0, 0])
     with pytest.raises(UserError, match="track"):
         MakeSimulation(Scenario(track=str(tmp_path / "none.yaml")))
+
+
+def test_sensors_fail_when_the_scenario_says_so():
+    scenario = Scenario(
+        estimator="vio",
+        imu_failures=[ImuFailure("nan", 0.05, 0.05)],
+        camera_failures=[CameraFailure("dark", 0.05, 0.05)],
+    )
+    flight = Flight(speeds=np.zeros(4), scenario=scenario)
+    for time, fails in ((0.05, False), (0.09, True), (0.15, False)):
+        flight.advance(time)  # the pictures are of 0.033, 0.067 and 0.133 s
+        assert np.isnan(as_samples(flight.imu).specific_force[0]).all() == fails
+        assert flight.camera_view.region(600, 340, 640, 380).any() != fails
 
 
 class TestDisturbances:

@@ -8,7 +8,7 @@ from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RotationMatrix
 
 from airrace.common.jit import compiled
-from airrace.math.quaternion import integrate, rotation_matrix
+from airrace.math.quaternion import integrate, rotation_between, rotation_matrix
 
 numbers = st.floats(-1.0, 1.0)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)
@@ -27,6 +27,24 @@ def test_rotation_matrix_is_drakes(q, length):
     np.testing.assert_allclose(R, expected, atol=1e-12)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(R) == pytest.approx(1.0)
+
+
+@given(quaternions, quaternions, st.floats(-10.0, -0.1))
+def test_the_rotation_between_two_leads_from_one_to_the_other(q_1, q_2, factor):
+    r = rotation_between(factor * q_1, q_2)
+    angle = np.linalg.norm(r)
+    assert angle <= np.pi + 1e-9
+    turn = RotationMatrix(AngleAxis(angle, r / angle)) if angle > 1e-6 else RotationMatrix()
+    there = rotation_matrix(q_1) @ turn.matrix()
+    np.testing.assert_allclose(there, rotation_matrix(q_2), atol=1e-6 if angle <= 1e-6 else 1e-9)
+    np.testing.assert_allclose(rotation_between(q_2, q_1), -r, atol=1e-9 if angle < 3.14 else 7)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-20, 1e-13, 1e-9, 1e-5, 1.0, 3.14159])
+def test_small_and_large_rotations_keep_their_digits(angle):
+    q = np.array([np.cos(angle / 2), 0.0, np.sin(angle / 2), 0.0])
+    r = rotation_between(np.array([1.0, 0, 0, 0]), 3.0 * q)
+    np.testing.assert_allclose(r, [0, angle, 0], rtol=1e-12, atol=0)
 
 
 @given(quaternions, vectors, st.floats(-0.01, 0.01))

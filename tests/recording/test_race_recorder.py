@@ -15,6 +15,7 @@ from airrace.recording.writer import RaceLog
 from airrace.scenario import RecordingConfig, Scenario
 from airrace.systems.planning.lap_plan import LapPlan
 from airrace.systems.sensing.camera_view import CameraView
+from airrace.systems.sensing.imu_samples import NO_SAMPLES
 from airrace.systems.types import (
     Detections,
     ExplorerEvent,
@@ -47,6 +48,7 @@ class Recording:
                 "state_estimate": [0.5, *STATE],
                 "filtered_estimate": [0.5, *STATE],
                 "disturbance": [0, 0, 1],
+                "imu": [0.25, *np.arange(6.0), 0.125, *np.ones(6), *NO_SAMPLES[14:]],
                 "reference": np.zeros(18),
                 "rotor_speeds": [1, 2, 3, 4],
                 "rotor_speed_command": [4, 3, 2, 1],
@@ -105,6 +107,7 @@ def test_states_are_written_at_their_rate(path):
         "/state/estimate",
         "/state/filtered",
         "/state/disturbance",
+        "/imu",
         "/reference",
         "/reference/acceleration",
         "/rotors/measured",
@@ -117,6 +120,20 @@ def test_states_are_written_at_their_rate(path):
     assert estimate.timestamp.nanos == 500_000_000  # when it was true
     assert truth.pose.position.z == 3.0 and truth.linear_velocity.x == 4.0
     assert [j.velocity for j in messages["/rotors/command"][0][1].joints] == [4, 3, 2, 1]
+    assert messages["/imu"][5][1] == {
+        "time": 0.25,
+        "angular_velocity": {"x": 0.0, "y": 1.0, "z": 2.0},
+        "specific_force": {"x": 3.0, "y": 4.0, "z": 5.0},
+    }
+
+
+def test_samples_of_the_imu_that_are_no_numbers_are_null(path):
+    recording = Recording(path)
+    recording.fix(imu=np.concatenate([[0.25], np.full(6, np.nan), NO_SAMPLES[7:]]))
+    recording.fly(0.001)
+    ((_, message),) = recording.messages()["/imu"]
+    nothing = dict.fromkeys("xyz")
+    assert message == {"time": 0.25, "angular_velocity": nothing, "specific_force": nothing}
 
 
 def test_pictures_are_as_many_and_as_small_as_wanted(path):

@@ -19,6 +19,7 @@ from airrace.scenario import CONTENTS, RecordingConfig, Scenario, load_scenario,
 from airrace.scenario.camera_config import PRESETS
 from airrace.scenario.checks import UNLIMITED
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig
+from airrace.vehicle.sensor_failures import IMU_FAILURES, CameraFailure, ImuFailure
 
 SHIPPED = [
     (path.stem, name)
@@ -59,7 +60,10 @@ def dotted(path):
 def document():
     """All fields of a good scenario: every list has an element, every number is there."""
     scenario = Scenario(
-        disturbances=DisturbancesConfig(drag=1.0), rotor_failures=[RotorFailure(3, 60.0)]
+        disturbances=DisturbancesConfig(drag=1.0),
+        rotor_failures=[RotorFailure(3, 60.0)],
+        imu_failures=[ImuFailure("nan", 60.0, 1.0)],
+        camera_failures=[CameraFailure("dark", 60.0, 1.0)],
     )
     scenario.referee.time_limit = 100.0
     return yaml.safe_load(as_yaml(scenario))
@@ -261,6 +265,13 @@ BAD = {
     "rotor_failures: [{rotor: 1}, {time: 3}]": r"rotor_failures\[1\].rotor must be at least 1, not 0",
     "rotor_failures: [{rotor: 1, time: -1}]": r"rotor_failures\[0\].time must be at least 0, not -1",
     "rotor_failures: [{rotor: 2, time: 1}, {rotor: 1}, {rotor: 2, time: 3}]": "rotor_failures has rotor 2 twice; name each rotor once",
+    "imu_failures: [{kind: broken}]": r"imu_failures\[0\].kind must be one of lost, nan, stuck, saturated, not 'broken'",
+    "imu_failures: [{}, {time: -1}]": r"imu_failures\[1\].time must be at least 0, not -1",
+    "imu_failures: [{duration: 0}]": r"imu_failures\[0\].duration must be positive, not 0",
+    "imu_failures: [{until: 3}]": r"imu_failures\[0\].until is unknown; there are: kind, time, duration",
+    "imu: {preset: ideal}\nimu_failures: [{kind: saturated}]": r"imu_failures\[0\].kind 'saturated' needs an IMU with ranges: set imu.errors.gyro_range and",
+    "camera_failures: [{kind: lost}]": r"camera_failures\[0\].kind must be one of dark, not 'lost'",
+    "map: track\ncamera: {renderer: none}\ncamera_failures: [{time: 9}]": "camera_failures need a camera: camera.renderer is 'none'",
     "perception: {estimator: best}": "perception.estimator must be one of robust, report, not",
     "trajectory: '3'\nplanner: {lap: once}": "planner.lap must be one of periodic, rest_to_rest, not 'once'",
     "planner: {time_allocation: soft}": "planner.time_allocation must be one of exact, report, not 'soft'",
@@ -336,6 +347,8 @@ ZERO = (
     "disturbances.actuator_delay",
     "disturbances.gate_shift",
     "rotor_failures[0].time",
+    "imu_failures[0].time",
+    "camera_failures[0].time",
     "planner.first_lap_move",
     "link_delay",
 )
@@ -437,6 +450,9 @@ _failures = st.lists(
     max_size=3,
     unique_by=lambda failure: failure.rotor,
 )
+_while = {"time": st.floats(0, 1e6), "duration": st.none() | _positive}
+_imu_failures = st.builds(ImuFailure, kind=st.sampled_from(IMU_FAILURES), **_while)
+_camera_failures = st.builds(CameraFailure, kind=st.just("dark"), **_while)
 
 
 @st.composite
@@ -449,6 +465,8 @@ def scenarios(draw):
         state_noise=draw(st.sampled_from(["none", "reference"])),
         disturbances=draw(_disturbances),
         rotor_failures=draw(_failures),
+        imu_failures=draw(st.lists(_imu_failures, max_size=2)),
+        camera_failures=draw(st.lists(_camera_failures, max_size=2)),
         recording=draw(_recordings),
         systems=draw(st.dictionaries(st.text(max_size=9), st.text(max_size=9), max_size=2)),
     )

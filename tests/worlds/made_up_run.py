@@ -118,6 +118,10 @@ def write_log(log, laps):
         state = State(time, q, p, np.array([0.0, 0.0, TURN_RATE]), v)
         for name in ("truth", "estimate", "filtered"):
             log.write(f"/state/{name}", time, foxglove_messages.odometry(state))
+        sample = np.array([time - 0.001, 0.0, 0.0, TURN_RATE, 1.0, 2.0, 9.81])
+        if time > 2.0:  # it fails
+            sample[1:] = np.nan
+        log.write("/imu", time, json_topics.imu_data(sample))
         left = OFF * np.array([-v[1], v[0], 0.0]) / np.linalg.norm(v)
         yaw = TURN_RATE * (time - FIRST) + np.pi / 2
         reference = as_reference(np.array([*(p - left), *v, *np.zeros(9), yaw, TURN_RATE, 0.0]))

@@ -49,6 +49,7 @@ def lockstep_times(scenario: "Scenario", poll_period: float) -> Iterator[float]:
         (1.0 / system.rate, 0.0)
         for system in (
             scenario.rotors,
+            scenario.imu,
             scenario.state_estimate,
             scenario.referee,
             scenario.explorer,

@@ -8,6 +8,7 @@ from airrace import lcmtypes
 from airrace.common.immutable import read_only
 from airrace.hitl.link.codec import field_codec
 from airrace.hitl.link.packets import MALFORMED, Dropped
+from airrace.systems.sensing.imu_samples import ImuSamples, as_samples
 from airrace.systems.types import (
     CameraInfo,
     ExplorerEvent,
@@ -55,6 +56,26 @@ class _RotorStatus(NamedTuple):
     expected: np.ndarray
 
 
+class _ImuMessage(NamedTuple):
+    time: np.ndarray
+    angular_velocity: np.ndarray
+    specific_force: np.ndarray
+    is_finite: np.ndarray
+
+
+def _as_imu_message(vector: np.ndarray) -> _ImuMessage:
+    time, *vectors = as_samples(vector)
+    is_finite = np.isfinite(np.hstack(vectors)).all(axis=1)
+    w, f = (np.where(is_finite[:, None], v, 0.0) for v in vectors)
+    return _ImuMessage(time, w, f, is_finite)
+
+
+def _imu_vector(message: _ImuMessage) -> np.ndarray:
+    time, *vectors, is_finite = message
+    shown = (np.where(is_finite[:, None], v.reshape(-1, 3), np.nan) for v in vectors)
+    return read_only(np.column_stack(ImuSamples(time, *shown)).ravel())
+
+
 def _checked_camera_info(info: CameraInfo) -> CameraInfo:
     if not all(0 < size <= _LARGEST_PICTURE for size in (info.width, info.height)):
         raise Dropped(MALFORMED)
@@ -81,3 +102,5 @@ ROTOR_STATUS = field_codec(_RotorStatus, lcmtypes.lcmt_rotor_status).of(
     lambda status: _RotorStatus(status[0], *np.split(status[1:], 2)),
     lambda status: read_only(np.hstack(status)),
 )
+# Of Imu, (7 n,). A sensor may give NaN; a link must not: such samples are marked.
+IMU = field_codec(_ImuMessage, lcmtypes.lcmt_imu).of(_as_imu_message, _imu_vector)

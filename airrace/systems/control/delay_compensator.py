@@ -14,6 +14,7 @@ from airrace.vehicle.rotors import RotorDynamics, make_rotor_dynamics, next_spee
 from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
 
 _LEAST = 0.004  # s; shorter delays are ignored
+_MOMENT = 1e-9  # s, that only rounding makes
 _MOST = 0.25  # s; the model is not good enough for longer ones
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _FOLLOWS = 0.6  # of the least speed commanded in a while: a rotor below has stopped
@@ -58,11 +59,20 @@ class DelayCompensator(LeafSystem):
     and not yet reported upon. So a controller acts on the state that its
     command will meet (O. J. Smith, "Closer control of loops with dead time", 1957).
     A rotor that does not follow its commands is shown as reported.
+
+    With ``to_present``, the state is carried forward from its own time to that of the Context.
     """
 
-    def __init__(self, *, vehicle: Vehicle, rate: float):
-        """Constructs the compensator, for no delay. Args: rate: of the commands (Hz)."""
+    def __init__(self, *, vehicle: Vehicle, rate: float, to_present: bool = False):
+        """Constructs the compensator, for no delay.
+
+        Args:
+            vehicle: mass, inertia and rotors.
+            rate: of the commands (Hz).
+            to_present: for estimates that come seldom.
+        """
         LeafSystem.__init__(self)
+        self._to_present = to_present
         n = len(vehicle.rotors)
         self._period = 1.0 / rate
         self._model = RigidBodyModel(
@@ -82,6 +92,8 @@ class DelayCompensator(LeafSystem):
         self._delay = self.DeclareDiscreteState(1)
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._remember)
         inputs = {self._estimate.ticket(), self._speeds.ticket(), self.xd_ticket()}
+        if to_present:
+            inputs.add(self.time_ticket())
         self.DeclareVectorOutputPort(
             "state_estimate",
             STATE_SIZE,
@@ -126,7 +138,11 @@ class DelayCompensator(LeafSystem):
         """Returns the two outputs."""
         estimate, speeds = self._estimate.Eval(context), self._speeds.Eval(context)
         delay = context.get_discrete_state(self._delay).value()[0]
-        if delay < _LEAST or not all_finite(estimate):
+        if self._to_present:
+            delay = min(max(context.get_time() - as_state(estimate).time, 0.0), _MOST)
+        elif delay < _LEAST:
+            delay = 0.0
+        if delay == 0.0 or not all_finite(estimate):
             return estimate, speeds
         commands = context.get_discrete_state(self._history).value().reshape(-1, len(speeds))
         since = context.get_discrete_state(self._since).value()[0]
@@ -152,7 +168,8 @@ def _predict(estimate, speeds, commands, since, delay, model):
     # The command in force at the time of the estimate, and those after it.
     first = int(math.floor((since - state.time) / h)) + 1
     first = min(max(first, 0), len(commands) - 1)
-    for k in range(int(round(delay / h))):
+    steps = int(round(delay / h))
+    for k in range(steps):
         turning = next_speeds(turning, commands[max(first - k, 0)], model.rotors)
         if flying:
             wrench = model.allocation @ (c_f * turning**2)
@@ -161,6 +178,10 @@ def _predict(estimate, speeds, commands, since, delay, model):
             R_WB = rotation_matrix(quaternion)
             p = p + h * v
             v = v + h * (wrench[0] / mass * R_WB[:, 2] - g_W)
+    rest = delay - steps * h
+    if flying and abs(rest) > _MOMENT:
+        quaternion = integrate(quaternion, rotate(R_WB, w), rest)
+        p = p + rest * v
     after = speeds.copy()
     for i in range(len(speeds)):
         if not speeds[i] < _FOLLOWS * np.min(commands[first : first + _WHILE, i]):

@@ -56,7 +56,7 @@ class Explorer(LeafSystem):
       meanwhile extend the leg without a stop; after the last, the search goes on.
     - AVOID: a pylon that was just found is in the way, so stop.
     - RETURN: gate 1 was found again, or as many gates as are expected, so through the
-      gates still ahead and home.
+      gates still ahead, with ``sees_first_gates_again`` also gate 1, and home.
     - DONE: hovering there, ready to race.
 
     From all states between TAKE_OFF and RETURN, FLY_TO_GATE follows as soon as
@@ -71,6 +71,7 @@ class Explorer(LeafSystem):
         hover_height: float,
         clearance: float,
         map_is_known: bool = False,
+        sees_first_gates_again: bool = False,
     ):
         """Constructs the explorer.
 
@@ -79,10 +80,16 @@ class Explorer(LeafSystem):
             hover_height: of the first hover above the start (m).
             clearance: to keep from pylons' axes (m).
             map_is_known: whether there is nothing to explore: it takes off, and is done.
+            sees_first_gates_again: whether it flies through gate 1 and looks at gate 2 before it
+                returns, for an estimator whose map drifts until it sees known gates again.
         """
         LeafSystem.__init__(self)
         self._machine = StateMachine(
-            config=config, hover_height=hover_height, clearance=clearance, map_is_known=map_is_known
+            config=config,
+            hover_height=hover_height,
+            clearance=clearance,
+            map_is_known=map_is_known,
+            sees_first_gates_again=sees_first_gates_again,
         )
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())

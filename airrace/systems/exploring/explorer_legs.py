@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from airrace.scenario import ExplorerConfig
 
 _SLOW = 1.0  # m/s
+_NEAR = 18.0  # m, before a gate: both its markers are in the picture, and seen exactly
 _BRAKING_TIMES = (0.7, 1.0, 0.5, 1.5)  # s, at the present velocity: to where it stops
 
 
@@ -68,12 +69,28 @@ class LegPlanner:
         )
         return self.plan(now, routes, [gate.number for gate in gates])
 
-    def plan_home(self, now: Situation, gates: list[GateEstimate]) -> FlatTrajectory | None:
-        """Returns the leg through the gates still ahead, if any, to the hover over the start."""
+    def plan_home(
+        self, now: Situation, gates: list[GateEstimate], look_at: GateEstimate | None = None
+    ) -> FlatTrajectory | None:
+        """Returns the leg through the gates still ahead, if any, to the hover over the start.
+
+        Args:
+            now: what is known.
+            gates: to pass.
+            look_at: a gate to see from near on the way, if there is a clear leg that does.
+        """
         home, beyond = now.memory.home, self._config.passing_distance
         passing = [gate_pose(gate) for gate in gates]
         if gates:
             passing.append(gate_pose(gates[-1], beyond))
+        if look_at is not None:
+            near = gate_pose(look_at, -_NEAR)
+            gap = (near[:3] - passing[-1][:3]) @ look_at.forward
+            seeing = [*passing, near] if gap > 0.0 else passing
+            over = clear_paths.route_above_pylons(seeing[-1], home)
+            leg = self.plan(now, [[*seeing, *over]], [gate.number for gate in gates])
+            if leg is not None:
+                return leg
         # Climb right behind the last gate, where no pylon can stand.
         out = gate_pose(now.last, 2 * beyond)
         routes = [

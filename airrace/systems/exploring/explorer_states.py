@@ -38,11 +38,13 @@ class StateMachine:
         hover_height: float,
         clearance: float,
         map_is_known: bool = False,
+        sees_first_gates_again: bool = False,
     ):
         """Args: see Explorer."""
         self._config = config
         self._hover_height = hover_height
         self._map_is_known = map_is_known
+        self._sees_again = sees_first_gates_again
         self._legs = LegPlanner(config=config, clearance=clearance)
         self._states = {
             "CALIBRATE": self._calibrate,
@@ -197,11 +199,21 @@ class StateMachine:
     def _return_home(self, now, reason):
         """Flies home through the gates ahead, for there are no others."""
         memory, gates = now.memory, self._gates_ahead(now)
-        leg = self._legs.plan_home(now, gates)
+        if self._sees_again and {0, 1} <= now.gates.keys():
+            gates = [*gates, now.gates[0]]
+        leg = self._plan_home(now, gates)
+        if leg is None and len(gates) > len(memory.gates_ahead):
+            gates = gates[:-1]
+            leg = self._plan_home(now, gates)
         if leg is None:
             return dc.replace(memory, blocked_at=now.time)
         now = now.remembering(status=dc.replace(memory.status, closed_at=now.time))
         return self._follow(now, leg, "RETURN", reason, gates)
+
+    def _plan_home(self, now, gates):
+        """Returns the leg home; if gate 1 is to be passed on the way, gate 2 is looked at."""
+        looks = self._sees_again and gates and gates[-1].number == 0
+        return self._legs.plan_home(now, gates, now.gates.get(1) if looks else None)
 
     def _take_search_step(self, now):
         """Takes the first of the next search steps to which a clear leg leads."""
@@ -231,7 +243,7 @@ class StateMachine:
         if is_clear and moved < self._config.replan_distance:
             return memory
         if state == "RETURN" or gates:
-            plan = self._legs.plan_home if state == "RETURN" else self._legs.plan_through
+            plan = self._plan_home if state == "RETURN" else self._legs.plan_through
             reason = (
                 f"what is ahead is {moved:.1f} m from where it seemed"
                 if is_clear

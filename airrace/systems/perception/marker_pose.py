@@ -47,7 +47,7 @@ def locate(
     if not _is_extended(corners):
         return None
     pose = _solve(_POINTS, corners, covariance[None], info)
-    return None if pose is None else _detection(id, corners, pose, pose.residual)
+    return None if pose is None else _detection(id, corners, covariance, pose, pose.residual)
 
 
 def locate_alone(id: int, corners: np.ndarray, info: CameraInfo) -> Detection | None:
@@ -84,6 +84,7 @@ def locate_alone(id: int, corners: np.ndarray, info: CameraInfo) -> Detection | 
         reprojection_error=float(math.sqrt(2.0) * errors[0]),
         covariance=read_only(assumed_covariance(p_CM[2], info.K[0, 0])),
         ambiguity=min(float(errors[0] / max(errors[-1], 1e-12)), 1.0) if len(errors) > 1 else 0.0,
+        corner_sigma=CORNER_SIGMA,
     )
 
 
@@ -110,14 +111,18 @@ def locate_gate(
         return {}
     from_behind = ids[0] % 2  # the left pylon is then on the right
     order = slice(None, None, -1 if from_behind else 1)
-    ids, corners = ids[order], np.asarray(corners)[order]
-    pose = _solve(_GATE_POINTS, corners.reshape(8, 2), np.asarray(covariances)[order], info)
+    ids, corners, covariances = (
+        ids[order],
+        np.asarray(corners)[order],
+        np.asarray(covariances)[order],
+    )
+    pose = _solve(_GATE_POINTS, corners.reshape(8, 2), covariances, info)
     if pose is None or pose.cost > _MISFIT**2 * corners.size:
         return {}
     return {
-        id: _detection(id, quad, pose_at(pose, p_F), residual, joint=True)
-        for id, quad, p_F, residual in zip(
-            ids, corners, (-_TO_RIGHT, _TO_RIGHT), pose.residual.reshape(2, 4, 2)
+        id: _detection(id, quad, covariance, pose_at(pose, p_F), residual, joint=True)
+        for id, quad, covariance, p_F, residual in zip(
+            ids, corners, covariances, (-_TO_RIGHT, _TO_RIGHT), pose.residual.reshape(2, 4, 2)
         )
     }
 
@@ -183,7 +188,12 @@ def _guesses(points: np.ndarray, corners: np.ndarray, info: CameraInfo) -> np.nd
 
 
 def _detection(
-    id: int, corners: np.ndarray, pose: Pose, residual: np.ndarray, joint: bool = False
+    id: int,
+    corners: np.ndarray,
+    covariance: np.ndarray,
+    pose: Pose,
+    residual: np.ndarray,
+    joint: bool = False,
 ) -> Detection:
     # A rotation matrix from a product of others is not orthonormal enough for Drake.
     R_CF = RotationMatrix.ProjectToRotationMatrix(pose.R)
@@ -195,4 +205,5 @@ def _detection(
         covariance=read_only(pose.covariance),
         joint=joint,
         ambiguity=pose.ambiguity,
+        corner_sigma=math.sqrt(np.trace(covariance) / len(covariance)),
     )

@@ -140,7 +140,7 @@ def _linearized(problem, R, t):
     residual, J = np.empty(corners.shape), np.empty((corners.size, 6))
     for k in range(len(points)):
         q = rotate(R, points[k])
-        pixel, by_position = _project(q + t, camera)
+        pixel, by_position = project(q + t, camera)
         for i in range(2):
             residual[k, i] = corners[k, i] - pixel[i]
             by_rotation = cross(q, by_position[i])  # a rotation w moves q by w x q
@@ -157,7 +157,7 @@ def _linearized(problem, R, t):
 
 
 @compiled
-def _project(p, camera):
+def project(p: np.ndarray, camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the pixel of a point through a lens with plumb-bob distortion.
 
     Args:

@@ -2,6 +2,7 @@
 
 import math
 import typing
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from airrace.rendering.imaging.motion_blur import MeanPicture, moved
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.sensing.state_estimate import plant_lead
 from airrace.systems.types import CameraInfo
+from airrace.vehicle.sensor_failures import CameraFailure, failure_at
 from airrace.vehicle.state import STATE_SIZE, as_state
 
 
@@ -88,6 +90,7 @@ class Camera(LeafSystem):
         imaging: ImagingChain | None = None,
         latency: float = 0.0,
         moving_gates: int = 0,
+        failures: Iterable[CameraFailure] = (),
         state_period: float = 0.0,
     ):
         """Constructs the camera.
@@ -100,10 +103,12 @@ class Camera(LeafSystem):
             imaging: turns what is drawn into what a real camera shows.
             latency: from a sample to its picture, less than 1/fps (s).
             moving_gates: how many gates there are, if they move, else 0.
+            failures: when pictures are black.
             state_period: of the plant's steps (s); 0 if its state is continuous.
         """
         LeafSystem.__init__(self)
         self._state_period = state_period
+        self._failures = tuple(failures)
         self._info = camera_info
         self._fps = fps
         self._renderer = renderer
@@ -194,6 +199,8 @@ class Camera(LeafSystem):
         """Returns what draws the picture: draw(out, boxes=None), see Exposure."""
         sample = self._shown_sample(context)
         time, q, p_WB, w_WB, v_WB = as_state(sample)
+        if failure_at(self._failures, time) == "dark":
+            return _Black()
         # The plant's integrator lets the quaternion's norm drift a little.
         X_WB = RigidTransform(Quaternion(q / math.sqrt(q.dot(q))), p_WB)
         if self._state_period > 0.0:
@@ -214,3 +221,13 @@ class Camera(LeafSystem):
 
     def _calc_time(self, context, output):
         output.SetAtIndex(0, as_state(self._shown_sample(context)).time)
+
+
+class _Black:
+    """A picture of nothing."""
+
+    def draw(self, out: np.ndarray, boxes: np.ndarray | None = None) -> None:
+        """Draws it into an array, (h, w) or RGBA (h, w, 4), whatever the boxes are."""
+        out[:] = 0
+        if out.ndim == 3:
+            out[..., 3] = 255

@@ -88,6 +88,9 @@ def values():
             X_BC=RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [1.0, 2.0, 3.0]),
         ),
         "state_estimate": estimate,
+        "imu": np.column_stack(
+            [1 / 3 - 0.002 * np.arange(10), _noise.normal(size=(10, 6))]
+        ).ravel(),
         "rotor_speeds": rotors[:4],
         "rotor_status": np.array([1 / 3, *rotors]),
         "rotor_speed_command": _noise.uniform(0, 90, 4),
@@ -99,7 +102,7 @@ def values():
     }
 
 
-ROWS = make_channels(scenario())
+ROWS = make_channels(scenario(), ("camera_view", "state_estimate", "imu"))
 
 
 def message_of(row, given=None):

@@ -12,9 +12,9 @@ VEHICLE, _ = load_vehicle("Default")
 HOVER = np.full(4, np.sqrt(VEHICLE.mass * GRAVITY / 4 / 1e-3))
 
 
-def fixed(estimate, speeds, command, delay, until=0.3):
+def fixed(estimate, speeds, command, delay, until=0.3, **kwargs):
     """Returns the outputs of a compensator with constant inputs."""
-    box = DelayCompensator(vehicle=VEHICLE, rate=500.0)
+    box = DelayCompensator(vehicle=VEHICLE, rate=500.0, **kwargs)
     simulator = Simulator(box)
     context = simulator.get_mutable_context()
     for name, value in (
@@ -61,6 +61,20 @@ def test_a_hovering_drone_goes_on_as_it_does():
     np.testing.assert_allclose(as_state(state).position, [1.32, 2.0, 5.0], atol=1e-6)
     np.testing.assert_allclose(as_state(state).velocity, [8.0, 0.0, 0.0], atol=1e-6)
     np.testing.assert_allclose(speeds, HOVER)
+
+
+@pytest.mark.parametrize("until", [0.25, 0.25 + 1e-4, 0.2531, 0.2875, 0.3, 0.45])
+def test_an_estimate_that_is_old_is_carried_to_the_present(until):
+    """Whatever the delay of the link is, and also by parts of a period."""
+    state, _ = fixed(estimate(), HOVER, HOVER, 0.0, until=until, to_present=True)
+    assert as_state(state).time == pytest.approx(until)
+    expected = [1.0 + 8.0 * (until - 0.25), 2.0, 5.0]
+    np.testing.assert_allclose(as_state(state).position, expected, atol=1e-6)
+
+
+def test_nothing_is_carried_further_than_the_model_is_good_for():
+    state, _ = fixed(estimate(), HOVER, HOVER, 0.0, until=0.9, to_present=True)
+    assert as_state(state).time == pytest.approx(0.5)
 
 
 def test_on_the_pad_it_does_not_fall_through_the_ground():

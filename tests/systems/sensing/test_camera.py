@@ -14,6 +14,7 @@ from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.systems.sensing.camera import Camera
 from airrace.systems.types import CameraInfo, make_camera_info
 from airrace.track import Gate, Track
+from airrace.vehicle.sensor_failures import CameraFailure
 
 X_BC = RigidTransform(RotationMatrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])), [0.1, 0, 0])
 INFO = make_camera_info(width=64, height=48, fov_y=1.0, X_BC=X_BC)
@@ -301,3 +302,23 @@ def test_only_a_renderer_without_a_scene_of_its_own_is_told_of_the_gates():
     renderer.needs_query_object = True
     camera = Camera(camera_info=INFO, fps=FPS, renderer=renderer, moving_gates=3)
     assert not camera.HasInputPort("gate_shifts")
+
+
+def test_pictures_that_were_taken_in_the_dark_are_black():
+    failures = [CameraFailure("dark", 0.25, 0.25), CameraFailure("dark", 1.0)]
+    camera, renderer = make_camera(failures=failures)
+    context = camera.CreateDefaultContext()
+    camera.GetInputPort("state").FixValue(context, make_state(RigidTransform()))
+    dark = []
+    for k in range(20):
+        context.SetTime(k / FPS)
+        sample(camera, context)
+        image = camera.GetOutputPort("camera_image").Eval(context).data
+        grey = camera.GetOutputPort("camera_grey").Eval(context).data
+        view = camera.GetOutputPort("camera_view").Eval(context).whole()
+        assert image.any() and np.array_equal(grey[..., 0], view)
+        dark.append(not view.any())
+        if dark[-1]:
+            assert np.all(image == [0, 0, 0, 255])
+    assert [k for k in range(20) if dark[k]] == [2, 3, *range(8, 20)]
+    assert len(renderer.poses) == 2 * (20 - 14)  # in colour and in grey

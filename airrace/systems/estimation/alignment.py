@@ -1,0 +1,150 @@
+"""Attitude and biases of a drone at rest on its pad, and how certain they are.
+
+At rest an accelerometer shows which way is up, and a gyroscope its bias. What an accelerometer
+cannot tell apart is a tilt of the pad and a bias along it: the two errors are fully correlated.
+The heading is not observed: the drone's own at the start defines the frame of the map.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.common.jit import compilable, compiled
+from airrace.math.quaternion import quaternion_product, rotation_between
+from airrace.systems.estimation.error_state import (
+    ACCEL_BIAS,
+    DRONE,
+    GYRO_BIAS,
+    POSITION,
+    THETA,
+    VELOCITY,
+    ImuNoise,
+)
+from airrace.vehicle import GRAVITY
+
+_SCALE = 0.02  # m/s^2, of the specific force's length: scale errors of the sensor
+_HEADING_SIGMA = 1e-4  # rad
+_POSITION_SIGMA, _HEIGHT_SIGMA, _VELOCITY_SIGMA = 2e-3, 0.02, 5e-3  # m, m, m/s
+_STEP = 1e-4  # of the numerical derivative, relative
+
+
+class Rest(NamedTuple):
+    """Means of all samples at rest.
+
+    Attributes:
+        samples: how many.
+        duration: of them together (s).
+        angular_velocity: mean (rad/s), (3,).
+        specific_force: mean (m/s^2), (3,).
+    """
+
+    samples: int
+    duration: float
+    angular_velocity: np.ndarray
+    specific_force: np.ndarray
+
+
+NO_REST = Rest(0, 0.0, np.zeros(3), np.array((0.0, 0.0, GRAVITY)))
+
+
+@compiled
+def attitude_from(up: np.ndarray, heading: float) -> np.ndarray:
+    """Returns the unit quaternion of R_WB of a drone on a pad, (4,).
+
+    The drone stood level with its heading, and then its pad was tilted by the shortest rotation.
+
+    Args:
+        up: any vector upwards, in axes of B, (3,).
+        heading: (rad).
+    """
+    c, s = math.cos(heading), math.sin(heading)
+    length = math.sqrt(up[0] ** 2 + up[1] ** 2 + up[2] ** 2)
+    # `up` as it would be if the body were turned by the heading alone.
+    x, y, z = (c * up[0] - s * up[1]) / length, (s * up[0] + c * up[1]) / length, up[2] / length
+    w = math.sqrt(max(0.5 * (1.0 + z), 1e-12))
+    tilt = np.array((w, 0.5 * y / w, -0.5 * x / w, 0.0))  # from (x, y, z) to the vertical
+    turn = np.array((math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)))
+    return quaternion_product(tilt, turn)
+
+
+@compilable
+def _attitude_by_force(force, heading):
+    """Returns the derivative of the attitude's error by the specific force, (3, 3)."""
+    q = attitude_from(force, heading)
+    result = np.empty((3, 3))
+    for j in range(3):
+        forward, backward = force.copy(), force.copy()
+        forward[j] += _STEP * GRAVITY
+        backward[j] -= _STEP * GRAVITY
+        a = rotation_between(q, attitude_from(forward, heading))
+        b = rotation_between(q, attitude_from(backward, heading))
+        result[:, j] = (a - b) / (2.0 * _STEP * GRAVITY)
+    return result
+
+
+@compiled
+def aligned(rest: Rest, heading: float, noise: ImuNoise) -> tuple:
+    """Returns what is known of a drone after some time at rest.
+
+    With the mean f of the specific force, and the bias b_a of it, the attitude is that of f - b_a;
+    so its error is -J (b_a + n), where J is the derivative of the attitude by the force and n the
+    mean of the noise. The length of f tells the bias along it.
+
+    Args:
+        rest: means of its samples.
+        heading: of the drone (rad).
+        noise: of the sensor.
+
+    Returns:
+        quaternion, (4,); gyro_bias, (3,); accel_bias, (3,); and the covariance of the drone's
+        errors, (15, 15).
+    """
+    f, duration = rest.specific_force, max(rest.duration, 1e-3)
+    length = math.sqrt(f[0] ** 2 + f[1] ** 2 + f[2] ** 2)
+    up = f / length
+    prior, mean_noise = noise.accel_turn_on**2, noise.accel**2 / duration
+    along = prior * (mean_noise + _SCALE**2) / (prior + mean_noise + _SCALE**2)
+    accel_bias = up * ((length - GRAVITY) * along / (mean_noise + _SCALE**2))
+    bias = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            bias[i, j] = up[i] * up[j] * (along - prior) + (prior if i == j else 0.0)
+    quaternion = attitude_from(f - accel_bias, heading)
+    J = _attitude_by_force(f, heading)
+    P = np.zeros((DRONE, DRONE))
+    for i in range(3):
+        for j in range(3):
+            total, tilt_and_bias = 0.0, 0.0
+            for k in range(3):
+                tilt_and_bias -= J[i, k] * bias[k, j]
+                for m in range(3):
+                    total += J[i, k] * (bias[k, m] + (mean_noise if k == m else 0.0)) * J[j, m]
+            P[THETA + i, THETA + j] = total
+            P[THETA + i, ACCEL_BIAS + j] = P[ACCEL_BIAS + j, THETA + i] = tilt_and_bias
+            P[ACCEL_BIAS + i, ACCEL_BIAS + j] = bias[i, j]
+        P[THETA + i, THETA + i] += _HEADING_SIGMA**2
+        P[POSITION + i, POSITION + i] = (_HEIGHT_SIGMA if i == 2 else _POSITION_SIGMA) ** 2
+        P[VELOCITY + i, VELOCITY + i] = _VELOCITY_SIGMA**2
+        P[GYRO_BIAS + i, GYRO_BIAS + i] = noise.gyro**2 / duration + 1e-10
+        P[ACCEL_BIAS + i, ACCEL_BIAS + i] += 1e-8
+    return quaternion, rest.angular_velocity, accel_bias, P
+
+
+@compiled
+def rested(rest: Rest, history: np.ndarray, after: float, until: float) -> Rest:
+    """Returns the means with the samples that end after a time and not after another.
+
+    Args:
+        rest: the means before.
+        history: samples, newest first, (n, 7).
+        after, until: (s).
+    """
+    count, duration = rest.samples, rest.duration
+    w, f = rest.angular_velocity.copy(), rest.specific_force.copy()
+    for k in range(len(history) - 1, -1, -1):
+        if 0.0 < history[k, 0] <= until and history[k, 0] > after:
+            count += 1
+            w += (history[k, 1:4] - w) / count
+            f += (history[k, 4:7] - f) / count
+    return Rest(count, duration + max(until - max(after, 0.0), 0.0), w, f)

@@ -1,0 +1,298 @@
+"""The measurement update of the filter: what the corners of a gate's markers tell."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.common.jit import compilable, compiled
+from airrace.math.angles import wrap_angle
+from airrace.math.quaternion import rotation_between, rotation_matrix
+from airrace.math.small_matrices import cholesky
+from airrace.systems.estimation.error_state import DRONE, corrected
+from airrace.systems.estimation.gate_projection import GATE, POSE, Camera, predicted_corners
+from airrace.systems.estimation.navigation import Navigation, as_navigation, navigation_vector
+
+# Errors that pictures share, and that their noise does not show: px, of a coordinate of a corner up
+# to this depth (m); beyond, it grows.
+CORNER_SIGMA, SHARP_RANGE = 0.08, 25.0
+ACTIVE = POSE + GATE  # errors that one gate's picture depends on
+
+
+class Belief(NamedTuple):
+    """What the filter believes at one time.
+
+    Attributes:
+        navigation: the drone's nominal state, a vector of Navigation, (17,).
+        gates: nominal states of n gates, (n, 5).
+        covariance: of the errors of drone and gates, (15 + 5 n, 15 + 5 n).
+    """
+
+    navigation: np.ndarray
+    gates: np.ndarray
+    covariance: np.ndarray
+
+
+class Sight(NamedTuple):
+    """Markers of one gate in one picture.
+
+    Attributes:
+        gate: index of the gate in the belief.
+        ids: of the markers, (m,).
+        corners: (m, 8) px, x and y of each corner in turn.
+        noise: variance of a coordinate by the picture's noise, of each marker (px^2), (m,).
+    """
+
+    gate: int
+    ids: np.ndarray
+    corners: np.ndarray
+    noise: np.ndarray
+
+
+class Innovation(NamedTuple):
+    """How well markers fitted the belief before an update.
+
+    Attributes:
+        squared: the normalised innovation squared, r^T S^-1 r, of the picture before the update.
+        cost: what the update minimised, at the last iteration: squared standard deviations of
+            innovations and corrections; infinite if a corner would be behind the camera.
+    """
+
+    squared: float
+    cost: float
+
+
+@compilable
+def _corrected_gate(gate, error):
+    result = gate + error
+    result[3] = wrap_angle(result[3])
+    return result
+
+
+@compilable
+def error_between(state: Navigation, start: Navigation) -> np.ndarray:
+    """Returns the error, (15,), that a start has if the truth is a state."""
+    return np.concatenate(
+        (
+            rotation_between(start.quaternion, state.quaternion),
+            state.position - start.position,
+            state.velocity - start.velocity,
+            state.gyro_bias - start.gyro_bias,
+            state.accel_bias - start.accel_bias,
+        )
+    )
+
+
+@compilable
+def _linearized(state, gate, sight, camera):
+    """Returns innovation, (8 m,), its matrix H, (8 m, 11), variances, (8 m,), and least depth."""
+    n = len(sight.ids)
+    residual, H, variances = np.empty(8 * n), np.empty((8 * n, ACTIVE)), np.empty(8 * n)
+    nearest = np.inf
+    for m in range(n):
+        pixels, by_pose, by_gate, depth = predicted_corners(state, gate, sight.ids[m], camera)
+        nearest = min(nearest, depth)
+        sigma = CORNER_SIGMA * max(1.0, depth / SHARP_RANGE)
+        for i in range(8):
+            row = 8 * m + i
+            residual[row] = sight.corners[m, i] - pixels[i]
+            variances[row] = sigma * sigma + sight.noise[m]
+            for j in range(POSE):
+                H[row, j] = by_pose[i, j]
+            for j in range(GATE):
+                H[row, POSE + j] = by_gate[i, j]
+    return residual, H, variances, nearest
+
+
+@compilable
+def _solve_lower(L, b):
+    """Returns L^-1 b, (n,), of a lower triangular matrix."""
+    x = np.empty(len(L))
+    for i in range(len(L)):
+        rest = b[i]
+        for k in range(i):
+            rest -= L[i, k] * x[k]
+        x[i] = rest / L[i, i]
+    return x
+
+
+@compilable
+def _solve_upper(L, b):
+    """Returns L^-T b, (n,)."""
+    x = np.empty(len(L))
+    for i in range(len(L) - 1, -1, -1):
+        rest = b[i]
+        for k in range(i + 1, len(L)):
+            rest -= L[k, i] * x[k]
+        x[i] = rest / L[i, i]
+    return x
+
+
+@compilable
+def _gains(covariance, columns, H, variances):
+    """Returns P H^T, (n, 8 m), and the Cholesky factor of S = H P H^T + R, (8 m, 8 m)."""
+    size, rows = len(covariance), len(H)
+    PHt = np.zeros((size, rows))
+    for i in range(size):
+        for k in range(ACTIVE):
+            value = covariance[i, columns[k]]
+            for j in range(rows):
+                PHt[i, j] += value * H[j, k]
+    S = np.zeros((rows, rows))
+    for i in range(rows):
+        for k in range(ACTIVE):
+            for j in range(rows):
+                S[i, j] += H[i, k] * PHt[columns[k], j]
+        S[i, i] += variances[i]
+    return PHt, cholesky(S)
+
+
+@compiled
+def innovation(belief: Belief, sight: Sight, camera: Camera) -> Innovation:
+    """Returns how well markers fit a belief; changes nothing."""
+    state, gate = as_navigation(belief.navigation), belief.gates[sight.gate]
+    residual, H, variances, nearest = _linearized(state, gate, sight, camera)
+    if not nearest > 0.0:
+        return Innovation(np.inf, np.inf)
+    _, L = _gains(belief.covariance, _columns(sight.gate), H, variances)
+    y = _solve_lower(L, residual)
+    squared = np.sum(y * y)
+    return Innovation(squared, squared)
+
+
+@compilable
+def _columns(gate):
+    """Returns where the errors are that a gate's picture depends on, (11,)."""
+    columns = np.empty(ACTIVE, np.int64)
+    for k in range(POSE):
+        columns[k] = k
+    for k in range(GATE):
+        columns[POSE + k] = DRONE + GATE * gate + k
+    return columns
+
+
+@compiled
+def updated(
+    belief: Belief, sight: Sight, camera: Camera, inflation: float, iterations: int
+) -> tuple[Belief, Innovation]:
+    """Returns the belief after an update, and how well the markers fitted.
+
+    An iterated Kalman update is Gauss-Newton on the squared standard deviations of innovation
+    and correction (Bell and Cathey, 1993): with the correction e so far, x_0 + e = x,
+
+        e+ = K (z - h(x) + H e),   K = P H^T (H P H^T + R)^-1.
+
+    The covariance is P - K S K^T with the H of the last iteration.
+
+    Args:
+        belief: before.
+        sight: the markers.
+        camera: of the picture.
+        inflation: of the corners' variances, at least 1.
+        iterations: at least 1.
+    """
+    before = Belief(belief.navigation.copy(), belief.gates.copy(), belief.covariance.copy())
+    start, first = as_navigation(before.navigation), before.gates[sight.gate].copy()
+    covariance, columns = before.covariance, _columns(sight.gate)
+    size = len(covariance)
+    state, gate, error = start, first, np.zeros(size)
+    PHt, L, squared, cost = np.zeros((size, 0)), np.zeros((0, 0)), 0.0, np.inf
+    for iteration in range(iterations):
+        residual, H, variances, nearest = _linearized(state, gate, sight, camera)
+        if not nearest > 0.0:
+            return before, Innovation(np.inf, np.inf)
+        for i in range(len(residual)):
+            variances[i] *= inflation
+            for k in range(ACTIVE):
+                residual[i] += H[i, k] * error[columns[k]]
+        PHt, L = _gains(covariance, columns, H, variances)
+        y = _solve_lower(L, residual)
+        cost = np.sum(y * y)
+        if iteration == 0:
+            squared = cost
+        gain_input = _solve_upper(L, y)
+        step = 0.0
+        for i in range(size):
+            total = 0.0
+            for j in range(len(gain_input)):
+                total += PHt[i, j] * gain_input[j]
+            step = max(step, abs(total - error[i]))
+            error[i] = total
+        state = corrected(start, error)
+        lowest = DRONE + GATE * sight.gate
+        gate = _corrected_gate(first, error[lowest : lowest + GATE])
+        if step < 1e-6:
+            break
+    if not math.isfinite(cost):
+        return before, Innovation(np.inf, np.inf)
+    gates = before.gates.copy()
+    for k in range(len(gates)):
+        gates[k] = _corrected_gate(gates[k], error[DRONE + GATE * k : DRONE + GATE * (k + 1)])
+    result = Belief(navigation_vector(state), gates, _reduced(covariance, PHt, L))
+    return result, Innovation(squared, cost)
+
+
+@compilable
+def _reduced(covariance, PHt, L):
+    """Returns P - P H^T S^-1 H P, as P - W W^T with W = P H^T L^-T, so that it is symmetric."""
+    size, rows = PHt.shape
+    W = np.empty((size, rows))
+    for i in range(size):
+        W[i] = _solve_lower(L, PHt[i])
+    result = np.empty((size, size))
+    for i in range(size):
+        for j in range(i + 1):
+            total = covariance[i, j]
+            for k in range(rows):
+                total -= W[i, k] * W[j, k]
+            result[i, j] = result[j, i] = total
+    return result
+
+
+@compiled
+def with_spacing(belief: Belief, gate: int, spacing: float, sigma: float) -> Belief:
+    """Returns the belief that the spacing of a gate (by index) is a value with a sigma (m)."""
+    index = DRONE + GATE * gate + 4
+    covariance = belief.covariance
+    scale = 1.0 / (covariance[index, index] + sigma * sigma)
+    column = covariance[:, index].copy()
+    error = column * (scale * (spacing - belief.gates[gate, 4]))
+    state = corrected(as_navigation(belief.navigation), error)
+    gates, result = belief.gates.copy(), np.empty_like(covariance)
+    for k in range(len(gates)):
+        gates[k] = _corrected_gate(gates[k], error[DRONE + GATE * k : DRONE + GATE * (k + 1)])
+    for i in range(len(column)):
+        for j in range(i + 1):
+            result[i, j] = result[j, i] = covariance[i, j] - scale * column[i] * column[j]
+    return Belief(navigation_vector(state), gates, result)
+
+
+@compiled
+def relative_covariance(belief: Belief, gate: int) -> np.ndarray:
+    """Returns the covariance of a gate's state where its position is relative to the drone, (5, 5).
+
+    It is that of (p_WG - p_WI, heading, spacing).
+    """
+    at, P = DRONE + GATE * gate, belief.covariance
+    result = P[at : at + GATE, at : at + GATE].copy()
+    for i in range(3):
+        for j in range(GATE):
+            result[i, j] -= P[3 + i, at + j]
+        for j in range(GATE):
+            result[j, i] -= P[at + j, 3 + i]
+        for j in range(3):
+            result[i, j] += P[3 + i, 3 + j]
+    return result
+
+
+@compilable
+def attitude_sigma(belief: Belief) -> float:
+    """Returns the greatest standard deviation of the attitude about an axis of B (rad)."""
+    P = belief.covariance
+    return math.sqrt(max(P[0, 0], P[1, 1], P[2, 2]))
+
+
+@compiled
+def body_axes(belief: Belief) -> np.ndarray:
+    """Returns R_WB of a belief, (3, 3)."""
+    return rotation_matrix(as_navigation(belief.navigation).quaternion)

@@ -1,0 +1,186 @@
+"""What is known of a gate beside its state, and how a new gate enters the filter."""
+
+import dataclasses as dc
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.common.immutable import Immutable
+from airrace.common.jit import compiled
+from airrace.math.angles import wrap_angle
+from airrace.math.small_matrices import product
+from airrace.math.vec3 import rotate
+from airrace.systems.estimation.error_state import DRONE
+from airrace.systems.estimation.gate_projection import GATE, Camera
+from airrace.systems.estimation.kalman_update import Belief, Sight, body_axes, updated
+from airrace.systems.estimation.navigation import as_navigation
+from airrace.systems.mapping.gate_filter import board_position, facing
+from airrace.systems.perception.marker_pose import GATE_SPACING
+
+# What is known of any gate before it is seen: standard deviations about where it seems to be.
+_POSITION_SIGMA, _HEADING_SIGMA, _SPACING_SIGMA = 20.0, 1.0, 1.0  # m, rad, m
+_ITERATIONS = 15
+_LEAST_ADVANTAGE = 9.0  # squared standard deviations by which the other heading must be worse
+_MOST_COST = 60.0  # of eight or sixteen coordinates of corners
+_SAME_HEADING = 0.05  # rad
+_MOST_HEADING_SIGMA = 0.15  # rad, of a new gate's heading to the drone's
+_FARTHEST = 32.0  # m
+# Sights of a new gate that have to agree before it enters, and how: m, rad, s.
+_CONFIRMATIONS = 3
+_NEAR, _TURN, _SOON = 2.0, 0.3, 0.5
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Landmark(Immutable):
+    """What is known of one gate in the filter, beside its state.
+
+    Attributes:
+        number: of the gate.
+        counts: marker ID to how many observations count.
+        outliers: marker ID to how many were refused.
+        refused_in_a_row: pictures in which all its markers were refused, up to now.
+        is_known: whether both its pylons are known well enough to fly through.
+        has_spacing: whether the spacing that the rules say is in its state.
+        seen_at: time of the newest picture that counts (s).
+    """
+
+    number: int
+    counts: dict = dc.field(default_factory=dict)
+    outliers: dict = dc.field(default_factory=dict)
+    refused_in_a_row: int = 0
+    is_known: bool = False
+    has_spacing: bool = False
+    seen_at: float = -1.0
+
+
+class Candidate(NamedTuple):
+    """A gate that is not yet in the filter.
+
+    Attributes:
+        sights: so far, that agree.
+        time: of the newest (s).
+        state: of the gate by that, (5,).
+    """
+
+    sights: int
+    time: float
+    state: np.ndarray
+
+
+def agreeing(candidate: Candidate | None, time: float, state: np.ndarray) -> Candidate:
+    """Returns the candidate after a sight at a time (s) that puts the gate in a state, (5,)."""
+    if candidate is not None and time - candidate.time < _SOON:
+        shift = np.linalg.norm(state[:3] - candidate.state[:3])
+        if shift < _NEAR and abs(wrap_angle(state[3] - candidate.state[3])) < _TURN:
+            return Candidate(candidate.sights + 1, time, state)
+    return Candidate(1, time, state)
+
+
+def is_confirmed(candidate: Candidate) -> bool:
+    """Whether enough sights of a new gate agree."""
+    return candidate.sights >= _CONFIRMATIONS
+
+
+def make_sight(gate: int, markers: list) -> Sight:
+    """Returns the Sight of Detections of one gate, which is that of an index in the belief."""
+    return Sight(
+        gate,
+        np.array([marker.id for marker in markers]),
+        np.array([marker.corners.ravel() for marker in markers], float),
+        np.array([marker.corner_sigma**2 for marker in markers]),
+    )
+
+
+@compiled
+def _seed(
+    belief: Belief, id: int, R_CM: np.ndarray, p_CM: np.ndarray, camera: Camera
+) -> np.ndarray:
+    """Returns where the pose of one marker puts its gate, and the other pose of that picture.
+
+    A square has two poses in a picture, whose normals are mirrored at the line of sight
+    (Collins and Bartoli, "Infinitesimal plane-based pose estimation", 2014).
+
+    Args:
+        belief: of the filter.
+        id: of the marker.
+        R_CM, p_CM: its pose in the camera, (3, 3), (3,).
+        camera: see Camera.
+
+    Returns:
+        two states of the gate, (2, 5).
+    """
+    R_WC = product(body_axes(belief), camera.R_CB.T)
+    p_WC = as_navigation(belief.navigation).position + rotate(body_axes(belief), camera.p_IC)
+    ray, normal = rotate(R_WC, p_CM), rotate(R_WC, np.ascontiguousarray(R_CM[:, 2]))
+    sight, face = math.atan2(ray[1], ray[0]), math.atan2(normal[1], normal[0])
+    gates = np.empty((2, GATE))
+    for k in range(2):
+        outwards = face if k == 0 else 2.0 * sight - face
+        gate = np.array((0.0, 0.0, 0.0, outwards, GATE_SPACING))
+        if facing(id) < 0.0:
+            gate[3] += math.pi
+        gate[3] = wrap_angle(gate[3])
+        gate[:3] = p_WC + ray - board_position(gate, id)[0]
+        gates[k] = gate
+    return gates
+
+
+@compiled
+def _with_gate(belief: Belief, gate: np.ndarray) -> Belief:
+    """Returns the belief with one more gate, of which next to nothing is known."""
+    size = len(belief.covariance)
+    covariance = np.zeros((size + GATE, size + GATE))
+    covariance[:size, :size] = belief.covariance
+    for i in range(3):
+        covariance[size + i, size + i] = _POSITION_SIGMA**2
+    covariance[size + 3, size + 3] = _HEADING_SIGMA**2
+    covariance[size + 4, size + 4] = _SPACING_SIGMA**2
+    gates = np.empty((len(belief.gates) + 1, GATE))
+    gates[:-1] = belief.gates
+    gates[-1] = gate
+    return Belief(belief.navigation.copy(), gates, covariance)
+
+
+@compiled
+def _best(belief: Belief, seeds: np.ndarray, sight: Sight, camera: Camera) -> tuple[Belief, bool]:
+    """Returns the belief with the gate that fits best, and whether that is beyond doubt."""
+    best, fit = updated(_with_gate(belief, seeds[0]), sight, camera, 1.0, _ITERATIONS)
+    cost, other = fit.cost, np.inf
+    for k in range(1, len(seeds)):
+        trial, fit = updated(_with_gate(belief, seeds[k]), sight, camera, 1.0, _ITERATIONS)
+        turn = abs(wrap_angle(trial.gates[-1, 3] - best.gates[-1, 3]))
+        if fit.cost < cost:
+            best, cost, previous = trial, fit.cost, cost
+        else:
+            previous = fit.cost
+        if turn > _SAME_HEADING:
+            other = min(other, previous)
+    at = DRONE + GATE * (len(best.gates) - 1)
+    offset = best.gates[-1, :3] - as_navigation(best.navigation).position
+    accepted = (
+        cost < _MOST_COST
+        and other - cost > _LEAST_ADVANTAGE
+        and best.covariance[at + 3, at + 3] < _MOST_HEADING_SIGMA**2
+        and np.sum(offset**2) < _FARTHEST**2
+    )
+    return best, accepted
+
+
+def new_gate(belief: Belief, markers: list, camera: Camera) -> Belief | None:
+    """Returns the belief with a gate that is not yet in it, None if its sight is ambiguous.
+
+    It is the Gauss-Newton fit of gate, attitude and all else to the corners, from each of the
+    two headings that a planar marker may have.
+
+    Args:
+        belief: of the filter.
+        markers: Detections of the gate's markers in one picture.
+        camera: see Camera.
+    """
+    marker = markers[0]
+    X_CM = marker.X_CM.GetAsMatrix34()
+    R_CM, p_CM = np.ascontiguousarray(X_CM[:, :3]), np.ascontiguousarray(X_CM[:, 3])
+    seeds = _seed(belief, marker.id, R_CM, p_CM, camera)
+    result, accepted = _best(belief, seeds, make_sight(len(belief.gates), markers), camera)
+    return result if accepted else None

@@ -1,0 +1,172 @@
+"""The nominal state of the estimator, and strapdown integration of inertial samples.
+
+"Strapdown" is a sensor that is fixed to the body, in contrast to one on a gimbal. The point that
+is carried forward is the sensor's, I, whose axes are those of the body; the body's origin follows
+from where the sensor is mounted.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.common.jit import compilable, compiled
+from airrace.math.quaternion import rotation_matrix, turned
+from airrace.math.vec3 import cross, rotate
+from airrace.vehicle import GRAVITY_W
+from airrace.vehicle.state import as_state
+
+NAVIGATION_SIZE = 17
+SAMPLE_SIZE = 7  # of a sample: its time (s), angular velocity (rad/s), specific force (m/s^2)
+
+
+class Navigation(NamedTuple):
+    """Time, pose, velocity and biases of the inertial sensor.
+
+    Attributes:
+        time: (s); negative before anything is known.
+        quaternion: of R_WB, [w, x, y, z], (4,).
+        position: p_WI (m), (3,).
+        velocity: v_WI (m/s), (3,).
+        gyro_bias: of the angular velocity (rad/s), (3,).
+        accel_bias: of the specific force (m/s^2), (3,).
+    """
+
+    time: float
+    quaternion: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    gyro_bias: np.ndarray
+    accel_bias: np.ndarray
+
+
+@compilable
+def as_navigation(vector: np.ndarray) -> Navigation:
+    """Returns the parts of a vector, (17,), as views of it."""
+    return Navigation(
+        vector[0], vector[1:5], vector[5:8], vector[8:11], vector[11:14], vector[14:17]
+    )
+
+
+@compilable
+def navigation_vector(state: Navigation) -> np.ndarray:
+    """Returns the vector of a nominal state, (17,)."""
+    time, q, p, v, b_g, b_a = state
+    return np.concatenate((np.array((time,)), q, p, v, b_g, b_a))
+
+
+@compilable
+def moved_by(state: Navigation, sample: np.ndarray, dt: float) -> Navigation:
+    """Returns the nominal state after a time at the mean rates of a sample.
+
+    With the angular velocity w and the specific force f, less their biases,
+        R+ = R exp(w dt),  v+ = v + (R f + g) dt,  p+ = p + v dt + (R f + g) dt^2 / 2.
+
+    Args:
+        state: at the beginning.
+        sample: time, w and f, (7,); f in the axes of the beginning.
+        dt: (s).
+    """
+    w, f = sample[1:4] - state.gyro_bias, sample[4:7] - state.accel_bias
+    a = rotate(rotation_matrix(state.quaternion), f) + GRAVITY_W
+    return Navigation(
+        state.time + dt,
+        turned(state.quaternion, dt * w),
+        state.position + dt * (state.velocity + 0.5 * dt * a),
+        state.velocity + dt * a,
+        state.gyro_bias,
+        state.accel_bias,
+    )
+
+
+@compilable
+def first_after(history: np.ndarray, time: float) -> int:
+    """Returns the index of the oldest sample that ends after a time, -1 if there is none.
+
+    Args:
+        history: samples, newest first, (n, 7); where there is none, the time is negative.
+        time: (s).
+    """
+    k = -1
+    while k + 1 < len(history) and history[k + 1, 0] > time and history[k + 1, 0] > 0.0:
+        k += 1
+    return k
+
+
+@compiled
+def carried_to(vector: np.ndarray, history: np.ndarray, time: float) -> np.ndarray:
+    """Returns a nominal state, (17,), carried forward to a time (s) by the samples since.
+
+    A sample counts from the end of the one before it, so that one that was lost is bridged; the
+    newest one counts to the time if that is later.
+
+    Args:
+        vector: the state before, (17,).
+        history: samples, newest first, (n, 7).
+        time: (s).
+    """
+    state = as_navigation(vector.copy())
+    for k in range(first_after(history, state.time), -1, -1):
+        dt = min(history[k, 0], time) - state.time
+        if dt > 0.0:
+            state = moved_by(state, history[k], dt)
+    if time > state.time and history[0, 0] > 0.0:
+        state = moved_by(state, history[0], time - state.time)
+    return navigation_vector(state)
+
+
+@compilable
+def write_state(
+    result: np.ndarray, state: Navigation, angular_velocity: np.ndarray, p_BI: np.ndarray
+) -> None:
+    """Writes a vector of vehicle/state.py, (14,), of the body's origin.
+
+    Args:
+        result: to be written.
+        state: of the sensor.
+        angular_velocity: w_WB less its bias, in axes of B (rad/s), (3,).
+        p_BI: where the sensor is mounted (m), (3,).
+    """
+    R = rotation_matrix(state.quaternion)
+    body = as_state(result)
+    result[0] = state.time
+    w, r = rotate(R, angular_velocity), rotate(R, p_BI)
+    turning = cross(w, r)
+    for i in range(4):
+        body.quaternion[i] = state.quaternion[i]
+    for i in range(3):
+        body.position[i] = state.position[i] - r[i]
+        body.angular_velocity[i] = w[i]
+        body.velocity[i] = state.velocity[i] - turning[i]
+
+
+@compilable
+def _is_sound(sample, ranges):
+    """Whether a sample is finite, and no axis of it at the end of its range."""
+    for j in range(1, SAMPLE_SIZE):
+        if not abs(sample[j]) < ranges[j - 1]:  # nor is NaN
+            return False
+    return True
+
+
+@compiled
+def remember(history: np.ndarray, samples: np.ndarray, ranges: np.ndarray) -> int:
+    """Writes the samples that are new and sound into a history; returns how many were.
+
+    Sound is what is finite and within the sensor's ranges.
+
+    Args:
+        history: samples, newest first, (n, 7); changed.
+        samples: of the sensor, newest first, (m, 7).
+        ranges: of the angular velocity (rad/s) and the specific force (m/s^2), (6,).
+    """
+    count = 0
+    for k in range(len(samples) - 1, -1, -1):
+        is_new = samples[k, 0] > history[0, 0] and samples[k, 0] > 0.0
+        if is_new and _is_sound(samples[k], ranges):
+            for i in range(len(history) - 1, 0, -1):
+                for j in range(SAMPLE_SIZE):
+                    history[i, j] = history[i - 1, j]
+            for j in range(SAMPLE_SIZE):
+                history[0, j] = samples[k, j]
+            count += 1
+    return count

@@ -1,0 +1,291 @@
+"""The filter of drone and gates, from one picture to the next, without Drake."""
+
+import dataclasses as dc
+from collections import Counter
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.common.immutable import Immutable
+from airrace.math.quaternion import rotation_matrix
+from airrace.scenario import PerceptionConfig
+from airrace.systems.estimation import landmarks
+from airrace.systems.estimation.alignment import NO_REST, Rest, aligned, rested
+from airrace.systems.estimation.error_state import DRONE, ImuNoise, propagate
+from airrace.systems.estimation.gate_projection import GATE, Camera
+from airrace.systems.estimation.kalman_update import (
+    Belief,
+    attitude_sigma,
+    innovation,
+    relative_covariance,
+    updated,
+    with_spacing,
+)
+from airrace.systems.estimation.landmarks import Candidate, Landmark
+from airrace.systems.estimation.navigation import NAVIGATION_SIZE, Navigation, navigation_vector
+from airrace.systems.estimation.slam_map import map_of_gate
+from airrace.systems.mapping.gate_filter import GateFilter
+from airrace.systems.mapping.observation import OFF_MAP, UNCONFIRMED, UNKNOWN_TIME, refusal
+from airrace.systems.perception.detection_checks import FOREIGN_ID
+from airrace.systems.perception.marker_pose import GATE_SPACING
+from airrace.systems.types import CameraInfo, Detection, Detections
+from airrace.track import PYLON_BASE_RADIUS
+from airrace.track.gate_map import GateMap
+
+# Normalised innovation squared of a marker's eight coordinates: above the first, its weight
+# falls; above the second it is refused.
+_DOUBTFUL, _REFUSED = 16.0, 60.0
+_COARSE_ATTITUDE = np.deg2rad(0.3)  # above, an update is iterated
+_ITERATIONS = 6
+_KNOWN_SIGMA = 0.3  # m, of a gate's position relative to the drone, before it is in the map
+# Where the spacing is nearly that of the rules, and is known so well, it is (m).
+_SPACING_TOLERANCE, _SPACING_CERTAINTY, _RULES_SIGMA = 0.2, 0.15, 0.005
+# A gate that was refused in so many pictures in a row has moved, or was wrong: variances added.
+_MOST_REFUSED = 5
+_MOVED = np.array([1.0, 1.0, 0.01, 0.01, 0.0])  # m^2, rad^2
+# A gate in the filter is seen usefully from farther away than a new one: of the range.
+_BEYOND = 1.4
+_PROCESS_NOISE = 1.3  # times that of the sensor
+
+
+class MapFrame(NamedTuple):
+    """Where the frame of the map is: the drone's pose on its pad defines it.
+
+    Attributes:
+        heading: of the drone (rad).
+        position: a function of R_WB, (3, 3), to p_WI of the sensor (m), (3,).
+    """
+
+    heading: float
+    position: Callable[[np.ndarray], np.ndarray]
+
+
+@dc.dataclass(frozen=True, eq=False)
+class SlamState(Immutable):
+    """What the filter knows; a new one for every picture. Its arrays are never written to.
+
+    Attributes:
+        belief: see Belief; its time is that of the newest picture's exposure.
+        landmarks: tuple of Landmark, in the order of the belief's gates.
+        candidates: number of a gate that is not yet in the belief to its Candidate.
+        rest: means of the samples at rest.
+        at_rest: whether the rotors have not turned yet.
+        image_time: of the newest picture (s).
+        refused: reason to how many detections did not enter the map.
+        gate_map: the map that follows.
+        innovations: tuple of (marker ID, normalised innovation squared) of the newest picture.
+    """
+
+    belief: Belief = Belief(
+        np.array([-1.0, 1.0, *[0.0] * (NAVIGATION_SIZE - 2)]), np.zeros((0, GATE)), np.eye(DRONE)
+    )
+    landmarks: tuple = ()
+    candidates: dict = dc.field(default_factory=dict)
+    rest: Rest = NO_REST
+    at_rest: bool = True
+    image_time: float = -1.0
+    refused: dict = dc.field(default_factory=dict)
+    gate_map: GateMap = GateMap()
+    innovations: tuple = ()
+
+    @property
+    def time(self) -> float:
+        """That the belief is of (s), negative before there is one."""
+        return float(self.belief.navigation[0])
+
+    def index_of(self, number: int) -> int | None:
+        """Returns where a gate is in the belief, None if it is not."""
+        for index, landmark in enumerate(self.landmarks):
+            if landmark.number == number:
+                return index
+        return None
+
+
+class SlamFilter:
+    """Estimates drone and gates together; what it knows is in a SlamState."""
+
+    def __init__(
+        self, *, frame: MapFrame, noise: ImuNoise, p_BI: np.ndarray, config: PerceptionConfig
+    ):
+        """Constructs the filter.
+
+        Args:
+            frame: of the map.
+            noise: of the inertial sensor, as its data sheet says.
+            p_BI: where that is in the body (m), (3,).
+            config: of which max_range, max_gates and min_observations matter; a gate that is known
+                is of use from somewhat farther away.
+        """
+        self._frame = frame
+        self._turn_on = noise
+        self._noise = ImuNoise(
+            _PROCESS_NOISE * noise.gyro,
+            _PROCESS_NOISE * noise.accel,
+            _PROCESS_NOISE * noise.gyro_walk,
+            _PROCESS_NOISE * noise.accel_walk,
+            noise.accel_turn_on,
+            noise.period,
+        )
+        self._p_BI = np.array(p_BI, float)
+        self._config = config
+
+    def propagated(
+        self, state: SlamState, history: np.ndarray, time: float, rotors_turn: bool
+    ) -> SlamState:
+        """Returns the state carried forward to a time.
+
+        Args:
+            state: before.
+            history: samples, newest first, (n, 7).
+            time: (s).
+            rotors_turn: whether they do now.
+        """
+        if state.at_rest and not rotors_turn:
+            rest = rested(state.rest, history, state.time, time)
+            return self._aligned(state, rest, time) if rest.samples else state
+        if state.time < 0.0 or time <= state.time:
+            return dc.replace(state, at_rest=False)
+        navigation, covariance = propagate(
+            state.belief.navigation, state.belief.covariance, history, time, self._noise
+        )
+        belief = Belief(navigation, state.belief.gates, covariance)
+        return dc.replace(state, belief=belief, at_rest=False)
+
+    def _aligned(self, state: SlamState, rest: Rest, time: float) -> SlamState:
+        quaternion, gyro_bias, accel_bias, P = aligned(rest, self._frame.heading, self._turn_on)
+        position = self._frame.position(rotation_matrix(quaternion))
+        navigation = Navigation(time, quaternion, position, np.zeros(3), gyro_bias, accel_bias)
+        belief = Belief(navigation_vector(navigation), np.zeros((0, GATE)), P)
+        return dc.replace(state, belief=belief, rest=rest)
+
+    def updated(self, state: SlamState, detections: Detections, info: CameraInfo) -> SlamState:
+        """Returns the state with the markers of a picture, to whose time it was propagated."""
+        if detections.time <= state.image_time:
+            return state
+        refused = Counter(state.refused)
+        refused.update(reason for reason, _ in detections.refused)
+        state = dc.replace(state, image_time=detections.time, innovations=())
+        by_gate: dict[int, list[Detection]] = {}
+        max_id = 4 * self._config.max_gates - 1
+        for marker in detections.markers:
+            reason = refusal(marker, max_id, _BEYOND * self._config.max_range)
+            if reason is None and state.time < 0.0:
+                reason = UNKNOWN_TIME
+            if reason is None:
+                by_gate.setdefault(marker.id // 4, []).append(marker)
+            else:
+                refused[reason] += 1
+        # At rest the drone does not move, and what it sees there will be seen from the air.
+        if not state.at_rest:
+            camera = self._camera(info)
+            for number, markers in sorted(by_gate.items()):
+                index = state.index_of(number)
+                if index is None:
+                    state, why = self._with_new_gate(state, number, markers, camera)
+                else:
+                    state, why = self._with_markers(state, index, markers, camera)
+                refused.update(why)
+        foreign = sum(reason == FOREIGN_ID for reason, _ in detections.refused)
+        gate_map = self._map(state, detections, foreign, refused)
+        return dc.replace(state, refused=dict(refused), gate_map=gate_map)
+
+    def _camera(self, info: CameraInfo) -> Camera:
+        R_CB = np.ascontiguousarray(info.X_BC.rotation().matrix().T)
+        intrinsics = np.array([*info.K[[0, 1, 0, 1], [0, 1, 2, 2]], *info.D])
+        return Camera(intrinsics, R_CB, info.X_BC.translation() - self._p_BI)
+
+    def _with_new_gate(self, state, number, markers, camera):
+        """Returns the state after a sight of an unknown gate, and reasons of refused markers."""
+        belief = landmarks.new_gate(state.belief, markers, camera)
+        if belief is None:
+            return state, len(markers) * [UNCONFIRMED]
+        time, before = state.image_time, state.candidates.get(number)
+        candidate = landmarks.agreeing(before, time, belief.gates[-1])
+        if not landmarks.is_confirmed(candidate):
+            candidates: dict[int, Candidate] = state.candidates | {number: candidate}
+            return dc.replace(state, candidates=candidates), len(markers) * [UNCONFIRMED]
+        counts = {marker.id: 1 for marker in markers}
+        known = (*state.landmarks, Landmark(number, counts=counts, seen_at=time))
+        candidates = {k: v for k, v in state.candidates.items() if k != number}
+        return dc.replace(state, belief=belief, landmarks=known, candidates=candidates), []
+
+    def _with_markers(self, state, index, markers, camera):
+        """Returns the state after a sight of a gate that is in it, and reasons of refusals."""
+        belief, landmark = state.belief, state.landmarks[index]
+        counts, outliers = Counter(landmark.counts), Counter(landmark.outliers)
+        innovations, accepted = [], 0
+        for marker in markers:
+            sight = landmarks.make_sight(index, [marker])
+            squared = innovation(belief, sight, camera).squared
+            innovations.append((marker.id, squared))
+            if not squared <= _REFUSED:
+                outliers[marker.id] += 1
+                continue
+            coarse = attitude_sigma(belief) > _COARSE_ATTITUDE or landmark.refused_in_a_row
+            inflation = max(1.0, squared / _DOUBTFUL)
+            belief, _ = updated(belief, sight, camera, inflation, _ITERATIONS if coarse else 1)
+            counts[marker.id] += 1
+            accepted += 1
+        in_a_row = 0 if accepted else landmark.refused_in_a_row + 1
+        if in_a_row and in_a_row % _MOST_REFUSED == 0:
+            belief = _loosened(belief, index)
+        landmark = dc.replace(
+            landmark,
+            counts=dict(counts),
+            outliers=dict(outliers),
+            refused_in_a_row=in_a_row,
+            seen_at=state.image_time if accepted else landmark.seen_at,
+        )
+        belief, landmark = self._certain(belief, index, landmark)
+        every = (*state.landmarks[:index], landmark, *state.landmarks[index + 1 :])
+        state = dc.replace(
+            state, belief=belief, landmarks=every, innovations=(*state.innovations, *innovations)
+        )
+        return state, (len(markers) - accepted) * [OFF_MAP]
+
+    def _certain(self, belief, index, landmark):
+        """Returns belief and landmark with what follows once enough is known of the gate."""
+        at = DRONE + GATE * index + 4
+        error, variance = GATE_SPACING - belief.gates[index, 4], belief.covariance[at, at]
+        if not landmark.has_spacing and (
+            abs(error) < _SPACING_TOLERANCE and variance < _SPACING_CERTAINTY**2
+        ):
+            belief = with_spacing(belief, index, GATE_SPACING, _RULES_SIGMA)
+            landmark = dc.replace(landmark, has_spacing=True)
+        if landmark.is_known:
+            return belief, landmark
+        left, right = (
+            sum(count for id, count in landmark.counts.items() if id & 2 == pylon)
+            for pylon in (0, 2)
+        )
+        relative = GateFilter(belief.gates[index], relative_covariance(belief, index), 0.0)
+        is_known = (
+            min(left, right) >= self._config.min_observations
+            and relative.spacing > 2 * PYLON_BASE_RADIUS
+            and relative.is_certain(_KNOWN_SIGMA)
+        )
+        return belief, dc.replace(landmark, is_known=is_known)
+
+    def _map(self, state, detections, foreign, refused):
+        before = state.gate_map
+        parts = sorted(
+            (landmark.number, *map_of_gate(state.belief, index, landmark))
+            for index, landmark in enumerate(state.landmarks)
+        )
+        return GateMap(
+            time=detections.time,
+            markers=tuple(marker for _, markers, _ in parts for marker in markers),
+            gates=tuple(gate for _, _, gates in parts for gate in gates),
+            detections=before.detections + len(detections.markers) + foreign,
+            out_of_range=refused[FOREIGN_ID],
+            refused=dict(sorted(refused.items())),
+        )
+
+
+def _loosened(belief: Belief, index: int) -> Belief:
+    """Returns the belief with a gate that may be elsewhere by about a metre."""
+    at = DRONE + GATE * index
+    covariance = belief.covariance.copy()
+    covariance[range(at, at + GATE), range(at, at + GATE)] += _MOVED
+    return Belief(belief.navigation, belief.gates, covariance)

@@ -1,0 +1,211 @@
+"""Carries pose and velocity forward with every sample of the inertial sensor."""
+
+import math
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from airrace.common.jit import all_finite, compilable, compiled
+from airrace.math.quaternion import rotation_matrix
+from airrace.math.vec3 import cross, dot, rotate
+from airrace.systems.estimation.navigation import (
+    NAVIGATION_SIZE,
+    SAMPLE_SIZE,
+    as_navigation,
+    carried_to,
+    remember,
+    write_state,
+)
+from airrace.systems.ports import read_vector
+from airrace.systems.sensing.imu_samples import IMU_SIZE
+from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.state import STATE_SIZE
+
+_TIME_CONSTANT = 0.15  # s, of the disturbance
+_MAX_DISTURBANCE = 8.0  # m/s^2
+_FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
+_SPARE = 0.1  # s, of samples, should pictures come late
+_UNLIMITED = np.full(6, np.inf)
+_AVERAGED = 10  # samples, of the angular velocity in `state_estimate`
+
+
+def history_depth(fps: float, latency: float, imu_rate: float) -> int:
+    """Returns how many samples have to be kept until the next picture is worked on.
+
+    Args:
+        fps: of the camera (Hz).
+        latency: from an exposure to its detections (s).
+        imu_rate: of the inertial sensor (Hz).
+    """
+    return math.ceil((latency + 2.0 / fps + _SPARE) * imu_rate)
+
+
+class StrapdownIntegrator(LeafSystem):
+    """Integrates inertial samples, from where GateSlam last knew the drone to be.
+
+    .. pydrake_system::
+
+        name: StrapdownIntegrator
+        input_ports:
+        - imu
+        - corrections
+        - rotor_speeds
+        output_ports:
+        - state_estimate
+        - filtered_estimate
+        - disturbance
+        - imu_history
+
+    ``imu`` (70) see ImuSamples; ``corrections`` (17) is a Navigation of a moment ago;
+    ``rotor_speeds`` as reported (rad/s). ``state_estimate`` (14) is of the newest sample's time,
+    its angular velocity the mean of ten; ``filtered_estimate`` (14) is of the present, with all
+    that the sensor has shown. ``disturbance`` (3) is the acceleration that rotors and gravity do
+    not explain (m/s^2, in the world), smoothed: the accelerometer less the rotors' thrust. So
+    neither noise of the estimate nor a correction of it drives it. ``imu_history`` (7 n) are the
+    newest n samples, newest first, for GateSlam.
+
+    After a correction, the samples since then are integrated anew. What the sensor shows is
+    dropped if it is not finite or at the end of the range; a sample that is missing is bridged by
+    the next.
+    """
+
+    def __init__(
+        self,
+        *,
+        vehicle: Vehicle,
+        rate: float,
+        depth: int,
+        start: np.ndarray,
+        ranges: np.ndarray = _UNLIMITED,
+    ):
+        """Constructs the integrator.
+
+        Args:
+            vehicle: mass, rotors and where the sensor is.
+            rate: of the sensor (Hz).
+            depth: n of ``imu_history``, see history_depth().
+            start: the state before anything is known, see vehicle/state.py, (14,).
+            ranges: of the sensor's angular velocity (rad/s) and specific force (m/s^2), (6,).
+        """
+        LeafSystem.__init__(self)
+        self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
+        self._p_BI = np.array(vehicle.imu.position, float)
+        self._ranges = np.array(ranges, float)
+        self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
+        self._corrections = self.DeclareVectorInputPort("corrections", NAVIGATION_SIZE)
+        self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
+        history = np.zeros((depth, SAMPLE_SIZE))
+        history[:, 0] = -1.0
+        # The Navigation, and the time of the correction that it goes on from.
+        memory = np.zeros(NAVIGATION_SIZE + 1)
+        memory[0] = memory[-1] = -1.0
+        self._history = self.DeclareDiscreteState(history.ravel())
+        self._memory = self.DeclareDiscreteState(memory)
+        self._disturbance = self.DeclareDiscreteState(3)
+        self._estimate = self.DeclareDiscreteState(start)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
+        self.DeclareStateOutputPort("state_estimate", self._estimate)
+        self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_filtered)
+        self.DeclareStateOutputPort("disturbance", self._disturbance)
+        self.DeclareStateOutputPort("imu_history", self._history)
+
+    def _update(self, context, discrete_state):
+        _advance(
+            discrete_state.get_mutable_value(self._history).reshape(-1, SAMPLE_SIZE),
+            discrete_state.get_mutable_value(self._memory),
+            discrete_state.get_mutable_value(self._estimate),
+            read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE),
+            read_vector(self._corrections, context),
+            self._p_BI,
+            self._ranges,
+        )
+        _smooth(
+            discrete_state.get_mutable_value(self._disturbance),
+            context.get_discrete_state(self._history).value(),
+            discrete_state.get_mutable_value(self._history).reshape(-1, SAMPLE_SIZE),
+            discrete_state.get_mutable_value(self._memory),
+            read_vector(self._speeds, context),
+            self._thrust_per_mass,
+            self._p_BI,
+        )
+
+    def _calc_filtered(self, context, output):
+        _carry_forward(
+            output.get_mutable_value(),
+            context.get_discrete_state(self._estimate).value(),
+            context.get_discrete_state(self._memory).value(),
+            context.get_discrete_state(self._history).value().reshape(-1, SAMPLE_SIZE),
+            read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE),
+            context.get_time(),
+            self._p_BI,
+            self._ranges,
+        )
+
+
+@compiled
+def _advance(history, memory, estimate, samples, corrections, p_BI, ranges):
+    """Takes up new samples and a new correction.
+
+    Args:
+        history: samples, newest first, (n, 7); changed.
+        memory: see StrapdownIntegrator, (18,); changed.
+        estimate: state at the newest sample, (14,); changed.
+        samples: of the sensor, newest first, (10, 7).
+        corrections: vector of a Navigation, (17,).
+        p_BI: where the sensor is mounted (m), (3,).
+        ranges: of the sensor, see remember(), (6,).
+    """
+    count = remember(history, samples, ranges)
+    newest = history[0, 0]
+    if all_finite(corrections) and corrections[0] > memory[-1]:
+        memory[:-1] = carried_to(corrections, history, max(newest, corrections[0]))
+        memory[-1] = corrections[0]
+    elif count > 0 and memory[0] >= 0.0:
+        memory[:-1] = carried_to(memory[:-1], history, newest)
+    else:
+        return
+    state, w, averaged = as_navigation(memory), np.zeros(3), min(_AVERAGED, len(history))
+    for k in range(averaged):
+        w += history[k, 1:4] / averaged
+    write_state(estimate, state, w - state.gyro_bias, p_BI)
+
+
+@compilable
+def _unexplained(state, sample, thrust, p_BI):
+    """Returns the acceleration (m/s^2, in W) that a thrust per mass (m/s^2) does not explain."""
+    w = sample[1:4] - state.gyro_bias
+    f = sample[4:7] - state.accel_bias - cross(w, cross(w, p_BI))
+    f[2] -= thrust
+    return rotate(rotation_matrix(state.quaternion), f)
+
+
+@compiled
+def _smooth(disturbance, before, history, memory, speeds, thrust_per_mass, p_BI):
+    """Smooths the disturbance, (3,), with the samples that are new since `before`, (7 n,)."""
+    if not memory[0] >= 0.0 or before[0] < 0.0:
+        return
+    thrust = 0.0
+    for c, speed in zip(thrust_per_mass, speeds):
+        thrust += c * speed * speed if math.isfinite(speed) else 0.0
+    state, last = as_navigation(memory), before[0]
+    for k in range(len(history) - 1, -1, -1):
+        dt = history[k, 0] - last
+        if history[k, 0] <= before[0] or thrust < _FLYING * GRAVITY:
+            continue
+        last = history[k, 0]
+        share = 1.0 - math.exp(-dt / _TIME_CONSTANT)
+        disturbance += share * (_unexplained(state, history[k], thrust, p_BI) - disturbance)
+    length = math.sqrt(dot(disturbance, disturbance))
+    disturbance *= min(1.0, _MAX_DISTURBANCE / max(length, 1e-9))
+
+
+@compiled
+def _carry_forward(result, estimate, memory, history, samples, time, p_BI, ranges):
+    """Writes the estimate for a time (s), (14,), with the samples that are not in it yet."""
+    for i in range(STATE_SIZE):
+        result[i] = estimate[i]
+    recent = history[: len(samples)].copy()
+    remember(recent, samples, ranges)
+    if memory[0] >= 0.0 and recent[0, 0] > 0.0:
+        state = as_navigation(carried_to(memory[:-1], recent, time))
+        write_state(result, state, recent[0, 1:4] - state.gyro_bias, p_BI)

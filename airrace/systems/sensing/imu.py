@@ -1,0 +1,239 @@
+"""The gyroscope and the accelerometer."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from airrace.common.jit import assign, compilable, compiled
+from airrace.math.quaternion import integrate, rotation_between, rotation_matrix
+from airrace.math.random import NoiseSequence
+from airrace.math.vec3 import cross, dot, rotate
+from airrace.systems.ports import read_vector
+from airrace.systems.sensing.imu_samples import IMU_ROW, NO_SAMPLES
+from airrace.systems.sensing.state_estimate import plant_lead
+from airrace.vehicle import GRAVITY
+from airrace.vehicle.imu_errors import ImuErrors, axis_matrices, turn_on_biases
+from airrace.vehicle.sensor_failures import IMU_FAILURES, ImuFailure, failure_at
+from airrace.vehicle.state import STATE_SIZE, as_plant_state
+
+_LOST, _NAN, _STUCK, _SATURATED = range(len(IMU_FAILURES))
+_WORKS = -1  # in the place of these
+
+
+class ImuMemory(NamedTuple):
+    """What the sensor remembers from one sample to the next.
+
+    Attributes:
+        quaternion: of R_WB at the end of the last sample, of length 1, (4,).
+        velocity: of the sensor in W then (m/s), (3,).
+        biases: of gyroscope (rad/s) and accelerometer (m/s^2), (6,).
+    """
+
+    quaternion: np.ndarray
+    velocity: np.ndarray
+    biases: np.ndarray
+
+
+_MEMORY_SIZE = 13
+
+
+@compilable
+def _as_memory(vector: np.ndarray) -> ImuMemory:
+    return ImuMemory(vector[0:4], vector[4:7], vector[7:13])
+
+
+class ImuModel(NamedTuple):
+    """The sensor's constants.
+
+    Attributes:
+        period: of the samples, T (s).
+        position: p_BI of the sensor in the body (m), (3,).
+        axes: from what is true to what is shown, of gyroscope and accelerometer, (2, 3, 3).
+        noise: standard deviations of a sample's noise, (6,): 3 (rad/s), 3 (m/s^2).
+        walk: standard deviations of the biases' change over a period, (6,), likewise.
+        ranges: the greatest values that are shown, (6,), likewise.
+        time_offset: by which the time of a sample is late (s).
+    """
+
+    period: float
+    position: np.ndarray
+    axes: np.ndarray
+    noise: np.ndarray
+    walk: np.ndarray
+    ranges: np.ndarray
+    time_offset: float
+
+
+class Imu(LeafSystem):
+    """An inertial measurement unit: gyroscope and accelerometer, whose axes are the body's.
+
+    .. pydrake_system::
+
+        name: Imu
+        input_ports:
+        - state
+        output_ports:
+        - imu
+
+    ``state`` is the plant's floating-base state (13), see vehicle.State. ``imu`` (70) are the
+    newest ten ImuSamples. A sample is the mean over a period, from where the drone is at its two
+    ends: with the rotation vector log() of a rotation, and v of the sensor,
+
+        w = log(R_WB(t - T)^T R_WB(t)) / T,    f = R_WB(t - T)^T (v(t) - v(t - T) - g T) / T,
+
+    so that nothing is lost between samples. To these come the errors of ImuErrors: shown is
+    (I + E) x + bias + noise, within the sensor's range.
+
+    While the sensor fails, there are no samples at all, or wrong ones: see ImuFailure. Samples
+    after it are as they would have been without.
+
+    The first sample ends one period after the start. A system that is updated at the time when a
+    sample ends, as the controller is, sees the sample before it: that is a period of delay, to
+    which the latency of ImuErrors comes.
+
+    Between its steps a discrete plant shows the state at the end of the step: attitudes go back
+    from there to the end of the sample, as in StateEstimate. Drake's plant lets the length of
+    its quaternion drift; here it is made 1 before it is used.
+    """
+
+    def __init__(
+        self,
+        *,
+        rate: float,
+        errors: ImuErrors | None = None,
+        position: Sequence[float] = (0.0, 0.0, 0.0),
+        failures: Iterable[ImuFailure] = (),
+        seed: int = 0,
+        state_period: float = 0.0,
+    ):
+        """Constructs the sensor.
+
+        Args:
+            rate: samples per second (Hz).
+            errors: of the sensor; by default, none.
+            position: p_BI, of the sensor in the body (m).
+            failures: when it fails, and how.
+            seed: of all that is random in the errors.
+            state_period: of the plant's steps (s); 0 if its state is continuous.
+        """
+        LeafSystem.__init__(self)
+        errors = errors or ImuErrors()
+        period = 1.0 / rate
+        self._rate, self._state_period = rate, state_period
+        self._failures = tuple(failures)
+        self._model = ImuModel(
+            period,
+            np.array(position, float),
+            axis_matrices(errors, seed),
+            np.repeat([errors.gyro_noise, errors.accelerometer_noise], 3) / math.sqrt(period),
+            np.repeat([errors.gyro_walk, errors.accelerometer_walk], 3) * math.sqrt(period),
+            np.repeat([errors.gyro_range, errors.accelerometer_range], 3),
+            errors.time_offset,
+        )
+        self._noise = NoiseSequence(seed, "imu", 12)
+        self._state = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
+        late = round(errors.latency * rate)
+        self._shown = self.DeclareDiscreteState(NO_SAMPLES)
+        # Samples that cannot be read yet.
+        self._late = self.DeclareDiscreteState(np.tile(NO_SAMPLES[:IMU_ROW], late))
+        memory = ImuMemory(np.array([1.0, 0, 0, 0]), np.zeros(3), turn_on_biases(errors, seed))
+        self._memory = self.DeclareDiscreteState(np.concatenate(memory))
+        self.DeclareStateOutputPort("imu", self._shown)
+        self.DeclareInitializationDiscreteUpdateEvent(self._start)
+        # Without an offset, its times are those of other systems of its rate to the last bit.
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
+
+    def _start(self, context, discrete_state):
+        memory = discrete_state.get_mutable_value(self._memory)
+        lead = plant_lead(context.get_time(), self._state_period)
+        _remember(memory, read_vector(self._state, context), lead, self._model.position)
+
+    def _sample(self, context, discrete_state):
+        time = context.get_time()
+        if time == 0.0:
+            return self._start(context, discrete_state)
+        _sample(
+            discrete_state.get_mutable_value(self._shown),
+            discrete_state.get_mutable_value(self._late),
+            discrete_state.get_mutable_value(self._memory),
+            read_vector(self._state, context),
+            time,
+            plant_lead(time, self._state_period),
+            self._noise[round(time * self._rate)],
+            self._failure(time),
+            tuple(self._model),
+        )
+
+    def _failure(self, time):
+        kind = failure_at(self._failures, time)
+        return _WORKS if kind is None else IMU_FAILURES.index(kind)
+
+
+@compiled
+def _remember(memory, plant_state, lead, position):
+    """Writes attitude and velocity of the sensor into its memory; see _sample()."""
+    memory = _as_memory(memory)
+    _, q, _, w, v = as_plant_state(plant_state)
+    q = integrate(q, w, -lead)
+    assign(memory.quaternion, q)
+    assign(memory.velocity, v + cross(w, rotate(rotation_matrix(q), position)))
+
+
+@compiled
+def _sample(shown, late, memory, plant_state, time, lead, noise, failure, model):
+    """Takes a sample.
+
+    Args:
+        shown: the samples that can be read, newest first, (70,); changed.
+        late: those that cannot be read yet, likewise, (7 n,); changed.
+        memory: an ImuMemory, (13,); changed.
+        plant_state: (13,), and by how much it is ahead of the time: lead (s).
+        time: of the end of the sample (s).
+        noise: standard normal numbers, (12,), of the sample and of the biases.
+        failure: _WORKS, or what is wrong with this sample.
+        model: an ImuModel, as a tuple.
+    """
+    period, position, axes, sigmas, walk, ranges, time_offset = model
+    before = memory.copy()
+    _remember(memory, plant_state, lead, position)
+    motion = _motion(_as_memory(before), _as_memory(memory), period)
+    biases = _as_memory(memory).biases
+    row = np.empty(IMU_ROW)
+    row[0] = time + time_offset
+    for i in range(6):
+        true = motion[:3] if i < 3 else motion[3:]
+        value = dot(axes[i // 3, i % 3], true) + biases[i] + sigmas[i] * noise[i]
+        row[1 + i] = min(max(value, -ranges[i]), ranges[i])
+        biases[i] += walk[i] * noise[6 + i]
+    last = late if len(late) else shown
+    if failure == _LOST:
+        row[0] = -1.0
+    elif failure == _NAN:
+        row[1:] = np.nan
+    elif failure == _STUCK:
+        row[1:] = last[1:IMU_ROW]
+    elif failure == _SATURATED:
+        row[1:] = ranges
+    if len(late):
+        newest = row
+        row = late[-IMU_ROW:].copy()
+        assign(late, np.concatenate((newest, late[:-IMU_ROW])))
+    if row[0] >= 0.0:
+        assign(shown, np.concatenate((row, shown[:-IMU_ROW])))
+
+
+@compilable
+def _motion(before, after, period):
+    """Returns mean angular velocity (rad/s) and specific force (m/s^2) of an ideal IMU, (6,).
+
+    Args:
+        before, after: ImuMemory at the ends of the period (s).
+    """
+    angular_velocity = rotation_between(before.quaternion, after.quaternion) / period
+    acceleration = (after.velocity - before.velocity) / period
+    acceleration[2] += GRAVITY
+    force = rotate(rotation_matrix(before.quaternion).T, acceleration)
+    return np.concatenate((angular_velocity, force))

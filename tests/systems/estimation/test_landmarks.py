@@ -1,0 +1,72 @@
+import dataclasses as dc
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RotationMatrix
+
+from airrace.systems.estimation import kalman_update as ku
+from airrace.systems.estimation import landmarks as lm
+from airrace.systems.estimation.gate_projection import predicted_corners
+from airrace.systems.estimation.navigation import as_navigation
+from airrace.systems.perception.marker_pose import locate
+from tests.systems.estimation.motions import CAMERA, INFO, drone_covariance, navigation
+
+
+def see(gate, *ids, rng, sigma=0.05):
+    """Returns the Detections of markers of a gate."""
+    state = as_navigation(navigation())
+    corners = [
+        predicted_corners(state, np.array(gate), id, CAMERA)[0] + sigma * rng.standard_normal(8)
+        for id in ids
+    ]
+    return [locate(id, c.reshape(4, 2), 0.01 * np.eye(8), INFO) for id, c in zip(ids, corners)]
+
+
+def belief():
+    return ku.Belief(navigation(), np.zeros((0, 5)), drone_covariance(theta=1e-3, p=0.01))
+
+
+@pytest.mark.parametrize("heading", [-0.6, -0.2, 0.0, 0.3, 0.6])
+@pytest.mark.parametrize("ids", [(0,), (0, 2)])
+def test_a_gate_that_is_near_enters_where_it_is(heading, ids):
+    for seed in range(5):
+        rng, gate = np.random.default_rng(seed), [14.0, 3.0, 6.25, heading, 10.0]
+        after = lm.new_gate(belief(), see(gate, *ids, rng=rng), CAMERA)
+        if after is None:
+            continue
+        off = after.gates[0] - gate
+        P = after.covariance[15:, 15:]
+        assert off @ np.linalg.solve(P, off) < 25.0  # of five numbers, chi-square
+        assert abs(off[3]) < 0.5
+        assert np.linalg.eigvalsh(after.covariance).min() > 0.0
+    assert after is not None or len(ids) == 1
+
+
+def test_a_gate_far_away_has_to_wait():
+    rng = np.random.default_rng(0)
+    assert lm.new_gate(belief(), see([38.0, 3.0, 6.25, 0.3, 10.0], 0, rng=rng), CAMERA) is None
+
+
+def test_a_wrong_pose_of_the_two_is_found_out():
+    """The detector's pose is only where the fit starts."""
+    rng, gate = np.random.default_rng(0), [12.0, 3.0, 6.25, 0.5, 10.0]
+    (marker,) = see(gate, 0, rng=rng)
+    sight = marker.X_CM.translation() / np.linalg.norm(marker.X_CM.translation())
+    normal = marker.X_CM.rotation().col(2)
+    mirrored = 2 * (normal @ sight) * sight - normal
+    turn = RotationMatrix.MakeFromOneVector(mirrored, 2)
+    other = dc.replace(marker, X_CM=RigidTransform(turn, marker.X_CM.translation()))
+    after = lm.new_gate(belief(), [other], CAMERA)
+    assert after is not None
+    assert after.gates[0, 3] == pytest.approx(0.5, abs=0.1)
+
+
+def test_several_sights_have_to_agree():
+    gate = np.array([10.0, 0.0, 6.25, 0.0, 10.0])
+    candidate = None
+    for k in range(3):
+        assert candidate is None or not lm.is_confirmed(candidate)
+        candidate = lm.agreeing(candidate, 0.1 * k, gate + 0.1 * k)
+    assert lm.is_confirmed(candidate)
+    assert lm.agreeing(candidate, 0.3, gate + [5, 0, 0, 0, 0]).sights == 1
+    assert lm.agreeing(candidate, 9.0, gate).sights == 1

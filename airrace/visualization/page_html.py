@@ -110,9 +110,11 @@ def page_config(
         "body": f"drake/{body}",
         "camera": {
             "p": camera.translation().tolist(),
+            "x": R_BC[:, 0].tolist(),
             "y": R_BC[:, 1].tolist(),
             "z": R_BC[:, 2].tolist(),
             "fov": scenario.camera.fov_y_deg,
+            "aspect": scenario.camera.width / scenario.camera.height,
         },
         "maxThrust": round(float(vehicle.max_thrusts.sum()) / (vehicle.mass * GRAVITY), 2),
         "maxSpeed": _MAX_SPEED,

@@ -141,8 +141,8 @@ export class Halo {
   place(p, near) {
     this.sprite.visible = !near;
     this.sprite.position.set(...p);
-    // As high as 5 % of the window.
-    const size = 0.05 * 2 * Math.tan((this.stage.viewer.camera.fov * Math.PI) / 360);
+    // As high as 5 % of the window, or of its width if that is less.
+    const size = 0.1 * Math.min(1, this.stage.aspect) * Math.tan((this.stage.viewer.camera.fov * Math.PI) / 360);
     this.sprite.scale.set(size, size, 1);
     const height = Math.max(p[2], 0), radius = 0.35 + 0.04 * height;
     this.shadow.position.set(p[0], p[1], 0.03);

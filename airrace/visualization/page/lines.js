@@ -63,8 +63,10 @@ export class Line {
     this.mesh = new THREE.Mesh(geometry, this.material);
     this.mesh.frustumCulled = false;
     this.mesh.onBeforeRender = () => {
-      const { clientWidth, clientHeight } = stage.canvas;
-      this.material.uniforms.size.value.set(clientWidth, clientHeight);
+      const { clientWidth, clientHeight } = stage.canvas, { uniforms } = this.material;
+      uniforms.size.value.set(clientWidth, clientHeight);
+      // A little thinner where there is little room.
+      uniforms.width.value = width * Math.min(1, 0.5 + clientWidth / 1600);
     };
     stage.group.add(this.mesh);
   }

@@ -47,7 +47,7 @@ const halo = new Halo(stage, "#ffd21f");
 const flown = new FlownPath(stage, timeline, config), plans = new Plans(stage, timeline);
 const markers = new MapMarkers(stage, timeline);
 const minimap = new Minimap(timeline, config);
-const picture = new CameraPicture(stage, timeline);
+const picture = new CameraPicture(stage, timeline, config);
 const ghosts = (config.ghosts ?? []).map((run) => new Ghost(stage, run));
 const film = new Film(stage, player);
 const bar = new Bar(timeline, player, cameras, config, feed);

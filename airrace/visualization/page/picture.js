@@ -1,25 +1,46 @@
-// What the camera saw: the picture that the detector was given, with the markers that it found.
-import { last } from "airrace/timeline.js";
+// What the camera saw: the picture that the detector was given, with the markers that it found,
+// and in the scene, what it can see and where the markers are.
+import { last, rotated } from "airrace/timeline.js";
 import { Line } from "airrace/lines.js";
 
 const OLDEST = 3; // s, of a picture that is shown as it is
 const RAY_TIME = 0.5; // s, for which rays to markers are shown
-const GREEN = [0.16, 1, 0.31];
+const DEPTH = 2; // m, of the pyramid that the camera sees
+const WHITE = [1, 1, 1], GREEN = [0.16, 1, 0.31];
 
 export class CameraPicture {
-  constructor(stage, timeline) {
+  constructor(stage, timeline, config) {
     this.timeline = timeline;
+    this.lens = config.camera;
     this.box = document.getElementById("picture");
     this.canvas = document.getElementById("camera");
     this.caption = document.getElementById("caption");
     this.shown = null;
     this.rays = new Line(stage, { width: 2, capacity: 256, opacity: 0.9 });
+    this.pyramid = new Line(stage, { width: 1, capacity: 16, opacity: 0.8 });
     this.resizable();
+  }
+
+  // Draws what the camera can see as a pyramid in the scene.
+  drawPyramid(now, visible) {
+    this.pyramid.visible = visible;
+    if (!visible) return;
+    const { p, x, y, z, fov, aspect } = this.lens;
+    const half = DEPTH * Math.tan((fov * Math.PI) / 360);
+    const at = (u, v) => {
+      const ray = p.map((each, k) => each + u * aspect * half * x[k] + v * half * y[k] + DEPTH * z[k]);
+      return rotated(now.q, ray).map((each, k) => each + now.p[k]);
+    };
+    const eye = rotated(now.q, p).map((each, k) => each + now.p[k]);
+    const [a, b, c, d] = [at(-1, -1), at(1, -1), at(1, 1), at(-1, 1)];
+    this.pyramid.clear();
+    this.pyramid.add([eye, a, b, eye, c, d, eye, a, d, c, b], WHITE);
   }
 
   draw(t, now, visible) {
     const picture = last(this.timeline.pictures, t);
     this.box.hidden = !picture;
+    this.drawPyramid(now, Boolean(visible && picture));
     if (!picture) return;
     this.box.style.opacity = t - picture.t > OLDEST ? 0.5 : 1;
     if (picture !== this.shown) this.show(picture);

@@ -73,6 +73,8 @@ class RaceOptions(DroneOptions):
         "what race.mcap holds: light = all signals, full = and pictures of the camera; it costs "
         "about a fifth of the race's time (default: full)"
     )
+    foxglove: Annotated[bool, Parameter(group=RUN, negative=())] = False
+    "serve the topics of race.mcap while they are written, for Foxglove: ws://localhost:8765"
     realtime_rate: Annotated[float | None, Parameter(group=RUN)] = None
     "1 = real time, 0 = as fast as it can (default: 0, in HITL 1)"
     graphviz: Annotated[Path | None, Parameter(group=RUN, metavar="FILE")] = None
@@ -148,6 +150,7 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
     from airrace.diagrams.race import INTERRUPTED, RESULTS, run_race
     from airrace.diagrams.warm_up import compile_apart
     from airrace.evaluation.store import FILES as EVALUATION
+    from airrace.recording.foxglove_server import FoxgloveServer
     from airrace.track import load_track
     from airrace.vehicle import load_vehicle
     from airrace.visualization.live_page import LivePage
@@ -169,6 +172,7 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
         results_folder(folder, numbered=numbered, refuse=RESULTS + EVALUATION) as output_dir,
     ):
         page = pages.enter_context(LivePage(track)) if options.meshcat else None
+        foxglove = pages.enter_context(FoxgloveServer()) if options.foxglove else None
         compile_apart(scenario)  # after the cheap checks: it may take a minute
         with contextlib.ExitStack() as stack:
             url = page.url if page else None
@@ -183,8 +187,15 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
                 transport = stack.enter_context(
                     remote_transport(options, scenario, output_dir, make_companion, display.note)
                 )
+            if foxglove is not None:
+                display.note(f"Foxglove finds it at {foxglove.url}")
             result = run_race(
-                scenario, output_dir, page=page, show=display.show, transport=transport
+                scenario,
+                output_dir,
+                page=page,
+                show=display.show,
+                transport=transport,
+                foxglove=foxglove,
             )
         display.print_summary(result, output_dir)
         if page is not None and result["dnf_reason"] != INTERRUPTED:

@@ -20,6 +20,7 @@ from airrace.common.interrupts import interrupt_flag
 from airrace.diagrams.in_process import InProcess
 from airrace.diagrams.simulation import MakeSimulation, follow_gates
 from airrace.hitl.transport import POLL_PERIOD, Transport
+from airrace.recording.foxglove_server import FoxgloveServer
 from airrace.recording.race_recorder import AddRecorder, close_recording
 from airrace.recording.race_result import RaceResult
 from airrace.scenario import Scenario, scenario_yaml
@@ -54,6 +55,7 @@ def run_race(
     page: LivePage | None = None,
     show: Callable[[RaceResult, types.SimpleNamespace], None] = lambda result, outputs: None,
     transport: Transport | None = None,
+    foxglove: FoxgloveServer | None = None,
 ) -> dict:
     """Flies a race and leaves its files.
 
@@ -67,6 +69,7 @@ def run_race(
         show: called every 0.1 s of simulated time with the RaceResult so far and a
             namespace of ``time`` (s), ``laps_ended`` and the values of the race's outputs.
         transport: joins simulation and autonomy; by default, both are in one diagram.
+        foxglove: a server that gets what race.mcap gets, or None.
 
     Returns:
         what race.json holds.
@@ -75,7 +78,9 @@ def run_race(
         UserError: if something the scenario names cannot be had, or a file
             cannot be written.
     """
-    race = _Race(scenario, output_dir, page, transport or InProcess())
+    transport = transport or InProcess()
+    diagram = MakeRace(scenario, output_dir, page, transport, foxglove)
+    race = _Race(scenario, output_dir, page, transport, diagram)
     with interrupt_flag() as interrupted:
         race.begin_files()
         try:
@@ -96,6 +101,7 @@ def MakeRace(
     output_dir: Path | None = None,
     page: LivePage | None = None,
     transport: Transport | None = None,
+    foxglove: FoxgloveServer | None = None,
 ) -> Diagram:
     """Builds a whole race: two subsystems, ``simulation`` and ``autonomy``.
 
@@ -107,6 +113,7 @@ def MakeRace(
         output_dir: where the map and the recording are kept on disk; None: nowhere.
         page: to show the race on, or None.
         transport: where the autonomy is; by default, in the diagram.
+        foxglove: a server that gets what the recording gets, or None.
 
     Raises:
         UserError: if something the scenario names cannot be had, or the recording
@@ -125,7 +132,7 @@ def MakeRace(
             GateMapWriter(directory=output_dir, period=scenario.perception.map_period),
         )
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
-        AddRecorder(builder, scenario, simulation, autonomy, output_dir)
+        AddRecorder(builder, scenario, simulation, autonomy, output_dir, foxglove)
     if page is not None:
         AddVisualization(builder, scenario, simulation, autonomy, page)
     for source, names in ((simulation, _SIMULATION_OUTPUTS), (autonomy, _AUTONOMY_OUTPUTS)):
@@ -141,11 +148,16 @@ class _Race:
     """A race that is being flown, and the files that it leaves."""
 
     def __init__(
-        self, scenario: Scenario, output_dir: Path, page: LivePage | None, transport: Transport
+        self,
+        scenario: Scenario,
+        output_dir: Path,
+        page: LivePage | None,
+        transport: Transport,
+        diagram: Diagram,
     ):
         self._scenario, self._folder, self._page = scenario, output_dir, page
         self._transport = transport
-        self._diagram = MakeRace(scenario, output_dir, page, transport)
+        self._diagram = diagram
         self._simulator = Simulator(self._diagram)
         ApplySimulatorConfig(scenario.simulator_config, self._simulator)
         self._result = RaceResult(scenario, load_track(scenario.track), transport.simulation)

@@ -51,6 +51,16 @@ export function light(stage, config) {
   shadowMap.autoUpdate = false;
 }
 
+// Draws the shadows anew if something has come; what is at some paths throws none: it moves.
+export function drawShadows(stage, moving) {
+  const { renderer } = stage.viewer, { geometries } = renderer.info.memory;
+  if (geometries === stage.geometries) return;
+  stage.geometries = geometries;
+  for (const path of moving) stage.object(path)?.traverse((each) => (each.castShadow = false));
+  renderer.shadowMap.needsUpdate = true;
+  stage.redraw();
+}
+
 export function haze(stage, config) {
   const { THREE, viewer } = stage;
   const color = new THREE.Color(...config.sky.horizon);

@@ -3,7 +3,7 @@ import { Bar } from "airrace/bar.js";
 import { Cameras, CHASE, ONBOARD, OVERVIEW, FREE } from "airrace/cameras.js";
 import { drawClock, drawLaps } from "airrace/clock.js";
 import { css, setSpeedScale } from "airrace/colors.js";
-import { GateNumbers, Halo, haze, light } from "airrace/dress.js";
+import { drawShadows, GateNumbers, Halo, haze, light } from "airrace/dress.js";
 import { drawEvents, drawFacts } from "airrace/facts.js";
 import { Film } from "airrace/film.js";
 import { drawGaps, Ghost } from "airrace/ghosts.js";
@@ -149,9 +149,7 @@ stage.onFrame((wall, dt) => {
   }
   if (wall > shadows) {
     shadows = wall + SHADOWS;
-    const meshes = stage.viewer.renderer.info.memory.geometries;
-    if (meshes !== stage.meshes) stage.viewer.renderer.shadowMap.needsUpdate = true;
-    stage.meshes = meshes;
+    drawShadows(stage, [config.body, "drake/plans", ...ghosts.map((ghost) => ghost.body)]);
   }
 });
 stage.onDrawn = () => film.take(stands);

@@ -23,7 +23,7 @@ from airrace.visualization.race_record import Cursor, RaceRecord
 
 _HOST, _LOOPBACK = "localhost", "127.0.0.1"
 _PORTS = range(7100, 7200)
-_PERIOD = 1 / 30  # s, between two batches that a page is sent
+_PERIOD = 1 / 20  # s, between two batches that a page is sent
 _MESHCAT = r"/(favicon\.ico|cas-v1/.*)"  # what its page asks for
 _CHUNK = 1 << 16  # bytes
 _NAP = 0.02  # s, in which small pieces of Meshcat's data gather

@@ -35,7 +35,9 @@ if TYPE_CHECKING:
 
 _FRAME_PERIOD, _NEWS_PERIOD = 1 / 30, 0.1  # s
 _MAP_PERIOD = 1.0  # s
-KEPT_PERIOD = 0.5  # s, between two pictures that a replay shows
+# s, between two pictures for who watches, and between two that a replay shows. At these times
+# the race's log has the whole picture drawn, too, unless it is told to do so less often.
+_PICTURE_PERIOD, KEPT_PERIOD = 0.2, 0.4
 WIDTH, QUALITY = 320, 60  # px and JPEG's, of pictures
 # Radii of a marker's ellipsoid in standard deviations, which are millimetres; but the least
 # is seen.
@@ -66,8 +68,8 @@ class RaceFeed(LeafSystem):
         - truth.gate_shifts (only if gates move)
 
     All are as the systems that they come from describe them; what is not connected is not
-    shown. A picture is kept every half second if the race's log keeps pictures too, which
-    has them drawn anyway, and while somebody watches as often as eyes want it.
+    shown. Pictures are kept for the replay if the race's log keeps them too, which has them
+    drawn anyway; while somebody watches there are more.
     """
 
     def __init__(
@@ -104,7 +106,7 @@ class RaceFeed(LeafSystem):
         self.DeclarePeriodicPublishEvent(_FRAME_PERIOD, 0.0, self._add_frame)
         self.DeclarePeriodicPublishEvent(_NEWS_PERIOD, 0.0, self._add_news)
         if camera:
-            self.DeclarePeriodicPublishEvent(_NEWS_PERIOD, 0.0, self._add_picture)
+            self.DeclarePeriodicPublishEvent(_PICTURE_PERIOD, 0.0, self._add_picture)
         self.DeclareForcedPublishEvent(self._add_last)
 
     def _declare_ports(self, camera, moving_gates):
@@ -210,7 +212,7 @@ class RaceFeed(LeafSystem):
         if info is None or not (self._audience.waits() or kept):
             return
         if kept:
-            self._next_kept = time + KEPT_PERIOD
+            self._next_kept = time + KEPT_PERIOD - 1e-6
         (taken,) = self._value(context, "camera_image_time")
         if taken < 0.0 or taken == self._known.get("picture"):
             return

@@ -130,7 +130,7 @@ def _add_pictures(record, run):
         if topic == "/camera/image":
             time = seconds(message.timestamp)
             if time >= after:
-                after, pictures[time] = time + KEPT_PERIOD, message.data
+                after, pictures[time] = time + KEPT_PERIOD - 0.01, message.data
         elif message.points and (time := seconds(message.points[0].timestamp)) in pictures:
             corners = [[(p.x, p.y) for p in each.points] for each in message.points]
             outlines[time] = {int(t.text): quad for t, quad in zip(message.texts, corners)}

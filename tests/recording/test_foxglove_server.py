@@ -33,7 +33,8 @@ def talk(server, conversation):
             return await asyncio.wait_for(conversation(client), 20)
         finally:
             client.close()
-            await asyncio.sleep(0.1)
+            while await client.read_message() is not None:  # until it is
+                pass
 
     return asyncio.run(run())
 

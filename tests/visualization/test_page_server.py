@@ -45,7 +45,8 @@ def talk(world, conversation, path="/race", origin=None):
             return await asyncio.wait_for(conversation(socket), 20)
         finally:
             socket.close()
-            await asyncio.sleep(0.1)  # until it is
+            while await socket.read_message() is not None:  # until it is
+                pass
 
     return asyncio.run(run())
 

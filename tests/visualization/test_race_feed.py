@@ -180,11 +180,11 @@ def test_markers_of_another_picture_are_not_framed(feed, info):
 def test_pictures_are_for_somebody(feed, info):
     moments = [_moment(info, 0.1 * k, 0.1 * k) for k in range(20)]
     assert feed(*moments, camera=True)["pictures"] == []
-    assert len(feed(*moments, camera=True, keep=True)["pictures"]) == 4
+    assert len(feed(*moments, camera=True, keep=True)["pictures"]) == 5
 
 
-def test_all_pictures_for_who_watches(feed, info):
-    moments = [_moment(info, 0.1 * k, 0.1 * k) for k in range(5)]
+def test_there_are_more_for_who_watches(feed, info):
+    moments = [_moment(info, 0.1 * k, 0.1 * k) for k in range(9)]
     assert len(feed(*moments, camera=True, watching=True)["pictures"]) == 5
 
 

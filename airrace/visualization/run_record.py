@@ -126,11 +126,11 @@ def _add_maps(record, run):
 def _add_pictures(record, run):
     """Adds every so many of the log's pictures, made smaller, with the markers found in them."""
     pictures, outlines, after = {}, {}, 0.0
-    for topic, _, message in read_log(run.folder / FILE, ["/camera/image", "/camera/annotations"]):
+    for topic, written, message in read_log(run.folder / FILE, ["/camera/image", "/camera/annotations"]):
         if topic == "/camera/image":
-            time = seconds(message.timestamp)
-            if time >= after:
-                after, pictures[time] = time + KEPT_PERIOD - 0.01, message.data
+            if written >= after:
+                after = written + KEPT_PERIOD - 0.01
+                pictures[seconds(message.timestamp)] = message.data
         elif message.points and (time := seconds(message.points[0].timestamp)) in pictures:
             corners = [[(p.x, p.y) for p in each.points] for each in message.points]
             outlines[time] = {int(t.text): quad for t, quad in zip(message.texts, corners)}

@@ -175,8 +175,10 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
         foxglove = pages.enter_context(FoxgloveServer()) if options.foxglove else None
         compile_apart(scenario)  # after the cheap checks: it may take a minute
         with contextlib.ExitStack() as stack:
-            url = page.url if page else None
-            display = RaceDisplay(scenario, track, url, Console(quiet=True) if quiet else None)
+            addresses = [f"Watch it at {page.url}"] if page else []
+            addresses += [f"Foxglove finds it at {foxglove.url}"] if foxglove else []
+            console = Console(quiet=True) if quiet else None
+            display = RaceDisplay(scenario, track, addresses, console)
             stack.callback(display.close)
             if options.report:
                 stack.enter_context(report_after(output_dir, display.announce))
@@ -187,8 +189,6 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
                 transport = stack.enter_context(
                     remote_transport(options, scenario, output_dir, make_companion, display.note)
                 )
-            if foxglove is not None:
-                display.note(f"Foxglove finds it at {foxglove.url}")
             result = run_race(
                 scenario,
                 output_dir,

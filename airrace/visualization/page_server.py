@@ -88,11 +88,7 @@ class PageServer:
                 (r"/", _PageHandler, {"source": self._source}),
                 (r"/race", _RaceSocket, {"source": self._source, "server": self}),
                 (rf"/({'|'.join(FILES)})", _FileHandler, {"server": self}),
-                (
-                    r"/(meshcat\.js|favicon\.ico|cas-v1/.*)",
-                    _MeshcatHandler,
-                    {"source": self._source},
-                ),
+                (_MESHCAT, _MeshcatHandler, {"source": self._source}),
             ],
             websocket_max_message_size=1 << 12,
             log_function=lambda handler: None,
@@ -262,7 +258,7 @@ class _RaceSocket(tornado.websocket.WebSocketHandler):
 
     def open(self, *args, **kwargs):
         self._server._clients.add(self)
-        asyncio.ensure_future(self._send())
+        self._task = asyncio.ensure_future(self._send())  # it lives as long as it is kept
 
     def on_close(self):
         self._server._clients.discard(self)

@@ -126,7 +126,9 @@ def _add_maps(record, run):
 def _add_pictures(record, run):
     """Adds every so many of the log's pictures, made smaller, with the markers found in them."""
     pictures, outlines, after = {}, {}, 0.0
-    for topic, written, message in read_log(run.folder / FILE, ["/camera/image", "/camera/annotations"]):
+    for topic, written, message in read_log(
+        run.folder / FILE, ["/camera/image", "/camera/annotations"]
+    ):
         if topic == "/camera/image":
             if written >= after:
                 after = written + KEPT_PERIOD - 0.01

@@ -4,7 +4,7 @@ import contextlib
 import os
 import time
 import types
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -39,21 +39,21 @@ class RaceDisplay:
         self,
         scenario: Scenario,
         track: Track,
-        url: str | None = None,
+        addresses: Sequence[str] = (),
         console: Console | None = None,
     ):
         """Constructs the display; nothing is printed before the first show().
 
         Args:
             scenario, track: of the race.
-            url: of the race's page, or None.
+            addresses: lines that say where the race can be watched.
             console: to write to; standard output by default.
         """
         self._scenario = scenario
         self._track_name = track.name
         self._gates = len(track.gates)
         self._half_width = min(gate.pylon_spacing for gate in track.gates) / 2
-        self._url = url
+        self._addresses = addresses
         self._console = console or _PatientConsole()
         self._start = self._last = time.perf_counter()
         self._events = self._losses = 0  # shown so far
@@ -106,8 +106,8 @@ class RaceDisplay:
             f"airrace: {drone} on {self._track_name}, {kind}, "
             f"seed {scenario.seed}, {count(scenario.laps, 'lap')}"
         )
-        if self._url is not None:
-            self._print(f"Watch it at {self._url}")
+        for line in self._addresses:
+            self._print(line)
         if self._console.is_terminal:
             self._live = Progress(
                 TextColumn("{task.description}"),

@@ -19,5 +19,6 @@ export function speedColor(speed) {
 export const css = ([r, g, b], alpha = 1) =>
   `rgba(${Math.round(255 * r)},${Math.round(255 * g)},${Math.round(255 * b)},${alpha})`;
 
-// Opacity of what was replaced; age: how many times since. The same as faded() in tubes.py.
+// Opacity of what was replaced; age: how many times since. It falls every time, but slowly, so
+// that nothing is lost.
 export const faded = (age) => (age <= 0 ? 1 : 0.5 / (1 + 0.4 * (age - 1)));

@@ -251,6 +251,33 @@ def test_the_replay_scrubs_and_jumps(browser, folder, tmp_path):
 
 
 @pytest.mark.slow
+def test_splits_are_compared_with_the_best_lap(browser, folder):
+    """On three gates: laps of 10 s, 9 s, 12 s, and a fourth that has begun."""
+    open_replay(browser, folder / "race.html")
+    seen = browser.evaluate("""(async () => {
+        const { standing } = await import("airrace/standing.js");
+        const { Timeline } = await import("airrace/timeline.js");
+        const timeline = new Timeline();
+        const times = [10, 14, 17, 20, 23.5, 26.75, 29, 32, 37, 41, 44.5, 48];
+        timeline.add({ crossings: times.map((t, k) => ({ t, gate: k % 3 + 1 })) });
+        const config = { gates: [1, 2, 3], laps: 5 };
+        return [15, 24, 30, 33, 38, 45, 49].map((t) => {
+            const { lap, nextGate, lapTime, split } = standing(timeline, config, t);
+            return [lap, nextGate, lapTime, split.delta, split.kind];
+        });
+    })()""")
+    assert seen == [
+        [1, 3, 5, None, ""],
+        [2, 3, 4, -0.5, "best"],
+        [3, 2, 1, -1, "best"],
+        [3, 3, 4, -0.5, "best"],
+        [3, 1, 9, 1.25, "slower"],
+        [4, 3, 4, 0, "slower"],
+        [4, 1, 8, 0.25, "better"],
+    ]
+
+
+@pytest.mark.slow
 def test_every_camera_and_every_size(browser, folder, tmp_path):
     """Nothing is covered, nothing leaves the window, and a frame is not too much to draw."""
     open_replay(browser, folder / "race.html")

@@ -53,7 +53,7 @@ def rows_of(table, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["evaluation", "hitl", "mapping"])
+@pytest.mark.parametrize("name", ["evaluation", "hitl", "mapping", "page_cost"])
 def test_those_that_take_minutes_have_help(name):
     done = command(name, "--help")
     assert done.returncode == 0 and "--json" in done.stdout, done.stderr

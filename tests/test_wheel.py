@@ -51,7 +51,7 @@ def files(*patterns):
     return {path.relative_to(ROOT).as_posix() for path in found if "__pycache__" not in path.parts}
 
 
-SOURCES = [f"airrace/**/*.{end}" for end in ("py", "sh", "html", "lcm", "gltf")]
+SOURCES = [f"airrace/**/*.{end}" for end in ("py", "sh", "html", "css", "js", "lcm")]
 
 
 @pytest.mark.slow

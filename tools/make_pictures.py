@@ -27,8 +27,8 @@ from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.systems.types import ExplorerStatus, make_camera_info
 from airrace.vehicle import CameraMount, load_vehicle
 from airrace.visualization.meshcat_page import overview
-from airrace.visualization.scoreboard import Moment, draw_lines, scoreboard_lines
 from airrace.visualization.tubes import speed_colors, tube
+from tools.scoreboard import Moment, draw_lines, scoreboard_lines
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 _COLORS = 12  # of the path

@@ -21,7 +21,7 @@ def race(*, fields: dict | None = None, quiet: bool = False, **options: Any) -> 
         fields: of the scenario, those that no option is for; as of --scenario_text.
         quiet: whether to print nothing while it flies.
         **options: those of the command ``airrace race``, see RaceOptions; here, ``meshcat``
-            and ``report`` are False unless you say otherwise.
+            and ``report`` are False, and ``linger`` is 0, unless you say otherwise.
 
     Returns:
         the run; ``run.result["finished"]`` says whether the drone finished.
@@ -44,6 +44,6 @@ def race(*, fields: dict | None = None, quiet: bool = False, **options: Any) -> 
             options[name] = Path(options[name])
     if options.get("trajectory") is not None:
         options["trajectory"] = str(options["trajectory"])
-    defaults = {"meshcat": False, "report": False}
+    defaults = {"meshcat": False, "report": False, "linger": 0.0}
     _, folder = fly(RaceOptions(**{**defaults, **options}), quiet=quiet)
     return load_run(folder)

@@ -61,6 +61,11 @@ class RaceOptions(DroneOptions):
     )
     meshcat: Annotated[bool, Parameter(group=RUN)] = True
     "show the race in a browser and leave a replay (default: yes)"
+    linger: Annotated[float | None, Parameter(group=RUN, metavar="S")] = None
+    (
+        "how long the page stays after the race if somebody watches it, in seconds; 0 = not at all "
+        "(default: until Ctrl-C, or until the page is closed)"
+    )
     report: Annotated[bool, Parameter(group=RUN)] = True
     "leave report.html, a page of pictures and tables (default: yes)"
     record: Annotated[Literal["none", "light", "full"] | None, Parameter(group=RUN)] = None
@@ -68,6 +73,8 @@ class RaceOptions(DroneOptions):
         "what race.mcap holds: light = all signals, full = and pictures of the camera; it costs "
         "about a fifth of the race's time (default: full)"
     )
+    foxglove: Annotated[bool, Parameter(group=RUN, negative=())] = False
+    "serve the topics of race.mcap while they are written, for Foxglove: ws://localhost:8765"
     realtime_rate: Annotated[float | None, Parameter(group=RUN)] = None
     "1 = real time, 0 = as fast as it can (default: 0, in HITL 1)"
     graphviz: Annotated[Path | None, Parameter(group=RUN, metavar="FILE")] = None
@@ -140,12 +147,13 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
     from rich.console import Console
 
     from airrace.common.files import results_folder, run_path
-    from airrace.diagrams.race import RESULTS, run_race
+    from airrace.diagrams.race import INTERRUPTED, RESULTS, run_race
     from airrace.diagrams.warm_up import compile_apart
     from airrace.evaluation.store import FILES as EVALUATION
+    from airrace.recording.foxglove_server import FoxgloveServer
     from airrace.track import load_track
     from airrace.vehicle import load_vehicle
-    from airrace.visualization.meshcat_page import MakeMeshcat
+    from airrace.visualization.live_page import LivePage
     from airrace.visualization.terminal import RaceDisplay
 
     if options.simulation == "HITL" and options.companion is None:
@@ -159,11 +167,18 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
     kind = f"{scenario.trajectory}d" if scenario.trajectory.isdigit() else scenario.trajectory
     folder = options.output or run_path(track.name, vehicle.name, kind)
     numbered = options.output is None
-    with results_folder(folder, numbered=numbered, refuse=RESULTS + EVALUATION) as output_dir:
-        meshcat = MakeMeshcat(track) if options.meshcat else None
+    with (
+        contextlib.ExitStack() as pages,
+        results_folder(folder, numbered=numbered, refuse=RESULTS + EVALUATION) as output_dir,
+    ):
+        page = pages.enter_context(LivePage(track)) if options.meshcat else None
+        foxglove = pages.enter_context(FoxgloveServer()) if options.foxglove else None
         compile_apart(scenario)  # after the cheap checks: it may take a minute
         with contextlib.ExitStack() as stack:
-            display = RaceDisplay(scenario, track, meshcat, Console(quiet=True) if quiet else None)
+            addresses = [f"Watch it at {page.url}"] if page else []
+            addresses += [f"Foxglove finds it at {foxglove.url}"] if foxglove else []
+            console = Console(quiet=True) if quiet else None
+            display = RaceDisplay(scenario, track, addresses, console)
             stack.callback(display.close)
             if options.report:
                 stack.enter_context(report_after(output_dir, display.announce))
@@ -175,9 +190,16 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
                     remote_transport(options, scenario, output_dir, make_companion, display.note)
                 )
             result = run_race(
-                scenario, output_dir, meshcat=meshcat, show=display.show, transport=transport
+                scenario,
+                output_dir,
+                page=page,
+                show=display.show,
+                transport=transport,
+                foxglove=foxglove,
             )
-    display.print_summary(result, output_dir)
+        display.print_summary(result, output_dir)
+        if page is not None and result["dnf_reason"] != INTERRUPTED:
+            page.linger(output_dir, options.linger, display.note)
     return result, output_dir
 
 

@@ -1,6 +1,6 @@
 """airrace replay: flown races again, in a browser or as a page."""
 
-import time
+import os
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,7 +15,7 @@ examples:
   airrace replay runs/A runs/B --align lap --lap 2   both cross gate 1 at once
   airrace replay runs/A --html a.html             a page that opens offline
 
-The page's controls, top right, play, pause, and go to any time: Animations > default."""
+The page plays at any speed, jumps to laps and gates, and saves films; ? lists its keys."""
 
 
 def add_to(app: App) -> None:
@@ -46,26 +46,32 @@ def replay(
     from airrace.analysis.run import load_run
     from airrace.common.errors import UserError
     from airrace.common.files import write_text
-    from airrace.visualization.ghosts import make_ghosts, show_ghosts, with_legend
-    from airrace.visualization.meshcat_page import MakeMeshcat
+    from airrace.visualization.ghosts import make_ghosts, replay_page
+    from airrace.visualization.page_server import serve_page
 
     if lap is not None and align != "lap":
         raise UserError("--lap needs --align lap.")
     with Console(stderr=True).status("Reading ...") as status:
         ghosts = make_ghosts([load_run(folder) for folder in (run, *others)], align, lap or 1)
         status.update("Drawing ...")
-        meshcat = MakeMeshcat(ghosts[0].run.track)
-        show_ghosts(meshcat, ghosts)
+        page = replay_page(ghosts, _links(run, html))
     for ghost in ghosts:
         name = ghost.color if len(ghosts) > 1 else "the drone"
         print(f"{name}: {ghost.run.folder}")
     if html is not None:
-        write_text(html, with_legend(meshcat.StaticHtml(), ghosts))
+        write_text(html, page)
         print(f"Replay: {html}")
         return 0
-    print(f"Watch it at {meshcat.web_url()}; Ctrl-C ends it.")
     try:
-        while True:
-            time.sleep(1.0)
+        serve_page(page, lambda url: print(f"Watch it at {url} ; Ctrl-C ends it."))
     except KeyboardInterrupt:
-        return 0
+        pass
+    return 0
+
+
+def _links(run: Path, html: Path | None) -> list:
+    """Returns links from a replay's page to what the run left beside it."""
+    report = (run if run.is_dir() else run.parent) / "report.html"
+    if html is None or not report.exists():
+        return []
+    return [("report", os.path.relpath(report, html.parent))]

@@ -11,7 +11,6 @@ import types
 from collections.abc import Callable
 from pathlib import Path
 
-from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
@@ -21,6 +20,7 @@ from airrace.common.interrupts import interrupt_flag
 from airrace.diagrams.in_process import InProcess
 from airrace.diagrams.simulation import MakeSimulation, follow_gates
 from airrace.hitl.transport import POLL_PERIOD, Transport
+from airrace.recording.foxglove_server import FoxgloveServer
 from airrace.recording.race_recorder import AddRecorder, close_recording
 from airrace.recording.race_result import RaceResult
 from airrace.scenario import Scenario, scenario_yaml
@@ -29,7 +29,8 @@ from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import write_map
 from airrace.visualization.controls import RaceControls
-from airrace.visualization.race_view import AddVisualization, end_live_view, view_director
+from airrace.visualization.live_page import LivePage
+from airrace.visualization.race_view import AddVisualization
 
 # What a race may leave in its folder.
 RESULTS = (
@@ -41,8 +42,7 @@ RESULTS = (
     "race.html",
     "report.html",
 )
-# Of the replay (Hz). Each gate that can move takes 120 bytes a frame.
-_REPLAY_RATE, _REPLAY_RATE_OF_MOVING_GATES = 30.0, 10.0
+INTERRUPTED = "interrupted"  # why a race has ended, after Ctrl-C or SIGTERM
 # Outputs of the race, for its result and for spectators.
 _SIMULATION_OUTPUTS = ("truth.referee_status", "truth.state", "truth.gate_shifts")
 _AUTONOMY_OUTPUTS = ("explorer_status", "gate_map", "lap_plan", "rotor_losses")
@@ -52,9 +52,10 @@ def run_race(
     scenario: Scenario,
     output_dir: Path,
     *,
-    meshcat: Meshcat | None = None,
+    page: LivePage | None = None,
     show: Callable[[RaceResult, types.SimpleNamespace], None] = lambda result, outputs: None,
     transport: Transport | None = None,
+    foxglove: FoxgloveServer | None = None,
 ) -> dict:
     """Flies a race and leaves its files.
 
@@ -64,10 +65,11 @@ def run_race(
     Args:
         scenario: the race.
         output_dir: an existing folder.
-        meshcat: a Meshcat to show the race in, or None.
+        page: to show the race on, or None.
         show: called every 0.1 s of simulated time with the RaceResult so far and a
             namespace of ``time`` (s), ``laps_ended`` and the values of the race's outputs.
         transport: joins simulation and autonomy; by default, both are in one diagram.
+        foxglove: a server that gets what race.mcap gets, or None.
 
     Returns:
         what race.json holds.
@@ -76,7 +78,9 @@ def run_race(
         UserError: if something the scenario names cannot be had, or a file
             cannot be written.
     """
-    race = _Race(scenario, output_dir, meshcat, transport or InProcess())
+    transport = transport or InProcess()
+    diagram = MakeRace(scenario, output_dir, page, transport, foxglove)
+    race = _Race(scenario, output_dir, page, transport, diagram)
     with interrupt_flag() as interrupted:
         race.begin_files()
         try:
@@ -85,18 +89,19 @@ def run_race(
             gc.freeze()
             reason = race.fly(show, interrupted)
         except BaseException:
-            race.rescue("interrupted" if interrupted.is_set else "stopped by an error")
+            race.rescue(INTERRUPTED if interrupted.is_set else "stopped by an error")
             raise
         finally:
             gc.unfreeze()
-        return race.finish(reason or "interrupted")
+        return race.finish(reason or INTERRUPTED)
 
 
 def MakeRace(
     scenario: Scenario,
     output_dir: Path | None = None,
-    meshcat: Meshcat | None = None,
+    page: LivePage | None = None,
     transport: Transport | None = None,
+    foxglove: FoxgloveServer | None = None,
 ) -> Diagram:
     """Builds a whole race: two subsystems, ``simulation`` and ``autonomy``.
 
@@ -106,15 +111,16 @@ def MakeRace(
     Args:
         scenario: the race.
         output_dir: where the map and the recording are kept on disk; None: nowhere.
-        meshcat: a Meshcat to show the race in, or None.
+        page: to show the race on, or None.
         transport: where the autonomy is; by default, in the diagram.
+        foxglove: a server that gets what the recording gets, or None.
 
     Raises:
         UserError: if something the scenario names cannot be had, or the recording
             cannot be written.
     """
     builder = DiagramBuilder()
-    simulation = builder.AddSystem(MakeSimulation(scenario, meshcat))
+    simulation = builder.AddSystem(MakeSimulation(scenario, page and page.meshcat))
     try:
         autonomy = (transport or InProcess()).AddToBuilder(builder, scenario, simulation)
     except RuntimeError as e:  # only systems of the scenario's own can have such ports
@@ -126,9 +132,9 @@ def MakeRace(
             GateMapWriter(directory=output_dir, period=scenario.perception.map_period),
         )
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
-        AddRecorder(builder, scenario, simulation, autonomy, output_dir)
-    if meshcat is not None:
-        AddVisualization(builder, scenario, simulation, autonomy, meshcat)
+        AddRecorder(builder, scenario, simulation, autonomy, output_dir, foxglove)
+    if page is not None:
+        AddVisualization(builder, scenario, simulation, autonomy, page)
     for source, names in ((simulation, _SIMULATION_OUTPUTS), (autonomy, _AUTONOMY_OUTPUTS)):
         for name in names:
             if source.HasOutputPort(name):  # gates may stand still
@@ -142,18 +148,22 @@ class _Race:
     """A race that is being flown, and the files that it leaves."""
 
     def __init__(
-        self, scenario: Scenario, output_dir: Path, meshcat: Meshcat | None, transport: Transport
+        self,
+        scenario: Scenario,
+        output_dir: Path,
+        page: LivePage | None,
+        transport: Transport,
+        diagram: Diagram,
     ):
-        self._scenario, self._folder, self._meshcat = scenario, output_dir, meshcat
+        self._scenario, self._folder, self._page = scenario, output_dir, page
         self._transport = transport
-        self._diagram = MakeRace(scenario, output_dir, meshcat, transport)
+        self._diagram = diagram
         self._simulator = Simulator(self._diagram)
         ApplySimulatorConfig(scenario.simulator_config, self._simulator)
         self._result = RaceResult(scenario, load_track(scenario.track), transport.simulation)
         self._controls = None
-        if meshcat is not None and isinstance(transport, InProcess):  # others keep their own time
-            director = view_director(self._diagram)
-            self._controls = RaceControls(meshcat, self._simulator, director)
+        if page is not None and isinstance(transport, InProcess):  # others keep their own time
+            self._controls = RaceControls(page.wishes, self._simulator)
         self._clock = time.perf_counter()
 
     def begin_files(self):
@@ -164,12 +174,6 @@ class _Race:
 
     def start(self):
         """Initializes simulation and autonomy."""
-        if self._meshcat is not None:
-            moving = self._scenario.disturbances.gate_shift > 0.0
-            self._meshcat.StartRecording(
-                frames_per_second=_REPLAY_RATE_OF_MOVING_GATES if moving else _REPLAY_RATE,
-                set_visualizations_while_recording=True,
-            )
         self._simulator.Initialize()
         self._transport.begin(self._simulator)
 
@@ -208,6 +212,7 @@ class _Race:
         """
         self._transport.end(self._simulator)
         data = self._save_result(reason)
+        self._tell_end(data)
         self._diagram.ForcedPublish(self._simulator.get_context())
         close_recording(self._diagram)
         self._save_replay()
@@ -220,7 +225,7 @@ class _Race:
         being written.
         """
         for step in (
-            lambda: self._save_result(reason),
+            lambda: self._tell_end(self._save_result(reason)),
             lambda: self._diagram.ForcedPublish(self._simulator.get_context()),
             lambda: close_recording(self._diagram),
             self._save_replay,
@@ -235,12 +240,19 @@ class _Race:
         write_json(self._folder / "race.json", data)
         return data
 
+    def _tell_end(self, data):
+        """Tells the page how the race ended."""
+        if self._page is not None:
+            self._page.record.end(
+                self._simulator.get_context().get_time(),
+                data["finished"],
+                data["dnf_reason"],
+                data["exploration"]["time_s"],
+            )
+
     def _save_replay(self):
-        if self._meshcat is not None:
-            self._meshcat.StopRecording()
-            self._meshcat.PublishRecording()
-            end_live_view(self._diagram, self._meshcat)
-            write_text(self._folder / "race.html", self._meshcat.StaticHtml())
+        if self._page is not None:
+            write_text(self._folder / "race.html", self._page.replay())
 
 
 if __name__ == "__main__":

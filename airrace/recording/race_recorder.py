@@ -22,6 +22,7 @@ from airrace.vehicle import find_vehicle, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_plant_state
 
 if TYPE_CHECKING:
+    from airrace.recording.foxglove_server import FoxgloveServer
     from airrace.systems.types import RefereeStatus
 
 _NAME = "race_recorder"
@@ -65,7 +66,7 @@ class RaceRecorder(LeafSystem):
         """Constructs the recorder.
 
         Args:
-            scenario: the race, whose recording is not "none".
+            scenario: the race.
             log: to write to; close() closes it.
             moving_gates: whether there is a port ``truth.gate_shifts``.
         """
@@ -246,21 +247,24 @@ def AddRecorder(
     simulation: Diagram,
     autonomy: Diagram,
     output_dir: Path,
+    live: "FoxgloveServer | None" = None,
 ) -> RaceRecorder | None:
-    """Adds what writes race.mcap, unless the scenario wants none.
+    """Adds what writes race.mcap, unless the scenario wants none, and serves the same live.
 
     Args:
         builder: of the race.
         scenario: the race.
         simulation, autonomy: the two diagrams in it.
         output_dir: where the file goes.
+        live: that gets all messages, too.
 
     Raises:
         UserError: if it cannot be written.
     """
-    if scenario.recording.content == "none":
+    recorded = scenario.recording.content != "none"
+    if not recorded and live is None:
         return None
-    log = RaceLog(Path(output_dir) / FILE)
+    log = RaceLog(Path(output_dir) / FILE if recorded else None, live)
     log.attach("scenario.yaml", scenario_yaml(scenario))
     log.attach("track.yaml", find_yaml("tracks", scenario.track).read_text(encoding="utf-8"))
     log.attach("vehicle.yaml", find_vehicle(scenario.drone).read_text(encoding="utf-8"))

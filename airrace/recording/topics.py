@@ -4,6 +4,9 @@ Foxglove's panels show those with one of its channels as they are. The others ar
 schemas of ours.
 """
 
+from typing import Any
+
+import foxglove
 from foxglove import channels as fg
 
 from airrace.recording import foxglove_messages as messages
@@ -80,3 +83,13 @@ TOPICS = {
     # What was found and refused, the map, the plan, and the gates that counted:
     **json_topics.SCHEMAS,
 }
+
+
+def make_channels(context: foxglove.Context) -> dict[str, Any]:
+    """Returns a channel for every topic, in a context of Foxglove's SDK."""
+    return {
+        name: foxglove.Channel(name, schema=channel, context=context)
+        if isinstance(channel, dict)
+        else channel(name, context=context)
+        for name, channel in TOPICS.items()
+    }

@@ -1,25 +1,22 @@
-"""Several flown runs in one Meshcat: drones of different colours, and their paths."""
+"""Flown runs again, on one page: drones of different colours."""
 
 import dataclasses as dc
 import logging
 from collections.abc import Iterable, Sequence
-from html import escape
 
 import numpy as np
-from pydrake.common.eigen_geometry import Quaternion
-from pydrake.geometry import IllustrationProperties, Meshcat, Rgba, RoleAssign, Sphere
-from pydrake.math import RigidTransform
+from pydrake.geometry import IllustrationProperties, Rgba, RoleAssign
 from pydrake.multibody.parsing import Parser
-from scipy.spatial.transform import Rotation, Slerp
 
 from airrace.analysis import Run
 from airrace.common.errors import UserError
 from airrace.rendering.scene.pad import AddPad
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.vehicle import load_vehicle
-from airrace.visualization.meshcat_page import draw_bodies
+from airrace.visualization.meshcat_page import MakeMeshcat, draw_bodies
+from airrace.visualization.page_html import REPLAY, make_page, page_config
+from airrace.visualization.run_record import poses_at, record_of
 
-RATE = 30.0  # Hz, of a replay's frames
 # Blue, orange, green, purple, ...: far apart for all eyes.
 COLORS = {
     "blue": (0.10, 0.45, 0.95),
@@ -30,8 +27,6 @@ COLORS = {
     "grey": (0.35, 0.35, 0.40),
 }
 _ALPHA = 0.6
-_BALL = 1.2  # m, around a drone, which is too small to see from afar
-_TRAIL_STEP = 0.1  # s
 
 
 @dc.dataclass(frozen=True)
@@ -55,11 +50,8 @@ class Ghost:
 
     def poses(self, times: np.ndarray) -> tuple:
         """Returns positions, (n, 3) m, and quaternions w, x, y, z, (n, 4), at replay times (s)."""
-        state = self.run.state
-        at = np.clip(np.asarray(times) + self.start, state["time"].iloc[0], state["time"].iloc[-1])
-        R_WB = Rotation.from_quat(state[["qw", "qx", "qy", "qz"]].to_numpy(), scalar_first=True)
-        p_WB = np.column_stack([np.interp(at, state["time"], state[axis]) for axis in "xyz"])
-        return p_WB, Slerp(state["time"], R_WB)(at).as_quat(scalar_first=True)
+        p_WB, R_WB = poses_at(self.run.state, np.asarray(times) + self.start)
+        return p_WB, R_WB.as_quat(scalar_first=True)
 
 
 def make_ghosts(runs: "Sequence[Run]", align: str = "start", lap: int = 1) -> list:
@@ -101,28 +93,45 @@ def make_ghosts(runs: "Sequence[Run]", align: str = "start", lap: int = 1) -> li
     return ghosts
 
 
-def show_ghosts(meshcat: Meshcat, ghosts: Iterable[Ghost]) -> None:
-    """Draws track, drones and their paths, and records the flight for the page's controls.
+def replay_page(
+    ghosts: "Sequence[Ghost]", links: Iterable[tuple[str, str]] = (), pictures: bool = True
+) -> str:
+    """Returns a page, HTML, that shows the first of some runs again, with the others beside it.
 
     Args:
-        meshcat: to show it in.
-        ghosts: Ghosts.
+        ghosts: of make_ghosts().
+        links: that the page has, pairs of text and address.
+        pictures: whether it shows those of the first run's camera.
     """
+    first = ghosts[0]
+    meshcat = MakeMeshcat(first.run.track)
     draw_bodies(meshcat, lambda plant, scene_graph: _add_bodies(plant, scene_graph, ghosts))
-    duration = max(ghost.duration for ghost in ghosts)
-    times = np.arange(0.0, duration, 1 / RATE)
-    meshcat.StartRecording(frames_per_second=RATE, set_visualizations_while_recording=False)
-    for i, ghost in enumerate(ghosts):
-        trail = ghost.poses(np.arange(0.0, ghost.duration, _TRAIL_STEP))[0].T
-        color = Rgba(*COLORS[ghost.color], 1.0)
-        meshcat.SetLine(f"trails/run_{i}", np.ascontiguousarray(trail), 2.0, color)
-        body = f"visualizer/run_{i}/body"
-        meshcat.SetObject(f"{body}/ball", Sphere(_BALL), Rgba(*COLORS[ghost.color], 0.4))
-        shown = times[times <= ghost.duration + 1 / RATE]
-        for time, p, q in zip(shown.tolist(), *ghost.poses(shown)):
-            meshcat.SetTransform(body, RigidTransform(Quaternion(q), p), time)
-    meshcat.StopRecording()
-    meshcat.PublishRecording()
+    run = first.run
+    config = page_config(run.scenario, run.track, run.vehicle, _body(0), mode=REPLAY, links=links)
+    config["begin"] = first.start
+    if len(ghosts) > 1:
+        config["name"] = {"text": _words(first), "color": COLORS[first.color]}
+    config["ghosts"] = [
+        {
+            "name": _words(ghost),
+            "color": COLORS[ghost.color],
+            "body": f"drake/{_body(i)}",
+            "shift": ghost.start - first.start,
+            "record": record_of(ghost.run, pictures=False).whole(),
+        }
+        for i, ghost in enumerate(ghosts)
+        if i > 0
+    ]
+    return make_page(meshcat.StaticHtml(), config, record_of(run, pictures).whole())
+
+
+def _body(i: int) -> str:
+    return f"visualizer/run_{i}/body"
+
+
+def _words(ghost: Ghost) -> str:
+    best = ghost.run.result["best_lap_s"]
+    return ghost.run.folder.resolve().name + (f", best lap {best:.2f} s" if best else "")
 
 
 def _add_bodies(plant, scene_graph, ghosts):
@@ -151,21 +160,3 @@ def _paint(plant, scene_graph, body, color):
         if scene_graph.model_inspector().GetIllustrationProperties(geometry) is not None:
             scene_graph.AssignRole(plant.get_source_id(), geometry, properties, RoleAssign.kReplace)
     drake.setLevel(level)
-
-
-def with_legend(page: str, ghosts: Iterable[Ghost]) -> str:
-    """Returns a page of ghosts, HTML, with a legend that says which drone is which run."""
-    rows = []
-    for ghost in ghosts:
-        r, g, b = (round(255 * share) for share in COLORS[ghost.color])
-        best = ghost.run.result["best_lap_s"]
-        words = ghost.run.folder.resolve().name + (f", best lap {best:.2f} s" if best else "")
-        rows.append(
-            f'<div><span style="color:rgb({r},{g},{b})">&#9679;</span> {escape(words)}</div>'
-        )
-    legend = (
-        '<div style="position:absolute;left:12px;bottom:12px;padding:8px 12px;'
-        "background:rgba(255,255,255,.85);color:#222;font:14px/1.5 sans-serif;"
-        f'border-radius:6px">{"".join(rows)}</div>'
-    )
-    return page.replace("</body>", legend + "</body>", 1)

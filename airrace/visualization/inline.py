@@ -48,7 +48,7 @@ def show_page(page: str | Path, height: int = 480) -> Frame:
 
 
 def show_runs(*runs: "Run", align: str = "start", height: int = 480) -> Frame:
-    """Returns a replay of runs of one track for a notebook; it plays by its controls.
+    """Returns a replay of runs of one track for a notebook, with controls to play it.
 
     Args:
         runs: from airrace.analysis.load_run().
@@ -58,12 +58,10 @@ def show_runs(*runs: "Run", align: str = "start", height: int = 480) -> Frame:
     Raises:
         UserError: if they cannot be shown together.
     """
-    from airrace.visualization.ghosts import make_ghosts, show_ghosts, with_legend
+    from airrace.visualization.ghosts import make_ghosts, replay_page
 
-    ghosts = make_ghosts(runs, align)
-    meshcat = MakeMeshcat(runs[0].track)
-    show_ghosts(meshcat, ghosts)
-    return show_page(with_legend(meshcat.StaticHtml(), ghosts), height)
+    # The page becomes part of the notebook, so it does without the camera's pictures.
+    return show_page(replay_page(make_ghosts(runs, align), pictures=False), height)
 
 
 def show_paths(

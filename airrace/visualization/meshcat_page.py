@@ -22,10 +22,6 @@ from airrace.rendering.scene.textures import HORIZON, ZENITH
 if TYPE_CHECKING:
     from airrace.track import Track
 
-# What is fixed to the page's camera. The camera is an object of the page's scene, so it can
-# have children like any other.
-HUD = "/Cameras/default/rotated/<object>/hud"
-LEFT = -0.95  # left edge of what is fixed to it; see picture.FixedPicture
 _OPENING = 3.0  # s, for which a page that opens is left alone
 
 

@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import LeafSystem
 
 from airrace.vehicle import Vehicle
+from airrace.visualization.meshcat_page import Audience
 
 if TYPE_CHECKING:
     from pydrake.multibody.plant import MultibodyPlant
@@ -63,8 +64,8 @@ class RotorVisualizer(LeafSystem):
         input_ports:
         - rotor_speeds
 
-    ``rotor_speeds`` (n) are in rad/s. The replay's drone does not turn its rotors:
-    that would be most of the file.
+    ``rotor_speeds`` (n) are in rad/s. Nothing is drawn if nobody watches, and the replay's
+    drone does not turn its rotors.
     """
 
     def __init__(
@@ -74,6 +75,7 @@ class RotorVisualizer(LeafSystem):
         vehicle: Vehicle,
         plant: "MultibodyPlant",
         scene_graph: SceneGraph,
+        audience: Audience | None = None,
     ):
         """Constructs the visualizer.
 
@@ -81,19 +83,23 @@ class RotorVisualizer(LeafSystem):
             meshcat: in which a MeshcatVisualizer draws the drone.
             vehicle: the rotor table.
             plant, scene_graph: of the drone, see find_blades().
+            audience: of the page.
         """
         LeafSystem.__init__(self)
         self._meshcat = meshcat
+        self._audience = audience or Audience(meshcat, PERIOD)
         self._path = body_path(plant)
         self._blades = find_blades(plant, scene_graph, vehicle)
         signs = np.array([1.0 if r.direction == "ccw" else -1.0 for r in vehicle.rotors])
         self._step = SLOW_MOTION * PERIOD * signs
-        self._angles = np.zeros(len(vehicle.rotors))  # see PathVisualizer
+        self._angles = np.zeros(len(vehicle.rotors))  # output, not state: see PlanVisualizer
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, self._draw)
 
     def _draw(self, context):
         self._angles += self._step * self._speeds.Eval(context)
+        if not self._audience.waits():
+            return
         for rotor, name, X_BG in self._blades:
             R_BG = RotationMatrix.MakeZRotation(self._angles[rotor]) @ X_BG.rotation()
             X_BG = RigidTransform(R_BG, X_BG.translation())

@@ -4,10 +4,9 @@ import contextlib
 import os
 import time
 import types
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from pydrake.geometry import Meshcat
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Column, Table
@@ -18,7 +17,6 @@ from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, RaceRes
 from airrace.scenario import Scenario, trajectory_name
 from airrace.track import Track
 from airrace.vehicle.rotor_loss import Remaining
-from airrace.visualization.scoreboard import lap_and_gate
 
 _REFRESH = 0.1  # s
 _CAPTION = (
@@ -41,21 +39,21 @@ class RaceDisplay:
         self,
         scenario: Scenario,
         track: Track,
-        meshcat: Meshcat | None = None,
+        addresses: Sequence[str] = (),
         console: Console | None = None,
     ):
         """Constructs the display; nothing is printed before the first show().
 
         Args:
             scenario, track: of the race.
-            meshcat: whose address to show, or None.
+            addresses: lines that say where the race can be watched.
             console: to write to; standard output by default.
         """
         self._scenario = scenario
         self._track_name = track.name
         self._gates = len(track.gates)
         self._half_width = min(gate.pylon_spacing for gate in track.gates) / 2
-        self._meshcat = meshcat
+        self._addresses = addresses
         self._console = console or _PatientConsole()
         self._start = self._last = time.perf_counter()
         self._events = self._losses = 0  # shown so far
@@ -108,8 +106,8 @@ class RaceDisplay:
             f"airrace: {drone} on {self._track_name}, {kind}, "
             f"seed {scenario.seed}, {count(scenario.laps, 'lap')}"
         )
-        if self._meshcat is not None:
-            self._print(f"Watch it at {self._meshcat.web_url()}")
+        for line in self._addresses:
+            self._print(line)
         if self._console.is_terminal:
             self._live = Progress(
                 TextColumn("{task.description}"),
@@ -183,6 +181,11 @@ class RaceDisplay:
                 f"{wall['real_time_factor']:.1f} x real time."
             )
             self._print(f"Results: {output_dir}")
+
+
+def lap_and_gate(crossings: int, gates: int, laps: int) -> tuple[int, int]:
+    """Returns the lap that is flown, and the next gate, after so many crossings; both from 1."""
+    return min(max(crossings - 1, 0) // gates + 1, laps), crossings % gates + 1
 
 
 def lap_table(result: dict, half_width: float) -> Table:

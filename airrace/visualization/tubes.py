@@ -48,14 +48,6 @@ def speed_colors(speeds: ArrayLike, max_speed: float) -> np.ndarray:
     return cv2.applyColorMap(levels[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1] / 255.0  # type: ignore[call-overload, index]
 
 
-def faded(age: int) -> float:
-    """Returns the opacity of something that was replaced; age: how many times since, from 1.
-
-    It falls every time, but slowly, so that nothing is lost.
-    """
-    return 0.5 / (1.0 + 0.4 * (age - 1))
-
-
 def _unit(vectors, otherwise):
     """Returns the vectors at unit length, and another one for those that have none."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)

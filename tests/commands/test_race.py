@@ -376,6 +376,8 @@ class TestOptions:
             "--record",
             "--report",
             "--no-report",
+            "--linger",
+            "--foxglove",
             "--realtime_rate",
             "--graphviz",
             "--scenario_file",

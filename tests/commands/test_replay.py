@@ -1,11 +1,13 @@
+import json
+import re
+
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat
 
 from airrace.analysis import load_run
 from airrace.commands.app import main as command
 from airrace.common.errors import UserError
-from airrace.visualization.ghosts import make_ghosts, show_ghosts
+from airrace.visualization.ghosts import COLORS, make_ghosts, replay_page
 from tests.worlds.made_up_run import FIRST, LAP, flight, make_run
 
 
@@ -49,25 +51,39 @@ def test_after_its_end_a_ghost_stays(runs):
 
 
 @pytest.mark.slow
-def test_all_of_them_are_in_the_scene(runs):
-    meshcat = Meshcat()
-    show_ghosts(meshcat, make_ghosts(runs))
-    for i in (0, 1):
-        assert meshcat.HasPath(f"visualizer/run_{i}/body")
-        assert meshcat.HasPath(f"trails/run_{i}")
-        assert meshcat.HasPath(f"visualizer/run_{i}/body/ball")
-    assert len(meshcat.StaticHtml()) < 30e6
+def test_all_of_them_are_on_the_page(runs):
+    page = replay_page(make_ghosts(runs[::-1], "lap"))
+    config, record = (
+        json.loads(re.search(rf'id="race-{name}">(.*?)</script>', page)[1])
+        for name in ("config", "record")
+    )
+    assert [each["lap"] for each in record["crossings"]] == [1] * 10 + [2] * 10 + [3]
+    assert len(config["ghosts"][0]["record"]["crossings"]) == 11
+    assert config["ghosts"][0]["shift"] == 0.0 and config["begin"] == FIRST
+    assert config["name"]["text"] == "two, best lap 5.00 s"
+    (ghost,) = config["ghosts"]
+    assert ghost["name"] == "one, best lap 5.00 s" and tuple(ghost["color"]) == COLORS["orange"]
+    assert (config["body"], ghost["body"]) == tuple(
+        f"drake/visualizer/run_{i}/body" for i in (0, 1)
+    )
+    assert len(page) < 30e6
 
 
 def test_a_page_that_opens_offline(folder, tmp_path, capsys):
     page = tmp_path / "replay.html"
     args = [str(folder / "one"), str(folder / "two"), "--align", "lap", "--html", str(page)]
     assert main(args) == 0
-    text = page.read_text()
-    assert text.count("best lap 5.00 s") == 2 and ">one" not in text.split("best lap")[-1]
-    assert "one, best lap" in text and "two, best lap" in text
+    assert "race-record" in page.read_text() and "report.html" not in page.read_text()
     out = capsys.readouterr().out.splitlines()
     assert out == [f"blue: {folder / 'one'}", f"orange: {folder / 'two'}", f"Replay: {page}"]
+
+
+def test_a_page_links_to_the_report(folder, tmp_path, capsys):
+    run = tmp_path / "run"
+    make_run(run, laps=1)
+    (run / "report.html").write_text("a report")
+    assert main([str(run), "--html", str(tmp_path / "replay.html")]) == 0
+    assert '[["report","run/report.html"]]' in (tmp_path / "replay.html").read_text()
 
 
 @pytest.mark.parametrize(

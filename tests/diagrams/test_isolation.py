@@ -3,7 +3,6 @@
 import textwrap
 
 import pytest
-from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
@@ -12,6 +11,8 @@ from airrace.diagrams import autonomy as autonomy_module
 from airrace.diagrams import race as race_module
 from airrace.diagrams.race import MakeRace
 from airrace.scenario import Scenario
+from airrace.track import load_track
+from airrace.visualization.live_page import LivePage
 
 INPUTS = {
     "camera_view",
@@ -111,8 +112,9 @@ def test_with_vio_not_even_the_noisy_state_reaches_autonomy(tmp_path):
 
 
 def test_the_race_is_isolated_with_spectators(tmp_path):
-    """With Meshcat, truth goes to the page, and still not to Autonomy."""
-    race = MakeRace(Scenario(), tmp_path, Meshcat())
+    """Truth goes to the page, and still not to Autonomy."""
+    with LivePage(load_track("student-airrace")) as page:
+        race = MakeRace(Scenario(), tmp_path, page)
     assert any(source.get_name() == "truth.state" for _, _, _, source in feeds(race))
     check_isolation(race)
 

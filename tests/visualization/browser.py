@@ -136,6 +136,18 @@ class Browser:
         data = base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"])
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
 
+    def resize(self, width: int, height: int, theme: str = "light") -> None:
+        """Changes the size of the window (px), and the theme that it asks pages for."""
+        size = dict(width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self._call("Emulation.setDeviceMetricsOverride", **size)
+        features = [{"name": "prefers-color-scheme", "value": theme}]
+        self._call("Emulation.setEmulatedMedia", features=features)
+
+    def heap(self) -> float:
+        """Returns how much memory the page's JavaScript holds (bytes)."""
+        self._call("HeapProfiler.collectGarbage")
+        return self._call("Runtime.getHeapUsage")["usedSize"]
+
     def _call(self, method, **params):
         self._number += 1
         message = {"id": self._number, "method": method, "params": params}

@@ -1,7 +1,7 @@
 import pytest
 
 from airrace.track import load_track
-from airrace.visualization.meshcat_page import HUD, MakeMeshcat
+from airrace.visualization.meshcat_page import MakeMeshcat
 
 
 @pytest.fixture(scope="session")
@@ -13,6 +13,5 @@ def shared_meshcat():
 def meshcat(shared_meshcat):
     """An empty page."""
     shared_meshcat.Delete()
-    shared_meshcat.Delete(HUD)
     shared_meshcat.DeleteAddedControls()
     return shared_meshcat

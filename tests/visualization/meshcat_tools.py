@@ -9,17 +9,6 @@ from airrace.systems.planning.lap_plan import LapPlan
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 
-def click(meshcat, button: str) -> None:
-    """Clicks a button, as a page does."""
-    meshcat._InjectWebsocketMessage(msgpack.packb({"type": "button", "name": button}))
-
-
-def slide(meshcat, slider: str, value: float) -> None:
-    """Moves a slider, as a page does."""
-    message = {"type": "slider", "name": slider, "value": value}
-    meshcat._InjectWebsocketMessage(msgpack.packb(message))
-
-
 def drawn(meshcat, path: str) -> dict:
     """Returns what a page is told to draw at a path."""
     return msgpack.unpackb(
@@ -30,12 +19,6 @@ def drawn(meshcat, path: str) -> dict:
 def transform(meshcat, path: str) -> list:
     """Returns the 16 numbers of a path's transform, column by column."""
     return msgpack.unpackb(meshcat._GetPackedTransform(path))["matrix"]
-
-
-def property_of(meshcat, path: str, name: str):
-    """Returns the value of a property that was set; None if it was not."""
-    packed = meshcat._GetPackedProperty(path, name)
-    return msgpack.unpackb(packed)["value"] if packed else None
 
 
 def fix(system, context, **values) -> None:

@@ -1,11 +1,12 @@
 import time
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
-from airrace.visualization.controls import PAUSE, SPEED, RaceControls
-from tests.visualization.meshcat_tools import click, slide
+from airrace.visualization.controls import MAX_RATE, RaceControls, Wish, Wishes
 
 
 @pytest.fixture
@@ -13,45 +14,70 @@ def simulator():
     return Simulator(ConstantVectorSource([1.0]))
 
 
-def test_the_slider_sets_the_rate(meshcat, simulator):
-    controls = RaceControls(meshcat, simulator)
+@pytest.fixture
+def wishes():
+    return Wishes()
+
+
+def test_a_wish_sets_the_rate(wishes, simulator):
+    controls = RaceControls(wishes, simulator)
     controls.steer()
     assert simulator.get_target_realtime_rate() == 0.0
-    slide(meshcat, SPEED, 2.5)
+    wishes.ask({"rate": 2.5})
     controls.steer()
     assert simulator.get_target_realtime_rate() == 2.5
 
 
-def test_a_rate_that_nobody_changes_stays_as_it_is(meshcat, simulator):
-    simulator.set_target_realtime_rate(0.3)  # between two steps of the slider
-    controls = RaceControls(meshcat, simulator)
+def test_a_rate_that_nobody_changes_stays_as_it_is(wishes, simulator):
+    simulator.set_target_realtime_rate(0.3)
+    controls = RaceControls(wishes, simulator)
     controls.steer()
     assert simulator.get_target_realtime_rate() == 0.3
 
 
-def test_the_race_stands_still_until_the_second_click(meshcat, simulator, monkeypatch):
-    controls = RaceControls(meshcat, simulator)
+def test_the_race_stands_still_until_it_may_go_on(wishes, simulator, monkeypatch):
+    controls = RaceControls(wishes, simulator)
     naps = []
 
     def nap(seconds):
         naps.append(seconds)
         if len(naps) == 3:
-            click(meshcat, PAUSE)
+            wishes.ask({"pause": False})
 
     monkeypatch.setattr(time, "sleep", nap)
-    click(meshcat, PAUSE)
+    wishes.ask({"pause": True})
     controls.steer()
     assert len(naps) == 3
     controls.steer()
     assert len(naps) == 3
 
 
-def test_a_paused_race_can_be_interrupted(meshcat, simulator):
-    controls = RaceControls(meshcat, simulator)
-    click(meshcat, PAUSE)
+def test_a_paused_race_can_be_interrupted(wishes, simulator):
+    controls = RaceControls(wishes, simulator)
+    wishes.ask({"pause": True})
     controls.steer(interrupted=lambda: True)
 
 
-def test_a_second_race_on_the_same_page(meshcat, simulator):
-    RaceControls(meshcat, simulator)
-    RaceControls(meshcat, simulator).steer()
+def test_nothing_can_be_asked_of_a_race_that_keeps_its_own_time(wishes):
+    wishes.ask({"pause": True})
+    assert wishes.now is None
+    wishes.begin(1.0)
+    wishes.end()
+    wishes.ask({"pause": True})
+    assert wishes.now is None
+
+
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(),
+    lambda each: st.lists(each) | st.dictionaries(st.sampled_from(["pause", "rate"]), each),
+)
+
+
+@given(ANYTHING)
+def test_whatever_a_page_sends_is_a_sensible_wish(message):
+    wishes = Wishes()
+    wishes.begin(1.0)
+    wishes.ask(message)
+    paused, rate = wishes.now
+    assert isinstance(wishes.now, Wish) and type(paused) is bool and type(rate) is float
+    assert 0.0 <= rate <= MAX_RATE

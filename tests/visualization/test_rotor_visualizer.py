@@ -14,7 +14,7 @@ from airrace.visualization.rotor_visualizer import (
     body_path,
     find_blades,
 )
-from tests.visualization.meshcat_tools import fix, transform
+from tests.visualization.meshcat_tools import Watching, fix, transform
 
 
 def _drone(name, meshcat=None):
@@ -48,7 +48,7 @@ def test_blades_turn_with_their_rotors_and_a_dead_one_stands_still(meshcat):
     blades = find_blades(plant, scene_graph, vehicle)
     path = body_path(plant)
     visualizer = RotorVisualizer(
-        meshcat=meshcat, vehicle=vehicle, plant=plant, scene_graph=scene_graph
+        meshcat=meshcat, vehicle=vehicle, plant=plant, scene_graph=scene_graph, audience=Watching()
     )
     before = [transform(meshcat, f"{path}/{name}") for _, name, _ in blades]
     simulator = Simulator(visualizer)

@@ -23,10 +23,10 @@ N = len(TRACK.gates)
 class Race:
     """A made-up race before a display."""
 
-    def __init__(self, console, track=TRACK, meshcat=None, laps=2, **fields):
+    def __init__(self, console, track=TRACK, addresses=(), laps=2, **fields):
         scenario = Scenario(laps=laps, **fields)
         self.result = RaceResult(scenario, track)
-        self.display = RaceDisplay(scenario, track, meshcat, console)
+        self.display = RaceDisplay(scenario, track, addresses, console)
 
     def look(self, time, crossings=0, rotor_losses=(), **status):
         seen = tuple(
@@ -126,8 +126,8 @@ def test_nothing_is_printed_before_the_race_is_on():
 
 def test_where_to_watch():
     console = plain()
-    Race(console, meshcat=types.SimpleNamespace(web_url=lambda: "http://localhost:7000")).look(0.1)
-    assert "Watch it at http://localhost:7000\n" in console.file.getvalue()
+    Race(console, addresses=["Watch it at http://localhost:7100"]).look(0.1)
+    assert "Watch it at http://localhost:7100\n" in console.file.getvalue()
 
 
 def test_a_race_that_does_not_finish():

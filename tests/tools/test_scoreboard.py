@@ -1,11 +1,7 @@
 import numpy as np
-from pydrake.systems.analysis import Simulator
 
-from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
-from airrace.visualization.meshcat_page import HUD
-from airrace.visualization.scoreboard import Moment, Scoreboard, draw_lines, scoreboard_lines
-from tests.visualization.meshcat_tools import Watching, fix, plan
+from tools.scoreboard import Moment, draw_lines, scoreboard_lines
 
 RACING = ExplorerStatus(state="DONE", done=True, gates=(0, 1, 2))
 
@@ -61,23 +57,6 @@ def test_a_lap_on_an_earlier_plan_says_so():
     assert _lines(crossings, time=34.0, plans={1, 2, 4})[5] == "lap 4    7.0 s"
 
 
-def test_plans_are_remembered_while_nobody_watches(meshcat, monkeypatch):
-    seen = []
-    monkeypatch.setattr(
-        "airrace.visualization.scoreboard.scoreboard_lines",
-        lambda moment, *_: [seen.append(set(moment.plans)) or "words"],
-    )
-    audience = Watching(False)
-    board = Scoreboard(meshcat=meshcat, gates=3, laps=2, audience=audience)
-    context = board.CreateDefaultContext()
-    ports = dict(truth__state=np.zeros(13), truth__referee_status=_report([]))
-    for now in (NO_PLAN, plan(1), plan(3)):
-        audience.watching = now is not NO_PLAN and now.lap == 3
-        fix(board, context, **ports, explorer_status=RACING, lap_plan=now)
-        Simulator(board, context.Clone()).AdvanceTo(0.05)
-    assert seen == [{1, 3}]
-
-
 def test_the_end():
     lines = _lines([10.0, 14, 17, 20, 23, 26, 29.0], finished=True, end_time=29.0)
     assert lines[0] == "finished"
@@ -97,19 +76,3 @@ def test_the_text_can_be_read():
     assert image.dtype == np.uint8 and image.shape[2] == 3
     bright = (image > 200).all(axis=2)
     assert bright[: len(image) // 2].sum() > 100 and bright[len(image) // 2 :].sum() > 50
-
-
-def test_it_is_drawn_only_for_somebody(meshcat):
-    for watching in (False, True):
-        board = Scoreboard(meshcat=meshcat, gates=3, laps=2, audience=Watching(watching))
-        simulator = Simulator(board)
-        fix(
-            board,
-            simulator.get_mutable_context(),
-            truth__state=np.zeros(13),
-            truth__referee_status=_report([]),
-            explorer_status=RACING,
-            lap_plan=NO_PLAN,
-        )
-        simulator.AdvanceTo(0.05)
-        assert meshcat.HasPath(f"{HUD}/scoreboard") == watching

@@ -1,25 +1,18 @@
-"""The state of the race as text: laps, splits at the gates, and what the drone is doing."""
+"""The state of a race as text, for pictures: laps, splits at the gates, what the drone does."""
 
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from pydrake.common.value import Value
-from pydrake.geometry import Meshcat
-from pydrake.systems.framework import LeafSystem
 
-from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
-from airrace.vehicle.state import as_plant_state
-from airrace.visualization.meshcat_page import LEFT, Audience
-from airrace.visualization.picture import FixedPicture
+from airrace.visualization.terminal import lap_and_gate
 
 _WIDTH, _LINE, _SIZE, _MARGIN = 420, 27, 18, 14  # px
 _BACKGROUND = (38, 50, 62)  # RGB
 _TEXT = (255, 255, 255)
 _LAPS = 6  # the last so many are shown
-_NONE = RefereeStatus((), False, None, None, 0)
 
 
 class Moment(NamedTuple):
@@ -79,11 +72,6 @@ def _what(gates: int, laps: int, report: RefereeStatus, status: ExplorerStatus) 
     return f"racing: lap {lap} of {laps}, next gate {gate}"
 
 
-def lap_and_gate(crossings: int, gates: int, laps: int) -> tuple[int, int]:
-    """Returns the lap that is flown, and the next gate, after so many crossings; both from 1."""
-    return min(max(crossings - 1, 0) // gates + 1, laps), crossings % gates + 1
-
-
 def _last_split(crossings: Sequence[GateCrossing], gates: int, times: list[float]) -> str:
     """Returns the time at the last gate, beside that of the best lap before; '' if none."""
     if not crossings:
@@ -108,49 +96,3 @@ def draw_lines(lines: Sequence[str]) -> np.ndarray:
         place = (_MARGIN, _MARGIN + _LINE * k + _SIZE - 4)
         cv2.putText(image, line, place, _TEXT, font, _SIZE, 600 if k == 0 else 400)
     return image
-
-
-class Scoreboard(LeafSystem):
-    """Shows laps and splits as text on the page.
-
-    .. pydrake_system::
-
-        name: Scoreboard
-        input_ports:
-        - truth.state
-        - truth.referee_status
-        - explorer_status
-        - lap_plan
-
-    ``truth.state`` is the plant's floating-body state (13), the others a
-    RefereeStatus, an ExplorerStatus and a LapPlan. Nothing is drawn if nobody watches.
-    """
-
-    def __init__(
-        self, *, meshcat: Meshcat, gates: int, laps: int, audience: Audience | None = None
-    ):
-        """Args: meshcat: to draw in. gates: of the track. laps: to fly. audience: of the page."""
-        LeafSystem.__init__(self)
-        self._picture = FixedPicture(meshcat, "scoreboard", left=LEFT, top=0.72, width=0.6)
-        self._gates, self._laps = gates, laps
-        self._audience = audience or Audience(meshcat, 0.4)
-        self._state = self.DeclareVectorInputPort("truth.state", 13)
-        self._report = self.DeclareAbstractInputPort("truth.referee_status", Value[object](_NONE))
-        self._status = self.DeclareAbstractInputPort(
-            "explorer_status", Value[object](ExplorerStatus())
-        )
-        self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
-        self._plans = set()  # first laps of those so far; see PathVisualizer
-        self.DeclarePeriodicPublishEvent(0.1, 0.0, self._draw)
-
-    def _draw(self, context):
-        plan = self._plan.Eval(context)
-        if plan is not NO_PLAN:
-            self._plans.add(plan.lap)
-        if not self._audience.waits():
-            return
-        speed = float(np.linalg.norm(as_plant_state(self._state.Eval(context)).velocity))
-        report, status = self._report.Eval(context), self._status.Eval(context)
-        moment = Moment(context.get_time(), speed, report, status, self._plans)
-        lines = scoreboard_lines(moment, self._gates, self._laps)
-        self._picture.show(draw_lines(lines))

@@ -1,0 +1,107 @@
+"""The live page of a race: Drake's Meshcat, what is told of the race, and their server."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from airrace.visualization.controls import Wishes
+from airrace.visualization.meshcat_page import MakeMeshcat
+from airrace.visualization.page_html import LIVE, REPLAY, make_page
+from airrace.visualization.page_server import FILES, PageServer, Source
+from airrace.visualization.race_record import RaceRecord
+
+if TYPE_CHECKING:
+    from airrace.track import Track
+
+_NAP = 0.1  # s
+_RELOAD = 3.0  # s, that a page may be away
+
+
+class LivePage:
+    """A page that shows a race while it goes on; a context manager, which ends its server.
+
+    Attributes:
+        meshcat: that the scene is drawn in.
+        record: of the race.
+        wishes: of those who watch.
+        url: of the page.
+    """
+
+    def __init__(self, track: "Track"):
+        """Starts to serve, on loopback.
+
+        Args:
+            track: that is shown.
+
+        Raises:
+            UserError: if no port is free.
+        """
+        self.meshcat = MakeMeshcat(track)
+        self.record, self.wishes = RaceRecord(), Wishes()
+        self._config: dict = {}
+        # The server's thread must not hold the Meshcat, so it is given only its port.
+        pages = self._config
+        self._server = PageServer(
+            Source(
+                make_page=lambda html: make_page(html, pages[LIVE]),
+                meshcat_port=self.meshcat.port(),
+                record=self.record,
+                wishes=self.wishes,
+            )
+        )
+        self.url = self._server.url
+
+    def __enter__(self) -> "LivePage":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the server; pages keep what they have."""
+        self._server.close()
+
+    def begin(self, config: dict) -> None:
+        """Says what race is shown; config: see page_config()."""
+        self._config[LIVE] = config
+
+    @property
+    def watching(self) -> int:
+        """How many pages are connected."""
+        return self._server.watching
+
+    def replay(self) -> str:
+        """Returns what is recorded as a page that opens offline."""
+        config = {
+            **self._config[LIVE],
+            "mode": REPLAY,
+            "links": [[text, name] for name, text in FILES.items() if name != "race.html"],
+        }
+        return make_page(self.meshcat.StaticHtml(), config, self.record.whole())
+
+    def linger(
+        self, folder: Path, most: float | None, note: Callable[[str], object] = print
+    ) -> None:
+        """Stays until Ctrl-C while a page is connected; without one, returns at once.
+
+        Args:
+            folder: of the results, which the page links to.
+            most: the longest to stay (s); None: as long as somebody watches.
+            note: shows a line.
+        """
+        self.wishes.end()
+        self._server.show_results(folder)
+        if not self.watching or most == 0.0:
+            return
+        note(f"The page stays at {self.url}; Ctrl-C ends it.")
+        start = seen = time.monotonic()
+        try:
+            while (now := time.monotonic()) < seen + _RELOAD:
+                if most is not None and now > start + most:
+                    return
+                if self.watching:
+                    seen = now
+                time.sleep(_NAP)
+        except KeyboardInterrupt:
+            return

@@ -84,8 +84,8 @@ def add_legend(figure: Figure, axes: "Axes", place: str = "outside right upper")
     """Adds a legend beside the picture that names everything of some axes once."""
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles))
-    columns = 1 if "right" in place else 6
-    figure.legend(once.values(), once.keys(), loc=place, ncols=columns)
+    options: dict[str, Any] = dict(loc=place, ncols=1 if "right" in place else 6)
+    figure.legend([*once.values()], [*once], **options)
 
 
 def add_colorbar(

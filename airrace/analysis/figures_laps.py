@@ -17,6 +17,9 @@ from airrace.analysis.figure_style import (
 from airrace.scenario.lap_limits import parse_limits
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from airrace.analysis.run import Run
@@ -24,7 +27,7 @@ if TYPE_CHECKING:
 
 def along_figure(run: "Run") -> "Figure":
     """Returns speed, time behind the best lap, and height along all laps."""
-    profiles, best = lap_profiles(run), best_lap(run)
+    profiles, best = lap_profiles(run), best_lap(run) or 0
     compare = len(profiles) > 1
     heights = (2.2, 1.4, 1.0) if compare else (2.2, 1.0)
     figure = make_figure(9, 1.3 + 1.2 * sum(heights))
@@ -108,7 +111,7 @@ def _ends(n: int) -> tuple[np.ndarray, np.ndarray]:
     return places - 0.4, places + 0.4
 
 
-def _mark_gates(panels, profile: LapProfile) -> None:
+def _mark_gates(panels: "Sequence[Axes]", profile: LapProfile) -> None:
     """Draws a line at every gate, with its number above the first panel."""
     for axes in panels:
         axes.grid(axis="x", visible=False)

@@ -62,7 +62,7 @@ def map_figure(run: "Run") -> "Figure":
         )
         right.set_yticks(gates)
         right.invert_yaxis()
-        decimals = 1 if by_gate.max(axis=None) >= 1.0 else 2
+        decimals = 1 if np.nanmax(by_gate.to_numpy()) >= 1.0 else 2
         if len(laps) <= _NUMBERS:
             for lap, column in by_gate.items():
                 for gate, error in column.dropna().items():

@@ -6,6 +6,7 @@ import numpy as np
 
 from airrace.analysis.along_lap import best_lap
 from airrace.analysis.gate_pictures import gate_pictures
+from airrace.analysis.page_templates import page_template
 from airrace.analysis.run import Run
 from airrace.common.files import write_text
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
@@ -19,18 +20,9 @@ _WITHOUT = "/state/estimate /state/filtered /state/disturbance /rotors/command".
 
 def make_report(run: Run) -> str:
     """Returns the report of a run, a page that needs nothing else."""
-    from jinja2 import Environment, PackageLoader
-
-    templates = Environment(
-        loader=PackageLoader("airrace.analysis"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
     result = run.result
     plans = plan_of_laps(result["laps"])
-    return templates.get_template(FILE).render(
+    return page_template("airrace.analysis", FILE).render(
         run=run,
         result=result,
         trajectory=trajectory_name(result["trajectory"]),

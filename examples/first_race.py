@@ -16,6 +16,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 import airrace
+from airrace.analysis.figure_style import SPEED_COLORS
 
 track = sys.argv[1] if len(sys.argv) > 1 else "hexagon"
 seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
@@ -31,12 +32,13 @@ print(f"error of the map: {100 * marker_errors.mean():.2f} cm, mean of its marke
 exploring, racing = run.state[run.state.lap == 0], run.state[run.state.lap == 1]
 figure, axes = plt.subplots(figsize=(8, 6), layout="constrained")
 axes.plot(exploring.x, exploring.y, "--", color="0.6", lw=1, label="exploring")
-dots = axes.scatter(racing.x, racing.y, c=racing.speed, s=4, cmap="turbo", label="lap 1")
+colors = dict(cmap=SPEED_COLORS, vmin=0.0, vmax=20.0)  # m/s: from none to the limit
+dots = axes.scatter(racing.x, racing.y, c=racing.speed, s=4, **colors)
 for number, gate in enumerate(run.track.gates, start=1):
     axes.plot(*zip(gate.p_WL[:2], gate.p_WR[:2]), "o-", color="0.3")  # its two pylons
     axes.annotate(f" {number}", gate.p_WR[:2])
 axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
-axes.legend()
+figure.legend(loc="outside upper right")
 figure.colorbar(dots, label="speed (m/s)")
 figure.savefig("first_race.png")
 print(f"Picture: {Path('first_race.png').resolve()}")

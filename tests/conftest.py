@@ -20,7 +20,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Markers that follow from where a test is, by the path below tests/. `slow` stands at each test.
 _MARKED = {
-    "browser": ["visualization/test_in_browser.py"],
+    "browser": ["evaluation/test_page_in_browser.py", "visualization/test_in_browser.py"],
     "hitl": ["hitl", "diagrams/test_hitl.py", "diagrams/test_simulated_link.py"],
 }
 

@@ -1,51 +1,91 @@
-"""How the report's pictures look: vector graphics, one style, readable in grey."""
+"""How the report's pictures look: vector graphics that follow the page's theme, light or dark.
+
+A picture is drawn for white paper. On a page, the colours of THEME become variables of its style
+sheet; all other colours are such that they can be seen on white and on dark paper.
+"""
 
 import io
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib import colormaps, rc_context
-from matplotlib.colors import ListedColormap
+from matplotlib import rc_context
+from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 
+from airrace.common.colors import BEST, speed_colors
+
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
 
-# Laps are told apart by marker and line style as well as by colour.
-LINE_STYLES = ("-", "--", "-.", ":")
-MARKERS = "osD^vP*Xd<"
-# Its lightness falls evenly, so that grey shows the same; without the lightest, for paper.
-# With more colours, Matplotlib would make a bar of them a picture of pixels.
-SPEED_COLORS = ListedColormap(colormaps["cividis_r"](np.linspace(0.12, 1.0, 40)))
-GREYS = colormaps["Greys"].resampled(40)
-INK, FAINT = "#1c1c1c", "#b5b5b5"
-# Steps of one lightness each, dark to light, and not too light for white paper.
-_LAP_COLORS = (
-    *("#00224e", "#7a0403", "#1f5fa8", "#b8500c", "#2a7f62"),
-    *("#8f2d84", "#5a6b7b", "#a5732a", "#4f4fb0", "#3f8f3f"),
+# Lines and text; text of less weight; other laps; grid; areas; paper.
+INK, MUTED, FAINT, GRID, SHADE, PAPER = THEME = (
+    *("#1c1c1c", "#5f5f5f", "#a9a9a9"),
+    *("#e4e4e4", "#d9d9d9", "#ffffff"),
 )
+# What each of them is called in the page's style sheet.
+_VARIABLES = dict(zip(THEME, ("ink", "faint", "other", "grid", "shade", "card")))
+# With more colours, Matplotlib would make a bar of them a picture of pixels.
+SPEED_COLORS = ListedColormap(speed_colors(np.linspace(0.0, 1.0, 40), 1.0), name="speed")
+# Ink, the more the darker, through which paper of any colour shows; numbers on it can be read.
+_AMOUNTS = np.linspace(0.0, 0.5, 40)
+SHADES = ListedColormap(np.column_stack([np.tile(to_rgb(INK), (40, 1)), _AMOUNTS]), name="shades")
 STYLE: dict[str, Any] = {
     "font.size": 9,
     "axes.titlesize": 10,
     "axes.titleweight": "bold",
-    "axes.edgecolor": "#555",
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
-    "grid.color": "#e4e4e4",
+    "axes.axisbelow": True,
+    "grid.color": GRID,
     "grid.linewidth": 0.6,
     "legend.frameon": False,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.color": MUTED,
+    "ytick.labelcolor": INK,
     "svg.fonttype": "none",  # text stays text
 }
 # Lines of what is worst, and of the root mean square.
-WORST = dict(label="worst", color=INK, marker="s", ls="--", ms=4, lw=1.0, mfc="white")
+WORST = dict(label="worst", color=INK, marker="s", ls="--", ms=4, lw=1.0, mfc=PAPER)
 RMS = dict(label="RMS", color=INK, marker="o", ms=4, lw=1.2)
+_TIP = "tip:"
 
 
 def make_figure(width: float, height: float, **options: Any) -> Figure:
     """Returns an empty figure of some size (inches); options are Figure's."""
     return Figure(figsize=(width, height), layout="constrained", **options)
+
+
+def lap_style(lap: int, best: int | None) -> dict:
+    """Returns how the line or the marks of a lap are drawn: the best in blue, others in grey.
+
+    Args:
+        lap: its number.
+        best: that of the best lap.
+    """
+    if lap == best:
+        return dict(color=BEST, lw=1.8, ms=6, mew=0.8, mec=PAPER, zorder=4)
+    return dict(color=FAINT, lw=0.9, ms=4.5, mew=0.6, mec=PAPER, zorder=3)
+
+
+def add_tip(artist: "Artist", words: str) -> None:
+    """Makes a page show some words while the pointer is on a part of a picture."""
+    artist.set_gid(_TIP + words)
+
+
+def add_legend(figure: Figure, axes: "Axes", place: str = "outside right upper") -> None:
+    """Adds a legend beside the picture that names everything of some axes once."""
+    handles, labels = axes.get_legend_handles_labels()
+    once = dict(zip(labels, handles))
+    options: dict[str, Any] = dict(loc=place, ncols=1 if "right" in place else 6)
+    figure.legend([*once.values()], [*once], **options)
 
 
 def add_colorbar(
@@ -56,18 +96,6 @@ def add_colorbar(
     bar.solids.set_edgecolor("face")  # no hairlines between its colours
 
 
-def lap_style(lap: int) -> dict:
-    """Returns how the line of a lap, from 1, is drawn."""
-    i = lap - 1
-    return {
-        "color": _LAP_COLORS[i % len(_LAP_COLORS)],
-        "marker": MARKERS[i % len(MARKERS)],
-        "linestyle": LINE_STYLES[i % len(LINE_STYLES)],
-        "markersize": 4,
-        "linewidth": 1.1,
-    }
-
-
 def inline_svg(figure: Figure, name: str) -> str:
     """Returns a figure as an <svg> element for a page; name: unlike any other figure's of it."""
     file = io.StringIO()
@@ -75,4 +103,15 @@ def inline_svg(figure: Figure, name: str) -> str:
         # No date and no version: the same run, the same report.
         figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     text = file.getvalue()
-    return text[text.index("<svg") :].strip()
+    return _with_tips(_themed(text[text.index("<svg") :].strip()))
+
+
+def _themed(svg: str) -> str:
+    """Returns a picture whose colours of THEME are variables of the page."""
+    pattern = "|".join(f"{color}\\b" for color in THEME)
+    return re.sub(pattern, lambda match: f"var(--{_VARIABLES[match[0]]})", svg)
+
+
+def _with_tips(svg: str) -> str:
+    """Returns a picture in which the words of add_tip() are titles of their parts."""
+    return re.sub(rf"<g id=([\"']){_TIP}(.*?)\1>", r"<g><title>\2</title>", svg)

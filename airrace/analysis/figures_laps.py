@@ -1,94 +1,125 @@
-"""Pictures of where time was lost, and of what the explorer did."""
+"""Pictures of laps side by side: along the lap, from gate to gate, and at the gates."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airrace.analysis.figure_style import INK, lap_style, make_figure
+from airrace.analysis.along_lap import LapProfile, best_lap, lap_profiles, leg_losses
+from airrace.analysis.figure_style import (
+    INK,
+    MUTED,
+    SHADE,
+    add_legend,
+    add_tip,
+    lap_style,
+    make_figure,
+)
+from airrace.scenario.lap_limits import parse_limits
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from airrace.analysis.run import Run
 
-_NEAR = 0.1  # s by which a drone joins its circuit after a gate, and it still counts
-_HATCHES = ("", "///", "...", "xx", "\\\\\\", "++", "oo", "--")
-_GREYS = ("#ffffff", "#d0d0d0", "#f0f0f0", "#b0b0b0", "#e0e0e0", "#c0c0c0")
+
+def along_figure(run: "Run") -> "Figure":
+    """Returns speed, time behind the best lap, and height along all laps."""
+    profiles, best = lap_profiles(run), best_lap(run) or 0
+    compare = len(profiles) > 1
+    heights = (2.2, 1.4, 1.0) if compare else (2.2, 1.0)
+    figure = make_figure(9, 1.3 + 1.2 * sum(heights))
+    panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+    speed, height = panels[0], panels[-1]
+    for lap, profile in profiles.items():
+        words = f"lap {lap}: {profile.time[-1]:.2f} s" + ", the best" * (lap == best)
+        label = {best: f"lap {best}, the best"}.get(lap, "other laps")
+        curves = [(speed, profile.speed), (height, profile.height)]
+        if compare:
+            curves.append((panels[1], profile.behind(profiles[best])))
+        for axes, values in curves:
+            (line,) = axes.plot(profile.place, values, label=label, **lap_style(lap, best))
+            add_tip(line, words)
+    _mark_gates(panels, profiles[best])
+    max_speed, _ = parse_limits(run.result["limits"])
+    if np.isfinite(max_speed):
+        limit = dict(color=MUTED, lw=1.0, ls="--", label=f"limit, {max_speed:g} m/s")
+        speed.axhline(max_speed, **limit)
+    speed.set(ylabel="speed (m/s)", ylim=(0.0, None))
+    height.set(ylabel="height (m)", xlabel="along the best lap (m)", ylim=(0.0, None))
+    if compare:
+        panels[1].axhline(0.0, color=INK, lw=0.8)
+        panels[1].set(ylabel="behind the\nbest lap (s)")
+    add_legend(figure, speed)
+    return figure
 
 
-def time_lost(run: "Run") -> dict:
-    """Returns by how much each lap was behind its plan at each gate.
-
-    It counts from the first gate on at which the drone was on the plan's circuit: of its
-    entry, a plan says nothing of gates.
-
-    Returns:
-        {lap: array}, flown minus planned time (s) at gates 1, 2, ... and 1 again, NaN
-        before it counts; laps without a plan that knows its gates are left out.
-    """
-    result = {}
-    for lap in run.result["laps"]:
-        plans = run.plans[run.plans["lap"] <= lap["lap"]]
-        if plans.empty:
-            continue
-        plan = plans.iloc[-1]
-        planned = run.plan_gates["time"][run.plan_gates["plan"] == plan["plan"]].to_numpy()
-        flown = np.array([*lap["gate_times_s"], lap["time_s"]])
-        if len(planned) != len(flown):
-            continue
-        joined = plan["start_time"] + plan["entry_duration"] - lap["start_s"]
-        behind = np.where(flown >= joined - _NEAR, flown - planned, np.nan)
-        if np.isfinite(behind).any():
-            result[lap["lap"]] = behind - behind[np.isfinite(behind)][0]
-    return result
-
-
-def time_lost_figure(run: "Run") -> "Figure":
-    """Returns the picture of time_lost()."""
-    lost = time_lost(run)
-    most = max((np.nanmax(np.abs(behind)) for behind in lost.values()), default=0.0)
-    unit, factor = ("ms", 1000.0) if most < 0.1 else ("s", 1.0)
-    figure = make_figure(9, 3.6)
-    axes = figure.add_subplot(xlabel="at gate", ylabel=f"behind the lap's plan ({unit})")
+def losses_figure(run: "Run") -> "Figure":
+    """Returns the time that each lap lost between two gates against the best lap."""
+    losses = leg_losses(run)
+    figure = make_figure(9, 3)
+    axes = figure.add_subplot(xlabel="from gate to gate", ylabel="lost (s)")
     n = len(run.track.gates)
-    for lap, behind in lost.items():
-        axes.plot(range(n + 1), factor * behind, label=f"lap {lap}", **lap_style(lap))
+    for lap, seconds in losses.items():
+        places = np.arange(1, n + 1) + _aside(lap, len(run.result["laps"]))
+        (marks,) = axes.plot(places, seconds, "o", label="one lap", **lap_style(lap, None))
+        add_tip(marks, f"lap {lap}: {seconds.sum():+.2f} s in all")
+    middle = np.median([*losses.values()], axis=0)
+    axes.hlines(middle, *_ends(n), color=INK, lw=1.6, label="median")
     axes.axhline(0.0, color=INK, lw=0.8)
-    axes.set_xticks(range(n + 1), [*range(1, n + 1), 1])  # type: ignore[list-item]
-    figure.legend(loc="outside right center")
+    axes.set_xticks(range(1, n + 1), [f"{leg}–{leg % n + 1}" for leg in range(1, n + 1)])
+    axes.grid(axis="x", visible=False)
+    add_legend(figure, axes)
     return figure
 
 
-def states(run: "Run") -> list:
-    """Returns name, start and end (s) of every state of the explorer, in order."""
-    events = [(event["state"], event["time_s"]) for event in run.result["exploration"]["events"]]
-    logged = run.events[run.events["source"] == "explorer"]
-    if len(logged) > len(events):  # of a race that was killed
-        events = list(zip(logged["name"], logged["time"].tolist()))
-    last = events[-1][1] if events else 0.0
-    end = max([last, *(run.lap_starts[:1] if len(run.lap_starts) else run.state["time"][-1:])])
-    ends = [*(time for _, time in events[1:]), end]
-    return [(state, start, end) for (state, start), end in zip(events, ends)]
-
-
-def timeline_figure(run: "Run") -> "Figure":
-    """Returns the explorer's states over time."""
-    spans = states(run)
-    names = list(dict.fromkeys(name for name, *_ in spans))
-    figure = make_figure(9, 0.9 + 0.28 * max(len(names), 1))
-    axes = figure.add_subplot(xlabel="time (s)")
-    for i, name in enumerate(names):
-        bars = [(start, max(end - start, 0.05)) for other, start, end in spans if other == name]
-        axes.broken_barh(
-            bars,
-            (i - 0.36, 0.72),
-            facecolor=_GREYS[i % len(_GREYS)],
-            hatch=_HATCHES[i % len(_HATCHES)],
-            edgecolor=INK,
-            lw=0.6,
-        )
-    axes.set_yticks(range(len(names)), names)
-    axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.grid(axis="y", visible=False)
-    axes.margins(x=0.01)
+def offsets_figure(run: "Run") -> "Figure":
+    """Returns how far from its midpoint each gate was crossed, lap by lap, and the pylons."""
+    best, laps = best_lap(run), run.result["laps"]
+    offsets = np.array([lap["gate_offsets_m"] for lap in laps])
+    halves = np.array([gate.pylon_spacing / 2 for gate in run.track.gates])
+    figure = make_figure(9, 3)
+    axes = figure.add_subplot(xlabel="gate", ylabel="from the midpoint (m)")
+    for lap, row in zip(laps, offsets):
+        number = lap["lap"]
+        label = f"lap {best}, the best" if number == best else "other laps"
+        places = np.arange(1, len(row) + 1) + _aside(number, len(laps))
+        (marks,) = axes.plot(places, row, "o", label=label, **lap_style(number, best))
+        add_tip(marks, f"lap {number}: {row.max():.2f} m at most")
+    axes.hlines(halves, *_ends(len(halves)), color=MUTED, lw=1.4, label="axes of the pylons")
+    if offsets.max() < 0.1 * halves.min():
+        # Millimetres and the pylons in one picture.
+        axes.set(yscale="log", ylim=(min(1e-3, offsets[offsets > 0.0].min(initial=1.0)) / 2, 10.0))
+    else:
+        axes.set_ylim(0.0, 1.1 * halves.max())
+    axes.set_xticks(range(1, len(halves) + 1))
+    axes.grid(axis="x", visible=False)
+    add_legend(figure, axes)
     return figure
+
+
+def _aside(lap: int, laps: int) -> float:
+    """Returns how far beside its place the mark of a lap is, so that all are seen."""
+    return 0.6 * ((lap - 0.5) / laps - 0.5)
+
+
+def _ends(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns where short lines at places 1 to n begin and end."""
+    places = np.arange(1.0, n + 1)
+    return places - 0.4, places + 0.4
+
+
+def _mark_gates(panels: "Sequence[Axes]", profile: LapProfile) -> None:
+    """Draws a line at every gate, with its number above the first panel."""
+    for axes in panels:
+        axes.grid(axis="x", visible=False)
+        for place in profile.gates:
+            axes.axvline(place, color=SHADE, lw=0.8, zorder=1)
+        axes.margins(x=0.0)
+    n = len(profile.gates) - 1
+    above = panels[0].secondary_xaxis("top")
+    above.set_xticks(profile.gates, [str(k % n + 1) for k in range(n + 1)])
+    above.set_xlabel("gate")
+    above.spines["top"].set_visible(False)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from airrace.analysis.figure_style import INK, make_figure
+from airrace.analysis.figure_style import INK, MUTED, SHADE, add_legend, make_figure
+from airrace.common.colors import BEST, EARLIER
 from airrace.track.layout import Layout
 from airrace.track.plot import draw_gates
 from airrace.trajopt.body_frames import body_frames
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from airrace.analysis.run import Run
 
-_ORANGE, _GREY, _NOSE, _THRUST = "#e8720c", "#8a8a8a", "#b3001b", "#1f5fd0"
+_NOSE, _THRUST = "#d62839", BEST
 _MOST, _LEAST = 0.9, 0.15  # opacity of the newest and of the oldest of the laps before
 _LEVEL, _TILTED = 2.2, 6.0  # m, length of a level nose and of a level thrust axis
 _POINTS = ("x", "y", "z")
@@ -56,12 +57,12 @@ def plans_figure(run: "Run") -> "Figure":
     """Returns the last plan from above with its body axes, and all before it in orange."""
     figure = make_figure(9, 7.2)
     axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
-    draw_gates(axes, Layout.of(run.track), INK, "#d9d9d9")
+    draw_gates(axes, Layout.of(run.track), INK, SHADE)
     *earlier, newest = planned_laps(run).values()
     for samples, opacity in zip(earlier, np.linspace(_LEAST, _MOST, len(earlier) + 1)[1:]):
         label = "plans before it" if samples is earlier[-1] else None
-        axes.plot(*_closed(samples), color=_ORANGE, lw=1.3, alpha=opacity, label=label, zorder=3)
-    axes.plot(*_closed(newest), color=_GREY, lw=1.0, label="the last plan", zorder=4)
+        axes.plot(*_closed(samples), color=EARLIER, lw=1.3, alpha=opacity, label=label, zorder=3)
+    axes.plot(*_closed(newest), color=MUTED, lw=1.0, label="the last plan", zorder=4)
     position, x_axes, z_axes = body_frames(flat_outputs(newest))
     arrows: dict[str, Any] = dict(angles="xy", scale_units="xy", width=0.0016)
     axes.quiver(
@@ -86,7 +87,7 @@ def plans_figure(run: "Run") -> "Figure":
         zorder=6,
         **arrows,
     )
-    axes.legend(loc="best")
+    add_legend(figure, axes, "outside upper center")
     axes.margins(0.05)
     return figure
 

@@ -6,7 +6,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import MaxNLocator
 
-from airrace.analysis.figure_style import GREYS, INK, RMS, WORST, add_colorbar, make_figure
+from airrace.analysis.figure_style import (
+    INK,
+    MUTED,
+    RMS,
+    SHADE,
+    SHADES,
+    WORST,
+    add_legend,
+    make_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -14,6 +23,7 @@ if TYPE_CHECKING:
     from airrace.analysis.run import Run
 
 _BINS = 400  # of a line over time, each with its greatest value
+_NUMBERS = 14  # laps in the table of a map's errors whose numbers have room
 
 
 def map_by_lap(run: "Run") -> pd.DataFrame:
@@ -25,37 +35,41 @@ def map_by_lap(run: "Run") -> pd.DataFrame:
     return errors.set_axis(range(len(at)), axis="columns").dropna(how="all")
 
 
+def map_by_gate(run: "Run") -> pd.DataFrame:
+    """Returns the RMS error of the markers of each gate (m): a row a gate, a column a lap."""
+    return (map_by_lap(run) ** 2).groupby(lambda marker: marker // 4 + 1).mean() ** 0.5
+
+
 def map_figure(run: "Run") -> "Figure":
-    """Returns the error of every marker in the map after the exploration and each lap."""
-    errors = 100 * map_by_lap(run)
-    markers, laps = errors.index, errors.columns
-    figure = make_figure(9, 3.8)
+    """Returns the error of the map after the exploration and each lap: of all, and by gate."""
+    errors, by_gate = 100 * map_by_lap(run), 100 * map_by_gate(run)
+    laps, gates = errors.columns, by_gate.index
+    figure = make_figure(9, 1.4 + 0.24 * max(len(gates), 6))
     left, right = figure.subplots(1, 2, width_ratios=(1, 2.4))
     left.set(xlabel="after lap (0: exploring)", ylabel="front markers' error (cm)")
-    front = errors[markers % 2 == 0]
+    front = errors[errors.index % 2 == 0]
     if len(front):
         left.plot(laps, front.max(), **WORST)
         left.plot(laps, np.sqrt((front**2).mean()), **RMS)
-        left.legend()
+        add_legend(figure, left, "outside lower left")
     left.set_ylim(bottom=0.0)
     left.xaxis.set_major_locator(MaxNLocator(integer=True))
+    right.set(xlabel="after lap", ylabel="gate", title="RMS of each gate's markers (cm)")
     right.grid(False)
-    if len(markers):
-        cells = right.pcolormesh(
-            laps,
-            range(len(markers)),
-            errors,
-            cmap=GREYS,
-            vmin=0.0,
-            shading="nearest",
-            edgecolor="face",
-            lw=0.2,
+    if len(gates):
+        right.pcolormesh(
+            laps, gates, by_gate, cmap=SHADES, vmin=0.0, shading="nearest", edgecolor="face", lw=0.2
         )
-        add_colorbar(figure, cells, right, "error (cm)")
-        step = max(1, len(markers) // 16)
-        right.set_yticks(range(0, len(markers), step), markers[::step])
-    right.set(xlabel="after lap", ylabel="marker")
-    right.set_xticks(laps)
+        right.set_yticks(gates)
+        right.invert_yaxis()
+        decimals = 1 if np.nanmax(by_gate.to_numpy()) >= 1.0 else 2
+        if len(laps) <= _NUMBERS:
+            for lap, column in by_gate.items():
+                for gate, error in column.dropna().items():
+                    right.text(
+                        lap, gate, f"{error:.{decimals}f}", ha="center", va="center", size=7.5
+                    )
+    right.xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
 
 
@@ -69,7 +83,7 @@ def tracking_figure(run: "Run") -> "Figure":
     worst = off.groupby(bins).max().clip(lower=0.01)
     left.plot(time.groupby(bins).first(), worst, color=INK, lw=0.8)
     for start in run.lap_starts:
-        left.axvline(start, color="#999", lw=0.6, ls=":")
+        left.axvline(start, color=MUTED, lw=0.6, ls=":")
     flown = lap.between(1, len(run.result["laps"]))
     worst = off[flown].groupby(lap[flown]).max()
     right.plot(worst.index, worst, **WORST)
@@ -78,7 +92,7 @@ def tracking_figure(run: "Run") -> "Figure":
     right.set_ylim(bottom=0.0)
     right.xaxis.set_major_locator(MaxNLocator(integer=True))
     if len(worst):
-        right.legend()
+        add_legend(figure, right)
     return figure
 
 
@@ -104,13 +118,15 @@ def rotors_figure(run: "Run") -> "Figure":
         showfliers=False,
         medianprops=dict(color=INK),
         patch_artist=True,
-        boxprops=dict(facecolor="#d9d9d9"),
+        boxprops=dict(facecolor=SHADE, edgecolor=INK),
+        whiskerprops=dict(color=INK),
+        capprops=dict(color=INK),
     )
     most = [share.max() for share in usage]
     left.plot(range(1, len(usage) + 1), most, "^", color=INK, ms=5, label="most")
     left.axhline(100.0, color=INK, lw=1, ls="--")
     left.set(xlabel="rotor", ylabel="thrust (% of its limit)", ylim=(0, 110))
-    left.legend(loc="lower right")
+    add_legend(figure, left)
     shares = np.sort(np.concatenate(usage))
     levels = np.linspace(0, 105, 211)
     above = 100 * (1 - np.searchsorted(shares, levels) / max(len(shares), 1))

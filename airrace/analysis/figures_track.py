@@ -1,19 +1,20 @@
-"""Pictures of where a race was flown."""
+"""A picture of where a race was flown."""
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.ticker import MaxNLocator
 
 from airrace.analysis.figure_style import (
     FAINT,
     INK,
+    SHADE,
     SPEED_COLORS,
     add_colorbar,
-    lap_style,
+    add_legend,
     make_figure,
 )
+from airrace.scenario.lap_limits import speed_scale_end
 from airrace.track.layout import Layout
 from airrace.track.plot import draw_gates
 
@@ -39,14 +40,15 @@ def track_figure(run: "Run") -> "Figure":
         pieces = [piece for path in paths for piece in zip(path, path[1:])]
         lines = LineCollection(pieces, cmap=SPEED_COLORS, lw=1.6, zorder=3)
         lines.set_array(np.concatenate([state["speed"][:-1] for state in raced]))
+        lines.set_clim(0.0, speed_scale_end(run.result["limits"]))
         axes.add_collection(lines)
         add_colorbar(figure, lines, axes, "speed (m/s)", shrink=0.75, pad=0.02)
-    draw_gates(axes, Layout.of(run.track), INK, "#d9d9d9")
+    draw_gates(axes, Layout.of(run.track), INK, SHADE)
     start = run.track.start.position
     axes.plot(*start[:2], "s", color=INK, ms=5, zorder=4, label="start")
     if not run.result["finished"] and len(run.state):
         axes.plot(*run.state[["x", "y"]].iloc[-1], "X", color=INK, ms=10, zorder=6, label="the end")
-    axes.legend(loc="best")
+    add_legend(figure, axes, "outside upper center")
     axes.margins(0.05)
     return figure
 
@@ -56,24 +58,3 @@ def _thinned(state):
     path = np.hypot(state["x"].diff(), state["y"].diff()).fillna(0.0).cumsum().to_numpy()
     rows = np.searchsorted(path, np.arange(0.0, path[-1] + _STEP, _STEP))
     return state.iloc[np.unique(rows.clip(max=len(path) - 1))]
-
-
-def offsets_figure(run: "Run") -> "Figure":
-    """Returns how far from its midpoint each gate was crossed, lap by lap."""
-    figure = make_figure(9, 3)
-    axes = figure.add_subplot(xlabel="gate", ylabel="offset (cm)")
-    laps = run.result["laps"]
-    width = 0.6 / max(len(laps), 1)
-    for i, lap in enumerate(laps):
-        offsets = 100 * np.array(lap["gate_offsets_m"])
-        style = lap_style(lap["lap"]) | {"linestyle": "none"}
-        axes.plot(
-            np.arange(1, len(offsets) + 1) + width * (i - (len(laps) - 1) / 2),
-            offsets,
-            label=f"lap {lap['lap']}",
-            **style,
-        )
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=20))
-    axes.set_ylim(bottom=0.0)
-    figure.legend(loc="outside right center")
-    return figure

@@ -4,6 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from airrace.analysis.along_lap import best_lap
+from airrace.analysis.gate_pictures import gate_pictures
+from airrace.analysis.page_templates import page_template
 from airrace.analysis.run import Run
 from airrace.common.files import write_text
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
@@ -12,25 +15,14 @@ from airrace.scenario import trajectory_name
 
 FILE = "report.html"
 # Topics that it says nothing of.
-_WITHOUT = (
-    "/state/estimate /state/filtered /state/disturbance /imu /detections /rotors/command".split()
-)
+_WITHOUT = "/state/estimate /state/filtered /state/disturbance /imu /rotors/command".split()
 
 
 def make_report(run: Run) -> str:
     """Returns the report of a run, a page that needs nothing else."""
-    from jinja2 import Environment, PackageLoader
-
-    templates = Environment(
-        loader=PackageLoader("airrace.analysis"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
     result = run.result
     plans = plan_of_laps(result["laps"])
-    return templates.get_template(FILE).render(
+    return page_template("airrace.analysis", FILE).render(
         run=run,
         result=result,
         trajectory=trajectory_name(result["trajectory"]),
@@ -39,7 +31,9 @@ def make_report(run: Run) -> str:
         plans=plans,
         same_plan=same_plan_words(plans),
         original=ORIGINAL_LAPS if _is_comparable(result) else {},
+        best=best_lap(run),
         pictures=_pictures(run),
+        gate_pictures=gate_pictures(run),
     )
 
 
@@ -65,22 +59,30 @@ def _pictures(run: Run) -> dict[str, str]:
     """Returns an <svg> element by the title of every section that this run has data for."""
     from matplotlib import rc_context
 
-    from airrace.analysis import figures_laps, figures_plans, figures_signals, figures_track
+    from airrace.analysis import (
+        figures_explorer,
+        figures_laps,
+        figures_plans,
+        figures_signals,
+        figures_track,
+    )
+    from airrace.analysis.along_lap import lap_profiles, leg_losses
     from airrace.analysis.figure_style import STYLE, inline_svg
 
     laps = run.result["laps"]
     sections = (
         ("The track from above", True, figures_track.track_figure),
         ("The planned laps", figures_plans.planned_laps(run), figures_plans.plans_figure),
-        ("Where time was lost", figures_laps.time_lost(run), figures_laps.time_lost_figure),
-        ("Gates", laps, figures_track.offsets_figure),
+        ("Along the lap", lap_profiles(run), figures_laps.along_figure),
+        ("Where time was lost", leg_losses(run), figures_laps.losses_figure),
+        ("Gates", laps, figures_laps.offsets_figure),
         ("The map", len(run.map) and len(run.lap_starts), figures_signals.map_figure),
         ("Tracking", len(run.tracking) > 1, figures_signals.tracking_figure),
         ("Rotors", len(run.rotors), figures_signals.rotors_figure),
         (
             "What the explorer did",
             run.result["exploration"]["events"],
-            figures_laps.timeline_figure,
+            figures_explorer.timeline_figure,
         ),
     )
     with rc_context(STYLE):  # type: ignore[arg-type]  # its names are strings

@@ -36,6 +36,7 @@ The output folder:
   evaluation.json  settings, numbers, and every race; the same whoever flew it
   evaluation.md    the tables
   evaluation.png   the picture
+  evaluation.html  all of this to look into: races to be sorted, and what failed
 
 Any Dask cluster will do whose workers have the same airrace and packages:
   dask scheduler --host 127.0.0.1 --port 8786 --no-dashboard
@@ -191,10 +192,12 @@ def fly(
 
 
 def report(folder: Path, settings: dict, rows: list, display: "EvaluationDisplay") -> None:
-    """Writes evaluation.json, evaluation.md and evaluation.png, and prints the tables."""
+    """Writes evaluation.json, .md, .png and .html, and prints the tables."""
     from airrace.evaluation.overview_plot import draw_picture
+    from airrace.evaluation.page import write_page
     from airrace.evaluation.tables import write_report
 
     evaluation = write_report(folder, settings, rows)
     draw_picture(folder, evaluation)
+    write_page(folder, evaluation, rows)
     display.print_summary(evaluation, folder)

@@ -1,13 +1,25 @@
-"""An evaluation in one picture."""
+"""An evaluation in one picture: a strip for each figure of merit, with a mark for every race."""
 
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
+from matplotlib import rc_context
 from matplotlib.ticker import MaxNLocator
 
+from airrace.analysis.figure_style import (
+    INK,
+    MUTED,
+    PAPER,
+    SHADE,
+    STYLE,
+    add_legend,
+    add_tip,
+    make_figure,
+)
+from airrace.common.colors import BAD, BEST
 from airrace.common.files import write_bytes
 from airrace.evaluation.store import PICTURE
 from airrace.evaluation.summary import race_frame, wilson_interval
@@ -15,9 +27,11 @@ from airrace.evaluation.tables import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-_GOOD, _BAD, _PLAIN = "#2a9d5c", "#c8503c", "#3b6ea5"
 _REASONS, _REASON_LENGTH = 8, 34  # how many; characters of each
+_BINS = 80  # places along a strip; marks of one place are beside each other
+_KINDS = ((True, BEST, "o", "finished"), (False, BAD, "X", "did not finish"))
 
 
 def draw_picture(folder: Path, evaluation: dict) -> None:
@@ -31,77 +45,113 @@ def draw_picture(folder: Path, evaluation: dict) -> None:
         UserError: if it cannot be written.
     """
     file = io.BytesIO()
-    # No name and version of what drew it: the same evaluation, the same file.
-    make_figure(evaluation).savefig(file, format="png", metadata={"Software": None})
+    with rc_context(STYLE):  # type: ignore[arg-type]  # its names are strings
+        # No name and version of what drew it: the same evaluation, the same file.
+        options: dict[str, Any] = dict(dpi=110, metadata={"Software": None})
+        make_overview(evaluation).savefig(file, format="png", **options)
     write_bytes(folder / PICTURE, file.getvalue())
 
 
-def make_figure(evaluation: dict) -> Figure:
-    """Returns the figure: rates, three distributions, laps by track, and why races ended."""
+def make_overview(evaluation: dict, with_title: bool = True) -> "Figure":
+    """Returns the figure: strips on the left, rates and why races ended on the right.
+
+    Args:
+        evaluation: what evaluation.json holds.
+        with_title: whether it says what was evaluated.
+    """
     summary, races = evaluation["summary"], race_frame(evaluation["races"])
-    figure = Figure(figsize=(13, 7.5), layout="constrained")
-    figure.suptitle(title(evaluation["settings"]), parse_math=False, wrap=True)
-    axes = figure.subplots(2, 3)
-    _draw_rates(axes[0, 0], summary)
-    _draw_histogram(axes[0, 1], "exploration time (s)", races["exploration_s"])
-    _draw_histogram(axes[0, 2], "lap time (s)", races["lap_times_s"].explode(), "laps")
-    _draw_histogram(axes[1, 0], "map error, RMS (cm)", 100 * races["map_rms_m"].astype(float))
-    _draw_laps(axes[1, 1], races.dropna(subset="mean_lap_s"))
-    _draw_reasons(axes[1, 2], summary["dnf_reasons"])
+    strips = figures_of_merit(races)
+    figure = make_figure(13, 1.9 + 1.25 * len(strips))
+    if with_title:
+        figure.suptitle(title(evaluation["settings"]), parse_math=False, wrap=True)
+    grid = figure.add_gridspec(len(strips), 2, width_ratios=(2.3, 1))
+    for row, (name, values) in enumerate(strips.items()):
+        axes = figure.add_subplot(grid[row, 0])
+        _draw_strip(axes, name, values, races["finished"])
+        if row == 0:
+            first = axes
+    _draw_rates(figure.add_subplot(grid[:2, 1]), summary)
+    _draw_reasons(figure.add_subplot(grid[2:, 1]), summary["dnf_reasons"])
+    add_legend(figure, first, "outside lower left")
     return figure
 
 
-def _draw_rates(axes, summary):
-    """Bars with their Wilson intervals of 95 %."""
+def figures_of_merit(races: pd.DataFrame) -> dict[str, pd.Series]:
+    """Returns what races are compared by, a number a race, NaN where it has none."""
+    mean_lap = races["mean_lap_s"].astype(float)
+    strips = {
+        "exploration (s)": races["exploration_s"].astype(float),
+        "mean lap (s)": mean_lap,
+        "best lap (s)": races["best_lap_s"].astype(float),
+        # Laps of tracks of different lengths can be compared by this alone.
+        "speed, straight from gate to gate, mean of the laps (m/s)": races["length_m"] / mean_lap,
+        "map error, RMS (cm)": 100 * races["map_rms_m"].astype(float),
+    }
+    return {name: values.astype(float) for name, values in strips.items()}
+
+
+def beside(values: np.ndarray) -> np.ndarray:
+    """Returns how far beside its strip's middle each mark is, so that all are seen, -1 to 1."""
+    ends = np.min(values), np.max(values)
+    places = np.digitize(values, np.linspace(*ends, _BINS)) if ends[0] < ends[1] else 0 * values
+    ranks = pd.Series(places).groupby(places).cumcount().to_numpy()
+    # 0, 1, -1, 2, -2, ...
+    steps = np.where(ranks % 2, (ranks + 1) // 2, -(ranks // 2))
+    return steps / max(5, np.abs(steps).max())
+
+
+def _draw_strip(axes: "Axes", name: str, values: pd.Series, finished: pd.Series) -> None:
+    """Draws a mark a race, the median, and the quartiles."""
+    known = values.dropna()
+    axes.set(ylim=(-1.25, 1.25), yticks=[])
+    axes.spines["left"].set_visible(False)
+    axes.set_title(name, loc="left", fontsize=9)
+    if known.empty:
+        return _say_nothing(axes)
+    low, median, high = known.quantile([0.25, 0.5, 0.75])
+    axes.axvspan(low, high, color=SHADE, lw=0, label="half of the races", zorder=1)
+    axes.axvline(median, color=INK, lw=1.6, label="median", zorder=2)
+    axes.set_title(f"median {median:.4g}, {len(known)} races", loc="right", fontsize=9, weight=400)
+    heights = pd.Series(beside(known.to_numpy()), known.index)
+    size = float(np.clip(1500 / len(known), 14, 55))
+    for kind, color, marker, label in _KINDS:
+        shown = known[finished[known.index] == kind]
+        # All strips have one legend, which is to name what any of them has.
+        marks = axes.scatter(
+            shown,
+            heights[shown.index],
+            s=size,
+            c=color,
+            marker=marker,
+            edgecolors=PAPER,
+            linewidths=0.5,
+            label=label,
+            zorder=3,
+        )
+        add_tip(marks, label)
+    axes.margins(x=0.03)
+
+
+def _draw_rates(axes: "Axes", summary: dict) -> None:
+    """Marks with their Wilson intervals of 95 %."""
     races = summary["races"]
-    colors = {"finished": _GOOD, "explored": _PLAIN, "collisions": _BAD}
-    for x, (key, color) in enumerate(colors.items()):
+    names = {"finished": "finished", "explored": "explored", "collisions": "collided"}
+    colors = (BEST, INK, BAD)
+    labels = []
+    for y, (key, color) in enumerate(zip(names, colors)):
         count = summary[key]
         rate = 100 * count / races if races else 0.0
         low, high = (100 * end for end in wilson_interval(count, races))
-        axes.bar(x, rate, color=color, width=0.6)
-        axes.errorbar(x, rate, [[rate - low], [high - rate]], color="black", capsize=6)
-        axes.annotate(
-            f"{count}/{races}", (x, high), (0, 4), ha="center", textcoords="offset points"
-        )
-    axes.set_xticks(range(len(colors)), ["finished", "explored", "collided"])
-    axes.set(title="rates, with 95 % intervals", ylabel="races (%)", ylim=(0, 112))
-
-
-def _draw_histogram(axes: "Axes", name: str, values: pd.Series, what: str = "races") -> None:
-    values = values.dropna().astype(float)
-    axes.set(title=name, ylabel=what)
-    if values.empty:
-        return _say_nothing(axes)
-    axes.hist(values, bins=min(30, max(5, round(len(values) ** 0.5))), color=_PLAIN)
-    median = values.median()
-    axes.axvline(median, color="black", linestyle="--", label=f"median {median:.2f}")
-    axes.legend(frameon=False)
-    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-
-
-def _draw_laps(axes: "Axes", races: pd.DataFrame) -> None:
-    axes.set(
-        title="mean lap against the track's length",
-        xlabel="length, gate to gate (m)",
-        ylabel="mean lap (s)",
-    )
-    if races.empty:
-        return _say_nothing(axes)
-    for finished, color, marker, name in (
-        (True, _GOOD, "o", "finished"),
-        (False, _BAD, "x", "did not finish"),
-    ):
-        shown = races[races["finished"] == finished]
-        if len(shown):
-            axes.scatter(
-                shown["length_m"], shown["mean_lap_s"], color=color, marker=marker, s=25, label=name
-            )
-    axes.legend(frameon=False)
+        axes.plot([low, high], [y, y], color=color, lw=5, alpha=0.45, solid_capstyle="butt")
+        axes.plot(rate, y, "o", color=color, mec=PAPER, ms=9)
+        labels.append(f"{names[key]}\n{count} of {races}")
+    axes.set_yticks(range(len(names)), labels)
+    axes.set(xlabel="races (%); bars: 95 % intervals", xlim=(-2, 102), ylim=(2.5, -0.5))
+    axes.grid(axis="y", visible=False)
 
 
 def _draw_reasons(axes: "Axes", reasons: dict) -> None:
-    axes.set(title="why races did not finish", xlabel="races")
+    axes.set_title("why races did not finish", fontsize=9)
     if not reasons:
         return _say_nothing(axes, "all finished")
     shown = list(reasons.items())
@@ -112,12 +162,14 @@ def _draw_reasons(axes: "Axes", reasons: dict) -> None:
         name if len(name) <= _REASON_LENGTH else name[: _REASON_LENGTH - 1] + "\u2026"
         for name, _ in shown
     ]
-    axes.barh(range(len(shown)), [count for _, count in shown], color=_BAD)
+    counts = [count for _, count in shown]
+    axes.barh(range(len(shown)), counts, height=0.5, color=BAD)
     axes.set_yticks(range(len(shown)), names, parse_math=False)
-    axes.invert_yaxis()
+    axes.set(xlabel="races", ylim=(max(len(shown), 5) - 0.4, -0.6))
+    axes.grid(axis="y", visible=False)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def _say_nothing(axes, words="nothing to show"):
-    axes.text(0.5, 0.5, words, ha="center", va="center", transform=axes.transAxes, color="grey")
+def _say_nothing(axes: "Axes", words: str = "nothing to show") -> None:
+    axes.text(0.5, 0.5, words, ha="center", va="center", transform=axes.transAxes, color=MUTED)
     axes.set(xticks=[], yticks=[])

@@ -10,11 +10,12 @@ from airrace.common.errors import UserError
 from airrace.common.files import write_json
 
 # What an evaluation leaves in its folder.
-RACES, SUMMARY, TABLE, PICTURE = FILES = (
+RACES, SUMMARY, TABLE, PICTURE, PAGE = FILES = (
     "races.jsonl",
     "evaluation.json",
     "evaluation.md",
     "evaluation.png",
+    "evaluation.html",
 )
 
 

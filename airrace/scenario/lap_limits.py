@@ -5,6 +5,7 @@ import math
 from airrace.common.errors import UserError
 
 ORIGINAL = (20.0, 10.0)  # m/s, m/s^2: of the Student AirRace report
+_FASTEST_COLOR = 30.0  # m/s: where a scale of speeds ends if there is no limit
 
 
 def parse_limits(text: str) -> tuple[float, float]:
@@ -37,3 +38,16 @@ def parse_limits(text: str) -> tuple[float, float]:
             )
         found[name] = number
     return found.get("v", math.inf), found.get("a", math.inf)
+
+
+def speed_scale_end(text: str) -> float:
+    """Returns where the colours of speeds end (m/s): at the limit, or at 30 m/s without one.
+
+    Args:
+        text: as of parse_limits().
+
+    Raises:
+        UserError: as parse_limits() does.
+    """
+    max_speed, _ = parse_limits(text)
+    return max_speed if math.isfinite(max_speed) else _FASTEST_COLOR

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from airrace.common.errors import UserError
@@ -25,17 +26,14 @@ _UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}  # for equal f
 def draw_track(track: Track) -> Figure:
     """Returns a picture of a track: pylons, boards, numbers, legs and the start.
 
-    Front boards are white, back boards black.
+    A legend beside it says what the stripes are: the boards, front ones white, back ones black.
     """
     layout = Layout.of(track)
     figure = Figure(figsize=(9, 9), layout="constrained")
     axes = figure.add_subplot(aspect="equal", facecolor=_GRASS)
     _draw_legs(axes, layout)
     draw_gates(axes, layout, _PYLON, _PYLON)
-    for board in track.boards():
-        across = BOARD_SIZE / 2 * board.X_WM.rotation().col(0)[:2]
-        ends = board.X_WM.translation()[:2] + np.outer([-1, 1], across)
-        axes.plot(*ends.T, color=_BACK if board.id % 2 else _FRONT, lw=2, zorder=4)
+    _draw_boards(axes, track)
     _draw_start(axes, track.start)
     length = np.linalg.norm(np.roll(layout.middle, -1, axis=0) - layout.middle, axis=1).sum()
     direction = "counter-clockwise" if layout.turns.sum() > 0 else "clockwise"
@@ -44,6 +42,7 @@ def draw_track(track: Track) -> Figure:
     axes.margins(0.08)
     axes.grid(color="white", zorder=0)
     axes.set_axisbelow(True)
+    _add_legend(figure)
     return figure
 
 
@@ -84,6 +83,28 @@ def draw_gates(axes: "Axes", layout: Layout, color: str, foot: str) -> None:
         # Beside the right pylon, away from the gate.
         p = right + PYLON_BASE_RADIUS * layout.rightward[n]
         _draw_text(axes, str(n + 1), p, 12 * layout.rightward[n], color, fontweight="bold")
+
+
+def _draw_boards(axes, track):
+    for board in track.boards():
+        across = BOARD_SIZE / 2 * board.X_WM.rotation().col(0)[:2]
+        ends = board.X_WM.translation()[:2] + np.outer([-1, 1], across)
+        axes.plot(*ends.T, color=_BACK if board.id % 2 else _FRONT, lw=2, zorder=4)
+
+
+def _add_legend(figure):
+    """Adds what the marks are, below the picture."""
+    handles = [
+        Line2D([], [], color=_PYLON, marker="o", ls="none", ms=8, label="pylon"),
+        Line2D([], [], color=_FRONT, lw=3, label="board on the front, even markers"),
+        Line2D([], [], color=_BACK, lw=3, label="board on the back, odd markers"),
+        Line2D([], [], color=_LEG, lw=1.2, ls=(0, (6, 4)), label="way from gate to gate"),
+        Line2D([], [], color=_START, marker="s", ls="none", ms=8, label="start"),
+    ]
+    # White boards are seen on what they are drawn on.
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=3, facecolor=_GRASS, framealpha=1.0
+    )
 
 
 def _draw_legs(axes, layout):

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from airrace.analysis import load_run
-from airrace.analysis.figures_laps import states, time_lost
-from airrace.analysis.figures_signals import map_by_lap, rotor_usage
+from airrace.analysis.figure_style import add_tip, inline_svg, make_figure
+from airrace.analysis.figures_explorer import states
+from airrace.analysis.figures_signals import map_by_gate, map_by_lap, rotor_usage
 from airrace.analysis.report import make_report, write_report
 from airrace.commands.app import main as command
+from airrace.common.colors import rgb
 from airrace.common.errors import UserError
 from tests.worlds.made_up_run import FIRST, GATES, LAP, MAP_ERROR, make_run
 
@@ -23,8 +25,10 @@ SECTIONS = [
     "Laps",
     "The track from above",
     "The planned laps",
+    "Along the lap",
     "Where time was lost",
     "Gates",
+    "What the camera saw",
     "The map",
     "Tracking",
     "Rotors",
@@ -44,12 +48,38 @@ def headings(text):
 def check_page(text):
     """It needs nothing else, and every picture is well-formed, vector, and described."""
     assert text.startswith("<!doctype html>") and text.rstrip().endswith("</html>")
-    assert not re.findall(r"<(?:script|link|img|image|iframe)\b", text)
+    assert not re.findall(r"<(?:script|link|image|iframe)\b", text)
     assert not re.findall(r'(?:src|href)="(?!#|data:)', text)
     pictures = re.findall(r'<div role="img" aria-label="(.*?)">\n(<svg.*?</svg>)', text, re.S)
     assert len(pictures) == text.count("<svg")
     for words, svg in pictures:
         assert len(words) > 30 and ET.fromstring(svg).tag.endswith("svg")
+        assert_follows_the_theme(svg)
+
+
+def assert_follows_the_theme(svg):
+    """All that a picture draws in is a variable of the page, or can be seen on any paper."""
+    contrasts = [
+        contrast
+        for color in set(re.findall(r"(?:fill|stroke): (#\w{6})", svg))
+        for contrast in (ratio(color, "#ffffff"), ratio(color, "#202327"))
+    ]
+    assert min(contrasts, default=9.0) > 1.85
+    assert "fill: var(--ink)" in svg and "fill: var(--card)" in svg
+
+
+def ratio(a, b):
+    """The contrast of two colours, from 1 to 21, as WCAG 2.1 defines it."""
+
+    def luminance(color):
+        channels = np.array(rgb(color))
+        linear = np.where(
+            channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4
+        )
+        return linear @ [0.2126, 0.7152, 0.0722]
+
+    dark, light = sorted([luminance(a), luminance(b)])
+    return (light + 0.05) / (dark + 0.05)
 
 
 @pytest.mark.slow
@@ -59,17 +89,33 @@ def test_the_whole_report(folder, capsys):
     text = (folder / "report.html").read_text()
     check_page(text)
     assert headings(text) == SECTIONS
-    assert text.count("<svg") == 8
+    assert text.count("<svg") == 9
     for word in ("40.60", "41.52", "41.21", "original, 6-D", "Finished.", "20.0 m/s"):
         assert word in text
     assert f"{LAP:.2f} s" in text  # the best lap
     # Below the table of laps, below the picture of the plans, and in its description.
     assert text.count("Laps 2 and 3 flew the plan of lap 1.") == 3
-    assert re.findall(r"<td>(\d)</td><td>5.00</td>\n<td>4.80</td>\n<td>(\d)</td>", text) == [
-        ("1", "1"),
-        ("2", "1"),
-        ("3", "1"),
-    ]
+    row = r"<td>(\d)</td><td>5.00</td>\n<td>(best|0.00)</td>\n<td>4.80</td>\n<td>(\d)</td>"
+    assert re.findall(row, text) == [("1", "best", "1"), ("2", "0.00", "1"), ("3", "0.00", "1")]
+
+
+@pytest.mark.slow
+def test_every_column_and_number_is_explained(folder):
+    """On hover, and where the Tab key leads."""
+    text = make_report(load_run(folder))
+    heads = re.findall(r"<th\b(.*?)>", text)
+    facts = re.findall(r"<li\b(.*?)>", text)
+    assert len(heads) == 7 + GATES and len(facts) == 8
+    for attributes in heads + facts:
+        assert re.search(r'title="[^"]{20,}"', attributes) and 'tabindex="0"' in attributes
+
+
+def test_no_words_that_somebody_hovers_over_break_the_picture():
+    figure = make_figure(3, 2)
+    (line,) = figure.add_subplot().plot([0, 1])
+    add_tip(line, 'lap 1 <"&">')
+    titles = [e.text for e in ET.fromstring(inline_svg(figure, "x")).iter() if "title" in e.tag]
+    assert titles == ['lap 1 <"&">']
 
 
 @pytest.mark.slow
@@ -80,23 +126,14 @@ def test_the_same_run_gives_the_same_report_soon(folder):
     assert time.process_time() - start < 3.0
 
 
-def test_time_lost_counts_from_where_the_plan_is_in_force(folder):
-    run = load_run(folder)
-    lost = time_lost(run)
-    assert list(lost) == [1, 2, 3]
-    np.testing.assert_allclose(lost[1], np.linspace(0.0, 0.2, GATES + 1), atol=1e-9)
-    # An entry that ends behind gate 3.
-    run.plans["entry_duration"] = 1.0 + 2.5 * LAP / GATES
-    late = time_lost(run)[1]
-    assert np.isnan(late[:3]).all()
-    np.testing.assert_allclose(late[3:], 0.02 * np.arange(GATES - 2), atol=1e-9)
-
-
 def test_the_numbers_behind_the_pictures(folder):
     run = load_run(folder)
     errors = map_by_lap(run)
     assert list(errors) == [0, 1, 2, 3] and list(errors.index) == list(range(40))
     assert errors.loc[0, 3] == pytest.approx(MAP_ERROR, abs=1e-4)
+    by_gate = map_by_gate(run)
+    assert list(by_gate.index) == list(range(1, GATES + 1))
+    np.testing.assert_allclose(by_gate, MAP_ERROR, atol=1e-4)
     for share in rotor_usage(run):
         np.testing.assert_allclose(share, 1.6 / 8.5, rtol=1e-6)
     assert states(run) == [("CALIBRATE", 0.0, 0.5), ("TAKE_OFF", 0.5, FIRST)]
@@ -122,7 +159,13 @@ def test_a_race_that_was_not_recorded(tmp_path):
     text = write_report(make_run(tmp_path / "run", recorded=False)).read_text()
     check_page(text)
     assert "was not recorded (--record none)" in text
-    assert headings(text) == ["Laps", "The track from above", "Gates", "What the explorer did"]
+    assert headings(text) == [
+        "Laps",
+        "The track from above",
+        "Where time was lost",
+        "Gates",
+        "What the explorer did",
+    ]
 
 
 @pytest.mark.slow

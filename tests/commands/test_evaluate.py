@@ -28,7 +28,7 @@ def main(words):
 
 SHORT = ["--scenario_file", "races", "--scenario_text", "referee: {time_limit: 0.2}"]
 RACES = [*SHORT, "--tracks", "3", "--laps", "1"]
-REPORT = ("evaluation.json", "evaluation.md", "evaluation.png")
+REPORT = ("evaluation.json", "evaluation.md", "evaluation.png", "evaluation.html")
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(models_path().parent)}
 
 BAD = [

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
-from airrace.scenario.lap_limits import parse_limits
+from airrace.scenario.lap_limits import parse_limits, speed_scale_end
 
 positive = st.floats(1e-3, 1e6)
 
@@ -15,6 +15,11 @@ positive = st.floats(1e-3, 1e6)
 def test_words():
     assert parse_limits("original") == (20.0, 10.0)
     assert parse_limits("rotor") == (math.inf, math.inf)
+
+
+def test_colours_of_speeds_end_at_the_limit_if_there_is_one():
+    assert [speed_scale_end(text) for text in ("original", "v=15,a=8")] == [20.0, 15.0]
+    assert speed_scale_end("rotor") == speed_scale_end("a=8") == 30.0
 
 
 @given(positive, positive)

@@ -18,6 +18,17 @@ def test_draws_what_there_is():
     assert axes.get_title() == "student-airrace: 10 gates, 382 m, counter-clockwise"
 
 
+def test_explains_its_stripes_beside_the_track():
+    figure = draw_track(TRACK)
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    words = [text.get_text() for text in legend.get_texts()]
+    assert "board on the front, even markers" in words and "board on the back, odd markers" in words
+    drawn = {line.get_color() for line in figure.axes[0].lines}
+    assert {line.get_color() for line in legend.get_lines()[1:3]} <= drawn
+    assert not legend.get_window_extent().overlaps(figure.axes[0].get_window_extent())
+
+
 def test_writes_a_picture(tmp_path):
     save_plot(TRACK, tmp_path / "t.png")
     picture = cv2.imread(str(tmp_path / "t.png"))

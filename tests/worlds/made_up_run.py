@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
@@ -133,6 +134,9 @@ def write_log(log, laps):
         log.write(
             "/rotors/command", time, foxglove_messages.rotors(time, [50.0] * 4, np.full(4, 1e-3))
         )
+    jpeg = cv2.imencode(".jpg", np.full((36, 64), 128, np.uint8))[1].tobytes()
+    for time in np.arange(0.0, end, 0.2).tolist():
+        log.write("/camera/image", time, foxglove_messages.image(time, jpeg))
     marker = Detection(
         id=5, corners=np.zeros((4, 2)), X_CM=RigidTransform([0.0, 3.0, 4.0]), reprojection_error=0.1
     )

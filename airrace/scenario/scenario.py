@@ -208,9 +208,8 @@ class Scenario:
     camera_failures: list[CameraFailure] = dc.field(default_factory=list)
     referee: RefereeConfig = dc.field(default_factory=RefereeConfig)
 
-    # The autonomy. What tells it where it is: the simulator ("truth", with the noise below), or
-    # nothing but the inertial sensor, the rotors and the camera ("vio").
-    estimator: str = "truth"
+    # The autonomy.
+    estimator: str = "truth"  # tells where it is; or "vio": nothing but IMU, rotors and camera
     perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
     explorer: ExplorerConfig = dc.field(default_factory=ExplorerConfig)
     planner: PlannerConfig = dc.field(default_factory=PlannerConfig)

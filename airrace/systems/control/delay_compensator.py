@@ -60,8 +60,14 @@ class DelayCompensator(LeafSystem):
     A rotor that does not follow its commands is shown as reported.
     """
 
-    def __init__(self, *, vehicle: Vehicle, rate: float):
-        """Constructs the compensator, for no delay. Args: rate: of the commands (Hz)."""
+    def __init__(self, *, vehicle: Vehicle, rate: float, delay: float = 0.0):
+        """Constructs the compensator.
+
+        Args:
+            vehicle: its mass, inertia and rotors.
+            rate: of the commands (Hz).
+            delay: there and back, whole periods, until set_delay() says otherwise (s).
+        """
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
         self._period = 1.0 / rate
@@ -79,7 +85,7 @@ class DelayCompensator(LeafSystem):
         self._depth = math.ceil(_MOST * rate) + 1
         self._history = self.DeclareDiscreteState(self._depth * n)
         self._since = self.DeclareDiscreteState(1)
-        self._delay = self.DeclareDiscreteState(1)
+        self._delay = self.DeclareDiscreteState([delay])
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._remember)
         inputs = {self._estimate.ticket(), self._speeds.ticket(), self.xd_ticket()}
         self.DeclareVectorOutputPort(

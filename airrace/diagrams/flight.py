@@ -1,25 +1,56 @@
 """A flight without a race: the simulated world, and only what controls the drone."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.common.value import Value
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource
+from scipy.spatial.transform import Rotation
 
 from airrace.diagrams.autonomy import make_system
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.scenario import Scenario
 from airrace.systems.types import ExplorerStatus
+from airrace.trajopt.flat_trajectory import flat_outputs
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle.state import as_plant_state
 
 if TYPE_CHECKING:
     from pydrake.math import RigidTransform
 
 CONTROL = ("rotor_monitor", "state_filter", "geometric_controller")
+_STEP = 0.01  # s, between two samples of a flight
+
+
+class Flown(NamedTuple):
+    """What happened in a flight along a reference, every 0.01 s; see fly_reference().
+
+    Attributes:
+        times: (N,) s.
+        positions: p_WB, (N, 3) m.
+        speeds: (N,) m/s.
+        tilts: angles between the thrust axis and the vertical, (N,) degrees.
+        turn_rates: about the body's z axis, (N,) rad/s.
+        errors: distances from the reference, (N,) m.
+        rotor_speeds: of n rotors, (N, n) rad/s.
+        losses: when each rotor was found to be lost, (n,) s; inf: never.
+        ended: why the flight was over before its time, or None.
+    """
+
+    times: np.ndarray
+    positions: np.ndarray
+    speeds: np.ndarray
+    tilts: np.ndarray
+    turn_rates: np.ndarray
+    errors: np.ndarray
+    rotor_speeds: np.ndarray
+    losses: np.ndarray
+    ended: str | None
 
 
 class ReferenceSource(LeafSystem):
@@ -107,3 +138,70 @@ def start_in_flight(
     speeds = np.sqrt(np.linalg.pinv(vehicle.allocation) @ wrench / vehicle.thrust_coefficients)
     rotors = simulation.GetSubsystemByName("rotor_bank")
     rotors.set_speeds(rotors.GetMyMutableContextFromRoot(context), speeds)
+
+
+def fly_reference(
+    scenario: Scenario, reference: Callable[[float], np.ndarray], seconds: float, **start: Any
+) -> Flown:
+    """Flies along a reference until the time is over, or the referee ends the flight.
+
+    Args:
+        scenario, reference: of MakeFlight().
+        seconds: how long.
+        start: X_WB, w_WB and v_WB of start_in_flight().
+    """
+    flight = MakeFlight(scenario, reference)
+    simulator = Simulator(flight)
+    context = simulator.get_mutable_context()
+    start_in_flight(flight, scenario, context, **start)
+    simulator.Initialize()
+    names = ("truth.state", "rotor_speeds", "rotor_losses", "truth.referee_status")
+    state, rotors, losses, referee = (flight.GetOutputPort(name) for name in names)
+    states, rotor_speeds = [], []
+    for k in range(1, round(seconds / _STEP) + 1):
+        simulator.AdvanceTo(k * _STEP)
+        states.append(state.Eval(context).copy())
+        rotor_speeds.append(rotors.Eval(context).copy())
+        if referee.Eval(context).over:
+            break
+    flown = as_plant_state(np.transpose(states))
+    times = _STEP * np.arange(1, len(states) + 1)
+    wanted = np.array([reference(time)[:3] for time in times])
+    R_WB = Rotation.from_quat(flown.quaternion.T, scalar_first=True)
+    z_W = R_WB.apply([0.0, 0.0, 1.0])
+    return Flown(
+        times=times,
+        positions=flown.position.T,
+        speeds=np.linalg.norm(flown.velocity, axis=0),
+        tilts=np.rad2deg(np.arccos(np.clip(z_W[:, 2], -1.0, 1.0))),
+        turn_rates=np.sum(z_W * flown.angular_velocity.T, axis=1),
+        errors=np.linalg.norm(flown.position.T - wanted, axis=1),
+        rotor_speeds=np.array(rotor_speeds),
+        losses=losses.Eval(context).copy(),
+        ended=referee.Eval(context).dnf_reason,
+    )
+
+
+def circle_reference(
+    radius: float, speed: float, height: float, center: ArrayLike = (0.0, 0.0)
+) -> Callable[[float], np.ndarray]:
+    """Returns the reference of a level circle, counter-clockwise, with the nose turning along.
+
+    Args:
+        radius, height: (m). It begins at ``center + [radius, 0]``.
+        speed: (m/s).
+        center: [x, y] in the world (m).
+    """
+    rate = speed / radius
+
+    def reference(time):
+        derivatives = np.zeros((5, 4))
+        for k in range(5):  # each derivative turns by a quarter
+            angle = rate * time + k * np.pi / 2
+            derivatives[k, :2] = radius * rate**k * np.array([np.cos(angle), np.sin(angle)])
+        derivatives[0, :2] += np.asarray(center, float)
+        derivatives[0, 2:] = height, rate * time
+        derivatives[1, 3] = rate
+        return flat_outputs(derivatives)
+
+    return reference

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from airrace.diagrams.flight import CONTROL, MakeFlight
+from airrace.diagrams.flight import CONTROL, MakeFlight, circle_reference, fly_reference
 from airrace.scenario import ControllerConfig, Scenario, StateFilterConfig
 from airrace.vehicle import DRONES
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig
@@ -240,3 +240,13 @@ def test_the_star_one_flies_on_along_a_lap():
     failing = scenario("StarOne", rotor_failures=[RotorFailure(3, 1.0)])
     flown = fly_on(failing, lap(), 3.0)
     assert deviations(flown, lap()).max() < 0.05
+
+
+def test_a_circle_is_flown_and_told():
+    start = dict(X_WB=RigidTransform([9.0, 0.0, 6.0]))
+    flown = fly_reference(Scenario(), circle_reference(8.0, 4.0, 6.0, [1.0, 0.0]), 4.0, **start)
+    assert flown.ended is None and len(flown.times) == len(flown.errors) == 400
+    assert flown.errors[-50:].max() < 0.05
+    assert flown.speeds[-50:] == pytest.approx(4.0, abs=0.1)
+    assert flown.turn_rates[-50:] == pytest.approx(4.0 / 8.0, abs=0.1)
+    assert flown.tilts[-50:] == pytest.approx(np.rad2deg(np.arctan2(2.0, 9.81)), abs=1.5)

@@ -63,12 +63,15 @@ class DelayCompensator(LeafSystem):
     With ``to_present``, the state is carried forward from its own time to that of the Context.
     """
 
-    def __init__(self, *, vehicle: Vehicle, rate: float, to_present: bool = False):
-        """Constructs the compensator, for no delay.
+    def __init__(
+        self, *, vehicle: Vehicle, rate: float, delay: float = 0.0, to_present: bool = False
+    ):
+        """Constructs the compensator.
 
         Args:
             vehicle: mass, inertia and rotors.
             rate: of the commands (Hz).
+            delay: there and back, whole periods, until set_delay() says otherwise (s).
             to_present: for estimates that come seldom.
         """
         LeafSystem.__init__(self)
@@ -89,7 +92,7 @@ class DelayCompensator(LeafSystem):
         self._depth = math.ceil(_MOST * rate) + 1
         self._history = self.DeclareDiscreteState(self._depth * n)
         self._since = self.DeclareDiscreteState(1)
-        self._delay = self.DeclareDiscreteState(1)
+        self._delay = self.DeclareDiscreteState([delay])
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._remember)
         inputs = {self._estimate.ticket(), self._speeds.ticket(), self.xd_ticket()}
         if to_present:

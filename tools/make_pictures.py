@@ -20,6 +20,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 from rich.progress import track as progress
 
+from airrace.common.colors import speed_colors
 from airrace.common.errors import exit_code
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.scenery import AddScenery
@@ -27,13 +28,13 @@ from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.systems.types import ExplorerStatus, make_camera_info
 from airrace.vehicle import CameraMount, load_vehicle
 from airrace.visualization.meshcat_page import overview
-from airrace.visualization.tubes import speed_colors, tube
+from airrace.visualization.tubes import tube
 from tools.scoreboard import Moment, draw_lines, scoreboard_lines
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 _COLORS = 12  # of the path
 _NEAR, _FAR = 0.05, 0.2  # m, its radius seen from near and from far
-_MAX_SPEED = 20.0  # m/s, that is red
+_MAX_SPEED = 20.0  # m/s, at the end of the scale
 _FPS, _SPEED = 10.0, 2.0  # frames a second, and seconds of the race a second
 _BEHIND, _ABOVE, _LAG = 4.5, 1.6, 0.5  # m, m, s: of the chasing camera
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airrace.common.colors import speed_colors
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.visualization.meshcat_page import MakeMeshcat, draw_bodies
-from airrace.visualization.tubes import speed_colors, tube
+from airrace.visualization.tubes import tube
 
 if TYPE_CHECKING:
     from airrace.analysis.run import Run
@@ -75,7 +76,7 @@ def show_paths(
     Args:
         track: a Track.
         paths: pairs of positions, (n, 3) m, and speeds, (n,) m/s.
-        max_speed: that is red (m/s).
+        max_speed: at the end of the scale (m/s).
         height: of the frame (px).
     """
     meshcat = MakeMeshcat(track)

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from airrace.common.colors import speed_colors
 from airrace.rendering.scene.textures import GRASS, HORIZON, SUN_W
+from airrace.scenario.lap_limits import speed_scale_end
 from airrace.vehicle import GRAVITY
 from airrace.visualization.meshcat_page import overview
 from airrace.visualization.race_record import script_json
-from airrace.visualization.tubes import speed_colors
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 LIVE, REPLAY = "live", "replay"
 _COLORS = 64  # of the scale of speeds
-_MAX_SPEED = 20.0  # m/s, at its end
 _MODULES = "airrace"  # what the names of our JavaScript modules begin with
 
 
@@ -89,7 +89,8 @@ def page_config(
     eye, middle = overview(track)
     camera = vehicle.camera.X_BC
     R_BC = camera.rotation().matrix()
-    speeds = np.linspace(0.0, _MAX_SPEED, _COLORS)
+    max_speed = speed_scale_end(scenario.planner.limits)
+    speeds = np.linspace(0.0, max_speed, _COLORS)
     return {
         "mode": mode,
         "title": f"{vehicle.name} on {track.name}",
@@ -117,8 +118,8 @@ def page_config(
             "aspect": scenario.camera.width / scenario.camera.height,
         },
         "maxThrust": round(float(vehicle.max_thrusts.sum()) / (vehicle.mass * GRAVITY), 2),
-        "maxSpeed": _MAX_SPEED,
-        "speedColors": speed_colors(speeds, _MAX_SPEED).round(3).tolist(),
+        "maxSpeed": max_speed,
+        "speedColors": speed_colors(speeds, max_speed).round(3).tolist(),
         "sun": SUN_W.tolist(),
         "sky": {
             "horizon": (np.array(HORIZON) / 255).tolist(),

@@ -1,6 +1,5 @@
 """Paths as thin tubes: WebGL draws every line one pixel wide, and in one colour."""
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -31,21 +30,6 @@ def tube(points: ArrayLike, radius: float) -> tuple[np.ndarray, np.ndarray]:
         a, b = first + i, first + (i + 1) % _SIDES
         faces += [np.stack([a, b + _SIDES, b]), np.stack([a, a + _SIDES, b + _SIDES])]
     return np.ascontiguousarray(vertices.T), np.hstack(faces).astype(np.int32)
-
-
-def speed_colors(speeds: ArrayLike, max_speed: float) -> np.ndarray:
-    """Returns the colours of some speeds, from blue (slow) over green to red (fast).
-
-    Args:
-        speeds: (n,) m/s.
-        max_speed: that is red (m/s).
-
-    Returns:
-        RGB from 0 to 1, (n, 3): Google's colour map Turbo, without its dark ends.
-    """
-    share = np.clip(np.asarray(speeds) / max_speed, 0.0, 1.0)
-    levels = np.uint8(np.round(255 * (0.08 + 0.84 * share)))
-    return cv2.applyColorMap(levels[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1] / 255.0  # type: ignore[call-overload, index]
 
 
 def _unit(vectors, otherwise):

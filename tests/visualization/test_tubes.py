@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airrace.visualization.tubes import speed_colors, tube
+from airrace.visualization.tubes import tube
 
 _points = st.lists(st.tuples(*3 * [st.floats(-100.0, 100.0)]), min_size=2, max_size=12)
 
@@ -35,9 +35,3 @@ def test_the_tube_of_a_straight_path_is_closed_around_it():
 def test_a_path_straight_up_has_a_tube():
     vertices, _ = tube([[0, 0, 0], [0, 0, 1]], 0.1)
     np.testing.assert_allclose(np.hypot(*vertices[:2]), 0.1)
-
-
-def test_colors_go_from_blue_to_red():
-    slow, half, fast, faster = speed_colors([0.0, 10.0, 20.0, 30.0], 20.0)
-    assert slow[2] > 2 * slow[0] and half[1] > 0.8 and fast[0] > 2 * fast[2]
-    np.testing.assert_array_equal(fast, faster)

@@ -1,4 +1,4 @@
-// One scale of colours for speed, the same as in Python: see airrace/visualization/tubes.py.
+// One scale of colours for speed, the same as in Python: see airrace/common/colors.py.
 
 let scale = [[0, 0, 1], [1, 0, 0]];
 let most = 20; // m/s, at its end

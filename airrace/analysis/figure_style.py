@@ -6,6 +6,7 @@ sheet; all other colours are such that they can be seen on white and on dark pap
 
 import io
 import re
+import zlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,7 +104,19 @@ def inline_svg(figure: Figure, name: str) -> str:
         # No date and no version: the same run, the same report.
         figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     text = file.getvalue()
-    return _with_tips(_themed(text[text.index("<svg") :].strip()))
+    return _with_tips(_themed(_with_numbered_clips(text[text.index("<svg") :].strip(), name)))
+
+
+def _with_numbered_clips(svg: str, name: str) -> str:
+    """Returns a picture whose clip paths are called by their order.
+
+    Matplotlib calls them by all digits of where they are, of which the last differ between two
+    layouts of the same figure.
+    """
+    picture = f"p{zlib.crc32(name.encode()):x}"
+    ids = dict.fromkeys(re.findall(r'<clipPath id="(\w+)"', svg))
+    numbered = {old: f"{picture}-{k}" for k, old in enumerate(ids)}
+    return re.sub(r"\bp[0-9a-f]{10}\b", lambda match: numbered.get(match[0], match[0]), svg)
 
 
 def _themed(svg: str) -> str:

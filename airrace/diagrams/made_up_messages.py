@@ -15,6 +15,7 @@ from airrace.diagrams.playback import Message
 from airrace.hitl.link.endpoint import SIMULATION
 from airrace.hitl.link.image_messages import COLOUR, GREY, port_value
 from airrace.rendering.scene.textures import BLACK, WHITE, marker_modules
+from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_ROW, NO_SAMPLES
 from airrace.systems.types import CameraInfo, make_camera_info
 from airrace.track.track import BOARD_SIZE, MARKER_SIZE, Gate
 from airrace.vehicle import load_vehicle
@@ -31,6 +32,7 @@ _MODULE = 16  # px of a board's texture
 # In the end it says that it tumbles, so that rotors come to their limits.
 _TUMBLE, _TUMBLE_RATE = 0.05, 20.0  # s, rad/s
 _SWAY, _SWAY_RATE = 0.01, 6.0  # m, rad/s: no two pictures are the same
+_IDLE = 0.15  # s, with `vio`: an estimator begins where the rotors do not turn yet
 
 
 def standing(
@@ -74,26 +76,39 @@ class _Standing:
         thrust = vehicle.mass * GRAVITY / len(vehicle.rotors)
         self._tumbling = duration - _TUMBLE  # since when (s)
         self._speeds = np.sqrt(thrust / vehicle.thrust_coefficients)
+        self._turning = _IDLE if scenario.estimator == "vio" else -1.0  # since when (s)
+        self._imu_rate = scenario.imu.rate
 
     def of(self, port: str, time: float) -> Any:
         """Returns the value of a port at a time (s)."""
         p_WB = np.array([0.0, _SWAY * np.sin(_SWAY_RATE * time), 0.0])
+        w_WB = np.array([float(time > self._tumbling) * _TUMBLE_RATE, 0.0, 0.0])
+        speeds = self._speeds * (time > self._turning)
         match port:
             case "state_estimate":
                 upright = np.array([1.0, 0.0, 0.0, 0.0])
-                w_WB = np.array([float(time > self._tumbling) * _TUMBLE_RATE, 0.0, 0.0])
                 return state_vector(State(time, upright, p_WB, w_WB, np.zeros(3)))
             case "camera_info":
                 return self._info
             case "camera_image_time":
                 return np.array([time])
             case "rotor_status":
-                return np.hstack([time, self._speeds, self._speeds])
+                return np.hstack([time, speeds, speeds])
             case "rotor_speeds":
-                return self._speeds
+                return speeds
+            case "imu":
+                return self._samples(time, w_WB)
         grey = draw_gate(self._info, RigidTransform(p_WB) @ self._info.X_BC)
         colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2RGBA)
         return port_value(port, {GREY: grey, COLOUR: colour}, grey.shape)
+
+    def _samples(self, time: float, w_WB: np.ndarray) -> np.ndarray:
+        """Returns what the IMU shows at a time (s), see sensing/imu_samples.py."""
+        rows = NO_SAMPLES.reshape(IMU_DEPTH, IMU_ROW).copy()
+        times = time - np.arange(IMU_DEPTH) / self._imu_rate
+        rows[times > 0.0] = [0.0, *w_WB, 0.0, 0.0, GRAVITY]
+        rows[times > 0.0, 0] = times[times > 0.0]
+        return rows.ravel()
 
 
 def draw_gate(info: CameraInfo, X_WC: RigidTransform) -> np.ndarray:

@@ -364,6 +364,7 @@ class TestOptions:
             "--wheels",
             "--lcm_url",
             "--lockstep",
+            "--estimator",
             "--limits",
             "--laps",
             "--seed",

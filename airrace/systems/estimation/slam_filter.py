@@ -25,7 +25,7 @@ from airrace.systems.estimation.kalman_update import (
 from airrace.systems.estimation.landmarks import Candidate, Landmark
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE, Navigation, navigation_vector
 from airrace.systems.estimation.slam_map import map_of_gate
-from airrace.systems.mapping.gate_filter import GateFilter
+from airrace.systems.mapping.gate_filter import RULES_SIGMA, GateFilter, has_spacing_of_rules
 from airrace.systems.mapping.observation import OFF_MAP, UNCONFIRMED, UNKNOWN_TIME, refusal
 from airrace.systems.perception.detection_checks import FOREIGN_ID
 from airrace.systems.perception.marker_pose import GATE_SPACING
@@ -39,8 +39,6 @@ _DOUBTFUL, _REFUSED = 16.0, 60.0
 _COARSE_ATTITUDE = np.deg2rad(0.3)  # above, an update is iterated
 _ITERATIONS = 6
 _KNOWN_SIGMA = 0.3  # m, of a gate's position relative to the drone, before it is in the map
-# Where the spacing is nearly that of the rules, and is known so well, it is (m).
-_SPACING_TOLERANCE, _SPACING_CERTAINTY, _RULES_SIGMA = 0.2, 0.15, 0.005
 # A gate that was refused in so many pictures in a row has moved, or was wrong: variances added.
 _MOST_REFUSED = 5
 _MOVED = np.array([1.0, 1.0, 0.01, 0.01, 0.0])  # m^2, rad^2
@@ -247,11 +245,9 @@ class SlamFilter:
     def _certain(self, belief, index, landmark):
         """Returns belief and landmark with what follows once enough is known of the gate."""
         at = DRONE + GATE * index + 4
-        error, variance = GATE_SPACING - belief.gates[index, 4], belief.covariance[at, at]
-        if not landmark.has_spacing and (
-            abs(error) < _SPACING_TOLERANCE and variance < _SPACING_CERTAINTY**2
-        ):
-            belief = with_spacing(belief, index, GATE_SPACING, _RULES_SIGMA)
+        spacing, variance = belief.gates[index, 4], belief.covariance[at, at]
+        if not landmark.has_spacing and has_spacing_of_rules(spacing, variance):
+            belief = with_spacing(belief, index, GATE_SPACING, RULES_SIGMA)
             landmark = dc.replace(landmark, has_spacing=True)
         if landmark.is_known:
             return belief, landmark

@@ -36,7 +36,7 @@ _PROCESS_NOISE = np.array([2e-4, 2e-4, 2e-4, 2e-5, 0.0]) ** 2  # m^2/s, rad^2/s
 _SPACING_SIGMA = 1.0  # m, of gates in general
 # A gate has the spacing of the rules if its estimate is so near, and so certain.
 _SPACING_TOLERANCE, _SPACING_CERTAINTY = 0.2, 0.15  # m
-_RULES_SIGMA = 0.005  # m, of the spacing of such a gate
+RULES_SIGMA = 0.005  # m, of the spacing of such a gate
 _HEADING_INFORMATION = 0.1  # 1/rad^2, in a fit, where all normals may be left out
 _ITERATIONS, _TOLERANCE = 8, 1e-4  # m, rad
 
@@ -95,9 +95,9 @@ class GateFilter(Immutable):
         distance. Two directions and a known spacing tell the distance.
         """
         error, variance = GATE_SPACING - self.spacing, self.covariance[4, 4]
-        if self.obeys_rules or abs(error) > _SPACING_TOLERANCE or variance > _SPACING_CERTAINTY**2:
+        if self.obeys_rules or not has_spacing_of_rules(self.spacing, variance):
             return self
-        gain = self.covariance[:, 4] / (variance + _RULES_SIGMA**2)
+        gain = self.covariance[:, 4] / (variance + RULES_SIGMA**2)
         state = self.state + gain * error
         covariance = self.covariance - np.outer(gain, self.covariance[4])
         covariance = (covariance + covariance.T) / 2
@@ -106,6 +106,15 @@ class GateFilter(Immutable):
     def is_certain(self, sigma: float) -> bool:
         """Whether the position has a standard deviation below sigma (m) in every direction."""
         return _is_below(self.covariance, sigma**2)
+
+
+def has_spacing_of_rules(spacing: float, variance: float) -> bool:
+    """Whether a gate has the spacing of the rules: it is nearly that, and known well.
+
+    Args:
+        spacing: estimated (m). variance: of its error (m^2).
+    """
+    return abs(GATE_SPACING - spacing) <= _SPACING_TOLERANCE and variance <= _SPACING_CERTAINTY**2
 
 
 def fit(observations: Sequence[Observation], before: GateFilter | None = None) -> GateFilter:
@@ -121,7 +130,7 @@ def fit(observations: Sequence[Observation], before: GateFilter | None = None) -
     last = observations[-1]
     state = np.array([0.0, 0.0, 0.0, gate_heading(last), spacing])
     state[:3] = last.p_WM - board_position(state, last.id)[0]
-    sigma = _RULES_SIGMA if obeys_rules else _SPACING_SIGMA
+    sigma = RULES_SIGMA if obeys_rules else _SPACING_SIGMA
     prior = np.diag([0.0, 0.0, 0.0, 0.0, sigma**-2])
     damping = np.diag([0.0, 0.0, 0.0, _HEADING_INFORMATION, 0.0])
     for _ in range(_ITERATIONS):

@@ -37,9 +37,6 @@ class ImuMemory(NamedTuple):
     biases: np.ndarray
 
 
-_MEMORY_SIZE = 13
-
-
 @compilable
 def _as_memory(vector: np.ndarray) -> ImuMemory:
     return ImuMemory(vector[0:4], vector[4:7], vector[7:13])

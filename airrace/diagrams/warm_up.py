@@ -6,13 +6,14 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 from pydrake.systems.analysis import Simulator
 from rich.console import Console
 
 from airrace.common import jit
 from airrace.common.processes import child_environment
-from airrace.diagrams.made_up_messages import standing
-from airrace.diagrams.playback import LINK, Playback
+from airrace.diagrams.made_up_messages import handed_over, standing
+from airrace.diagrams.playback import LINK, NavigatorPlayback, PilotPlayback, Playback
 from airrace.diagrams.race import MakeRace
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.scenario import LINK_DELAY, Scenario, load_scenario, scenario_yaml
@@ -40,21 +41,51 @@ def warm_up(scenario: Scenario) -> None:
         transport.advance(simulator, _TIME)
 
 
-def warm_up_autonomy(scenario: Scenario, briefly: bool = False) -> None:
-    """Flies the autonomy alone for a moment, and forgets it.
+def warm_up_pilot(scenario: Scenario, briefly: bool = False) -> None:
+    """Flies the pilot alone for a moment, and forgets it.
 
-    What simulates and draws is not called: a companion does not need it, and a board takes
-    minutes to compile it.
+    What simulates and draws is not called, nor what the navigator runs: a companion does not need
+    the one, and compiles the other in the navigator's process. A board takes minutes to compile.
 
     Args:
         scenario: of the race.
         briefly: to go on with a race: the code is on the disk, and a drone is hovering.
     """
+    play_pilot(scenario, _BRIEF if briefly else _TIME)
+
+
+def warm_up_navigator(scenario: Scenario, briefly: bool = False) -> None:
+    """Flies the navigator alone for a moment, and forgets it; see warm_up_pilot()."""
+    play_navigator(scenario, _BRIEF if briefly else _TIME)
+
+
+def play_pilot(scenario: Scenario, duration: float) -> np.ndarray:
+    """Flies the pilot alone by made-up messages, and forgets it.
+
+    Args:
+        scenario: of the race.
+        duration: (s).
+
+    Returns:
+        how long it took for each millisecond (s), (n,).
+    """
     scenario = dc.replace(scenario, link_delay=LINK_DELAY)
-    duration = _BRIEF if briefly else _TIME
+    return _play(PilotPlayback(scenario), scenario, duration)
+
+
+def play_navigator(scenario: Scenario, duration: float) -> np.ndarray:
+    """Flies the navigator alone by made-up messages, and forgets it; see play_pilot()."""
+    scenario = dc.replace(scenario, link_delay=LINK_DELAY)
     with tempfile.TemporaryDirectory() as folder:
-        playback = Playback(scenario, Path(folder))
-        playback.play(standing(scenario, playback.channels, duration), duration)
+        return _play(NavigatorPlayback(scenario, Path(folder)), scenario, duration)
+
+
+def _play(playback: Playback, scenario: Scenario, duration: float) -> np.ndarray:
+    return playback.play(
+        standing(scenario, playback.channels, duration),
+        handed_over(scenario, playback.told, duration),
+        duration,
+    )
 
 
 def compile_apart(scenario: Scenario) -> None:

@@ -266,7 +266,7 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
         {first} & first=$!
         {simulation} | tee {tmp_path}/log & race=$!
         until grep -q FLY_TO_GATE {tmp_path}/log 2>/dev/null; do sleep 0.1; done
-        sleep 4; kill -KILL $first; sleep 9
+        sleep 3; kill -KILL $first; sleep 4
         {second}; echo second $?
         wait $race
     """)

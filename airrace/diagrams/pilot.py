@@ -56,11 +56,12 @@ class Pilot:
         Args:
             scenario: the race.
             halves: from make_halves(); it takes the pilot.
-            endpoint: of the autonomy's side.
+            endpoint: of the autonomy's side; from now on it receives what the pilot needs alone.
             handover: to the navigator.
         """
         self._scenario, self._endpoint, self._handover = scenario, endpoint, handover
         self._side = MakePilotSide(scenario, *halves, halves.channels(scenario), endpoint)
+        endpoint.only(self._side.receiver.channels)  # to decode pictures takes milliseconds
         self._simulator = Simulator(self._side.diagram)
         self._context = self._simulator.get_mutable_context()
         self._outputs = {n: self._side.diagram.GetOutputPort(n) for n in self._side.hands_over}

@@ -69,8 +69,9 @@ class Pilot:
         self._outputs = {n: self._side.diagram.GetOutputPort(n) for n in self._side.hands_over}
         self._delay = 0.0  # s, there and back, that is compensated for
         self._period = (1.0 - _TOLERANCE) / scenario.state_estimate.rate
-        self._handed, self._kept = -1.0, 0.0  # simulated times (s): of the last, of the last states
-        self._asked = self._heard = float("-inf")  # by the endpoint's clock (s)
+        self._handed = -1.0  # simulated time of what was handed over last (s)
+        # When it was last told everything, heard, and given what to keep, by the endpoint's clock.
+        self._asked = self._heard = self._kept = float("-inf")
         self._resume: Path | None = None
         self._navigator_is_ready = False
 
@@ -167,7 +168,7 @@ class Pilot:
 
     def _what_to_keep(self):
         """Returns what the pilot knows, once in a while, for the navigator to write it down."""
-        now = self._context.get_time()
+        now = self._endpoint.now()
         if now - self._kept < CHECKPOINT_PERIOD:
             return None
         self._kept = now

@@ -42,9 +42,9 @@ _PLAN = LapPlan(
     lap=1,
     start_time=0.0,
     entry=_REST,
-    circuit=Circuit(_REST.polynomial, (0.0, _REST.duration), (0.0,), {}),
+    circuit=Circuit(_REST.polynomial, (0.0, _REST.duration), np.zeros(1), {}),
     phase=0.0,
-    summary=None,
+    summary=None,  # type: ignore[arg-type]
 )
 _IDLE = 0.15  # s, with `vio`: an estimator begins where the rotors do not turn yet
 

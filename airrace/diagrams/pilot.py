@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from airrace.hitl.channels import PortChannel
     from airrace.hitl.link.endpoint import Endpoint
     from airrace.scenario import Scenario
+    from airrace.systems.control.delay_compensator import DelayCompensator
 
 _GAP = 0.1  # s, beyond which the past is not caught up with
 _AGAIN = 0.05  # s, after which a navigator that is not ready yet is told everything again
@@ -56,11 +57,13 @@ class Pilot:
         Args:
             scenario: the race.
             halves: from make_halves(); it takes the pilot.
-            endpoint: of the autonomy's side.
+            endpoint: of the autonomy's side; from now on it receives what the pilot needs alone.
             handover: to the navigator.
         """
         self._scenario, self._endpoint, self._handover = scenario, endpoint, handover
         self._side = MakePilotSide(scenario, *halves, halves.channels(scenario), endpoint)
+        endpoint.only(self._side.receiver.channels)  # to decode pictures takes milliseconds
+        self._compensator: DelayCompensator = self._side.compensator  # type: ignore[assignment]
         self._simulator = Simulator(self._side.diagram)
         self._context = self._simulator.get_mutable_context()
         self._outputs = {n: self._side.diagram.GetOutputPort(n) for n in self._side.hands_over}
@@ -130,10 +133,12 @@ class Pilot:
         side.receiver.receive(context, self._endpoint)
         self._hear()
         clock, before = self._endpoint.clock, context.get_time()
-        delay = side.compensator.rounded(clock.rate * clock.usual_round_trip, self._delay)
+        delay = self._compensator.rounded(clock.rate * clock.usual_round_trip, self._delay)
         if delay != self._delay:
             self._delay = delay
-            side.compensator.set_delay(side.compensator.GetMyMutableContextFromRoot(context), delay)
+            self._compensator.set_delay(
+                self._compensator.GetMyMutableContextFromRoot(context), delay
+            )
         now = self._sim_time()
         if now > before + _GAP:
             context.SetTime(now)  # commands of the past are of no use

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import Value
@@ -144,7 +145,7 @@ def compile_apart(scenario: Scenario) -> None:
         path = Path(folder) / "scenario.yaml"
         path.write_text(scenario_yaml(scenario), encoding="utf-8")
         command = [sys.executable, "-m", __name__, str(path)]
-        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        silent: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         with contextlib.ExitStack() as stack:
             compilers = []
             for part in _PARTS:

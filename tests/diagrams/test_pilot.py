@@ -1,10 +1,16 @@
 """A pilot and its navigator: what one does when the other one falls silent or takes long."""
 
+from pathlib import Path
+
 import pytest
 
+from airrace.diagrams.navigator import Navigator
+from airrace.diagrams.pilot import Pilot, make_halves
 from airrace.diagrams.race import run_race
 from airrace.diagrams.simulated_link import SimulatedRemote
-from airrace.hitl.link.simulated_bus import LinkConfig
+from airrace.hitl.handover import queue_pair
+from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT, Endpoint
+from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from airrace.scenario import LINK_DELAY, Scenario
 
 
@@ -54,3 +60,24 @@ def test_a_navigator_that_falls_silent_is_as_a_link_that_failed(hexagon, tmp_pat
     assert not result["finished"] and result["collisions"] == 0
     assert result["dnf_reason"].startswith("the autonomy fell silent at 5.")
     assert result["dnf_reason"].endswith("and the drone landed by itself")
+
+
+def listens(bus):
+    return {subscription.channel for subscription in bus._subscriptions}
+
+
+@pytest.mark.parametrize("estimator", ["truth", "vio"])
+def test_no_picture_reaches_the_pilot(estimator):
+    """Nor the navigator what only the pilot needs."""
+    scenario = Scenario(estimator=estimator)
+    link, halves = SimulatedLink(LinkConfig()), make_halves(scenario)
+    channels = halves.channels(scenario)
+    here, there = queue_pair()
+    bus = link.bus()
+    endpoint = Endpoint(AUTONOMY, channels, bus, link.clock)
+    Pilot(scenario, halves, endpoint, here)
+    sensors = {"truth": "AIRRACE_STATE_ESTIMATE", "vio": "AIRRACE_IMU"}
+    assert listens(bus) == {HEARTBEAT, "AIRRACE_ROTOR_STATUS", sensors[estimator]}
+    halves, bus = make_halves(scenario), link.bus()
+    Navigator(scenario, halves, bus, there, output_dir=Path(), session=endpoint.session)
+    assert listens(bus) == {HEARTBEAT, "AIRRACE_CAMERA", "AIRRACE_CAMERA_INFO"}

@@ -63,7 +63,7 @@ def _make_explorer(scenario: Scenario) -> Explorer:
         hover_height=load_track(scenario.track).hover_height,
         clearance=clearance_of(load_vehicle(scenario.drone)[0].radius),  # type: ignore[arg-type]
         map_is_known=bool(scenario.map),
-        sees_first_gates_again=scenario.estimator == VIO,
+        vio=scenario.estimator == VIO,
     )
 
 
@@ -103,7 +103,7 @@ SYSTEMS = {
     "gate_mapper": _make_gate_mapper,
     "explorer": _make_explorer,
     "lap_planner": _make_lap_planner,
-    "trajectory_tracker": lambda scenario: TrajectoryTracker(),
+    "trajectory_tracker": lambda scenario: TrajectoryTracker(vio=scenario.estimator == VIO),
     "rotor_monitor": _make_rotor_monitor,
     "state_filter": _make_state_filter,
     "geometric_controller": _make_geometric_controller,
@@ -148,6 +148,8 @@ VIO_OUTPUTS = OUTPUTS | {
     "disturbance": "strapdown_integrator",
     "state_estimate": "strapdown_integrator",
     "imu_history": "strapdown_integrator",
+    "imu_silence": "strapdown_integrator",
+    "estimate_fault": "gate_slam",
     "gate_map": "gate_slam",
     "corrections": "gate_slam",
     "slam_state": "gate_slam",

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from airrace.analysis.figure_style import INK, MUTED, SHADE, add_legend, add_tip, make_figure
 
@@ -90,6 +90,8 @@ def certainty_figure(run: "Run") -> "Figure":
     nees.plot(rows["time"].to_numpy()[at], rows["nees"].iloc[at], color=INK, lw=0.7)
     nees.axhline(1.0, color=INK, lw=1, ls="--")
     nees.set(xlabel="time (s)", ylabel="NEES a dimension", yscale="log")
+    nees.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    nees.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     nees.yaxis.set_minor_formatter(NullFormatter())
     nees.set_title(f"mean {rows['nees'].mean():.2f}", size=8.5, weight="normal")
     _draw_innovations(innovations, run.innovations["squared"].dropna().to_numpy())

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from airrace.common.files import digest
+from airrace.common.patience import patient
 from airrace.common.resources import models_path
 from airrace.diagrams.hitl_race import default_url
 from airrace.hitl.channels import make_channels
@@ -78,7 +79,7 @@ def race(output, *options, meanwhile=lambda said: None):
         text=True,
         env={**ENVIRONMENT, "HOME": _home()},
     ) as program:
-        patience = threading.Timer(PATIENCE, program.kill)
+        patience = threading.Timer(patient(PATIENCE), program.kill)
         patience.start()
         try:
             for line in program.stdout:
@@ -160,7 +161,7 @@ def test_interrupted_race_leaves_nothing_running(board, tmp_path):
             pytest.fail("".join(said))
         program.terminate()
         program.stdout.read()
-        assert program.wait(60) == 1
+        assert program.wait(patient(60.0)) == 1
     assert "interrupted" in json.loads((tmp_path / "out/race.json").read_text())["dnf_reason"]
     assert not programs(board, "airrace")
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from pydrake.systems.analysis import InitializeParams, Simulator
 
+from airrace.common.patience import patient
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.hitl.channels import make_channels
 from airrace.hitl.checkpoint import CHECKPOINT_PERIOD, restore, save
@@ -56,6 +57,9 @@ class AutonomyProcess:
             log: takes lines.
             stop: asked now and then; whether to end.
             clock: of the Endpoint (s).
+
+        Raises:
+            UserError: if the variable of patient() is no number.
         """
         self._scenario, self._output_dir = scenario, output_dir
         self._log, self._stop = log, stop
@@ -63,6 +67,7 @@ class AutonomyProcess:
         self.channels = make_channels(scenario, ports_wanted(self._autonomy))
         self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock)
         self._responder = Responder(self._endpoint)
+        self._patience = patient(_PATIENCE)
         self._said = float("-inf")  # when the log was last told that it compiles, s
         self._delay = 0.0  # s, there and back, that is compensated for
 
@@ -155,7 +160,7 @@ class AutonomyProcess:
     def _race(self, resume: Path | None) -> int:
         while not self.is_ready():
             self._wait_and_poll(phases.WAITING)
-            if self._endpoint.silence > _PATIENCE:
+            if self._endpoint.silence > self._patience:
                 return self._lost()
         self.start(resume)
         while self._phase() == phases.READY and not self._ended():
@@ -215,12 +220,14 @@ class AutonomyProcess:
         return self._endpoint.peer_heartbeat.value.phase
 
     def _ended(self) -> bool:
-        if self._endpoint.silence > _PATIENCE:
+        if self._endpoint.silence > self._patience:
             self._endpoint.drain()  # a pause of this process is no silence of the simulation
-        return self._phase() == phases.OVER or self._stop() or self._endpoint.silence > _PATIENCE
+        return (
+            self._phase() == phases.OVER or self._stop() or self._endpoint.silence > self._patience
+        )
 
     def _lost(self) -> int:
-        self._log(f"airrace: the simulation fell silent for {_PATIENCE:.0f} s")
+        self._log(f"airrace: the simulation fell silent for {self._patience:.0f} s")
         return LOST
 
     def poll_link(self, phase: str) -> None:

@@ -24,7 +24,9 @@ examples, on two computers on one cable:
 
 The autonomy is started first, and ends with the race: 0 after it, 3 if the
 simulation falls silent, 4 if its navigator dies, 1 on Ctrl-C, 2 on bad input.
-Both sides need the same scenario. The simulation takes all options of airrace race."""
+Both sides need the same scenario. The simulation takes all options of airrace race.
+
+AIRRACE_PATIENCE=10 multiplies all waits by 10, for a slow computer."""
 
 
 def add_to(app: App) -> None:

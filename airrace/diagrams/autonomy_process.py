@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from pydrake.systems.analysis import Simulator
 
+from airrace.common.patience import patient
 from airrace.common.tick_times import LoopTimes
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.budget import Budget, prepare_halves
@@ -63,6 +64,9 @@ class AutonomyProcess:
             log: takes lines.
             stop: asked now and then; whether to end.
             clock: of the Endpoint (s).
+
+        Raises:
+            UserError: if the variable of patient() is no number.
         """
         self._scenario, self._output_dir = scenario, output_dir
         self._log, self._stop = log, stop
@@ -72,6 +76,7 @@ class AutonomyProcess:
         self._responder = Responder(self._endpoint)
         self._navigator: NavigatorProcess | None = None
         self._budget: Budget | None = None
+        self._patience = patient(_PATIENCE)
         self._said = float("-inf")  # when the log was last told that it compiles, s
 
     def prepare(self, lcm_url: str, briefly: bool = False) -> None:
@@ -191,7 +196,7 @@ class AutonomyProcess:
             pilot.prepare(resume)
             if self._has_lost_navigator():
                 return BLIND
-            if self._endpoint.silence > _PATIENCE:
+            if self._endpoint.silence > self._patience:
                 return self._lost()
         pilot.start()
         while self._phase() == phases.READY and not self._ended():
@@ -244,12 +249,14 @@ class AutonomyProcess:
         return self._endpoint.peer_heartbeat.value.phase
 
     def _ended(self) -> bool:
-        if self._endpoint.silence > _PATIENCE:
+        if self._endpoint.silence > self._patience:
             self._endpoint.drain()  # a pause of this process is no silence of the simulation
-        return self._phase() == phases.OVER or self._stop() or self._endpoint.silence > _PATIENCE
+        return (
+            self._phase() == phases.OVER or self._stop() or self._endpoint.silence > self._patience
+        )
 
     def _lost(self) -> int:
-        self._log(f"airrace: the simulation fell silent for {_PATIENCE:.0f} s")
+        self._log(f"airrace: the simulation fell silent for {self._patience:.0f} s")
         return LOST
 
     def _wait_and_poll(self, phase):

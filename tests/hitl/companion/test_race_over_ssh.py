@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from airrace.common.files import digest
+from airrace.common.patience import patient
 from airrace.common.resources import models_path
 from airrace.diagrams.hitl_race import default_url
 from airrace.hitl.channels import make_channels
@@ -78,7 +79,7 @@ def race(output, *options, meanwhile=lambda line, program: None):
         text=True,
         env={**ENVIRONMENT, "HOME": _home()},
     ) as program:
-        patience = threading.Timer(PATIENCE, program.kill)
+        patience = threading.Timer(patient(PATIENCE), program.kill)
         patience.start()
         try:
             for line in program.stdout:

@@ -2,7 +2,7 @@
 
 import dataclasses as dc
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +10,6 @@ from airrace.common.immutable import Immutable
 from airrace.systems.types import Detections, ExplorerEvent, ExplorerStatus
 from airrace.track.gate_map import GateEstimate, GateMap
 from airrace.trajopt.flat_trajectory import FlatTrajectory
-
-if TYPE_CHECKING:
-    from airrace.systems.exploring.landing import Landing
 
 _SWITCHED_ON = ExplorerStatus(events=(ExplorerEvent(0.0, "CALIBRATE", "power on"),))
 
@@ -35,7 +32,7 @@ class Memory(Immutable):
     """
 
     status: ExplorerStatus = _SWITCHED_ON
-    leg: "FlatTrajectory | Landing | None" = None
+    leg: FlatTrajectory | None = None
     leg_start: float = 0.0
     home: np.ndarray | None = None
     aligned: bool = False
@@ -75,7 +72,7 @@ class Memory(Immutable):
         )
         return dc.replace(self, status=status)
 
-    def flying(self, leg: "FlatTrajectory | Landing", time: float) -> "Memory":
+    def flying(self, leg: FlatTrajectory, time: float) -> "Memory":
         """Returns the memory of a leg that starts at a time (s)."""
         return dc.replace(self, leg=leg, leg_start=time, checked_at=time)
 

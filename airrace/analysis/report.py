@@ -15,7 +15,12 @@ from airrace.scenario import trajectory_name
 
 FILE = "report.html"
 # Topics that it says nothing of.
-_WITHOUT = "/state/estimate /state/filtered /state/disturbance /imu /rotors/command".split()
+_WITHOUT = (
+    "/state/estimate /state/filtered /state/disturbance /imu /imu/samples /rotors/command".split()
+)
+
+
+_ESTIMATE, _CERTAINTY = "Where the drone thought it was", "How sure of it the drone was"
 
 
 def make_report(run: Run) -> str:
@@ -43,7 +48,11 @@ def _is_comparable(result: dict) -> bool:
 
 
 def _summary(run: Run) -> dict:
-    """Returns map error (m), tracking error (m) and greatest share of a rotor's thrust, or None."""
+    """Returns map error (m), tracking error (m) and greatest share of a rotor's thrust, or None.
+
+    Also error_statistics(), if the drone had to find out where it is.
+    """
+    from airrace.analysis.figures_estimator import error_statistics
     from airrace.analysis.figures_signals import rotor_usage
 
     map_rms = run.laps["map_rms"].dropna()
@@ -51,6 +60,7 @@ def _summary(run: Run) -> dict:
     return dict(
         map_error=map_rms.iloc[-1] if len(map_rms) else None,
         tracking_error=np.sqrt(np.mean(off**2)) if len(off) else None,
+        estimate=error_statistics(run) if len(run.estimator) else None,
         thrust=max((share.max() for share in rotor_usage(run) if len(share)), default=None),
     )
 
@@ -60,6 +70,7 @@ def _pictures(run: Run) -> dict[str, str]:
     from matplotlib import rc_context
 
     from airrace.analysis import (
+        figures_estimator,
         figures_explorer,
         figures_laps,
         figures_plans,
@@ -78,6 +89,8 @@ def _pictures(run: Run) -> dict[str, str]:
         ("Gates", laps, figures_laps.offsets_figure),
         ("The map", len(run.map) and len(run.lap_starts), figures_signals.map_figure),
         ("Tracking", len(run.tracking) > 1, figures_signals.tracking_figure),
+        (_ESTIMATE, len(run.estimator) > 1, figures_estimator.errors_figure),
+        (_CERTAINTY, len(run.estimator) > 1, figures_estimator.certainty_figure),
         ("Rotors", len(run.rotors), figures_signals.rotors_figure),
         (
             "What the explorer did",

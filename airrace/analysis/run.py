@@ -37,6 +37,12 @@ class Run:
     reference      what the controller follows: position, yaw, velocity, acceleration
     tracking       state minus reference, and its distance
     disturbance    acceleration that rotors and gravity do not explain
+    imu            every sample that the log keeps of the IMU at the rate of states, in axes of
+                   the body: angular velocity (rad/s), specific force (m/s^2)
+    imu_samples    all samples of the IMU, only with ``--estimator vio``
+    estimator      a row a picture, only with ``vio``: errors of attitude (in axes of the body),
+                   position and velocity, their standard deviations, NEES a dimension, biases
+    innovations    a row a picture and marker, only with ``vio``: normalised innovation squared
     rotors         a row a rotor and time: speed, command (rad/s), nominal thrust (N)
     detections     a row a marker and image: pose in the camera frame, range
     refused        what looked like a marker and was not taken for one, and why

@@ -4,6 +4,7 @@ SIGNALS says which there are. Everything is SI, in the world frame, angles in ra
 states are in the body frame here, as Foxglove defines them. derived.py makes the tables of a Run.
 """
 
+import base64
 from collections.abc import Iterable
 from operator import attrgetter
 from pathlib import Path
@@ -27,6 +28,12 @@ _PLAN = (
     "lap start_time entry_duration phase duration solve_time "
     "max_speed max_acceleration max_rotor_thrust"
 ).split()
+# Of a message of /estimator.
+ESTIMATOR_VECTORS = (
+    *("attitude_error", "position_error", "velocity_error"),
+    *("attitude_sigma", "position_sigma", "velocity_sigma"),
+    *("gyro_bias", "accelerometer_bias", "gyro_bias_sigma", "accelerometer_bias_sigma"),
+)
 # The columns of every table, as the log has them.
 SIGNALS = {
     "state": _STATE,  # the truth
@@ -37,6 +44,14 @@ SIGNALS = {
     "disturbance": _VECTOR,
     # Of samples, which end at the time: angular velocity, specific force; in axes of the body.
     "imu": ("time", "wx", "wy", "wz", "fx", "fy", "fz"),
+    "imu_samples": ("time", "wx", "wy", "wz", "fx", "fy", "fz"),  # all of them
+    "estimator": (
+        *("time", "exposure", "seen_at"),
+        *(f"{vector}_{axis}" for vector in ESTIMATOR_VECTORS for axis in "xyz"),
+        *(f"position_covariance_{i}" for i in range(9)),  # 3 x 3, row by row (m^2)
+        "nees",
+    ),
+    "innovations": ("time", "marker", "squared"),
     "rotors": ("time", "rotor", "speed", "thrust"),
     "rotor_commands": ("time", "rotor", "speed", "thrust"),
     # Poses are in the camera frame.
@@ -106,6 +121,28 @@ def _imu(rows, time, message):
         rows["imu"].append((message["time"], *values))
 
 
+def _imu_samples(rows, time, message):
+    samples = np.frombuffer(base64.b64decode(message["samples"]), "<f8").reshape(-1, 7)
+    rows["imu_samples"] += map(tuple, samples.tolist())
+
+
+def _estimator(rows, time, message):
+    vectors = [[message[name][axis] for axis in "xyz"] for name in ESTIMATOR_VECTORS]
+    numbers = np.array(vectors, float)  # null is NaN
+    error = numbers[:3].ravel()
+    covariance = np.frombuffer(base64.b64decode(message["covariance"]), "<f4").reshape(9, 9)
+    nees = np.nan
+    if np.isfinite(error).all() and np.isfinite(covariance).all():
+        nees = error @ np.linalg.pinv(covariance.astype(float)) @ error / len(error)
+    times = time, message["time"], message["seen_at"]
+    position = covariance[3:6, 3:6].ravel().tolist()
+    rows["estimator"].append((*times, *numbers.ravel(), *position, float(nees)))
+    rows["innovations"] += [
+        (message["time"], each["marker"], np.nan if each["squared"] is None else each["squared"])
+        for each in message["innovations"]
+    ]
+
+
 def _rotors(table):
     def read(rows, time, message):
         for number, joint in enumerate(message.joints, 1):
@@ -163,6 +200,8 @@ _READERS = {
     "/state/filtered": _odometry("filtered"),
     "/state/disturbance": _vector("disturbance"),
     "/imu": _imu,
+    "/imu/samples": _imu_samples,
+    "/estimator": _estimator,
     "/reference": _odometry("reference"),
     "/reference/acceleration": _vector("reference_acceleration"),
     "/rotors/measured": _rotors("rotors"),

@@ -1,5 +1,6 @@
 """What Foxglove has no schema for, as JSON; see models/foxglove/schemas.yaml."""
 
+import base64
 import dataclasses as dc
 from typing import TYPE_CHECKING
 
@@ -8,14 +9,26 @@ import yaml
 
 from airrace.common.files import finite
 from airrace.common.resources import models_path
+from airrace.math.quaternion import rotation_between
+from airrace.systems.estimation.error_state import (
+    ACCEL_BIAS,
+    DRONE,
+    GYRO_BIAS,
+    POSITION,
+    THETA,
+    VELOCITY,
+)
+from airrace.systems.estimation.navigation import as_navigation
 from airrace.systems.planning.lap_plan import LapPlan
-from airrace.systems.sensing.imu_samples import as_samples
+from airrace.systems.sensing.imu_samples import IMU_ROW, as_samples
 from airrace.systems.types import Detections, GateCrossing
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import map_data, rounded, statistics_data
 from airrace.trajopt.reference import as_reference
+from airrace.vehicle.state import State
 
 if TYPE_CHECKING:
+    from airrace.systems.estimation.slam_filter import SlamState
     from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 PLAN_STEP = 0.02  # s between two samples of a plan
@@ -48,6 +61,72 @@ def imu_data(vector: np.ndarray) -> dict:
     time, *vectors = (each[0] for each in as_samples(vector))
     w, f = (dict(zip("xyz", rounded(v, 6))) for v in vectors)
     return finite({"time": float(time), "angular_velocity": w, "specific_force": f})
+
+
+def imu_samples_data(vector: np.ndarray, after: float) -> tuple[dict | None, float]:
+    """Returns a message of /imu/samples, and the time of the newest sample (s).
+
+    Args:
+        vector: samples, newest first, (7 n,).
+        after: time of the newest sample of the message before (s).
+
+    Returns:
+        None for the message if there is no new sample.
+    """
+    rows = vector.reshape(-1, IMU_ROW)
+    new = rows[rows[:, 0] > max(after, 0.0)][::-1]
+    if not len(new):
+        return None, after
+    return {"samples": base64.b64encode(new.astype("<f8").tobytes()).decode()}, float(new[-1, 0])
+
+
+def estimator_data(state: "SlamState", error: np.ndarray) -> dict:
+    """Returns a message of /estimator.
+
+    Args:
+        state: what the estimator believes.
+        error: of attitude (rad), position (m) and velocity (m/s), see estimate_error(), (9,).
+    """
+    belief = state.belief
+    sigmas = np.sqrt(np.diag(belief.covariance)[:DRONE])
+    navigation = as_navigation(belief.navigation)
+    vectors = {
+        "attitude_error": error[THETA:POSITION],
+        "position_error": error[POSITION:VELOCITY],
+        "velocity_error": error[VELOCITY:GYRO_BIAS],
+        "attitude_sigma": sigmas[THETA:POSITION],
+        "position_sigma": sigmas[POSITION:VELOCITY],
+        "velocity_sigma": sigmas[VELOCITY:GYRO_BIAS],
+        "gyro_bias": navigation.gyro_bias,
+        "accelerometer_bias": navigation.accel_bias,
+        "gyro_bias_sigma": sigmas[GYRO_BIAS:ACCEL_BIAS],
+        "accelerometer_bias_sigma": sigmas[ACCEL_BIAS:],
+    }
+    covariance = belief.covariance[:GYRO_BIAS, :GYRO_BIAS].astype("<f4").tobytes()
+    return finite(
+        {
+            "time": state.time,
+            "seen_at": max((each.seen_at for each in state.landmarks), default=-1.0),
+            **{name: dict(zip("xyz", vector.tolist())) for name, vector in vectors.items()},
+            "covariance": base64.b64encode(covariance).decode(),
+            "innovations": [
+                {"marker": id, "squared": round(float(squared), 2)}
+                for id, squared in state.innovations
+            ],
+            "fault": state.fault,
+        }
+    )
+
+
+def estimate_error(truth: State, estimate: State) -> np.ndarray:
+    """Returns the errors that an estimate has, as in error_state.py, (9,).
+
+    Those are a rotation vector in axes of the body (rad), and truth less estimate of position (m)
+    and velocity (m/s) in world.
+    """
+    turn = rotation_between(estimate.quaternion, truth.quaternion)
+    offsets = truth.position - estimate.position, truth.velocity - estimate.velocity
+    return np.concatenate([turn, *offsets])
 
 
 def full_map_data(gate_map: GateMap) -> dict:

@@ -12,14 +12,14 @@ from airrace.recording import foxglove_messages as messages
 from airrace.recording import json_topics, scene_updates
 from airrace.recording.topics import SAMPLED
 from airrace.recording.writer import FILE, RaceLog
-from airrace.scenario import Scenario, scenario_yaml
+from airrace.scenario import VIO, Scenario, scenario_yaml
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.sensing.imu_samples import IMU_SIZE
+from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_SIZE
 from airrace.track import load_track
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import find_vehicle, load_vehicle
-from airrace.vehicle.state import STATE_SIZE, as_plant_state
+from airrace.vehicle.state import STATE_SIZE, as_plant_state, as_state
 
 if TYPE_CHECKING:
     from airrace.recording.foxglove_server import FoxgloveServer
@@ -56,6 +56,7 @@ class RaceRecorder(LeafSystem):
         - explorer_status
         - truth.referee_status
         - truth.gate_shifts (only if gates move)
+        - slam_state (only with vio)
 
     All are as the systems that they come from describe them. What is not connected is
     not recorded. Everything is written by the clock. Nothing in the race depends on it:
@@ -75,11 +76,13 @@ class RaceRecorder(LeafSystem):
         self._track, self._vehicle = load_track(scenario.track), load_vehicle(scenario.drone)[0]
         self._max_speed = min(parse_limits(scenario.planner.limits)[0], _FAST)
         pictures = self._config.content == "full"
-        self._declare_ports(pictures, moving_gates)
+        estimates = scenario.estimator == VIO
+        self._declare_ports(pictures, moving_gates, estimates)
         # Of what was written last. It is output, not state: see the class.
         self._written, self._map_time = {}, -np.inf
         self._path, self._plans = [], []
         self._start, self._events, self._crossings = None, 0, 0
+        self._newest_sample, self._estimated = -1.0, -1.0
         config, fps = self._config, scenario.camera.fps
         for period, write in (
             (1 / config.state_rate, self._write_states),
@@ -88,11 +91,13 @@ class RaceRecorder(LeafSystem):
             (1.0, self._write_path),
             (1 / fps, self._write_changes),
             *([(1 / config.image_rate, self._write_image)] if pictures else []),
+            # Often enough that each sample is in the port's vector at least once.
+            *([(IMU_DEPTH / 2 / scenario.imu.rate, self._write_samples)] if estimates else []),
             (config.flush_period, lambda context: self._log.flush()),
         ):
             self.DeclarePeriodicPublishEvent(period, 0.0, write)
 
-    def _declare_ports(self, pictures, moving_gates):
+    def _declare_ports(self, pictures, moving_gates, estimates):
         n = len(self._vehicle.rotors)
         vectors = {
             "truth.state": STATE_SIZE - 1,
@@ -109,6 +114,8 @@ class RaceRecorder(LeafSystem):
         if pictures:
             vectors["camera_image_time"] = 1
             values += ["camera_view"]
+        if estimates:
+            values += ["slam_state"]
         if moving_gates:
             vectors["truth.gate_shifts"] = 2 * len(self._track.gates)
         model = Value[object]()
@@ -145,6 +152,20 @@ class RaceRecorder(LeafSystem):
             if value is not None:
                 self._log.write(name, time, encode(time, value, self._vehicle))
 
+    def _error(self, context):
+        """Returns the error of the filtered estimate, see estimate_error(); NaN if not known."""
+        truth, estimate = (self._value(context, p) for p in ("truth.state", "filtered_estimate"))
+        if truth is None or estimate is None:
+            return np.full(9, np.nan)
+        return json_topics.estimate_error(as_plant_state(truth), as_state(estimate))
+
+    def _write_samples(self, context):
+        vector = self._value(context, "imu")
+        if vector is not None:
+            data, self._newest_sample = json_topics.imu_samples_data(vector, self._newest_sample)
+            if data is not None:
+                self._log.write("/imu/samples", context.get_time(), data)
+
     def _write_poses(self, context):
         state, info = self._value(context, "truth.state"), self._value(context, "camera_info")
         if state is not None and info is not None:
@@ -179,6 +200,10 @@ class RaceRecorder(LeafSystem):
         explorer = self._changed(context, "explorer_status")
         if explorer is not None:
             self._write_explorer(time, explorer)
+        slam = self._changed(context, "slam_state")
+        if slam is not None and slam.time > self._estimated:
+            self._estimated = slam.time
+            write("/estimator", time, json_topics.estimator_data(slam, self._error(context)))
         referee = self._changed(context, "truth.referee_status")
         lap_ends = referee is not None and self._write_referee(time, referee)
         if lap_ends or time >= self._map_time + _MAP_PERIOD:

@@ -14,7 +14,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from airrace.common.jit import assign, compilable, compiled
 from airrace.math.vec3 import dot
 from airrace.systems.ports import read_vector
-from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
+from airrace.systems.types import LAND, ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.track import Track
 from airrace.track.gate_opening import GateOpening, find
 from airrace.vehicle.disturbances import failures_clause
@@ -23,7 +23,7 @@ from airrace.vehicle.state import as_plant_state
 _FLOOR = ("ground", "pad")
 OUT_OF_TIME = "ran out of time"
 # Verdicts, and the reasons of those that are not a success.
-UNDECIDED, FINISHED, GROUND, TOUCHED, ARENA, TIMEOUT, DIVERGED = range(7)
+UNDECIDED, FINISHED, GROUND, TOUCHED, ARENA, TIMEOUT, DIVERGED, LANDED = range(8)
 _REASONS = {
     GROUND: "hit the ground",
     TOUCHED: "touched {what}",
@@ -112,10 +112,12 @@ class Referee(LeafSystem):
     two pylon axes, from the front, above the ground and below the pylons'
     tips, in racing order. A lap runs from gate 1 to gate 1. Any contact after
     take-off, leaving the arena, or the time limit ends the race; on the pad,
-    only contact with something else than the ground does. The referee is updated less
-    often than the plant: if the impulse has changed since the last update, there was
-    a contact in between, even if it lasted one step. What is nearest then is what was
-    touched.
+    only contact with something else than the ground does. A drone that lands because it
+    does not know where it is, see Explorer, has not finished, but not collided either.
+
+    The referee is updated less often than the plant: if the impulse has changed since the
+    last update, there was a contact in between, even if it lasted one step. What is
+    nearest then is what was touched.
     """
 
     def __init__(
@@ -176,7 +178,7 @@ class Referee(LeafSystem):
             "report",
             lambda: Value[object](RefereeStatus((), False, None, None, 0)),
             self._calc_report,
-            {self.xd_ticket()},
+            {self.xd_ticket(), self._explorer.ticket()},
         )
 
     def _judge(self, context, discrete_state):
@@ -195,9 +197,12 @@ class Referee(LeafSystem):
         m, name = _as_memory(memory), None
         if pushed and verdict != DIVERGED:
             name = self._touched(context, m.airborne)
+            if not m.airborne and self._explorer.Eval(context).state == LAND:
+                name = _FLOOR[0]  # it will not take off any more
         # What was touched since the last update is held to have come before a gate.
         if name in _FLOOR:
-            m = m._replace(verdict=GROUND)
+            lands = self._explorer.Eval(context).state == LAND
+            m = m._replace(verdict=LANDED if lands else GROUND)
         elif name is not None:
             m = m._replace(verdict=TOUCHED, touched=self._touchable.index(name))
         elif crossing >= 0.0 and self._explorer.Eval(context).done:
@@ -239,6 +244,8 @@ class Referee(LeafSystem):
                 reason = reason.format(what=self._touchable[int(m.touched)])
             if verdict in (GROUND, TOUCHED, ARENA):
                 reason += failures_clause(self._failures, m.end_time)
+        if verdict not in (UNDECIDED, FINISHED):
+            reason = _with_landing(reason, self._explorer.Eval(context), bool(m.airborne))
         output.set_value(
             RefereeStatus(
                 crossings=_crossings(table[: 3 * int(m.crossings)].tobytes(), len(self._stay) // 2),
@@ -248,6 +255,16 @@ class Referee(LeafSystem):
                 collisions=int(verdict in (GROUND, TOUCHED)),
             )
         )
+
+
+def _with_landing(reason: str | None, explorer: ExplorerStatus, airborne: bool) -> str | None:
+    """Returns why a race ended, with why the drone was to land, if it was."""
+    if explorer.state != LAND:
+        return reason
+    lost = f"the drone lost itself at {explorer.since:.1f} s ({explorer.reason})"
+    if reason is not None:
+        return f"{reason}: {lost}"
+    return f"{lost}, and {'came down' if airborne else 'stayed on its pad'}"
 
 
 @functools.lru_cache(maxsize=4)  # the report is evaluated far more often than gates are crossed

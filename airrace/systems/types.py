@@ -127,6 +127,9 @@ class ExplorerEvent(Immutable):
     reason: str
 
 
+LAND = "LAND"  # the state of an explorer that lands because the drone does not know where it is
+
+
 @dc.dataclass(frozen=True, eq=False)
 class ExplorerStatus(Immutable):
     """How far the exploration is.

@@ -4,10 +4,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common.value import Value
+from pydrake.math import RotationMatrix
 from pydrake.systems.framework import LeafSystem
 
 from airrace.recording.foxglove_messages import jpeg, raw_pixels
+from airrace.recording.json_topics import estimate_error
 from airrace.rendering.imaging.motion_blur import pose_of
+from airrace.systems.estimation.error_state import POSITION, VELOCITY
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.types import CameraInfo, Detections
 from airrace.vehicle import GRAVITY
@@ -15,6 +18,7 @@ from airrace.vehicle.state import STATE_SIZE, as_plant_state, as_state
 from airrace.visualization.meshcat_page import Audience
 from airrace.visualization.race_record import (
     CROSSINGS,
+    ESTIMATES,
     EVENTS,
     MAPS,
     PLANS,
@@ -44,6 +48,7 @@ WIDTH, QUALITY = 320, 60  # px and JPEG's, of pictures
 MAGNIFICATION = 100.0
 _LEAST_RADIUS = 0.15  # m
 _CHANGE = 0.02  # m, of place or radius, that is told
+_SIGMAS = 3.0  # of the ellipsoid of the drone's own position, in true size
 _PLAN_STEP = 0.08  # s, between two points of a plan
 
 
@@ -66,6 +71,7 @@ class RaceFeed(LeafSystem):
         - camera_image_time (only if there is a camera)
         - camera_info (only if there is a camera)
         - truth.gate_shifts (only if gates move)
+        - slam_state (only with vio)
 
     All are as the systems that they come from describe them; what is not connected is not
     shown. Pictures are kept for the replay if the race's log keeps them too, which has them
@@ -82,6 +88,7 @@ class RaceFeed(LeafSystem):
         camera: bool,
         keep_pictures: bool,
         moving_gates: bool = False,
+        estimates: bool = False,
     ):
         """Constructs the feed.
 
@@ -92,12 +99,13 @@ class RaceFeed(LeafSystem):
             camera: whether there is one.
             keep_pictures: whether pictures are kept for the replay.
             moving_gates: whether there is a port ``truth.gate_shifts``.
+            estimates: whether there is a port ``slam_state``.
         """
         LeafSystem.__init__(self)
         self._record, self._track, self._vehicle = record, track, vehicle
         self._audience, self._keep = audience, keep_pictures
         self._weight = vehicle.mass * GRAVITY
-        self._declare_ports(camera, moving_gates)
+        self._declare_ports(camera, moving_gates, estimates)
         # What was told last. It is output, not state: nothing in the race depends on it.
         self._known: dict[str, object] = {}
         self._map = MapNews()
@@ -109,7 +117,7 @@ class RaceFeed(LeafSystem):
             self.DeclarePeriodicPublishEvent(_PICTURE_PERIOD, 0.0, self._add_picture)
         self.DeclareForcedPublishEvent(self._add_last)
 
-    def _declare_ports(self, camera, moving_gates):
+    def _declare_ports(self, camera, moving_gates, estimates):
         n = len(self._vehicle.rotors)
         vectors = {
             "truth.state": STATE_SIZE - 1,
@@ -120,6 +128,7 @@ class RaceFeed(LeafSystem):
         }
         values = ["gate_map", "lap_plan", "explorer_status", "truth.referee_status", "detections"]
         values += ["camera_view", "camera_info"] if camera else []
+        values += ["slam_state"] if estimates else []
         model = Value[object]()
         self._ports = {
             **{name: self.DeclareVectorInputPort(name, n) for name, n in vectors.items()},
@@ -162,6 +171,7 @@ class RaceFeed(LeafSystem):
         self._add_plan(context, time)
         self._add_status(context, time)
         self._add_referee(context)
+        self._add_estimate(context, time)
         shifts = self._value(context, "truth.gate_shifts")
         if shifts is not None and not np.array_equal(shifts, self._known.get(SHIFTS)):
             self._known[SHIFTS] = shifts.copy()
@@ -173,6 +183,16 @@ class RaceFeed(LeafSystem):
                 self._next_map = time + _MAP_PERIOD
                 markers = [(m.id, m.p_WM, m.variance) for m in gate_map.markers]
                 self._record.add(MAPS, time, **self._map.of(markers))
+
+    def _add_estimate(self, context, time):
+        names = ("truth.state", "filtered_estimate", "slam_state")
+        truth, estimate, slam = (self._value(context, name) for name in names)
+        if truth is None or estimate is None or slam is None or slam.time < 0.0:
+            return
+        error = estimate_error(as_plant_state(truth), as_state(estimate))
+        covariance = slam.belief.covariance[POSITION:VELOCITY, POSITION:VELOCITY]
+        if np.isfinite(error).all() and np.isfinite(covariance).all():
+            self._record.add(ESTIMATES, time, **estimate_data(error, covariance))
 
     def _add_plan(self, context, time):
         plan = self._value(context, "lap_plan")
@@ -252,6 +272,32 @@ class MapNews:
                 self._told[marker] = ellipsoid
                 changed.append([marker, *ellipsoid.round(2).tolist()])
         return {"sigma": round(worst, 4), "changed": changed}
+
+
+def estimate_data(error: np.ndarray, covariance: np.ndarray) -> dict:
+    """Returns what RaceRecord.add() takes for ESTIMATES.
+
+    Args:
+        error: of the estimate, see estimate_error(), at least its first six numbers.
+        covariance: of the position (m^2), (3, 3).
+
+    Returns:
+        ``offset`` of the estimated drone from the true one (m), its ``turn``, a rotation vector in
+        axes of the body (rad), ``radii`` of the ellipsoid of three standard deviations (m), its
+        ``axes``, a quaternion x, y, z, w, and the greatest standard deviation, ``sigma`` (m).
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] *= -1.0
+    sigmas = np.sqrt(np.maximum(variances, 0.0))
+    w, x, y, z = RotationMatrix.ProjectToRotationMatrix(axes).ToQuaternion().wxyz()
+    return {
+        "offset": (-error[3:6]).round(4).tolist(),
+        "turn": (-error[:3]).round(5).tolist(),
+        "radii": (_SIGMAS * sigmas).round(4).tolist(),
+        "axes": [round(float(each), 4) for each in (x, y, z, w)],
+        "sigma": round(float(sigmas[-1]), 4),
+    }
 
 
 def event_text(state: str, reason: str) -> str:

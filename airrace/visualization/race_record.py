@@ -12,15 +12,16 @@ from numpy.typing import ArrayLike
 # weights of the drone, distance of the position estimate from the truth (m).
 FRAME = ("time", "x", "y", "z", "qw", "qx", "qy", "qz", "speed", "thrust", "error")
 # Lists of dicts with a time ``t`` (s), see RaceRecord.add().
-EVENTS, STATUS, CROSSINGS, PLANS, MAPS, SHIFTS = (
+EVENTS, STATUS, CROSSINGS, PLANS, MAPS, SHIFTS, ESTIMATES = (
     "events",
     "status",
     "crossings",
     "plans",
     "maps",
     "shifts",
+    "estimates",
 )
-_LISTS = (EVENTS, STATUS, CROSSINGS, PLANS, MAPS, SHIFTS)
+_LISTS = (EVENTS, STATUS, CROSSINGS, PLANS, MAPS, SHIFTS, ESTIMATES)
 # Of all pictures: with the scene, a replay stays below 30 MB.
 _PICTURE_BYTES = 14_000_000
 _NEWEST = 3  # pictures that a page gets at most at once while the race goes on
@@ -67,7 +68,7 @@ class RaceRecord:
                 ``gate`` and ``lap``, from 1. PLANS: first ``lap``, and ``points``, see
                 encoded(). MAPS: the largest ``sigma`` (m), and markers that
                 ``changed``: ID, p_WM, and radii of an ellipsoid (m). SHIFTS: middles of the
-                ``gates`` (m).
+                ``gates`` (m). ESTIMATES: see estimate_data().
             time: (s).
             **values: see above.
         """

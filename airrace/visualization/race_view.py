@@ -48,6 +48,7 @@ def AddVisualization(
         camera=camera,
         keep_pictures=camera and scenario.recording.content == "full",
         moving_gates=simulation.HasOutputPort("truth.gate_shifts"),
+        estimates=autonomy.HasOutputPort("slam_state"),
     )
     systems: dict[str, LeafSystem] = {
         "race_feed": feed,

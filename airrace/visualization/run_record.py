@@ -17,10 +17,12 @@ from airrace.visualization.race_feed import (
     WIDTH,
     MapNews,
     crossing_text,
+    estimate_data,
     event_text,
 )
 from airrace.visualization.race_record import (
     CROSSINGS,
+    ESTIMATES,
     EVENTS,
     MAPS,
     PLANS,
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from airrace.analysis import Run
 
 _RATE = 30.0  # Hz, of frames
+_ESTIMATE_ROWS = 3  # of them, of which one is shown
 _PLAN_ROWS = 4  # samples of a plan's log a point
 
 
@@ -50,6 +53,7 @@ def record_of(run: "Run", pictures: bool = True) -> RaceRecord:
     _add_events(record, run)
     _add_plans(record, run)
     _add_maps(record, run)
+    _add_estimates(record, run)
     if pictures:
         _add_pictures(record, run)
     result = run.result
@@ -121,6 +125,15 @@ def _add_maps(record, run):
     for time, rows in run.map.groupby("time"):
         markers = zip(rows["marker"].tolist(), rows[columns].to_numpy())
         record.add(MAPS, float(time), **news.of((id, row[:3], row[3:]) for id, row in markers))
+
+
+def _add_estimates(record, run):
+    errors = [f"{name}_error_{axis}" for name in ("attitude", "position") for axis in "xyz"]
+    entries = [f"position_covariance_{i}" for i in range(9)]
+    rows = run.estimator.dropna()
+    for time, *numbers in rows[["time", *errors, *entries]].to_numpy()[::_ESTIMATE_ROWS]:
+        data = estimate_data(np.array(numbers[:6]), np.reshape(numbers[6:], (3, 3)))
+        record.add(ESTIMATES, time, **data)
 
 
 def _add_pictures(record, run):

@@ -7,6 +7,7 @@ import pytest
 
 from airrace.analysis import load_run
 from airrace.analysis.figure_style import add_tip, inline_svg, make_figure
+from airrace.analysis.figures_estimator import error_statistics
 from airrace.analysis.figures_explorer import states
 from airrace.analysis.figures_signals import map_by_gate, map_by_lap, rotor_usage
 from airrace.analysis.report import make_report, write_report
@@ -180,3 +181,25 @@ def test_a_folder_without_a_race(tmp_path, capsys):
         write_report(tmp_path)
     assert main([str(tmp_path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_drone_that_finds_out_where_it_is_has_sections_of_its_own(tmp_path):
+    """The run's errors are as large as the estimator says."""
+    run = load_run(make_run(tmp_path / "run", laps=3, estimator="vio"))
+    text = make_report(run)
+    check_page(text)
+    expected = ["Where the drone thought it was", "How sure of it the drone was"]
+    assert [heading for heading in headings(text) if heading not in SECTIONS] == expected
+    assert "NEES a dimension" in text
+    figures = error_statistics(run)
+    assert figures["nees"] == pytest.approx(1.0, abs=0.1)
+    assert figures["gap"] == pytest.approx(1.0, abs=0.05)
+    racing = run.estimator[run.estimator["time"] > 6.0]
+    assert np.std(racing["position_error_x"]) == pytest.approx(0.03, rel=0.2)
+    assert run.innovations["squared"].mean() == pytest.approx(8.0, rel=0.1)
+
+
+def test_all_samples_of_the_imu_are_there_once(tmp_path):
+    run = load_run(make_run(tmp_path / "run", estimator="vio"))
+    assert np.allclose(np.diff(run.imu_samples["time"]), 0.002)
+    assert not len(load_run(make_run(tmp_path / "truth")).imu_samples)

@@ -1,5 +1,7 @@
 """Races of a drone that nobody tells where it is."""
 
+import re
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -76,3 +78,34 @@ def test_sensors_that_fail_for_a_while_end_no_race(tmp_path):
     )
     result = run_race(scenario, tmp_path)
     assert result["finished"], result
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["lost", "nan", "stuck", "saturated"])
+def test_without_an_imu_for_good_it_lands_and_says_why(tmp_path, kind):
+    """In flight at 8 m/s, the rotors' own speeds have to do for a landing."""
+    speeds = []
+    result = run_race(
+        make_scenario(imu_failures=[ImuFailure(kind, 6.0)]),
+        tmp_path,
+        show=lambda _, outputs: speeds.append(np.linalg.norm(outputs.state[-3:])),
+    )
+    assert not result["finished"] and result["collisions"] == 0
+    lost = r"the drone lost itself at 6.\d s \(the IMU fell silent\), and came down"
+    assert re.fullmatch(lost, result["dnf_reason"])
+    assert max(speeds) > 5.0 and speeds[-2] < 4.0, "a fall from there ends at 11 m/s"
+    assert result["exploration"]["events"][-1]["state"] == "LAND"
+
+
+@pytest.mark.slow
+def test_in_the_dark_for_good_it_lands_and_says_why(tmp_path):
+    """Neither explores it for ever, nor does it fly into something."""
+    result = run_race(make_scenario(camera_failures=[CameraFailure("dark", 5.0)]), tmp_path)
+    assert not result["finished"] and result["collisions"] == 0
+    lost = r"the drone lost itself at .* s \(position uncertain by 3.\d m after .* s without a marker\), and came down"
+    assert re.fullmatch(lost, result["dnf_reason"])
+
+
+def test_an_imu_that_never_shows_anything_keeps_it_on_its_pad(tmp_path):
+    result = run_race(make_scenario(imu_failures=[ImuFailure("lost", 0.0)]), tmp_path)
+    assert result["dnf_reason"].endswith("and stayed on its pad") and not result["collisions"]

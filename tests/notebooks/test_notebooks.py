@@ -12,27 +12,27 @@ NOTE = """
 from airrace.commands import python_race
 from airrace.commands.race import RaceOptions, race_scenario
 
-fly, folders = python_race.fly, []
+_fly, _folders = python_race.fly, []
 
-def note(options, quiet=False):
-    result, folder = fly(options, quiet)
-    folders.append(folder)
+def _note(options, quiet=False):
+    result, folder = _fly(options, quiet)
+    _folders.append(folder)
     return result, folder
 
-python_race.fly = note
+python_race.fly = _note
 """
 # Before its solutions: to fly their races would take minutes. Their options are checked, and the
 # lesson's last race, or else a short one, is what they look at.
 STAND_IN = """
-SHORT = RaceOptions(
+_SHORT = RaceOptions(
     track="hexagon", laps=1, map="track", renderer="none", meshcat=False, report=False, linger=0.0
 )
 
-def stand_in(options, quiet=False):
+def _stand_in(options, quiet=False):
     race_scenario(options)
-    return {}, folders[-1] if folders else note(SHORT, quiet=True)[1]
+    return {}, _folders[-1] if _folders else _note(_SHORT, quiet=True)[1]
 
-python_race.fly = stand_in
+python_race.fly = _stand_in
 """
 EXPENSIVE = re.compile(r"\bevaluate\(")  # flies races in processes of their own
 

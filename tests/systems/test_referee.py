@@ -22,6 +22,8 @@ def judge(
     contacts=None,
     rotor_failures=(),
     gate_shifts=None,
+    explorer=None,
+    pushed=False,
 ):
     """Shows the referee a path, one position a step, and returns its report."""
     referee = Referee(
@@ -39,15 +41,16 @@ def judge(
     context = simulator.get_mutable_context()
     referee.GetInputPort("contact_results").FixValue(context, Value(contacts or ContactResults()))
     referee.GetInputPort("contact_impulse").FixValue(context, np.zeros(6))
-    referee.GetInputPort("explorer_status").FixValue(
-        context, Value[object](ExplorerStatus(done=racing))
-    )
+    status = explorer or ExplorerStatus(done=racing)
+    referee.GetInputPort("explorer_status").FixValue(context, Value[object](status))
     assert referee.HasInputPort("gate_shifts") == (gate_shifts is not None)
     if gate_shifts is not None:
         referee.GetInputPort("gate_shifts").FixValue(context, np.ravel(gate_shifts))
     for k, p in enumerate(path):
         state = np.concatenate([[1, 0, 0, 0], p, np.zeros(3), velocity])
         referee.GetInputPort("state").FixValue(context, state)
+        if pushed and k == len(path) - 1:
+            referee.GetInputPort("contact_impulse").FixValue(context, np.ones(6))
         simulator.AdvanceTo((k + 0.5) * DT)
     return referee.GetOutputPort("report").Eval(context)
 
@@ -154,3 +157,25 @@ def test_gates_that_did_not_move_are_judged_as_those_that_cannot():
     path = lap_path(side=3.0) + through(TRACK.gates[0])
     still = judge(path, gate_shifts=np.zeros((len(TRACK.gates), 2)))
     assert still.crossings == judge(path).crossings
+
+
+LANDING = ExplorerStatus(state="LAND", reason="the IMU fell silent", since=3.0)
+LOST = "the drone lost itself at 3.0 s (the IMU fell silent)"
+
+
+def test_a_reason_names_why_a_drone_was_landing():
+    report = judge([(0.0, 0.0, 5.0), (1e3, 0.0, 5.0)], explorer=LANDING)
+    assert report.dnf_reason == f"left the arena: {LOST}"
+    report = judge([(0.0, 0.0, 5.0)] * 3, explorer=LANDING, time_limit=0.015)
+    assert report.dnf_reason == f"ran out of time: {LOST}"
+
+
+@pytest.mark.parametrize(("climb", "end"), [(5.0, "came down"), (0.0, "stayed on its pad")])
+def test_a_landing_is_no_collision(monkeypatch, climb, end):
+    monkeypatch.setattr(Referee, "_touched", lambda self, context, airborne: "ground")
+    pad = np.add(TRACK.start.position, [0.0, 0.0, 0.1])
+    path = [pad, pad + [0.0, 0.0, climb], pad]
+    report = judge(path, explorer=LANDING, pushed=True)
+    assert (report.dnf_reason, report.collisions) == (f"{LOST}, and {end}", 0)
+    report = judge(path, pushed=True)
+    assert (report.dnf_reason, report.collisions) == ("hit the ground", 1)

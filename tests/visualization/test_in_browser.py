@@ -13,7 +13,7 @@ import pytest
 
 from airrace.commands.app import main as airrace
 from tests.visualization.browser import CHROMIUM, Browser
-from tests.worlds.made_up_run import LAP, make_run
+from tests.worlds.made_up_run import LAP, estimator_sigmas, make_run
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look with")
 CAMERAS = ("overview", "chase", "onboard", "gate", "free")
@@ -364,7 +364,7 @@ def test_a_long_race_fits_into_the_memory(browser, folder):
 def test_replay(browser, count, tmp_path):
     folders = [tmp_path / f"run{k}" for k in range(count)]
     for k, folder in enumerate(folders):
-        make_run(folder, laps=k + 1)
+        make_run(folder, laps=k + 1, estimator="vio" if count == 1 else "truth")
     page = tmp_path / "replay.html"
     assert airrace(["replay", *map(str, folders), "--html", str(page)]) == 0
     open_replay(browser, page)
@@ -372,6 +372,7 @@ def test_replay(browser, count, tmp_path):
     browser.evaluate("seconds(0.5)")
     look(browser, tmp_path / "replay.png")
     assert browser.evaluate("airrace.ghosts.length") == count - 1
+    check_estimate(browser, is_there=count == 1)
     if count > 1:
         # They fly the same circle at the same time.
         assert re.search(
@@ -381,6 +382,27 @@ def test_replay(browser, count, tmp_path):
     browser.evaluate("key('Space')")
     browser.wait_for(f"airrace.player.time > {start} + 0.5")
     assert browser.errors == []
+
+
+def check_estimate(browser, is_there):
+    """Whether a translucent twin of the drone is where the drone believes to be."""
+    assert bool(browser.evaluate("airrace.estimate.twin.visible")) == is_there
+    assert ("estimator, 1 \u03c3" in browser.evaluate("text('facts')")) == is_there
+    if is_there:
+        browser.evaluate("airrace.player.jump(4.95)")  # in the dark for 0.95 s
+        browser.evaluate("seconds(0.5)")
+        radii = browser.evaluate("airrace.estimate.ellipsoid.scale.toArray()")
+        np.testing.assert_allclose(radii, 3 * estimator_sigmas(4.95)[3], rtol=0.1)
+        offset, shown = (
+            browser.evaluate(f"{object}.position.distanceTo(body().position)")
+            for object in ("airrace.estimate.ellipsoid", "airrace.estimate.twin")
+        )
+        assert offset == shown and 0.0 < offset < 5 * estimator_sigmas(4.95)[3]
+        copied = browser.evaluate(
+            "(() => { let n = 0; airrace.estimate.twin.traverse(each => n += each.isMesh === true);"
+            "return n; })()"
+        )
+        assert copied == browser.evaluate("meshes(airrace.config.body)") > 0
 
 
 @pytest.mark.slow

@@ -3,10 +3,16 @@ import base64
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
+from scipy.spatial.transform import Rotation
 
 from airrace.recording.foxglove_messages import raw_pixels
+from airrace.systems.estimation.kalman_update import Belief
+from airrace.systems.estimation.slam_filter import SlamState
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import (
@@ -21,7 +27,13 @@ from airrace.systems.types import (
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.vehicle import GRAVITY, load_vehicle
-from airrace.visualization.race_feed import MapNews, RaceFeed, marker_data, plan_points
+from airrace.visualization.race_feed import (
+    MapNews,
+    RaceFeed,
+    estimate_data,
+    marker_data,
+    plan_points,
+)
 from airrace.visualization.race_record import FRAME, RaceRecord
 from tests.visualization.meshcat_tools import Watching, fix, plan
 
@@ -40,7 +52,7 @@ def feed(hexagon):
     """Shows a RaceFeed one moment after the other; returns its record."""
     record = RaceRecord()
 
-    def feed(*moments, keep=False, watching=False, camera=False, moving=False):
+    def feed(*moments, keep=False, watching=False, camera=False, moving=False, vio=False):
         system = RaceFeed(
             record=record,
             track=load_track(hexagon),
@@ -49,6 +61,7 @@ def feed(hexagon):
             camera=camera,
             keep_pictures=keep,
             moving_gates=moving,
+            estimates=vio,
         )
         simulator = Simulator(system)
         for k, values in enumerate(moments):
@@ -200,3 +213,29 @@ def test_markers_are_framed_where_the_camera_took_them(info, k1):
         np.reshape(told["corners"], (4, 2)) * [1280, 720] - 0.5, corners, atol=0.1
     )
     assert (k1 == 0.0) == np.allclose(corners[0], [400, 300])
+
+
+def test_an_estimate_is_told_with_its_ellipsoid(feed):
+    covariance = np.diag([*[1e-6] * 3, 0.01, 0.04, 0.09, *[0.1] * 9])
+    estimate = np.concatenate([[0.0], STATE])
+    estimate[5:8] += [0.3, 0.0, 0.4]
+    slam = SlamState(belief=Belief(np.zeros(17), np.zeros((0, 5)), covariance))
+    told = feed(dict(filtered_estimate=estimate, slam_state=slam), vio=True)["estimates"]
+    assert told[0]["offset"] == [0.3, 0.0, 0.4]
+    assert sorted(told[0]["radii"]) == pytest.approx([0.3, 0.6, 0.9])
+    assert told[0]["sigma"] == 0.3
+
+
+def test_before_anything_is_known_there_is_no_estimate_to_tell(feed):
+    estimate = np.concatenate([[0.0], STATE])
+    told = feed(dict(filtered_estimate=estimate, slam_state=SlamState()), vio=True)
+    assert "estimates" not in told
+
+
+@given(arrays(float, (3, 3), elements=st.floats(-2.0, 2.0)))
+def test_the_ellipsoid_is_that_of_the_covariance(root):
+    covariance = root @ root.T + 1e-3 * np.eye(3)
+    data = estimate_data(np.zeros(9), covariance)
+    R = Rotation.from_quat(data["axes"]).as_matrix()
+    again = R @ np.diag((np.array(data["radii"]) / 3.0) ** 2) @ R.T
+    np.testing.assert_allclose(again, covariance, atol=2e-3 * np.trace(covariance))

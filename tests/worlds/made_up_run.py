@@ -8,7 +8,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from airrace.recording import foxglove_messages, json_topics
 from airrace.recording.writer import FILE, RaceLog
-from airrace.scenario import Scenario, scenario_yaml
+from airrace.scenario import VIO, Scenario, scenario_yaml
+from airrace.systems.estimation.kalman_update import Belief
+from airrace.systems.estimation.landmarks import Landmark
+from airrace.systems.estimation.slam_filter import SlamState
 from airrace.systems.types import Detection, Detections, GateCrossing
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap, MarkerEstimate
@@ -171,6 +174,38 @@ def write_log(log, laps):
     log.write("/explorer", 0.5, foxglove_messages.log(0.5, "TAKE_OFF", "level: taking off"))
 
 
+def estimator_sigmas(time):
+    """Standard deviations of attitude, position and velocity: with a gap from 4 to 5 s, (9,)."""
+    since = np.clip(time - 4.0, 0.0, 1.0) if time < 5.0 else 0.0
+    return np.repeat([np.deg2rad(0.2), 0.03 + 0.4 * since**2, 0.05 + 0.5 * since], 3)
+
+
+def write_estimator(log, laps):
+    """Writes what an estimator that knows its own errors says of them to a RaceLog."""
+    rng = np.random.default_rng(0)
+    sample = np.zeros((10, 7))
+    for time in np.arange(0.02, FIRST + laps * LAP, 0.02).tolist():
+        sample[:, 0] = time - 0.002 * np.arange(10)
+        sample[:, 6] = time
+        data, _ = json_topics.imu_samples_data(sample.ravel(), time - 0.02 - 1e-9)
+        log.write("/imu/samples", time, data)
+    for time in np.arange(0.0, FIRST + laps * LAP, 1 / 30).tolist():
+        p, v, q = flight(time)
+        sigmas = estimator_sigmas(time)
+        covariance = np.diag([*sigmas**2, *[1e-6] * 3, *[1e-4] * 3])
+        navigation = np.array([time, *q, *p, *v, 0.01, 0.0, -0.01, 0.1, 0.0, -0.1])
+        blind = 4.0 < time < 5.0
+        squared = () if blind else ((0, rng.chisquare(8)), (2, rng.chisquare(8)))
+        landmark = Landmark(0, seen_at=4.0 if blind else time)
+        state = SlamState(
+            belief=Belief(navigation, np.zeros((0, 5)), covariance),
+            landmarks=(landmark,),
+            innovations=squared,
+        )
+        error = sigmas * rng.standard_normal(9)
+        log.write("/estimator", time, json_topics.estimator_data(state, error))
+
+
 def make_run(folder, laps=2, finished=True, recorded=True, closed=True, **fields):
     """Writes the run into a folder that it creates; returns the folder."""
     folder.mkdir(parents=True)
@@ -180,6 +215,8 @@ def make_run(folder, laps=2, finished=True, recorded=True, closed=True, **fields
     if recorded:
         log = RaceLog(folder / FILE)
         write_log(log, laps)
+        if scenario.estimator == VIO:
+            write_estimator(log, laps)
         log.flush()
         so_far = (folder / FILE).read_bytes()
         log.close()

@@ -1,11 +1,14 @@
 """Corrects the drone's motion at every picture, and maps the gates."""
 
+import dataclasses as dc
+
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from airrace.scenario import PerceptionConfig
 from airrace.systems.estimation.error_state import ImuNoise
+from airrace.systems.estimation.lost_estimate import why_lost
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE, SAMPLE_SIZE
 from airrace.systems.estimation.slam_filter import MapFrame, SlamFilter, SlamState
 from airrace.systems.estimation.strapdown_integrator import history_depth
@@ -26,20 +29,25 @@ class GateSlam(LeafSystem):
         - detections
         - camera_info
         - imu_history
+        - imu_silence
         - rotor_speeds
         output_ports:
         - corrections
         - gate_map
+        - estimate_fault
         - slam_state
 
-    ``detections`` is a Detections, ``camera_info`` a CameraInfo, ``imu_history`` see
-    StrapdownIntegrator, ``rotor_speeds`` as reported (rad/s). ``corrections`` (17) is the
-    Navigation at the exposure of the newest picture, from which a StrapdownIntegrator goes on;
-    ``gate_map`` a GateMap; ``slam_state`` a SlamState, for who wants to know how certain it is.
+    ``detections`` is a Detections, ``camera_info`` a CameraInfo, ``imu_history`` and
+    ``imu_silence`` (s) see StrapdownIntegrator, ``rotor_speeds`` as reported (rad/s).
+    ``corrections`` (17) is the Navigation at the exposure of the newest picture, from which a
+    StrapdownIntegrator goes on; ``gate_map`` a GateMap; ``estimate_fault`` says in words why the
+    drone cannot go by its estimate any more, and is empty while it can; ``slam_state`` a
+    SlamState, for who wants to know how certain it is.
 
     Detections belong to a picture of the past. The filter stands at the exposure of the newest
     one; samples that are newer wait in the StrapdownIntegrator's history for the next. Without a
-    new picture the filter follows at the same distance, so that no sample is lost to it.
+    new picture the filter follows at the same distance, so that no sample is lost to it. Once there
+    is a fault, the filter takes up nothing more: a jump of the estimate would not help a landing.
     """
 
     def __init__(
@@ -77,6 +85,7 @@ class GateSlam(LeafSystem):
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
         self._history = self.DeclareVectorInputPort("imu_history", SAMPLE_SIZE * depth)
+        self._silence = self.DeclareVectorInputPort("imu_silence", 1)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
         self._state = self.DeclareAbstractState(Value[object](SlamState()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, latency, self._update)
@@ -94,6 +103,12 @@ class GateSlam(LeafSystem):
             ticket,
         )
         self.DeclareAbstractOutputPort(
+            "estimate_fault",
+            lambda: Value[object](""),
+            lambda context, output: output.set_value(self._recall(context).fault),
+            ticket,
+        )
+        self.DeclareAbstractOutputPort(
             "slam_state",
             lambda: Value[object](SlamState()),
             lambda context, output: output.set_value(self._recall(context)),
@@ -108,7 +123,7 @@ class GateSlam(LeafSystem):
         oldest = context.get_time() - self._longest_wait
         is_new = detections.time > max(before.image_time, before.time, oldest)
         time = detections.time if is_new else oldest
-        if time <= before.time:
+        if time <= before.time or before.fault:
             return EventStatus.DidNothing()
         history = read_vector(self._history, context).reshape(-1, SAMPLE_SIZE)
         speeds = read_vector(self._speeds, context)
@@ -116,5 +131,8 @@ class GateSlam(LeafSystem):
         after = self._filter.propagated(before, np.array(history), time, bool(turning))
         if is_new:
             after = self._filter.updated(after, detections, self._info.Eval(context))
+        fault = why_lost(after, float(self._silence.Eval(context)[0]))
+        if fault:
+            after = dc.replace(before, fault=fault)
         state.get_mutable_abstract_state(int(self._state)).set_value(after)
         return EventStatus.Succeeded()

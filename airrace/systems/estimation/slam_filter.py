@@ -73,6 +73,8 @@ class SlamState(Immutable):
         refused: reason to how many detections did not enter the map.
         gate_map: the map that follows.
         innovations: tuple of (marker ID, normalised innovation squared) of the newest picture.
+        refused_in_a_row: pictures up to now in which known markers were seen, and all refused.
+        fault: why the drone cannot go by this any more, see why_lost(); empty if it can.
     """
 
     belief: Belief = Belief(
@@ -86,6 +88,8 @@ class SlamState(Immutable):
     refused: dict = dc.field(default_factory=dict)
     gate_map: GateMap = GateMap()
     innovations: tuple = ()
+    refused_in_a_row: int = 0
+    fault: str = ""
 
     @property
     def time(self) -> float:
@@ -184,9 +188,15 @@ class SlamFilter:
                 else:
                     state, why = self._with_markers(state, index, markers, camera)
                 refused.update(why)
+        in_a_row = state.refused_in_a_row
+        if state.innovations:
+            fits = any(landmark.seen_at == state.image_time for landmark in state.landmarks)
+            in_a_row = 0 if fits else in_a_row + 1
         foreign = sum(reason == FOREIGN_ID for reason, _ in detections.refused)
         gate_map = self._map(state, detections, foreign, refused)
-        return dc.replace(state, refused=dict(refused), gate_map=gate_map)
+        return dc.replace(
+            state, refused=dict(refused), gate_map=gate_map, refused_in_a_row=in_a_row
+        )
 
     def _camera(self, info: CameraInfo) -> Camera:
         R_CB = np.ascontiguousarray(info.X_BC.rotation().matrix().T)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from airrace.common.jit import all_finite, compilable, compiled
+from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.math.quaternion import rotation_matrix
 from airrace.math.vec3 import cross, dot, rotate
 from airrace.systems.estimation.navigation import (
@@ -23,6 +23,7 @@ from airrace.vehicle.state import STATE_SIZE
 
 _TIME_CONSTANT = 0.15  # s, of the disturbance
 _MAX_DISTURBANCE = 8.0  # m/s^2
+_SILENT = 0.03  # s without a sample; over a link, they come five at a time
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _SPARE = 0.1  # s, of samples, should pictures come late
 _UNLIMITED = np.full(6, np.inf)
@@ -55,6 +56,7 @@ class StrapdownIntegrator(LeafSystem):
         - filtered_estimate
         - disturbance
         - imu_history
+        - imu_silence
 
     ``imu`` (70) see ImuSamples; ``corrections`` (17) is a Navigation of a moment ago;
     ``rotor_speeds`` as reported (rad/s). ``state_estimate`` (14) is of the newest sample's time,
@@ -62,11 +64,13 @@ class StrapdownIntegrator(LeafSystem):
     that the sensor has shown. ``disturbance`` (3) is the acceleration that rotors and gravity do
     not explain (m/s^2, in the world), smoothed: the accelerometer less the rotors' thrust. So
     neither noise of the estimate nor a correction of it drives it. ``imu_history`` (7 n) are the
-    newest n samples, newest first, for GateSlam.
+    newest n samples, newest first, for GateSlam; ``imu_silence`` (1) is the time since the newest
+    sample of the sensor that was sound (s).
 
     After a correction, the samples since then are integrated anew. What the sensor shows is
-    dropped if it is not finite or at the end of the range; a sample that is missing is bridged by
-    the next.
+    dropped if it is not finite, at the end of the range or stuck; a sample that is missing is
+    bridged by the next. If the sensor is silent in flight, what the rotors should do to the drone
+    takes the place of its samples, until it shows something again: enough for a landing.
     """
 
     def __init__(
@@ -90,6 +94,9 @@ class StrapdownIntegrator(LeafSystem):
         LeafSystem.__init__(self)
         self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
         self._p_BI = np.array(vehicle.imu.position, float)
+        self._wrench_by_squares = vehicle.allocation * vehicle.thrust_coefficients
+        self._inertia = np.array([vehicle.mass, *vehicle.inertia])
+        self._period = 1.0 / rate
         self._ranges = np.array(ranges, float)
         self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
         self._corrections = self.DeclareVectorInputPort("corrections", NAVIGATION_SIZE)
@@ -103,28 +110,57 @@ class StrapdownIntegrator(LeafSystem):
         self._memory = self.DeclareDiscreteState(memory)
         self._disturbance = self.DeclareDiscreteState(3)
         self._estimate = self.DeclareDiscreteState(start)
+        # The time of the sensor's newest sound sample (s), and the angular velocity since (rad/s).
+        self._heard = self.DeclareDiscreteState(4)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
         self.DeclareStateOutputPort("state_estimate", self._estimate)
         self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_filtered)
         self.DeclareStateOutputPort("disturbance", self._disturbance)
         self.DeclareStateOutputPort("imu_history", self._history)
+        self.DeclareVectorOutputPort(
+            "imu_silence",
+            1,
+            lambda context, output: output.set_value(
+                [context.get_time() - context.get_discrete_state(self._heard).value()[0]]
+            ),
+            {self.discrete_state_ticket(self._heard), self.time_ticket()},
+        )
 
     def _update(self, context, discrete_state):
+        history = discrete_state.get_mutable_value(self._history).reshape(-1, SAMPLE_SIZE)
+        samples = read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE)
+        speeds = read_vector(self._speeds, context)
+        stuck = _is_stuck(samples, speeds, self._thrust_per_mass)
+        count = 0 if stuck else remember(history, samples, self._ranges)
+        heard = discrete_state.get_mutable_value(self._heard)
+        if count:
+            heard[0] = history[0, 0]
+        count = _replace_silence(
+            history,
+            heard,
+            count,
+            context.get_time(),
+            discrete_state.get_mutable_value(self._memory),
+            speeds,
+            self._wrench_by_squares,
+            self._inertia,
+            self._p_BI,
+            self._period,
+        )
         _advance(
-            discrete_state.get_mutable_value(self._history).reshape(-1, SAMPLE_SIZE),
+            history,
             discrete_state.get_mutable_value(self._memory),
             discrete_state.get_mutable_value(self._estimate),
-            read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE),
+            count,
             read_vector(self._corrections, context),
             self._p_BI,
-            self._ranges,
         )
         _smooth(
             discrete_state.get_mutable_value(self._disturbance),
             context.get_discrete_state(self._history).value(),
             discrete_state.get_mutable_value(self._history).reshape(-1, SAMPLE_SIZE),
             discrete_state.get_mutable_value(self._memory),
-            read_vector(self._speeds, context),
+            speeds,
             self._thrust_per_mass,
             self._p_BI,
         )
@@ -142,20 +178,92 @@ class StrapdownIntegrator(LeafSystem):
         )
 
 
+@compilable
+def _total(thrust_per_mass, speeds):
+    """Returns the rotors' thrust by the mass (m/s^2); a rotor without a speed has none."""
+    total = 0.0
+    for c, speed in zip(thrust_per_mass, speeds):
+        total += c * speed * speed if math.isfinite(speed) else 0.0
+    return total
+
+
 @compiled
-def _advance(history, memory, estimate, samples, corrections, p_BI, ranges):
-    """Takes up new samples and a new correction.
+def _is_stuck(samples, speeds, thrust_per_mass):
+    """Whether a sensor in flight shows the same again and again, to the last bit."""
+    if _total(thrust_per_mass, speeds) < _FLYING * GRAVITY:
+        return False
+    for k in range(1, len(samples)):
+        for j in range(1, SAMPLE_SIZE):
+            if samples[k, j] != samples[0, j] or samples[k, 0] <= 0.0:
+                return False
+    return True
+
+
+@compiled
+def _replace_silence(
+    history, heard, count, now, memory, speeds, wrench_by_squares, inertia, p_BI, period
+):
+    """Writes a sample as the rotors let it be expected, once the sensor is silent.
+
+    With total thrust T and moments M of the rotors, mass m and moments of inertia J, Euler's
+    equations give the angular velocity, and the specific force at p_BI follows:
+
+        J dw/dt = M - w x J w,   f = [0, 0, T / m] + dw/dt x p_BI + w x (w x p_BI).
 
     Args:
         history: samples, newest first, (n, 7); changed.
+        heard: time of the sensor's newest sound sample, and the angular velocity since then, (4,);
+            changed.
+        count: of the samples that are new.
+        now: (s).
+        memory: see StrapdownIntegrator, (18,).
+        speeds: of the rotors (rad/s), (r,).
+        wrench_by_squares: matrix from their squares to [T, Mx, My, Mz], (4, r).
+        inertia: m and the diagonal of J, (4,).
+        p_BI: where the sensor is mounted (m), (3,).
+        period: of the sensor (s).
+
+    Returns:
+        how many samples are new; none are written before anything is known, and on the ground.
+    """
+    state, expected = as_navigation(memory), heard[1:]
+    if count > 0:
+        assign(expected, history[0, 1:4] - state.gyro_bias)
+        return count
+    wrench = np.zeros(4)
+    for i in range(4):
+        for j in range(len(speeds)):
+            wrench[i] += wrench_by_squares[i, j] * speeds[j] * speeds[j]
+    mass, J = inertia[0], inertia[1:]
+    if not memory[0] >= 0.0 or not all_finite(wrench):
+        return 0
+    turning = (wrench[1:] - cross(expected, J * expected)) / J
+    expected += period * turning
+    began = history[0, 0] > heard[0]  # then it goes on, with however little thrust
+    flies = began or wrench[0] > _FLYING * GRAVITY * mass
+    if not flies or not now - heard[0] > _SILENT:
+        return 0
+    f = cross(turning, p_BI) + cross(expected, cross(expected, p_BI))
+    f[2] += wrench[0] / mass
+    sample = np.empty((1, SAMPLE_SIZE))
+    sample[0, 0] = now
+    sample[0, 1:4] = expected + state.gyro_bias
+    sample[0, 4:7] = f + state.accel_bias
+    return remember(history, sample, _UNLIMITED)
+
+
+@compiled
+def _advance(history, memory, estimate, count, corrections, p_BI):
+    """Takes up new samples and a new correction.
+
+    Args:
+        history: samples, newest first, (n, 7).
         memory: see StrapdownIntegrator, (18,); changed.
         estimate: state at the newest sample, (14,); changed.
-        samples: of the sensor, newest first, (10, 7).
+        count: of the samples that are new.
         corrections: vector of a Navigation, (17,).
         p_BI: where the sensor is mounted (m), (3,).
-        ranges: of the sensor, see remember(), (6,).
     """
-    count = remember(history, samples, ranges)
     newest = history[0, 0]
     if all_finite(corrections) and corrections[0] > memory[-1]:
         memory[:-1] = carried_to(corrections, history, max(newest, corrections[0]))
@@ -184,9 +292,7 @@ def _smooth(disturbance, before, history, memory, speeds, thrust_per_mass, p_BI)
     """Smooths the disturbance, (3,), with the samples that are new since `before`, (7 n,)."""
     if not memory[0] >= 0.0 or before[0] < 0.0:
         return
-    thrust = 0.0
-    for c, speed in zip(thrust_per_mass, speeds):
-        thrust += c * speed * speed if math.isfinite(speed) else 0.0
+    thrust = _total(thrust_per_mass, speeds)
     state, last = as_navigation(memory), before[0]
     for k in range(len(history) - 1, -1, -1):
         dt = history[k, 0] - last

@@ -29,12 +29,13 @@ class Explorer(LeafSystem):
         - detections
         - gate_map
         - state_estimate
+        - estimate_fault (only with vio)
         output_ports:
         - exploration_reference
         - explorer_status
 
     ``detections`` is a Detections, ``gate_map`` a GateMap, ``state_estimate``
-    see vehicle/state.py; ``exploration_reference`` see
+    see vehicle/state.py, ``estimate_fault`` see GateSlam; ``exploration_reference`` see
     trajopt/reference.py, ``explorer_status`` an ExplorerStatus.
 
     The states, and what each waits for; explorer_states.py has the transitions:
@@ -56,8 +57,9 @@ class Explorer(LeafSystem):
       meanwhile extend the leg without a stop; after the last, the search goes on.
     - AVOID: a pylon that was just found is in the way, so stop.
     - RETURN: gate 1 was found again, or as many gates as are expected, so through the
-      gates still ahead, with ``sees_first_gates_again`` also gate 1, and home.
+      gates still ahead, with ``vio`` also gate 1, and home.
     - DONE: hovering there, ready to race.
+    - LAND: the estimate is of no use any more, in the race, too; so down on the spot, for good.
 
     From all states between TAKE_OFF and RETURN, FLY_TO_GATE follows as soon as
     the next gate is in the map. A search ends when a gate is found, or with the
@@ -71,7 +73,7 @@ class Explorer(LeafSystem):
         hover_height: float,
         clearance: float,
         map_is_known: bool = False,
-        sees_first_gates_again: bool = False,
+        vio: bool = False,
     ):
         """Constructs the explorer.
 
@@ -80,8 +82,9 @@ class Explorer(LeafSystem):
             hover_height: of the first hover above the start (m).
             clearance: to keep from pylons' axes (m).
             map_is_known: whether there is nothing to explore: it takes off, and is done.
-            sees_first_gates_again: whether it flies through gate 1 and looks at gate 2 before it
-                returns, for an estimator whose map drifts until it sees known gates again.
+            vio: whether the drone has to find out itself where it is. Then its map drifts until it
+                sees known gates again, so that it flies through gate 1 and looks at gate 2 before
+                it returns; and it may lose itself, and lands.
         """
         LeafSystem.__init__(self)
         self._machine = StateMachine(
@@ -89,11 +92,14 @@ class Explorer(LeafSystem):
             hover_height=hover_height,
             clearance=clearance,
             map_is_known=map_is_known,
-            sees_first_gates_again=sees_first_gates_again,
+            sees_first_gates_again=vio,
         )
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
+        self._fault = None
+        if vio:
+            self._fault = self.DeclareAbstractInputPort("estimate_fault", Value[object]())
         self._memory = self.DeclareAbstractState(Value[object](Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._memory)
@@ -125,8 +131,9 @@ class Explorer(LeafSystem):
 
     def _update(self, context, state):
         memory = self._read_memory(context)
-        if memory.status.done:
-            return EventStatus.DidNothing()  # for good
+        fault = "" if self._fault is None else self._fault.Eval(context)
+        if memory.status.done and not fault:
+            return EventStatus.DidNothing()
         after = self._machine.next(
             Situation(
                 memory=memory,
@@ -134,6 +141,7 @@ class Explorer(LeafSystem):
                 detections=self._detections.Eval(context),
                 gate_map=self._map.Eval(context),
                 estimate=self._estimate.Eval(context),
+                fault=fault,
             )
         )
         if after is memory:

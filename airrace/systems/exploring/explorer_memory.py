@@ -20,7 +20,7 @@ class Memory(Immutable):
 
     Attributes:
         status: the output.
-        leg, leg_start: trajectory being flown and when it started (s).
+        leg, leg_start: trajectory being flown, at last a Landing, and when it started (s).
         home: hover pose over the start: x, y, z and yaw, (4,).
         aligned: whether the heading was checked against gate 1.
         last: newest gate of the list, None before the first.
@@ -85,6 +85,7 @@ class Situation:
         memory: the explorer's own state.
         time: (s).
         detections, gate_map, estimate: its inputs.
+        fault: why the estimate is of no use any more, empty while it is.
     """
 
     memory: Memory
@@ -92,6 +93,7 @@ class Situation:
     detections: Detections
     gate_map: GateMap
     estimate: np.ndarray
+    fault: str = ""
 
     @functools.cached_property
     def gates(self) -> dict:

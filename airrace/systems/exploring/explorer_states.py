@@ -3,7 +3,8 @@
     CALIBRATE -> TAKE_OFF -> HOVER -> FLY_TO_GATE -> RETURN -> DONE
 
 From HOVER, TURN_TO_GATE and the steps of the search (see search.py) lead back to HOVER, and
-every state of flight to FLY_TO_GATE. AVOID follows if the leg is not clear any more.
+every state of flight to FLY_TO_GATE. AVOID follows if the leg is not clear any more, and LAND
+every state if the estimate is of no use any more.
 """
 
 import dataclasses as dc
@@ -15,7 +16,9 @@ import numpy as np
 from airrace.systems.exploring import exploration
 from airrace.systems.exploring.explorer_legs import LegPlanner
 from airrace.systems.exploring.explorer_memory import Memory, Situation
+from airrace.systems.exploring.landing import Landing
 from airrace.systems.exploring.search import is_far, is_lost, leads_to, next_steps
+from airrace.systems.types import LAND
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.vehicle.state import as_state
 
@@ -58,6 +61,12 @@ class StateMachine:
     def next(self, now: Situation) -> Memory:
         """Returns the memory of the next tick."""
         memory = now.memory
+        if memory.status.state == LAND:
+            return memory
+        if now.fault:
+            pad = -np.inf if memory.home is None else memory.home[2] - self._hover_height
+            landing = Landing.of(now.estimate, pad)
+            return memory.flying(landing, now.time).entered(now.time, LAND, now.fault)
         ahead = tuple(each for each in memory.gates_ahead if memory.leg_start + each[1] > now.time)
         if len(ahead) < len(memory.gates_ahead):
             now = now.remembering(gates_ahead=ahead)

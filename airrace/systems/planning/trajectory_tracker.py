@@ -5,6 +5,7 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.ports import read_vector
+from airrace.systems.types import LAND
 from airrace.trajopt.reference import REFERENCE_SIZE
 
 
@@ -17,23 +18,34 @@ class TrajectoryTracker(LeafSystem):
         input_ports:
         - lap_plan
         - exploration_reference
+        - explorer_status (only with vio)
         output_ports:
         - reference
 
-    ``lap_plan`` is a LapPlan or NO_PLAN. The references (18) are laid out in
+    ``lap_plan`` is a LapPlan or NO_PLAN, ``explorer_status`` an ExplorerStatus: if that says that
+    the drone has to land, it is the explorer's reference again. The references (18) are laid out in
     trajopt/reference.py: position to snap in the world, then yaw and
     its first two derivatives.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, vio: bool = False) -> None:
+        """Constructs the tracker.
+
+        Args:
+            vio: whether the drone has to find out itself where it is, so that it may have to land.
+        """
         LeafSystem.__init__(self)
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
         self._exploration = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
+        self._explorer = None
+        if vio:
+            self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self.DeclareVectorOutputPort("reference", REFERENCE_SIZE, self._calc_reference)
 
     def _calc_reference(self, context, output):
         plan = self._plan.Eval(context)
-        if plan is NO_PLAN:
+        lands = self._explorer is not None and self._explorer.Eval(context).state == LAND
+        if plan is NO_PLAN or lands:
             output.set_value(read_vector(self._exploration, context))
         else:
             output.set_value(plan.reference(context.get_time()))

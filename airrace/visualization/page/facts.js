@@ -12,6 +12,8 @@ export function drawFacts(timeline, config, t, now) {
   if (now && now.error > 1e-4) {
     facts.push(["estimator error", `${(100 * now.error).toFixed(1)} cm`]);
   }
+  const estimate = last(timeline.estimates, t);
+  if (estimate) facts.push(["estimator, 1 \u03c3", `${(100 * estimate.sigma).toFixed(1)} cm`]);
   if (now) facts.push(["height", `${now.p[2].toFixed(1)} m`, "wide"]);
   const cells = facts.flatMap(([name, value, kind = ""]) => [name, value].map((text) => {
     const cell = document.createElement("span");

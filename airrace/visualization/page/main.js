@@ -5,6 +5,7 @@ import { drawClock, drawLaps } from "airrace/clock.js";
 import { css, setSpeedScale } from "airrace/colors.js";
 import { drawShadows, GateNumbers, Halo, haze, light } from "airrace/dress.js";
 import { drawEvents, drawFacts } from "airrace/facts.js";
+import { Estimate } from "airrace/estimate.js";
 import { Film } from "airrace/film.js";
 import { drawGaps, Ghost } from "airrace/ghosts.js";
 import { listen, makeHelp } from "airrace/keys.js";
@@ -49,6 +50,7 @@ const markers = new MapMarkers(stage, timeline);
 const minimap = new Minimap(timeline, config);
 const picture = new CameraPicture(stage, timeline, config);
 const ghosts = (config.ghosts ?? []).map((run) => new Ghost(stage, run));
+const estimate = new Estimate(stage, timeline, config.body);
 const film = new Film(stage, player);
 const bar = new Bar(timeline, player, cameras, config, feed);
 const results = new Results(bar);
@@ -104,6 +106,7 @@ function drawScene() {
   flown.draw(time, paths && !inside);
   plans.draw(time, paths, paths && cameras.view !== ONBOARD && cameras.view !== CHASE);
   markers.draw(time, !inside);
+  estimate.draw(now, !inside, performance.now() / 1000);
   for (const ghost of ghosts) ghost.draw(time, paths && !inside, !far);
   cameras.update(now, stands.status.gates);
   placeGates(shifts);
@@ -155,4 +158,4 @@ stage.onFrame((wall, dt) => {
 stage.onDrawn = () => film.take(stands);
 
 // For tests, and for those who want to know more.
-window.airrace = { bar, cameras, config, feed, film, ghosts, player, stage, timeline };
+window.airrace = { bar, cameras, config, estimate, feed, film, ghosts, player, stage, timeline };

@@ -5,7 +5,8 @@ export const COLUMNS = [
 ];
 const N = COLUMNS.length;
 // What changes now and then: lists of objects with a time `t` (s).
-const LISTS = ["events", "status", "crossings", "plans", "maps", "pictures", "shifts"];
+const LISTS = ["events", "status", "crossings", "plans", "maps", "pictures", "shifts",
+  "estimates"];
 const MOST_PICTURES = 4000; // that a page keeps
 
 // Returns the 32-bit numbers that a text holds in base64.

@@ -46,7 +46,7 @@ class Hover:
             [0.005 * self.rng.standard_normal(3), 0.2 * self.rng.standard_normal(3)]
         )
         self.samples = [np.full(7, -1.0)] * self.depth
-        self.speeds, self.pictures = np.zeros(4), 0
+        self.speeds, self.pictures, self.silence = np.zeros(4), 0, 0.002
         self.system.GetInputPort("camera_info").FixValue(self.context, Value[object](INFO))
 
     def wait(self, duration, *ids, gate=GATE, number=0, fault=None):
@@ -88,6 +88,7 @@ class Hover:
         for name, value in (
             ("imu_history", as_history(self.samples).ravel()),
             ("rotor_speeds", self.speeds),
+            ("imu_silence", [self.silence]),
             ("detections", Value[object](detections)),
         ):
             self.system.GetInputPort(name).FixValue(self.context, value)
@@ -191,3 +192,18 @@ def test_broken_detections_change_nothing(hover):
     hover.wait(0.2, 0, 2, fault=broken)
     assert hover.read("gate_map").markers[0].count == before
     assert np.isfinite(hover.read("corrections")).all()
+
+
+def test_it_says_why_it_is_lost_and_takes_up_nothing_more(hover):
+    hover.wait(1.0, 0, 2)
+    hover.silence = 0.1
+    hover.wait(0.5, 0, 2)
+    assert hover.read("estimate_fault") == ""
+    hover.silence = 0.3
+    hover.wait(0.1, 0, 2)
+    assert hover.read("estimate_fault") == "the IMU fell silent"
+    before = hover.read("corrections").copy()
+    hover.silence = 0.002
+    hover.wait(0.5, 0, 2)
+    assert hover.read("estimate_fault") == "the IMU fell silent"
+    np.testing.assert_array_equal(hover.read("corrections"), before)

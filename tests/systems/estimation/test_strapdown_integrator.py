@@ -40,7 +40,10 @@ class Flight:
         """Shows samples, and updates."""
         for _ in range(steps):
             self.time += PERIOD
-            self.samples = np.vstack([[self.time, *w, *f], self.samples[:-1]])
+            noise = 1e-11 * self.time  # only a sensor that is stuck shows the same twice
+            sample = np.array([0.0, *w, *f]) + noise
+            sample[0] = self.time
+            self.samples = np.vstack([sample, self.samples[:-1]])
             self.fix("imu", self.samples.ravel())
             self.update()
 
@@ -124,13 +127,13 @@ def test_what_is_not_finite_is_bridged(flight, value):
 
 def test_lost_samples_are_bridged(flight):
     flight.feel(f=(1.0, 0.0, GRAVITY), steps=5)
-    flight.time += 0.05
+    flight.time += 0.02
     flight.update()
     flight.context.SetTime(flight.time)
     velocity = as_state(flight.read("filtered_estimate")).velocity[0]
-    assert velocity == pytest.approx(0.06, abs=1e-6)
+    assert velocity == pytest.approx(0.03, abs=1e-6)
     flight.feel(f=(1.0, 0.0, GRAVITY))
-    assert as_state(flight.read("state_estimate")).velocity[0] == pytest.approx(0.062, abs=1e-6)
+    assert as_state(flight.read("state_estimate")).velocity[0] == pytest.approx(0.032, abs=1e-6)
 
 
 def test_a_correction_that_is_not_finite_is_none(flight):
@@ -149,3 +152,39 @@ def test_the_history_reaches_back_a_picture_and_more(flight):
     history = flight.read("imu_history").reshape(-1, 7)
     np.testing.assert_allclose(history[:, 0], flight.time - PERIOD * np.arange(80), atol=1e-9)
     assert flight.samples.size == IMU_SIZE
+
+
+def test_a_silent_sensor_is_replaced_by_what_the_rotors_do(flight):
+    """With one rotor faster than the others, the drone turns as Euler's equations say."""
+    flight.feel(steps=5)
+    assert flight.read("imu_silence")[0] == pytest.approx(0.0)
+    speeds = HOVER * [1.01, 1.0, 1.0, 1.0]
+    flight.fix("rotor_speeds", speeds)
+    for _ in range(100):
+        flight.time += PERIOD
+        flight.update()
+    assert flight.read("imu_silence")[0] == pytest.approx(0.2)
+    wrench = VEHICLE.allocation @ (VEHICLE.thrust_coefficients * speeds**2)
+    turning = wrench[1:] / VEHICLE.inertia
+    w = as_state(flight.read("state_estimate")).angular_velocity
+    np.testing.assert_allclose(w, turning * (0.2 - 0.009), rtol=0.05)  # the mean of ten samples
+
+
+def test_on_the_ground_rotors_do_not_replace_the_sensor(flight):
+    flight.fix("rotor_speeds", 0.3 * HOVER)
+    before = flight.read("state_estimate").copy()
+    for _ in range(100):
+        flight.time += PERIOD
+        flight.update()
+    np.testing.assert_array_equal(flight.read("state_estimate"), before)
+
+
+def test_a_stuck_sensor_is_silent(flight):
+    flight.feel(f=(1.0, 0.0, GRAVITY), steps=5)
+    for _ in range(100):
+        flight.time += PERIOD
+        flight.samples = np.vstack([flight.samples[0], flight.samples[:-1]])
+        flight.samples[0, 0] = flight.time
+        flight.fix("imu", flight.samples.ravel())
+        flight.update()
+    assert flight.read("imu_silence")[0] > 0.15

@@ -11,6 +11,7 @@ from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.systems.exploring.explorer_states import StateMachine
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.min_snap.leg import plan_leg
+from airrace.trajopt.reference import as_reference
 from airrace.vehicle.state import as_state
 from tests.systems.exploring.test_exploration import TRACK, mapped, situation
 from tests.worlds.kinematic_flight import flat_state
@@ -135,3 +136,29 @@ def test_it_returns_through_the_gates_still_ahead():
     assert [event.state for event in memory.status.events[-2:]] == ["FLY_TO_GATE", "RETURN"]
     assert [ahead.number for ahead, _ in memory.gates_ahead] == [4]
     np.testing.assert_allclose(memory.goal, HOME, atol=1e-6)
+
+
+@pytest.mark.parametrize("state", ["CALIBRATE", "TAKE_OFF", "FLY_TO_GATE", "RETURN", "DONE"])
+def test_without_an_estimate_it_lands_for_good(state):
+    """Also in a race, when its own work is done; a drone on its pad stays there."""
+    start = np.zeros((5, 4))
+    start[0], start[1, :2] = [0.0, 0.0, 0.1 if state == "TAKE_OFF" else 6.0, 1.0], [9.0, 0.0]
+    leg = plan_leg(start, np.array([[60.0, 0.0, 6.0, 1.0]]), max_speed=9.0, max_acceleration=6.0)
+    home = None if state == "CALIBRATE" else HOME
+    memory = Memory(home=home).flying(leg, 2.0).entered(2.0, state, "test", done=state == "DONE")
+    machine = StateMachine(config=ExplorerConfig(), hover_height=5.0, clearance=2.0)
+    estimate = flat_state(leg.reference(0.0), 2.0)
+    looking = situation({}, [])
+    now = Situation(
+        memory, 2.0, looking.detections, looking.gate_map, estimate, "the IMU fell silent"
+    )
+    after = machine.next(now)
+    assert (after.status.state, after.status.reason) == ("LAND", "the IMU fell silent")
+    first, last = (as_reference(after.leg.reference(t)) for t in (0.0, 30.0))
+    if state == "TAKE_OFF":
+        assert first.position[2] < -1.0  # the rotors idle
+    else:
+        np.testing.assert_allclose(first.velocity, [9.0, 0.0, 0.0], atol=1e-6)
+        np.testing.assert_allclose(last.position[:2], [9.0**2 / 12.0, 0.0], atol=1e-6)
+        assert last.position[2] < 0.0
+    assert machine.next(dc.replace(now, memory=after, time=3.0, fault="")) is after

@@ -5,6 +5,7 @@ from pydrake.common.value import Value
 
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
+from airrace.systems.types import ExplorerStatus
 from airrace.trajopt.flat_trajectory import flat_outputs, hold
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import plan_circuit
@@ -72,3 +73,17 @@ def test_it_forgets_nothing_since_it_remembers_nothing():
         ours = tracker.GetOutputPort("reference").Eval(context)
         np.testing.assert_array_equal(ours, reference(plan, hold([1, 2, 3], 4), time))
     assert tracker.GetOutputPort("reference").size() == REFERENCE_SIZE
+
+
+def test_a_drone_that_does_not_know_where_it_is_follows_the_explorer_down():
+    tracker = TrajectoryTracker(vio=True)
+    context = tracker.CreateDefaultContext()
+    down = hold([1, 2, 3], 4)
+    tracker.GetInputPort("exploration_reference").FixValue(context, down)
+    tracker.GetInputPort("lap_plan").FixValue(context, Value[object](PLAN))
+    context.SetTime(5.0)
+    for state in ("DONE", "LAND", "DONE"):
+        status = Value[object](ExplorerStatus(state=state))
+        tracker.GetInputPort("explorer_status").FixValue(context, status)
+        ours = tracker.GetOutputPort("reference").Eval(context)
+        assert np.array_equal(ours, down) == (state == "LAND")

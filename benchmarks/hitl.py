@@ -4,13 +4,24 @@
 
 Both sides of HITL in one process and in simulated time, on a link whose delay and
 loss are declared: the same numbers on every machine.
+
+    python -m benchmarks.hitl --ticks [--track hexagon] [--laps 1] [--realtime_rate 1]
+
+A race in real time on this computer, in processes as people race: how long each tick of
+the pilot and of the navigator takes, as a histogram. What else runs here counts, too,
+on the wall's clock; the processor's time is the ticks' own.
 """
 
 import argparse
+import json
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+from airrace.common.errors import UserError
+from airrace.diagrams.autonomy_process import PILOT_TICKS
+from airrace.diagrams.navigator_process import NAVIGATOR_TICKS
 from airrace.diagrams.race import run_race
 from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.hitl.link.simulated_bus import LinkConfig
@@ -40,6 +51,10 @@ def main(argv=None) -> int:
         metavar="PERCENT",
         help="of packets of 1472 bytes; without delay",
     )
+    parser.add_argument("--ticks", action="store_true", help="race in real time, see above")
+    parser.add_argument(
+        "--realtime_rate", type=float, default=1.0, help="of --ticks (default: %(default)s)"
+    )
     parser.add_argument("--laps", type=harness.count, default=2)
     parser.add_argument("--track", default="student-airrace")
     parser.add_argument("-t", "--trajectory", choices=TRAJECTORIES, default="optimal")
@@ -55,7 +70,9 @@ def _not_negative(text: str) -> float:
 
 
 def measure(args) -> list:
-    """Returns a row for every link."""
+    """Returns a row for every link, or for every loop."""
+    if args.ticks:
+        return time_ticks(args)
     scenario = Scenario(
         track=args.track,
         laps=args.laps,
@@ -97,8 +114,73 @@ def fly(scenario: Scenario, delay: float, loss: float) -> dict:
     }
 
 
+def time_ticks(args) -> list:
+    """Races in real time and returns a row for both clocks of pilot and navigator."""
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "race"
+        race = [sys.executable, "-m", "airrace", "race", "-s", "HITL", "--no-meshcat"]
+        race += ["--track", args.track, "--laps", args.laps, "-t", args.trajectory]
+        race += ["--realtime_rate", args.realtime_rate, "--seed", args.seed, "--output", output]
+        done = subprocess.run([*map(str, race), "--no-report"], capture_output=True, text=True)
+        files = {
+            loop: output / "autonomy" / name
+            for loop, name in (("pilot", PILOT_TICKS), ("navigator", NAVIGATOR_TICKS))
+        }
+        if done.returncode > 1 or not all(path.exists() for path in files.values()):
+            raise UserError(f"The race could not be flown: {done.stdout[-300:]}{done.stderr}")
+        result = json.loads((output / "race.json").read_text())
+        return [
+            {
+                "loop": loop,
+                "clock": clock,
+                "finished": result["finished"],
+                "dnf_reason": result["dnf_reason"],
+                "mean_lap_s": result["mean_lap_s"],
+                **times,
+            }
+            for loop, path in files.items()
+            for clock, times in json.loads(path.read_text()).items()
+        ]
+
+
+def show_ticks(rows: list) -> list:
+    """Returns the table of the loops, and the histogram of each by the wall's clock."""
+    first = rows[0]
+    end = f"finished, {first['mean_lap_s']:.2f} s a lap" if first["finished"] else "did not finish"
+    columns = {
+        "loop": "{loop}",
+        "clock": "{clock}",
+        "ticks": "{count}",
+        "median (ms)": lambda row: f"{1e3 * row['median_s']:.2f}",
+        "p99 (ms)": lambda row: f"{1e3 * row['p99_s']:.2f}",
+        "p99.9 (ms)": lambda row: f"{1e3 * row['p99_9_s']:.2f}",
+        "worst (ms)": lambda row: f"{1e3 * row['worst_s']:.1f}",
+    }
+    tables = [harness.make_table(f"Ticks of a race in real time, which {end}", rows, columns)]
+    for row in rows:
+        edges = [(low, 2 * low) for low in (1e-4 * 2.0**k for k in range(-3, 14))]
+        bins = [
+            {
+                "range": f"{1e3 * low:g} to {1e3 * high:g}",
+                "share": sum(n for edge, n in row["histogram"] if low < edge <= high),
+                "of": row["count"],
+            }
+            for low, high in edges
+        ]
+        columns = {
+            "time (ms)": "{range}",
+            "ticks": "{share}",
+            "%": lambda each: f"{100 * each['share'] / each['of']:.3f}",
+        }
+        title = f"{row['loop']}, {row['clock']}"
+        tables.append(harness.make_table(title, [b for b in bins if b["share"]], columns))
+    return tables
+
+
 def show(rows: list) -> tuple[list, bool]:
     """Returns the table of the rows; a race that does not finish is a result, too."""
+    if "loop" in rows[0]:
+        return show_ticks(rows), True
     columns = {
         "delay there and back (ms)": "{delay_ms:g}",
         "loss (%)": "{loss_percent:g}",

@@ -35,7 +35,10 @@ class PictureFilter(LeafSystem):
         self._fps = fps
         self._input = self.DeclareAbstractInputPort("all_detections", Value[object]())
         self.DeclareAbstractOutputPort(
-            "detections", lambda: Value[object](Detections()), self._calc_detections
+            "detections",
+            lambda: Value[object](Detections()),
+            self._calc_detections,
+            {self.all_input_ports_ticket()},
         )
 
     def _calc_detections(self, context, output):

@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from airrace.diagrams.warm_up import compile_apart
+from airrace.scenario import TRUTH, VIO, Scenario
+
 # The same examples in every run, and no deadlines: a slow machine is no bug.
 # To search for new examples: ./test.bash --hypothesis-profile=search
 settings.register_profile("repeatable", deadline=None, derandomize=True)
@@ -23,6 +26,14 @@ _MARKED = {
     "browser": ["evaluation/test_page_in_browser.py", "visualization/test_in_browser.py"],
     "hitl": ["hitl", "diagrams/test_hitl.py", "diagrams/test_simulated_link.py"],
 }
+
+
+def pytest_sessionstart(session):
+    """Compiles before the whole suite, most of whose processes would otherwise all do so."""
+    whole = session.config.args_source == pytest.Config.ArgsSource.TESTPATHS
+    if whole and not hasattr(session.config, "workerinput"):  # which a worker of xdist has
+        for estimator in (VIO, TRUTH):
+            compile_apart(Scenario(estimator=estimator))
 
 
 def pytest_collection_modifyitems(items):

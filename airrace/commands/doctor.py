@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 EPILOG = """\
 examples:
   airrace doctor                 this computer
+  airrace doctor --board         and whether it flies the autonomy in real time
   airrace doctor --link          and the link, with an autonomy waiting at the other end
   airrace doctor --link --lcm_url 'udpm://239.255.76.67:7667?ttl=1'
 
@@ -27,6 +28,7 @@ def add_to(app: App) -> None:
 
 def doctor(
     *,
+    board: Annotated[bool, Parameter(negative=())] = False,
     link: Annotated[bool, Parameter(negative=())] = False,
     lcm_url: Annotated[str | None, Parameter(metavar="URL")] = None,
     duration: Annotated[float, Parameter(metavar="S")] = 10.0,
@@ -36,27 +38,67 @@ def doctor(
     """Say what keeps a race from running well here, and what to do about it.
 
     Args:
+        board: fly the autonomy by made-up messages, to say whether this computer is fast enough
+            for it in real time, or which --realtime_rate is slow enough
         link: measure the link to an autonomy that waits at the other end, too
         lcm_url: of LCM, with --link (default: udpm://239.255.76.67:7667?ttl=0)
-        duration: how long to measure the link (default: 10 s)
+        duration: how long to measure the link, and to fly (default: 10 s)
         patience: how long to wait for the autonomy (default: 60 s)
     """
     from rich.console import Console
 
     from airrace.commands.computer_checks import check_computer
-    from airrace.commands.hitl import scenario_and_bus
+    from airrace.commands.hitl import checked_scenario, scenario_and_bus
     from airrace.common.errors import UserError
     from airrace.hitl.link.doctor import BAD, make_table
 
     if lcm_url is not None and not link:
         raise UserError("--lcm_url is for the link: add --link.")
     ends = scenario_and_bus(options, lcm_url) if link else None
+    scenario = ends[0] if ends else checked_scenario(options)
     rows = check_computer()
     Console().print(make_table(rows, "This computer"))
     can_race = BAD not in [row.verdict for row in rows]
+    if board and can_race:
+        can_race = measure_board(scenario, duration)
     if ends is not None and can_race:
         can_race = measure_link(*ends, duration, patience)
     return 0 if can_race else 1
+
+
+def measure_board(scenario: "Scenario", duration: float) -> bool:
+    """Flies the autonomy for a while and prints how fast it is; returns whether fast enough.
+
+    Args:
+        scenario: of which races are to be flown.
+        duration: of the flight (s).
+
+    Raises:
+        UserError: if the autonomy cannot be flown.
+    """
+    import contextlib
+    import tempfile
+    from pathlib import Path
+
+    from rich.console import Console
+
+    from airrace.diagrams.budget import make_table, prepare_halves
+    from airrace.diagrams.navigator_process import NavigatorProcess
+    from airrace.hitl.link.endpoint import DEFAULT_URL
+
+    console = Console()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        contextlib.closing(
+            NavigatorProcess(scenario, DEFAULT_URL, Path(folder), duration=duration)
+        ) as navigator,
+        console.status("flying the autonomy; the first time, it compiles"),
+    ):
+        budget = prepare_halves(scenario, navigator, duration)
+    console.print(make_table(budget))
+    verdict = budget.verdict()
+    console.print(f"{verdict[0].upper()}{verdict[1:]}.", markup=False, highlight=False)
+    return budget.spare() > 0.0
 
 
 def measure_link(scenario: "Scenario", bus: "lcm.LCM", duration: float, patience: float) -> bool:

@@ -1,5 +1,6 @@
 """airrace hitl: either side of a race with hardware in the loop, started by hand."""
 
+import contextlib
 import dataclasses as dc
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,8 +23,10 @@ examples, on two computers on one cable:
   airrace doctor --link --lcm_url 'udpm://239.255.76.67:7667?ttl=1'
 
 The autonomy is started first, and ends with the race: 0 after it, 3 if the
-simulation falls silent, 1 on Ctrl-C, 2 on bad input. Both sides need the same
-scenario. The simulation takes all options of airrace race."""
+simulation falls silent, 4 if its navigator dies, 1 on Ctrl-C, 2 on bad input.
+Both sides need the same scenario. The simulation takes all options of airrace race.
+
+AIRRACE_PATIENCE=10 multiplies all waits by 10, for a slow computer."""
 
 
 def add_to(app: App) -> None:
@@ -42,6 +45,12 @@ def scenario_and_bus(options: ScenarioOptions, lcm_url: str | None) -> tuple["Sc
         UserError: if one cannot be had.
     """
     from airrace.hitl.link.endpoint import DEFAULT_URL, open_lcm
+
+    return checked_scenario(options), open_lcm(lcm_url or DEFAULT_URL)
+
+
+def checked_scenario(options: ScenarioOptions) -> "Scenario":
+    """Returns the Scenario that options name, or raises UserError if it is none."""
     from airrace.scenario import load_scenario
 
     scenario = load_scenario(
@@ -50,7 +59,7 @@ def scenario_and_bus(options: ScenarioOptions, lcm_url: str | None) -> tuple["Sc
         scenario_text=options.scenario_text,
     )
     scenario.check()
-    return scenario, open_lcm(lcm_url or DEFAULT_URL)
+    return scenario
 
 
 def autonomy(
@@ -71,20 +80,19 @@ def autonomy(
             one that has ended; only of a folder that you trust, it can hold code
         patience: how long to wait for the simulation (default: 60 s)
     """
-    from airrace.common import jit
     from airrace.common.files import results_folder
     from airrace.common.interrupts import interrupt_flag
     from airrace.diagrams.autonomy_process import AutonomyProcess
-    from airrace.diagrams.warm_up import warm_up_autonomy
+    from airrace.hitl.link.endpoint import DEFAULT_URL
 
     scenario, bus = scenario_and_bus(options, lcm_url)
     with interrupt_flag() as interrupted:
         with results_folder(output) as folder:
             process = AutonomyProcess(scenario, bus, folder, stop=lambda: interrupted.is_set)
-            with jit.watched(process.show_compiling):
-                warm_up_autonomy(scenario, briefly=resume is not None)
-            print(READY, flush=True)
-            return process.run(resume=resume, patience=patience)
+            with contextlib.closing(process):
+                process.prepare(lcm_url or DEFAULT_URL, briefly=resume is not None)
+                print(READY, flush=True)
+                return process.run(resume=resume, patience=patience)
 
 
 def simulation(*, options: RaceOptions = RaceOptions()) -> int:

@@ -73,6 +73,21 @@ def is_on_disk() -> bool:
     return any(Path(numba.config.CACHE_DIR).rglob("*.nbc"))
 
 
+def is_complete(what: str) -> bool:
+    """Whether all machine code of something is kept already: set_complete() was called."""
+    return _mark(what).exists()
+
+
+def set_complete(what: str) -> None:
+    """Notes that all machine code of something is kept, until the sources change."""
+    _mark(what).parent.mkdir(parents=True, exist_ok=True)
+    _mark(what).touch()
+
+
+def _mark(what: str) -> Path:
+    return Path(numba.config.CACHE_DIR) / f"{what}.complete"
+
+
 def remove_stale() -> None:
     """Removes the machine code of sources that have changed since."""
     folder = Path(numba.config.CACHE_DIR)

@@ -1,4 +1,9 @@
-"""The Autonomy diagram: from pixels to rotor speeds, without the truth."""
+"""The Autonomy diagram: from pixels to rotor speeds, without the truth.
+
+It has two halves. The pilot controls, at hundreds of hertz; the navigator sees, maps, explores and
+plans, which takes as long as it takes. In SITL and in lockstep both are in one diagram. In real
+time each has a diagram, and a process, of its own, so that the drone is controlled while it thinks.
+"""
 
 import importlib
 import traceback
@@ -7,12 +12,12 @@ from collections.abc import Collection
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
 from airrace.common.errors import UserError
-from airrace.diagrams.estimators import make_gate_slam, make_strapdown_integrator
 from airrace.scenario import VIO, Scenario
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rotor_monitor import RotorMonitor
 from airrace.systems.control.state_filter import StateFilter, UnfilteredState
+from airrace.systems.estimation.of_scenario import make_gate_slam, make_strapdown_integrator
 from airrace.systems.exploring.explorer import Explorer
 from airrace.systems.mapping.gate_mapper import GateMapper
 from airrace.systems.mapping.known_map import KnownMap, NoDetector
@@ -106,6 +111,14 @@ SYSTEMS = {
 # With the estimator `vio` there is no gate_mapper and no state_filter; these take their places.
 VIO_SYSTEMS = {"gate_slam": make_gate_slam, "strapdown_integrator": make_strapdown_integrator}
 _REPLACED = ("gate_mapper", "state_filter")
+# The systems of the pilot; all others are the navigator's.
+PILOT = (
+    "trajectory_tracker",
+    "rotor_monitor",
+    "state_filter",
+    "strapdown_integrator",
+    "geometric_controller",
+)
 INPUTS = (
     "camera_image",
     "camera_grey",
@@ -128,6 +141,7 @@ OUTPUTS = {
     "gate_map": "gate_mapper",
     "detections": "aruco_detector",
 }
+_RECTIFIED = ("camera_image", "camera_grey", "camera_view", "camera_info")
 VIO_INPUTS = tuple("imu" if name == "state_estimate" else name for name in INPUTS)
 VIO_OUTPUTS = OUTPUTS | {
     "filtered_estimate": "strapdown_integrator",
@@ -150,7 +164,7 @@ def systems_of(scenario: Scenario) -> dict:
     return kept | VIO_SYSTEMS
 
 
-def MakeAutonomy(scenario: Scenario, given: Collection[str] = ()) -> Diagram:
+def MakeAutonomy(scenario: Scenario) -> Diagram:
     """Builds the autonomy of a scenario.
 
     The ports carry the names of what they carry, and ports of the same name
@@ -163,32 +177,70 @@ def MakeAutonomy(scenario: Scenario, given: Collection[str] = ()) -> Diagram:
 
     Args:
         scenario: the race; of its track, only the hover height is used.
-        given: which OUTPUTS the systems get from outside instead, through inputs of the diagram.
 
     Raises:
         UserError: if a system of the scenario cannot be had or does not fit.
     """
-    names = systems_of(scenario)
+    return _make_part("autonomy", scenario, list(systems_of(scenario)))
+
+
+def MakePilot(scenario: Scenario, given: Collection[str] = ()) -> Diagram:
+    """Builds the half of the autonomy that controls: see MakeAutonomy() and PILOT.
+
+    What its systems get from the navigator's are inputs of the diagram.
+
+    Args:
+        scenario: the race.
+        given: which of its own OUTPUTS its systems get from outside instead.
+    """
+    names = [name for name in systems_of(scenario) if name in PILOT]
+    return _make_part("pilot", scenario, names, given)
+
+
+def MakeNavigator(scenario: Scenario) -> Diagram:
+    """Builds the other half of the autonomy: what sees, maps, explores and plans.
+
+    What its systems get from the pilot's are inputs of the diagram. Args: scenario: the race.
+    """
+    names = [name for name in systems_of(scenario) if name not in PILOT]
+    return _make_part("navigator", scenario, names)
+
+
+def _make_part(
+    part: str, scenario: Scenario, names: list[str], given: Collection[str] = ()
+) -> Diagram:
+    """Builds the diagram of some of the systems; the ports of the others are inputs of it."""
+    every = systems_of(scenario)
     for name in scenario.systems:
-        if name not in names:
+        if name not in every:
             raise UserError(
-                f"systems.{name} is not a system of the autonomy; there are: {', '.join(names)}."
+                f"systems.{name} is not a system of the autonomy; there are: {', '.join(every)}."
             )
     systems = {name: make_system(name, scenario) for name in names}
-    ports = (VIO_INPUTS, VIO_OUTPUTS) if scenario.estimator == VIO else (INPUTS, OUTPUTS)
+    inputs, outputs = (VIO_INPUTS, VIO_OUTPUTS) if scenario.estimator == VIO else (INPUTS, OUTPUTS)
+    own = {port: name for port, name in outputs.items() if name in systems}
+    given = {*given, *(outputs.keys() - own.keys())}
     try:
         bends = scenario.camera.renderer != NO_CAMERA and any(scenario.camera.resolved().distortion)
-        diagram = _wired(systems, *ports, rectify=bends, given=given)
+        diagram = _wired(systems, inputs, own, rectify=bends, given=given)
     except RuntimeError as e:  # Drake's, on types, sizes and algebraic loops
         raise UserError(f"The systems do not fit together: {' '.join(str(e).split())}") from None
-    diagram.set_name("autonomy")
+    diagram.set_name(part)
     return diagram
 
 
 def _wired(
     systems: dict, inputs: tuple, outputs: dict, rectify: bool, given: Collection[str]
 ) -> Diagram:
-    """Returns the diagram of the systems, joined by the names of their ports."""
+    """Returns the diagram of the systems, joined by the names of their ports.
+
+    Args:
+        systems: by name.
+        inputs: names of ports that come from the Simulation.
+        outputs: name of a port to the name of the system that makes it.
+        rectify: whether the camera's pictures pass a Rectifier.
+        given: names of ports that come from elsewhere, although they may be among the outputs.
+    """
     builder = DiagramBuilder()
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
@@ -196,11 +248,11 @@ def _wired(
     for name, port in sources.items():
         builder.ExportOutput(port, name)
     for name in given:
-        del sources[name]
+        sources.pop(name, None)
     exported = set()
-    if rectify:
+    if rectify and any(system.HasInputPort(n) for system in systems.values() for n in _RECTIFIED):
         rectifier = builder.AddNamedSystem("rectifier", Rectifier())
-        for name in ("camera_image", "camera_grey", "camera_view", "camera_info"):
+        for name in _RECTIFIED:
             builder.ExportInput(rectifier.GetInputPort(name), name)
             sources[name] = rectifier.GetOutputPort(name)
     for system in systems.values():

@@ -11,6 +11,7 @@ from typing import Any
 
 from airrace.common.errors import UserError
 from airrace.common.files import files_in
+from airrace.common.patience import patient
 from airrace.common.resources import find_yaml, models_path
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.warm_up import warm_up
@@ -143,7 +144,7 @@ def _start(companion, scenario, url, folder, note, stack):
 
 def _collect(autonomy: Autonomy, folder: Path, note: Callable[[str], object]) -> None:
     """Waits for the autonomy's end, or ends it after a while, and brings what it has written."""
-    end = time.monotonic() + _FAREWELL
+    end = time.monotonic() + patient(_FAREWELL)
     while autonomy.poll() is None and time.monotonic() < end:
         time.sleep(0.02)
     autonomy.stop()

@@ -12,12 +12,17 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from airrace.diagrams.playback import Message
+from airrace.hitl.handover import READY, Handed
 from airrace.hitl.link.endpoint import SIMULATION
 from airrace.hitl.link.image_messages import COLOUR, GREY, port_value
 from airrace.rendering.scene.textures import BLACK, WHITE, marker_modules
+from airrace.systems.estimation.navigation import Navigation, navigation_vector
+from airrace.systems.planning.lap_plan import LapPlan
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_ROW, NO_SAMPLES
 from airrace.systems.types import CameraInfo, make_camera_info
 from airrace.track.track import BOARD_SIZE, MARKER_SIZE, Gate
+from airrace.trajopt.flat_trajectory import FlatTrajectory, hold
+from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import State, state_vector
 from airrace.vehicle.vehicle import GRAVITY
@@ -32,6 +37,15 @@ _MODULE = 16  # px of a board's texture
 # In the end it says that it tumbles, so that rotors come to their limits.
 _TUMBLE, _TUMBLE_RATE = 0.05, 20.0  # s, rad/s
 _SWAY, _SWAY_RATE = 0.01, 6.0  # m, rad/s: no two pictures are the same
+_REST = FlatTrajectory.resting(np.zeros(4))
+_PLAN = LapPlan(
+    lap=1,
+    start_time=0.0,
+    entry=_REST,
+    circuit=Circuit(_REST.polynomial, (0.0, _REST.duration), np.zeros(1), {}),
+    phase=0.0,
+    summary=None,  # type: ignore[arg-type]
+)
 _IDLE = 0.15  # s, with `vio`: an estimator begins where the rotors do not turn yet
 
 
@@ -61,8 +75,28 @@ def standing(
     return sorted(messages, key=lambda each: each.time)
 
 
+def handed_over(scenario: "Scenario", told: dict[str, Any], duration: float) -> list[Handed]:
+    """Returns what the other half of the autonomy of a drone that stands there would say.
+
+    Args:
+        scenario: see standing().
+        told: name of each port to what it holds at first.
+        duration: (s).
+    """
+    values, rate = _Standing(scenario, duration), scenario.state_estimate.rate
+    times = np.arange(0.0, duration, 1.0 / rate).tolist()
+    return [
+        Handed(
+            time,
+            {port: values.told(port, first, time) for port, first in told.items()},
+            (READY, None),
+        )
+        for time in times
+    ]
+
+
 class _Standing:
-    """What the ports of the simulation would show."""
+    """What the ports would show."""
 
     def __init__(self, scenario: "Scenario", duration: float):
         vehicle, config = load_vehicle(scenario.drone)[0], scenario.camera
@@ -102,10 +136,29 @@ class _Standing:
         colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2RGBA)
         return port_value(port, {GREY: grey, COLOUR: colour}, grey.shape)
 
-    def _samples(self, time: float, w_WB: np.ndarray) -> np.ndarray:
+    def told(self, port: str, first: Any, time: float) -> Any:
+        """Returns the value that a half of the autonomy has on a port at a time (s).
+
+        Args: first: what it holds at first; of a system of the user's, nothing else is known.
+        """
+        match port:
+            case "state_estimate" | "filtered_estimate" | "rotor_speeds":
+                return self.of(port.replace("filtered", "state"), time)
+            case "imu_history":
+                return self._samples(time, np.zeros(3), len(first) // IMU_ROW)
+            case "corrections":
+                state = Navigation(time, np.eye(4)[0], *np.zeros((4, 3)))
+                return navigation_vector(state)
+            case "exploration_reference":
+                return hold([0.0, 0.0, 0.0], 0.0)
+            case "lap_plan":
+                return _PLAN if time > self._tumbling / 2 else first
+        return first
+
+    def _samples(self, time: float, w_WB: np.ndarray, depth: int = IMU_DEPTH) -> np.ndarray:
         """Returns what the IMU shows at a time (s), see sensing/imu_samples.py."""
-        rows = NO_SAMPLES.reshape(IMU_DEPTH, IMU_ROW).copy()
-        times = time - np.arange(IMU_DEPTH) / self._imu_rate
+        rows = np.tile(NO_SAMPLES.reshape(IMU_DEPTH, IMU_ROW)[0], (depth, 1))
+        times = time - np.arange(depth) / self._imu_rate
         rows[times > 0.0] = [0.0, *w_WB, 0.0, 0.0, GRAVITY]
         rows[times > 0.0, 0] = times[times > 0.0]
         return rows.ravel()

@@ -3,9 +3,11 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airrace.diagrams.autonomy_process import AutonomyProcess
+from airrace.diagrams.navigator import Navigator
+from airrace.diagrams.pilot import Pilot, make_halves
+from airrace.hitl.handover import queue_pair
 from airrace.hitl.link import phases
-from airrace.hitl.link.endpoint import SIMULATION, Endpoint
+from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from airrace.hitl.remote_autonomy import RealTimeRemote
 
@@ -33,21 +35,33 @@ class SimulatedRemote(RealTimeRemote):
             output_dir: of the autonomy.
         """
         self._link = SimulatedLink(link)
-        clock = self._link.clock
-        self._autonomy = AutonomyProcess(scenario, self._link.bus(), output_dir, clock=clock)
-        self._autonomy.build(lossless=False)
-        channels = self._autonomy.channels
+        clock, halves = self._link.clock, make_halves(scenario)
+        channels = halves.channels(scenario)
+        self._of_pilot = Endpoint(AUTONOMY, channels, self._link.bus(), clock)
+        here, there = queue_pair()
+        self._pilot = Pilot(scenario, halves, self._of_pilot, here)
+        self._navigator = Navigator(
+            scenario,
+            halves,
+            self._link.bus(),
+            there,
+            output_dir=output_dir,
+            session=self._of_pilot.session,
+            clock=clock,
+        )
         super().__init__(channels, Endpoint(SIMULATION, channels, self._link.bus(), clock))
 
     def begin(self, simulator: "Simulator") -> None:
         context = simulator.get_mutable_context()
-        while not self._autonomy.is_ready():
+        while not self._pilot.is_ready():
             self._link.time += _TICK
             self._send_heartbeat(0.0)
             self._send_initial_values(context)
             self._endpoint.drain()
-            self._autonomy.poll_link(phases.WAITING)
-        self._autonomy.start()
+            self._poll_autonomy(phases.WAITING)
+            self._pilot.prepare()
+            self._navigator.step()
+        self._pilot.start()
         self._start = self._link.time
 
     def _wait_for(self, tick, sim_time):
@@ -57,8 +71,13 @@ class SimulatedRemote(RealTimeRemote):
         self._endpoint.drain()
 
     def _let_autonomy_step(self, now):
-        self._autonomy.poll_link(phases.RACING)
-        self._autonomy.step()
+        self._poll_autonomy(phases.RACING)
+        self._pilot.step()
+        self._navigator.step()
+
+    def _poll_autonomy(self, phase):
+        self._of_pilot.drain()
+        self._of_pilot.beat(phase, self._pilot.time)
 
     def end(self, simulator: "Simulator") -> None:
         pass

@@ -16,7 +16,8 @@ from airrace.hitl.link.image_messages import PICTURE_PORTS
 from airrace.hitl.link.packets import MALFORMED, Dropped
 from airrace.hitl.link.plan_messages import LAP_PLAN
 from airrace.lcmtypes import lcmt_pictures
-from airrace.scenario import Scenario
+from airrace.scenario import VIO, Scenario
+from airrace.systems.estimation.navigation import NAVIGATION_SIZE
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, NO_SAMPLES
 from airrace.systems.types import ExplorerStatus, RefereeStatus
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 # Of the simulation, which not every autonomy needs; the others always cross the link.
 OPTIONAL_PORTS = (*PICTURE_PORTS, "state_estimate", "imu")
+_UNKNOWN = np.array([-1.0, 1.0, *[0.0] * (NAVIGATION_SIZE - 2)])  # before the first correction
 _IMAGES = {"camera_grey": ImageGrey8U, "camera_image": ImageRgba8U}  # C++ values
 
 
@@ -93,6 +95,9 @@ def make_channels(
         ("gate_map", AUTONOMY, messages.GATE_MAP, GateMap(), 10.0),
         ("lap_plan", AUTONOMY, LAP_PLAN, NO_PLAN, scenario.planner.rate),
     )
+    if scenario.estimator == VIO:  # the flight controller has an estimator of its own, see there
+        corrections = ("corrections", AUTONOMY, messages.NAVIGATION, _UNKNOWN, scenario.camera.fps)
+        table = (*table, corrections)
     rows = [row for row in table if row[0] in wanted or row[0] not in OPTIONAL_PORTS]
     pictures = [port for port in wanted if port in PICTURE_PORTS]
     return (_camera(scenario, pictures), _rotor_status(scenario, n), *starmap(_channel, rows))

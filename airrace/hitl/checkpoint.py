@@ -14,16 +14,15 @@ CHECKPOINT = "checkpoint.pickle"
 CHECKPOINT_PERIOD = 1.0  # s
 
 
-def save(folder: Path, autonomy: "Diagram", root_context: "Context") -> None:
-    """Writes the state of all systems of an autonomy.
+def states_of(part: "Diagram", root_context: "Context") -> dict[str, tuple[list, list]]:
+    """Returns the discrete and the abstract state of each system of a diagram, by its name.
 
     Args:
-        folder: where CHECKPOINT goes.
-        autonomy: the diagram of the systems.
+        part: the autonomy, or a half of it.
         root_context: of the diagram that it is part of.
     """
     states = {}
-    for system in autonomy.GetSystems():
+    for system in part.GetSystems():
         context = system.GetMyContextFromRoot(root_context)
         states[system.get_name()] = (
             [
@@ -35,15 +34,20 @@ def save(folder: Path, autonomy: "Diagram", root_context: "Context") -> None:
                 for i in range(context.num_abstract_states())
             ],
         )
+    return states
+
+
+def save(folder: Path, states: dict) -> None:
+    """Writes the states of all systems of an autonomy, from states_of(), as CHECKPOINT."""
     write_bytes(folder / CHECKPOINT, pickle.dumps(states))
 
 
-def restore(folder: Path, autonomy: "Diagram", root_context: "Context") -> None:
-    """Gives the systems the state that save() has written.
+def restore(folder: Path, part: "Diagram", root_context: "Context") -> None:
+    """Gives the systems of a diagram the states that save() has written.
 
     Only of folders whose owner you trust: a pickle can run code.
 
-    Args: see save().
+    Args: folder: see save(). The others: see states_of().
 
     Raises:
         UserError: if there is none, or it is another autonomy's.
@@ -51,7 +55,7 @@ def restore(folder: Path, autonomy: "Diagram", root_context: "Context") -> None:
     path = Path(folder) / CHECKPOINT
     try:
         states = pickle.loads(path.read_bytes())
-        for system in autonomy.GetSystems():
+        for system in part.GetSystems():
             discrete, abstract = states[system.get_name()]
             context = system.GetMyMutableContextFromRoot(root_context)
             for i, value in enumerate(discrete):

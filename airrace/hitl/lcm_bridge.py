@@ -1,86 +1,232 @@
-"""The autonomy's end of the link: its diagram, joined to what comes and goes over LCM."""
+"""The autonomy's end of the link: its diagrams, joined to what comes and goes over LCM.
 
-from collections.abc import Sequence
+In lockstep there is one diagram. In real time there are two, of the pilot and of the navigator,
+each with what stands for the simulation and for the other one.
+"""
+
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from airrace.hitl.channels import OPTIONAL_PORTS
+from airrace.hitl.handed_ports import HandedPorts, models_of
 from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
 from airrace.scenario import VIO
 from airrace.systems.control.delay_compensator import DelayCompensator
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
+from airrace.systems.planning.held_reference import HeldReference
 from airrace.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from airrace.hitl.channels import PortChannel
     from airrace.scenario import Scenario
 
+# With `vio`, what the pilot's controller acts on is predicted: MakePilot() is given it.
 PREDICTED = "filtered_estimate"
+_COMPENSATED = ("state_estimate", "rotor_speeds")
+_REFERENCE = "exploration_reference"
 
 
-def ports_wanted(autonomy: Diagram) -> tuple[str, ...]:
-    """Returns which of OPTIONAL_PORTS the systems of an autonomy use."""
+class Side(NamedTuple):
+    """A diagram with its end of the link.
+
+    Attributes:
+        diagram: of all.
+        part: the autonomy in it, or the half of it.
+        receiver: shows what the simulation has sent.
+        sender: of the part's outputs.
+        compensator: of the link's delay, in the pilot's.
+        handed: shows what the other half has handed over, where there is one.
+        hands_over: names of the outputs of the diagram that the other half is to get.
+    """
+
+    diagram: Diagram
+    part: Diagram
+    receiver: LcmReceiver
+    sender: LcmSender
+    compensator: DelayCompensator | None = None
+    handed: HandedPorts | None = None
+    hands_over: tuple[str, ...] = ()
+
+
+def ports_wanted(*parts: Diagram) -> tuple[str, ...]:
+    """Returns which of OPTIONAL_PORTS the systems of an autonomy, or of its halves, use."""
+    used = {name for part in parts for name in inputs_of(part)}
+    return tuple(
+        port
+        for port in OPTIONAL_PORTS
+        if port in used and not any(part.HasOutputPort(port) for part in parts)
+    )
+
+
+def inputs_of(part: Diagram) -> list[str]:
+    """Returns the names of the inputs of a diagram that its systems use."""
     # A rectifier has inputs for pictures that nobody may use.
     used = {
         system.get_input_port(i).get_name()
-        for system in autonomy.GetSystems()
+        for system in part.GetSystems()
         if system.get_name() != "rectifier"
         for i in range(system.num_input_ports())
     }
-    return tuple(port for port in OPTIONAL_PORTS if port in used and autonomy.HasInputPort(port))
+    names = [part.get_input_port(i).get_name() for i in range(part.num_input_ports())]
+    return [name for name in names if name in used]
 
 
-def MakeAutonomySide(
+def MakeLockstepSide(
     scenario: "Scenario",
     autonomy: Diagram,
     channels: "Sequence[PortChannel]",
     endpoint: Endpoint,
-    lossless: bool,
     output_dir: Path,
-) -> tuple[Diagram, LcmReceiver, LcmSender, DelayCompensator | None]:
-    """Joins an Autonomy with the link, through a DelayCompensator unless it is lossless.
+) -> Side:
+    """Joins an Autonomy with the link.
 
     Args:
         scenario: the race.
-        autonomy: from MakeAutonomy(). If it estimates where it is itself, and the link is not
-            lossless, it was given PREDICTED: the controller then acts on what is predicted.
-        channels, endpoint, lossless: see LcmSender.
+        autonomy: from MakeAutonomy().
+        channels, endpoint: see LcmSender.
         output_dir: where the map is kept on disk.
-
-    Returns:
-        (diagram, receiver, sender, compensator or None).
     """
     builder = DiagramBuilder()
     builder.AddSystem(autonomy)
     simulation = builder.AddNamedSystem(SIMULATION, LcmReceiver(channels, AUTONOMY))
-    sources, compensator = [simulation], None
-    if not lossless:
-        vehicle = load_vehicle(scenario.drone)[0]
-        compensator = DelayCompensator(
-            vehicle=vehicle, rate=scenario.controller.rate, to_present=scenario.estimator == VIO
-        )
-        builder.AddNamedSystem("delay_compensator", compensator)
-        for name in ("state_estimate", "rotor_speeds", "rotor_speed_command"):
-            source = autonomy if autonomy.HasOutputPort(name) else simulation
-            builder.Connect(source.GetOutputPort(name), compensator.GetInputPort(name))
-        sources.insert(0, compensator)
-        if autonomy.HasInputPort(PREDICTED):
-            builder.Connect(
-                compensator.GetOutputPort("state_estimate"), autonomy.GetInputPort(PREDICTED)
-            )
-    for i in range(autonomy.num_input_ports()):
-        port = autonomy.get_input_port(i)
+    _join(builder, autonomy, [simulation])
+    sender = LcmSender(autonomy, channels, AUTONOMY, endpoint, lossless=True)
+    _add_writer(builder, scenario, autonomy, output_dir)
+    return Side(builder.Build(), autonomy, simulation, sender)
+
+
+def MakePilotSide(
+    scenario: "Scenario",
+    pilot: Diagram,
+    navigator: Diagram,
+    channels: "Sequence[PortChannel]",
+    endpoint: Endpoint,
+) -> Side:
+    """Joins a pilot with the link, through a DelayCompensator, and with a navigator elsewhere.
+
+    Args:
+        scenario: the race.
+        pilot: from MakePilot(). If it estimates where it is itself, it was given PREDICTED: the
+            controller then acts on what is predicted.
+        navigator: from MakeNavigator(), to know its ports by; it is not in the diagram.
+        channels, endpoint: see LcmSender.
+    """
+    builder = DiagramBuilder()
+    builder.AddSystem(pilot)
+    told = told_to_pilot(pilot, navigator)
+    wanted = {*inputs_of(pilot), *_COMPENSATED} - {*told}
+    simulation = builder.AddNamedSystem(
+        SIMULATION, LcmReceiver(channels_with(channels, wanted), AUTONOMY)
+    )
+    handed = builder.AddNamedSystem("navigator", HandedPorts(models_of(navigator, pilot, told)))
+    compensator = builder.AddNamedSystem(
+        "delay_compensator",
+        DelayCompensator(
+            vehicle=load_vehicle(scenario.drone)[0],
+            rate=scenario.controller.rate,
+            to_present=scenario.estimator == VIO,
+        ),
+    )
+    _join(builder, compensator, [pilot, simulation])
+    sources: list[System] = [compensator, handed, simulation]
+    if _REFERENCE in told:
+        reference = builder.AddNamedSystem("held_reference", HeldReference())
+        _join(builder, reference, [handed])
+        sources.insert(0, reference)
+    _join(builder, pilot, sources)
+    if pilot.HasInputPort(PREDICTED):
+        builder.Connect(compensator.GetOutputPort("state_estimate"), pilot.GetInputPort(PREDICTED))
+    hands_over = told_to_navigator(pilot, navigator)
+    for name in hands_over:
+        if name == PREDICTED and pilot.HasInputPort(PREDICTED):
+            port = compensator.GetOutputPort("state_estimate")
+        else:
+            port = (pilot if pilot.HasOutputPort(name) else compensator).GetOutputPort(name)
+        builder.ExportOutput(port, name)
+    sender = LcmSender(pilot, _made_by(pilot, channels), AUTONOMY, endpoint, lossless=False)
+    return Side(builder.Build(), pilot, simulation, sender, compensator, handed, hands_over)
+
+
+def MakeNavigatorSide(
+    scenario: "Scenario",
+    pilot: Diagram,
+    navigator: Diagram,
+    channels: "Sequence[PortChannel]",
+    endpoint: Endpoint,
+    output_dir: Path,
+) -> Side:
+    """Joins a navigator with the link, and with a pilot elsewhere.
+
+    Args: see MakePilotSide() and MakeLockstepSide(); the pilot is not in the diagram.
+    """
+    builder = DiagramBuilder()
+    builder.AddSystem(navigator)
+    told = told_to_navigator(pilot, navigator)
+    wanted = {*inputs_of(navigator)} - {*told}
+    simulation = builder.AddNamedSystem(
+        SIMULATION, LcmReceiver(channels_with(channels, wanted), AUTONOMY)
+    )
+    handed = builder.AddNamedSystem("pilot", HandedPorts(models_of(pilot, navigator, told)))
+    _join(builder, navigator, [handed, simulation])
+    hands_over = told_to_pilot(pilot, navigator)
+    for name in hands_over:
+        builder.ExportOutput(navigator.GetOutputPort(name), name)
+    _add_writer(builder, scenario, navigator, output_dir)
+    made = _made_by(navigator, channels)
+    sender = LcmSender(navigator, made, AUTONOMY, endpoint, lossless=False)
+    return Side(
+        builder.Build(), navigator, simulation, sender, handed=handed, hands_over=hands_over
+    )
+
+
+def told_to_pilot(pilot: Diagram, navigator: Diagram) -> tuple[str, ...]:
+    """Returns the names of the ports that the pilot's systems get from the navigator's."""
+    return tuple(name for name in inputs_of(pilot) if navigator.HasOutputPort(name))
+
+
+def told_to_navigator(pilot: Diagram, navigator: Diagram) -> tuple[str, ...]:
+    """Returns the names of the ports that the navigator's systems get from the pilot's side."""
+    return tuple(
+        name for name in inputs_of(navigator) if pilot.HasOutputPort(name) or name in _COMPENSATED
+    )
+
+
+def channels_with(
+    channels: "Sequence[PortChannel]", ports: Collection[str]
+) -> "tuple[PortChannel, ...]":
+    """Returns the channels that bring one of some ports from the simulation."""
+    return tuple(
+        channel
+        for channel in channels
+        if channel.sender == SIMULATION and any(port in ports for port in channel.ports)
+    )
+
+
+def _made_by(part: Diagram, channels: "Sequence[PortChannel]") -> "tuple[PortChannel, ...]":
+    """Returns the channels of what a diagram makes."""
+    return tuple(channel for channel in channels if part.HasOutputPort(channel.ports[0]))
+
+
+def _join(builder: DiagramBuilder, sink: System, sources: Sequence[System]) -> None:
+    """Connects inputs with the first source that has an output of their name, if one has."""
+    for i in range(sink.num_input_ports()):
+        port = sink.get_input_port(i)
         source = next((each for each in sources if each.HasOutputPort(port.get_name())), None)
         if source is not None:
             builder.Connect(source.GetOutputPort(port.get_name()), port)
-    sender = LcmSender(autonomy, channels, AUTONOMY, endpoint, lossless)
+
+
+def _add_writer(
+    builder: DiagramBuilder, scenario: "Scenario", part: Diagram, output_dir: Path
+) -> None:
+    """Adds what keeps the map on disk."""
     writer = builder.AddNamedSystem(
         "gate_map_writer",
         GateMapWriter(directory=output_dir, period=scenario.perception.map_period),
     )
-    builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
-    return builder.Build(), simulation, sender, compensator
+    builder.Connect(part.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))

@@ -71,6 +71,11 @@ class LcmReceiver(LeafSystem):
                 values = {**received.value, time_port: np.array([received.stamp.time])}
                 context.SetAbstractState(state, _Values(values, received.stamp))
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The names of the channels."""
+        return tuple(self._states)
+
     def is_complete(self, endpoint: "Endpoint") -> bool:
         """Whether something has come on every channel."""
         return all(map(endpoint.newest, self._states))

@@ -199,7 +199,7 @@ class RealTimeRemote(Remote):
         m = self._watchdog_memory(simulator.get_context())
         if report.dnf_reason is None or m.mode < HOVER:
             return report
-        silent = f"the autonomy fell silent at {m.last:.1f} s"
+        silent = f"the autonomy fell silent at {m.last:.1f} s{self._last_words()}"
         if m.mode == LAND and report.dnf_reason.startswith("hit the ground"):
             return dc.replace(
                 report, dnf_reason=f"{silent}, and the drone landed by itself", collisions=0
@@ -210,8 +210,16 @@ class RealTimeRemote(Remote):
         """Returns why a drone that has not taken off never will, or None."""
         m = self._watchdog_memory(context)
         if m.mode == LAND and not m.airborne:
-            return f"the autonomy fell silent at {m.last:.1f} s, before the drone had taken off"
+            return (
+                f"the autonomy fell silent at {m.last:.1f} s, before the drone had taken off"
+                f"{self._last_words()}"
+            )
         return None
+
+    def _last_words(self):
+        """Returns why the autonomy fell silent, if it has said so."""
+        heard = self._endpoint.peer_heartbeat
+        return f" ({heard.value.text})" if heard is not None and heard.value.text else ""
 
     def _watchdog_memory(self, context):
         return self._watchdog.recall(self._watchdog.GetMyContextFromRoot(context))

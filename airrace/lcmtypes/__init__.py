@@ -18,6 +18,7 @@ from .lcmt_imu import lcmt_imu as lcmt_imu
 from .lcmt_lap_plan import lcmt_lap_plan as lcmt_lap_plan
 from .lcmt_link_status import lcmt_link_status as lcmt_link_status
 from .lcmt_marker_estimate import lcmt_marker_estimate as lcmt_marker_estimate
+from .lcmt_navigation import lcmt_navigation as lcmt_navigation
 from .lcmt_pictures import lcmt_pictures as lcmt_pictures
 from .lcmt_plan_summary import lcmt_plan_summary as lcmt_plan_summary
 from .lcmt_polynomials import lcmt_polynomials as lcmt_polynomials

@@ -1,5 +1,6 @@
 """Trajectories in the flat outputs of a multirotor: x, y, z and yaw."""
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -26,10 +27,19 @@ class FlatTrajectory(Immutable):
 
     def __init__(self, polynomial: PiecewisePolynomial):
         """Args: polynomial: with four rows, starting at time 0."""
-        self.polynomial = polynomial
+        self.__dict__["polynomial"] = polynomial
         self.breaks = tuple(polynomial.get_segment_times())
         self.duration = self.breaks[-1]
         self._breaks, self._coefficients = np.array(self.breaks), segment_coefficients(polynomial)
+
+    @functools.cached_property
+    def polynomial(self) -> PiecewisePolynomial:
+        """See the attributes; made of the coefficients again where the trajectory was unpickled."""
+        return piecewise_polynomial(self._coefficients, self._breaks)
+
+    def __getstate__(self) -> dict:
+        # To unpickle Drake's would take milliseconds, which a control loop does not have.
+        return {name: v for name, v in self.__dict__.items() if name != "polynomial"}
 
     @classmethod
     def resting(cls, pose: ArrayLike) -> "FlatTrajectory":

@@ -46,9 +46,13 @@ class MyDetector(LeafSystem):
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
         self._detector = cv2.aruco.ArucoDetector(dictionary, parameters)
-        # Drake's cache calls _calc_detections() once a picture, however many ask for it.
+        # It depends on the inputs alone. So Drake's cache calls _calc_detections() once a
+        # picture, however many ask for it; without the ticket, again whenever time goes on.
         self.DeclareAbstractOutputPort(
-            "detections", lambda: Value[object](Detections()), self._calc_detections
+            "detections",
+            lambda: Value[object](Detections()),
+            self._calc_detections,
+            {self.all_input_ports_ticket()},
         )
 
     def _calc_detections(self, context, output):

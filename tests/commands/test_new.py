@@ -1,11 +1,18 @@
 """What `airrace new` makes races as it is."""
 
+import importlib
 import json
 import shlex
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from pydrake.math import RigidTransform
 
 from airrace.commands.app import main
+from airrace.scenario import load_scenario
+from airrace.systems.sensing.camera_view import CameraView
+from airrace.systems.types import make_camera_info
 
 BRIEFLY = "referee: {time_limit: 0.3}"
 
@@ -48,6 +55,26 @@ def test_a_system_races(kind, folder, capsys):
     race = json.loads((folder / "out" / "race.json").read_text())
     assert race["finished"] and race["collisions"] == 0
     assert f"{name}:make" in (folder / "out" / "scenario.yaml").read_text()
+
+
+def test_a_detector_searches_each_picture_once(folder):
+    assert main(["new", "detector", "searches_once"]) == 0
+    system = importlib.import_module("searches_once").make(load_scenario())
+    searched = []
+    system._detector = SimpleNamespace(
+        detectMarkers=lambda picture: (searched.append(picture), ((), None, ()))[1]
+    )
+    context = system.CreateDefaultContext()
+    info = make_camera_info(width=64, height=36, fov_y=1.0, X_BC=RigidTransform())
+    system.GetInputPort("camera_info").FixValue(context, info)
+    for picture, time in enumerate((0.0, 0.1), start=1):
+        view = CameraView.of(np.zeros((36, 64), np.uint8))
+        system.GetInputPort("camera_view").FixValue(context, view)
+        system.GetInputPort("camera_image_time").FixValue(context, [time])
+        for later in (0.0, 0.01, 0.02):
+            context.SetTime(time + later)
+            assert system.GetOutputPort("detections").Eval(context).time == time
+        assert len(searched) == picture
 
 
 @pytest.mark.parametrize(

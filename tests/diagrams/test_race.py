@@ -467,3 +467,14 @@ def test_a_signal_in_mid_flight(tmp_path, signum, replay):
     text = log.read_text()
     assert "Did not finish: interrupted" in text and "Traceback" not in text
     assert text.splitlines()[-1] == f"Results: {tmp_path / 'out'}"
+
+
+@pytest.mark.slow
+def test_half_as_many_pictures_are_enough(hexagon, tmp_path):
+    """Explored and raced, for a board that is too slow for more."""
+    scenario = load_scenario(scenario_text="{camera: {fps: 15}, recording: {content: none}}")
+    scenario.track, scenario.laps = hexagon, 1
+    result = run_race(scenario, tmp_path)
+    assert result["finished"] and result["collisions"] == 0, result["dnf_reason"]
+    assert result["exploration"]["gates_found"] == 6
+    assert result["laps"][0]["map_rms_m"] < 0.05

@@ -6,7 +6,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from airrace.common.errors import UserError
 from airrace.diagrams.autonomy import MakeAutonomy
-from airrace.hitl.checkpoint import CHECKPOINT, restore, save
+from airrace.diagrams.pilot import make_halves
+from airrace.hitl.checkpoint import CHECKPOINT, restore, save, states_of
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.planning.lap_planner import _Memory
@@ -27,7 +28,7 @@ def test_what_was_saved_comes_back(tmp_path):
     planner.GetMyMutableContextFromRoot(context).SetAbstractState(0, _Memory(plan=plan))
     monitor = first.GetSubsystemByName("rotor_monitor").GetMyMutableContextFromRoot(context)
     monitor.SetDiscreteState(0, np.arange(monitor.get_discrete_state(0).size()) + 0.1)
-    save(tmp_path, first, context)
+    save(tmp_path, states_of(first, context))
     second, other = autonomy()
     restore(tmp_path, second, other)
     memory = (
@@ -44,9 +45,22 @@ def test_what_was_saved_comes_back(tmp_path):
     )
 
 
+def test_each_half_goes_on_with_what_both_knew(tmp_path):
+    states = {}
+    for half in make_halves(Scenario()):
+        builder = DiagramBuilder()
+        builder.AddSystem(half)
+        context = builder.Build().CreateDefaultContext()
+        states |= states_of(half, context)
+    save(tmp_path, states)
+    whole, context = autonomy()
+    restore(tmp_path, whole, context)
+    assert states.keys() == {system.get_name() for system in whole.GetSystems()}
+
+
 def test_no_plan_is_the_same_object_again(tmp_path):
     first, context = autonomy()
-    save(tmp_path, first, context)
+    save(tmp_path, states_of(first, context))
     restore(tmp_path, first, context)
     box = first.GetSubsystemByName("lap_planner")
     port = box.GetOutputPort("lap_plan")
@@ -60,6 +74,6 @@ def test_bad_checkpoints_are_one_sentence(tmp_path):
     (tmp_path / CHECKPOINT).write_bytes(b"torn")
     with pytest.raises(UserError, match="does not fit this scenario"):
         restore(tmp_path, box, context)
-    save(tmp_path, *autonomy("StarOne"))
+    save(tmp_path, states_of(*autonomy("StarOne")))
     with pytest.raises(UserError, match="does not fit this scenario"):
         restore(tmp_path, box, context)

@@ -28,8 +28,8 @@ class Autonomy(abc.ABC):
 
         Never blocks, and never raises. An autonomy that cannot be reached any more may still
         fly: it counts as running until it is told to stop, and then as ended with -1. The exit
-        codes are 0 after the race, 3 if the simulation fell silent, 1 when told to stop, 2
-        on bad input (its last line says what).
+        codes are 0 after the race, 3 if the simulation fell silent, 4 if its navigator died, 1
+        when told to stop, 2 on bad input (its last line says what).
         """
 
     @abc.abstractmethod

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from airrace.common.errors import UserError
+from airrace.common.patience import patient
 from airrace.common.processes import child_environment
 from airrace.hitl.companion import OUTPUT, Autonomy, Companion
 
@@ -81,7 +82,7 @@ class LocalAutonomy(Autonomy):
             if self._process.poll() is None:
                 self._signal_group(signum)
                 with contextlib.suppress(subprocess.TimeoutExpired):
-                    self._process.wait(patience)
+                    self._process.wait(patient(patience))
         self._signal_group(signal.SIGKILL)  # workers that it has left behind
         self.poll()
 

@@ -17,6 +17,7 @@ from pathlib import Path
 import asyncssh
 
 from airrace.common.errors import words
+from airrace.common.patience import patient
 from airrace.hitl.companion.address import Address
 from airrace.hitl.companion.ssh_errors import connect_error, file_error
 
@@ -100,9 +101,9 @@ class SshConnection:
                 preferred_auth=["publickey"],
                 password_auth=False,
                 kbdint_auth=False,
-                connect_timeout=_CONNECT_TIMEOUT,
-                login_timeout=_LOGIN_TIMEOUT,
-                keepalive_interval=_KEEPALIVE,
+                connect_timeout=patient(_CONNECT_TIMEOUT),
+                login_timeout=patient(_LOGIN_TIMEOUT),
+                keepalive_interval=patient(_KEEPALIVE),
                 keepalive_count_max=3,
                 **more,
             )

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from airrace.common.errors import UserError
+from airrace.common.patience import VARIABLE, patient
 from airrace.hitl.companion import OUTPUT, Autonomy, Companion
 from airrace.hitl.companion.address import Address
 from airrace.hitl.companion.checkout import checkout_path
@@ -139,7 +140,12 @@ class RemoteAutonomy(Autonomy):
         self._lost = self._keep = False
         name = f"{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}-{secrets.token_hex(4)}"
         self._folder = f"{board.cache}/runs/{name}"
-        variables = "PYTHONUNBUFFERED=1", "PYTHONDONTWRITEBYTECODE=1", f"PYTHONPATH={board.package}"
+        variables = [
+            "PYTHONUNBUFFERED=1",
+            "PYTHONDONTWRITEBYTECODE=1",
+            f"PYTHONPATH={board.package}",
+            f"{VARIABLE}={patient(1.0)}",
+        ]
         # -P is not given: modules brought along lie in the working directory.
         program = board.python, "-m", "airrace", "hitl", "autonomy", *arguments
         command = shlex.join(["exec", "env", *variables, *program])
@@ -159,9 +165,9 @@ class RemoteAutonomy(Autonomy):
         events = []
         while not events or events[-1][0] != "running":
             try:
-                line = self._lines.get(timeout=_START_TIMEOUT)
+                line = self._lines.get(timeout=patient(_START_TIMEOUT))
             except queue.Empty:
-                raise ConnectionLost(f"no answer for {_START_TIMEOUT:.0f} s") from None
+                raise ConnectionLost(f"no answer for {patient(_START_TIMEOUT):.0f} s") from None
             if not isinstance(line, str):
                 self._code = -1
                 raise failure(events, line, self._companion.address)
@@ -187,8 +193,8 @@ class RemoteAutonomy(Autonomy):
             return
         with contextlib.suppress(UserError, ConnectionLost):
             # Else it ends by itself: the simulation's heartbeats are missing.
-            self._companion.connection().run(*board_command("stop", self._folder, timeout))
-        end = time.monotonic() + 5.0
+            self._companion.connection().run(*board_command("stop", self._folder, patient(timeout)))
+        end = time.monotonic() + patient(5.0)
         while self.poll() is None and not self._lost and time.monotonic() < end:
             time.sleep(0.02)
         if self._code is None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import asyncssh
 
 from airrace.common.errors import UserError, words
+from airrace.common.patience import patient
 from airrace.hitl.companion.address import Address
 
 _NO_SERVER = (
@@ -117,7 +118,7 @@ async def _has_a_key(address: Address) -> bool:
     """Whether a server has a host key of any kind."""
     with contextlib.suppress(OSError, asyncssh.Error):
         key = asyncssh.get_server_host_key(address.host, address.port or ())
-        return await asyncio.wait_for(key, _KEY_TIMEOUT) is not None
+        return await asyncio.wait_for(key, patient(_KEY_TIMEOUT)) is not None
     return False
 
 

@@ -89,6 +89,7 @@ class Endpoint:
         channels: Iterable[Channel],
         bus: "lcm.LCM | SimulatedBus",
         clock: Callable[[], float] = time.monotonic,
+        session: int | None = None,
     ):
         """Constructs the endpoint, which listens from now on.
 
@@ -97,9 +98,11 @@ class Endpoint:
             channels: all Channels of the link; it receives on those of the other side.
             bus: from open_lcm(); in tests, two endpoints may share a memq.
             clock: of this computer (s).
+            session: of another endpoint with the same role and clock that speaks for this one,
+                too: it sends the heartbeats, and neither sends on a channel of the other's.
         """
         self.role = role
-        self.session = int.from_bytes(os.urandom(7)) | 1
+        self.session = session or int.from_bytes(os.urandom(7)) | 1
         self.peer = 0  # session of the other side, 0 while unknown
         self.peer_heartbeat: Received | None = None  # the newest
         self._stranger = None  # Received, a heartbeat of another session
@@ -116,7 +119,7 @@ class Endpoint:
         self._keep: Callable[[str, Received], object] | None = None
         self._is_known: Callable[[str, int], bool] = lambda channel, sequence: False
         self._beaten = float("-inf")  # when beat() last sent, s
-        self._subscriptions = []
+        self._subscriptions = {}  # by channel
         for channel in channels:
             if channel.sender != role:
                 self._subscribe(channel)
@@ -128,11 +131,16 @@ class Endpoint:
             channel.name, lambda _, data: self._receive(channel, data)
         )
         subscription.set_queue_capacity(_QUEUE)
-        self._subscriptions.append(subscription)
+        self._subscriptions[channel.name] = subscription
+
+    def only(self, channels: Iterable[str]) -> None:
+        """Receives nothing any more but heartbeats, and what comes on some channels, by name."""
+        for name in self._subscriptions.keys() - {HEARTBEAT, *channels}:
+            self._bus.unsubscribe(self._subscriptions.pop(name))
 
     def close(self) -> None:
         """Receives nothing any more."""
-        for subscription in self._subscriptions:
+        for subscription in self._subscriptions.values():
             self._bus.unsubscribe(subscription)
         self._subscriptions.clear()
 

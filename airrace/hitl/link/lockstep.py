@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from airrace.common.errors import UserError
+from airrace.common.patience import VARIABLE, patient
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import HEARTBEAT, HEARTBEAT_PERIOD, Endpoint
 
@@ -139,7 +140,7 @@ class Exchange:
             now = self._endpoint.now()
             if self._endpoint.peer_heartbeat.value.phase == phases.OVER or stop():
                 return True
-            if now - start > _PATIENCE:
+            if now - start > patient(_PATIENCE):
                 raise PeerLost(now - start)
             if now - self._asked > self._pause:
                 # The other side may only be slow: the more copies, the longer it takes.
@@ -184,12 +185,14 @@ def await_peer(
         endpoint: of this side.
         phase, text: of the heartbeats.
         expected: phase of the other side; None: the same.
-        timeout: (s), since a doctor was last there, or the autonomy last said that it compiles.
+        timeout: (s), since a doctor was last there, or the autonomy last said that it compiles;
+            patient() makes it longer.
         poll: called now and then; may raise.
 
     Raises:
         UserError: if it does not come.
     """
+    timeout = patient(timeout)
     start = endpoint.now()
     while True:
         now = endpoint.now()
@@ -208,5 +211,6 @@ def await_peer(
             raise UserError(
                 f"No {other} answered within {timeout:.0f} s: check that it runs, that both have "
                 "the same --lcm_url (ttl=1 between two computers), the cable, the multicast route "
-                "and the firewall; airrace doctor --link tells more."
+                "and the firewall; airrace doctor --link tells more. For a slow computer, set "
+                f"{VARIABLE}."
             )

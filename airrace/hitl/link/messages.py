@@ -8,6 +8,7 @@ from airrace import lcmtypes
 from airrace.common.immutable import read_only
 from airrace.hitl.link.codec import field_codec
 from airrace.hitl.link.packets import MALFORMED, Dropped
+from airrace.systems.estimation.navigation import Navigation, as_navigation, navigation_vector
 from airrace.systems.sensing.imu_samples import ImuSamples, as_samples
 from airrace.systems.types import (
     CameraInfo,
@@ -43,6 +44,10 @@ REFEREE_STATUS = field_codec(
 )
 STATE_ESTIMATE = field_codec(State, lcmtypes.lcmt_state_estimate).of(
     as_state, lambda state: read_only(state_vector(state))
+)
+# Of GateSlam, (17,).
+NAVIGATION = field_codec(Navigation, lcmtypes.lcmt_navigation).of(
+    as_navigation, lambda state: read_only(navigation_vector(state))
 )
 
 

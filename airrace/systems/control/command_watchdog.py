@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, System
 
+from airrace.scenario import VIO
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rotor_monitor import RotorMonitor
 from airrace.systems.control.state_filter import StateFilter
+from airrace.systems.estimation.of_scenario import make_strapdown_integrator
 from airrace.systems.exploring.exploration import hover_pose
 from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
@@ -196,36 +198,42 @@ def AddCommandWatchdog(
         builder: of the race.
         scenario: the race.
         simulation: its diagram, whose input ``rotor_speed_command`` is connected.
-        link: has the output ports ``rotor_speed_command`` and ``..._time``.
+        link: has the output ports ``rotor_speed_command`` and ``..._time``; with the estimator
+            ``vio`` also ``corrections``: nobody tells the flight controller either where it is, so
+            it goes on by its inertial sensor from the last correction that came.
     """
     vehicle, rate = load_vehicle(scenario.drone)[0], scenario.controller.rate
     add = builder.AddNamedSystem
     watchdog = add("command_watchdog", CommandWatchdog(rotors=len(vehicle.rotors), rate=rate))
-    systems = (
-        watchdog,
-        link,
-        simulation,
-        add("own_rotor_monitor", RotorMonitor(vehicle=vehicle, rate=scenario.rotor_monitor.rate)),
-        add(
+    if scenario.estimator == VIO:
+        estimator = add("own_strapdown_integrator", make_strapdown_integrator(scenario))
+    else:
+        estimator = add(
             "own_state_filter",
             StateFilter(
                 vehicle=vehicle,
                 state_rate=scenario.state_estimate.rate,
                 rate=scenario.state_filter.rate,
             ),
-        ),
+        )
+    knows = estimator if scenario.estimator == VIO else simulation
+    systems = (
+        watchdog,
+        link,
+        simulation,
+        add("own_rotor_monitor", RotorMonitor(vehicle=vehicle, rate=scenario.rotor_monitor.rate)),
+        estimator,
         controller := add("own_controller", GeometricController(vehicle=vehicle, rate=rate)),
     )
     builder.Connect(controller.get_output_port(), watchdog.GetInputPort("own_command"))
     for name in ("rotor_speed_command", "rotor_speed_command_time"):
         builder.Connect(link.GetOutputPort(name), watchdog.GetInputPort(name))
-    builder.Connect(
-        simulation.GetOutputPort("state_estimate"), watchdog.GetInputPort("state_estimate")
-    )
+    builder.Connect(knows.GetOutputPort("state_estimate"), watchdog.GetInputPort("state_estimate"))
     for box in systems[3:]:
         for i in range(box.num_input_ports()):
             port = box.get_input_port(i)
-            source = next(b for b in (watchdog, *systems[2:]) if b.HasOutputPort(port.get_name()))
+            every = (watchdog, *systems[2:], link)
+            source = next(b for b in every if b.HasOutputPort(port.get_name()))
             builder.Connect(source.GetOutputPort(port.get_name()), port)
     builder.Connect(
         watchdog.GetOutputPort("rotor_speed_command"),

@@ -1,5 +1,6 @@
 """Two hosts, and a companion on one of them that is set up once."""
 
+import contextlib
 import sys
 from pathlib import Path
 
@@ -30,12 +31,19 @@ def shared_hosts(namespaces, tmp_path_factory):
 @pytest.fixture
 def hosts(shared_hosts, monkeypatch):
     """The two hosts of a module's tests; this thread is on the workstation."""
-    monkeypatch.setenv("HOME", str(shared_hosts.ssh.parent))
+    with at_workstation(shared_hosts, monkeypatch):
+        yield shared_hosts
+
+
+@contextlib.contextmanager
+def at_workstation(hosts, monkeypatch):
+    """Has this thread on the workstation, with the home directory of its user."""
+    monkeypatch.setenv("HOME", str(hosts.ssh.parent))
     for name in ("SSH_AUTH_SOCK", "PYTHONPATH"):
         monkeypatch.delenv(name, raising=False)
-    shared_hosts.trust(shared_hosts.folder / "host_key.pub")
-    with shared_hosts.on_workstation():
-        yield shared_hosts
+    hosts.trust(hosts.folder / "host_key.pub")
+    with hosts.on_workstation():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from airrace.common.errors import UserError
+from airrace.common.patience import patient
 from airrace.hitl.companion import ssh
 from airrace.hitl.companion.ssh_companion import SshCompanion
 from tests.hitl.companion.conftest import ADDRESS
@@ -101,7 +102,7 @@ def test_pulled_for_good(hosts, companion, checkout, impatient, tmp_path):
     (folder,) = (hosts.home / ".cache/airrace/runs").iterdir()
     assert str(folder) in str(e.value)
     (folder / "output/silence").touch()
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + patient(10.0)
     while programs(hosts, "airrace hitl autonomy"):
         assert time.monotonic() < deadline
         time.sleep(0.05)

@@ -67,6 +67,13 @@ def test_another_ssh_server(companion, hosts, checkout, tmp_path, monkeypatch):
     assert not runs(hosts)
 
 
+def test_the_board_waits_as_long_as_the_workstation(companion, hosts, monkeypatch):
+    monkeypatch.setenv("AIRRACE_PATIENCE", "20")
+    start(companion, "farewell")
+    (folder,) = runs(hosts)
+    assert "AIRRACE_PATIENCE=20.0" in (folder / "command").read_text()
+
+
 def test_set_up_is_done_once(companion, hosts, checkout, capfd):
     start(companion, "farewell")
     cache = hosts.home / ".cache/airrace"

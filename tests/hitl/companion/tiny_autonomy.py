@@ -2,6 +2,7 @@
 
 import time
 
+from airrace.common.patience import patient
 from airrace.hitl.companion import READY
 
 
@@ -18,7 +19,7 @@ class Log(list):
         return autonomy.poll()
 
     def until(self, autonomy, condition, timeout):
-        deadline = time.monotonic() + timeout
+        deadline = time.monotonic() + patient(timeout)
         while not condition():
             autonomy.poll()
             assert time.monotonic() < deadline, self

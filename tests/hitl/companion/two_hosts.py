@@ -14,6 +14,7 @@ import sys
 import time
 from pathlib import Path
 
+from airrace.common.patience import patient
 from tests.hitl.companion.bad_cable import in_namespace
 
 WORKSTATION, COMPANION = "10.0.0.1", "10.0.0.2"
@@ -38,20 +39,29 @@ def reason_to_skip() -> str | None:
 class TwoHosts(contextlib.ExitStack):
     """The two hosts, while its ``with`` block lasts."""
 
-    def __init__(self, folder: Path, server: str | None = None, home: Path | None = None):
+    def __init__(
+        self,
+        folder: Path,
+        server: str | None = None,
+        home: Path | None = None,
+        root: Path | None = None,
+    ):
         """Constructs them.
 
         Args:
             folder: an empty one.
             server: "sshd" or "asyncssh"; None: the first there is.
             home: of the user on the companion; None: an empty one.
+            root: the root file system that users of the companion are in, by sshd, if it is
+                another than that of this computer.
         """
         super().__init__()
         self.folder = folder
         self.server = server or ("sshd" if SSHD else "asyncssh")
         number = f"air{os.getpid()}-{next(_numbers)}"
         self.workstation, self.companion = f"{number}w", f"{number}c"
-        self.home = home or folder / "companion-home"
+        self.root = root
+        self.home = home or (root / "root" if root else folder / "companion-home")
         self.path = folder / "companion-bin"  # its PATH's first entry
         self.ssh = folder / "workstation-home" / ".ssh"
 
@@ -121,7 +131,7 @@ class TwoHosts(contextlib.ExitStack):
                 start_new_session=True,
             )
         with self.on_workstation():
-            deadline = time.monotonic() + 10.0
+            deadline = time.monotonic() + patient(10.0)
             while True:
                 try:
                     socket.create_connection((COMPANION, 22), 1.0).close()
@@ -132,6 +142,11 @@ class TwoHosts(contextlib.ExitStack):
 
     def _sshd(self):
         config = self.folder / "sshd_config"
+        home, more = self.home, ""
+        if self.root:
+            home = Path("/") / self.home.relative_to(self.root)
+            # Of an emulated processor, which sshd would not hand on.
+            more = f"QEMU_CPU={os.environ['QEMU_CPU']}\nChrootDirectory {self.root}"
         config.write_text(f"""
 HostKey {self.folder}/host_key
 AuthorizedKeysFile {self.folder}/authorized_keys
@@ -140,7 +155,7 @@ UsePAM no
 PasswordAuthentication no
 PidFile none
 Subsystem sftp internal-sftp
-SetEnv HOME={self.home} PATH={self.path}:/usr/bin:/bin
+SetEnv HOME={home} PATH={self.path}:/usr/bin:/bin {more}
 """)
         # sshd wants a folder below /run: it gets a /run of its own.
         script = f'mount -t tmpfs tmpfs /run && mkdir /run/sshd && exec {SSHD} -D -e -f "$0"'

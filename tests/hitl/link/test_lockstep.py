@@ -11,7 +11,7 @@ from airrace.common.errors import UserError
 from airrace.diagrams.race import MakeRace
 from airrace.hitl.link import lockstep
 from airrace.hitl.link.endpoint import Channel, Endpoint
-from airrace.hitl.link.lockstep import Exchange, await_peer, lockstep_times
+from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
 from airrace.hitl.transport import POLL_PERIOD
 from airrace.scenario import Scenario
@@ -184,6 +184,31 @@ def test_a_peer_that_never_comes():
     endpoint.wait = lambda timeout: None
     with pytest.raises(UserError, match="No autonomy answered within 0 s: check"):
         await_peer(endpoint, "waiting", timeout=0.05)
+
+
+@pytest.mark.parametrize("patience", [1, 20])
+def test_waits_are_as_long_as_one_is_patient(monkeypatch, patience):
+    monkeypatch.setenv("AIRRACE_PATIENCE", str(patience))
+    link = SimulatedLink(LinkConfig())
+    endpoint = Endpoint("simulation", [], link.bus(), link.clock)
+
+    def pass_time(seconds):
+        link.time += seconds
+
+    endpoint.wait = pass_time
+    with pytest.raises(UserError, match=f"within {5 * patience} s: .* set AIRRACE_PATIENCE"):
+        await_peer(endpoint, "waiting", timeout=5.0)
+    assert link.time == pytest.approx(5.0 * patience, abs=0.1)
+
+    # In a race, for the other side's next tick.
+    side, other = Side("simulation", link), Side("autonomy", link)
+    greet(link, [side, other])
+    side.exchange = Exchange(side.endpoint, side, side)
+    side.endpoint.wait = lambda timeout: pass_time(1.0)
+    begun = link.time
+    with pytest.raises(PeerLost):
+        side.exchange.receive(Clock())
+    assert link.time - begun == pytest.approx(120.0 * patience, abs=2.0)
 
 
 @pytest.mark.parametrize("phase", ["testing", "compiling"])

@@ -1,0 +1,91 @@
+"""Ports whose values come from the other half of the autonomy."""
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import Context, Diagram, LeafSystem, PortDataType
+
+from airrace.common.immutable import Immutable
+
+if TYPE_CHECKING:
+    from airrace.hitl.handover import Handed
+
+
+class HandedPorts(LeafSystem):
+    """Holds what was last handed over.
+
+    .. pydrake_system::
+
+        name: HandedPorts
+        output_ports:
+        - the ports that are handed over
+        - handed_time
+
+    It stands for the other half of the autonomy, as an LcmReceiver stands for the other side of
+    the link: its output ports have the names and types of that one's, and show the state, which
+    show() sets between two steps of the Simulator. ``handed_time``, a vector of one number, is
+    the simulated time of the values (s).
+    """
+
+    def __init__(self, models: "dict[str, Any]"):
+        """Args: models: name of a port to its value before the first, see models_of()."""
+        LeafSystem.__init__(self)
+        every = {**models, "handed_time": np.zeros(1)}
+        self._state = self.DeclareAbstractState(Value[object](_Values(every)))
+        ticket = {self.abstract_state_ticket(self._state)}
+
+        def calc(port):
+            return lambda context, output: output.set_value(self._values(context).by_port[port])
+
+        for port, model in every.items():
+            if isinstance(model, np.ndarray):
+                self.DeclareVectorOutputPort(port, len(model), calc(port), ticket)
+            else:
+                self.DeclareAbstractOutputPort(
+                    port, lambda model=model: Value[object](model), calc(port), ticket
+                )
+
+    def _values(self, context: Context) -> "_Values":
+        return context.get_abstract_state(int(self._state)).get_value()
+
+    def show(self, root_context: Context, message: "Handed") -> None:
+        """Shows the values of a message.
+
+        Args: root_context: of the diagram that is simulated. message: that has come.
+        """
+        context = self.GetMyMutableContextFromRoot(root_context)
+        values = {
+            **self._values(context).by_port,
+            **message.values,
+            "handed_time": np.array([message.time]),
+        }
+        context.SetAbstractState(int(self._state), _Values(values))
+
+
+class _Values(Immutable):
+    """The values of the ports."""
+
+    def __init__(self, by_port: dict):
+        self.by_port = by_port
+
+
+def models_of(source: Diagram, sink: Diagram, names: Collection[str]) -> "dict[str, Any]":
+    """Returns for HandedPorts what ports hold at first.
+
+    Args:
+        source: the diagram that has them as outputs, or that has what is made of them.
+        sink: the diagram that has them as inputs.
+        names: of the ports.
+    """
+    return {name: _model(source, sink, name) for name in names}
+
+
+def _model(source, sink, name):
+    if not source.HasOutputPort(name):
+        return np.zeros(sink.GetInputPort(name).size())
+    port = source.GetOutputPort(name)
+    if port.get_data_type() == PortDataType.kVectorValued:
+        return np.zeros(port.size())
+    return port.Allocate().get_value()

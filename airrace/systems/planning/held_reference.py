@@ -1,0 +1,64 @@
+"""Carries the explorer's reference on to the present."""
+
+from pydrake.systems.framework import LeafSystem
+
+from airrace.common.jit import compiled
+from airrace.systems.ports import read_vector
+from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
+
+_MOST = 0.3  # s; a drone that hears nothing new for longer is to stop there
+
+
+class HeldReference(LeafSystem):
+    """Follows a reference between the times at which it is told one.
+
+    .. pydrake_system::
+
+        name: HeldReference
+        input_ports:
+        - exploration_reference
+        - handed_time
+        output_ports:
+        - exploration_reference
+
+    The navigator, in a process of its own, says now and then where the drone should be, and how
+    that changes: see trajopt/reference.py. The pilot asks at every tick. In between, the Taylor
+    series up to the snap tells it: all that differs from the trajectory itself is where one
+    segment of that ends, and the next one starts. ``handed_time`` is that of the reference (s).
+    After 0.3 s the reference stays where it is.
+    """
+
+    def __init__(self) -> None:
+        """Constructs the system."""
+        LeafSystem.__init__(self)
+        self._told = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
+        self._time = self.DeclareVectorInputPort("handed_time", 1)
+        self.DeclareVectorOutputPort(
+            "exploration_reference",
+            REFERENCE_SIZE,
+            lambda context, output: _carry(
+                output.get_mutable_value(),
+                read_vector(self._told, context),
+                context.get_time() - read_vector(self._time, context)[0],
+            ),
+        )
+
+
+@compiled
+def _carry(result, told, dt):
+    """Writes a reference, (18,), a time (s) after another one."""
+    before, after, t = as_reference(told), as_reference(result), min(max(dt, 0.0), _MOST)
+    for i in range(3):
+        p, v, a = before.position[i], before.velocity[i], before.acceleration[i]
+        j, s = before.jerk[i], before.snap[i]
+        after.position[i] = p + t * (v + t / 2 * (a + t / 3 * (j + t / 4 * s)))
+        after.velocity[i] = v + t * (a + t / 2 * (j + t / 3 * s))
+        after.acceleration[i] = a + t * (j + t / 2 * s)
+        after.jerk[i] = j + t * s
+        after.snap[i] = s
+    result[15] = before.yaw + t * (before.yaw_rate + t / 2 * before.yaw_acceleration)
+    result[16] = before.yaw_rate + t * before.yaw_acceleration
+    result[17] = before.yaw_acceleration
+    if dt > _MOST:
+        result[3:15] = 0.0
+        result[16:18] = 0.0

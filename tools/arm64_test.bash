@@ -8,7 +8,7 @@ usage() {
 usage: tools/arm64_test.bash [--folder DIR]
 
 Flies the autonomy on an emulated 64-bit Arm computer, and compares the race
-with the same one on this computer. It takes about half an hour, and minutes
+with the same one on this computer. It takes half an hour to an hour, and less
 when this very airrace has been compiled there before. These are the steps:
 
   1. a root file system of Debian 13 for Arm, by debootstrap, whose programs run

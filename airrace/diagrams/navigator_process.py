@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from airrace.common import jit
 from airrace.common.errors import UserError
+from airrace.common.patience import patient
 from airrace.common.processes import child_environment
 from airrace.common.resources import load_yaml
 from airrace.common.tick_times import LoopTimes
@@ -91,7 +92,7 @@ class NavigatorProcess:
         """Ends it; it writes the map before."""
         self.handover.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(_FAREWELL)
+            self._process.wait(patient(_FAREWELL))
         self._process.kill()
         self._process.wait()
 

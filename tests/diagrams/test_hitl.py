@@ -10,6 +10,7 @@ import time
 
 import pytest
 
+from airrace.common.patience import patient
 from airrace.common.resources import models_path
 from airrace.diagrams.autonomy_process import PILOT_TICKS
 from airrace.diagrams.hitl_race import default_url
@@ -80,7 +81,7 @@ def test_lockstep_equals_sitl_to_the_last_bit(hexagon, tmp_path, estimator):
     results = []
     for name, options in (("sitl", ()), ("hitl", ("-s", "HITL", "--lockstep"))):
         process = start(*race(tmp_path / name, hexagon, "--estimator", estimator, *options))
-        text = process.communicate(timeout=120)[0]
+        text = process.communicate(timeout=patient(120))[0]
         assert process.returncode == 1 and "ran out of time" in text, text
         results.append(load(tmp_path / name))
     walls = [result.pop("wall") for result in results]
@@ -104,7 +105,7 @@ def test_two_races_at_once_do_not_disturb_each_other(hexagon, tmp_path):
     )
     script = tmp_path / "both.sh"
     script.write_text(f"{first} & {second}; echo second $?; wait $!; echo first $?\n")
-    text = start("bash", str(script)).communicate(timeout=180)[0]
+    text = start("bash", str(script)).communicate(timeout=patient(180))[0]
     assert "second 1" in text and "first 1" in text, text
     results = [load(tmp_path / name) for name in ("first", "second")]
     for result in results:
@@ -124,7 +125,7 @@ def test_default_urls():
 def test_in_real_time_slowed_down(hexagon, tmp_path):
     """At a quarter of the speed, so that a busy machine keeps up."""
     process = start(*race(tmp_path / "out", hexagon, "-s", "HITL", "--realtime_rate", "0.25"))
-    text = process.communicate(timeout=120)[0]
+    text = process.communicate(timeout=patient(120))[0]
     result = load(tmp_path / "out")
     assert process.returncode == 1, text
     assert re.search("autonomy: airrace: 0.25 x real time with .* % to spare", text) or (
@@ -159,7 +160,7 @@ def test_an_autonomy_that_is_killed_ends_the_race_and_says_so(hexagon, tmp_path,
             os.killpg(group, signal.SIGKILL)
         else:
             os.kill(_navigator_of(group), signal.SIGKILL)
-        rest = process.communicate(timeout=90)[0]
+        rest = process.communicate(timeout=patient(90))[0]
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
@@ -200,7 +201,7 @@ def test_doctor_and_the_simulations_death(tmp_path):
         f"{' '.join(autonomy)} & {' '.join(doctor)}; echo doctor $?; wait $!; echo autonomy $?\n"
     )
     process = start("bash", str(script))
-    text = process.communicate(timeout=90)[0]
+    text = process.communicate(timeout=patient(90))[0]
     assert "round trip" in text and "pictures lost" in text
     assert "doctor 0" in text or "The link cannot carry a race" in text, text
     assert "autonomy 2" in text and "No simulation answered within 8 s" in text
@@ -230,7 +231,7 @@ def test_bad_input_is_one_sentence(options, sentence, tmp_path):
         str(tmp_path / "out"),
         *options,
     )
-    text = process.communicate(timeout=60)[0]
+    text = process.communicate(timeout=patient(60))[0]
     assert process.returncode == 2 and f"airrace: {sentence}" in text, text
     assert not (tmp_path / "out").exists()
 
@@ -270,7 +271,7 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
         {second}; echo second $?
         wait $race
     """)
-    text = start("bash", str(script)).communicate(timeout=300)[0]
+    text = start("bash", str(script)).communicate(timeout=patient(300))[0]
     result = load(tmp_path / "out")
     assert "second 0" in text, text
     # One that had started anew would be on its way up again.

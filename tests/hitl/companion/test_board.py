@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from airrace.common.patience import patient
 from airrace.hitl.companion.set_up import board_command
 from airrace.hitl.companion.ssh_errors import last_line
 
@@ -62,8 +63,8 @@ def test_autonomy_is_run_and_told_to_end(cache):
         assert action.line().startswith("airrace-running: ")
         assert action.line() == "one"
         with Action(cache, "stop", cache / "runs/r", 0.5) as stop:
-            assert stop.wait(5.0) == 0
-        assert action.wait(5.0) == 128 + 15
+            assert stop.wait(patient(5.0)) == 0
+        assert action.wait(patient(5.0)) == 128 + 15
         assert action.stdout.read() == ""
 
 
@@ -73,7 +74,7 @@ def test_autonomy_outlives_the_connection(cache):
         assert action.line().startswith("airrace-running: ")
         action.stdin.close()
         action.stdout.close()
-        assert action.wait(10.0) == 0
+        assert action.wait(patient(10.0)) == 0
         action.stdin = None
     assert (cache / "runs/r/output/autonomy.log").read_text().split() == list(map(str, range(20)))
 
@@ -90,9 +91,9 @@ def test_autonomy_of_a_lost_connection_can_be_stopped(cache):
         (cache / "runs/other/pid").write_text("1")
         for folder, ends in (("none", False), ("other", False), ("r", True)):
             with Action(cache, "stop", cache / "runs" / folder, 5) as stop:
-                assert stop.wait(10.0) == 0
+                assert stop.wait(patient(10.0)) == 0
             if ends:
-                assert first.wait(5.0) == 128 + 15
+                assert first.wait(patient(5.0)) == 128 + 15
             assert (first.poll() is not None) == ends
 
 
@@ -101,7 +102,7 @@ def test_workers_that_are_left_behind_are_ended(cache):
     with run(cache, source) as action:
         assert action.line().startswith("airrace-running: ")
         group = int(action.line())
-        assert action.wait(5.0) == 0
+        assert action.wait(patient(5.0)) == 0
     assert not living(group)
 
 
@@ -140,7 +141,7 @@ def test_set_ups_wait_for_one_another_and_end_with_the_connection(cache):
         with Action(cache, "set_up", "e", "p", sys.executable, 0, "ONLINE") as action:
             assert "waiting" in action.line()
             action.stdin.close()
-            assert action.wait(5.0) != 0
+            assert action.wait(patient(5.0)) != 0
             action.stdin = None
 
 
@@ -154,7 +155,7 @@ def test_set_up_takes_its_programs_along(cache):
         program = int(action.line())
         assert living(program)
         action.stdin.close()
-        assert action.wait(5.0) != 0
+        assert action.wait(patient(5.0)) != 0
         action.stdin = None
     wait_for(lambda: not living(program))
 
@@ -168,7 +169,7 @@ def living(pid):
 
 
 def wait_for(condition, timeout=5.0):
-    deadline = time.monotonic() + timeout
+    deadline = time.monotonic() + patient(timeout)
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.02)
@@ -181,7 +182,7 @@ def test_what_was_not_used_for_long_is_removed(cache):
     for path in (cache / "environments/old/complete", cache / "runs/r"):
         os.utime(path, (0, 0))
     with Action(cache, "set_up", "e", "p", sys.executable, 0, "ONLINE") as action:
-        assert action.wait(5.0) == 0
+        assert action.wait(patient(5.0)) == 0
     kept = [path.relative_to(cache).as_posix() for path in cache.glob("*/*") if path.is_dir()]
     assert sorted(kept) == ["environments/e", "packages/half", "packages/p"]
 

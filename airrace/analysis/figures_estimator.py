@@ -82,10 +82,9 @@ def certainty_figure(run: "Run") -> "Figure":
     """Returns NEES, innovations, gaps without markers, and biases."""
     rows = _airborne(run)
     figure = make_figure(9, 5.0)
-    (nees, innovations), (gaps, *biases) = (
-        figure.subfigures(2, 1)[k].subplots(1, 2 + k, width_ratios=ratios)
-        for k, ratios in enumerate(((2, 1), (1, 1, 1)))
-    )
+    grid = figure.add_gridspec(2, 6)
+    nees, innovations = (figure.add_subplot(grid[0, part]) for part in (slice(4), slice(4, 6)))
+    gaps, *biases = (figure.add_subplot(grid[1, 2 * k : 2 * k + 2]) for k in range(3))
     at = _greatest(rows["nees"])
     nees.plot(rows["time"].to_numpy()[at], rows["nees"].iloc[at], color=INK, lw=0.7)
     nees.axhline(1.0, color=INK, lw=1, ls="--")

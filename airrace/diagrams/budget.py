@@ -57,7 +57,10 @@ class Budget(NamedTuple):
         if spare < _RESERVE:
             pace = "real time" if rate == 1.0 else f"--realtime_rate {rate:g}"
             what = "leaves no reserve" if spare > 0.0 else "is too much"
-            return f"{pace} {what} for this computer: race with --realtime_rate {self.rate:g}"
+            return (
+                f"{pace} {what} for this computer: end other programs, or race "
+                f"with --realtime_rate {self.rate:g}"
+            )
         pace = "real time" if rate == 1.0 else f"{rate:g} x real time"
         return f"{pace} with {100 * spare:.0f} % to spare"
 

@@ -9,6 +9,8 @@ from airrace.diagrams.budget import Budget, prepare_halves
 from airrace.diagrams.navigator_process import NavigatorProcess
 from airrace.scenario import Scenario
 
+REMEDY = "end other programs, or race with --realtime_rate"
+
 
 @pytest.mark.parametrize(
     "budget, rate, words",
@@ -19,18 +21,14 @@ from airrace.scenario import Scenario
         (
             Budget(0.2, 0.9, 1e-3, 4),
             1.0,
-            "real time leaves no reserve for this computer: race with --realtime_rate 0.8",
+            f"real time leaves no reserve for this computer: {REMEDY} 0.8",
         ),
-        (
-            Budget(0.4, 1.5, 1e-3, 4),
-            1.0,
-            "real time is too much for this computer: race with --realtime_rate 0.5",
-        ),
+        (Budget(0.4, 1.5, 1e-3, 4), 1.0, f"real time is too much for this computer: {REMEDY} 0.5"),
         (Budget(0.4, 1.2, 1e-3, 4), 0.5, "0.5 x real time with 40 % to spare"),
         (
             Budget(0.4, 4.0, 1e-3, 4),
             0.5,
-            "--realtime_rate 0.5 is too much for this computer: race with --realtime_rate 0.2",
+            f"--realtime_rate 0.5 is too much for this computer: {REMEDY} 0.2",
         ),
     ],
 )

@@ -10,6 +10,7 @@ from airrace.common.errors import UserError
 from airrace.diagrams.race import MakeRace, run_race
 from airrace.scenario import Scenario, load_scenario
 from airrace.track import load_track
+from airrace.vehicle.disturbances import RotorFailure
 from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure
 
 
@@ -109,3 +110,11 @@ def test_in_the_dark_for_good_it_lands_and_says_why(tmp_path):
 def test_an_imu_that_never_shows_anything_keeps_it_on_its_pad(tmp_path):
     result = run_race(make_scenario(imu_failures=[ImuFailure("lost", 0.0)]), tmp_path)
     assert result["dnf_reason"].endswith("and stayed on its pad") and not result["collisions"]
+
+
+@pytest.mark.slow
+def test_with_a_rotor_lost_it_still_knows_where_it_is(tmp_path):
+    """On five rotors, StarOne flies on; the estimator knows nothing of rotors but their speeds."""
+    failures = [RotorFailure(1, 20.0)]
+    result = run_race(make_scenario(drone="StarOne", rotor_failures=failures), tmp_path)
+    assert result["finished"] and result["rotor_failures"][0]["noticed_s"] < 21.0, result

@@ -1,23 +1,54 @@
 """The notebooks run from top to bottom, and are committed without outputs."""
 
 import json
-from pathlib import Path
+import re
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+from tests.notebooks.lesson import NOTEBOOKS, ROOT, cells, exercises
+
+# Before a lesson: notes what it flies.
+NOTE = """
+from airrace.commands import python_race
+from airrace.commands.race import RaceOptions, race_scenario
+
+_fly, _folders = python_race.fly, []
+
+def _note(options, quiet=False):
+    result, folder = _fly(options, quiet)
+    _folders.append(folder)
+    return result, folder
+
+python_race.fly = _note
+"""
+# Before its solutions: to fly their races would take minutes. Their options are checked, and the
+# lesson's last race, or else a short one, is what they look at.
+STAND_IN = """
+_SHORT = RaceOptions(
+    track="hexagon", laps=1, map="track", renderer="none", meshcat=False, report=False, linger=0.0
+)
+
+def _stand_in(options, quiet=False):
+    race_scenario(options)
+    return {}, _folders[-1] if _folders else _note(_SHORT, quiet=True)[1]
+
+python_race.fly = _stand_in
+"""
+EXPENSIVE = re.compile(r"\bevaluate\(")  # flies races in processes of their own
 
 
-def test_the_lessons_are_numbered():
-    assert [path.name[0] for path in NOTEBOOKS] == list("1234567")
+def test_the_readme_lists_all_lessons_in_their_order():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| \[(\d) .+?\]\(notebooks/(.+?)\)", text, re.M)
+    assert [name for _, name in listed] == [path.name for path in NOTEBOOKS]
+    assert all(name.startswith(f"{number}_") for number, name in listed)
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_is_committed_without_outputs(path):
     notebook = json.loads(path.read_text(encoding="utf-8"))
-    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    assert all(not cell["outputs"] and cell["execution_count"] is None for cell in cells)
+    code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert all(not cell["outputs"] and cell["execution_count"] is None for cell in code)
     assert not any(cell["metadata"] for cell in notebook["cells"])
 
 
@@ -28,9 +59,23 @@ def test_a_notebook_uses_airrace_alone_of_this_checkout(path):
         assert f"import {folder}" not in text and f"from {folder}" not in text
 
 
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_every_exercise_has_a_hint_and_a_solution(path):
+    found = exercises(path)
+    assert [exercise.number for exercise in found] == list(range(1, len(found) + 1))
+    assert len(found) >= 3
+    for exercise in found:
+        assert exercise.code or "```sh\n" in exercise.solution
+        for code in exercise.code:
+            compile(code, f"{path.name}, solution {exercise.number}", "exec")
+    # None is left in a list, as exercises without solutions would be.
+    last = next(cell for cell in cells(path, "markdown") if "## Try" in cell)
+    assert not re.search(r"^\d+\. ", last, re.M)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs(path, tmp_path, monkeypatch):
+def test_a_notebook_and_its_solutions_run(path, tmp_path, monkeypatch):
     nbclient = pytest.importorskip("nbclient", reason="pip install '.[notebooks]'")
     nbformat = pytest.importorskip("nbformat", reason="pip install '.[notebooks]'")
     pytest.importorskip("ipykernel", reason="pip install '.[notebooks]'")
@@ -38,6 +83,11 @@ def test_a_notebook_runs(path, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     notebook = nbformat.read(path, as_version=4)
+    new = nbformat.v4.new_code_cell
+    solutions = [code for exercise in exercises(path) for code in exercise.code]
+    notebook.cells.insert(0, new(NOTE))
+    notebook.cells.append(new(STAND_IN))
+    notebook.cells += [new(code) for code in solutions if not EXPENSIVE.search(code)]
     resources = {"metadata": {"path": str(tmp_path)}}
     # Raises with the cell and its traceback if one fails.
     nbclient.NotebookClient(notebook, timeout=600, resources=resources).execute()

@@ -1,3 +1,4 @@
+import dataclasses as dc
 import json
 import math
 import types
@@ -331,3 +332,25 @@ def test_the_map_is_compared_with_where_the_gates_stand_then():
         given = None if moved is None else moved.ravel()
         observe(result, 130.0, referee(N + 1), RACING, gate_map(), NO_PLAN, shifts=given)
         assert result.data(1.0)["laps"][0]["map_rms_m"] == pytest.approx(rms)
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
+def test_laid_over_the_truth_a_map_that_is_off_as_a_whole_has_no_error(turn, x, y):
+    c, s = np.cos(turn), np.sin(turn)
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    moved = GateMap(
+        markers=tuple(
+            dc.replace(marker, p_WM=R @ marker.p_WM + [x, y, 0.1])
+            for marker in gate_map(0.0).markers
+        )
+    )
+    assert front_marker_rms(moved, TRACK, aligned=True) == pytest.approx(0.1)
+
+
+def test_only_with_gates_that_move_and_vio_it_is_laid_over():
+    errors = []
+    for estimator, shifts in (("truth", np.zeros(2 * N)), ("vio", np.zeros(2 * N)), ("vio", None)):
+        result = RaceResult(Scenario(estimator=estimator), TRACK)
+        observe(result, 99.0, referee(N + 1), RACING, gate_map(0.5), NO_PLAN, shifts=shifts)
+        errors.append(result.data(1.0)["laps"][0]["map_rms_m"])
+    assert errors == pytest.approx([0.5, 0.0, 0.5], abs=1e-9)

@@ -67,7 +67,7 @@ class GateSlam(LeafSystem):
         Args:
             fps: of the camera (Hz).
             latency: from an exposure to its detections (s).
-            link_delay: additional delay of detections (s).
+            link_delay: additional delay of detections and samples (s).
             imu_rate: of the inertial sensor (Hz).
             frame: of the map.
             noise: of the inertial sensor.
@@ -78,6 +78,7 @@ class GateSlam(LeafSystem):
         self._filter = SlamFilter(
             frame=frame, noise=noise, p_BI=np.array(vehicle.imu.position), config=config
         )
+        self._link_delay = link_delay
         self._longest_wait = latency + link_delay + 1.5 / fps
         self._thrust_coefficients = np.array(vehicle.thrust_coefficients)
         self._idle = _TURNING * vehicle.mass * GRAVITY
@@ -131,7 +132,7 @@ class GateSlam(LeafSystem):
         after = self._filter.propagated(before, np.array(history), time, bool(turning))
         if is_new:
             after = self._filter.updated(after, detections, self._info.Eval(context))
-        fault = why_lost(after, float(self._silence.Eval(context)[0]))
+        fault = why_lost(after, float(self._silence.Eval(context)[0]) - self._link_delay)
         if fault:
             after = dc.replace(before, fault=fault)
         state.get_mutable_abstract_state(int(self._state)).set_value(after)

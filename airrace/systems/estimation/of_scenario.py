@@ -70,6 +70,7 @@ def make_strapdown_integrator(scenario: "Scenario") -> StrapdownIntegrator:
         ),
         start=at_rest,
         ranges=np.repeat([errors.gyro_range, errors.accelerometer_range], 3),
+        link_delay=scenario.link_delay,
     )
 
 

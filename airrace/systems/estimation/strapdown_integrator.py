@@ -81,6 +81,7 @@ class StrapdownIntegrator(LeafSystem):
         depth: int,
         start: np.ndarray,
         ranges: np.ndarray = _UNLIMITED,
+        link_delay: float = 0.0,
     ):
         """Constructs the integrator.
 
@@ -90,6 +91,7 @@ class StrapdownIntegrator(LeafSystem):
             depth: n of ``imu_history``, see history_depth().
             start: the state before anything is known, see vehicle/state.py, (14,).
             ranges: of the sensor's angular velocity (rad/s) and specific force (m/s^2), (6,).
+            link_delay: by which samples may come late, so that nothing has failed (s).
         """
         LeafSystem.__init__(self)
         self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
@@ -98,6 +100,7 @@ class StrapdownIntegrator(LeafSystem):
         self._inertia = np.array([vehicle.mass, *vehicle.inertia])
         self._period = 1.0 / rate
         self._ranges = np.array(ranges, float)
+        self._silent = _SILENT + link_delay
         self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
         self._corrections = self.DeclareVectorInputPort("corrections", NAVIGATION_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
@@ -146,6 +149,7 @@ class StrapdownIntegrator(LeafSystem):
             self._inertia,
             self._p_BI,
             self._period,
+            self._silent,
         )
         _advance(
             history,
@@ -201,7 +205,7 @@ def _is_stuck(samples, speeds, thrust_per_mass):
 
 @compiled
 def _replace_silence(
-    history, heard, count, now, memory, speeds, wrench_by_squares, inertia, p_BI, period
+    history, heard, count, now, memory, speeds, wrench_by_squares, inertia, p_BI, period, silent
 ):
     """Writes a sample as the rotors let it be expected, once the sensor is silent.
 
@@ -222,6 +226,7 @@ def _replace_silence(
         inertia: m and the diagonal of J, (4,).
         p_BI: where the sensor is mounted (m), (3,).
         period: of the sensor (s).
+        silent: time without a sample that is too long (s).
 
     Returns:
         how many samples are new; none are written before anything is known, and on the ground.
@@ -241,7 +246,7 @@ def _replace_silence(
     expected += period * turning
     began = history[0, 0] > heard[0]  # then it goes on, with however little thrust
     flies = began or wrench[0] > _FLYING * GRAVITY * mass
-    if not flies or not now - heard[0] > _SILENT:
+    if not flies or not now - heard[0] > silent:
         return 0
     f = cross(turning, p_BI) + cross(expected, cross(expected, p_BI))
     f[2] += wrench[0] / mass

@@ -66,7 +66,9 @@ class StateMachine:
         if now.fault:
             pad = -np.inf if memory.home is None else memory.home[2] - self._hover_height
             landing = Landing.of(now.estimate, pad)
-            return memory.flying(landing, now.time).entered(now.time, LAND, now.fault)
+            # From here on, nothing is asked of a leg but its reference.
+            memory = memory.flying(landing, now.time)  # type: ignore[arg-type]
+            return memory.entered(now.time, LAND, now.fault)
         ahead = tuple(each for each in memory.gates_ahead if memory.leg_start + each[1] > now.time)
         if len(ahead) < len(memory.gates_ahead):
             now = now.remembering(gates_ahead=ahead)

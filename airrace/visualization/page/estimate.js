@@ -38,13 +38,14 @@ export class Estimate {
     this.ellipsoid.quaternion.set(...axes);
   }
 
-  // Returns the estimate at a time: what is small is taken from between two of the record.
+  // Returns the estimate at a time. Its error is taken from between two of the record; how sure it
+  // is jumps with a marker that is seen.
   at(t) {
     const { estimates } = this.timeline, i = countUntil(estimates, t);
     const a = estimates[i - 1], b = estimates[i] ?? a;
     const share = b.t > a.t ? (t - a.t) / (b.t - a.t) : 0;
     const mixed = (name) => a[name].map((each, k) => each + share * (b[name][k] - each));
-    return { offset: mixed("offset"), turn: mixed("turn"), radii: mixed("radii"), axes: a.axes };
+    return { offset: mixed("offset"), turn: mixed("turn"), radii: a.radii, axes: a.axes };
   }
 
   // Makes the twin look like the drone, whose meshes may still be on their way.

@@ -17,11 +17,16 @@ HOVER = np.sqrt(VEHICLE.mass * GRAVITY / VEHICLE.thrust_coefficients.sum()) * np
 class Flight:
     """An integrator that is fed samples."""
 
-    def __init__(self):
+    def __init__(self, **options):
         start = np.zeros(STATE_SIZE)
         start[1] = 1.0
         self.system = StrapdownIntegrator(
-            vehicle=VEHICLE, rate=1 / PERIOD, depth=80, start=start, ranges=np.full(6, 50.0)
+            vehicle=VEHICLE,
+            rate=1 / PERIOD,
+            depth=80,
+            start=start,
+            ranges=np.full(6, 50.0),
+            **options,
         )
         self.context = self.system.CreateDefaultContext()
         self.samples = np.full((10, 7), -1.0)
@@ -188,3 +193,19 @@ def test_a_stuck_sensor_is_silent(flight):
         flight.fix("imu", flight.samples.ravel())
         flight.update()
     assert flight.read("imu_silence")[0] > 0.15
+
+
+@pytest.mark.parametrize("link_delay, replaced", [(0.0, True), (0.2, False)])
+def test_samples_that_a_link_delays_are_no_silence(link_delay, replaced):
+    """They come 60 ms late, and all count."""
+    flight = Flight(link_delay=link_delay)
+    flight.correct()
+    flight.feel()
+    flight.correct()
+    for _ in range(40):
+        sample_time, flight.time = flight.time, flight.time + 0.06
+        flight.update()  # on the autonomy's clock, which is ahead
+        flight.time = sample_time
+        flight.feel()
+    history = flight.read("imu_history").reshape(-1, 7)
+    assert (history[0, 0] > flight.time) == replaced

@@ -22,7 +22,8 @@ from benchmarks import harness
 FOLDER = Path(__file__).parents[1] / "docs" / "measurements"
 # The name of the file, and what is run; {workers} is the option.
 BENCHMARKS = {
-    "races": ("races", "--runs", "4", "--workers", "{workers}"),
+    "reference": ("races", "--only", "reference", "--runs", "2", "--workers", "{workers}"),
+    "generated": ("races", "--only", "generated", "--tracks", "5", "--workers", "{workers}"),
     "original": ("original", "--workers", "{workers}"),
     "control": ("control", "--workers", "{workers}"),
     "perception": ("perception",),

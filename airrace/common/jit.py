@@ -90,10 +90,10 @@ def _mark(what: str) -> Path:
 
 def remove_stale() -> None:
     """Removes the machine code of sources that have changed since."""
-    folder = Path(numba.config.CACHE_DIR)
-    for old in (_PACKAGE / "__pycache__").glob("machine_code-*"):
-        if old != folder:
-            shutil.rmtree(old, ignore_errors=True)
+    current = _cache_folder()
+    for folder in current.parent.glob("machine_code-*"):
+        if folder != current:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextlib.contextmanager

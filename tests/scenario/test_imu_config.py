@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
 from airrace.common.errors import UserError
@@ -12,6 +13,7 @@ from airrace.diagrams.simulation import MakeSimulation
 from airrace.scenario import Scenario, load_scenario
 from airrace.scenario.imu_config import PRESETS, ImuErrorsConfig
 from airrace.systems.sensing.imu_samples import as_samples
+from airrace.systems.types import ExplorerStatus
 from airrace.vehicle import GRAVITY
 from airrace.vehicle.imu_errors import ImuErrors
 
@@ -73,6 +75,8 @@ def test_the_simulations_imu_is_the_scenarios():
     simulation = MakeSimulation(loaded(text))
     context = simulation.CreateDefaultContext()
     simulation.GetInputPort("rotor_speed_command").FixValue(context, np.zeros(4))
+    status = Value[object](ExplorerStatus())
+    simulation.GetInputPort("explorer_status").FixValue(context, status)
     Simulator(simulation, context).AdvanceTo(0.1001)
     samples = as_samples(simulation.GetOutputPort("imu").Eval(context))
     np.testing.assert_allclose(samples.time, 0.096 - 0.004 * np.arange(10), atol=1e-9)

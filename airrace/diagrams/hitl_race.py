@@ -34,7 +34,7 @@ _TEST = 1.0  # s, of the link before a race
 # s that an autonomy may take to start: by the user, and by the race, which notices its end. The
 # first time it compiles, which takes minutes on a board.
 _START_BY_HAND, _START = 180.0, 600.0
-_FAREWELL = 3.0  # s, that the autonomy has to end by itself
+_FAREWELL = 15.0  # s, that the autonomy has to end by itself
 
 
 def default_url(companion: str) -> str:

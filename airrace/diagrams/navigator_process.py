@@ -23,7 +23,7 @@ from airrace.scenario import Scenario, scenario_yaml
 NAVIGATOR_TICKS = "navigator_ticks.json"
 _NICE = 5  # the planner's is greater still
 _IDLE = 0.5  # s, after which it looks whether the pilot is still there
-_FAREWELL = 3.0  # s, that it has to write the map
+_FAREWELL = 10.0  # s, that it has to write the map
 
 
 class Setup(NamedTuple):

@@ -140,7 +140,7 @@ def test_in_real_time_slowed_down(hexagon, tmp_path):
     for name in ("checkpoint.pickle", PILOT_TICKS, NAVIGATOR_TICKS):
         assert (tmp_path / "out/autonomy" / name).exists()
     ticks = json.loads((tmp_path / "out/autonomy" / PILOT_TICKS).read_text())["wall"]
-    assert 1000 < ticks["count"] <= 1260  # of 500 Hz, in 2.5 s
+    assert 1000 < ticks["count"] < 2000  # of 500 Hz, in 2.5 s and until it is told of the end
 
 
 @pytest.mark.slow

@@ -194,7 +194,8 @@ def test_results_stay_after_the_finish(browser, race, tmp_path):
     time.sleep(1.0)
     assert race.process.poll() is None
     links = browser.evaluate("[...document.querySelectorAll('#results a')].map(each => each.href)")
-    status = f"Promise.all({links}.map(async each => (await fetch(each)).status))"
+    fetched = "async each => { const it = await fetch(each); await it.blob(); return it.status; }"
+    status = f"Promise.all({links}.map({fetched}))"
     assert browser.evaluate(status) == [200, 200, 200]
     assert browser.errors == []
     race.stop()

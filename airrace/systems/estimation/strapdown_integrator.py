@@ -24,6 +24,7 @@ from airrace.vehicle.state import STATE_SIZE
 _TIME_CONSTANT = 0.15  # s, of the disturbance
 _MAX_DISTURBANCE = 8.0  # m/s^2
 _SILENT = 0.03  # s without a sample; over a link, they come five at a time
+_FORGET = 0.99  # of the age of samples, at each
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _SPARE = 0.1  # s, of samples, should pictures come late
 _UNLIMITED = np.full(6, np.inf)
@@ -113,8 +114,9 @@ class StrapdownIntegrator(LeafSystem):
         self._memory = self.DeclareDiscreteState(memory)
         self._disturbance = self.DeclareDiscreteState(3)
         self._estimate = self.DeclareDiscreteState(start)
-        # The time of the sensor's newest sound sample (s), and the angular velocity since (rad/s).
-        self._heard = self.DeclareDiscreteState(4)
+        # The time of the sensor's newest sound sample (s), the angular velocity since (rad/s), and
+        # how old the newest sample has been of late when it came (s).
+        self._heard = self.DeclareDiscreteState(5)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
         self.DeclareStateOutputPort("state_estimate", self._estimate)
         self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_filtered)
@@ -133,11 +135,13 @@ class StrapdownIntegrator(LeafSystem):
         history = discrete_state.get_mutable_value(self._history).reshape(-1, SAMPLE_SIZE)
         samples = read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE)
         speeds = read_vector(self._speeds, context)
-        stuck = _is_stuck(samples, speeds, self._thrust_per_mass)
-        count = 0 if stuck else remember(history, samples, self._ranges)
         heard = discrete_state.get_mutable_value(self._heard)
+        began = history[0, 0] > heard[0]
+        stuck = _is_stuck(samples, speeds, self._thrust_per_mass, began)
+        count = 0 if stuck else remember(history, samples, self._ranges)
         if count:
             heard[0] = history[0, 0]
+            heard[4] = max(context.get_time() - heard[0], _FORGET * heard[4])
         count = _replace_silence(
             history,
             heard,
@@ -170,12 +174,18 @@ class StrapdownIntegrator(LeafSystem):
         )
 
     def _calc_filtered(self, context, output):
+        history = context.get_discrete_state(self._history).value().reshape(-1, SAMPLE_SIZE)
+        samples = read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE)
+        began = history[0, 0] > context.get_discrete_state(self._heard).value()[0]
+        speeds = read_vector(self._speeds, context)
+        if _is_stuck(samples, speeds, self._thrust_per_mass, began):
+            samples = history[: len(samples)]  # nothing new
         _carry_forward(
             output.get_mutable_value(),
             context.get_discrete_state(self._estimate).value(),
             context.get_discrete_state(self._memory).value(),
-            context.get_discrete_state(self._history).value().reshape(-1, SAMPLE_SIZE),
-            read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE),
+            history,
+            samples,
             context.get_time(),
             self._p_BI,
             self._ranges,
@@ -192,9 +202,12 @@ def _total(thrust_per_mass, speeds):
 
 
 @compiled
-def _is_stuck(samples, speeds, thrust_per_mass):
-    """Whether a sensor in flight shows the same again and again, to the last bit."""
-    if _total(thrust_per_mass, speeds) < _FLYING * GRAVITY:
+def _is_stuck(samples, speeds, thrust_per_mass, began):
+    """Whether a sensor in flight shows the same again and again, to the last bit.
+
+    With little thrust the drone may stand; but not once samples have been made up (``began``).
+    """
+    if not began and _total(thrust_per_mass, speeds) < _FLYING * GRAVITY:
         return False
     for k in range(1, len(samples)):
         for j in range(1, SAMPLE_SIZE):
@@ -216,8 +229,9 @@ def _replace_silence(
 
     Args:
         history: samples, newest first, (n, 7); changed.
-        heard: time of the sensor's newest sound sample, and the angular velocity since then, (4,);
-            changed.
+        heard: time of the sensor's newest sound sample, the angular velocity since then, and how
+            old samples are when they come, (5,); changed. What is made up here is as old, so that
+            the sensor's next sample is newer.
         count: of the samples that are new.
         now: (s).
         memory: see StrapdownIntegrator, (18,).
@@ -231,7 +245,7 @@ def _replace_silence(
     Returns:
         how many samples are new; none are written before anything is known, and on the ground.
     """
-    state, expected = as_navigation(memory), heard[1:]
+    state, expected = as_navigation(memory), heard[1:4]
     if count > 0:
         assign(expected, history[0, 1:4] - state.gyro_bias)
         return count
@@ -246,12 +260,13 @@ def _replace_silence(
     expected += period * turning
     began = history[0, 0] > heard[0]  # then it goes on, with however little thrust
     flies = began or wrench[0] > _FLYING * GRAVITY * mass
-    if not flies or not now - heard[0] > silent:
+    time = now - heard[4]
+    if not flies or not now - heard[0] > silent or not time > history[0, 0]:
         return 0
     f = cross(turning, p_BI) + cross(expected, cross(expected, p_BI))
     f[2] += wrench[0] / mass
     sample = np.empty((1, SAMPLE_SIZE))
-    sample[0, 0] = now
+    sample[0, 0] = time
     sample[0, 1:4] = expected + state.gyro_bias
     sample[0, 4:7] = f + state.accel_bias
     return remember(history, sample, _UNLIMITED)

@@ -16,6 +16,7 @@ from airrace.hitl.handover import READY, Handed
 from airrace.hitl.link.endpoint import SIMULATION
 from airrace.hitl.link.image_messages import COLOUR, GREY, port_value
 from airrace.rendering.scene.textures import BLACK, WHITE, marker_modules
+from airrace.scenario import VIO
 from airrace.systems.estimation.navigation import Navigation, navigation_vector
 from airrace.systems.planning.lap_plan import LapPlan
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_ROW, NO_SAMPLES
@@ -110,7 +111,7 @@ class _Standing:
         thrust = vehicle.mass * GRAVITY / len(vehicle.rotors)
         self._tumbling = duration - _TUMBLE  # since when (s)
         self._speeds = np.sqrt(thrust / vehicle.thrust_coefficients)
-        self._turning = _IDLE if scenario.estimator == "vio" else -1.0  # since when (s)
+        self._turning = _IDLE if scenario.estimator == VIO else -1.0  # since when (s)
         self._imu_rate = scenario.imu.rate
 
     def of(self, port: str, time: float) -> Any:

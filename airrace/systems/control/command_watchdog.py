@@ -207,7 +207,9 @@ def AddCommandWatchdog(
     watchdog = add("command_watchdog", CommandWatchdog(rotors=len(vehicle.rotors), rate=rate))
     if scenario.estimator == VIO:
         estimator = add("own_strapdown_integrator", make_strapdown_integrator(scenario))
+        knows = estimator
     else:
+        knows = simulation
         estimator = add(
             "own_state_filter",
             StateFilter(
@@ -216,7 +218,6 @@ def AddCommandWatchdog(
                 rate=scenario.state_filter.rate,
             ),
         )
-    knows = estimator if scenario.estimator == VIO else simulation
     systems = (
         watchdog,
         link,

@@ -37,7 +37,11 @@ def reference():
 
 @pytest.fixture(scope="module")
 def pages(extension, tmp_path_factory):
-    """The built pages; nothing is written to the checkout."""
+    """The built pages; nothing is written to the checkout.
+
+    Without functions and classes in the tables of contents, which furo would copy for each of the
+    hundreds of pages, and which no test looks at: they take longer than all the rest.
+    """
     folder = tmp_path_factory.mktemp("docs")
     shutil.copytree(ROOT / "docs", folder / "docs", ignore=shutil.ignore_patterns("api"))
     (folder / "airrace").symlink_to(ROOT / "airrace")
@@ -49,6 +53,8 @@ def pages(extension, tmp_path_factory):
             "-W",
             "--keep-going",
             "-q",
+            "-D",
+            "toc_object_entries=0",
             folder / "docs",
             folder / "html",
         ],

@@ -41,13 +41,18 @@ ENVIRONMENT = {**os.environ, "PYTHONPATH": str(models_path().parent)}
 
 @pytest.fixture
 def board(hosts):
-    """The hosts; the companion has an environment of the lock: that of these tests."""
+    """The hosts; the companion has an environment of the lock: that of these tests.
+
+    What is brought finds the machine code of these tests' own checkout there, as after an earlier
+    race; see bring_machine_code.py. Else a board would compile for a minute.
+    """
     cache = hosts.home / ".cache/airrace"
     environment = cache / "environments" / digest(ROOT / LOCK)
     (environment / "bin").mkdir(parents=True, exist_ok=True)
     python = environment / "bin" / "python"
     # Not a link, by which it would lose its packages.
-    python.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
+    bring = f"{sys.executable} -I {Path(__file__).with_name('bring_machine_code.py')} {ROOT}"
+    python.write_text(f'#!/bin/sh\n{bring} "$PYTHONPATH"\nexec {sys.executable} "$@"\n')
     python.chmod(0o755)
     (environment / "complete").touch()
     yield hosts
@@ -68,6 +73,7 @@ def race(output, *options, meanwhile=lambda line, program: None):
             "airrace",
             "race",
             "--no-meshcat",
+            "--no-report",
             "--laps",
             "1",
             "--output",
@@ -122,7 +128,11 @@ def check_lockstep(board, track, folder, time_limit):
 
 @pytest.mark.slow
 def test_the_start_of_a_race_in_lockstep_and_one_that_is_interrupted(board, hexagon, tmp_path):
-    """However busy the machine is. Two in one: what was brought is compiled there, once."""
+    """However busy the machine is.
+
+    That what was not compiled before is compiled first, in both halves of the autonomy, is tested
+    in tests/diagrams/test_warm_up.py.
+    """
     assert not check_lockstep(board, hexagon, tmp_path, time_limit=5.0)["finished"]
 
     def interrupt(line, program):

@@ -48,13 +48,14 @@ def start(*command, **options):
     )
 
 
-def race(output, hexagon, *options, text=SMALL):
+def race(output, hexagon, *options, text=SMALL, report=False):
     return [
         sys.executable,
         "-m",
         "airrace",
         "race",
         "--no-meshcat",
+        "--report" if report else "--no-report",
         "--laps",
         "1",
         "--track",
@@ -124,10 +125,11 @@ def test_default_urls():
 @pytest.mark.slow
 def test_in_real_time_slowed_down(hexagon, tmp_path):
     """At a quarter of the speed, so that a busy machine keeps up."""
-    process = start(*race(tmp_path / "out", hexagon, "-s", "HITL", "--realtime_rate", "0.25"))
+    options = ("-s", "HITL", "--realtime_rate", "0.25")
+    process = start(*race(tmp_path / "out", hexagon, *options, report=True))
     text = process.communicate(timeout=patient(120))[0]
-    result = load(tmp_path / "out")
     assert process.returncode == 1, text
+    result = load(tmp_path / "out")
     assert re.search("autonomy: airrace: 0.25 x real time with .* % to spare", text) or (
         "--realtime_rate 0.25" in text  # a machine that is busier still
     )
@@ -139,6 +141,7 @@ def test_in_real_time_slowed_down(hexagon, tmp_path):
     assert commands["received"] > 600 and commands["dropped"] == {}
     for name in ("checkpoint.pickle", PILOT_TICKS, NAVIGATOR_TICKS):
         assert (tmp_path / "out/autonomy" / name).exists()
+    assert (tmp_path / "out/report.html").exists()
     ticks = json.loads((tmp_path / "out/autonomy" / PILOT_TICKS).read_text())["wall"]
     assert 1000 < ticks["count"] < 2000  # of 500 Hz, in 2.5 s and until it is told of the end
 
@@ -258,7 +261,7 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
             "--companion",
             "none",
             "--realtime_rate",
-            "0.05",  # so slowly that a busy machine starts the second one in time
+            "0.1",  # so slowly that a busy machine starts the second one in time
             text=text,
         )
     )
@@ -267,7 +270,7 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
         {first} & first=$!
         {simulation} | tee {tmp_path}/log & race=$!
         until grep -q FLY_TO_GATE {tmp_path}/log 2>/dev/null; do sleep 0.1; done
-        sleep 3; kill -KILL $first; sleep 4
+        sleep 2; kill -KILL $first; sleep 3
         {second}; echo second $?
         wait $race
     """)

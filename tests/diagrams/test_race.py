@@ -229,7 +229,14 @@ class TestWholeRace:
         folder, result, _ = flown
         monkeypatch.chdir(tmp_path)
         code = airrace(
-            ["race", "--scenario_file", str(folder / "scenario.yaml"), "--output", "again"]
+            [
+                "race",
+                "--scenario_file",
+                str(folder / "scenario.yaml"),
+                "--no-report",
+                "--output",
+                "again",
+            ]
         )
         assert code == 0
         again = read_race(tmp_path / "again")

@@ -7,7 +7,7 @@ import pytest
 
 from tests.notebooks.lesson import NOTEBOOKS, ROOT, cells, exercises
 
-# Before a lesson: notes what it flies.
+# Before a lesson: notes what it flies, and lets the races of an evaluation be short.
 NOTE = """
 from airrace.commands import python_race
 from airrace.commands.race import RaceOptions, race_scenario
@@ -20,6 +20,17 @@ def _note(options, quiet=False):
     return result, folder
 
 python_race.fly = _note
+
+# An evaluation in a lesson is of races on a given map.
+import subprocess
+
+_run = subprocess.run
+
+def _run_briefly(command, **options):
+    given = ["--scenario_text", "{map: track, camera: {renderer: none}}"]
+    return _run([*command, *given] if "evaluate" in command else command, **options)
+
+subprocess.run = _run_briefly
 """
 # Before its solutions: to fly their races would take minutes. Their options are checked, and the
 # lesson's last race, or else a short one, is what they look at.

@@ -76,43 +76,58 @@ def load(folder):
     return json.loads((folder / "race.json").read_text())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("estimator", ["truth", "vio"])
-def test_lockstep_equals_sitl_to_the_last_bit(hexagon, tmp_path, estimator):
-    results = []
-    for name, options in (("sitl", ()), ("hitl", ("-s", "HITL", "--lockstep"))):
-        process = start(*race(tmp_path / name, hexagon, "--estimator", estimator, *options))
-        text = process.communicate(timeout=patient(120))[0]
-        assert process.returncode == 1 and "ran out of time" in text, text
-        results.append(load(tmp_path / name))
-    walls = [result.pop("wall") for result in results]
-    assert results[0] == results[1]
-    assert results[0]["exploration"]["events"][-1]["state"] == "TAKE_OFF"
+def fly_in_one_process(folder, hexagon, *options):
+    """Flies the first seconds of a race; its results are in a folder, "sitl"."""
+    process = start(*race(folder / "sitl", hexagon, *options))
+    text = process.communicate(timeout=patient(120))[0]
+    assert process.returncode == 1 and "ran out of time" in text, text
+
+
+def check_lockstep(folder, name):
+    """Checks that a race over LCM, by the name of its folder, is the one in "sitl"."""
+    sitl, hitl = (load(folder / each) for each in ("sitl", name))
+    walls = [result.pop("wall") for result in (sitl, hitl)]
+    assert sitl == hitl
+    assert sitl["exploration"]["events"][-1]["state"] == "TAKE_OFF"
     assert [wall["simulation"] for wall in walls] == ["SITL", "HITL"]
     assert walls[1]["link"]["mode"] == "lockstep"
     maps = [
-        (tmp_path / path / "map_statistics.json").read_text()
-        for path in ("sitl", "hitl", "hitl/autonomy")
+        (folder / path / "map_statistics.json").read_text()
+        for path in ("sitl", name, f"{name}/autonomy")
     ]
     assert maps[0] == maps[1] == maps[2]
 
 
 @pytest.mark.slow
+def test_lockstep_equals_sitl_to_the_last_bit(hexagon, tmp_path):
+    """With an estimator in the autonomy; without, see the next test."""
+    options = ("--estimator", "vio")
+    fly_in_one_process(tmp_path, hexagon, *options)
+    process = start(*race(tmp_path / "hitl", hexagon, *options, "-s", "HITL", "--lockstep"))
+    text = process.communicate(timeout=patient(120))[0]
+    assert process.returncode == 1 and "ran out of time" in text, text
+    check_lockstep(tmp_path, "hitl")
+
+
+@pytest.mark.slow
 def test_two_races_at_once_do_not_disturb_each_other(hexagon, tmp_path):
-    """In one network: each has an LCM port of its own."""
+    """In one network: each has an LCM port of its own. Both equal SITL to the last bit."""
+    options = ("--estimator", "truth")
+    fly_in_one_process(tmp_path, hexagon, *options)
     first, second = (
-        " ".join(f"'{word}'" for word in race(tmp_path / name, hexagon, "-s", "HITL", "--lockstep"))
+        " ".join(
+            f"'{word}'"
+            for word in race(tmp_path / name, hexagon, *options, "-s", "HITL", "--lockstep")
+        )
         for name in ("first", "second")
     )
     script = tmp_path / "both.sh"
     script.write_text(f"{first} & {second}; echo second $?; wait $!; echo first $?\n")
     text = start("bash", str(script)).communicate(timeout=patient(180))[0]
     assert "second 1" in text and "first 1" in text, text
-    results = [load(tmp_path / name) for name in ("first", "second")]
-    for result in results:
-        del result["wall"]
-        assert result["dnf_reason"].startswith("ran out of time"), text
-    assert results[0] == results[1]
+    for name in ("first", "second"):
+        assert load(tmp_path / name)["dnf_reason"].startswith("ran out of time"), text
+        check_lockstep(tmp_path, name)
 
 
 def test_default_urls():

@@ -41,6 +41,7 @@ BENCHMARKS = {
     "race_speed_vtk": ("race_speed", "--renderer", "vtk", "--laps", "1"),
     "growth": ("growth", "--runs", "3"),
     "vtk_frame": ("vtk_frame",),
+    "peers": ("peers", "--install"),
 }
 
 

@@ -13,6 +13,7 @@ from airrace.vehicle import Vehicle
 _RATE_GAIN = 50.0
 # About z the rotors have so little moment that they are at their limits for most of a step.
 _YAW_GAIN = 15.0
+_LITTLE = 1e-9  # N, too little to limit
 
 
 class RateParameters(NamedTuple):
@@ -124,10 +125,10 @@ def prioritized_thrusts(
     share = 1.0
     for i in range(n):
         thrust = inverse[i, 0] * f + tilting[i]
-        if thrust + share * turning[i] > limits[i]:
-            share = max(limits[i] - thrust, 0.0) / turning[i]
-        elif thrust + share * turning[i] < 0.0:
-            share = max(thrust, 0.0) / -turning[i]
+        if turning[i] > _LITTLE:
+            share = min(share, max(limits[i] - thrust, 0.0) / turning[i])
+        elif turning[i] < -_LITTLE:
+            share = min(share, max(thrust, 0.0) / -turning[i])
     result = np.empty(n)
     for i in range(n):
         thrust = inverse[i, 0] * f + tilting[i] + share * turning[i]

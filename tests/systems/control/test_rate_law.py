@@ -5,11 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airrace.systems.control.rate_law import (
-    make_rate_parameters,
-    prioritized_thrusts,
-    rate_law,
-)
+from airrace.systems.control.rate_law import make_rate_parameters, prioritized_thrusts, rate_law
 from airrace.vehicle import GRAVITY, load_vehicle
 
 RATE = 500.0

@@ -50,9 +50,9 @@ class PilotMemory(NamedTuple):
         reason: why it has handed back, an index of REASONS.
         passed: gates that were passed.
         unknown: observations in a row that were not known.
-        yaw: when it handed back (rad).
-        position: p_WB at the last step, or when it handed back (m), (3,).
-        velocity: v_WB when it handed back (m/s), (3,); what is to be braked.
+        yaw: of the body at the last step in flight, or when it handed back (rad).
+        position: p_WB then (m), (3,).
+        velocity: v_WB then (m/s), (3,); after the hand-back, what is to be braked.
         action: the last one, (4,).
         command: what it stands for, see RateController, (4,).
     """
@@ -94,7 +94,8 @@ class LearnedPilot(LeafSystem):
     ``filtered_estimate`` is a vehicle.State (14), ``gate_map`` a GateMap, ``explorer_status`` an
     ExplorerStatus, ``exploration_reference`` see trajopt/reference.py, ``rotor_losses`` see
     RotorMonitor. ``rate_command`` is for the RateController, ``network_flies`` for the PilotSwitch,
-    ``safe_reference`` (18) for the tracker and the planner in the place of the explorer's, and
+    ``safe_reference`` (18) for the tracker and the planner in the place of the explorer's (while
+    the network flies, it is where the drone is), and
     ``pilot_status`` a PilotStatus.
 
     - WAITING: the drone explores. The network takes over when the exploration is done, all gates
@@ -216,6 +217,8 @@ class LearnedPilot(LeafSystem):
                     return _handed_back(memory, time, state, NOT_READY)
                 return memory
             memory = memory._replace(phase=FLYING, since=time, position=state.position)
+        if finite:
+            memory = memory._replace(velocity=state.velocity, yaw=_yaw(state))
         unknown = 0.0 if known else memory.unknown + 1.0
         if unknown >= _PATIENCE:
             return _handed_back(memory, time, state, UNKNOWN)
@@ -232,8 +235,13 @@ class LearnedPilot(LeafSystem):
     def _calc_reference(self, context, output):
         memory = self._recall(context)
         lands = self._explorer.Eval(context).state == LAND
-        if memory.phase != HANDED_BACK or memory.reason == NOT_READY or lands:
+        if memory.phase == WAITING or memory.reason == NOT_READY or lands:
             output.set_value(self._exploration.Eval(context))
+        elif memory.phase == FLYING:  # so that the geometric controller can go on at any time
+            reference = output.get_mutable_value()
+            reference[:] = 0.0
+            reference[:3], reference[3:6] = memory.position, memory.velocity
+            reference[15] = memory.yaw
         else:
             output.set_value(braking(memory, context.get_time()))
 
@@ -284,14 +292,19 @@ def _handed_back(memory: PilotMemory, time: float, state: State, reason: int) ->
     velocity, position, yaw = np.zeros(3), memory.position, memory.yaw
     if all_finite(np.hstack(state[1:])):
         velocity, position = state.velocity.copy(), state.position
-        x_W = rotation_matrix(state.quaternion)[:, 0]
-        yaw = math.atan2(x_W[1], x_W[0])
+        yaw = _yaw(state)
     stop = position[2] + velocity[2] * np.linalg.norm(velocity) / _BRAKES / 2
     if stop < _LEAST_HEIGHT:
         velocity[2] = 0.0
     return memory._replace(
         phase=HANDED_BACK, since=time, reason=reason, position=position, velocity=velocity, yaw=yaw
     )
+
+
+def _yaw(state: State) -> float:
+    """Returns the direction of the body's x axis, from above (rad)."""
+    x_W = rotation_matrix(state.quaternion)[:, 0]
+    return math.atan2(x_W[1], x_W[0])
 
 
 def _stop_time(memory: PilotMemory) -> float:

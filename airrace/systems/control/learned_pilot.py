@@ -249,14 +249,19 @@ class LearnedPilot(LeafSystem):
         memory, time = self._recall(context), context.get_time()
         rested = memory.reason == NOT_READY or time >= memory.since + _stop_time(memory) + _REST
         output.set_value(
-            PilotStatus(
+            _status(
                 flies=memory.phase == FLYING,
-                since=memory.since,
+                since=memory.since if memory.phase != WAITING else 0.0,
                 reason=REASONS[int(memory.reason)],
-                planner_may_plan=memory.phase == HANDED_BACK and rested,
+                planner_may_plan=memory.phase == HANDED_BACK and bool(rested),
                 passed=int(memory.passed),
             )
         )
+
+
+@functools.lru_cache(maxsize=4)  # another object tells a link that there is something new
+def _status(**values) -> PilotStatus:
+    return PilotStatus(**values)
 
 
 @functools.lru_cache(maxsize=4)  # a map is the same object until it changes

@@ -1,0 +1,135 @@
+"""The law of the rate controller: from thrust and body rates to rotor speeds, as one function."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.common.jit import compilable
+from airrace.math.vec3 import cross
+from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
+from airrace.vehicle import Vehicle
+
+# 1/s. With the rotors' apparent lag of 0.01 s the loop is s (0.01 s + 1) + 50: damped by 0.7.
+_RATE_GAIN = 50.0
+# About z the rotors have so little moment that they are at their limits for most of a step.
+_YAW_GAIN = 15.0
+
+
+class RateParameters(NamedTuple):
+    """The vehicle as rate_law() takes it, for n rotors.
+
+    Attributes:
+        gains: on errors of the rates about x, y, z (1/s), (3,).
+        inertia: principal moments in B (kg m^2), (3,).
+        inverse: from [f, Mx, My, Mz] to the thrusts: pseudo-inverse of Vehicle.allocation, (n, 4).
+        max_thrusts: (N), (n,). thrust_coefficients: (N s^2), (n,).
+        max_speeds: (rad/s), (n,).
+        overdrive: factor on changes of a rotor's speed, see set_speeds().
+    """
+
+    gains: np.ndarray
+    inertia: np.ndarray
+    inverse: np.ndarray
+    max_thrusts: np.ndarray
+    thrust_coefficients: np.ndarray
+    max_speeds: np.ndarray
+    overdrive: float
+
+
+def make_rate_parameters(vehicle: Vehicle, rate: float) -> RateParameters:
+    """Args: vehicle: as its file says. rate: of the controller (Hz)."""
+    return RateParameters(
+        gains=np.array((_RATE_GAIN, _RATE_GAIN, _YAW_GAIN)),
+        inertia=np.array(vehicle.inertia, float),
+        inverse=np.ascontiguousarray(np.linalg.pinv(vehicle.allocation)),
+        max_thrusts=vehicle.max_thrusts,
+        thrust_coefficients=vehicle.thrust_coefficients,
+        max_speeds=vehicle.max_speeds,
+        overdrive=overdrive_of(vehicle, rate),
+    )
+
+
+@compilable
+def rate_law(
+    command: np.ndarray,
+    wanted: np.ndarray,
+    w: np.ndarray,
+    speeds: np.ndarray,
+    parameters: RateParameters,
+) -> None:
+    """Sets the rotor speeds to command (rad/s), (n,), for a thrust and body rates.
+
+    The moment is M = J K (w_d - w) + w x J w: proportional in the error of the rates, and what
+    turns the spin itself. There is no integral: an error that stays is for whoever sets the
+    rates, and nothing can wind up. Where a rotor is at its limit, prioritized_thrusts() says
+    what is given up.
+
+    Args:
+        command: is written.
+        wanted: [f, w_x, w_y, w_z]: total thrust (N) and w_d, the rates in B (rad/s), (4,).
+        w: of the body, in B (rad/s), (3,).
+        speeds: of the rotors, as they are (rad/s), (n,).
+        parameters: of the vehicle.
+    """
+    J = parameters.inertia
+    moment = J * parameters.gains * (wanted[1:4] - w) + cross(w, J * w)
+    thrusts = prioritized_thrusts(wanted[0], moment, parameters.inverse, parameters.max_thrusts)
+    set_speeds(
+        command,
+        thrusts,
+        speeds,
+        parameters.max_thrusts,
+        parameters.thrust_coefficients,
+        parameters.max_speeds,
+        parameters.overdrive,
+    )
+
+
+@compilable
+def prioritized_thrusts(
+    f: float, moment: np.ndarray, inverse: np.ndarray, limits: np.ndarray
+) -> np.ndarray:
+    """Returns thrusts (N), (n,), for a total thrust (N) and a moment in B (N m), (3,).
+
+    Within the limits they are inverse @ [f, M]. Beyond, the moment about z is given up first,
+    then the thrust, and roll and pitch, which point the thrust, last: the priorities of
+    Faessler, Falanga and Scaramuzza, "Thrust mixing, saturation, and body-rate control for
+    accurate aggressive quadrotor flight" (RA-L 2017), section III. Each is scaled as little as
+    brings all rotors within their limits, which needs no iteration.
+
+    Args:
+        inverse: (n, 4), whose first column is positive. limits: (N), (n,).
+    """
+    n = len(limits)
+    tilting, turning = np.empty(n), np.empty(n)  # shares of the moments, as thrusts
+    for i in range(n):
+        tilting[i] = inverse[i, 1] * moment[0] + inverse[i, 2] * moment[1]
+        turning[i] = inverse[i, 3] * moment[2]
+    # Of roll and pitch, as much as some total thrust allows.
+    share = 1.0
+    for i in range(n):
+        for j in range(n):
+            apart = tilting[j] / inverse[j, 0] - tilting[i] / inverse[i, 0]
+            room = limits[j] / inverse[j, 0]
+            if share * apart > room:
+                share = room / apart
+    # The total thrust nearest to that wanted.
+    low, high = -np.inf, np.inf
+    for i in range(n):
+        tilting[i] *= share
+        low = max(low, -tilting[i] / inverse[i, 0])
+        high = min(high, (limits[i] - tilting[i]) / inverse[i, 0])
+    f = min(max(f, low), high)
+    # Of yaw, what is left.
+    share = 1.0
+    for i in range(n):
+        thrust = inverse[i, 0] * f + tilting[i]
+        if thrust + share * turning[i] > limits[i]:
+            share = max(limits[i] - thrust, 0.0) / turning[i]
+        elif thrust + share * turning[i] < 0.0:
+            share = max(thrust, 0.0) / -turning[i]
+    result = np.empty(n)
+    for i in range(n):
+        thrust = inverse[i, 0] * f + tilting[i] + share * turning[i]
+        result[i] = min(max(thrust, 0.0), limits[i])  # but for rounding, it is within
+    return result

@@ -163,11 +163,12 @@ def follow_commands(
         i: number of the drone.
         speeds: of all drones' rotors (rad/s), (N, n); row i is changed.
         thrusts: (N), (N, n); row i is changed.
-        commands: speeds to reach (rad/s), (N, n); negative ones and NaN count as zero.
+        commands: speeds to reach (rad/s), (N, q, n), of which the first count; negative ones
+            and NaN count as zero.
         bodies: all drones.
     """
     for k in range(speeds.shape[1]):
-        command = commands[i, k]
+        command = commands[i, 0, k]
         target = min(command, bodies.max_speeds[k]) if command > 0.0 else 0.0
         speeds[i, k] += bodies.step_share * (target - speeds[i, k])
         thrusts[i, k] = bodies.thrust_coefficients[i, k] * speeds[i, k] * speeds[i, k]

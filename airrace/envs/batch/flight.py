@@ -12,17 +12,17 @@ import numpy as np
 from airrace.common.jit import compilable, compiled_in_threads
 from airrace.envs.batch.contact import Shape, is_near_something, touches_gate, touches_ground
 from airrace.envs.batch.courses import Courses, course_of
-from airrace.envs.batch.dynamics import Bodies, follow_commands, next_motion, rotor_wrench
+from airrace.envs.batch.dynamics import Bodies, Motion, follow_commands, next_motion, rotor_wrench
 from airrace.envs.batch.fleet import Fleet, keep_motion, motion_of
 from airrace.envs.reward import RUNNING, RewardWeights, judge
-from airrace.math.triples import rotate_back, rotation_rows
+from airrace.math.triples import dot, rotate_back, rotation_rows
 from airrace.systems.control.command_scale import CommandScale, scaled
 from airrace.systems.control.gates_observation import write_gates_observation
 from airrace.systems.control.rate_law import RateParameters, rate_law
 from airrace.track.gate_opening import find
 from airrace.vehicle.state import as_plant_state
 
-_FASTER = 30.0  # m/s, by which a drone may be faster within a step
+_FASTER = 5.0  # m/s, by which a drone may get faster within a step, and more than it does
 
 
 class Clock(NamedTuple):
@@ -131,11 +131,19 @@ def advance(
         results.rewards[i], results.outcomes[i] = judgement.reward, judgement.outcome
         over = judgement.outcome != RUNNING
         results.truncated[i] = fleet.steps[i] >= world.time_limit and not over
-        observe(i, course.gates, fleet, results.observations)
+        _observe(i, course.gates, fleet, results.observations)
+
+
+@compiled_in_threads
+def observe_all(drones: np.ndarray, world: World, fleet: Fleet, results: Results) -> None:
+    """Writes the observations of some drones, (k,), as they are."""
+    for i in drones:
+        track = fleet.track[i]
+        _observe(i, course_of(world.courses, track).gates, fleet, results.observations)
 
 
 @compilable
-def observe(i: int, gates: np.ndarray, fleet: Fleet, observations: np.ndarray) -> None:
+def _observe(i, gates, fleet, observations):
     """Writes the observation of drone i, on a track with these gates."""
     write_gates_observation(
         observations[i], as_plant_state(fleet.state[i]), gates, fleet.passed[i], fleet.action[i]
@@ -157,19 +165,66 @@ def _note_passage(i, gates, passed, clock, fleet):
 def _fly(i, gusts, world, fleet):
     """Flies drone i to its next action; returns whether it touched something, but for its pad."""
     clock, bodies, courses, track = world.clock, world.bodies, world.courses, fleet.track[i]
-    command, wanted = scaled(fleet.action[i], world.scale), fleet.commands.shape[1] - 1
-    motion, touched, step = motion_of(fleet.state, i), False, 0
-    speed = math.sqrt(motion.velocity[0] ** 2 + motion.velocity[1] ** 2 + motion.velocity[2] ** 2)
-    reach = (speed + _FASTER) * clock.dt * clock.steps * clock.ticks + world.shape.reach
-    near = is_near_something(motion.position, reach, track, courses)
-    airborne = fleet.airborne[i]
+    motion, touched = motion_of(fleet.state, i), False
+    near = _is_near(motion, clock, world.shape, track, courses)
+    command = scaled(fleet.action[i], world.scale)
+    wanted, w_B = command, np.empty(3)
+    if world.by_rates:
+        command = np.empty(fleet.speeds.shape[1])
+    step, gust = fleet.steps[i] * clock.ticks * clock.steps, 0
     for tick in range(clock.ticks):
-        law = np.empty(0)
+        if world.by_rates:
+            w = rotate_back(rotation_rows(motion.quaternion), motion.angular_velocity)
+            w_B[0], w_B[1], w_B[2] = w
+            rate_law(command, wanted, w_B, fleet.speeds[i], world.rates)
         for k in range(clock.steps):
             if near:
                 touched |= touches_gate(motion, world.shape, track, courses)
-                touched |= airborne and touches_ground(motion, world.shape)
+                if fleet.airborne[i]:
+                    touched |= touches_ground(motion, world.shape)
             wind = (fleet.wind[i, 0], fleet.wind[i, 1], fleet.wind[i, 2])
             wrench = rotor_wrench(i, fleet.thrusts, bodies)
             after = next_motion(i, motion, wrench, wind, bodies, clock.dt)
+            if not fleet.airborne[i] and after.position[2] <= courses.pads[track, 6]:
+                still = (0.0, 0.0, 0.0)  # the pad holds it
+                after = Motion(motion.quaternion, motion.position, still, still)
+            motion = after
+            # What follows is seen by the next step of the plant.
+            if k == 0 and world.by_rates:
+                follow_commands(i, fleet.speeds, fleet.thrusts, fleet.commands, bodies)
+                _queue(i, command, fleet.commands)
+            elif k == 0:
+                _queue(i, command, fleet.commands)
+                follow_commands(i, fleet.speeds, fleet.thrusts, fleet.commands, bodies)
+            if gust < gusts.shape[1] and step > 0 and step % clock.wind_steps == 0:
+                _blow(i, gusts[i, gust], world, fleet)
+                gust += 1
+            step += 1
+    keep_motion(fleet.state, i, motion)
     return touched
+
+
+@compilable
+def _is_near(motion, clock, shape, track, courses):
+    """Whether a drone may touch something until its next action."""
+    v = motion.velocity
+    way = (math.sqrt(dot(v, v)) + _FASTER) * clock.dt * clock.steps * clock.ticks
+    return is_near_something(motion.position, way + shape.reach, track, courses)
+
+
+@compilable
+def _queue(i, command, commands):
+    """Puts a command for the rotors of drone i, (n,), behind those that are on their way."""
+    last = commands.shape[1] - 1
+    for k in range(len(command)):
+        for j in range(last):
+            commands[i, j, k] = commands[i, j + 1, k]
+        commands[i, last, k] = command[k]
+
+
+@compilable
+def _blow(i, noise, world, fleet):
+    """Advances the wind at drone i by one of its periods, see systems/plant/wind.py."""
+    for k in range(3):
+        rest = (1.0 - world.fade) * fleet.mean_wind[i, k]
+        fleet.wind[i, k] = rest + world.fade * fleet.wind[i, k] + world.push * noise[k]

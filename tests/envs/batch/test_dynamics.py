@@ -76,10 +76,10 @@ def fly(state, speeds, commands, bodies):
     motion = Motion(
         (q[0], q[1], q[2], q[3]), (p[0], p[1], p[2]), (w[0], w[1], w[2]), (v[0], v[1], v[2])
     )
-    speeds, command = speeds.copy().reshape(1, -1), np.empty((1, len(speeds)))
+    speeds, command = speeds.copy().reshape(1, -1), np.empty((1, 1, len(speeds)))
     thrusts = bodies.thrust_coefficients * speeds * speeds
     for k in range(len(commands)):
-        command[0] = commands[k]
+        command[0, 0] = commands[k]
         for step in range(round(HOLD / DT)):
             wrench = rotor_wrench(0, thrusts, bodies)
             motion = next_motion(0, motion, wrench, WIND, bodies, DT)

@@ -165,7 +165,7 @@ def fly(env, observations, parameters, normaliser, key):
 
 def judge(env, layers, normaliser):
     """Flies one lap of every held-out track; returns the share that finished, and lap times."""
-    observations, _ = env.reset(seed=0)
+    observations, _ = env.reset(seed=0, options={"tracks": np.arange(env.num_envs)})
     alive, laps = np.ones(env.num_envs, bool), np.full(env.num_envs, np.nan)
     while (alive & np.isnan(laps)).any():
         actions = np.asarray(act_best(layers, normaliser(observations)))
@@ -248,7 +248,7 @@ def main():
         "log_std": jnp.full(outputs, -1.0),
     }
     W, b = parameters["policy"][-1]
-    parameters["policy"][-1] = W, b.at[0].set(env.get_attr("hover_action")[0])
+    parameters["policy"][-1] = W, b.at[0].set(env.unwrapped.hover_action[0])
     per_update = HORIZON * args.envs
     updates = int(args.steps) // per_update
     optimiser = optax.chain(

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import compilable
-from airrace.math.vec3 import cross
+from airrace.math.triples import Triple, added, cross
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.vehicle import Vehicle
 
@@ -61,7 +61,7 @@ def rate_law(
 
     The moment is M = J K (w_d - w) + w x J w: proportional in the error of the rates, and what
     turns the spin itself. There is no integral: an error that stays is for whoever sets the
-    rates, and nothing can wind up. Where a rotor is at its limit, prioritized_thrusts() says
+    rates, and nothing can wind up. Where a rotor is at its limit, set_prioritized_thrusts() says
     what is given up.
 
     Args:
@@ -71,12 +71,22 @@ def rate_law(
         speeds: of the rotors, as they are (rad/s), (n,).
         parameters: of the vehicle.
     """
-    J = parameters.inertia
-    moment = J * parameters.gains * (wanted[1:4] - w) + cross(w, J * w)
-    thrusts = prioritized_thrusts(wanted[0], moment, parameters.inverse, parameters.max_thrusts)
+    J, k = parameters.inertia, parameters.gains
+    spin = (w[0], w[1], w[2])
+    J_w = (J[0] * w[0], J[1] * w[1], J[2] * w[2])
+    error = (
+        J[0] * k[0] * (wanted[1] - w[0]),
+        J[1] * k[1] * (wanted[2] - w[1]),
+        J[2] * k[2] * (wanted[3] - w[2]),
+    )
+    moment = added(error, 1.0, cross(spin, J_w))
+    # The command is a place for the thrusts until it is written: new arrays take time.
+    set_prioritized_thrusts(
+        command, wanted[0], moment, parameters.inverse, parameters.max_thrusts
+    )
     set_speeds(
         command,
-        thrusts,
+        command,
         speeds,
         parameters.max_thrusts,
         parameters.thrust_coefficients,
@@ -86,10 +96,10 @@ def rate_law(
 
 
 @compilable
-def prioritized_thrusts(
-    f: float, moment: np.ndarray, inverse: np.ndarray, limits: np.ndarray
-) -> np.ndarray:
-    """Returns thrusts (N), (n,), for a total thrust (N) and a moment in B (N m), (3,).
+def set_prioritized_thrusts(
+    thrusts: np.ndarray, f: float, moment: Triple, inverse: np.ndarray, limits: np.ndarray
+) -> None:
+    """Sets thrusts (N), (n,), for a total thrust (N) and a moment in B (N m), (3,).
 
     Within the limits they are inverse @ [f, M]. Beyond, the moment about z is given up first,
     then the thrust, and roll and pitch, which point the thrust, last: the priorities of
@@ -98,38 +108,42 @@ def prioritized_thrusts(
     brings all rotors within their limits, which needs no iteration.
 
     Args:
+        thrusts: are written.
         inverse: (n, 4), whose first column is positive. limits: (N), (n,).
     """
-    n = len(limits)
-    tilting, turning = np.empty(n), np.empty(n)  # shares of the moments, as thrusts
+    n, possible = len(limits), True
     for i in range(n):
-        tilting[i] = inverse[i, 1] * moment[0] + inverse[i, 2] * moment[1]
-        turning[i] = inverse[i, 3] * moment[2]
-    # Of roll and pitch, as much as some total thrust allows.
+        tilting = inverse[i, 1] * moment[0] + inverse[i, 2] * moment[1]
+        thrusts[i] = inverse[i, 0] * f + tilting + inverse[i, 3] * moment[2]
+        possible = possible and 0.0 <= thrusts[i] <= limits[i]
+    if possible:
+        return
+    # Of roll and pitch, as much as some total thrust allows: each rotor needs some total thrust
+    # at least, not to be below zero, and allows some at most.
+    lowest = np.inf
+    for i in range(n):
+        thrusts[i] = (inverse[i, 1] * moment[0] + inverse[i, 2] * moment[1]) / inverse[i, 0]
+        lowest = min(lowest, thrusts[i])
     share = 1.0
     for i in range(n):
-        for j in range(n):
-            apart = tilting[j] / inverse[j, 0] - tilting[i] / inverse[i, 0]
-            room = limits[j] / inverse[j, 0]
-            if share * apart > room:
-                share = room / apart
+        apart, room = thrusts[i] - lowest, limits[i] / inverse[i, 0]
+        if share * apart > room:
+            share = room / apart
     # The total thrust nearest to that wanted.
     low, high = -np.inf, np.inf
     for i in range(n):
-        tilting[i] *= share
-        low = max(low, -tilting[i] / inverse[i, 0])
-        high = min(high, (limits[i] - tilting[i]) / inverse[i, 0])
+        low = max(low, -share * thrusts[i])
+        high = min(high, limits[i] / inverse[i, 0] - share * thrusts[i])
     f = min(max(f, low), high)
     # Of yaw, what is left.
-    share = 1.0
+    yaw_share = 1.0
     for i in range(n):
-        thrust = inverse[i, 0] * f + tilting[i]
-        if thrust + share * turning[i] > limits[i]:
-            share = max(limits[i] - thrust, 0.0) / turning[i]
-        elif thrust + share * turning[i] < 0.0:
-            share = max(thrust, 0.0) / -turning[i]
-    result = np.empty(n)
+        thrusts[i] = inverse[i, 0] * (f + share * thrusts[i])
+        turning = inverse[i, 3] * moment[2]
+        if thrusts[i] + yaw_share * turning > limits[i]:
+            yaw_share = max(limits[i] - thrusts[i], 0.0) / turning
+        elif thrusts[i] + yaw_share * turning < 0.0:
+            yaw_share = max(thrusts[i], 0.0) / -turning
     for i in range(n):
-        thrust = inverse[i, 0] * f + tilting[i] + share * turning[i]
-        result[i] = min(max(thrust, 0.0), limits[i])  # but for rounding, it is within
-    return result
+        thrust = thrusts[i] + yaw_share * inverse[i, 3] * moment[2]
+        thrusts[i] = min(max(thrust, 0.0), limits[i])  # but for rounding, it is within

@@ -61,7 +61,7 @@ class Plant:
         self.rotors.set_speeds(self.rotors.GetMyMutableContextFromRoot(context), speeds)
         for k, command in enumerate(commands):
             self.diagram.get_input_port().FixValue(context, command)
-            simulator.AdvanceTo((k + 1) * HOLD)
+            simulator.AdvanceTo((k + 1) * HOLD - DT / 2)  # before the next one is taken up
         return self.plant.GetPositionsAndVelocities(self.plant.GetMyContextFromRoot(context))
 
 

@@ -11,7 +11,7 @@ Numbers are in SI units and not scaled: who trains knows best how.
 
 import numpy as np
 
-from airrace.systems.control.gates_observation import (  # for users of the environments
+from airrace.systems.control.gates_observation import (
     observation_size,
     opening_numbers,
     write_gates_observation,
@@ -19,6 +19,14 @@ from airrace.systems.control.gates_observation import (  # for users of the envi
 from airrace.track import GateMap, Track
 from airrace.track.gate_opening import GateOpening
 
+__all__ = [
+    "KINDS",
+    "gates_of_map",
+    "gates_of_track",
+    "observation_size",
+    "opening_numbers",
+    "write_gates_observation",
+]
 KINDS = ("gates", "estimate", "pixels")
 
 

@@ -12,14 +12,7 @@ from airrace.track.gate_opening import GateOpening, find
 
 # How an episode stands after a step.
 RUNNING, COLLISION, MISSED_GATE, LEFT_ARENA, FINISHED, DIVERGED = range(6)
-REASONS = (
-    "",
-    "collision",
-    "missed gate",
-    "left the arena",
-    "finished",
-    "the simulation failed",
-)
+REASONS = ("", "collision", "missed gate", "left the arena", "finished", "the simulation failed")
 TAKE_OFF = 0.4  # m above where the drone stands: only beyond is a contact a collision
 
 
@@ -73,9 +66,7 @@ class Judgement(NamedTuple):
     airborne: bool
 
 
-def make_course(
-    track: Track, *, goal: int, arena_margin: float, standing_height: float
-) -> Course:
+def make_course(track: Track, *, goal: int, arena_margin: float, standing_height: float) -> Course:
     """Returns a track as judge() takes it.
 
     Args:

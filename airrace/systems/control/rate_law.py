@@ -13,6 +13,7 @@ from airrace.vehicle import Vehicle
 _RATE_GAIN = 50.0
 # About z the rotors have so little moment that they are at their limits for most of a step.
 _YAW_GAIN = 15.0
+_LITTLE = 1e-9  # N, too little to limit
 
 
 class RateParameters(NamedTuple):
@@ -140,10 +141,10 @@ def set_prioritized_thrusts(
     for i in range(n):
         thrusts[i] = inverse[i, 0] * (f + share * thrusts[i])
         turning = inverse[i, 3] * moment[2]
-        if thrusts[i] + yaw_share * turning > limits[i]:
-            yaw_share = max(limits[i] - thrusts[i], 0.0) / turning
-        elif thrusts[i] + yaw_share * turning < 0.0:
-            yaw_share = max(thrusts[i], 0.0) / -turning
+        if turning > _LITTLE:
+            yaw_share = min(yaw_share, max(limits[i] - thrusts[i], 0.0) / turning)
+        elif turning < -_LITTLE:
+            yaw_share = min(yaw_share, max(thrusts[i], 0.0) / -turning)
     for i in range(n):
         thrust = thrusts[i] + yaw_share * inverse[i, 3] * moment[2]
         thrusts[i] = min(max(thrust, 0.0), limits[i])  # but for rounding, it is within

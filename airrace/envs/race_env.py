@@ -39,7 +39,7 @@ from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import as_plant_state, as_state
 
 _SEEDS = 2**31  # of episodes
-_LIKE_THE_GATES = 5  # steps, between two looks at where gates that move stand
+_GATES_PERIOD = 5  # steps, between two looks at where gates that move stand
 
 
 class RaceEnv(gymnasium.Env):
@@ -69,6 +69,8 @@ class RaceEnv(gymnasium.Env):
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self._options.step)}
         self._scenario = make_scenario(self._options)
+        if self._options.track != GENERATED:
+            load_track(self._scenario.track)  # so that it is refused now if it cannot be raced
         self._folder = tempfile.TemporaryDirectory(prefix="airrace-")  # of generated tracks
         self._vehicle = load_vehicle(self._scenario.drone)[0]
         self.action_scale = action_scale(self._options.action, self._vehicle)
@@ -100,7 +102,8 @@ class RaceEnv(gymnasium.Env):
         self._steps, self._outcome, self._over = 0, RUNNING, False
         if self.render_mode == "human":
             self._show()
-        return self._observe(), self._info()
+        scale = {name: part.copy() for name, part in self.action_scale._asdict().items()}
+        return self._observe(), {**self._info(), "action_scale": scale}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Flies for a step; returns observation, reward, terminated, truncated and info.
@@ -119,7 +122,7 @@ class RaceEnv(gymnasium.Env):
         self._command(scaled(action, self.action_scale))
         self._steps += 1
         self._simulator.AdvanceTo(self._steps * self._options.step)
-        if self._steps % _LIKE_THE_GATES == 0:
+        if self._steps % _GATES_PERIOD == 0:
             follow_gates(self._diagram.GetSubsystemByName("simulation"), self._context)
         after = self._state()
         judged, passed_before = self._judge(before, after, pushes), self._passed
@@ -336,7 +339,6 @@ class RaceEnv(gymnasium.Env):
             "next_gate": self._passed % len(self._track.gates) + 1,
             "track": self._track.name,
             "episode_seed": self._seed,
-            "action_scale": self.action_scale._asdict(),
         }
 
     def _show(self):

@@ -132,7 +132,9 @@ def update(optimiser, parameters, state, rollout, key):
         changes, state = optimiser.update(jax.grad(loss)(parameters, batch), state, parameters)
         return (optax.apply_updates(parameters, changes), state), None
 
-    orders = [jax.random.permutation(k, len(rollout.returns)) for k in jax.random.split(key, EPOCHS)]
+    orders = [
+        jax.random.permutation(k, len(rollout.returns)) for k in jax.random.split(key, EPOCHS)
+    ]
     batches = jnp.concatenate(orders).reshape(EPOCHS * MINIBATCHES, -1)
     return jax.lax.scan(step, (parameters, state), batches)[0]
 
@@ -253,7 +255,9 @@ def main():
     updates = int(args.steps) // per_update
     optimiser = optax.chain(
         optax.clip_by_global_norm(0.5),
-        optax.adam(optax.linear_schedule(args.rate, 0.1 * args.rate, updates * EPOCHS * MINIBATCHES)),
+        optax.adam(
+            optax.linear_schedule(args.rate, 0.1 * args.rate, updates * EPOCHS * MINIBATCHES)
+        ),
     )
     state = optimiser.init(parameters)
     normaliser, rows, best, spent = Normaliser(inputs), [], (0.0, 0.0), 0.0
@@ -262,7 +266,9 @@ def main():
     if args.resume:
         saved = np.load(checkpoint, allow_pickle=True)
         leaves, tree = jax.tree.flatten((parameters, state))
-        parameters, state = jax.tree.unflatten(tree, [saved[f"leaf{i}"] for i in range(len(leaves))])
+        parameters, state = jax.tree.unflatten(
+            tree, [saved[f"leaf{i}"] for i in range(len(leaves))]
+        )
         normaliser, rows, best, spent, first = saved["rest"].item().values()
     began = time.monotonic() - spent
     observations, _ = env.reset(seed=args.seed + first)
@@ -281,7 +287,10 @@ def main():
             last = k + 1 == updates
             if last or steps // STEPS_PER_EVALUATION > k * per_update // STEPS_PER_EVALUATION:
                 finished, laps = judge(judged, parameters["policy"], normaliser)
-                lap, spent = float(np.nanmean(laps)) if finished else np.nan, time.monotonic() - began
+                lap, spent = (
+                    float(np.nanmean(laps)) if finished else np.nan,
+                    time.monotonic() - began,
+                )
                 rows.append((steps, spent, reward, finished, lap))
                 progress.console.print(
                     f"{steps / 1e6:5.1f} million steps, {spent / 60:5.1f} min: reward a step "

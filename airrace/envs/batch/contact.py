@@ -27,7 +27,7 @@ _SIDES = 16  # of a pylon, see AddScenery
 
 
 def _pylon_planes():
-    """Returns the planes of a pylon's facets in (outwards, up): normal and offset, from the foot."""
+    """Returns planes of a pylon in (outwards, up) as (normal, offset); its radius; its height."""
     vertices = make_pylon_shape(_SIDES, 1).vertices[::_SIDES]  # one of each ring
     middles = vertices[:, 0] * math.cos(math.pi / _SIDES)  # of its edges
     outline = list(zip(middles.tolist(), vertices[:, 2].tolist()))

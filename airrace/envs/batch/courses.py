@@ -9,13 +9,15 @@ from airrace.envs.reward import Course, make_course
 from airrace.rendering.scene.pad import start_pose
 from airrace.track import Track
 
+_NEVER = 2**62  # gates
+
 
 class Courses(NamedTuple):
     """T tracks of up to G gates.
 
     Attributes:
         counts: of gates, (T,).
-        goals: how many to pass until a race is finished, (T,).
+        goals: how many to pass until an episode is finished, (T,).
         gates: numbers of their openings, see GateOpening; NaN beyond the last, (T, G, 10).
         take_off_height: above which a drone flies (m), (T,).
         arena_min: x and y of the arena, (T, 2) m.
@@ -35,13 +37,18 @@ class Courses(NamedTuple):
 
 
 def make_courses(
-    tracks: list[Track], *, laps: int, arena_margin: float, radius: float, standing_height: float
+    tracks: list[Track],
+    *,
+    laps: int | None,
+    arena_margin: float,
+    radius: float,
+    standing_height: float,
 ) -> Courses:
     """Returns tracks as arrays.
 
     Args:
         tracks: at least one.
-        laps: from gate 1 to gate 1, after which a race is finished.
+        laps: from gate 1 to gate 1, after which a race is finished; None: it goes on.
         arena_margin: how far the arena reaches beyond the outermost pylons and upwards (m).
         radius: of the drone, see Vehicle (m).
         standing_height: of the body's origin when the drone stands (m).
@@ -55,7 +62,7 @@ def make_courses(
         courses.append(
             make_course(
                 track,
-                goal=laps * len(track.gates) + 1,
+                goal=_NEVER if laps is None else laps * len(track.gates) + 1,
                 arena_margin=arena_margin,
                 standing_height=float(X_WB.translation()[2]),
             )
@@ -77,11 +84,11 @@ def make_courses(
 
 
 @compilable
-def course_of(courses: Courses, track: int) -> Course:
-    """Returns one track as judge() takes it, as views."""
+def course_of(courses: Courses, track: int, first_gate: int) -> Course:
+    """Returns one track as judge() takes it, as views, for an episode from a gate on."""
     return Course(
         courses.gates[track, : courses.counts[track]],
-        courses.goals[track],
+        courses.goals[track] + first_gate,
         courses.take_off_height[track],
         courses.arena_min[track],
         courses.arena_max[track],

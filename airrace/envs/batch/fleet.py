@@ -8,9 +8,10 @@ import numpy as np
 from airrace.common.jit import compilable, compiled
 from airrace.envs.batch.courses import Courses
 from airrace.envs.batch.dynamics import Bodies, Motion
+from airrace.envs.start import DISTANCE, HEIGHT, RATE, SIDE, SPEED, STARTS, TILT, YAW
 from airrace.vehicle import GRAVITY, Vehicle
 
-STARTS = PAD, HOVER, RANDOM = ("pad", "hover", "random")
+_PAD, _HOVER = map(STARTS.index, ("pad", "hover"))
 START_NUMBERS = 13  # uniform ones from 0 to 1 that a start is made of, see restart()
 
 
@@ -119,7 +120,7 @@ def restart(
 
     Args:
         drones: their numbers, (k,).
-        start: index of STARTS.
+        start: index of envs.start.STARTS.
         numbers: drawn uniformly from 0 to 1, (k, START_NUMBERS).
         hover: rotor speeds that hold a drone in the air (rad/s), (n,).
         bodies: all drones.
@@ -131,54 +132,63 @@ def restart(
         track = fleet.track[i]
         count = courses.counts[track]
         gate = 0
-        if start == 0:
+        if start == _PAD:
             for k in range(7):
                 fleet.state[i, k] = courses.pads[track, k]
             fleet.state[i, 7:] = 0.0
-        elif start == 1:
+        elif start == _HOVER:
             x, y, z, heading = courses.hover[track]
             level = (math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading))
             still = (0.0, 0.0, 0.0)
             keep_motion(fleet.state, i, Motion(level, (x, y, z), still, still))
         else:
             gate = min(int(numbers[row, 0] * count), count - 1)
-            keep_motion(fleet.state, i, _in_front(numbers[row], gate, courses.gates[track, :count]))
+            keep_motion(fleet.state, i, _in_front(numbers[row], courses.gates[track, gate]))
         for k in range(len(hover)):
-            speed = hover[k] if start > 0 else 0.0
+            speed = hover[k] if start != _PAD else 0.0
             fleet.speeds[i, k] = speed
             fleet.thrusts[i, k] = bodies.thrust_coefficients[i, k] * speed * speed
-            fleet.commands[i, :, k] = speed
+            fleet.commands[i, :, k] = 0.0  # nobody has sent one yet
         fleet.before[i] = fleet.state[i, 4:7]
         fleet.action[i] = 0.0
         fleet.first_gate[i] = fleet.passed[i] = gate
-        fleet.airborne[i] = start > 0
+        fleet.airborne[i] = start != _PAD
         fleet.steps[i] = 0
         fleet.lap_began[i] = fleet.lap_time[i] = math.nan
 
 
 @compilable
-def _in_front(numbers, gate, gates):
-    """Returns a hover that was disturbed, on the way from one gate to the next.
+def _in_front(numbers, gate):
+    """Returns a hover in front of a gate that was disturbed, see envs/start.py.
 
     Args:
-        numbers: see restart(). gate: the next one. gates: of the track, (n, 10).
+        numbers: see restart(). gate: numbers of its opening, (10,).
     """
     u = 2.0 * numbers - 1.0  # from -1 to 1
-    last = (gate - 1) % len(gates)
-    share = 0.05 + 0.85 * numbers[1]  # of the way back from this gate to the last one
-    x, y, z = gates[gate, 0], gates[gate, 1], gates[gate, 2]
-    back_x, back_y = gates[last, 0] - x, gates[last, 1] - y
-    heading = math.atan2(-back_y, -back_x) + 0.8 * u[2]
-    roll, pitch = 0.2 * u[3], 0.2 * u[4]
-    c, s = math.cos(0.5 * heading), math.sin(0.5 * heading)
-    # Yaw, then a small turn about a level axis of the body.
-    a, b = 0.5 * roll, 0.5 * pitch
-    length = math.sqrt(1.0 + a * a + b * b)
-    q = (c / length, (c * a - s * b) / length, (s * a + c * b) / length, s / length)
-    p = (x + share * back_x + 1.5 * u[5], y + share * back_y + 1.5 * u[6], z + 3.0 * u[7])
+    distance, side = DISTANCE[0] + (DISTANCE[1] - DISTANCE[0]) * numbers[1], SIDE * u[2]
+    heading = math.atan2(gate[4], gate[3]) + YAW * u[4]
+    quaternion = _from_angles(TILT * u[5], TILT * u[6], heading)
     return Motion(
-        q,
-        p,
-        (0.5 * u[8], 0.5 * u[9], 0.5 * u[10]),
-        (1.0 * u[11], 1.0 * u[12], 0.0),
+        quaternion,
+        (
+            gate[0] - distance * gate[3] + side * gate[6],
+            gate[1] - distance * gate[4] + side * gate[7],
+            gate[2] + HEIGHT * u[3],
+        ),
+        (RATE * u[7], RATE * u[8], RATE * u[9]),
+        (SPEED * u[10], SPEED * u[11], SPEED * u[12]),
+    )
+
+
+@compilable
+def _from_angles(roll, pitch, yaw):
+    """Returns the quaternion of R_z(yaw) R_y(pitch) R_x(roll), as RollPitchYaw of Drake."""
+    c_x, s_x = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    c_y, s_y = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    c_z, s_z = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    return (
+        c_z * c_y * c_x + s_z * s_y * s_x,
+        c_z * c_y * s_x - s_z * s_y * c_x,
+        c_z * s_y * c_x + s_z * c_y * s_x,
+        s_z * c_y * c_x - c_z * s_y * s_x,
     )

@@ -114,7 +114,7 @@ def advance(
         if idle[i]:
             continue
         track, passed = fleet.track[i], fleet.passed[i]
-        course = course_of(world.courses, track)
+        course = course_of(world.courses, track, fleet.first_gate[i])
         for k in range(actions.shape[1]):
             fleet.action[i, k] = min(max(actions[i, k], -1.0), 1.0)
         touched = _fly(i, gusts, world, fleet)
@@ -138,8 +138,8 @@ def advance(
 def observe_all(drones: np.ndarray, world: World, fleet: Fleet, results: Results) -> None:
     """Writes the observations of some drones, (k,), as they are."""
     for i in drones:
-        track = fleet.track[i]
-        _observe(i, course_of(world.courses, track).gates, fleet, results.observations)
+        course = course_of(world.courses, fleet.track[i], fleet.first_gate[i])
+        _observe(i, course.gates, fleet, results.observations)
 
 
 @compilable

@@ -1,5 +1,6 @@
 """The race for many drones at once, as a vector environment of Gymnasium."""
 
+import contextlib
 import math
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -15,105 +16,91 @@ from airrace.envs.action import action_scale
 from airrace.envs.batch.contact import load_shape
 from airrace.envs.batch.courses import make_courses
 from airrace.envs.batch.dynamics import make_bodies
-from airrace.envs.batch.fleet import START_NUMBERS, STARTS, hover_speeds, make_fleet, restart
+from airrace.envs.batch.fleet import START_NUMBERS, hover_speeds, make_fleet, restart
 from airrace.envs.batch.flight import Clock, Results, World, advance, observe_all
+from airrace.envs.options import GENERATED, make_options, make_scenario
 from airrace.envs.reward import RUNNING, RewardWeights
+from airrace.envs.start import STARTS
 from airrace.math.random import make_generator
 from airrace.scenario import Scenario
+from airrace.scenario.checks import check_choice
 from airrace.systems.control.command_scale import unscaled
 from airrace.systems.control.gates_observation import observation_size
 from airrace.systems.control.rate_law import make_rate_parameters
 from airrace.systems.plant.wind import PERIOD as WIND_PERIOD
-from airrace.track import load_track
+from airrace.track import Track, load_track
 from airrace.track.generator import generate_track
 from airrace.vehicle import GRAVITY, load_vehicle
 
-GENERATED = "generated"
 ACTIONS = ("ctbr", "rotors")
-_PERIOD = 0.02  # s, between two actions
-_PLACES = 64  # of generated tracks, if nobody says how many
+MANY = range(64)  # seeds of generated tracks, if nobody names others
 
 
 class RaceVectorEnv(VectorEnv):
     """N drones, each alone on its track, in machine code: `airrace/Race-v0` as a batch.
 
-    Actions, observations, reward and ends of episodes are those of RaceEnv, with the
-    observation ``gates``. The drones fly as in its Simulation diagram: see flight.py. What is
-    different: a drone on its pad is held there until it lifts off, and drones touch nothing
-    without being out of the race, so that nothing is computed of how they bounce.
+    Actions, observations, rewards and ends of episodes are those of RaceEnv with the observation
+    ``gates``, and the drones fly as in its diagram, see flight.py. What differs: a drone is held
+    by its pad until it lifts off, and of generated tracks there are some, of which each episode
+    draws one.
 
-    ``info`` of a step has arrays of one element a drone: ``passed``, gates that were passed in
-    the episode; ``lap_time``, of its last lap from gate 1 to gate 1 (s), NaN without;
-    ``outcome``, an index of reward.REASONS; ``track``, an index of the tracks.
+    ``info`` has arrays of one element a drone: what RaceEnv's has of numbers, and ``lap_time``,
+    of the last lap of the episode, from gate 1 to gate 1 (s), NaN if there was none;
+    ``outcome``, an index of reward.REASONS; and ``track``, an index of the tracks.
     """
 
     def __init__(
         self,
         num_envs: int = 1,
         *,
-        track: str = "student-airrace",
-        tracks: Iterable[int] = range(_PLACES),
-        drone: str = "Default",
-        action: str = "ctbr",
-        gates: int = 2,
-        start: str = "pad",
-        laps: int = 10,
-        time_limit: float = 30.0,
-        weights: RewardWeights = RewardWeights(),
-        scenario: Scenario | None = None,
+        tracks: Iterable[int] = MANY,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         num_threads: int = 1,
+        **options: Any,
     ):
         """Constructs the drones; their episodes begin with reset().
 
         Args:
             num_envs: how many drones.
-            track: name of a shipped track, a file, or "generated".
-            tracks: seeds of the generated tracks, one of which each episode is on.
-            drone: a shipped drone, or the folder of one.
-            action: "ctbr", thrust and body rates, or "rotors"; see action.py.
-            gates: how many next gates are observed.
-            start: "pad"; "hover", over it at rest; or "random", in front of some gate.
-            laps: after which a race is finished.
-            time_limit: of an episode (s).
-            weights: of the reward.
-            scenario: whose rates, disturbances and referee are those of the world.
+            tracks: seeds of the tracks, if the option ``track`` is "generated".
             autoreset_mode: NEXT_STEP or SAME_STEP.
             num_threads: that fly the drones; the results are the same with any number.
+            options: those of EnvOptions.
 
         Raises:
-            UserError: for an option that there is not.
+            UserError: for an option that there is not, or not in a batch.
         """
-        scenario = scenario or Scenario()
+        wanted = make_options(**options)
+        scenario = make_scenario(wanted)
         self.num_envs = num_envs
         self._mode = AutoresetMode(autoreset_mode)
-        _check(action, start, self._mode, scenario)
+        _check(wanted, scenario, self._mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self._mode}
-        self._scenario, self._start = scenario, STARTS.index(start)
-        self._vehicle, sdf = load_vehicle(drone)
+        self._disturbances, self._start = scenario.disturbances, STARTS.index(wanted.start)
+        self._vehicle, sdf = load_vehicle(scenario.drone)
         shape = load_shape(self._vehicle, sdf)
-        found = [generate_track(s) for s in tracks] if track == GENERATED else [load_track(track)]
+        generated = wanted.track == GENERATED
         courses = make_courses(
-            found,
-            laps=laps,
+            _generate(tracks) if generated else [load_track(scenario.track)],
+            laps=wanted.laps,
             arena_margin=scenario.referee.arena_margin,
             radius=self._vehicle.radius,
             standing_height=shape.standing_height,
         )
-        clock = _make_clock(scenario)
+        clock = _make_clock(scenario, wanted.step)
         wind, period = scenario.disturbances.wind, 1.0 / scenario.rotors.rate
         fade = math.exp(-WIND_PERIOD / wind.gust_time)
-        scale = action_scale(action, self._vehicle)
+        scale = action_scale(wanted.action, self._vehicle)
         self._world = World(
             clock=clock,
             bodies=make_bodies(self._vehicle, num_envs, period, scenario.disturbances.drag),
             shape=shape,
             courses=courses,
             scale=scale,
-            by_rates=action == "ctbr",
+            by_rates=wanted.action == "ctbr",
             rates=make_rate_parameters(self._vehicle, scenario.rotors.rate),
-            weights=weights,
-            time_limit=round(time_limit / clock.period),
+            weights=wanted.reward,
+            time_limit=wanted.steps,
             fade=fade,
             push=wind.gust_rms * math.sqrt(1.0 - fade * fade),
         )
@@ -121,7 +108,7 @@ class RaceVectorEnv(VectorEnv):
         delay = scenario.disturbances.actuator_delay
         queue = 1 + (max(1, round(delay / period)) if delay > 0.0 else 0)
         self._fleet = make_fleet(num_envs, rotors, size, queue)
-        length = observation_size(gates, size)
+        length = observation_size(wanted.gates, size)
         self._results = Results(
             observations=np.zeros((num_envs, length), np.float32),
             rewards=np.zeros(num_envs),
@@ -133,7 +120,11 @@ class RaceVectorEnv(VectorEnv):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._hover = hover_speeds(self._vehicle)
-        hover = [self._vehicle.mass * GRAVITY, 0.0, 0.0, 0.0] if action == "ctbr" else self._hover
+        hover = (
+            [self._vehicle.mass * GRAVITY, 0.0, 0.0, 0.0]
+            if wanted.action == "ctbr"
+            else self._hover
+        )
         #: the action that holds the drone in the air if it is level and at rest
         self.hover_action = unscaled(np.array(hover), scale).astype(np.float32)
         self._ended = np.ones(num_envs, bool)
@@ -192,11 +183,12 @@ class RaceVectorEnv(VectorEnv):
         terminated = ended & ~truncated
         info = self._info()
         if self._mode is AutoresetMode.SAME_STEP and ended.any():
-            info |= {"final_obs": results.observations.copy(), "_final_obs": ended}
-            info |= {"final_info": self._info(), "_final_info": ended}
+            final = {"final_obs": results.observations.copy(), "_final_obs": ended}
+            final |= {"final_info": info, "_final_info": ended}
             over = np.flatnonzero(ended)
             self._begin(over)
             observe_all(over, self._world, self._fleet, results)
+            info = self._info() | final
         elif self._mode is AutoresetMode.NEXT_STEP:
             self._ended[:] = ended
         return results.observations.copy(), results.rewards.copy(), terminated, truncated, info
@@ -218,7 +210,7 @@ class RaceVectorEnv(VectorEnv):
 
     def _begin(self, drones, tracks=None):
         """Begins episodes of some drones, (k,), on tracks that are drawn unless they are given."""
-        fleet, bodies, wind = self._fleet, self._world.bodies, self._scenario.disturbances.wind
+        fleet, bodies, wind = self._fleet, self._world.bodies, self._disturbances.wind
         count = len(self._world.courses.counts)
         drawn = self._starts.integers(count, size=len(drones))
         fleet.track[drones] = drawn if tracks is None else np.asarray(tracks)[drones]
@@ -233,7 +225,7 @@ class RaceVectorEnv(VectorEnv):
 
     def _vary(self, drones):
         """Draws mass, inertia and thrusts of some drones anew, see true_vehicle()."""
-        config, bodies = self._scenario.disturbances, self._world.bodies
+        config, bodies = self._disturbances, self._world.bodies
         if config.mass_error == config.inertia_error == config.thrust_coefficient_error == 0.0:
             return
         rotors = len(self._vehicle.rotors)
@@ -268,9 +260,11 @@ class RaceVectorEnv(VectorEnv):
         return -(-clock.steps * clock.ticks // clock.wind_steps)
 
     def _info(self):
-        fleet = self._fleet
+        fleet, clock = self._fleet, self._world.clock
         info = {
-            "passed": fleet.passed - fleet.first_gate,
+            "time": fleet.steps * clock.dt * clock.steps * clock.ticks,
+            "gates_passed": fleet.passed - fleet.first_gate,
+            "next_gate": fleet.passed % self._world.courses.counts[fleet.track] + 1,
             "lap_time": fleet.lap_time.copy(),
             "outcome": self._results.outcomes.copy(),
             "track": fleet.track.copy(),
@@ -279,34 +273,43 @@ class RaceVectorEnv(VectorEnv):
         return info | {f"_{name}": everyone for name in info}
 
 
-def _make_clock(scenario: Scenario) -> Clock:
-    """Returns how often things happen in a scenario.
+def _generate(seeds) -> list[Track]:
+    """Returns the generated tracks of some seeds, but for those that have none."""
+    tracks = []
+    for seed in seeds:
+        with contextlib.suppress(UserError):
+            tracks.append(generate_track(seed))
+    if not tracks:
+        raise UserError("tracks must name seeds of generated tracks, such as range(64).")
+    return tracks
+
+
+def _make_clock(scenario: Scenario, step: float) -> Clock:
+    """Returns how often things happen in a scenario, with so much time between two actions (s).
 
     Raises:
         UserError: if its rates are no multiples of each other.
     """
     dt, period = scenario.plant_config.time_step, 1.0 / scenario.rotors.rate
-    steps, ticks, wind_steps = period / dt, _PERIOD / period, WIND_PERIOD / dt
-    for name, number in (
-        ("rotors.rate", steps),
-        ("rotors.rate", ticks),
-        ("plant_config.time_step", wind_steps),
-    ):
-        if abs(number - round(number)) > 1e-6 or number < 0.5:
-            raise UserError(
-                f"{name} does not suit a batch of drones: the period of the rotors must be whole "
-                f"steps of the plant, and {_PERIOD:g} s whole periods of the rotors."
-            )
-    return Clock(dt, round(steps), round(ticks), round(wind_steps))
+    numbers = period / dt, step / period, WIND_PERIOD / dt
+    if any(abs(number - round(number)) > 1e-6 or number < 0.5 for number in numbers):
+        raise UserError(
+            "In a batch of drones, 1 / rotors.rate must be whole steps of the plant, and so must "
+            f"be the wind's {WIND_PERIOD:g} s."
+        )
+    return Clock(dt, *map(round, numbers))
 
 
-def _check(action, start, mode, scenario):
-    for name, value, choices in (("action", action, ACTIONS), ("start", start, STARTS)):
-        if value not in choices:
-            raise UserError(f"{name} must be one of {', '.join(choices)}, not '{value}'.")
+def _check(options, scenario, mode):
     if mode is AutoresetMode.DISABLED:
         raise UserError("autoreset_mode must be NEXT_STEP or SAME_STEP.")
-    if scenario.disturbances.gate_shift > 0.0:
-        raise UserError("In a batch of drones gates cannot move: set disturbances.gate_shift to 0.")
-    if scenario.rotor_failures:
-        raise UserError("In a batch of drones rotors cannot fail: leave out rotor_failures.")
+    check_choice("In a batch of drones, action", options.action, ACTIONS)
+    check_choice("In a batch of drones, observation", options.observation, ("gates",))
+    for wrong, text in (
+        (not isinstance(options.reward, RewardWeights), "reward must be RewardWeights"),
+        (scenario.disturbances.gate_shift > 0.0, "gates cannot move: take a level below 4"),
+        (scenario.rotor_failures, "rotors cannot fail: leave out rotor_failures"),
+        (scenario.rotors.rate != scenario.controller.rate, "rotors.rate must be controller.rate"),
+    ):
+        if wrong:
+            raise UserError(f"In a batch of drones, {text}.")

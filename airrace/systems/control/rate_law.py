@@ -82,9 +82,7 @@ def rate_law(
     )
     moment = added(error, 1.0, cross(spin, J_w))
     # The command is a place for the thrusts until it is written: new arrays take time.
-    set_prioritized_thrusts(
-        command, wanted[0], moment, parameters.inverse, parameters.max_thrusts
-    )
+    set_prioritized_thrusts(command, wanted[0], moment, parameters.inverse, parameters.max_thrusts)
     set_speeds(
         command,
         command,

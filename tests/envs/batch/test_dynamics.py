@@ -86,9 +86,7 @@ def fly(state, speeds, commands, bodies):
             if step % round(ROTOR_PERIOD / DT) == 0:
                 follow_commands(0, speeds, thrusts, command, bodies)
     q, p, w, v = motion
-    return np.array(
-        (q[0], q[1], q[2], q[3], p[0], p[1], p[2], w[0], w[1], w[2], v[0], v[1], v[2])
-    )
+    return np.array((q[0], q[1], q[2], q[3], p[0], p[1], p[2], w[0], w[1], w[2], v[0], v[1], v[2]))
 
 
 @pytest.mark.parametrize("name", DRONES)

@@ -5,11 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airrace.systems.control.rate_law import (
-    make_rate_parameters,
-    rate_law,
-    set_prioritized_thrusts,
-)
+from airrace.systems.control.rate_law import make_rate_parameters, rate_law, set_prioritized_thrusts
 from airrace.vehicle import GRAVITY, load_vehicle
 
 RATE = 500.0

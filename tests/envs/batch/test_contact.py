@@ -87,6 +87,7 @@ def test_what_is_touched_is_what_drake_says(name, seed):
     foot = TRACK.pylons()[generator.integers(2 * len(TRACK.gates))]
     height = generator.choice([0.3, 3.0, 6.25, 12.0])
     position = foot + [0.0, 0.0, height] + generator.uniform(-2.5, 2.5, 3)
+    position[2] = abs(position[2])  # nobody flies below the ground
     state = np.concatenate([quaternion, position, np.zeros(6)])[None]
     ground, others = world.distances(quaternion, position)
     on_ground, on_gate, near = touched(state, world.shape, world.courses, 0.1)

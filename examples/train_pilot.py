@@ -33,6 +33,9 @@ HIDDEN = (128, 128)
 HORIZON = 64  # steps of every drone between two updates
 EPOCHS, MINIBATCHES = 3, 8
 REWARD_SCALE = 0.1  # so that the values to be learned are about one
+# First it learns to be quick, then to be careful as well: what a failure costs more grows from
+# nothing to this between two shares of the training.
+CAREFUL, CAREFUL_FROM, CAREFUL_TO = 100.0, 0.45, 0.75
 STEPS_PER_EVALUATION = 2_000_000
 HELD_OUT = range(1_000_000, 1_000_100)  # seeds of tracks to judge by; training takes small ones
 
@@ -139,7 +142,7 @@ def update(optimiser, parameters, state, rollout, key):
     return jax.lax.scan(step, (parameters, state), batches)[0]
 
 
-def fly(env, observations, parameters, normaliser, key):
+def fly(env, observations, parameters, normaliser, key, penalty):
     """Flies HORIZON steps; returns the rollout, the raw observations, and the last ones."""
     T, N = HORIZON, env.num_envs
     raw, rows, rewards, values, ends = [], [], np.empty((T, N)), np.empty((T + 1, N)), []
@@ -149,7 +152,7 @@ def fly(env, observations, parameters, normaliser, key):
         raw.append(observations)
         rows.append((seen, actions, log_probabilities))
         observations, reward, terminated, truncated, info = env.step(np.clip(actions, -1.0, 1.0))
-        rewards[t] = REWARD_SCALE * reward
+        rewards[t] = REWARD_SCALE * (reward - penalty * terminated)
         if truncated.any():  # it would have gone on
             final = normaliser(info["final_obs"][truncated])
             rewards[t, truncated] += GAMMA * np.asarray(act(parameters, final, k)[2])
@@ -276,8 +279,11 @@ def main():
     with Progress(*columns) as progress:
         task = progress.add_task("learning", total=updates, completed=first)
         for k in range(first, updates):
+            careful = (k / updates - CAREFUL_FROM) / (CAREFUL_TO - CAREFUL_FROM)
+            penalty = CAREFUL * float(np.clip(careful, 0.0, 1.0))
+            keys = jax.random.fold_in(key, 2 * k)
             rollout, raw, observations, reward = fly(
-                env, observations, parameters, normaliser, jax.random.fold_in(key, 2 * k)
+                env, observations, parameters, normaliser, keys, penalty
             )
             parameters, state = update(
                 optimiser, parameters, state, rollout, jax.random.fold_in(key, 2 * k + 1)

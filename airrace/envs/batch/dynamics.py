@@ -10,8 +10,6 @@ A test compares both over a second of flight.
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from airrace.common.jit import compilable
 from airrace.math.triples import (
     Quaternion,
@@ -26,7 +24,7 @@ from airrace.math.triples import (
     rotation_rows,
     times,
 )
-from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle import GRAVITY
 
 
 class Motion(NamedTuple):
@@ -45,130 +43,58 @@ class Motion(NamedTuple):
     velocity: Triple
 
 
-class Bodies(NamedTuple):
-    """What N drones are made of; a row is one drone, which has n rotors.
+class Wrench(NamedTuple):
+    """Of the rotors: total thrust along body z (N), and moments in B (N m)."""
+
+    thrust: float
+    moment: Triple
+
+
+class Body(NamedTuple):
+    """What the air and the rotors move.
 
     Attributes:
-        mass: (kg), (N,).
-        inertia: principal moments in B (kg m^2), (N, 3).
-        thrust_coefficients: c_f of each rotor (N s^2), (N, n).
-        max_speeds: of each rotor (rad/s), (n,).
-        step_share: how much of a step in the command a rotor makes in one period, see
-            vehicle/rotors.py.
-        levers: what moments [Mx, My, Mz] a thrust of 1 N of each rotor gives (m), (n, 3).
-        drag: linear, quadratic and angular coefficients, see systems/plant/drag.py, (3, 3).
+        mass: (kg). inertia: principal moments in B (kg m^2).
+        linear, quadratic, angular: coefficients of drag, see systems/plant/drag.py.
     """
 
-    mass: np.ndarray
-    inertia: np.ndarray
-    thrust_coefficients: np.ndarray
-    max_speeds: np.ndarray
-    step_share: float
-    levers: np.ndarray
-    drag: np.ndarray
-
-
-def make_bodies(vehicle: Vehicle, count: int, rotor_period: float, drag_share: float) -> Bodies:
-    """Returns equal drones, as the vehicle's file describes them.
-
-    Args:
-        vehicle: the drone.
-        count: of drones.
-        rotor_period: between two updates of the rotors' speeds (s).
-        drag_share: of the vehicle's drag; 0 is none, 1 is all.
-    """
-    drag = [vehicle.drag.linear, vehicle.drag.quadratic, vehicle.drag.angular]
-    return Bodies(
-        mass=np.full(count, vehicle.mass),
-        inertia=np.tile(np.array(vehicle.inertia), (count, 1)),
-        thrust_coefficients=np.tile(vehicle.thrust_coefficients, (count, 1)),
-        max_speeds=vehicle.max_speeds,
-        step_share=float(1.0 - np.exp(-rotor_period / vehicle.rotor_lag)),
-        levers=np.ascontiguousarray(vehicle.allocation[1:].T),
-        drag=drag_share * np.array(drag),
-    )
+    mass: float
+    inertia: Triple
+    linear: Triple
+    quadratic: Triple
+    angular: Triple
 
 
 @compilable
-def rotor_wrench(i: int, thrusts: np.ndarray, bodies: Bodies) -> tuple[float, Triple]:
-    """Returns total thrust (N) along body z, and moments in B (N m), of drone i.
+def next_motion(motion: Motion, wrench: Wrench, wind: Triple, body: Body, dt: float) -> Motion:
+    """Returns the motion after a step of the plant.
 
     Args:
-        i: number of the drone.
-        thrusts: of its rotors (N), (N, n).
-        bodies: all drones.
-    """
-    total, x, y, z = 0.0, 0.0, 0.0, 0.0
-    for k in range(thrusts.shape[1]):
-        thrust = thrusts[i, k]
-        total += thrust
-        x += bodies.levers[k, 0] * thrust
-        y += bodies.levers[k, 1] * thrust
-        z += bodies.levers[k, 2] * thrust
-    return total, (x, y, z)
-
-
-@compilable
-def next_motion(
-    i: int, motion: Motion, wrench: tuple[float, Triple], wind: Triple, bodies: Bodies, dt: float
-) -> Motion:
-    """Returns the motion of drone i after a step of the plant.
-
-    Args:
-        i: number of the drone.
         motion: before the step.
-        wrench: of its rotors, see rotor_wrench().
+        wrench: of the rotors.
         wind: velocity of the air in the world (m/s).
-        bodies: all drones.
+        body: that moves.
         dt: of the step (s).
     """
     q, p, w, v = motion
-    total, moment = wrench
-    J = (bodies.inertia[i, 0], bodies.inertia[i, 1], bodies.inertia[i, 2])
-    R_WB = rotation_rows(q)
+    J, R_WB = body.inertia, rotation_rows(q)
     w_B = rotate_back(R_WB, w)
-    force_B, drag_moment = _drag(rotate_back(R_WB, difference(v, wind)), w_B, bodies.drag)
-    moment = added(moment, 1.0, drag_moment)
+    force_B, drag_moment = _drag(rotate_back(R_WB, difference(v, wind)), w_B, body)
+    moment = added(wrench.moment, 1.0, drag_moment)
     # Euler's equation of rotation, and Newton's law.
     M = difference(moment, cross(w_B, times(J, w_B)))
     alpha_B = (M[0] / J[0], M[1] / J[1], M[2] / J[2])
-    a = rotate(R_WB, (force_B[0], force_B[1], force_B[2] + total))
+    a = rotate(R_WB, (force_B[0], force_B[1], force_B[2] + wrench.thrust))
     w = added(w, dt, rotate(R_WB, alpha_B))
-    v = added(v, dt / bodies.mass[i], a)
+    v = added(v, dt / body.mass, a)
     v = (v[0], v[1], v[2] - dt * GRAVITY)
     return Motion(quaternion_added(q, dt, w), added(p, dt, v), w, v)
 
 
 @compilable
-def _drag(v_B, w_B, coefficients):
+def _drag(v_B, w_B, body):
     """Returns force (N) and moment (N m) in B of the air that the body moves through, see Drag."""
-    c, speed = coefficients, math.sqrt(dot(v_B, v_B))
-    return (
-        (
-            -(c[0, 0] + c[1, 0] * speed) * v_B[0],
-            -(c[0, 1] + c[1, 1] * speed) * v_B[1],
-            -(c[0, 2] + c[1, 2] * speed) * v_B[2],
-        ),
-        (-c[2, 0] * w_B[0], -c[2, 1] * w_B[1], -c[2, 2] * w_B[2]),
-    )
-
-
-@compilable
-def follow_commands(
-    i: int, speeds: np.ndarray, thrusts: np.ndarray, commands: np.ndarray, bodies: Bodies
-) -> None:
-    """Advances the rotors of drone i by a period, see systems/plant/rotor_bank.py.
-
-    Args:
-        i: number of the drone.
-        speeds: of all drones' rotors (rad/s), (N, n); row i is changed.
-        thrusts: (N), (N, n); row i is changed.
-        commands: speeds to reach (rad/s), (N, q, n), of which the first count; negative ones
-            and NaN count as zero.
-        bodies: all drones.
-    """
-    for k in range(speeds.shape[1]):
-        command = commands[i, 0, k]
-        target = min(command, bodies.max_speeds[k]) if command > 0.0 else 0.0
-        speeds[i, k] += bodies.step_share * (target - speeds[i, k])
-        thrusts[i, k] = bodies.thrust_coefficients[i, k] * speeds[i, k] * speeds[i, k]
+    speed = math.sqrt(dot(v_B, v_B))
+    force = times(added(body.linear, speed, body.quadratic), v_B)
+    moment = times(body.angular, w_B)
+    return (-force[0], -force[1], -force[2]), (-moment[0], -moment[1], -moment[2])

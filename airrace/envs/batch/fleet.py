@@ -7,12 +7,36 @@ import numpy as np
 
 from airrace.common.jit import compilable, compiled
 from airrace.envs.batch.courses import Courses
-from airrace.envs.batch.dynamics import Bodies, Motion
+from airrace.envs.batch.dynamics import Motion
 from airrace.envs.start import DISTANCE, HEIGHT, RATE, SIDE, SPEED, STARTS, TILT, YAW
 from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.rotors import make_rotor_dynamics
 
 _PAD, _HOVER = map(STARTS.index, ("pad", "hover"))
 START_NUMBERS = 13  # uniform ones from 0 to 1 that a start is made of, see restart()
+
+
+class Bodies(NamedTuple):
+    """What N drones are made of; a row is one drone, which has n rotors.
+
+    Attributes:
+        mass: (kg), (N,).
+        inertia: principal moments in B (kg m^2), (N, 3).
+        thrust_coefficients: c_f of each rotor (N s^2), (N, n).
+        max_speeds: of each rotor (rad/s), (n,).
+        step_share: how much of a step in the command a rotor makes in one period, see
+            vehicle/rotors.py.
+        levers: what thrust and moments [f, Mx, My, Mz] a thrust of 1 N of each rotor gives, (n, 4).
+        drag: linear, quadratic and angular coefficients, see systems/plant/drag.py, (3, 3).
+    """
+
+    mass: np.ndarray
+    inertia: np.ndarray
+    thrust_coefficients: np.ndarray
+    max_speeds: np.ndarray
+    step_share: float
+    levers: np.ndarray
+    drag: np.ndarray
 
 
 class Fleet(NamedTuple):
@@ -51,6 +75,28 @@ class Fleet(NamedTuple):
     steps: np.ndarray
     lap_began: np.ndarray
     lap_time: np.ndarray
+
+
+def make_bodies(vehicle: Vehicle, count: int, rotor_period: float, drag_share: float) -> Bodies:
+    """Returns equal drones, as the vehicle's file describes them.
+
+    Args:
+        vehicle: the drone.
+        count: of drones.
+        rotor_period: between two updates of the rotors' speeds (s).
+        drag_share: of the vehicle's drag; 0 is none, 1 is all.
+    """
+    drag = [vehicle.drag.linear, vehicle.drag.quadratic, vehicle.drag.angular]
+    rotors = make_rotor_dynamics(vehicle, rotor_period)
+    return Bodies(
+        mass=np.full(count, vehicle.mass),
+        inertia=np.tile(np.array(vehicle.inertia), (count, 1)),
+        thrust_coefficients=np.tile(rotors.thrust_coefficients, (count, 1)),
+        max_speeds=rotors.max_speeds,
+        step_share=rotors.step_share,
+        levers=np.ascontiguousarray(vehicle.allocation.T),
+        drag=drag_share * np.array(drag),
+    )
 
 
 def make_fleet(count: int, rotors: int, actions: int, queue: int) -> Fleet:

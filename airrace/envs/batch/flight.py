@@ -12,13 +12,28 @@ import numpy as np
 from airrace.common.jit import compilable, compiled_in_threads
 from airrace.envs.batch.contact import Shape, is_near_something, touches_gate, touches_ground
 from airrace.envs.batch.courses import Courses, course_of
-from airrace.envs.batch.dynamics import Bodies, Motion, follow_commands, next_motion, rotor_wrench
-from airrace.envs.batch.fleet import Fleet, keep_motion, motion_of
+from airrace.envs.batch.dynamics import Motion
+from airrace.envs.batch.fleet import Bodies, Fleet
+from airrace.envs.batch.lanes import (
+    LANES,
+    WANTED,
+    WIND,
+    control_rates,
+    follow_commands,
+    load,
+    make_block,
+    motion_in,
+    queue_command,
+    set_motion,
+    step_plant,
+    store,
+    sum_thrusts,
+)
 from airrace.envs.reward import RUNNING, RewardWeights, judge
-from airrace.math.triples import dot, rotate_back, rotation_rows
-from airrace.systems.control.command_scale import CommandScale, scaled
+from airrace.math.triples import dot
+from airrace.systems.control.command_scale import CommandScale
 from airrace.systems.control.gates_observation import write_gates_observation
-from airrace.systems.control.rate_law import RateParameters, rate_law
+from airrace.systems.control.rate_law import RateParameters
 from airrace.track.gate_opening import find
 from airrace.vehicle.state import as_plant_state
 
@@ -110,28 +125,46 @@ def advance(
         idle: whether a drone is left out, (N,).
         world, fleet: of all drones. results: are written.
     """
-    for i in range(first, last):
-        if idle[i]:
-            continue
-        track, passed = fleet.track[i], fleet.passed[i]
-        course = course_of(world.courses, track, fleet.first_gate[i])
-        for k in range(actions.shape[1]):
-            fleet.action[i, k] = min(max(actions[i, k], -1.0), 1.0)
-        touched = _fly(i, gusts, world, fleet)
-        fleet.steps[i] += 1
-        p, w = fleet.state[i, 4:7], fleet.state[i, 7:10]
-        judgement = judge(
-            fleet.before[i], p, w, touched, passed, fleet.airborne[i], course, world.weights
-        )
-        if judgement.passed > passed:
-            _note_passage(i, course.gates, passed, world.clock, fleet)
-        for k in range(3):
-            fleet.before[i, k] = p[k]
-        fleet.passed[i], fleet.airborne[i] = judgement.passed, judgement.airborne
-        results.rewards[i], results.outcomes[i] = judgement.reward, judgement.outcome
-        over = judgement.outcome != RUNNING
-        results.truncated[i] = fleet.steps[i] >= world.time_limit and not over
-        _observe(i, course.gates, fleet, results.observations)
+    n, queue, size = fleet.speeds.shape[1], fleet.commands.shape[1], actions.shape[1]
+    block = make_block(n, queue)
+    touched = np.empty(LANES, np.bool_)
+    for i in range(first, last, LANES):
+        count = min(LANES, last - i)
+        load(block, i, count, fleet, world.bodies)
+        for lane in range(count):
+            for k in range(size):
+                share = min(max(actions[i + lane, k], -1.0), 1.0)
+                fleet.action[i + lane, k] = share
+                wanted = world.scale.center[k] + world.scale.half_range[k] * share
+                if world.by_rates:
+                    block.rows[(WANTED + k) * LANES + lane] = wanted
+                else:
+                    block.new[k * LANES + lane] = wanted
+        _fly(i, count, block, touched, gusts, world, fleet)
+        for lane in range(count):
+            if not idle[i + lane]:
+                store(block, lane, i + lane, fleet)
+                _judge(i + lane, touched[lane], world, fleet, results)
+
+
+@compilable
+def _judge(i, touched, world, fleet, results):
+    """Writes what the step of drone i comes to."""
+    passed, course = fleet.passed[i], course_of(world.courses, fleet.track[i], fleet.first_gate[i])
+    fleet.steps[i] += 1
+    p, w = fleet.state[i, 4:7], fleet.state[i, 7:10]
+    judgement = judge(
+        fleet.before[i], p, w, touched, passed, fleet.airborne[i], course, world.weights
+    )
+    if judgement.passed > passed:
+        _note_passage(i, course.gates, passed, world.clock, fleet)
+    for k in range(3):
+        fleet.before[i, k] = p[k]
+    fleet.passed[i], fleet.airborne[i] = judgement.passed, judgement.airborne
+    results.rewards[i], results.outcomes[i] = judgement.reward, judgement.outcome
+    over = judgement.outcome != RUNNING
+    results.truncated[i] = fleet.steps[i] >= world.time_limit and not over
+    _observe(i, course.gates, fleet, results.observations)
 
 
 @compiled_in_threads
@@ -162,46 +195,65 @@ def _note_passage(i, gates, passed, clock, fleet):
 
 
 @compilable
-def _fly(i, gusts, world, fleet):
-    """Flies drone i to its next action; returns whether it touched something, but for its pad."""
-    clock, bodies, courses, track = world.clock, world.bodies, world.courses, fleet.track[i]
-    motion, touched = motion_of(fleet.state, i), False
-    near = _is_near(motion, clock, world.shape, track, courses)
-    command = scaled(fleet.action[i], world.scale)
-    wanted, w_B = command, np.empty(3)
-    if world.by_rates:
-        command = np.empty(fleet.speeds.shape[1])
-    step, gust = fleet.steps[i] * clock.ticks * clock.steps, 0
-    for tick in range(clock.ticks):
-        if world.by_rates:
-            w = rotate_back(rotation_rows(motion.quaternion), motion.angular_velocity)
-            w_B[0], w_B[1], w_B[2] = w
-            rate_law(command, wanted, w_B, fleet.speeds[i], world.rates)
-        for k in range(clock.steps):
-            if near:
-                touched |= touches_gate(motion, world.shape, track, courses)
-                if fleet.airborne[i]:
-                    touched |= touches_ground(motion, world.shape)
-            wind = (fleet.wind[i, 0], fleet.wind[i, 1], fleet.wind[i, 2])
-            wrench = rotor_wrench(i, fleet.thrusts, bodies)
-            after = next_motion(i, motion, wrench, wind, bodies, clock.dt)
-            if not fleet.airborne[i] and after.position[2] <= courses.pads[track, 6]:
-                still = (0.0, 0.0, 0.0)  # the pad holds it
-                after = Motion(motion.quaternion, motion.position, still, still)
-            motion = after
-            # What follows is seen by the next step of the plant.
-            if k == 0 and world.by_rates:
-                follow_commands(i, fleet.speeds, fleet.thrusts, fleet.commands, bodies)
-                _queue(i, command, fleet.commands)
-            elif k == 0:
-                _queue(i, command, fleet.commands)
-                follow_commands(i, fleet.speeds, fleet.thrusts, fleet.commands, bodies)
-            if gust < gusts.shape[1] and step > 0 and step % clock.wind_steps == 0:
-                _blow(i, gusts[i, gust], world, fleet)
-                gust += 1
-            step += 1
-    keep_motion(fleet.state, i, motion)
-    return touched
+def _fly(first, count, block, touched, gusts, world, fleet):
+    """Flies a block of drones, from number first on, to the next action.
+
+    It sets ``touched`` for each that touches something, but for its pad.
+    """
+    clock, bodies, shape, courses = world.clock, world.bodies, world.shape, world.courses
+    near, standing = np.zeros(LANES, np.bool_), False
+    for lane in range(count):
+        touched[lane] = False
+        track = fleet.track[first + lane]
+        near[lane] = _is_near(motion_in(block.rows, lane), clock, shape, track, courses)
+        standing = standing or not fleet.airborne[first + lane]
+    some_near = near.any()
+    sum_thrusts(block, bodies.levers)
+    for step in range(clock.ticks * clock.steps):
+        at_tick = step % clock.steps == 0
+        if at_tick and world.by_rates:
+            control_rates(block, world.rates)
+        if some_near:
+            for lane in range(count):
+                if near[lane]:
+                    touched[lane] |= _touches(
+                        first + lane, motion_in(block.rows, lane), world, fleet
+                    )
+        before = block.rows
+        if standing:
+            before = block.rows.copy()
+        step_plant(block, bodies.drag, clock.dt)
+        if standing:
+            _hold(first, count, before, block, courses, fleet)
+        # What follows is seen by the next step of the plant.
+        if at_tick:
+            if not world.by_rates:
+                queue_command(block)
+            follow_commands(block, bodies)
+            sum_thrusts(block, bodies.levers)
+            if world.by_rates:
+                queue_command(block)
+        if gusts.shape[1] > 0:
+            _blow(first, count, step, block, gusts, world, fleet)
+
+
+@compilable
+def _touches(i, motion, world, fleet):
+    """Whether drone i is in something: on its pad, only in gates."""
+    if touches_gate(motion, world.shape, fleet.track[i], world.courses):
+        return True
+    return fleet.airborne[i] and touches_ground(motion, world.shape)
+
+
+@compilable
+def _hold(first, count, before, block, courses, fleet):
+    """Holds those that stand on their pads where they were before the step, and still."""
+    for lane in range(count):
+        i = first + lane
+        pad = courses.pads[fleet.track[i], 6]
+        if not fleet.airborne[i] and block.rows[6 * LANES + lane] <= pad:
+            was, still = motion_in(before, lane), (0.0, 0.0, 0.0)
+            set_motion(block.rows, lane, Motion(was.quaternion, was.position, still, still))
 
 
 @compilable
@@ -213,18 +265,19 @@ def _is_near(motion, clock, shape, track, courses):
 
 
 @compilable
-def _queue(i, command, commands):
-    """Puts a command for the rotors of drone i, (n,), behind those that are on their way."""
-    last = commands.shape[1] - 1
-    for k in range(len(command)):
-        for j in range(last):
-            commands[i, j, k] = commands[i, j + 1, k]
-        commands[i, last, k] = command[k]
+def _blow(first, count, step, block, gusts, world, fleet):
+    """Advances the wind at a block, if a step of the plant ends one of its periods.
 
-
-@compilable
-def _blow(i, noise, world, fleet):
-    """Advances the wind at drone i by one of its periods, see systems/plant/wind.py."""
-    for k in range(3):
-        rest = (1.0 - world.fade) * fleet.mean_wind[i, k]
-        fleet.wind[i, k] = rest + world.fade * fleet.wind[i, k] + world.push * noise[k]
+    That is the step that begins at a multiple of the period since the start, see
+    systems/plant/wind.py.
+    """
+    clock = world.clock
+    for lane in range(count):
+        i = first + lane
+        total = fleet.steps[i] * clock.ticks * clock.steps + step
+        if total > 0 and total % clock.wind_steps == 0:
+            for k in range(3):
+                rest = (1.0 - world.fade) * fleet.mean_wind[i, k]
+                noise = world.push * gusts[i, step // clock.wind_steps, k]
+                now = block.rows[(WIND + k) * LANES + lane]
+                block.rows[(WIND + k) * LANES + lane] = rest + world.fade * now + noise

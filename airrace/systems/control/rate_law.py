@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable
-from airrace.math.triples import Triple, added, cross
+from airrace.common.jit import compilable, compiled
+from airrace.math.triples import Triple, added, cross, difference, times
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.vehicle import Vehicle
 
@@ -73,14 +73,12 @@ def rate_law(
         parameters: of the vehicle.
     """
     J, k = parameters.inertia, parameters.gains
-    spin = (w[0], w[1], w[2])
-    J_w = (J[0] * w[0], J[1] * w[1], J[2] * w[2])
-    error = (
-        J[0] * k[0] * (wanted[1] - w[0]),
-        J[1] * k[1] * (wanted[2] - w[1]),
-        J[2] * k[2] * (wanted[3] - w[2]),
+    moment = wanted_moment(
+        (wanted[1], wanted[2], wanted[3]),
+        (w[0], w[1], w[2]),
+        (J[0], J[1], J[2]),
+        (k[0], k[1], k[2]),
     )
-    moment = added(error, 1.0, cross(spin, J_w))
     # The command is a place for the thrusts until it is written: new arrays take time.
     set_prioritized_thrusts(command, wanted[0], moment, parameters.inverse, parameters.max_thrusts)
     set_speeds(
@@ -92,6 +90,27 @@ def rate_law(
         parameters.max_speeds,
         parameters.overdrive,
     )
+
+
+@compilable
+def wanted_moment(w_d: Triple, w: Triple, inertia: Triple, gains: Triple) -> Triple:
+    """Returns the moment of rate_law() in B (N m).
+
+    Args:
+        w_d: rates to have, in B (rad/s). w: that the body has.
+        inertia, gains: see RateParameters.
+    """
+    error = times(times(inertia, gains), difference(w_d, w))
+    return added(error, 1.0, cross(w, times(inertia, w)))
+
+
+@compilable
+def unlimited_thrust(row: tuple[float, float, float, float], f: float, moment: Triple) -> float:
+    """Returns what a rotor should give (N), if it has no limits; see set_prioritized_thrusts().
+
+    Args: row: of inverse. f: total thrust (N). moment: (N m).
+    """
+    return row[0] * f + (row[1] * moment[0] + row[2] * moment[1]) + row[3] * moment[2]
 
 
 @compilable
@@ -110,13 +129,21 @@ def set_prioritized_thrusts(
         thrusts: are written.
         inverse: (n, 4), whose first column is positive. limits: (N), (n,).
     """
-    n, possible = len(limits), True
-    for i in range(n):
-        tilting = inverse[i, 1] * moment[0] + inverse[i, 2] * moment[1]
-        thrusts[i] = inverse[i, 0] * f + tilting + inverse[i, 3] * moment[2]
+    possible = True
+    for i in range(len(limits)):
+        row = (inverse[i, 0], inverse[i, 1], inverse[i, 2], inverse[i, 3])
+        thrusts[i] = unlimited_thrust(row, f, moment)
         possible = possible and 0.0 <= thrusts[i] <= limits[i]
-    if possible:
-        return
+    if not possible:
+        set_limited_thrusts(thrusts, f, moment, inverse, limits)
+
+
+@compiled
+def set_limited_thrusts(
+    thrusts: np.ndarray, f: float, moment: Triple, inverse: np.ndarray, limits: np.ndarray
+) -> None:
+    """Does what set_prioritized_thrusts() says where some rotor is at a limit."""
+    n = len(limits)
     # Of roll and pitch, as much as some total thrust allows: each rotor needs some total thrust
     # at least, not to be below zero, and allows some at most.
     lowest = np.inf

@@ -10,13 +10,15 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from airrace.common.jit import compiled
-from airrace.envs.batch.dynamics import (
-    Bodies,
-    Motion,
+from airrace.envs.batch.fleet import make_bodies, make_fleet
+from airrace.envs.batch.lanes import (
+    LANES,
     follow_commands,
-    make_bodies,
-    next_motion,
-    rotor_wrench,
+    load,
+    make_block,
+    step_plant,
+    store,
+    sum_thrusts,
 )
 from airrace.systems.plant.drag import Drag
 from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
@@ -69,24 +71,19 @@ PLANTS = {name: Plant(name) for name in DRONES}
 
 
 @compiled
-def fly(state, speeds, commands, bodies):
-    """Returns what Plant.fly() does; bodies: as a tuple."""
-    bodies = Bodies(*bodies)
-    q, p, w, v = state[0:4], state[4:7], state[7:10], state[10:13]
-    motion = Motion(
-        (q[0], q[1], q[2], q[3]), (p[0], p[1], p[2]), (w[0], w[1], w[2]), (v[0], v[1], v[2])
-    )
-    speeds, command = speeds.copy().reshape(1, -1), np.empty((1, 1, len(speeds)))
-    thrusts = bodies.thrust_coefficients * speeds * speeds
-    for k in range(len(commands)):
-        command[0, 0] = commands[k]
+def fly(fleet, commands, bodies):
+    """Flies the only drone of a fleet, as Plant.fly() does."""
+    block = make_block(len(bodies.max_speeds), 1)
+    load(block, 0, 1, fleet, bodies)
+    sum_thrusts(block, bodies.levers)
+    for command in commands:
+        block.commands.reshape(-1, LANES)[:, 0] = command
         for step in range(round(HOLD / DT)):
-            wrench = rotor_wrench(0, thrusts, bodies)
-            motion = next_motion(0, motion, wrench, WIND, bodies, DT)
+            step_plant(block, bodies.drag, DT)
             if step % round(ROTOR_PERIOD / DT) == 0:
-                follow_commands(0, speeds, thrusts, command, bodies)
-    q, p, w, v = motion
-    return np.array((q[0], q[1], q[2], q[3], p[0], p[1], p[2], w[0], w[1], w[2], v[0], v[1], v[2]))
+                follow_commands(block, bodies)
+                sum_thrusts(block, bodies.levers)
+    store(block, 0, 0, fleet)
 
 
 @pytest.mark.parametrize("name", DRONES)
@@ -110,7 +107,11 @@ def test_a_second_of_flight_is_that_of_the_plant(name, data):
     speeds = generator.uniform(0.0, 92.0, n)
     commands = generator.uniform(-20.0, 120.0, (round(1.0 / HOLD), n))
     bodies = make_bodies(plant.vehicle, 1, ROTOR_PERIOD, SHARE)
-    batch = as_plant_state(fly(state, speeds, commands, tuple(bodies)))
+    fleet = make_fleet(1, n, 4, 1)
+    fleet.state[0], fleet.speeds[0], fleet.wind[0] = state, speeds, WIND
+    fleet.thrusts[0] = plant.vehicle.thrust_coefficients * speeds**2
+    fly(fleet, commands, bodies)
+    batch = as_plant_state(fleet.state[0])
     drake = as_plant_state(plant.fly(state, speeds, commands))
     for part in ("position", "velocity", "angular_velocity", "quaternion"):
         np.testing.assert_allclose(getattr(batch, part), getattr(drake, part), atol=1e-9, rtol=0.0)

@@ -188,7 +188,7 @@ def test_a_lap_of_teleports_is_timed():
     env = RaceVectorEnv(1, track="hexagon", start="hover", laps=1, time_limit=60.0)
     env.reset(seed=0)
     fleet, gates = env._fleet, env._world.courses.gates[0]
-    steps, laps = 0, None
+    steps = 0
     for k in range(len(gates) + 1):
         gate = gates[k % len(gates)]
         fleet.state[0, 4:7] = fleet.before[0] = gate[:3] - 0.1 * gate[3:6]

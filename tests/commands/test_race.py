@@ -366,6 +366,7 @@ class TestOptions:
             "--lockstep",
             "--estimator",
             "--limits",
+            "--pilot",
             "--laps",
             "--seed",
             "--level",

@@ -1,14 +1,14 @@
 """Learns to race: a network that flies generated tracks, by proximal policy optimisation (PPO).
 
     .venv/bin/python -m pip install -e '.[rl,train]'
-    .venv/bin/python examples/train_pilot.py --output runs/pilot
+    .venv/bin/python examples/train_pilot.py
     ./run.bash --pilot runs/pilot/pilot.npz
 
 Schulman et al., "Proximal policy optimization algorithms", 2017, with the advantages of Schulman
 et al., "High-dimensional continuous control using generalized advantage estimation", 2016. The
 batch of drones flies in machine code, and JAX does the learning, on the CPU. The folder gets
-pilot.npz, the network at the best evaluation so far; curve.png; and checkpoint.npz, from which
---resume goes on.
+pilot.npz, the network at the best evaluation so far; train_pilot.png, the curves; and
+checkpoint.npz, from which --resume goes on.
 """
 
 import argparse
@@ -27,6 +27,10 @@ import numpy as np
 import optax
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from airrace.envs.registration import register_envs
+from airrace.systems.control.policy_network import PolicyNetwork
+from airrace.vehicle import load_vehicle
+
 GAMMA, LAMBDA = 0.99, 0.95  # of rewards, and of errors in the value, for each step of 20 ms
 CLIP = 0.2  # the ratio of probabilities may leave 1 by so much
 HIDDEN = (128, 128)
@@ -36,12 +40,12 @@ REWARD_SCALE = 0.1  # so that the values to be learned are about one
 # First it learns to be quick, then to be careful as well: what a failure costs more grows from
 # nothing to this between two shares of the training.
 CAREFUL, CAREFUL_FROM, CAREFUL_TO = 100.0, 0.45, 0.75
-STEPS_PER_EVALUATION = 2_000_000
-HELD_OUT = range(1_000_000, 1_000_100)  # seeds of tracks to judge by; training takes small ones
+JUDGED_EVERY = 2_000_000  # steps
+HELD_OUT = 1_000_000  # first seed of the tracks to judge by; training takes those from 0 on
 
 
 class Rollout(NamedTuple):
-    """What N drones did in T steps, each array (T, N, ...), or (T N, ...) for the update."""
+    """What N drones did in T steps, each array (T N, ...)."""
 
     observations: np.ndarray  # normalised
     actions: np.ndarray
@@ -73,7 +77,7 @@ class Normaliser:
         self.high = np.maximum(high, self.high + 0.02 * np.nan_to_num(high - self.high, posinf=1e9))
 
     def __call__(self, observations):
-        return np.clip((observations - self.mean) / self.std, -10.0, 10.0).astype(np.float32)
+        return ((observations - self.mean) / self.std).astype(np.float32)
 
 
 def make_network(key, sizes, last_scale):
@@ -169,7 +173,7 @@ def fly(env, observations, parameters, normaliser, key, penalty):
 
 
 def judge(env, layers, normaliser):
-    """Flies one lap of every held-out track; returns the share that finished, and lap times."""
+    """Flies a lap of every held-out track; returns the share that finished, and the mean lap."""
     observations, _ = env.reset(seed=0, options={"tracks": np.arange(env.num_envs)})
     alive, laps = np.ones(env.num_envs, bool), np.full(env.num_envs, np.nan)
     while (alive & np.isnan(laps)).any():
@@ -178,35 +182,45 @@ def judge(env, layers, normaliser):
         first = alive & np.isnan(laps) & (info["lap_time"] > 0.0)
         laps[first] = info["lap_time"][first]
         alive &= ~(terminated | truncated)
-    return np.isfinite(laps).mean(), laps
+    return np.isfinite(laps).mean(), np.nanmean(laps) if np.isfinite(laps).any() else np.nan
 
 
 def save_pilot(path, parameters, normaliser, args):
-    """Writes the network in the format of airrace/systems/control/policy_network.py."""
-    layers = {
-        f"{name}{i}": np.asarray(array)
-        for i, layer in enumerate(parameters["policy"])
-        for name, array in zip("Wb", layer)
-    }
+    """Writes the network as `--pilot` and learned_pilot.py read it."""
     git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty=+"]
-    done = subprocess.run(git, capture_output=True, text=True)
-    np.savez_compressed(
-        path,
-        **layers,
-        obs_mean=normaliser.mean,
-        obs_std=normaliser.std,
-        obs_low=normaliser.low,
-        obs_high=normaliser.high,
-        drone=args.drone,
-        command=" ".join(["examples/train_pilot.py", *sys.argv[1:]]),
-        commit=done.stdout.strip() or "unknown",
-        seed=args.seed,
-    )
+    commit = subprocess.run(git, capture_output=True, text=True).stdout.strip() or "unknown"
+    words = " ".join(["examples/train_pilot.py", *sys.argv[1:]])
+    weights, biases = zip(*((np.asarray(W).T, np.asarray(b)) for W, b in parameters["policy"]))
+    PolicyNetwork(
+        weights=weights,
+        biases=biases,
+        mean=normaliser.mean,
+        scale=normaliser.std,
+        low=normaliser.low,
+        high=normaliser.high,
+        gates=2,
+        drone=load_vehicle(args.drone)[0].name,
+        made_by=f"{words} (commit {commit}, seed {args.seed})",
+    ).save(path)
+
+
+def save_checkpoint(path, learned, rest):
+    """Writes arrays of networks and optimiser, and a dict of what else goes on."""
+    leaves = {f"leaf_{i}": leaf for i, leaf in enumerate(jax.tree.leaves(learned))}
+    np.savez(path, rest=np.array(rest, object), **leaves)
+
+
+def load_checkpoint(path, learned):
+    """Returns what save_checkpoint() wrote, in the shape of what is there now."""
+    saved = np.load(path, allow_pickle=True)  # a file of one's own
+    leaves, tree = jax.tree.flatten(learned)
+    arrays = [jnp.asarray(saved[f"leaf_{i}"]) for i in range(len(leaves))]
+    return jax.tree.unflatten(tree, arrays), saved["rest"].item()
 
 
 def draw_curve(path, rows):
-    """Draws (steps, seconds, reward a step, share finished, lap) of all evaluations."""
-    steps, _, rewards, finished, laps = np.transpose(rows)
+    """Draws (steps, reward a step, share finished, mean lap) of all evaluations."""
+    steps, rewards, finished, laps = np.transpose(rows)
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.5), layout="constrained")
     titles = "reward a step", "held-out tracks finished (%)", "their mean lap (s)"
     for ax, title, values in zip(axes, titles, (rewards, 100 * finished, laps)):
@@ -217,101 +231,87 @@ def draw_curve(path, rows):
     plt.close(figure)
 
 
-def main():
+def make_parser():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--output", type=Path, default=Path("runs/pilot"), help="a folder")
     parser.add_argument("--drone", default="Default", help="a shipped drone, or a folder")
-    parser.add_argument("--steps", type=float, default=60e6, help="of all drones together")
+    parser.add_argument("--steps", type=float, default=50e6, help="of all drones together")
     parser.add_argument("--envs", type=int, default=512, help="drones that fly at once")
-    parser.add_argument("--tracks", type=int, default=200, help="generated ones to train on")
+    parser.add_argument("--tracks", type=int, default=100, help="generated ones to train on")
+    parser.add_argument("--held-out", type=int, default=100, help="others, to judge by")
     parser.add_argument("--rate", type=float, default=5e-4, help="of learning, at first")
     parser.add_argument("--threads", type=int, default=1, help="of the simulation")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--resume", action="store_true", help="go on from checkpoint.npz")
-    args = parser.parse_args()
+    return parser
+
+
+def main():
+    args = make_parser().parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
-    make = functools.partial(
-        gymnasium.make_vec, "airrace/Race-v0", drone=args.drone, num_threads=args.threads
-    )
-    env = make(
-        num_envs=args.envs,
-        track="generated",
-        tracks=range(args.tracks),
-        start="random",
-        autoreset_mode=gymnasium.vector.AutoresetMode.SAME_STEP,
-    )
-    judged = make(num_envs=len(HELD_OUT), track="generated", tracks=HELD_OUT, start="hover",
-                  time_limit=120.0)  # fmt: skip
-    inputs, outputs = (space.shape[0] for space in
-                       (env.single_observation_space, env.single_action_space))  # fmt: skip
+    checkpoint, picture = args.output / "checkpoint.npz", args.output / "train_pilot.png"
+    register_envs()
+    make = functools.partial(gymnasium.make_vec, "airrace/Race-v0", track="generated",
+                             drone=args.drone, num_threads=args.threads)  # fmt: skip
+    env = make(num_envs=args.envs, tracks=range(args.tracks), start="random",
+               autoreset_mode="SameStep")  # fmt: skip
+    judged = make(num_envs=args.held_out, tracks=range(HELD_OUT, HELD_OUT + args.held_out),
+                  start="hover", time_limit=120.0)  # fmt: skip
     key, *keys = jax.random.split(jax.random.key(args.seed), 3)
-    parameters = {
-        "policy": make_network(keys[0], [inputs, *HIDDEN, outputs], 0.01),
-        "value": make_network(keys[1], [inputs, *HIDDEN, 1], 1.0),
-        "log_std": jnp.full(outputs, -1.0),
+    sizes = [env.single_observation_space.shape[0], *HIDDEN]
+    policy = make_network(keys[0], [*sizes, env.single_action_space.shape[0]], 0.01)
+    policy[-1] = policy[-1][0], policy[-1][1].at[0].set(env.unwrapped.hover_action[0])
+    learned = {
+        "policy": policy,
+        "value": make_network(keys[1], [*sizes, 1], 1.0),
+        "log_std": jnp.full(env.single_action_space.shape, -1.0),
     }
-    W, b = parameters["policy"][-1]
-    parameters["policy"][-1] = W, b.at[0].set(env.unwrapped.hover_action[0])
     per_update = HORIZON * args.envs
-    updates = int(args.steps) // per_update
-    optimiser = optax.chain(
-        optax.clip_by_global_norm(0.5),
-        optax.adam(
-            optax.linear_schedule(args.rate, 0.1 * args.rate, updates * EPOCHS * MINIBATCHES)
-        ),
-    )
-    state = optimiser.init(parameters)
-    normaliser, rows, best, spent = Normaliser(inputs), [], (0.0, 0.0), 0.0
-    first = 0
-    checkpoint = args.output / "checkpoint.npz"
+    updates = max(1, int(args.steps) // per_update)
+    slower = optax.linear_schedule(args.rate, 0.1 * args.rate, updates * EPOCHS * MINIBATCHES)
+    optimiser = optax.chain(optax.clip_by_global_norm(0.5), optax.adam(slower))
+    learned = learned, optimiser.init(learned)
+    rest = {"normaliser": Normaliser(sizes[0]), "rows": [], "best": (0.0, 0.0), "spent": 0.0,
+            "updates": 0}  # fmt: skip
     if args.resume:
-        saved = np.load(checkpoint, allow_pickle=True)
-        leaves, tree = jax.tree.flatten((parameters, state))
-        parameters, state = jax.tree.unflatten(
-            tree, [saved[f"leaf{i}"] for i in range(len(leaves))]
-        )
-        normaliser, rows, best, spent, first = saved["rest"].item().values()
-    began = time.monotonic() - spent
-    observations, _ = env.reset(seed=args.seed + first)
+        learned, rest = load_checkpoint(checkpoint, learned)
+    began = time.monotonic() - rest["spent"]
+    normaliser = rest["normaliser"]
+    observations, _ = env.reset(seed=args.seed + rest["updates"])
     columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
     with Progress(*columns) as progress:
-        task = progress.add_task("learning", total=updates, completed=first)
-        for k in range(first, updates):
+        task = progress.add_task("learning", total=updates, completed=rest["updates"])
+        for k in range(rest["updates"], updates):
+            parameters, state = learned
             careful = (k / updates - CAREFUL_FROM) / (CAREFUL_TO - CAREFUL_FROM)
             penalty = CAREFUL * float(np.clip(careful, 0.0, 1.0))
-            keys = jax.random.fold_in(key, 2 * k)
-            rollout, raw, observations, reward = fly(
-                env, observations, parameters, normaliser, keys, penalty
+            keys = jax.random.split(jax.random.fold_in(key, k))
+            flown, raw, observations, reward = fly(
+                env, observations, parameters, normaliser, keys[0], penalty
             )
-            parameters, state = update(
-                optimiser, parameters, state, rollout, jax.random.fold_in(key, 2 * k + 1)
-            )
+            learned = update(optimiser, parameters, state, flown, keys[1])
             normaliser.add(raw)
             steps = (k + 1) * per_update
-            last = k + 1 == updates
-            if last or steps // STEPS_PER_EVALUATION > k * per_update // STEPS_PER_EVALUATION:
-                finished, laps = judge(judged, parameters["policy"], normaliser)
-                lap, spent = (
-                    float(np.nanmean(laps)) if finished else np.nan,
-                    time.monotonic() - began,
-                )
-                rows.append((steps, spent, reward, finished, lap))
-                progress.console.print(
-                    f"{steps / 1e6:5.1f} million steps, {spent / 60:5.1f} min: reward a step "
-                    f"{reward:.3f}, {finished:4.0%} of held-out tracks finished, lap {lap:.2f} s"
-                )
-                # 95 % are enough: then the quicker one is the better one.
-                if finished and (score := (min(finished, 0.95), -lap)) > best:
-                    best = score
-                    save_pilot(args.output / "pilot.npz", parameters, normaliser, args)
-                draw_curve(args.output / "curve.png", rows)
-                rest = dict(normaliser=normaliser, rows=rows, best=best, spent=spent, first=k + 1)
-                leaves = jax.tree.leaves((parameters, state))
-                np.savez(checkpoint, rest=np.array(rest, object),
-                         **{f"leaf{i}": leaf for i, leaf in enumerate(leaves)})  # fmt: skip
             progress.update(task, advance=1, description=f"reward a step {reward:.3f}")
+            if k + 1 < updates and steps % JUDGED_EVERY >= per_update:
+                continue
+            finished, lap = judge(judged, learned[0]["policy"], normaliser)
+            rest["spent"], rest["updates"] = time.monotonic() - began, k + 1
+            rest["rows"].append((steps, reward, finished, lap))
+            progress.console.print(
+                f"{steps / 1e6:5.1f} million steps, {rest['spent'] / 60:5.1f} min: reward a step "
+                f"{reward:.3f}, {finished:4.0%} finished, lap {lap:.2f} s", soft_wrap=True
+            )  # fmt: skip
+            # 95 % are enough: then the quicker one is the better one.
+            score = min(finished, 0.95), -np.nan_to_num(lap, nan=np.inf)
+            if score > rest["best"]:
+                rest["best"] = score
+                save_pilot(args.output / "pilot.npz", learned[0], normaliser, args)
+            draw_curve(picture, rest["rows"])
+            save_checkpoint(checkpoint, learned, rest)
+    print(f"Picture: {picture.resolve()}")
 
 
 if __name__ == "__main__":

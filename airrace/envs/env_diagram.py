@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 from pydrake.systems.primitives import ConstantValueSource
 
 from airrace.diagrams.autonomy import make_system, systems_of
@@ -55,7 +55,7 @@ class TrueEstimate(LeafSystem):
         self._state = self.DeclareVectorInputPort("truth.state", STATE_SIZE - 1)
         self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_estimate)
 
-    def _calc_estimate(self, context: Context, output):
+    def _calc_estimate(self, context, output):
         estimate = output.get_mutable_value()
         estimate[0] = context.get_time()
         estimate[1:] = read_vector(self._state, context)

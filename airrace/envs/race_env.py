@@ -2,7 +2,7 @@
 
 import tempfile
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -50,7 +50,7 @@ class RaceEnv(gymnasium.Env):
     seeds of reset() give equal sequences of episodes, to the last bit.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
 
     def __init__(self, *, render_mode: str | None = None, **options: Any):
         """Constructs the environment.
@@ -79,7 +79,7 @@ class RaceEnv(gymnasium.Env):
         self.observation_space = _observation_space(self._options, size)
         self._built: tuple[str, Diagram, Simulator] | None = None
         self._spectator: Spectator | None = None
-        self._outcome = RUNNING
+        self._outcome, self._passed, self._steps = RUNNING, 0, 0
         self._over = True
 
     # What Gymnasium asks for.
@@ -315,7 +315,7 @@ class RaceEnv(gymnasium.Env):
             weights if isinstance(weights, RewardWeights) else RewardWeights(),
         )
 
-    def _value(self, judged, before, after, action) -> float:
+    def _value(self, judged, before, after, action):
         if isinstance(self._options.reward, RewardWeights):
             return float(judged.reward)
         gates = gates_of_track(self._track, self._shifts())

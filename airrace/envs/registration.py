@@ -4,7 +4,7 @@ ID = "airrace/Race-v0"
 
 
 def register_envs() -> None:
-    """Registers the environments; an entry point of the group ``gymnasium.envs`` calls it.
+    """Registers the environments, once; an import of airrace.envs calls it.
 
     Nothing of Drake is imported before one is made.
     """

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common.value import Value
@@ -70,7 +70,10 @@ class PilotMemory(NamedTuple):
 
 
 def _as_memory(v: np.ndarray) -> PilotMemory:
-    return PilotMemory(*v[:6].tolist(), v[6:9], v[9:12], v[12:16], v[16:20])
+    phase, since, reason, passed, unknown, yaw = v[:6].tolist()
+    return PilotMemory(
+        phase, since, reason, passed, unknown, yaw, v[6:9], v[9:12], v[12:16], v[16:20]
+    )
 
 
 class LearnedPilot(LeafSystem):
@@ -124,7 +127,7 @@ class LearnedPilot(LeafSystem):
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self._exploration = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
         self._losses = self.DeclareVectorInputPort("rotor_losses", len(vehicle.rotors))
-        nothing = PilotMemory(*6 * [0.0], np.zeros(3), np.zeros(3), np.zeros(4), hover)
+        nothing = _as_memory(np.hstack([np.zeros(16), hover]))
         self._memory = self.DeclareDiscreteState(np.hstack(nothing))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
         ticket = self.discrete_state_ticket(self._memory)
@@ -193,15 +196,14 @@ class LearnedPilot(LeafSystem):
             reason = LANDS
         elif rotor_lost:
             reason = ROTOR_LOST
-        elif course is None:
-            if flies:
-                reason = NO_MAP
-            elif time > memory.since + _LONGEST_WAIT:
-                reason = NOT_READY
-            if not reason:
-                return memory
+        elif course is None and flies:
+            reason = NO_MAP
+        elif course is None and time > memory.since + _LONGEST_WAIT:
+            reason = NOT_READY
         if reason:
             return _handed_back(memory, time, state, reason)
+        if course is None:
+            return memory
         finite = all_finite(np.hstack(state[1:]))
         if flies and finite:
             memory = _count(memory, state.position, course)
@@ -249,14 +251,19 @@ class LearnedPilot(LeafSystem):
         memory, time = self._recall(context), context.get_time()
         rested = memory.reason == NOT_READY or time >= memory.since + _stop_time(memory) + _REST
         output.set_value(
-            PilotStatus(
+            _status(
                 flies=memory.phase == FLYING,
-                since=memory.since,
+                since=memory.since if memory.phase != WAITING else 0.0,
                 reason=REASONS[int(memory.reason)],
-                planner_may_plan=memory.phase == HANDED_BACK and rested,
+                planner_may_plan=memory.phase == HANDED_BACK and bool(rested),
                 passed=int(memory.passed),
             )
         )
+
+
+@functools.lru_cache(maxsize=4)  # another object tells a link that there is something new
+def _status(**values: Any) -> PilotStatus:
+    return PilotStatus(**values)
 
 
 @functools.lru_cache(maxsize=4)  # a map is the same object until it changes

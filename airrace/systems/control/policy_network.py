@@ -58,7 +58,7 @@ class PolicyNetwork(NamedTuple):
         arrays = self._asdict()
         for name in ("weights", "biases"):
             arrays |= {f"{name}_{i}": each for i, each in enumerate(arrays.pop(name))}
-        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(path, **arrays)
 
 
 @compiled

@@ -54,7 +54,7 @@ class EnvOptions:
         drone: a shipped drone, or the folder of one.
         level: difficulty, 0 to 4, as --level of a race.
         scenario: fields of a race on top of that: a dict, or YAML.
-        start: "pad", at rest, or "random", in front of a random gate; see start.py.
+        start: "pad", at rest; "hover", over it; or "random", in front of some gate; see start.py.
         laps: after which the episode is over; None: it goes on until the time is over.
         time_limit: of an episode (s). step: time between two actions (s).
         image_size: of ``pixels``, (height, width) px.

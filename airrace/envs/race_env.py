@@ -28,7 +28,7 @@ from airrace.envs.options import (
 )
 from airrace.envs.reward import REASONS, RUNNING, RewardWeights, judge, make_course
 from airrace.envs.spectator import Spectator
-from airrace.envs.start import draw_start
+from airrace.envs.start import draw_start, hover_start
 from airrace.scenario import Scenario, scenario_yaml
 from airrace.systems.control.command_scale import scaled
 from airrace.systems.control.gates_observation import GATE_SIZE, MOTION_SIZE, observation_size
@@ -198,8 +198,9 @@ class RaceEnv(gymnasium.Env):
         self._context: Context = self._simulator.get_mutable_context()
         self._passed, self._airborne = 0, False
         self._standing = float(self._state()[6])
-        if self._options.start == "random":
-            start = draw_start(self._track, self._seed)
+        if self._options.start != "pad":
+            at_random = self._options.start == "random"
+            start = draw_start(self._track, self._seed) if at_random else hover_start(self._track)
             self._passed, self._airborne = start.gate, True
             start_in_flight(
                 self._diagram,

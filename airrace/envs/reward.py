@@ -121,7 +121,7 @@ def judge(
     reward = weights.progress * (_distance(before, gate) - _distance(p, gate))
     reward -= weights.rates * dot(w, w)
     outcome = RUNNING
-    if not math.isfinite(np.sum(p)):
+    if not math.isfinite(p[0] + p[1] + p[2]):
         reward, outcome = 0.0, DIVERGED
     elif touched and airborne:
         outcome = COLLISION
@@ -132,7 +132,7 @@ def judge(
             outcome = FINISHED
     elif _ahead(before, gate) < 0.0 <= _ahead(p, gate):
         outcome = MISSED_GATE
-    elif not (np.all(p[:2] > course.arena_min) and np.all(p < course.arena_max)):
+    elif not _inside(p, course.arena_min, course.arena_max):
         outcome = LEFT_ARENA
     if outcome not in (RUNNING, FINISHED):
         reward += weights.failure
@@ -142,8 +142,15 @@ def judge(
 @compilable
 def _distance(p, gate):
     """Returns how far a position is from the midpoint of a gate (m)."""
-    d = p - gate[:3]
+    d = (p[0] - gate[0], p[1] - gate[1], p[2] - gate[2])
     return math.sqrt(dot(d, d))
+
+
+@compilable
+def _inside(p, lowest, highest):
+    """Whether a position is in the arena, element by element: new arrays take time."""
+    sideways = lowest[0] < p[0] < highest[0] and lowest[1] < p[1] < highest[1]
+    return sideways and p[2] < highest[2]
 
 
 @compilable

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from airrace.math.random import make_generator
 from airrace.track import Track
 
-STARTS = ("pad", "random")
+STARTS = ("pad", "hover", "random")
 # What is drawn for a start in flight, uniformly from -x to x but for the distance.
 DISTANCE = (3.0, 7.0)  # m, in front of the gate
 SIDE, HEIGHT = 1.5, 1.5  # m, off its midpoint
@@ -49,3 +49,12 @@ def draw_start(track: Track, seed: int) -> FlyingStart:
         w_WB=rng.uniform(-RATE, RATE, 3),
         v_WB=rng.uniform(-SPEED, SPEED, 3),
     )
+
+
+def hover_start(track: Track) -> FlyingStart:
+    """Returns the first hover of a race, over the start and at rest, as the start ``hover``."""
+    start = track.start
+    position = [*start.position[:2], track.hover_height]
+    heading = np.deg2rad(start.heading_deg)
+    X_WB = RigidTransform(RollPitchYaw(0.0, 0.0, heading), position)
+    return FlyingStart(0, X_WB, np.zeros(3), np.zeros(3))

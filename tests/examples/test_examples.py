@@ -11,6 +11,8 @@ import pytest
 
 import airrace
 from airrace.common.resources import models_path
+from airrace.systems.control.policy_network import load_policy
+from airrace.vehicle import load_vehicle
 
 ROOT = models_path().parent
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
@@ -141,3 +143,18 @@ def test_comparing_planners(folder):
     slow, quick = numbers(rf"mean lap {NUMBER} s", text)
     assert 0.7 * slow < quick < 0.95 * slow
     assert (folder / "runs").is_dir()
+
+
+@pytest.mark.slow
+def test_train_pilot(folder):
+    """It learns a little, goes on from where it was, and leaves a network that can fly."""
+    pytest.importorskip("jax", reason="needs the extra `train`")
+    words = ("--output", folder, "--envs", 32, "--tracks", 2, "--held-out", 3)
+    few, more = 4 * 64 * 32, 6 * 64 * 32  # steps: 64 of each drone are an update
+    assert "finished" in run("train_pilot", folder, *words, "--steps", few)
+    first = load_policy(folder / "pilot.npz", load_vehicle("Default")[0])
+    assert f"--steps {few}" in first.made_by and "seed 0" in first.made_by
+    run("train_pilot", folder, *words, "--steps", more, "--resume")
+    checkpoint = np.load(folder / "checkpoint.npz", allow_pickle=True)
+    updates, _, rows, _ = checkpoint["rest"]
+    assert updates == 6 and [row[0] for row in rows] == [few, more]

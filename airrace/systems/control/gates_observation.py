@@ -5,8 +5,7 @@ import math
 import numpy as np
 
 from airrace.common.jit import compilable
-from airrace.math.quaternion import rotation_matrix
-from airrace.math.vec3 import rotate
+from airrace.math.triples import rotate_back, rotation_rows
 from airrace.track.track import BOARD_HEIGHT, PYLON_HEIGHT
 from airrace.vehicle.state import State
 
@@ -56,30 +55,25 @@ def write_gates_observation(
         next_gate: index of the gate to fly through next; it is counted on round by round.
         last_action: (m,).
     """
-    R_WB = rotation_matrix(state.quaternion)
-    R_BW = R_WB.T
-    v_B, w_B = rotate(R_BW, state.velocity), rotate(R_BW, state.angular_velocity)
-    for i in range(3):
-        observation[i] = v_B[i]
-        for j in range(3):
-            observation[3 + 3 * i + j] = R_WB[i, j]
-        observation[12 + i] = w_B[i]
+    q, p, w, v = state.quaternion, state.position, state.angular_velocity, state.velocity
+    R_WB = rotation_rows((q[0], q[1], q[2], q[3]))
+    v_B, w_B = rotate_back(R_WB, (v[0], v[1], v[2])), rotate_back(R_WB, (w[0], w[1], w[2]))
+    observation[0], observation[1], observation[2] = v_B
+    observation[3], observation[4], observation[5] = R_WB[0]
+    observation[6], observation[7], observation[8] = R_WB[1]
+    observation[9], observation[10], observation[11] = R_WB[2]
+    observation[12], observation[13], observation[14] = w_B
     count = (len(observation) - MOTION_SIZE - len(last_action)) // GATE_SIZE
     k = MOTION_SIZE
     for i in range(count):
-        x, y, z, _, _, _, right_x, right_y, _, half = gates[(next_gate + i) % len(gates)]
-        bottom = z - BOARD_HEIGHT - state.position[2]
+        gate = (next_gate + i) % len(gates)
+        x, y, bottom = gates[gate, 0] - p[0], gates[gate, 1] - p[1], gates[gate, 2] - p[2]
+        bottom, half = bottom - BOARD_HEIGHT, gates[gate, 9]
         top = bottom + PYLON_HEIGHT
         for side, height in ((-half, bottom), (half, bottom), (half, top), (-half, top)):
-            p_W = np.array(
-                (
-                    x + side * right_x - state.position[0],
-                    y + side * right_y - state.position[1],
-                    height,
-                )
-            )
-            p_B = rotate(R_BW, p_W)
-            observation[k], observation[k + 1], observation[k + 2] = p_B[0], p_B[1], p_B[2]
+            corner_W = (x + side * gates[gate, 6], y + side * gates[gate, 7], height)
+            corner_B = rotate_back(R_WB, corner_W)
+            observation[k], observation[k + 1], observation[k + 2] = corner_B
             k += 3
     for i in range(len(last_action)):
         observation[k + i] = last_action[i]

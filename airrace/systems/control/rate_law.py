@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable
-from airrace.math.vec3 import cross
+from airrace.common.jit import compilable, compiled
+from airrace.math.triples import Triple, added, cross, difference, times
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.vehicle import Vehicle
 
@@ -62,7 +62,7 @@ def rate_law(
 
     The moment is M = J K (w_d - w) + w x J w: proportional in the error of the rates, and what
     turns the spin itself. There is no integral: an error that stays is for whoever sets the
-    rates, and nothing can wind up. Where a rotor is at its limit, prioritized_thrusts() says
+    rates, and nothing can wind up. Where a rotor is at its limit, set_prioritized_thrusts() says
     what is given up.
 
     Args:
@@ -72,12 +72,18 @@ def rate_law(
         speeds: of the rotors, as they are (rad/s), (n,).
         parameters: of the vehicle.
     """
-    J = parameters.inertia
-    moment = J * parameters.gains * (wanted[1:4] - w) + cross(w, J * w)
-    thrusts = prioritized_thrusts(wanted[0], moment, parameters.inverse, parameters.max_thrusts)
+    J, k = parameters.inertia, parameters.gains
+    moment = wanted_moment(
+        (wanted[1], wanted[2], wanted[3]),
+        (w[0], w[1], w[2]),
+        (J[0], J[1], J[2]),
+        (k[0], k[1], k[2]),
+    )
+    # The command is a place for the thrusts until it is written: new arrays take time.
+    set_prioritized_thrusts(command, wanted[0], moment, parameters.inverse, parameters.max_thrusts)
     set_speeds(
         command,
-        thrusts,
+        command,
         speeds,
         parameters.max_thrusts,
         parameters.thrust_coefficients,
@@ -87,10 +93,31 @@ def rate_law(
 
 
 @compilable
-def prioritized_thrusts(
-    f: float, moment: np.ndarray, inverse: np.ndarray, limits: np.ndarray
-) -> np.ndarray:
-    """Returns thrusts (N), (n,), for a total thrust (N) and a moment in B (N m), (3,).
+def wanted_moment(w_d: Triple, w: Triple, inertia: Triple, gains: Triple) -> Triple:
+    """Returns the moment of rate_law() in B (N m).
+
+    Args:
+        w_d: rates to have, in B (rad/s). w: that the body has.
+        inertia, gains: see RateParameters.
+    """
+    error = times(times(inertia, gains), difference(w_d, w))
+    return added(error, 1.0, cross(w, times(inertia, w)))
+
+
+@compilable
+def unlimited_thrust(row: tuple[float, float, float, float], f: float, moment: Triple) -> float:
+    """Returns what a rotor should give (N), if it has no limits; see set_prioritized_thrusts().
+
+    Args: row: of inverse. f: total thrust (N). moment: (N m).
+    """
+    return row[0] * f + (row[1] * moment[0] + row[2] * moment[1]) + row[3] * moment[2]
+
+
+@compilable
+def set_prioritized_thrusts(
+    thrusts: np.ndarray, f: float, moment: Triple, inverse: np.ndarray, limits: np.ndarray
+) -> None:
+    """Sets thrusts (N), (n,), for a total thrust (N) and a moment in B (N m), (3,).
 
     Within the limits they are inverse @ [f, M]. Beyond, the moment about z is given up first,
     then the thrust, and roll and pitch, which point the thrust, last: the priorities of
@@ -99,38 +126,50 @@ def prioritized_thrusts(
     brings all rotors within their limits, which needs no iteration.
 
     Args:
+        thrusts: are written.
         inverse: (n, 4), whose first column is positive. limits: (N), (n,).
     """
+    possible = True
+    for i in range(len(limits)):
+        row = (inverse[i, 0], inverse[i, 1], inverse[i, 2], inverse[i, 3])
+        thrusts[i] = unlimited_thrust(row, f, moment)
+        possible = possible and 0.0 <= thrusts[i] <= limits[i]
+    if not possible:
+        set_limited_thrusts(thrusts, f, moment, inverse, limits)
+
+
+@compiled
+def set_limited_thrusts(
+    thrusts: np.ndarray, f: float, moment: Triple, inverse: np.ndarray, limits: np.ndarray
+) -> None:
+    """Does what set_prioritized_thrusts() says where some rotor is at a limit."""
     n = len(limits)
-    tilting, turning = np.empty(n), np.empty(n)  # shares of the moments, as thrusts
+    # Of roll and pitch, as much as some total thrust allows: each rotor needs some total thrust
+    # at least, not to be below zero, and allows some at most.
+    lowest = np.inf
     for i in range(n):
-        tilting[i] = inverse[i, 1] * moment[0] + inverse[i, 2] * moment[1]
-        turning[i] = inverse[i, 3] * moment[2]
-    # Of roll and pitch, as much as some total thrust allows.
+        thrusts[i] = (inverse[i, 1] * moment[0] + inverse[i, 2] * moment[1]) / inverse[i, 0]
+        lowest = min(lowest, thrusts[i])
     share = 1.0
     for i in range(n):
-        for j in range(n):
-            apart = tilting[j] / inverse[j, 0] - tilting[i] / inverse[i, 0]
-            room = limits[j] / inverse[j, 0]
-            if share * apart > room:
-                share = room / apart
+        apart, room = thrusts[i] - lowest, limits[i] / inverse[i, 0]
+        if share * apart > room:
+            share = room / apart
     # The total thrust nearest to that wanted.
     low, high = -np.inf, np.inf
     for i in range(n):
-        tilting[i] *= share
-        low = max(low, -tilting[i] / inverse[i, 0])
-        high = min(high, (limits[i] - tilting[i]) / inverse[i, 0])
+        low = max(low, -share * thrusts[i])
+        high = min(high, limits[i] / inverse[i, 0] - share * thrusts[i])
     f = min(max(f, low), high)
     # Of yaw, what is left.
-    share = 1.0
+    yaw_share = 1.0
     for i in range(n):
-        thrust = inverse[i, 0] * f + tilting[i]
-        if turning[i] > _LITTLE:
-            share = min(share, max(limits[i] - thrust, 0.0) / turning[i])
-        elif turning[i] < -_LITTLE:
-            share = min(share, max(thrust, 0.0) / -turning[i])
-    result = np.empty(n)
+        thrusts[i] = inverse[i, 0] * (f + share * thrusts[i])
+        turning = inverse[i, 3] * moment[2]
+        if turning > _LITTLE:
+            yaw_share = min(yaw_share, max(limits[i] - thrusts[i], 0.0) / turning)
+        elif turning < -_LITTLE:
+            yaw_share = min(yaw_share, max(thrusts[i], 0.0) / -turning)
     for i in range(n):
-        thrust = inverse[i, 0] * f + tilting[i] + share * turning[i]
-        result[i] = min(max(thrust, 0.0), limits[i])  # but for rounding, it is within
-    return result
+        thrust = thrusts[i] + yaw_share * inverse[i, 3] * moment[2]
+        thrusts[i] = min(max(thrust, 0.0), limits[i])  # but for rounding, it is within

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from airrace.common.jit import compiled
+from airrace.common.jit import compilable, compiled
 from airrace.vehicle import Vehicle
 
 _SHORT_LAG = 0.01  # s, the rotors' apparent lag under overdriven commands
@@ -38,10 +38,32 @@ def set_speeds(
     lost, or report no speed, are not driven.
     """
     for i in range(len(command)):
-        desired = math.sqrt(thrusts[i] / thrust_coefficients[i])
-        overdriven = speeds[i] + overdrive * (desired - speeds[i])
-        works = max_thrusts[i] > 0.0 and overdriven > 0.0  # NaN is not
-        command[i] = min(overdriven, max_speeds[i]) if works else 0.0
+        command[i] = speed_command(
+            thrusts[i],
+            speeds[i],
+            (max_thrusts[i], thrust_coefficients[i], max_speeds[i]),
+            overdrive,
+        )
+
+
+@compilable
+def speed_command(
+    thrust: float, speed: float, rotor: tuple[float, float, float], overdrive: float
+) -> float:
+    """Returns the command (rad/s) of one rotor; see set_speeds().
+
+    Args:
+        thrust: it should have (N).
+        speed: it has (rad/s).
+        rotor: its greatest thrust (N), thrust coefficient (N s^2), and greatest speed (rad/s).
+        overdrive: see there.
+    """
+    max_thrust, coefficient, max_speed = rotor
+    desired = math.sqrt(thrust / coefficient)
+    overdriven = speed + overdrive * (desired - speed)
+    highest = max_speed if max_thrust > 0.0 else 0.0
+    command = overdriven if overdriven < highest else highest
+    return command if overdriven > 0.0 else 0.0  # NaN is not
 
 
 def _step_share(rate: float, lag: float) -> float:

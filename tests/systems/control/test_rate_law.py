@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airrace.systems.control.rate_law import make_rate_parameters, prioritized_thrusts, rate_law
+from airrace.systems.control.rate_law import make_rate_parameters, rate_law, set_prioritized_thrusts
 from airrace.vehicle import GRAVITY, load_vehicle
 
 RATE = 500.0
@@ -17,7 +17,9 @@ shares = st.floats(-1.0, 1.0)
 
 def thrusts_for(drone, f, moment):
     p = PARAMETERS[drone]
-    return prioritized_thrusts(f, np.array(moment, float), p.inverse, p.max_thrusts)
+    thrusts = np.empty(len(p.max_thrusts))
+    set_prioritized_thrusts(thrusts, f, tuple(moment), p.inverse, p.max_thrusts)
+    return thrusts
 
 
 def most(drone):

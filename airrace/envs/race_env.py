@@ -82,6 +82,11 @@ class RaceEnv(gymnasium.Env):
         self._outcome, self._passed, self._steps = RUNNING, 0, 0
         self._over = True
 
+    @property
+    def true_state(self) -> np.ndarray:
+        """The drone's true state, whatever is observed: see vehicle/state.py, (13,)."""
+        return self._state()
+
     # What Gymnasium asks for.
 
     def reset(

@@ -29,7 +29,7 @@ def fly_to(env, places, steps=900):
     """Flies by references to one place after the other; returns the last step's result."""
     for place in places:
         for _ in range(steps):
-            away = np.array(place) - env.unwrapped._state()[4:7]
+            away = np.array(place) - env.unwrapped.true_state[4:7]
             if np.linalg.norm(away) < 1.0:
                 break
             wanted = np.zeros(7)

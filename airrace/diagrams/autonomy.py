@@ -189,6 +189,7 @@ VIO_OUTPUTS = OUTPUTS | {
     "imu_history": "strapdown_integrator",
     "imu_silence": "strapdown_integrator",
     "estimate_fault": "gate_slam",
+    "estimate_drift": "gate_slam",
     "gate_map": "gate_slam",
     "corrections": "gate_slam",
     "slam_state": "gate_slam",

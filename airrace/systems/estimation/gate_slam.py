@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from airrace.scenario import PerceptionConfig
 from airrace.systems.estimation.error_state import ImuNoise
-from airrace.systems.estimation.lost_estimate import why_lost
+from airrace.systems.estimation.lost_estimate import drift_sigma, why_lost
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE, SAMPLE_SIZE
 from airrace.systems.estimation.slam_filter import MapFrame, SlamFilter, SlamState
 from airrace.systems.estimation.strapdown_integrator import history_depth
@@ -35,14 +35,15 @@ class GateSlam(LeafSystem):
         - corrections
         - gate_map
         - estimate_fault
+        - estimate_drift
         - slam_state
 
     ``detections`` is a Detections, ``camera_info`` a CameraInfo, ``imu_history`` and
     ``imu_silence`` (s) see StrapdownIntegrator, ``rotor_speeds`` as reported (rad/s).
     ``corrections`` (17) is the Navigation at the exposure of the newest picture, from which a
     StrapdownIntegrator goes on; ``gate_map`` a GateMap; ``estimate_fault`` says in words why the
-    drone cannot go by its estimate any more, and is empty while it can; ``slam_state`` a
-    SlamState, for who wants to know how certain it is.
+    drone cannot go by its estimate any more, and is empty while it can; ``estimate_drift`` is
+    drift_sigma() (m); ``slam_state`` a SlamState, for who wants to know how certain it is.
 
     Detections belong to a picture of the past. The filter stands at the exposure of the newest
     one; samples that are newer wait in the StrapdownIntegrator's history for the next. Without a
@@ -107,6 +108,12 @@ class GateSlam(LeafSystem):
             "estimate_fault",
             lambda: Value[object](""),
             lambda context, output: output.set_value(self._recall(context).fault),
+            ticket,
+        )
+        self.DeclareVectorOutputPort(
+            "estimate_drift",
+            1,
+            lambda context, output: output.SetAtIndex(0, drift_sigma(self._recall(context).belief)),
             ticket,
         )
         self.DeclareAbstractOutputPort(

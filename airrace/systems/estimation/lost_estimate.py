@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from airrace.systems.estimation.slam_filter import SlamState
 
 # Standard deviations. A gate is 10 m wide: with more than the first, one flight through a gate in
-# ten would be beside it. With more than the second, the drone cannot even come to rest.
-_MOST_POSITION, _MOST_VELOCITY, _MOST_ATTITUDE = 3.0, 2.0, np.deg2rad(15.0)  # m, m/s, rad
+# three would be beside it. With more than the second, the drone cannot even come to rest.
+_MOST_POSITION, _MOST_VELOCITY, _MOST_ATTITUDE = 5.0, 2.0, np.deg2rad(15.0)  # m, m/s, rad
 _MOST_SILENCE = 0.2  # s, without a sample of the inertial sensor
 _MOST_REFUSED = 90  # pictures in a row of which every known marker was refused
 

@@ -30,12 +30,14 @@ class Explorer(LeafSystem):
         - gate_map
         - state_estimate
         - estimate_fault (only with vio)
+        - estimate_drift (only with vio)
         output_ports:
         - exploration_reference
         - explorer_status
 
     ``detections`` is a Detections, ``gate_map`` a GateMap, ``state_estimate``
-    see vehicle/state.py, ``estimate_fault`` see GateSlam; ``exploration_reference`` see
+    see vehicle/state.py, ``estimate_fault`` and ``estimate_drift`` see GateSlam;
+    ``exploration_reference`` see
     trajopt/reference.py, ``explorer_status`` an ExplorerStatus.
 
     The states, and what each waits for; explorer_states.py has the transitions:
@@ -50,6 +52,8 @@ class Explorer(LeafSystem):
       start, this comes before any step.
     - STEP_AROUND: a board of the gate was observed, so to where both of its front
       markers should be in view.
+    - LOOK_BACK: without a gate in sight the drone knows less and less where it is, so to where
+      the nearest known gate can be read, until it knows it again.
     - GO_BACK: all that did not help, so back to the last gate.
     - LOOK_FROM_ABOVE: nor did turning there, so search from above the pylons, in growing
       distances.
@@ -84,7 +88,7 @@ class Explorer(LeafSystem):
             map_is_known: whether there is nothing to explore: it takes off, and is done.
             vio: whether the drone has to find out itself where it is. Then its map drifts until it
                 sees known gates again, so that it flies through gate 1 and looks at gate 2 before
-                it returns; and it may lose itself, and lands.
+                it returns; it looks back when it is unsure, and lands when it has lost itself.
         """
         LeafSystem.__init__(self)
         self._machine = StateMachine(
@@ -97,9 +101,10 @@ class Explorer(LeafSystem):
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
-        self._fault = None
+        self._fault = self._drift = None
         if vio:
             self._fault = self.DeclareAbstractInputPort("estimate_fault", Value[object]())
+            self._drift = self.DeclareVectorInputPort("estimate_drift", 1)
         self._memory = self.DeclareAbstractState(Value[object](Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._memory)
@@ -142,6 +147,7 @@ class Explorer(LeafSystem):
                 gate_map=self._map.Eval(context),
                 estimate=self._estimate.Eval(context),
                 fault=fault,
+                drift=0.0 if self._drift is None else float(self._drift.Eval(context)[0]),
             )
         )
         if after is memory:

@@ -85,7 +85,8 @@ class Situation:
         memory: the explorer's own state.
         time: (s).
         detections, gate_map, estimate: its inputs.
-        fault: why the estimate is of no use any more, empty while it is.
+        fault: why the estimate is of no use any more, empty while it is of use.
+        drift: standard deviation of the estimated position relative to the known gates (m).
     """
 
     memory: Memory
@@ -94,6 +95,7 @@ class Situation:
     gate_map: GateMap
     estimate: np.ndarray
     fault: str = ""
+    drift: float = 0.0
 
     @functools.cached_property
     def gates(self) -> dict:

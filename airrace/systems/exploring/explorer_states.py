@@ -17,7 +17,7 @@ from airrace.systems.exploring import exploration
 from airrace.systems.exploring.explorer_legs import LegPlanner
 from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.systems.exploring.landing import Landing
-from airrace.systems.exploring.search import is_far, is_lost, leads_to, next_steps
+from airrace.systems.exploring.search import is_far, is_lost, leads_to, next_steps, step_back
 from airrace.systems.types import LAND
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.vehicle.state import as_state
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 _PERIOD = 0.2  # s, between two checks of a leg, or two attempts to plan one
 _AT_GATE = 0.8  # s, before a gate is passed
 _MOST_STEPS = 6  # of a search that are planned in one tick
+# m, of the position relative to the known gates: with more, the drone would soon not find back to
+# them; with less, it knows its place again.
+_UNSURE, _SURE = 1.0, 0.3
 _AT_REST = "level and at rest now"
 
 
@@ -125,6 +128,11 @@ class StateMachine:
                 return after
         if self._arrival_time(now) is not None:
             return now.memory.entered(now.time, "HOVER", "reached the set-point")
+        if now.memory.status.state == "LOOK_BACK":
+            if now.drift < _SURE:
+                return self._take_search_step(now)
+        elif (after := self._look_back(now)) is not None:
+            return after
         if now.memory.status.state == "STEP_FORWARD" and self._steps_on(now):
             return self._take_search_step(now)
         return self._check_leg(now)
@@ -226,12 +234,34 @@ class StateMachine:
         looks = self._sees_again and gates and gates[-1].number == 0
         return self._legs.plan_home(now, gates, now.gates.get(1) if looks else None)
 
+    def _look_back(self, now):
+        """Looks at a known gate again if it is unsure of its place; None if there is no reason to.
+
+        Also if there is no clear leg now.
+        """
+        if now.drift < _UNSURE or now.time < now.memory.blocked_at + _PERIOD:
+            return None
+        step = step_back(now, self._config)
+        if step is None:
+            return None
+        leg = self._legs.plan(now, step.routes)
+        if leg is None:
+            return None
+        return self._follow(now, leg, step.state, step.reason)
+
     def _take_search_step(self, now):
         """Takes the first of the next search steps to which a clear leg leads."""
         memory = now.memory
         if now.time < memory.blocked_at + _PERIOD:
             return memory
-        for step in itertools.islice(next_steps(now, self._config), _MOST_STEPS):
+        after = self._look_back(now)
+        if after is not None:
+            return after
+        steps = next_steps(now, self._config)
+        if memory.status.state == "LOOK_BACK" and not is_lost(now, self._config):
+            # Where it was going, it would be unsure again, and too far away to look back.
+            steps = itertools.dropwhile(lambda step: step.state != "GO_BACK", steps)
+        for step in itertools.islice(steps, _MOST_STEPS):
             leg = self._legs.plan(now, step.routes)
             if leg is not None:
                 now = now.remembering(steps=step.steps, steps_around=step.steps_around)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from airrace.math.angles import wrap_angle
 from airrace.systems.exploring.clear_paths import ABOVE_PYLONS, route_above_pylons
 from airrace.systems.exploring.exploration import describe_observation, gate_pose, presumed_gate
 from airrace.systems.exploring.explorer_memory import Situation
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from airrace.scenario import ExplorerConfig
 
 _ON_THE_SPOT = 2.0  # m
+_IN_VIEW = math.radians(20.0)  # of the heading
+_READING = 0.6  # of side_distance, from where a known gate is read for sure
 _LEAST_STEP = 1e-3  # m
 _SURE_VIEW = 24.0  # m, from where a marker is read, also by a worse camera than the rules' one
 _ASIDE = 4.0  # m, to the side, of a step that is not clear straight on
@@ -161,6 +164,37 @@ def next_steps(now: Situation, config: "ExplorerConfig") -> Iterator[Step]:
             yield first
     yield from around
     yield from on
+
+
+def step_back(now: Situation, config: "ExplorerConfig") -> Step | None:
+    """Returns the step by which the nearest known gate can be read; None if it is done.
+
+    First it turns to the gate, and then it flies to where the gate is seen best. Both of its sides
+    carry markers, so that is on the drone's side of it.
+
+    Args:
+        now: what is known.
+        config: an ExplorerConfig.
+    """
+    here = now.memory.goal
+    distance = {n: np.linalg.norm(gate.p_WG - here[:3]) for n, gate in now.gates.items()}
+    if not distance:
+        return None
+    gate = now.gates[min(distance, key=distance.__getitem__)]
+    to_gate = gate.p_WG - here[:3]
+    beyond = to_gate @ gate.forward < 0.0
+    away = _READING * config.side_distance
+    pose = gate_pose(gate, away if beyond else -away)
+    pose[3] += math.pi if beyond else 0.0
+    if np.linalg.norm(pose[:3] - here[:3]) > _ON_THE_SPOT:
+        bearing = math.atan2(to_gate[1], to_gate[0])
+        if abs(wrap_angle(bearing - here[3])) > _IN_VIEW:
+            pose = np.array([*here[:3], bearing])
+    elif abs(wrap_angle(pose[3] - here[3])) < _IN_VIEW:
+        return None
+    reason = f"unsure of its place, looking at gate {gate.number + 1} again"
+    routes = [[pose], route_above_pylons(here, pose)]
+    return Step("LOOK_BACK", reason, routes, now.memory.steps, now.memory.steps_around)
 
 
 def is_lost(now: Situation, config: "ExplorerConfig") -> bool:

@@ -32,7 +32,7 @@ def plan_leg(
 
     Args:
         start: value and derivatives of x, y, z (m) and yaw (rad) to start
-            from, (>= 4, 4).
+            from, (>= 4, 4); of yaw, only its value and its rate count.
         waypoints: x, y, z and yaw, (m, 4); yaw turns the shorter way.
         max_speed, max_acceleration: (m/s), (m/s^2); exceeded only by a start
             that is too fast for it.
@@ -47,7 +47,11 @@ def plan_leg(
         if np.abs(start[1:4]).max() > _NEAR:
             raise TrajectoryOptimizationError("No leg leads from motion to rest on the spot.")
         return FlatTrajectory.resting(knots[0])
-    constraints = end_constraints(start, np.zeros((4, 4)), (1, 2, 3))
+    # Of a turn that is broken off, the rate alone goes on: a long flight with its angular
+    # acceleration and jerk would turn round and round.
+    begin = np.array(start[:4], float)
+    begin[2:, 3] = 0.0
+    constraints = end_constraints(begin, np.zeros((4, 4)), (1, 2, 3))
     speed = np.linalg.norm(start[1, :3])
     guess = trapezoid_durations(knots[:, :3], speed, 0.8 * max_speed, 0.5 * max_acceleration)
     # A turn on the spot takes time, too, and so does braking.

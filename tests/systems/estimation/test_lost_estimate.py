@@ -39,9 +39,9 @@ def test_a_good_estimate_has_no_fault():
         (make_state(GOOD * np.nan), 0.0, "the estimate is not finite"),
         (make_state(refused_in_a_row=90), 0.0, "no marker was where it should be in 90 pictures"),
         (
-            make_state(with_variance(4, 16.0)),
+            make_state(with_variance(4, 36.0)),
             0.0,
-            "position uncertain by 4.0 m after 8.0 s without a marker",
+            "position uncertain by 6.0 m after 8.0 s without a marker",
         ),
         (
             make_state(with_variance(8, 9.0)),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from airrace.scenario import ExplorerConfig
-from airrace.systems.exploring.exploration import gate_pose
+from airrace.systems.exploring.exploration import gate_pose, yaw_of
 from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.systems.exploring.explorer_states import StateMachine
 from airrace.trajopt.flat_trajectory import FlatTrajectory
@@ -162,3 +162,42 @@ def test_without_an_estimate_it_lands_for_good(state):
         np.testing.assert_allclose(last.position[:2], [9.0**2 / 12.0, 0.0], atol=1e-6)
         assert last.position[2] < 0.0
     assert machine.next(dc.replace(now, memory=after, time=3.0, fault="")) is after
+
+
+def fly_unsure(readable):
+    """The events of a drone that is 30 m beyond its last gate, in vain, and is unsure of its place.
+
+    Args:
+        readable: whether it is sure again as soon as the gate is in its picture.
+    """
+    counts = front(*range(5))
+    gate = mapped(counts).gates[-1]
+    memory = dc.replace(memory_at(gate_pose(gate, 30.0), 5, "HOVER"), steps=2)
+    machine = StateMachine(config=ExplorerConfig(), hover_height=5.0, clearance=2.0)
+    drift = 1.5
+    for time in np.arange(1.0, 20.0, TICK):
+        estimate = flat_state(memory.leg.reference(time - memory.leg_start), time)
+        to_gate = gate.p_WG - as_state(estimate).position
+        ahead = to_gate @ [np.cos(yaw_of(estimate)), np.sin(yaw_of(estimate)), 0.0]
+        if readable and 0.9 * np.linalg.norm(to_gate) < ahead < READING_RANGE:
+            drift = 0.1
+        looking = situation(counts, [])
+        memory = machine.next(
+            Situation(memory, time, looking.detections, looking.gate_map, estimate, "", drift)
+        )
+    return memory.status.events[1:]
+
+
+def test_a_drone_that_is_unsure_looks_at_a_known_gate_until_it_is_sure_again():
+    """It turns, flies nearer, and then searches from that gate: not so far away again."""
+    events = fly_unsure(readable=True)
+    states = [event.state for event in events]
+    assert states[:5] == ["HOVER", "LOOK_BACK", "HOVER", "LOOK_BACK", "GO_BACK"]
+    assert events[1].reason == "unsure of its place, looking at gate 5 again"
+    assert events[4].time - events[3].time < 3.0  # as soon as the gate is in sight, not there
+
+
+def test_unsure_in_vain_it_searches_on():
+    """The gate is not where it should be: it looks for it there once, not for ever."""
+    states = [event.state for event in fly_unsure(readable=False)]
+    assert states[:6] == ["HOVER", "LOOK_BACK", "HOVER", "LOOK_BACK", "HOVER", "STEP_FORWARD"]

@@ -37,7 +37,9 @@ def dense(leg):
 
 def assert_leads(leg, start, waypoints):
     """Continuous with the start, through all waypoints, at rest at the last."""
-    np.testing.assert_allclose(leg.derivatives(0.0)[:4], start[:4], atol=1e-9)
+    first = leg.derivatives(0.0)
+    np.testing.assert_allclose(first[:4, :3], start[:4, :3], atol=1e-9)
+    np.testing.assert_allclose(first[:2, 3], start[:2, 3], atol=1e-9)
     waypoints = np.array(waypoints)
     poses = np.array([leg.derivatives(t)[0] for t in leg.breaks[1:]])
     np.testing.assert_allclose(poses[:, :3], waypoints[:, :3], atol=1e-8)
@@ -246,3 +248,13 @@ def test_trapezoid_of_points_that_coincide_and_of_a_fast_start():
 def test_sample_times_of_a_leg_end_with_it():
     leg = plan_leg(state(), [[10.0, 0, 5, 0]], **LIMITS)
     assert sample_times(leg)[-1] == leg.duration
+
+
+def test_a_turn_that_is_broken_off_does_not_become_a_spin():
+    """A turn on the spot, and then 50 m the other way."""
+    turn = plan_leg(state(), [[0.0, 0.0, 5.0, 2.0]], **LIMITS)
+    start = turn.derivatives(0.2 * turn.duration)[:5]
+    assert np.abs(start[2, 3]) > 0.5
+    leg = plan_leg(start, [[-50.0, 0.0, 5.0, np.pi]], **LIMITS)
+    yaw = [leg.derivatives(t)[0, 3] for t in np.linspace(0.0, leg.duration, 200)]
+    assert np.ptp(yaw) < 1.5 * np.pi

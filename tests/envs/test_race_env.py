@@ -230,7 +230,7 @@ def test_a_page_shows_the_episodes(capsys):
     [
         ({"action": "thrust"}, "action must be one of ctbr, rotors, reference"),
         ({"observation": "state"}, "observation must be one of gates, estimate, pixels"),
-        ({"start": "air"}, "start must be one of pad, random"),
+        ({"start": "air"}, "start must be one of pad, hover, random"),
         ({"level": 5}, "level must be one of 0, 1, 2, 3, 4"),
         ({"gate": 2}, "no option 'gate', but gates; there are: action"),
         ({"gates": 0}, "gates must be a whole number from 1 to 20"),

@@ -25,7 +25,6 @@ import numpy as np
 import optax
 from rich.progress import track
 
-from airrace.envs.registration import register_envs
 from airrace.systems.control.policy_network import PolicyNetwork
 from airrace.vehicle import load_vehicle
 
@@ -33,7 +32,7 @@ GAMMA, LAMBDA, CLIP = 0.99, 0.95, 0.2  # of a step of 20 ms; the last: of the ra
 HIDDEN = (128, 128)
 HORIZON = 64  # steps of every drone between two updates
 EPOCHS, MINIBATCHES, RATE = 3, 8, 5e-4  # the last: of learning, at first
-REWARD_SCALE = 0.1  # so that the values to be learned are about one
+REWARD_SCALE, ENTROPY = 0.1, 0.01  # by the first, values to be learned are about one
 # First it learns to be quick, then to be careful as well: what a failure costs more grows from
 # nothing to this between two shares of the training.
 CAREFUL, CAREFUL_FROM, CAREFUL_TO = 100.0, 0.45, 0.75
@@ -100,13 +99,13 @@ def act(parameters, observations, key):
 
 
 def loss(parameters, batch):
-    """Returns equation (9) of PPO, to be minimised."""
+    """Returns equation (9) of PPO, to be minimised; the entropy keeps it exploring."""
     log_p = log_probability(parameters, batch.observations, batch.actions)
     ratio, a = jnp.exp(log_p - batch.log_probabilities), batch.advantages
     a = (a - a.mean()) / (a.std() + 1e-8)
     gain = jnp.minimum(ratio * a, jnp.clip(ratio, 1.0 - CLIP, 1.0 + CLIP) * a)
     error = evaluate_network(parameters["value"], batch.observations)[:, 0] - batch.returns
-    return jnp.mean(0.5 * error**2 - gain)
+    return jnp.mean(0.5 * error**2 - gain) - ENTROPY * jnp.sum(parameters["log_std"])
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -187,9 +186,8 @@ def draw(path, rows):
 def main(args):
     (folder := Path(args.output)).mkdir(parents=True, exist_ok=True)
     checkpoint, picture = folder / "checkpoint.npz", folder / "train_pilot.png"
-    register_envs()
     common = dict(track="generated", drone=args.drone, num_threads=args.threads)
-    make = functools.partial(gymnasium.make_vec, "airrace/Race-v0", **common)
+    make = functools.partial(gymnasium.make_vec, "airrace.envs:airrace/Race-v0", **common)
     held_out = range(HELD_OUT, HELD_OUT + args.held_out)
     env = make(args.envs, tracks=range(args.tracks), start="random", autoreset_mode="SameStep")
     judged = make(args.held_out, tracks=held_out, start="hover", time_limit=120.0)
@@ -201,7 +199,7 @@ def main(args):
     parameters["log_std"] = jnp.full(actions, -1.0)
     updates = max(1, int(args.steps) // (HORIZON * args.envs))
     rate = optax.linear_schedule(RATE, 0.1 * RATE, updates * EPOCHS * MINIBATCHES)
-    optimiser = optax.chain(optax.clip_by_global_norm(0.5), optax.adam(rate))
+    optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(rate))
     learned = parameters, optimiser.init(parameters)
     first, normaliser, rows, best = 0, Normaliser(sizes[0]), [], (0.0, -np.inf)
     if args.resume:

@@ -13,6 +13,7 @@ from airrace.vehicle import Vehicle
 
 ACTIONS = 4  # collective thrust and body rates, see command_scale.py
 _MOST_BYTES = 20_000_000
+_SLACK = 0.05  # of the range of the training: a hover that is quite level may be beyond it
 
 
 class PolicyNetwork(NamedTuple):
@@ -47,8 +48,12 @@ class PolicyNetwork(NamedTuple):
         return np.clip(x, -1.0, 1.0)
 
     def is_known(self, observation: np.ndarray) -> bool:
-        """Whether an observation, (m,), is within what the network was trained on."""
-        return bool(np.all(observation >= self.low) and np.all(observation <= self.high))
+        """Whether an observation, (m,), is within what the network was trained on, or nearly."""
+        size = self.high - self.low
+        slack = np.where(np.isfinite(size), _SLACK * size, 0.0)
+        return bool(
+            np.all(observation >= self.low - slack) and np.all(observation <= self.high + slack)
+        )
 
     def save(self, path: Path) -> None:
         """Writes the file that load_policy() reads: an .npz with an array for each attribute.

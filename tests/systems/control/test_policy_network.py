@@ -54,6 +54,9 @@ def test_a_file_is_the_network_again(tmp_path):
 def test_what_it_knows():
     network = random_network()
     assert network.is_known(np.full(SIZE, 10.0))
+    assert network.is_known(np.full(SIZE, -10.9))  # by a twentieth of the range
+    assert not network.is_known(np.append(np.zeros(SIZE - 1), 11.1))
+    network = network._replace(low=np.full(SIZE, -np.inf))
     assert not network.is_known(np.append(np.zeros(SIZE - 1), 10.1))
     assert not network.is_known(np.append(np.zeros(SIZE - 1), np.nan))
 

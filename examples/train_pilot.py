@@ -6,8 +6,8 @@
 
 Schulman et al., "Proximal policy optimization algorithms", 2017, with the advantages of Schulman
 et al., "High-dimensional continuous control using generalized advantage estimation", 2016. The
-drones fly in machine code, and JAX learns, on the CPU. The folder gets pilot.npz, the network at
-the best evaluation so far, train_pilot.png, and checkpoint.npz, from which --resume goes on.
+drones fly in machine code, and JAX learns, on the CPU. The folder gets pilot.npz, the best network
+so far, train_pilot.png, and checkpoint.npz, from which --resume goes on.
 """
 
 import argparse
@@ -25,18 +25,17 @@ import numpy as np
 import optax
 from rich.progress import track
 
-from airrace.envs.registration import register_envs
 from airrace.systems.control.policy_network import PolicyNetwork
 from airrace.vehicle import load_vehicle
 
 GAMMA, LAMBDA, CLIP = 0.99, 0.95, 0.2  # of a step of 20 ms; the last: of the ratio, see loss()
-HIDDEN = (128, 128)
-HORIZON = 64  # steps of every drone between two updates
+HIDDEN, HORIZON = (128, 128), 64  # the last: steps of every drone between two updates
 EPOCHS, MINIBATCHES, RATE = 3, 8, 5e-4  # the last: of learning, at first
 REWARD_SCALE = 0.1  # so that the values to be learned are about one
-# First it learns to be quick, then to be careful as well: what a failure costs more grows from
-# nothing to this between two shares of the training.
-CAREFUL, CAREFUL_FROM, CAREFUL_TO = 100.0, 0.45, 0.75
+LEAST_LOG_STD = -2.5  # of actions: without any noise, nothing is learned
+NEW = 0.03  # share in the running mean of the networks, which is what is judged and kept
+# First it learns to be quick, then, between two shares of the training, to be careful as well:
+CAREFUL, CAREFUL_SHARES = 60.0, (0.4, 0.7)  # what a failure costs more at last
 JUDGED_EVERY, HELD_OUT = 2_000_000, 1_000_000  # steps; first seed of the tracks to judge by
 
 
@@ -48,8 +47,7 @@ class Normaliser:
     """Mean and spread of all observations so far, and the bounds of the last ones."""
 
     def __init__(self, size):
-        self.count, self.mean, self.square = 0, np.zeros(size), np.ones(size)
-        self.std = np.ones(size)
+        self.mean, self.square, self.std, self.count = np.zeros(size), *np.ones((2, size)), 0
         self.low, self.high = np.full(size, np.inf), np.full(size, -np.inf)
 
     def add(self, rows):
@@ -86,7 +84,8 @@ def evaluate_network(layers, x):
 
 def log_probability(parameters, observations, actions):
     """Returns the logarithm of the density of actions, up to a constant."""
-    mean, log_std = evaluate_network(parameters["policy"], observations), parameters["log_std"]
+    mean = evaluate_network(parameters["policy"], observations)
+    log_std = jnp.maximum(parameters["log_std"], LEAST_LOG_STD)
     return -jnp.sum(0.5 * ((actions - mean) / jnp.exp(log_std)) ** 2 + log_std, axis=-1)
 
 
@@ -94,7 +93,8 @@ def log_probability(parameters, observations, actions):
 def act(parameters, observations, key):
     """Returns drawn actions, their log-probabilities, and the values of the observations."""
     mean = evaluate_network(parameters["policy"], observations)
-    actions = mean + jnp.exp(parameters["log_std"]) * jax.random.normal(key, mean.shape)
+    std = jnp.exp(jnp.maximum(parameters["log_std"], LEAST_LOG_STD))
+    actions = mean + std * jax.random.normal(key, mean.shape)
     values = evaluate_network(parameters["value"], observations)[:, 0]
     return actions, log_probability(parameters, observations, actions), values
 
@@ -187,12 +187,10 @@ def draw(path, rows):
 def main(args):
     (folder := Path(args.output)).mkdir(parents=True, exist_ok=True)
     checkpoint, picture = folder / "checkpoint.npz", folder / "train_pilot.png"
-    register_envs()
     common = dict(track="generated", drone=args.drone, num_threads=args.threads)
-    make = functools.partial(gymnasium.make_vec, "airrace/Race-v0", **common)
-    held_out = range(HELD_OUT, HELD_OUT + args.held_out)
+    make = functools.partial(gymnasium.make_vec, "airrace.envs:airrace/Race-v0", **common)
     env = make(args.envs, tracks=range(args.tracks), start="random", autoreset_mode="SameStep")
-    judged = make(args.held_out, tracks=held_out, start="hover", time_limit=120.0)
+    judged = make(args.held_out, tracks=range(HELD_OUT, HELD_OUT + args.held_out), start="hover")
     key, *keys = jax.random.split(jax.random.key(args.seed), 3)
     sizes, actions = [*env.single_observation_space.shape, *HIDDEN], env.single_action_space.shape
     policy = make_network(keys[0], [*sizes, *actions], 0.01)
@@ -200,35 +198,36 @@ def main(args):
     parameters = {"policy": policy, "value": make_network(keys[1], [*sizes, 1], 1.0)}
     parameters["log_std"] = jnp.full(actions, -1.0)
     updates = max(1, int(args.steps) // (HORIZON * args.envs))
-    rate = optax.linear_schedule(RATE, 0.1 * RATE, updates * EPOCHS * MINIBATCHES)
-    optimiser = optax.chain(optax.clip_by_global_norm(0.5), optax.adam(rate))
-    learned = parameters, optimiser.init(parameters)
+    rate = optax.linear_schedule(RATE, 0.05 * RATE, updates * EPOCHS * MINIBATCHES)
+    optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(rate))
+    learned, average = (parameters, optimiser.init(parameters)), policy
     first, normaliser, rows, best = 0, Normaliser(sizes[0]), [], (0.0, -np.inf)
     if args.resume:
-        saved, tree = np.load(checkpoint, allow_pickle=True), jax.tree.structure(learned)
-        learned = jax.tree.unflatten(tree, [saved[f"leaf_{i}"] for i in range(tree.num_leaves)])
+        saved, tree = np.load(checkpoint, allow_pickle=True), jax.tree.structure((learned, average))
+        leaves = [saved[f"leaf_{i}"] for i in range(tree.num_leaves)]
+        learned, average = jax.tree.unflatten(tree, leaves)
         first, normaliser, rows, best = saved["rest"]
     observations, _ = env.reset(seed=args.seed + first)
     for k in track(range(first, updates), "Learning"):
-        share = (k / updates - CAREFUL_FROM) / (CAREFUL_TO - CAREFUL_FROM)
-        cost = CAREFUL * float(np.clip(share, 0.0, 1.0))
+        cost = float(np.interp(k / updates, CAREFUL_SHARES, (0.0, CAREFUL)))
         keys = jax.random.split(jax.random.fold_in(key, k))
         rollout, raw, observations = fly(env, observations, learned[0], normaliser, keys[0], cost)
         learned = update(optimiser, learned, rollout, keys[1])
+        average = optax.incremental_update(learned[0]["policy"], average, NEW)
         normaliser.add(raw)
         steps = (k + 1) * HORIZON * args.envs
         if k + 1 < updates and steps % JUDGED_EVERY >= HORIZON * args.envs:
             continue
-        finished, lap = judge(judged, learned[0]["policy"], normaliser)
+        finished, lap = judge(judged, average, normaliser)
         rows.append((steps, finished, lap))
         print(f"{steps / 1e6:5.1f} million steps: {finished:4.0%} finished, lap {lap:.2f} s")
         # 95 % are enough: then the quicker one is the better one.
         if (score := (min(finished, 0.95), -lap)) >= best:
             best = score
-            save_pilot(folder / "pilot.npz", learned[0]["policy"], normaliser, args)
+            save_pilot(folder / "pilot.npz", average, normaliser, args)
         draw(picture, rows)
         rest = np.array([k + 1, normaliser, rows, best], object)
-        leaves = {f"leaf_{i}": leaf for i, leaf in enumerate(jax.tree.leaves(learned))}
+        leaves = {f"leaf_{i}": leaf for i, leaf in enumerate(jax.tree.leaves((learned, average)))}
         np.savez(checkpoint, rest=rest, **leaves)
     print(f"Picture: {picture.resolve()}")
 

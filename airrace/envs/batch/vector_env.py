@@ -17,7 +17,7 @@ from airrace.envs.batch.contact import load_shape
 from airrace.envs.batch.courses import make_courses
 from airrace.envs.batch.fleet import START_NUMBERS, hover_speeds, make_bodies, make_fleet, restart
 from airrace.envs.batch.flight import Clock, Results, World, advance, observe_all
-from airrace.envs.options import GENERATED, make_options, make_scenario
+from airrace.envs.options import GENERATED, EnvOptions, make_options, make_scenario
 from airrace.envs.reward import RUNNING, RewardWeights
 from airrace.envs.start import STARTS
 from airrace.math.random import make_generator
@@ -73,7 +73,7 @@ class RaceVectorEnv(VectorEnv):
         scenario = make_scenario(wanted)
         self.num_envs = num_envs
         self._mode = AutoresetMode(autoreset_mode)
-        _check(wanted, scenario, self._mode)
+        weights = _check(wanted, scenario, self._mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self._mode}
         self._disturbances, self._start = scenario.disturbances, STARTS.index(wanted.start)
         self._vehicle, sdf = load_vehicle(scenario.drone)
@@ -98,7 +98,7 @@ class RaceVectorEnv(VectorEnv):
             scale=scale,
             by_rates=wanted.action == "ctbr",
             rates=make_rate_parameters(self._vehicle, scenario.rotors.rate),
-            weights=wanted.reward,
+            weights=weights,
             time_limit=wanted.steps,
             fade=fade,
             push=wind.gust_rms * math.sqrt(1.0 - fade * fade),
@@ -272,7 +272,7 @@ class RaceVectorEnv(VectorEnv):
         return info | {f"_{name}": everyone for name in info}
 
 
-def _generate(seeds) -> list[Track]:
+def _generate(seeds: Iterable[int]) -> list[Track]:
     """Returns the generated tracks of some seeds, but for those that have none."""
     tracks = []
     for seed in seeds:
@@ -299,16 +299,23 @@ def _make_clock(scenario: Scenario, step: float) -> Clock:
     return Clock(dt, *map(round, numbers))
 
 
-def _check(options, scenario, mode):
+def _check(options: EnvOptions, scenario: Scenario, mode: AutoresetMode) -> RewardWeights:
+    """Returns the weights of the reward, if all options suit a batch.
+
+    Raises:
+        UserError: that says which one does not.
+    """
     if mode is AutoresetMode.DISABLED:
         raise UserError("autoreset_mode must be NEXT_STEP or SAME_STEP.")
     check_choice("In a batch of drones, action", options.action, ACTIONS)
     check_choice("In a batch of drones, observation", options.observation, ("gates",))
+    if not isinstance(options.reward, RewardWeights):
+        raise UserError("In a batch of drones, reward must be RewardWeights.")
     for wrong, text in (
-        (not isinstance(options.reward, RewardWeights), "reward must be RewardWeights"),
         (scenario.disturbances.gate_shift > 0.0, "gates cannot move: take a level below 4"),
         (scenario.rotor_failures, "rotors cannot fail: leave out rotor_failures"),
         (scenario.rotors.rate != scenario.controller.rate, "rotors.rate must be controller.rate"),
     ):
         if wrong:
             raise UserError(f"In a batch of drones, {text}.")
+    return options.reward

@@ -11,7 +11,7 @@ from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.diagrams.warm_up import play_pilot
 from airrace.hitl.lcm_bridge import told_to_navigator, told_to_pilot
 from airrace.hitl.link.simulated_bus import LinkConfig
-from airrace.scenario import LINK_DELAY, VIO, Scenario, load_scenario, scenario_yaml
+from airrace.scenario import LEARNED, LINK_DELAY, VIO, Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 from airrace.systems.exploring.explorer import Explorer
 from airrace.systems.mapping.known_map import KnownMap, NoDetector
@@ -67,6 +67,19 @@ def test_a_network_flies_the_lap_twice_alike(hexagon, tmp_path):
     assert result["finished"] and result["collisions"] == 0
     assert [event["what"] for event in result["pilot"]["events"]] == ["the network flies"]
     assert result["laps"][0]["plan"] is None and max(result["laps"][0]["gate_offsets_m"]) < 4.0
+
+
+@pytest.mark.slow
+def test_the_shipped_network_flies_the_reference_track(tmp_path):
+    result = run_race(Scenario(laps=1, map="track", camera=BLIND, pilot=LEARNED), tmp_path)
+    assert result["finished"] and result["collisions"] == 0
+    assert [event["what"] for event in result["pilot"]["events"]] == ["the network flies"]
+    assert result["best_lap_s"] < 15.0
+
+
+def test_a_drone_without_a_shipped_network():
+    with pytest.raises(UserError, match="no learned pilot for the drone StarOne: train one"):
+        MakeAutonomy(Scenario(drone="StarOne", pilot=LEARNED))
 
 
 @pytest.mark.slow

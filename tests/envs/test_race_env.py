@@ -105,6 +105,18 @@ def test_equal_seeds_give_equal_episodes_whatever_was_flown_before(level):
         assert not np.array_equal(later[0], seen[: len(later[0])])
 
 
+def test_another_seed_is_another_drone():
+    """From the pad, where nothing but its mass and rotors differ."""
+    with RaceEnv(level=2, scenario={"state_noise": "none"}) as env:
+        heights = []
+        for seed in (1, 2, 1):
+            env.reset(seed=seed)
+            for _ in range(30):
+                env.step([1, 0, 0, 0])
+            heights.append(env.true_state[6])
+    assert heights[0] == heights[2] and abs(heights[0] - heights[1]) > 1e-3
+
+
 def test_a_generated_track_is_a_new_one_each_episode():
     with RaceEnv(track="generated") as env:
         names = [env.reset(seed=2)[1]["track"], env.reset()[1]["track"]]

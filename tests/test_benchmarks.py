@@ -272,3 +272,14 @@ def test_estimators_are_put_beside_the_truth(run):
     for row in others:  # on the pad, no loop is to be closed and no marker is doubtful
         same = row["nees_exploring"] == complete["nees_exploring"]
         assert same == (row["name"] in ("no loop closure", "no robust weights")), row["name"]
+
+
+@pytest.mark.slow
+def test_steps_of_environments_are_measured(run):
+    table, figures, _ = run("envs", "--envs", 1, 20)
+    assert [row["envs"] for row in figures["rows"]] == [1, 20]
+    for row in figures["rows"]:
+        assert row["one"] > 100 and row["all"] > 100 and row["peer"] is None
+        one, plant, more = rows_of(table, str(row["envs"]))[0][:3]
+        assert one == f"{row['one']:,.0f}" and more == f"{row['all']:,.0f}"
+        assert plant == f"{20 * row['one']:,.0f}"

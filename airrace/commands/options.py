@@ -34,7 +34,8 @@ def _whole(type_: type, tokens: Sequence[Token]) -> int:
 Whole = Annotated[int, Parameter(converter=_whole, metavar="N")]
 # Fields of the scenario that options give.
 _FIELDS = {
-    name: name for name in ("drone", "trajectory", "track", "laps", "seed", "map", "estimator")
+    name: name
+    for name in ("drone", "trajectory", "track", "laps", "seed", "map", "estimator", "pilot")
 } | {
     "limits": "planner.limits",
     "renderer": "camera.renderer",
@@ -80,6 +81,11 @@ class DroneOptions(ScenarioOptions):
     (
         "what tells the drone where it is: truth = the simulator, with a little noise; vio = "
         "nothing but gyroscope, accelerometer, rotor speeds and the camera (default: truth)"
+    )
+    pilot: Annotated[str | None, Parameter(group=RACE, metavar="planned|learned|FILE")] = None
+    (
+        "who flies the laps: planned = a lap that is optimised; learned = a network that learned "
+        "to race, from the same estimate and map; or the .npz file of your own (default: planned)"
     )
     level: Annotated[Literal[0, 1, 2, 3, 4] | None, Parameter(group=RACE)] = None
     (

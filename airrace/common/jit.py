@@ -128,6 +128,14 @@ def compiled[F: Callable](function: F) -> F:
     return numba.njit(cache=True, error_model="numpy")(function)
 
 
+def compiled_in_threads[F: Callable](function: F) -> F:
+    """Returns a function as machine code that several threads of Python run at once.
+
+    It must share nothing that it writes with the others, and calls no Python.
+    """
+    return numba.njit(cache=True, error_model="numpy", nogil=True)(function)
+
+
 @compilable
 def assign(vector: np.ndarray, values: np.ndarray) -> None:
     """Writes the first n of some numbers into an array, (n,), one by one.

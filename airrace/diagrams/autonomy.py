@@ -8,13 +8,19 @@ time each has a diagram, and a process, of its own, so that the drone is control
 import importlib
 import traceback
 from collections.abc import Collection
+from pathlib import Path
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
 from airrace.common.errors import UserError
-from airrace.scenario import VIO, Scenario
+from airrace.common.resources import models_path
+from airrace.scenario import LEARNED, PLANNED, VIO, Scenario
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.control.geometric_controller import GeometricController
+from airrace.systems.control.learned_pilot import LearnedPilot
+from airrace.systems.control.pilot_switch import PilotSwitch
+from airrace.systems.control.policy_network import load_policy
+from airrace.systems.control.rate_controller import RateController
 from airrace.systems.control.rotor_monitor import RotorMonitor
 from airrace.systems.control.state_filter import StateFilter, UnfilteredState
 from airrace.systems.estimation.of_scenario import make_gate_slam, make_strapdown_integrator
@@ -74,6 +80,7 @@ def _make_lap_planner(scenario: Scenario) -> LapPlanner:
             trajectory=scenario.trajectory,
             config=scenario.planner,
             laps=scenario.laps,
+            learned=scenario.pilot != PLANNED,
         )
     except TrajectoryOptimizationError as e:
         raise UserError(f"The lap planner cannot be: {e} Raise planner.thrust_share.") from None
@@ -97,13 +104,38 @@ def _make_geometric_controller(scenario: Scenario) -> GeometricController:
     return GeometricController(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
 
 
+def _make_learned_pilot(scenario: Scenario) -> LearnedPilot:
+    vehicle, _ = load_vehicle(scenario.drone)
+    path = Path(scenario.pilot)
+    if scenario.pilot == LEARNED:
+        path = models_path() / "pilots" / f"{vehicle.name}.npz"
+        if not path.exists():
+            raise UserError(
+                f"There is no learned pilot for the drone {vehicle.name}: train one with "
+                "examples/train_pilot.py and name its file, or race with --pilot planned."
+            )
+    return LearnedPilot(vehicle=vehicle, network=load_policy(path, vehicle))
+
+
+def _make_rate_controller(scenario: Scenario) -> RateController:
+    return RateController(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate)
+
+
+def _make_pilot_switch(scenario: Scenario) -> PilotSwitch:
+    return PilotSwitch(rotors=len(load_vehicle(scenario.drone)[0].rotors))
+
+
+def _make_trajectory_tracker(scenario: Scenario) -> TrajectoryTracker:
+    return TrajectoryTracker(vio=scenario.estimator == VIO, learned=scenario.pilot != PLANNED)
+
+
 # Every system, and what makes it unless the scenario's `systems` names another.
 SYSTEMS = {
     "aruco_detector": _make_aruco_detector,
     "gate_mapper": _make_gate_mapper,
     "explorer": _make_explorer,
     "lap_planner": _make_lap_planner,
-    "trajectory_tracker": lambda scenario: TrajectoryTracker(vio=scenario.estimator == VIO),
+    "trajectory_tracker": _make_trajectory_tracker,
     "rotor_monitor": _make_rotor_monitor,
     "state_filter": _make_state_filter,
     "geometric_controller": _make_geometric_controller,
@@ -111,6 +143,12 @@ SYSTEMS = {
 # With the estimator `vio` there is no gate_mapper and no state_filter; these take their places.
 VIO_SYSTEMS = {"gate_slam": make_gate_slam, "strapdown_integrator": make_strapdown_integrator}
 _REPLACED = ("gate_mapper", "state_filter")
+# With a pilot that was learned, there are these, too.
+LEARNED_SYSTEMS = {
+    "learned_pilot": _make_learned_pilot,
+    "rate_controller": _make_rate_controller,
+    "pilot_switch": _make_pilot_switch,
+}
 # The systems of the pilot; all others are the navigator's.
 PILOT = (
     "trajectory_tracker",
@@ -118,6 +156,7 @@ PILOT = (
     "state_filter",
     "strapdown_integrator",
     "geometric_controller",
+    *LEARNED_SYSTEMS,
 )
 INPUTS = (
     "camera_image",
@@ -155,14 +194,26 @@ VIO_OUTPUTS = OUTPUTS | {
     "corrections": "gate_slam",
     "slam_state": "gate_slam",
 }
+# A colon names the port of the system, where it goes by another name: both controllers command
+# rotors, and the switch says whom these hear.
+LEARNED_OUTPUTS = {
+    "rotor_speed_command": "pilot_switch",
+    "planned_command": "geometric_controller:rotor_speed_command",
+    "learned_command": "rate_controller:rotor_speed_command",
+    "rate_command": "learned_pilot",
+    "network_flies": "learned_pilot",
+    "safe_reference": "learned_pilot",
+    "pilot_status": "learned_pilot",
+}
 
 
 def systems_of(scenario: Scenario) -> dict:
     """Returns the name of every system of a scenario's autonomy, and what makes it."""
-    if scenario.estimator != VIO:
-        return SYSTEMS
-    kept = {name: make for name, make in SYSTEMS.items() if name not in _REPLACED}
-    return kept | VIO_SYSTEMS
+    systems = SYSTEMS
+    if scenario.estimator == VIO:
+        kept = {name: make for name, make in SYSTEMS.items() if name not in _REPLACED}
+        systems = kept | VIO_SYSTEMS
+    return systems if scenario.pilot == PLANNED else systems | LEARNED_SYSTEMS
 
 
 def MakeAutonomy(scenario: Scenario) -> Diagram:
@@ -219,7 +270,9 @@ def _make_part(
             )
     systems = {name: make_system(name, scenario) for name in names}
     inputs, outputs = (VIO_INPUTS, VIO_OUTPUTS) if scenario.estimator == VIO else (INPUTS, OUTPUTS)
-    own = {port: name for port, name in outputs.items() if name in systems}
+    if scenario.pilot != PLANNED:
+        outputs = outputs | LEARNED_OUTPUTS
+    own = {port: name for port, name in outputs.items() if name.partition(":")[0] in systems}
     given = {*given, *(outputs.keys() - own.keys())}
     try:
         bends = scenario.camera.renderer != NO_CAMERA and any(scenario.camera.resolved().distortion)
@@ -238,14 +291,17 @@ def _wired(
     Args:
         systems: by name.
         inputs: names of ports that come from the Simulation.
-        outputs: name of a port to the name of the system that makes it.
+        outputs: name of a port to the name of the system that makes it; see LEARNED_OUTPUTS.
         rectify: whether the camera's pictures pass a Rectifier.
         given: names of ports that come from elsewhere, although they may be among the outputs.
     """
     builder = DiagramBuilder()
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
-    sources = {port: _output(systems[name], port) for port, name in outputs.items()}
+    sources = {}
+    for port, name in outputs.items():
+        system_name, _, own_name = name.partition(":")
+        sources[port] = _output(systems[system_name], own_name or port)
     for name, port in sources.items():
         builder.ExportOutput(port, name)
     for name in given:

@@ -45,7 +45,7 @@ RESULTS = (
 INTERRUPTED = "interrupted"  # why a race has ended, after Ctrl-C or SIGTERM
 # Outputs of the race, for its result and for spectators.
 _SIMULATION_OUTPUTS = ("truth.referee_status", "truth.state", "truth.gate_shifts")
-_AUTONOMY_OUTPUTS = ("explorer_status", "gate_map", "lap_plan", "rotor_losses")
+_AUTONOMY_OUTPUTS = ("explorer_status", "gate_map", "lap_plan", "rotor_losses", "pilot_status")
 
 
 def run_race(

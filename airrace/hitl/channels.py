@@ -16,11 +16,12 @@ from airrace.hitl.link.image_messages import PICTURE_PORTS
 from airrace.hitl.link.packets import MALFORMED, Dropped
 from airrace.hitl.link.plan_messages import LAP_PLAN
 from airrace.lcmtypes import lcmt_pictures
-from airrace.scenario import VIO, Scenario
+from airrace.scenario import PLANNED, VIO, Scenario
+from airrace.systems.control.learned_pilot import PERIOD as PILOT_PERIOD
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, NO_SAMPLES
-from airrace.systems.types import ExplorerStatus, RefereeStatus
+from airrace.systems.types import ExplorerStatus, PilotStatus, RefereeStatus
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import STATE_SIZE
@@ -98,6 +99,10 @@ def make_channels(
     if scenario.estimator == VIO:  # the flight controller has an estimator of its own, see there
         corrections = ("corrections", AUTONOMY, messages.NAVIGATION, _UNKNOWN, scenario.camera.fps)
         table = (*table, corrections)
+    if scenario.pilot != PLANNED:
+        events = 1.0 / PILOT_PERIOD
+        status = ("pilot_status", AUTONOMY, messages.PILOT_STATUS, PilotStatus(), events)
+        table = (*table, status)
     rows = [row for row in table if row[0] in wanted or row[0] not in OPTIONAL_PORTS]
     pictures = [port for port in wanted if port in PICTURE_PORTS]
     return (_camera(scenario, pictures), _rotor_status(scenario, n), *starmap(_channel, rows))

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from airrace.scenario import VIO, Scenario
+from airrace.scenario import PLANNED, VIO, Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN, PlanSummary
 from airrace.systems.referee import OUT_OF_TIME
-from airrace.systems.types import ExplorerEvent, ExplorerStatus, RefereeStatus
+from airrace.systems.types import ExplorerEvent, ExplorerStatus, PilotStatus, RefereeStatus
 from airrace.track import Track
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
@@ -26,6 +26,7 @@ class RaceResult:
         referee_status: the latest.
         explorer_status: the latest.
         events: ExplorerEvents, all so far.
+        pilot_events: pairs of when a network took over or handed back (s), and what happened.
         rotor_losses: number of a rotor, from 1, to when its loss was noticed (s).
     """
 
@@ -36,6 +37,7 @@ class RaceResult:
         self.vehicle = load_vehicle(scenario.drone)[0]
         self.referee_status = RefereeStatus((), False, None, None, 0)
         self.explorer_status, self.events = ExplorerStatus(), ()
+        self.pilot_events: tuple[tuple[float, str], ...] = ()
         self.rotor_losses = {}
 
     @property
@@ -50,9 +52,12 @@ class RaceResult:
             outputs: a namespace of ``time`` (s) and of the values of the outputs at that
                 time: ``referee_status``, ``explorer_status``, ``gate_map``, ``lap_plan``,
                 ``rotor_losses``, see RotorMonitor, and ``gate_shifts``, see GateMover,
-                None if the gates stand still.
+                None if the gates stand still; ``pilot_status``, if a LearnedPilot flies.
         """
         before = self.laps_flown
+        self.pilot_events = _pilot_events(
+            self.pilot_events, getattr(outputs, "pilot_status", PilotStatus())
+        )
         self._time, self.referee_status = outputs.time, outputs.referee_status
         self.explorer_status = outputs.explorer_status
         self.events = _events(self.events, outputs.explorer_status)
@@ -106,6 +111,7 @@ class RaceResult:
                     {"time_s": e.time, "state": e.state, "reason": e.reason} for e in self.events
                 ],
             },
+            **self._pilot_data(),
             "laps": laps,
             "mean_lap_s": float(np.mean(times)) if times else None,
             "best_lap_s": min(times, default=None),
@@ -118,6 +124,13 @@ class RaceResult:
                 **dict(wall),
             },
         }
+
+    def _pilot_data(self) -> dict:
+        """Returns what race.json says of a pilot that is not the planner."""
+        if self._scenario.pilot == PLANNED:
+            return {}
+        events = [{"time_s": time, "what": what} for time, what in self.pilot_events]
+        return {"pilot": {"name": self._scenario.pilot, "events": events}}
 
     def _dnf_reason(self, other: str | None) -> str | None:
         """Returns why the race ended; for a search in vain, in which state, or for what."""
@@ -182,6 +195,17 @@ def _events(events: tuple, status: ExplorerStatus) -> tuple:
     if events and (events[-1].state, events[-1].time) == (status.state, status.since):
         return events
     return (*events, ExplorerEvent(status.since, status.state, status.reason))
+
+
+def _pilot_events(
+    events: tuple[tuple[float, str], ...], status: PilotStatus
+) -> tuple[tuple[float, str], ...]:
+    """Returns when a LearnedPilot took over and handed back (s), and in words, so far."""
+    if status.flies and not events:
+        return ((status.since, "the network flies"),)
+    if status.reason and not (events and events[-1][1].endswith(status.reason)):
+        return (*events, (status.since, f"the planner flies: {status.reason}"))
+    return events
 
 
 def front_marker_rms(gate_map: GateMap, track: Track, aligned: bool = False) -> float | None:

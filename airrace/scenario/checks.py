@@ -181,6 +181,15 @@ def check_planner(config: "PlannerConfig", trajectory: str) -> None:
             )
 
 
+def check_pilot(pilot: str) -> None:
+    """Checks that the pilot is one of the two names, or looks like a file."""
+    if pilot not in ("planned", "learned") and not pilot.endswith(".npz"):
+        raise UserError(
+            f"pilot (--pilot) must be planned, learned, or the .npz file of a network, "
+            f"not '{pilot}'."
+        )
+
+
 def check_disturbances(config: DisturbancesConfig) -> None:
     """Checks what the ranges of the numbers leave open."""
     wind = config.wind

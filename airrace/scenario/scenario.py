@@ -20,6 +20,7 @@ from airrace.scenario.checks import (
     check_imu,
     check_imu_failures,
     check_numbers,
+    check_pilot,
     check_planner,
     check_rotor_failures,
 )
@@ -35,6 +36,7 @@ POSES = ("gate", "marker")
 ESTIMATORS = ("robust", "report")
 ATTITUDE_ERRORS = ("reduced", "lee")
 GAINS = ("vehicle", "report")
+PLANNED, LEARNED = "planned", "learned"  # who flies; or a file
 TRUTH, VIO = "truth", "vio"  # what tells the drone where it is
 CONTENTS = ("none", "light", "full")  # of a recording
 LINK_DELAY = 0.2  # s, of Scenario.link_delay in HITL
@@ -212,6 +214,9 @@ class Scenario:
     estimator: str = "truth"  # tells where it is; or "vio": nothing but IMU, rotors and camera
     perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
     explorer: ExplorerConfig = dc.field(default_factory=ExplorerConfig)
+    # Who flies the laps: "planned", a lap that is optimised; "learned", the shipped network of the
+    # drone; or the .npz file of one.
+    pilot: str = "planned"
     planner: PlannerConfig = dc.field(default_factory=PlannerConfig)
     state_filter: StateFilterConfig = dc.field(default_factory=StateFilterConfig)
     rotor_monitor: RotorMonitorConfig = dc.field(default_factory=RotorMonitorConfig)
@@ -230,6 +235,7 @@ class Scenario:
         check_numbers(self)
         check_choice("trajectory", self.trajectory, TRAJECTORIES)
         check_planner(self.planner, self.trajectory)
+        check_pilot(self.pilot)
         check_choice("state_noise", self.state_noise, ("reference", "none"))
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
@@ -308,6 +314,8 @@ def scenario_yaml(scenario: Scenario, absolute: bool = True) -> str:
         scenario = dc.replace(scenario, track=str(track.resolve()))
     if scenario.map not in ("", TRACK):
         scenario = dc.replace(scenario, map=str(Path(scenario.map).resolve()))
+    if scenario.pilot not in (PLANNED, LEARNED):
+        scenario = dc.replace(scenario, pilot=str(Path(scenario.pilot).resolve()))
     if scenario.drone not in DRONES:
         folder = find_vehicle(scenario.drone).parent
         scenario = dc.replace(scenario, drone=str(folder.resolve()))

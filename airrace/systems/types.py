@@ -154,6 +154,25 @@ class ExplorerStatus(Immutable):
     events: tuple = ()
 
 
+@dc.dataclass(frozen=True, eq=False)
+class PilotStatus(Immutable):
+    """Who flies, of a pilot that was learned: see LearnedPilot.
+
+    Attributes:
+        flies: whether the network does.
+        since: when it took over, or handed back (s).
+        reason: why it has handed back to the planner; empty before.
+        planner_may_plan: whether it has, and the drone hovers again.
+        passed: number of gates that the network has passed.
+    """
+
+    flies: bool = False
+    since: float = 0.0
+    reason: str = ""
+    planner_may_plan: bool = False
+    passed: int = 0
+
+
 @dc.dataclass(frozen=True)
 class GateCrossing:
     """One gate flown through in order.

@@ -56,7 +56,7 @@ class RaceDisplay:
         self._addresses = addresses
         self._console = console or _PatientConsole()
         self._start = self._last = time.perf_counter()
-        self._events = self._losses = 0  # shown so far
+        self._events = self._losses = self._pilot_events = 0  # shown so far
         self._live: Progress | None = None
 
     def announce(self, what: str) -> None:
@@ -128,6 +128,9 @@ class RaceDisplay:
         for event in result.events[self._events :]:
             self._events += 1
             self._print(f"[{event.time:7.1f} s] {event.state}: {event.reason}")
+        for time_s, what in result.pilot_events[self._pilot_events :]:
+            self._pilot_events += 1
+            self._print(f"[{time_s:7.1f} s] {what}")
         for rotor, time_noticed in list(result.rotor_losses.items())[self._losses :]:
             self._losses += 1
             self._print(f"[{time_noticed:7.1f} s] {loss_line(result, rotor)}")

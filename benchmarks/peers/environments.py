@@ -68,13 +68,14 @@ def install(folder: Path, name: str, requirement: str) -> None:
     (folder / name / _STAMP).write_text(requirement)
 
 
-def fly(python: Path | str, module: str) -> dict:
-    """Runs one of the fly_*.py; returns what circle.report() printed.
+def fly(python: Path | str, module: str, *options: object) -> dict:
+    """Runs one of the fly_*.py or step_*.py; returns what it printed last, which is JSON.
 
     Raises:
         PeerError: with its last words.
     """
-    output = _run([str(python), "-m", f"benchmarks.peers.{module}"]).splitlines()
+    words = [str(python), "-m", f"benchmarks.peers.{module}", *map(str, options)]
+    output = _run(words).splitlines()
     try:
         return json.loads(output[-1])
     except (IndexError, json.JSONDecodeError):

@@ -364,6 +364,7 @@ class TestOptions:
             "--lockstep",
             "--estimator",
             "--limits",
+            "--pilot",
             "--laps",
             "--seed",
             "--level",

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
-NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+NOTEBOOKS = sorted(
+    (ROOT / "notebooks").glob("*.ipynb"), key=lambda path: int(path.name.partition("_")[0])
+)
 _EXERCISE = re.compile(
     r"\*\*(?P<number>\d+)\.\*\* .+?\n\n"
     r"<details>\n<summary>Hint</summary>\n\n(?P<hint>.+?)\n\n</details>\n"

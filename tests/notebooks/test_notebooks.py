@@ -50,7 +50,7 @@ EXPENSIVE = re.compile(r"\bevaluate\(")  # flies races in processes of their own
 
 def test_the_readme_lists_all_lessons_in_their_order():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    listed = re.findall(r"^\| \[(\d) .+?\]\(notebooks/(.+?)\)", text, re.M)
+    listed = re.findall(r"^\| \[(\d+) .+?\]\(notebooks/(.+?)\)", text, re.M)
     assert [name for _, name in listed] == [path.name for path in NOTEBOOKS]
     assert all(name.startswith(f"{number}_") for number, name in listed)
 

@@ -1,7 +1,6 @@
 """Geometric tracking control on SE(3)."""
 
 import functools
-import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from pydrake.systems.framework import LeafSystem
 from airrace.common.jit import all_finite, assign, compiled
 from airrace.systems.control.control_law import as_parameters, lee_wrench, make_parameters
 from airrace.systems.control.reduced_attitude import ReducedAttitude
+from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.systems.ports import read_vector
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import Vehicle
@@ -17,7 +17,6 @@ from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import STATE_SIZE, as_state
 
-_SHORT_LAG = 0.01  # s, the rotors' apparent lag under overdriven commands
 _NONE = np.zeros(3)  # no disturbance, and no motion
 
 
@@ -96,9 +95,7 @@ class GeometricController(LeafSystem):
         self._parameters = np.hstack(make_parameters(vehicle, attitude_error, gains))
         self._thrust_coefficients = vehicle.thrust_coefficients
         self._max_speeds = vehicle.max_speeds
-        lag = vehicle.rotor_lag
-        seen = min(_SHORT_LAG, lag) if rotor_overdrive else lag
-        self._overdrive = _step_share(rate, seen) / _step_share(rate, lag)
+        self._overdrive = overdrive_of(vehicle, rate) if rotor_overdrive else 1.0
         self._reduced = ReducedAttitude(vehicle)
         self._reference = self.DeclareVectorInputPort("reference", REFERENCE_SIZE)
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
@@ -133,7 +130,7 @@ class GeometricController(LeafSystem):
         if allocator.is_complete and _set_by_inverse(command, wrench, allocator.inverse, *rotors):
             return  # no rotor is at a limit, as nearly always
         if all_finite(wrench):
-            _set_speeds(command, allocator.allocate(wrench), *rotors)
+            set_speeds(command, allocator.allocate(wrench), *rotors)
 
     def calc_wrench(self, reference: np.ndarray, estimate: np.ndarray) -> np.ndarray:
         """Returns total thrust (N) and moments in B (N m), [f, Mx, My, Mz], (4,).
@@ -177,25 +174,5 @@ def _set_by_inverse(
     """Sets the speeds for a wrench by the pseudo-inverse; returns whether the limits allow it."""
     thrusts, possible = by_inverse(inverse, wrench, max_thrusts)
     if possible:
-        _set_speeds(command, thrusts, speeds, max_thrusts, *rotors)
+        set_speeds(command, thrusts, speeds, max_thrusts, *rotors)
     return possible
-
-
-@compiled
-def _set_speeds(command, thrusts, speeds, max_thrusts, thrust_coefficients, max_speeds, overdrive):
-    """Sets the speeds to command (rad/s), (n,), for thrusts (N), (n,).
-
-    Rotors answer late, so that the command goes beyond the speed that they should have:
-    overdrive is a factor on the change of speed, 1 for that speed itself. Rotors that are
-    lost, or report no speed, are not driven.
-    """
-    for i in range(len(command)):
-        desired = math.sqrt(thrusts[i] / thrust_coefficients[i])
-        overdriven = speeds[i] + overdrive * (desired - speeds[i])
-        works = max_thrusts[i] > 0.0 and overdriven > 0.0  # NaN is not
-        command[i] = min(overdriven, max_speeds[i]) if works else 0.0
-
-
-def _step_share(rate: float, lag: float) -> float:
-    """Returns how much of a step a first-order lag makes in one period."""
-    return 1.0 - math.exp(-1.0 / (rate * lag))

@@ -63,7 +63,8 @@ class LapPlanner(LeafSystem):
         input_ports:
         - gate_map
         - explorer_status
-        - exploration_reference
+        - exploration_reference (with a learned pilot: safe_reference)
+        - pilot_status (only with a learned pilot)
         output_ports:
         - lap_plan
 
@@ -86,6 +87,9 @@ class LapPlanner(LeafSystem):
     scenario's ``update: always``, nothing is refused: each lap that a plan is found for has
     one of its own.
 
+    **And with a LearnedPilot?** Then the first lap is planned, if at all, when that has handed
+    back, as ``pilot_status`` says, a PilotStatus, and from where the drone hovers then.
+
     **With which margin?** See pylon_margins(): until a lap has shown how far gates move, they
     count as moving by the scenario's ``first_lap_move``.
     """
@@ -98,6 +102,7 @@ class LapPlanner(LeafSystem):
         config: "PlannerConfig",
         laps: float = np.inf,
         solve: Callable[[LapProblem], LapPlan | None] = plan_lap,
+        learned: bool = False,
     ):
         """Constructs the planner.
 
@@ -107,6 +112,7 @@ class LapPlanner(LeafSystem):
             config: a PlannerConfig.
             laps: of the race; none is planned for after its end.
             solve: a function from a LapProblem to a LapPlan or None.
+            learned: whether there is a LearnedPilot.
 
         Raises:
             TrajectoryOptimizationError: if the vehicle cannot hover within these limits.
@@ -131,7 +137,12 @@ class LapPlanner(LeafSystem):
         self._submit: Callable | None = None
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
-        self._reference = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
+        self._reference = self.DeclareVectorInputPort(
+            "safe_reference" if learned else "exploration_reference", REFERENCE_SIZE
+        )
+        self._pilot = None
+        if learned:
+            self._pilot = self.DeclareAbstractInputPort("pilot_status", Value[object]())
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self._period = 1.0 / config.rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._update)
@@ -219,6 +230,8 @@ class LapPlanner(LeafSystem):
         """
         if memory.plan is NO_PLAN:
             if not self._explorer.Eval(context).done:
+                return False
+            if self._pilot is not None and not self._pilot.Eval(context).planner_may_plan:
                 return False
             # The same map would give no plan again.
             waited = now >= memory.tried_at + _RETRY_PERIOD - 1e-9

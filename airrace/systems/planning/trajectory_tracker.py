@@ -17,7 +17,7 @@ class TrajectoryTracker(LeafSystem):
         name: TrajectoryTracker
         input_ports:
         - lap_plan
-        - exploration_reference
+        - exploration_reference (with a learned pilot: safe_reference)
         - explorer_status (only with vio)
         output_ports:
         - reference
@@ -28,15 +28,18 @@ class TrajectoryTracker(LeafSystem):
     its first two derivatives.
     """
 
-    def __init__(self, *, vio: bool = False) -> None:
+    def __init__(self, *, vio: bool = False, learned: bool = False) -> None:
         """Constructs the tracker.
 
         Args:
             vio: whether the drone has to find out itself where it is, so that it may have to land.
+            learned: whether there is a LearnedPilot, which passes the explorer's reference on.
         """
         LeafSystem.__init__(self)
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
-        self._exploration = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
+        self._exploration = self.DeclareVectorInputPort(
+            "safe_reference" if learned else "exploration_reference", REFERENCE_SIZE
+        )
         self._explorer = None
         if vio:
             self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())

@@ -1,0 +1,95 @@
+"""The tracks that a batch of drones flies on, as arrays for machine code."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.common.jit import compilable
+from airrace.envs.reward import Course, make_course
+from airrace.rendering.scene.pad import start_pose
+from airrace.track import Track
+
+_NEVER = 2**62  # gates
+
+
+class Courses(NamedTuple):
+    """T tracks of up to G gates.
+
+    Attributes:
+        counts: of gates, (T,).
+        goals: how many to pass until an episode is finished, (T,).
+        gates: numbers of their openings, see GateOpening; NaN beyond the last, (T, G, 10).
+        take_off_height: above which a drone flies (m), (T,).
+        arena_min: x and y of the arena, (T, 2) m.
+        arena_max: its x, y and z, (T, 3) m.
+        pads: quaternion of R_WB and p_WB of a drone that stands on its pad, (T, 7).
+        hover: p_WB (m) and heading (rad) of the first hover over the start, (T, 4).
+    """
+
+    counts: np.ndarray
+    goals: np.ndarray
+    gates: np.ndarray
+    take_off_height: np.ndarray
+    arena_min: np.ndarray
+    arena_max: np.ndarray
+    pads: np.ndarray
+    hover: np.ndarray
+
+
+def make_courses(
+    tracks: list[Track],
+    *,
+    laps: int | None,
+    arena_margin: float,
+    radius: float,
+    standing_height: float,
+) -> Courses:
+    """Returns tracks as arrays.
+
+    Args:
+        tracks: at least one.
+        laps: from gate 1 to gate 1, after which a race is finished; None: it goes on.
+        arena_margin: how far the arena reaches beyond the outermost pylons and upwards (m).
+        radius: of the drone, see Vehicle (m).
+        standing_height: of the body's origin when the drone stands (m).
+    """
+    courses, pads, hover = [], [], []
+    for track in tracks:
+        start = track.start
+        X_WB = start_pose(start, radius, standing_height)
+        pads.append([*X_WB.rotation().ToQuaternion().wxyz(), *X_WB.translation()])
+        hover.append([*start.position[:2], track.hover_height, np.deg2rad(start.heading_deg)])
+        courses.append(
+            make_course(
+                track,
+                goal=_NEVER if laps is None else laps * len(track.gates) + 1,
+                arena_margin=arena_margin,
+                standing_height=float(X_WB.translation()[2]),
+            )
+        )
+    counts = np.array([len(course.gates) for course in courses])
+    gates = np.full((len(tracks), counts.max(), 10), np.nan)
+    for rows, course in zip(gates, courses):
+        rows[: len(course.gates)] = course.gates
+    return Courses(
+        counts=counts,
+        goals=np.array([course.goal for course in courses]),
+        gates=gates,
+        take_off_height=np.array([course.take_off_height for course in courses]),
+        arena_min=np.array([course.arena_min for course in courses]),
+        arena_max=np.array([course.arena_max for course in courses]),
+        pads=np.array(pads),
+        hover=np.array(hover),
+    )
+
+
+@compilable
+def course_of(courses: Courses, track: int, first_gate: int) -> Course:
+    """Returns one track as judge() takes it, as views, for an episode from a gate on."""
+    return Course(
+        courses.gates[track, : courses.counts[track]],
+        courses.goals[track] + first_gate,
+        courses.take_off_height[track],
+        courses.arena_min[track],
+        courses.arena_max[track],
+    )

@@ -1,0 +1,283 @@
+"""One step of an environment, for many drones, in machine code.
+
+It is what happens between two actions in the Simulation diagram with a RateController: the same
+systems in the same order, each at its own rate.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.common.jit import compilable, compiled_in_threads
+from airrace.envs.batch.contact import Shape, is_near_something, touches_gate, touches_ground
+from airrace.envs.batch.courses import Courses, course_of
+from airrace.envs.batch.dynamics import Motion
+from airrace.envs.batch.fleet import Bodies, Fleet
+from airrace.envs.batch.lanes import (
+    LANES,
+    WANTED,
+    WIND,
+    control_rates,
+    follow_commands,
+    load,
+    make_block,
+    motion_in,
+    queue_command,
+    set_motion,
+    step_plant,
+    store,
+    sum_thrusts,
+)
+from airrace.envs.reward import RUNNING, RewardWeights, judge
+from airrace.math.triples import dot
+from airrace.systems.control.command_scale import CommandScale
+from airrace.systems.control.gates_observation import write_gates_observation
+from airrace.systems.control.rate_law import RateParameters
+from airrace.track.gate_opening import find
+from airrace.vehicle.state import as_plant_state
+
+_FASTER = 5.0  # m/s, by which a drone may get faster within a step, and more than it does
+
+
+class Clock(NamedTuple):
+    """How often things happen.
+
+    Attributes:
+        dt: of the plant (s).
+        steps: of the plant between two ticks of rotors and rate controller.
+        ticks: between two actions.
+        wind_steps: of the plant between two values of the wind.
+    """
+
+    dt: float
+    steps: int
+    ticks: int
+    wind_steps: int
+
+    @property
+    def period(self) -> float:
+        """Between two actions (s)."""
+        return self.dt * self.steps * self.ticks
+
+
+class World(NamedTuple):
+    """What does not change while the drones fly.
+
+    Attributes:
+        clock: how often things happen.
+        bodies: all drones.
+        shape: what of a drone can touch something.
+        courses: the tracks.
+        scale: what actions stand for.
+        by_rates: whether they are thrust and body rates, and not rotor speeds.
+        rates: of the rate controller.
+        weights: of the reward.
+        time_limit: in actions.
+        fade: of the gusts over one of their periods, see Wind. push: of their noise (m/s).
+    """
+
+    clock: Clock
+    bodies: Bodies
+    shape: Shape
+    courses: Courses
+    scale: CommandScale
+    by_rates: bool
+    rates: RateParameters
+    weights: RewardWeights
+    time_limit: int
+    fade: float
+    push: float
+
+
+class Results(NamedTuple):
+    """What a step gives back, for N drones.
+
+    Attributes:
+        observations: (N, k) float32.
+        rewards: (N,).
+        outcomes: why an episode is over, see reward.REASONS, (N,).
+        truncated: whether the time is over, (N,).
+    """
+
+    observations: np.ndarray
+    rewards: np.ndarray
+    outcomes: np.ndarray
+    truncated: np.ndarray
+
+
+@compiled_in_threads
+def advance(
+    first: int,
+    last: int,
+    actions: np.ndarray,
+    gusts: np.ndarray,
+    idle: np.ndarray,
+    world: World,
+    fleet: Fleet,
+    results: Results,
+) -> None:
+    """Makes a step with the drones from first on, up to but without last.
+
+    Args:
+        actions: (N, m), -1 to 1.
+        gusts: standard normal numbers for the wind, (N, values in a step, 3); (0, 0, 0) without.
+        idle: whether a drone is left out, (N,).
+        world, fleet: of all drones. results: are written.
+    """
+    n, queue, size = fleet.speeds.shape[1], fleet.commands.shape[1], actions.shape[1]
+    block = make_block(n, queue)
+    touched = np.empty(LANES, np.bool_)
+    for i in range(first, last, LANES):
+        count = min(LANES, last - i)
+        load(block, i, count, fleet, world.bodies)
+        for lane in range(count):
+            for k in range(size):
+                share = min(max(actions[i + lane, k], -1.0), 1.0)
+                fleet.action[i + lane, k] = share
+                wanted = world.scale.center[k] + world.scale.half_range[k] * share
+                if world.by_rates:
+                    block.rows[(WANTED + k) * LANES + lane] = wanted
+                else:
+                    block.new[k * LANES + lane] = wanted
+        _fly(i, count, block, touched, gusts, world, fleet)
+        for lane in range(count):
+            if not idle[i + lane]:
+                store(block, lane, i + lane, fleet)
+                _judge(i + lane, touched[lane], world, fleet, results)
+
+
+@compilable
+def _judge(i, touched, world, fleet, results):
+    """Writes what the step of drone i comes to."""
+    passed, course = fleet.passed[i], course_of(world.courses, fleet.track[i], fleet.first_gate[i])
+    fleet.steps[i] += 1
+    p, w = fleet.state[i, 4:7], fleet.state[i, 7:10]
+    judgement = judge(
+        fleet.before[i], p, w, touched, passed, fleet.airborne[i], course, world.weights
+    )
+    if judgement.passed > passed:
+        _note_passage(i, course.gates, passed, world.clock, fleet)
+    for k in range(3):
+        fleet.before[i, k] = p[k]
+    fleet.passed[i], fleet.airborne[i] = judgement.passed, judgement.airborne
+    results.rewards[i], results.outcomes[i] = judgement.reward, judgement.outcome
+    over = judgement.outcome != RUNNING
+    results.truncated[i] = fleet.steps[i] >= world.time_limit and not over
+    _observe(i, course.gates, fleet, results.observations)
+
+
+@compiled_in_threads
+def observe_all(drones: np.ndarray, world: World, fleet: Fleet, results: Results) -> None:
+    """Writes the observations of some drones, (k,), as they are."""
+    for i in drones:
+        course = course_of(world.courses, fleet.track[i], fleet.first_gate[i])
+        _observe(i, course.gates, fleet, results.observations)
+
+
+@compilable
+def _observe(i, gates, fleet, observations):
+    """Writes the observation of drone i, on a track with these gates."""
+    write_gates_observation(
+        observations[i], as_plant_state(fleet.state[i]), gates, fleet.passed[i], fleet.action[i]
+    )
+
+
+@compilable
+def _note_passage(i, gates, passed, clock, fleet):
+    """Notes when a gate was passed in the step that is over, if it is gate 1."""
+    if passed % len(gates) == 0:
+        share, _ = find(gates[0], fleet.before[i], fleet.state[i, 4:7], 0.0, 0.0)
+        period = clock.dt * clock.steps * clock.ticks
+        time = (fleet.steps[i] - 1 + share) * period
+        fleet.lap_time[i] = time - fleet.lap_began[i]
+        fleet.lap_began[i] = time
+
+
+@compilable
+def _fly(first, count, block, touched, gusts, world, fleet):
+    """Flies a block of drones, from number first on, to the next action.
+
+    It sets ``touched`` for each that touches something, but for its pad.
+    """
+    clock, bodies, shape, courses = world.clock, world.bodies, world.shape, world.courses
+    near, standing = np.zeros(LANES, np.bool_), False
+    for lane in range(count):
+        touched[lane] = False
+        track = fleet.track[first + lane]
+        near[lane] = _is_near(motion_in(block.rows, lane), clock, shape, track, courses)
+        standing = standing or not fleet.airborne[first + lane]
+    some_near = near.any()
+    sum_thrusts(block, bodies.levers)
+    for step in range(clock.ticks * clock.steps):
+        at_tick = step % clock.steps == 0
+        if at_tick and world.by_rates:
+            control_rates(block, world.rates)
+        if some_near:
+            for lane in range(count):
+                if near[lane]:
+                    touched[lane] |= _touches(
+                        first + lane, motion_in(block.rows, lane), world, fleet
+                    )
+        before = block.rows
+        if standing:
+            before = block.rows.copy()
+        step_plant(block, bodies.drag, clock.dt)
+        if standing:
+            _hold(first, count, before, block, courses, fleet)
+        # What follows is seen by the next step of the plant.
+        if at_tick:
+            if not world.by_rates:
+                queue_command(block)
+            follow_commands(block, bodies)
+            sum_thrusts(block, bodies.levers)
+            if world.by_rates:
+                queue_command(block)
+        if gusts.shape[1] > 0:
+            _blow(first, count, step, block, gusts, world, fleet)
+
+
+@compilable
+def _touches(i, motion, world, fleet):
+    """Whether drone i is in something: on its pad, only in gates."""
+    if touches_gate(motion, world.shape, fleet.track[i], world.courses):
+        return True
+    return fleet.airborne[i] and touches_ground(motion, world.shape)
+
+
+@compilable
+def _hold(first, count, before, block, courses, fleet):
+    """Holds those that stand on their pads where they were before the step, and still."""
+    for lane in range(count):
+        i = first + lane
+        pad = courses.pads[fleet.track[i], 6]
+        if not fleet.airborne[i] and block.rows[6 * LANES + lane] <= pad:
+            was, still = motion_in(before, lane), (0.0, 0.0, 0.0)
+            set_motion(block.rows, lane, Motion(was.quaternion, was.position, still, still))
+
+
+@compilable
+def _is_near(motion, clock, shape, track, courses):
+    """Whether a drone may touch something until its next action."""
+    v = motion.velocity
+    way = (math.sqrt(dot(v, v)) + _FASTER) * clock.dt * clock.steps * clock.ticks
+    return is_near_something(motion.position, way + shape.reach, track, courses)
+
+
+@compilable
+def _blow(first, count, step, block, gusts, world, fleet):
+    """Advances the wind at a block, if a step of the plant ends one of its periods.
+
+    That is the step that begins at a multiple of the period since the start, see
+    systems/plant/wind.py.
+    """
+    clock = world.clock
+    for lane in range(count):
+        i = first + lane
+        total = fleet.steps[i] * clock.ticks * clock.steps + step
+        if total > 0 and total % clock.wind_steps == 0:
+            for k in range(3):
+                rest = (1.0 - world.fade) * fleet.mean_wind[i, k]
+                noise = world.push * gusts[i, step // clock.wind_steps, k]
+                now = block.rows[(WIND + k) * LANES + lane]
+                block.rows[(WIND + k) * LANES + lane] = rest + world.fade * now + noise

@@ -1,0 +1,139 @@
+"""The diagram that an environment steps: the Simulation, and what is between it and a policy."""
+
+from typing import TYPE_CHECKING
+
+from pydrake.common.value import Value
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.primitives import ConstantValueSource
+
+from airrace.diagrams.autonomy import make_system, systems_of
+from airrace.diagrams.simulation import MakeSimulation
+from airrace.scenario import Scenario
+from airrace.systems.control.rate_controller import RateController
+from airrace.systems.planning.held_reference import HeldReference
+from airrace.systems.ports import read_vector
+from airrace.systems.types import ExplorerStatus
+from airrace.vehicle import load_vehicle
+from airrace.vehicle.state import STATE_SIZE
+
+if TYPE_CHECKING:
+    from pydrake.geometry import Meshcat
+
+# What a policy may see of the simulation, and of the systems of the autonomy.
+_OUTPUTS = (
+    "truth.state",
+    "truth.referee_status",
+    "truth.gate_shifts",
+    "camera_image",
+    "filtered_estimate",
+    "gate_map",
+)
+_ESTIMATION = ("aruco_detector", "gate_mapper", "state_filter", "gate_slam", "strapdown_integrator")
+_GEOMETRIC = ("rotor_monitor", "geometric_controller")
+# What carries the position of an action of the kind `reference` on between two actions.
+REFERENCE_PORTS = ("exploration_reference", "handed_time")
+
+
+class TrueEstimate(LeafSystem):
+    """Shows the truth as a state estimate; only environments have it, never a race.
+
+    .. pydrake_system::
+
+        name: TrueEstimate
+        input_ports:
+        - truth.state
+        output_ports:
+        - filtered_estimate
+
+    ``truth.state`` is the plant's floating-base state (13), ``filtered_estimate`` a
+    vehicle.State (14).
+    """
+
+    def __init__(self) -> None:
+        """Constructs the system."""
+        LeafSystem.__init__(self)
+        self._state = self.DeclareVectorInputPort("truth.state", STATE_SIZE - 1)
+        self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_estimate)
+
+    def _calc_estimate(self, context, output):
+        estimate = output.get_mutable_value()
+        estimate[0] = context.get_time()
+        estimate[1:] = read_vector(self._state, context)
+
+
+def MakeEnvDiagram(
+    scenario: Scenario, *, action: str, observation: str, meshcat: "Meshcat | None" = None
+) -> Diagram:
+    """Builds what an environment steps: a subsystem ``simulation``, and what controls.
+
+    Its inputs follow from the kind of the actions: ``rate_command`` of ``ctbr``, see
+    RateController; ``rotor_speed_command`` of ``rotors``; REFERENCE_PORTS of ``reference``. With
+    ``ctbr``, the rate controller knows the truth, but for the observation ``estimate``. Its
+    outputs are those of the Simulation's and the autonomy's that there are of ``truth.state``,
+    ``truth.referee_status``, ``truth.gate_shifts``, ``camera_image``, ``filtered_estimate`` and
+    ``gate_map``.
+
+    Args:
+        scenario: of the world and what estimates.
+        action, observation: kinds, see action.py and observation.py.
+        meshcat: to show the world in, or None.
+
+    Raises:
+        UserError: if something the scenario names cannot be had.
+    """
+    builder = DiagramBuilder()
+    simulation = builder.AddSystem(MakeSimulation(scenario, meshcat))
+    names = [*_ESTIMATION] if observation == "estimate" else []
+    if action == "reference":
+        names += [*_GEOMETRIC, *([] if names else ["state_filter"])]
+    every = systems_of(scenario)
+    systems: dict[str, System] = {
+        name: make_system(name, scenario) for name in names if name in every
+    }
+    if action == "ctbr":
+        if observation != "estimate":
+            systems["true_estimate"] = TrueEstimate()
+        systems["rate_controller"] = RateController(
+            vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate
+        )
+    for name, system in systems.items():
+        builder.AddNamedSystem(name, system)
+    status = builder.AddSystem(ConstantValueSource(Value[object](ExplorerStatus(done=True))))
+    held = {}
+    if action == "reference":
+        reference = builder.AddNamedSystem("held_reference", HeldReference())
+        for name in REFERENCE_PORTS:
+            builder.ExportInput(reference.GetInputPort(name), name)
+        held["reference"] = reference.GetOutputPort("exploration_reference")
+    held["explorer_status"] = status.get_output_port()
+    _join(builder, simulation, list(systems.values()), held)
+    for name in _OUTPUTS:
+        for source in (simulation, *systems.values()):
+            if source.HasOutputPort(name):
+                builder.ExportOutput(source.GetOutputPort(name), name)
+                break
+    diagram = builder.Build()
+    diagram.set_name("environment")
+    return diagram
+
+
+def _join(builder: DiagramBuilder, simulation: Diagram, systems: list[System], given: dict) -> None:
+    """Connects inputs with the outputs of their name; what nobody has is an input of the diagram.
+
+    Args: given: output ports that go by another name.
+    """
+    for sink in (simulation, *systems):
+        for i in range(sink.num_input_ports()):
+            port = sink.get_input_port(i)
+            name = port.get_name()
+            sources = [
+                system.GetOutputPort(name)
+                for system in (*systems, simulation)
+                if system.HasOutputPort(name)
+            ]
+            if name in given:
+                builder.Connect(given[name], port)
+            elif sources:
+                builder.Connect(sources[0], port)
+            else:
+                builder.ExportInput(port, name)

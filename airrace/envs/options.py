@@ -1,0 +1,181 @@
+"""The options of an environment, and the scenario that they make."""
+
+import dataclasses as dc
+import difflib
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.common.yaml import yaml_dump
+
+from airrace.common.errors import UserError
+from airrace.envs import action, observation
+from airrace.envs.reward import RewardWeights
+from airrace.envs.start import STARTS
+from airrace.scenario import VIO, Scenario, load_scenario
+from airrace.scenario.camera_config import NO_CAMERA
+from airrace.scenario.checks import check_choice
+from airrace.track.map_files import TRACK
+
+GENERATED = "generated"  # the track: a new one each episode
+LEVELS = (0, 1, 2, 3, 4)
+
+
+class StepInfo(NamedTuple):
+    """What a reward of one's own is made of.
+
+    Attributes:
+        before, after: the drone's state at both ends of the step, see vehicle/state.py, (13,).
+        action: that was taken, -1 to 1, (m,).
+        gate: numbers of the opening that was next, see GateOpening, (10,).
+        passed: whether it was passed.
+        outcome: index of reward.REASONS.
+        reward: that of reward.judge().
+    """
+
+    before: np.ndarray
+    after: np.ndarray
+    action: np.ndarray
+    gate: np.ndarray
+    passed: bool
+    outcome: int
+    reward: float
+
+
+@dc.dataclass(frozen=True, kw_only=True)
+class EnvOptions:
+    """What ``gymnasium.make("airrace/Race-v0", ...)`` may be told.
+
+    Attributes:
+        action: one of action.KINDS. observation: one of observation.KINDS.
+        gates: how many next gates are observed.
+        track: name of a shipped track, a file, or GENERATED.
+        drone: a shipped drone, or the folder of one.
+        level: difficulty, 0 to 4, as --level of a race.
+        scenario: fields of a race on top of that: a dict, or YAML.
+        start: "pad", at rest; "hover", over it; or "random", in front of some gate; see start.py.
+        laps: after which the episode is over; None: it goes on until the time is over.
+        time_limit: of an episode (s). step: time between two actions (s).
+        image_size: of ``pixels``, (height, width) px.
+        reward: RewardWeights, or a function of a StepInfo that returns a number.
+    """
+
+    action: str = "ctbr"
+    observation: str = "gates"
+    gates: int = 2
+    track: str = "student-airrace"
+    drone: str = "Default"
+    level: int = 0
+    scenario: dict | str = ""
+    start: str = "pad"
+    laps: int | None = None
+    time_limit: float = 30.0
+    step: float = 0.02
+    image_size: tuple[int, int] = (90, 160)
+    reward: RewardWeights | Callable[[StepInfo], float] = RewardWeights()
+
+    @property
+    def steps(self) -> int:
+        """After how many steps an episode is truncated."""
+        return max(1, round(self.time_limit / self.step))
+
+
+def make_options(**options: Any) -> EnvOptions:
+    """Returns the options of an environment, checked but for the scenario.
+
+    Raises:
+        UserError: with one sentence that names the option and the choices.
+    """
+    known = [field.name for field in dc.fields(EnvOptions)]
+    for name in options:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            raise UserError(
+                f"There is no option '{name}'{f', but {near[0]}' if near else ''}; "
+                f"there are: {', '.join(known)}."
+            )
+    result = EnvOptions(**options)
+    check_choice("action", result.action, action.KINDS)
+    check_choice("observation", result.observation, observation.KINDS)
+    check_choice("start", result.start, STARTS)
+    if result.level not in LEVELS:
+        raise UserError(f"level must be one of {', '.join(map(str, LEVELS))}, not {result.level}.")
+    for name, most in (("gates", 20), ("laps", 1000)):
+        value = getattr(result, name)
+        if value is None and name == "laps":
+            continue
+        if not isinstance(value, int) or not 1 <= value <= most:
+            raise UserError(f"{name} must be a whole number from 1 to {most}, not {value}.")
+    for name in ("time_limit", "step"):
+        value = getattr(result, name)
+        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0):
+            raise UserError(f"{name} must be a positive number of seconds, not {value}.")
+    if result.observation == "pixels" and len(result.image_size) != 2:
+        raise UserError(f"image_size must be (height, width), not {result.image_size}.")
+    if not (isinstance(result.reward, RewardWeights) or callable(result.reward)):
+        raise UserError("reward must be RewardWeights, or a function of a StepInfo.")
+    return result
+
+
+def make_scenario(options: EnvOptions) -> Scenario:
+    """Returns the scenario of the options: the world, and what estimates, of all episodes.
+
+    Its track and its seed are those of the first one. Where nobody looks at pictures or at the
+    state estimate, there is no camera and no noise.
+
+    Raises:
+        UserError: naming the field and the remedy.
+    """
+    text = options.scenario if isinstance(options.scenario, str) else yaml_dump(options.scenario)
+    scenario = load_scenario(
+        filename="levels", scenario_name=f"Level{options.level}", scenario_text=text
+    )
+    scenario.drone = options.drone
+    if options.track != GENERATED:
+        scenario.track = options.track
+    if options.observation == "pixels":
+        scenario.camera.height, scenario.camera.width = map(int, options.image_size)
+    elif options.observation == "gates":
+        scenario.camera.renderer, scenario.map = NO_CAMERA, TRACK
+    elif scenario.map:
+        scenario.camera.renderer = NO_CAMERA
+    if options.observation != "estimate":
+        if scenario.estimator == VIO:
+            raise UserError(
+                f"The estimator 'vio' is for the observation 'estimate', not for "
+                f"'{options.observation}'."
+            )
+        if options.action != "reference":
+            scenario.state_noise = "none"
+    scenario.laps = 10  # ample: the referee only says what was touched
+    scenario.referee.time_limit = 10.0 * options.time_limit
+    _check_step(options, scenario)
+    scenario.check()
+    return scenario
+
+
+def _check_step(options, scenario):
+    """Checks that actions come at ticks of the rotors."""
+    for name, rate in (("rotors", scenario.rotors.rate), ("controller", scenario.controller.rate)):
+        ticks = options.step * rate
+        if abs(ticks - round(ticks)) > 1e-6 or ticks < 0.5:
+            raise UserError(
+                f"step must be a multiple of the period of {name}.rate, {1 / rate:g} s, "
+                f"not {options.step:g} s."
+            )
+
+
+def depends_on_seed(scenario: Scenario) -> bool:
+    """Whether anything in the simulated world of a scenario is drawn from its seed."""
+    air = scenario.disturbances
+    errors = (air.mass_error, air.inertia_error, air.thrust_coefficient_error, air.gate_shift)
+    wind = (air.wind.mean_speed, air.wind.gust_rms)
+    effects = scenario.camera.resolved()
+    pictures = scenario.camera.renderer != NO_CAMERA and (effects.read_noise or effects.shot_noise)
+    return bool(
+        any((*errors, *wind))
+        or scenario.state_noise != "none"
+        or scenario.estimator == VIO
+        or pictures
+    )

@@ -1,0 +1,159 @@
+"""The reward of a step, and when an episode is over, for one drone and compiled loops."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.common.jit import compilable
+from airrace.math.vec3 import dot
+from airrace.track import Track
+from airrace.track.gate_opening import GateOpening, find
+
+# How an episode stands after a step.
+RUNNING, COLLISION, MISSED_GATE, LEFT_ARENA, FINISHED, DIVERGED = range(6)
+REASONS = ("", "collision", "missed gate", "left the arena", "finished", "the simulation failed")
+TAKE_OFF = 0.4  # m above where the drone stands: only beyond is a contact a collision
+
+
+class RewardWeights(NamedTuple):
+    """What a step is worth; see judge().
+
+    Attributes:
+        progress: of a metre nearer to the next gate.
+        rates: cost of squared body rates, of a (rad/s)^2 a step.
+        gate: of a gate that was passed.
+        failure: of the end by a collision, a missed gate, or an arena left.
+    """
+
+    progress: float = 1.0
+    rates: float = 5e-4
+    gate: float = 10.0
+    failure: float = -10.0
+
+
+class Course(NamedTuple):
+    """What the flight is judged by.
+
+    Attributes:
+        gates: numbers of their openings, (n, 10), see GateOpening.
+        goal: number of gates to pass until it is finished.
+        take_off_height: of the body's origin, above which the drone flies (m).
+        arena_min: x and y of the arena (m), (2,).
+        arena_max: its x, y and z (m), (3,).
+    """
+
+    gates: np.ndarray
+    goal: int
+    take_off_height: float
+    arena_min: np.ndarray
+    arena_max: np.ndarray
+
+
+class Judgement(NamedTuple):
+    """What a step comes to.
+
+    Attributes:
+        reward: see judge().
+        outcome: RUNNING, or why the episode is over: an index of REASONS.
+        passed: gates that were passed so far.
+        airborne: whether the drone has taken off.
+    """
+
+    reward: float
+    outcome: int
+    passed: int
+    airborne: bool
+
+
+def make_course(track: Track, *, goal: int, arena_margin: float, standing_height: float) -> Course:
+    """Returns a track as judge() takes it.
+
+    Args:
+        track: with the true gates.
+        goal: number of gates to pass: n laps from gate 1 to gate 1 are n times all, and one.
+        arena_margin: how far beyond the outermost pylons, and above the ground, it reaches (m).
+        standing_height: of the body's origin when the drone stands on its pad (m).
+    """
+    feet = track.pylons()[:, :2]
+    return Course(
+        gates=np.array([GateOpening(gate).numbers for gate in track.gates]),
+        goal=int(goal),
+        take_off_height=float(standing_height + TAKE_OFF),
+        arena_min=feet.min(0) - arena_margin,
+        arena_max=np.append(feet.max(0) + arena_margin, float(arena_margin)),
+    )
+
+
+@compilable
+def judge(
+    before: np.ndarray,
+    p: np.ndarray,
+    w: np.ndarray,
+    touched: bool,
+    passed: int,
+    airborne: bool,
+    course: Course,
+    weights: RewardWeights,
+) -> Judgement:
+    """Returns reward and outcome of one step.
+
+    The reward is that of Song, Steinweg, Kaufmann and Scaramuzza, "Autonomous drone racing with
+    deep reinforcement learning" (IROS 2021), equation (2): the progress |q - c| - |p - c| from q
+    to p towards the midpoint c of the gate that is next when the step begins, less a cost of the
+    body's rates. A gate passed adds to it, and so does, negative, an end by a failure.
+
+    A gate is passed if the straight line from q to p passes its opening from the front. If that
+    passes the gate's plane from the front anywhere else, the gate was missed: from where its
+    predecessor stands, every way through leads through the plane just once.
+
+    Args:
+        before: q = p_WB at the beginning of the step (m), (3,). p: at its end, (3,).
+        w: angular velocity at its end, in any axes (rad/s), (3,).
+        touched: whether anything pushed the drone during the step.
+        passed: gates that were passed before. airborne: whether the drone had taken off before.
+        course: with the gates where they stand.
+        weights: of the reward.
+    """
+    airborne = airborne or p[2] > course.take_off_height
+    gate = course.gates[passed % len(course.gates)]
+    share, _ = find(gate, before, p, 0.0, 0.0)
+    reward = weights.progress * (_distance(before, gate) - _distance(p, gate))
+    reward -= weights.rates * dot(w, w)
+    outcome = RUNNING
+    if not math.isfinite(p[0] + p[1] + p[2]):
+        reward, outcome = 0.0, DIVERGED
+    elif touched and airborne:
+        outcome = COLLISION
+    elif not math.isnan(share):
+        passed += 1
+        reward += weights.gate
+        if passed >= course.goal:
+            outcome = FINISHED
+    elif _ahead(before, gate) < 0.0 <= _ahead(p, gate):
+        outcome = MISSED_GATE
+    elif not _inside(p, course.arena_min, course.arena_max):
+        outcome = LEFT_ARENA
+    if outcome not in (RUNNING, FINISHED):
+        reward += weights.failure
+    return Judgement(reward, outcome, passed, airborne)
+
+
+@compilable
+def _distance(p, gate):
+    """Returns how far a position is from the midpoint of a gate (m)."""
+    d = (p[0] - gate[0], p[1] - gate[1], p[2] - gate[2])
+    return math.sqrt(dot(d, d))
+
+
+@compilable
+def _inside(p, lowest, highest):
+    """Whether a position is in the arena, element by element: new arrays take time."""
+    sideways = lowest[0] < p[0] < highest[0] and lowest[1] < p[1] < highest[1]
+    return sideways and p[2] < highest[2]
+
+
+@compilable
+def _ahead(p, gate):
+    """Returns how far a position is beyond the plane of a gate, in the direction of flight (m)."""
+    return gate[3] * (p[0] - gate[0]) + gate[4] * (p[1] - gate[1])

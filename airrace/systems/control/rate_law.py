@@ -1,0 +1,175 @@
+"""The law of the rate controller: from thrust and body rates to rotor speeds, as one function."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.common.jit import compilable, compiled
+from airrace.math.triples import Triple, added, cross, difference, times
+from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
+from airrace.vehicle import Vehicle
+
+# 1/s. With the rotors' apparent lag of 0.01 s the loop is s (0.01 s + 1) + 50: damped by 0.7.
+_RATE_GAIN = 50.0
+# About z the rotors have so little moment that they are at their limits for most of a step.
+_YAW_GAIN = 15.0
+_LITTLE = 1e-9  # N, too little to limit
+
+
+class RateParameters(NamedTuple):
+    """The vehicle as rate_law() takes it, for n rotors.
+
+    Attributes:
+        gains: on errors of the rates about x, y, z (1/s), (3,).
+        inertia: principal moments in B (kg m^2), (3,).
+        inverse: from [f, Mx, My, Mz] to the thrusts: pseudo-inverse of Vehicle.allocation, (n, 4).
+        max_thrusts: (N), (n,). thrust_coefficients: (N s^2), (n,).
+        max_speeds: (rad/s), (n,).
+        overdrive: factor on changes of a rotor's speed, see set_speeds().
+    """
+
+    gains: np.ndarray
+    inertia: np.ndarray
+    inverse: np.ndarray
+    max_thrusts: np.ndarray
+    thrust_coefficients: np.ndarray
+    max_speeds: np.ndarray
+    overdrive: float
+
+
+def make_rate_parameters(vehicle: Vehicle, rate: float) -> RateParameters:
+    """Args: vehicle: as its file says. rate: of the controller (Hz)."""
+    return RateParameters(
+        gains=np.array((_RATE_GAIN, _RATE_GAIN, _YAW_GAIN)),
+        inertia=np.array(vehicle.inertia, float),
+        inverse=np.ascontiguousarray(np.linalg.pinv(vehicle.allocation)),
+        max_thrusts=vehicle.max_thrusts,
+        thrust_coefficients=vehicle.thrust_coefficients,
+        max_speeds=vehicle.max_speeds,
+        overdrive=overdrive_of(vehicle, rate),
+    )
+
+
+@compilable
+def rate_law(
+    command: np.ndarray,
+    wanted: np.ndarray,
+    w: np.ndarray,
+    speeds: np.ndarray,
+    parameters: RateParameters,
+) -> None:
+    """Sets the rotor speeds to command (rad/s), (n,), for a thrust and body rates.
+
+    The moment is M = J K (w_d - w) + w x J w: proportional in the error of the rates, and what
+    turns the spin itself. There is no integral: an error that stays is for whoever sets the
+    rates, and nothing can wind up. Where a rotor is at its limit, set_prioritized_thrusts() says
+    what is given up.
+
+    Args:
+        command: is written.
+        wanted: [f, w_x, w_y, w_z]: total thrust (N) and w_d, the rates in B (rad/s), (4,).
+        w: of the body, in B (rad/s), (3,).
+        speeds: of the rotors, as they are (rad/s), (n,).
+        parameters: of the vehicle.
+    """
+    J, k = parameters.inertia, parameters.gains
+    moment = wanted_moment(
+        (wanted[1], wanted[2], wanted[3]),
+        (w[0], w[1], w[2]),
+        (J[0], J[1], J[2]),
+        (k[0], k[1], k[2]),
+    )
+    # The command is a place for the thrusts until it is written: new arrays take time.
+    set_prioritized_thrusts(command, wanted[0], moment, parameters.inverse, parameters.max_thrusts)
+    set_speeds(
+        command,
+        command,
+        speeds,
+        parameters.max_thrusts,
+        parameters.thrust_coefficients,
+        parameters.max_speeds,
+        parameters.overdrive,
+    )
+
+
+@compilable
+def wanted_moment(w_d: Triple, w: Triple, inertia: Triple, gains: Triple) -> Triple:
+    """Returns the moment of rate_law() in B (N m).
+
+    Args:
+        w_d: rates to have, in B (rad/s). w: that the body has.
+        inertia, gains: see RateParameters.
+    """
+    error = times(times(inertia, gains), difference(w_d, w))
+    return added(error, 1.0, cross(w, times(inertia, w)))
+
+
+@compilable
+def unlimited_thrust(row: tuple[float, float, float, float], f: float, moment: Triple) -> float:
+    """Returns what a rotor should give (N), if it has no limits; see set_prioritized_thrusts().
+
+    Args: row: of inverse. f: total thrust (N). moment: (N m).
+    """
+    return row[0] * f + (row[1] * moment[0] + row[2] * moment[1]) + row[3] * moment[2]
+
+
+@compilable
+def set_prioritized_thrusts(
+    thrusts: np.ndarray, f: float, moment: Triple, inverse: np.ndarray, limits: np.ndarray
+) -> None:
+    """Sets thrusts (N), (n,), for a total thrust (N) and a moment in B (N m), (3,).
+
+    Within the limits they are inverse @ [f, M]. Beyond, the moment about z is given up first,
+    then the thrust, and roll and pitch, which point the thrust, last: the priorities of
+    Faessler, Falanga and Scaramuzza, "Thrust mixing, saturation, and body-rate control for
+    accurate aggressive quadrotor flight" (RA-L 2017), section III. Each is scaled as little as
+    brings all rotors within their limits, which needs no iteration.
+
+    Args:
+        thrusts: are written.
+        inverse: (n, 4), whose first column is positive. limits: (N), (n,).
+    """
+    possible = True
+    for i in range(len(limits)):
+        row = (inverse[i, 0], inverse[i, 1], inverse[i, 2], inverse[i, 3])
+        thrusts[i] = unlimited_thrust(row, f, moment)
+        possible = possible and 0.0 <= thrusts[i] <= limits[i]
+    if not possible:
+        set_limited_thrusts(thrusts, f, moment, inverse, limits)
+
+
+@compiled
+def set_limited_thrusts(
+    thrusts: np.ndarray, f: float, moment: Triple, inverse: np.ndarray, limits: np.ndarray
+) -> None:
+    """Does what set_prioritized_thrusts() says where some rotor is at a limit."""
+    n = len(limits)
+    # Of roll and pitch, as much as some total thrust allows: each rotor needs some total thrust
+    # at least, not to be below zero, and allows some at most.
+    lowest = np.inf
+    for i in range(n):
+        thrusts[i] = (inverse[i, 1] * moment[0] + inverse[i, 2] * moment[1]) / inverse[i, 0]
+        lowest = min(lowest, thrusts[i])
+    share = 1.0
+    for i in range(n):
+        apart, room = thrusts[i] - lowest, limits[i] / inverse[i, 0]
+        if share * apart > room:
+            share = room / apart
+    # The total thrust nearest to that wanted.
+    low, high = -np.inf, np.inf
+    for i in range(n):
+        low = max(low, -share * thrusts[i])
+        high = min(high, limits[i] / inverse[i, 0] - share * thrusts[i])
+    f = min(max(f, low), high)
+    # Of yaw, what is left.
+    yaw_share = 1.0
+    for i in range(n):
+        thrusts[i] = inverse[i, 0] * (f + share * thrusts[i])
+        turning = inverse[i, 3] * moment[2]
+        if turning > _LITTLE:
+            yaw_share = min(yaw_share, max(limits[i] - thrusts[i], 0.0) / turning)
+        elif turning < -_LITTLE:
+            yaw_share = min(yaw_share, max(thrusts[i], 0.0) / -turning)
+    for i in range(n):
+        thrust = thrusts[i] + yaw_share * inverse[i, 3] * moment[2]
+        thrusts[i] = min(max(thrust, 0.0), limits[i])  # but for rounding, it is within

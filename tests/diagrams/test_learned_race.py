@@ -1,0 +1,186 @@
+"""Races that a network flies: in one diagram, over a link, and after a hand-back."""
+
+import numpy as np
+import pytest
+
+from airrace.common.errors import UserError
+from airrace.diagrams.autonomy import LEARNED_SYSTEMS, PILOT, MakeAutonomy
+from airrace.diagrams.pilot import make_halves
+from airrace.diagrams.race import run_race
+from airrace.diagrams.simulated_link import SimulatedRemote
+from airrace.diagrams.warm_up import play_pilot
+from airrace.hitl.lcm_bridge import told_to_navigator, told_to_pilot
+from airrace.hitl.link.simulated_bus import LinkConfig
+from airrace.scenario import LEARNED, LINK_DELAY, VIO, Scenario, load_scenario, scenario_yaml
+from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
+from airrace.systems.exploring.explorer import Explorer
+from airrace.systems.mapping.known_map import KnownMap, NoDetector
+from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.track import load_track
+from airrace.track.map_files import read_map
+from airrace.vehicle import load_vehicle
+from tests.worlds.linear_pilot import linear_network
+
+BLIND = CameraConfig(renderer=NO_CAMERA)
+
+
+def pilot_file(folder, drone="Default", **changes):
+    path = folder / "pilot.npz"
+    linear_network(load_vehicle(drone)[0], **changes).save(path)
+    return str(path)
+
+
+def timid(speed):
+    """Returns the bounds of a network that knows no more than a speed forward (m/s)."""
+    high = np.full(43, np.inf)
+    high[0] = speed
+    return {"high": high}
+
+
+# The navigator of a race over a link on a map that is given, which races usually have not.
+def no_detector(scenario):
+    return NoDetector()
+
+
+def known_map(scenario):
+    return KnownMap(read_map("track", scenario.track))
+
+
+def explorer(scenario):
+    height = load_track(scenario.track).hover_height
+    return Explorer(config=scenario.explorer, hover_height=height, clearance=2.0, map_is_known=True)
+
+
+@pytest.mark.slow
+def test_a_network_flies_the_lap_twice_alike(hexagon, tmp_path):
+    results = []
+    for name in ("first", "second"):
+        folder = tmp_path / name
+        folder.mkdir()
+        scenario = Scenario(
+            track=hexagon, laps=1, map="track", camera=BLIND, pilot=pilot_file(tmp_path)
+        )
+        results.append(run_race(scenario, folder))
+        results[-1].pop("wall")
+    assert results[0] == results[1]
+    result = results[0]
+    assert result["finished"] and result["collisions"] == 0
+    assert [event["what"] for event in result["pilot"]["events"]] == ["the network flies"]
+    assert result["laps"][0]["plan"] is None and max(result["laps"][0]["gate_offsets_m"]) < 4.0
+
+
+@pytest.mark.slow
+def test_the_shipped_network_flies_the_reference_track(tmp_path):
+    result = run_race(Scenario(laps=1, map="track", camera=BLIND, pilot=LEARNED), tmp_path)
+    assert result["finished"] and result["collisions"] == 0
+    assert [event["what"] for event in result["pilot"]["events"]] == ["the network flies"]
+    assert result["best_lap_s"] < 15.0
+
+
+def test_a_drone_without_a_shipped_network():
+    with pytest.raises(UserError, match="no learned pilot for the drone StarOne: train one"):
+        MakeAutonomy(Scenario(drone="StarOne", pilot=LEARNED))
+
+
+@pytest.mark.slow
+def test_after_a_hand_back_the_planner_finishes_the_race(hexagon, tmp_path):
+    scenario = Scenario(track=hexagon, laps=1, map="track", camera=BLIND, trajectory="4")
+    scenario.pilot = pilot_file(tmp_path, **timid(4.0))
+    result = run_race(scenario, tmp_path)
+    assert result["finished"] and result["collisions"] == 0
+    first, second = (event["what"] for event in result["pilot"]["events"])
+    assert first == "the network flies"
+    assert second == "the planner flies: it saw what it was not trained on"
+    assert result["laps"][0]["plan"]["number"] == 1
+
+
+@pytest.mark.slow
+def test_a_network_flies_over_a_link(hexagon, tmp_path):
+    """The pilot has a diagram of its own there, and so has the navigator."""
+    scenario = Scenario(track=hexagon, laps=1, link_delay=LINK_DELAY, trajectory="4")
+    scenario.referee.time_limit = 24.0
+    low = np.full(43, -np.inf)
+    low[3] = 0.3  # the cosine of the heading: on the way to gate 3 it turns farther
+    scenario.pilot = pilot_file(tmp_path, low=low)
+    for name, make in (
+        ("aruco_detector", "no_detector"),
+        ("gate_mapper", "known_map"),
+        ("explorer", "explorer"),
+    ):
+        scenario.systems[name] = f"{__name__}:{make}"
+    folder = tmp_path / "autonomy"
+    folder.mkdir()
+    flew, plans = [], []
+    link = LinkConfig(delay=0.02, jitter=0.005, loss=0.01)
+
+    class Watched(SimulatedRemote):
+        def advance(self, simulator, end):
+            result = super().advance(simulator, end)
+            side = self._pilot._side
+            status = side.part.GetOutputPort("pilot_status").Eval(
+                side.part.GetMyContextFromRoot(self._pilot._context)
+            )
+            flew.append((status.flies, status.passed, status.reason))
+            return result
+
+    result = run_race(
+        scenario,
+        tmp_path,
+        transport=Watched(scenario, link, folder),
+        show=lambda _, outputs: plans.append(outputs.lap_plan is not NO_PLAN),
+    )
+    assert any(flies for flies, _, _ in flew)
+    passed, reason = flew[-1][1:]
+    assert passed >= 1 and reason == "it saw what it was not trained on"
+    # The planner is told of it, and plans only then.
+    handed = [bool(reason) for _, _, reason in flew]
+    assert plans[-1] and plans.index(True) > handed.index(True)
+    assert result["collisions"] == 0 and result["wall"]["link"]["watchdog"]["hovers"] == 0
+    assert result["dnf_reason"].startswith("ran out of time")
+
+
+def test_its_systems_are_the_pilots_half(tmp_path):
+    assert set(LEARNED_SYSTEMS) <= set(PILOT)
+    scenario = Scenario(pilot=pilot_file(tmp_path))
+    pilot, navigator = make_halves(scenario)
+    names = {system.get_name() for system in pilot.GetSystems()}
+    assert set(LEARNED_SYSTEMS) <= names
+    assert {"gate_map", "explorer_status", "exploration_reference"} <= {
+        *told_to_pilot(pilot, navigator)
+    }
+    assert {"safe_reference", "pilot_status"} <= {*told_to_navigator(pilot, navigator)}
+
+
+def test_no_command_waits_for_a_picture(tmp_path):
+    autonomy = MakeAutonomy(Scenario(pilot=pilot_file(tmp_path)))
+    command = autonomy.GetOutputPort("rotor_speed_command").get_index()
+    assert not any(
+        autonomy.HasDirectFeedthrough(i, command) for i in range(autonomy.num_input_ports())
+    )
+    planned = MakeAutonomy(Scenario())
+    assert not planned.HasSubsystemNamed("learned_pilot")
+
+
+def test_with_vio_too(tmp_path):
+    MakeAutonomy(Scenario(pilot=pilot_file(tmp_path), estimator=VIO))
+
+
+@pytest.mark.slow
+def test_the_pilot_warms_up_in_real_time(tmp_path):
+    assert len(play_pilot(Scenario(pilot=pilot_file(tmp_path)), 0.1)) == 100
+
+
+def test_a_scenario_names_its_pilot(tmp_path, monkeypatch):
+    pilot_file(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    text = scenario_yaml(load_scenario(scenario_text="{pilot: pilot.npz}"))
+    assert f"pilot: {tmp_path}/pilot.npz" in text
+    with pytest.raises(UserError, match=r"pilot \(--pilot\) must be planned, learned, or the .npz"):
+        load_scenario(scenario_text="{pilot: autopilot}").check()
+
+
+def test_pilots_that_cannot_be_had(tmp_path):
+    with pytest.raises(UserError, match="none.npz cannot be read"):
+        MakeAutonomy(Scenario(pilot=str(tmp_path / "none.npz")))
+    with pytest.raises(UserError, match="was trained on the drone StarOne, not on Default"):
+        MakeAutonomy(Scenario(pilot=pilot_file(tmp_path, "StarOne")))

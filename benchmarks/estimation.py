@@ -168,7 +168,7 @@ def make_hasty_explorer(scenario: Scenario) -> System:
 
 def fly_without_robust_weights(*race) -> dict:
     """As fly(), but every marker counts, and as much as its covariance says."""
-    with mock.patch.multiple(slam_filter, _DOUBTFUL=math.inf, _REFUSED=math.inf):
+    with mock.patch.multiple(slam_filter, _DOUBTFUL=math.inf, REFUSED=math.inf):
         return fly(*race)
 
 

@@ -171,7 +171,9 @@ def in_processes(jobs, what: str, *, workers: int = 1, jobs_each: int = 1) -> li
 
 
 def _results(batches, workers):
-    context = multiprocessing.get_context("spawn")
+    # Forked from one that has imported what takes seconds, and has done nothing else.
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["airrace.diagrams.race"])
     for batch in batches:
         with ProcessPoolExecutor(workers, context) as pool:
             futures = [pool.submit(function, *arguments) for function, arguments in batch]

@@ -25,7 +25,6 @@ _ERRORS = (
 _BIASES = (("gyro_bias", "°/s", np.rad2deg(1.0)), ("accelerometer_bias", "cm/s²", 100.0))
 _LINES = {"x": "-", "y": "--", "z": ":"}
 _COORDINATES = 8  # of the corners of a marker
-_REFUSED = 60.0  # normalised innovation squared
 
 
 def error_statistics(run: "Run") -> dict[str, float]:
@@ -137,6 +136,8 @@ def _draw_innovations(axes: "Axes", squared: np.ndarray) -> None:
     """Draws how large innovations were, beside what they should be: chi-squared, of 8 numbers."""
     from scipy.stats import chi2
 
+    from airrace.systems.estimation.slam_filter import REFUSED
+
     levels = np.linspace(0.0, 40.0, 41)
     counts = np.histogram(np.clip(squared, 0.0, levels[-1]), levels)[0]
     share = 100 * counts / max(len(squared), 1)
@@ -144,9 +145,9 @@ def _draw_innovations(axes: "Axes", squared: np.ndarray) -> None:
     add_tip(bars, f"{len(squared)} markers")
     expected = 100 * np.diff(chi2.cdf(levels, _COORDINATES))
     axes.plot(levels[:-1] + 0.5, expected, color=INK, lw=1, ls="--")
-    refused = 100 * np.mean(squared > _REFUSED) if len(squared) else 0.0
+    refused = 100 * np.mean(squared > REFUSED) if len(squared) else 0.0
     axes.set(xlabel="normalised innovation squared", ylabel="markers (%)")
-    mean = squared[squared <= _REFUSED].mean() if np.any(squared <= _REFUSED) else np.nan
+    mean = squared[squared <= REFUSED].mean() if np.any(squared <= REFUSED) else np.nan
     axes.set_title(f"mean {mean:.1f} of 8, {refused:.1f} % refused", size=8.5, weight="normal")
 
 

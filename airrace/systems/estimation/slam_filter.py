@@ -35,7 +35,7 @@ from airrace.track.gate_map import GateMap
 
 # Normalised innovation squared of a marker's eight coordinates: above the first, its weight
 # falls; above the second it is refused.
-_DOUBTFUL, _REFUSED = 16.0, 60.0
+_DOUBTFUL, REFUSED = 16.0, 60.0
 _COARSE_ATTITUDE = np.deg2rad(0.3)  # above, an update is iterated
 _ITERATIONS = 6
 _KNOWN_SIGMA = 0.3  # m, of a gate's position relative to the drone, before it is in the map
@@ -227,7 +227,7 @@ class SlamFilter:
             sight = landmarks.make_sight(index, [marker])
             squared = innovation(belief, sight, camera).squared
             innovations.append((marker.id, squared))
-            if not squared <= _REFUSED:
+            if not squared <= REFUSED:
                 outliers[marker.id] += 1
                 continue
             coarse = attitude_sigma(belief) > _COARSE_ATTITUDE or landmark.refused_in_a_row

@@ -136,8 +136,8 @@ class StrapdownIntegrator(LeafSystem):
         samples = read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE)
         speeds = read_vector(self._speeds, context)
         heard = discrete_state.get_mutable_value(self._heard)
-        began = history[0, 0] > heard[0]
-        stuck = _is_stuck(samples, speeds, self._thrust_per_mass, began)
+        bridges = _bridges(history, heard)
+        stuck = _is_stuck(samples, speeds, self._thrust_per_mass, bridges)
         count = 0 if stuck else remember(history, samples, self._ranges)
         if count:
             heard[0] = history[0, 0]
@@ -176,9 +176,9 @@ class StrapdownIntegrator(LeafSystem):
     def _calc_filtered(self, context, output):
         history = context.get_discrete_state(self._history).value().reshape(-1, SAMPLE_SIZE)
         samples = read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE)
-        began = history[0, 0] > context.get_discrete_state(self._heard).value()[0]
+        bridges = _bridges(history, context.get_discrete_state(self._heard).value())
         speeds = read_vector(self._speeds, context)
-        if _is_stuck(samples, speeds, self._thrust_per_mass, began):
+        if _is_stuck(samples, speeds, self._thrust_per_mass, bridges):
             samples = history[: len(samples)]  # nothing new
         _carry_forward(
             output.get_mutable_value(),
@@ -202,12 +202,18 @@ def _total(thrust_per_mass, speeds):
 
 
 @compiled
-def _is_stuck(samples, speeds, thrust_per_mass, began):
+def _bridges(history, heard):
+    """Whether the newest sample was made up, because the sensor is silent."""
+    return history[0, 0] > heard[0]
+
+
+@compiled
+def _is_stuck(samples, speeds, thrust_per_mass, bridges):
     """Whether a sensor in flight shows the same again and again, to the last bit.
 
-    With little thrust the drone may stand; but not once samples have been made up (``began``).
+    With little thrust the drone may stand; but not while samples are made up (``bridges``).
     """
-    if not began and _total(thrust_per_mass, speeds) < _FLYING * GRAVITY:
+    if not bridges and _total(thrust_per_mass, speeds) < _FLYING * GRAVITY:
         return False
     for k in range(1, len(samples)):
         for j in range(1, SAMPLE_SIZE):
@@ -258,8 +264,8 @@ def _replace_silence(
         return 0
     turning = (wrench[1:] - cross(expected, J * expected)) / J
     expected += period * turning
-    began = history[0, 0] > heard[0]  # then it goes on, with however little thrust
-    flies = began or wrench[0] > _FLYING * GRAVITY * mass
+    # Once it has begun it goes on, with however little thrust.
+    flies = _bridges(history, heard) or wrench[0] > _FLYING * GRAVITY * mass
     time = now - heard[4]
     if not flies or not now - heard[0] > silent or not time > history[0, 0]:
         return 0

@@ -42,6 +42,7 @@ BENCHMARKS = {
     "growth": ("growth", "--runs", "3"),
     "vtk_frame": ("vtk_frame",),
     "peers": ("peers", "--install"),
+    "envs": ("envs", "--peers"),
 }
 
 

@@ -17,6 +17,7 @@ from airrace.envs.batch.contact import load_shape
 from airrace.envs.batch.courses import make_courses
 from airrace.envs.batch.fleet import START_NUMBERS, hover_speeds, make_bodies, make_fleet, restart
 from airrace.envs.batch.flight import Clock, Results, World, advance, observe_all
+from airrace.envs.batch.lanes import LANES
 from airrace.envs.options import GENERATED, EnvOptions, make_options, make_scenario
 from airrace.envs.reward import RUNNING, RewardWeights
 from airrace.envs.start import STARTS
@@ -128,8 +129,10 @@ class RaceVectorEnv(VectorEnv):
         self.hover_action = unscaled(np.array(hover), scale).astype(np.float32)
         self._ended = np.ones(num_envs, bool)
         self._idle = np.zeros(num_envs, bool)
-        # One part of the drones for each thread.
-        edges = np.linspace(0, num_envs, min(num_threads, num_envs) + 1).round().astype(int)
+        # One part of the drones for each thread, in whole blocks: half a block takes as long.
+        blocks = math.ceil(num_envs / LANES)
+        edges = LANES * np.linspace(0, blocks, min(num_threads, blocks) + 1).round().astype(int)
+        edges[-1] = num_envs
         self._parts = list(zip(edges.tolist(), edges[1:].tolist()))
         self._pool = ThreadPoolExecutor(len(self._parts)) if len(self._parts) > 1 else None
 

@@ -6,6 +6,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from airrace.common.errors import UserError
+from airrace.envs.batch.lanes import LANES
 from airrace.envs.batch.vector_env import RaceVectorEnv
 from airrace.envs.registration import register_envs
 from airrace.envs.reward import REASONS, RUNNING
@@ -84,7 +85,12 @@ def test_an_episode_is_that_of_the_diagram(options):
 def test_results_are_the_same_with_any_number_of_threads():
     def flown(threads):
         env = RaceVectorEnv(
-            N, track="generated", tracks=range(3), start="random", level=3, num_threads=threads
+            3 * LANES - 5,  # three blocks, the last one not full
+            track="generated",
+            tracks=range(3),
+            start="random",
+            level=3,
+            num_threads=threads,
         )
         rows = [env.reset(seed=7)[0]]
         for action in random_actions(env, 2, 200, spread=0.6):

@@ -21,6 +21,15 @@ def rotation_matrix(q: np.ndarray) -> np.ndarray:
     )
 
 
+def heading(q: np.ndarray) -> float:
+    """Returns the angle from the world's x axis to the body's, seen from above (rad).
+
+    Args: q: of R_WB, of any length, (4,).
+    """
+    w, x, y, z = q
+    return float(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
+
+
 @compilable
 def rotation_between(q_1: np.ndarray, q_2: np.ndarray) -> np.ndarray:
     """Returns the rotation vector of R_1^T R_2 (rad), (3,), no longer than pi.

@@ -8,7 +8,7 @@ from pydrake.common.eigen_geometry import AngleAxis, Quaternion
 from pydrake.math import RotationMatrix
 
 from airrace.common.jit import compiled
-from airrace.math.quaternion import integrate, rotation_between, rotation_matrix
+from airrace.math.quaternion import heading, integrate, rotation_between, rotation_matrix
 
 numbers = st.floats(-1.0, 1.0)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)
@@ -18,6 +18,13 @@ quaternions = st.tuples(*[numbers] * 4).map(np.array).filter(lambda q: np.linalg
 @compiled
 def compiled_rotation(q, w, dt):
     return rotation_matrix(integrate(q, w, dt))
+
+
+@given(quaternions, st.floats(0.1, 10.0))
+def test_the_heading_is_that_of_the_bodys_x_axis(q, length):
+    x, y, _ = RotationMatrix(Quaternion(q / np.linalg.norm(q))).matrix()[:, 0]
+    if np.hypot(x, y) > 1e-3:
+        assert np.cos(heading(length * q) - np.arctan2(y, x)) == pytest.approx(1.0)
 
 
 @given(quaternions, st.floats(0.1, 10.0))

@@ -9,7 +9,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem
 
 from airrace.common.jit import all_finite
-from airrace.math.quaternion import rotation_matrix
+from airrace.math.quaternion import heading
 from airrace.systems.control.command_scale import ctbr_scale, scaled
 from airrace.systems.control.gates_observation import opening_numbers, write_gates_observation
 from airrace.systems.control.policy_network import ACTIONS, PolicyNetwork
@@ -220,7 +220,7 @@ class LearnedPilot(LeafSystem):
                 return memory
             memory = memory._replace(phase=FLYING, since=time, position=state.position)
         if finite:
-            memory = memory._replace(velocity=state.velocity, yaw=_yaw(state))
+            memory = memory._replace(velocity=state.velocity, yaw=heading(state.quaternion))
         unknown = 0.0 if known else memory.unknown + 1.0
         if unknown >= _PATIENCE:
             return _handed_back(memory, time, state, UNKNOWN)
@@ -299,19 +299,13 @@ def _handed_back(memory: PilotMemory, time: float, state: State, reason: int) ->
     velocity, position, yaw = np.zeros(3), memory.position, memory.yaw
     if all_finite(np.hstack(state[1:])):
         velocity, position = state.velocity.copy(), state.position
-        yaw = _yaw(state)
+        yaw = heading(state.quaternion)
     stop = position[2] + velocity[2] * np.linalg.norm(velocity) / _BRAKES / 2
     if stop < _LEAST_HEIGHT:
         velocity[2] = 0.0
     return memory._replace(
         phase=HANDED_BACK, since=time, reason=reason, position=position, velocity=velocity, yaw=yaw
     )
-
-
-def _yaw(state: State) -> float:
-    """Returns the direction of the body's x axis, from above (rad)."""
-    x_W = rotation_matrix(state.quaternion)[:, 0]
-    return math.atan2(x_W[1], x_W[0])
 
 
 def _stop_time(memory: PilotMemory) -> float:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from airrace.math.angles import wrap_angle
+from airrace.math.quaternion import heading
 from airrace.systems.exploring.explorer_memory import Situation
 from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.track import BOARD_OFFSET
@@ -22,8 +23,7 @@ _FEWEST_GATES = 3  # of a track
 
 def yaw_of(estimate: np.ndarray) -> float:
     """Returns the heading of the body's x axis (rad)."""
-    w, x, y, z = as_state(estimate).quaternion
-    return float(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
+    return heading(as_state(estimate).quaternion)
 
 
 def tilt(estimate: np.ndarray) -> float:

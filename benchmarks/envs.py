@@ -12,7 +12,6 @@ makes 10 steps at 500 Hz, with a simpler model.
 
 import os
 import sys
-from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -35,12 +34,7 @@ def main(argv=None) -> int:
     parser.add_argument("--drone", default="Default", help="a shipped drone, or a folder")
     parser.add_argument("--level", type=int, default=0, help="of difficulty, 0 to 3")
     parser.add_argument("--peers", action="store_true", help="crazyflow beside it")
-    parser.add_argument(
-        "--folder",
-        type=Path,
-        default=env.default_folder(),
-        help="of the peers' environments (default: %(default)s)",
-    )
+    env.add_folder(parser)
     return harness.run(parser, argv, measure, show)
 
 

@@ -157,12 +157,12 @@ def _add_rotors(builder: DiagramBuilder, world: _World, forces: list[OutputPort]
         visible=world.shown,
     )
     command = rotors.GetInputPort("rotor_speed_command")
-    if scenario.disturbances.actuator_delay > 0.0:
+    period = 1.0 / scenario.rotors.rate
+    periods = scenario.disturbances.periods_of_delay(period)
+    if periods:
         # Rotors that read a system of their own period see its output from before the
         # update: that is a step of delay already.
-        period = 1.0 / scenario.rotors.rate
-        steps = max(1, round(scenario.disturbances.actuator_delay / period)) - 1
-        delay = DiscreteTimeDelay(period, steps, command.size())
+        delay = DiscreteTimeDelay(period, periods - 1, command.size())
         builder.AddNamedSystem("actuator_delay", delay)
         builder.Connect(delay.get_output_port(), command)
         command = delay.get_input_port()

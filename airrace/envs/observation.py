@@ -12,6 +12,7 @@ Numbers are in SI units and not scaled: who trains knows best how.
 import numpy as np
 
 from airrace.systems.control.gates_observation import (
+    map_openings,
     observation_size,
     opening_numbers,
     write_gates_observation,
@@ -45,5 +46,4 @@ def gates_of_track(track: Track, shifts: np.ndarray | None = None) -> np.ndarray
 
 def gates_of_map(gate_map: GateMap) -> np.ndarray:
     """Returns the openings of a map's gates by their numbers, (n, 10); n is 0 while it is empty."""
-    gates = [opening_numbers(g.p_WG, g.heading, g.spacing) for g in gate_map.gates]
-    return np.array(gates).reshape(-1, 10)
+    return map_openings(gate_map.gates)

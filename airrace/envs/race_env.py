@@ -26,7 +26,7 @@ from airrace.envs.options import (
     make_options,
     make_scenario,
 )
-from airrace.envs.reward import REASONS, RUNNING, RewardWeights, judge, make_course
+from airrace.envs.reward import NEVER, REASONS, RUNNING, RewardWeights, judge, make_course
 from airrace.envs.spectator import Spectator
 from airrace.envs.start import draw_start, hover_start
 from airrace.scenario import Scenario, scenario_yaml
@@ -222,7 +222,7 @@ class RaceEnv(gymnasium.Env):
 
     def _make_course(self):
         laps = self._options.laps
-        goal = np.iinfo(np.int64).max
+        goal = NEVER
         if laps is not None:
             goal = self._first + laps * len(self._track.gates) + 1
         return make_course(
@@ -269,6 +269,11 @@ class RaceEnv(gymnasium.Env):
             return None
         return self._eval("truth.gate_shifts")
 
+    def _gates(self) -> np.ndarray:
+        """Returns the openings of the gates where they stand now, (n, 10)."""
+        shifts = self._shifts()
+        return self._course.gates if shifts is None else gates_of_track(self._track, shifts)
+
     def _known_state(self):
         """Returns the State that the policy is shown: the truth, or an estimate of it."""
         if self._options.observation == "estimate":
@@ -284,8 +289,7 @@ class RaceEnv(gymnasium.Env):
             return {"image": self._eval("camera_image").data[:, :, :3].copy(), "motion": motion}
         result = np.zeros(self.observation_space.shape, np.float32)
         if self._options.observation == "gates":
-            gates = gates_of_track(self._track, self._shifts())
-            write_gates_observation(result, state, gates, self._passed, action)
+            write_gates_observation(result, state, self._gates(), self._passed, action)
             return result
         known = self._eval("gate_map")
         return self._observe_map(result, state, known)
@@ -303,10 +307,7 @@ class RaceEnv(gymnasium.Env):
         return result
 
     def _judge(self, before, after, pushes):
-        course = self._course
-        shifts = self._shifts()
-        if shifts is not None:
-            course = course._replace(gates=gates_of_track(self._track, shifts))
+        course = self._course._replace(gates=self._gates())
         weights = self._options.reward
         p, p_before = as_plant_state(after), as_plant_state(before)
         return judge(
@@ -323,7 +324,7 @@ class RaceEnv(gymnasium.Env):
     def _value(self, judged, before, after, action):
         if isinstance(self._options.reward, RewardWeights):
             return float(judged.reward)
-        gates = gates_of_track(self._track, self._shifts())
+        gates = self._gates()
         gate = gates[self._passed % len(gates)]
         passed = judged.passed > self._passed
         return float(

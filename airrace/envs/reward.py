@@ -7,13 +7,14 @@ import numpy as np
 
 from airrace.common.jit import compilable
 from airrace.math.vec3 import dot
+from airrace.systems.referee import TAKE_OFF, arena
 from airrace.track import Track
 from airrace.track.gate_opening import GateOpening, find
 
 # How an episode stands after a step.
 RUNNING, COLLISION, MISSED_GATE, LEFT_ARENA, FINISHED, DIVERGED = range(6)
 REASONS = ("", "collision", "missed gate", "left the arena", "finished", "the simulation failed")
-TAKE_OFF = 0.4  # m above where the drone stands: only beyond is a contact a collision
+NEVER = 2**62  # gates to pass, of an episode without a last lap
 
 
 class RewardWeights(NamedTuple):
@@ -75,13 +76,13 @@ def make_course(track: Track, *, goal: int, arena_margin: float, standing_height
         arena_margin: how far beyond the outermost pylons, and above the ground, it reaches (m).
         standing_height: of the body's origin when the drone stands on its pad (m).
     """
-    feet = track.pylons()[:, :2]
+    arena_min, arena_max = arena(track, arena_margin)
     return Course(
         gates=np.array([GateOpening(gate).numbers for gate in track.gates]),
         goal=int(goal),
         take_off_height=float(standing_height + TAKE_OFF),
-        arena_min=feet.min(0) - arena_margin,
-        arena_max=np.append(feet.max(0) + arena_margin, float(arena_margin)),
+        arena_min=arena_min,
+        arena_max=arena_max,
     )
 
 

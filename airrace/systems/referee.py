@@ -33,6 +33,9 @@ _REASONS = {
 }
 
 
+TAKE_OFF = 0.4  # m above where the drone stands: only beyond is a contact a collision
+
+
 class Course(NamedTuple):
     """What a flight is judged by.
 
@@ -49,6 +52,15 @@ class Course(NamedTuple):
     time_limit: float
     arena_min: np.ndarray
     arena_max: np.ndarray
+
+
+def arena(track: Track, margin: float) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the least x and y of a track's arena, (2,), and its greatest x, y and z, (3,) (m).
+
+    Args: margin: how far it reaches beyond the outermost pylons, and above the ground (m).
+    """
+    feet = track.pylons()[:, :2]
+    return feet.min(0) - margin, np.append(feet.max(0) + margin, float(margin))
 
 
 class RefereeMemory(NamedTuple):
@@ -149,13 +161,13 @@ class Referee(LeafSystem):
             moving_gates: whether the gates move.
         """
         LeafSystem.__init__(self)
-        feet = track.pylons()[:, :2]
+        arena_min, arena_max = arena(track, arena_margin)
         self._course = Course(
             gates=np.array([GateOpening(gate).numbers for gate in track.gates]),
-            take_off_height=standing_height + 0.4,
+            take_off_height=standing_height + TAKE_OFF,
             time_limit=float(time_limit),
-            arena_min=feet.min(0) - arena_margin,
-            arena_max=np.append(feet.max(0) + arena_margin, float(arena_margin)),
+            arena_min=arena_min,
+            arena_max=arena_max,
         )
         self._names = body_names
         self._failures = rotor_failures

@@ -33,6 +33,11 @@ class DisturbancesConfig:
     actuator_delay: float = 0.0  # s, of rotor speed commands: whole periods of scenario.rotors
     gate_shift: float = 0.0  # m, how far a gate may move between laps; see GateMover
 
+    def periods_of_delay(self, period: float) -> int:
+        """Returns for how many of the rotors' periods (s) commands are on their way."""
+        delay = self.actuator_delay
+        return max(1, round(delay / period)) if delay > 0.0 else 0
+
 
 @dc.dataclass
 class RotorFailure:

@@ -26,12 +26,7 @@ def main(argv=None) -> int:
     parser = harness.make_parser(__doc__, runs=5)
     parser.prog = "python -m benchmarks.peers"
     parser.add_argument("--install", action="store_true", help="install the peers if need be")
-    parser.add_argument(
-        "--folder",
-        type=Path,
-        default=env.default_folder(),
-        help="of the peers' environments (default: %(default)s)",
-    )
+    env.add_folder(parser)
     return harness.run(parser, argv, measure, show)
 
 

@@ -1,5 +1,6 @@
 """Peers in virtual environments of their own, and what is run in those."""
 
+import argparse
 import json
 import os
 import re
@@ -26,6 +27,16 @@ def default_folder() -> Path:
     """Returns the folder of the environments, below the user's cache."""
     cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(cache) / "airrace" / "peers"
+
+
+def add_folder(parser: argparse.ArgumentParser) -> None:
+    """Adds the option --folder."""
+    parser.add_argument(
+        "--folder",
+        type=Path,
+        default=default_folder(),
+        help="of the peers' environments (default: %(default)s)",
+    )
 
 
 def requirements() -> dict[str, str]:

@@ -5,11 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import compilable
-from airrace.envs.reward import Course, make_course
+from airrace.envs.reward import NEVER, Course, make_course
 from airrace.rendering.scene.pad import start_pose
 from airrace.track import Track
-
-_NEVER = 2**62  # gates
 
 
 class Courses(NamedTuple):
@@ -62,7 +60,7 @@ def make_courses(
         courses.append(
             make_course(
                 track,
-                goal=_NEVER if laps is None else laps * len(track.gates) + 1,
+                goal=NEVER if laps is None else laps * len(track.gates) + 1,
                 arena_margin=arena_margin,
                 standing_height=float(X_WB.translation()[2]),
             )

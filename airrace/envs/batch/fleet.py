@@ -132,18 +132,6 @@ def hover_speeds(vehicle: Vehicle) -> np.ndarray:
 
 
 @compilable
-def motion_of(state: np.ndarray, i: int) -> Motion:
-    """Returns row i of states, (N, 13)."""
-    s = state
-    return Motion(
-        (s[i, 0], s[i, 1], s[i, 2], s[i, 3]),
-        (s[i, 4], s[i, 5], s[i, 6]),
-        (s[i, 7], s[i, 8], s[i, 9]),
-        (s[i, 10], s[i, 11], s[i, 12]),
-    )
-
-
-@compilable
 def keep_motion(state: np.ndarray, i: int, motion: Motion) -> None:
     """Writes a motion into row i of states, (N, 13)."""
     q, p, w, v = motion

@@ -28,6 +28,7 @@ from airrace.systems.control.command_scale import unscaled
 from airrace.systems.control.gates_observation import observation_size
 from airrace.systems.control.rate_law import make_rate_parameters
 from airrace.systems.plant.wind import PERIOD as WIND_PERIOD
+from airrace.systems.plant.wind import gust_factors
 from airrace.track import Track, load_track
 from airrace.track.generator import generate_track
 from airrace.vehicle import GRAVITY, load_vehicle
@@ -89,7 +90,7 @@ class RaceVectorEnv(VectorEnv):
         )
         clock = _make_clock(scenario, wanted.step)
         wind, period = scenario.disturbances.wind, 1.0 / scenario.rotors.rate
-        fade = math.exp(-WIND_PERIOD / wind.gust_time)
+        fade, push = gust_factors(wind)
         scale = action_scale(wanted.action, self._vehicle)
         self._world = World(
             clock=clock,
@@ -102,11 +103,10 @@ class RaceVectorEnv(VectorEnv):
             weights=weights,
             time_limit=wanted.steps,
             fade=fade,
-            push=wind.gust_rms * math.sqrt(1.0 - fade * fade),
+            push=push,
         )
         size, rotors = len(scale.center), len(self._vehicle.rotors)
-        delay = scenario.disturbances.actuator_delay
-        queue = 1 + (max(1, round(delay / period)) if delay > 0.0 else 0)
+        queue = 1 + scenario.disturbances.periods_of_delay(period)
         self._fleet = make_fleet(num_envs, rotors, size, queue)
         length = observation_size(wanted.gates, size)
         self._results = Results(

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 # How old a command may be (s).
 HOLD_AFTER, HOVER_AFTER, LAND_AFTER = 0.1, 0.5, 2.0
 FOLLOW, HOLD, HOVER, LAND = range(4)  # modes
-_BRAKE = 6.0  # m/s^2, before the hover
+BRAKE = 6.0  # m/s^2, before the hover
 _DESCENT, _LAST_DESCENT = 2.0, 0.5  # m/s, and over the last metre
 _LOW = 1.0  # m over the ground; from there a landing is finished
-_AIRBORNE = 0.4  # m over where it stood
+AIRBORNE = 0.4  # m over where it stood
 _BELOW = 3.0  # m under the pad: the rotors idle
 _NOTHING = np.full(REFERENCE_SIZE, np.nan)
 
@@ -122,7 +122,7 @@ class CommandWatchdog(LeafSystem):
         state = as_state(estimate)
         height = state.position[2]
         pad = height if math.isnan(m.pad) else m.pad
-        airborne = 1.0 if height > pad + _AIRBORNE else m.airborne
+        airborne = 1.0 if height > pad + AIRBORNE else m.airborne
         last = max(m.last, min(float(self._time.Eval(context)[0]), now))
         age = now - last
         mode = int(age > HOLD_AFTER) + int(age > HOVER_AFTER) + int(age > LAND_AFTER)
@@ -170,12 +170,12 @@ def stopping(m: WatchdogMemory, time: float) -> np.ndarray:
     p, v = np.array([m.x, m.y, m.z]), np.array([m.vx, m.vy, m.vz])
     speed = math.hypot(*v)
     direction = v / max(speed, 1e-9)
-    t = min(time - m.since, speed / _BRAKE)
-    result = hold(p + (speed * t - _BRAKE * t * t / 2) * direction, m.yaw)
+    t = min(time - m.since, speed / BRAKE)
+    result = hold(p + (speed * t - BRAKE * t * t / 2) * direction, m.yaw)
     reference = as_reference(result)
-    if time - m.since < speed / _BRAKE:
-        reference.velocity[:] = (speed - _BRAKE * t) * direction
-        reference.acceleration[:] = -_BRAKE * direction
+    if time - m.since < speed / BRAKE:
+        reference.velocity[:] = (speed - BRAKE * t) * direction
+        reference.acceleration[:] = -BRAKE * direction
     if m.mode == LAND:
         # Fast down to the last metre, and slowly on, beneath the ground.
         z, elapsed = reference.position[2], time - m.landing

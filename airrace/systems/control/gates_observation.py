@@ -1,11 +1,13 @@
 """What a policy sees of the race: its own motion, and the next gates from where it is."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
 from airrace.common.jit import compilable
 from airrace.math.triples import rotate_back, rotation_rows
+from airrace.track.gate_map import GateEstimate
 from airrace.track.track import BOARD_HEIGHT, PYLON_HEIGHT
 from airrace.vehicle.state import State
 
@@ -27,6 +29,12 @@ def opening_numbers(p_WG: np.ndarray, heading: float, spacing: float) -> np.ndar
     """
     c, s = math.cos(heading), math.sin(heading)
     return np.array((*p_WG, c, s, 0.0, s, -c, 0.0, spacing / 2))
+
+
+def map_openings(gates: Iterable[GateEstimate]) -> np.ndarray:
+    """Returns the openings of a map's gates, (n, 10); n is 0 if there are none."""
+    numbers = [opening_numbers(g.p_WG, g.heading, g.spacing) for g in gates]
+    return np.array(numbers).reshape(-1, 10)
 
 
 @compilable

@@ -11,7 +11,8 @@ from pydrake.systems.framework import Context, LeafSystem
 from airrace.common.jit import all_finite
 from airrace.math.quaternion import heading
 from airrace.systems.control.command_scale import ctbr_scale, scaled
-from airrace.systems.control.gates_observation import opening_numbers, write_gates_observation
+from airrace.systems.control.command_watchdog import BRAKE, HOVER, WatchdogMemory, stopping
+from airrace.systems.control.gates_observation import map_openings, write_gates_observation
 from airrace.systems.control.policy_network import ACTIONS, PolicyNetwork
 from airrace.systems.types import LAND, ExplorerStatus, PilotStatus
 from airrace.track.gate_map import GateMap
@@ -24,7 +25,6 @@ PERIOD = 0.02  # s, between two actions, as in the environment
 _PATIENCE = 5  # observations in a row that are not known, before it hands back
 _STILL = 0.5  # m/s, of a hover
 _LONGEST_WAIT = 3.0  # s, until a drone that is ready to race is also fit for the network
-_BRAKES = 6.0  # m/s^2, after it has handed back
 _LEAST_HEIGHT = 3.0  # m, at which it stops
 _REST = 1.0  # s, after it has stopped, before a lap is planned
 # Where it is in the race.
@@ -278,8 +278,7 @@ def _course(gate_map: GateMap, found: tuple) -> np.ndarray | None:
     known = {gate.number: gate for gate in gate_map.gates}
     if not found or not set(found) <= set(known):
         return None
-    gates = [known[number] for number in found]
-    return np.array([opening_numbers(g.p_WG, g.heading, g.spacing) for g in gates])
+    return map_openings([known[number] for number in found])
 
 
 def _count(memory: PilotMemory, position: np.ndarray, course: np.ndarray) -> PilotMemory:
@@ -300,7 +299,7 @@ def _handed_back(memory: PilotMemory, time: float, state: State, reason: int) ->
     if all_finite(np.hstack(state[1:])):
         velocity, position = state.velocity.copy(), state.position
         yaw = heading(state.quaternion)
-    stop = position[2] + velocity[2] * np.linalg.norm(velocity) / _BRAKES / 2
+    stop = position[2] + velocity[2] * np.linalg.norm(velocity) / BRAKE / 2
     if stop < _LEAST_HEIGHT:
         velocity[2] = 0.0
     return memory._replace(
@@ -310,19 +309,27 @@ def _handed_back(memory: PilotMemory, time: float, state: State, reason: int) ->
 
 def _stop_time(memory: PilotMemory) -> float:
     """Returns how long the drone brakes (s)."""
-    return float(np.linalg.norm(memory.velocity)) / _BRAKES
+    return float(np.linalg.norm(memory.velocity)) / BRAKE
 
 
 def braking(memory: PilotMemory, time: float) -> np.ndarray:
     """Returns the vector of a Reference, (18,), that brakes on a straight line, and hovers.
 
+    As the flight controller does it, see stopping().
+
     Args: memory: of a pilot that has handed back. time: (s).
     """
-    result, duration = np.zeros(REFERENCE_SIZE), _stop_time(memory)
-    t = min(max(time - memory.since, 0.0), duration)
-    a = -memory.velocity / max(duration, 1e-9)
-    result[:3] = memory.position + t * (memory.velocity + t / 2 * a)
-    if t < duration:
-        result[3:6], result[6:9] = memory.velocity + t * a, a
-    result[15] = memory.yaw
-    return result
+    (x, y, z), (vx, vy, vz) = memory.position, memory.velocity
+    flying = WatchdogMemory(
+        mode=HOVER,
+        since=memory.since,
+        x=x,
+        y=y,
+        z=z,
+        yaw=memory.yaw,
+        vx=vx,
+        vy=vy,
+        vz=vz,
+        airborne=1.0,
+    )
+    return stopping(flying, time)

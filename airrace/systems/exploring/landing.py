@@ -6,11 +6,16 @@ import math
 import numpy as np
 
 from airrace.common.immutable import Immutable
-from airrace.systems.control.command_watchdog import HOVER, LAND, WatchdogMemory, stopping
+from airrace.systems.control.command_watchdog import (
+    AIRBORNE,
+    BRAKE,
+    HOVER,
+    LAND,
+    WatchdogMemory,
+    stopping,
+)
 from airrace.systems.exploring.exploration import hover_pose
 from airrace.vehicle.state import as_state
-
-_BRAKE, _AIRBORNE = 6.0, 0.4  # m/s^2, m over where it stood: as the watchdog
 
 
 @dc.dataclass(frozen=True)
@@ -38,7 +43,7 @@ class Landing(Immutable):
         """
         x, y, z, yaw = hover_pose(estimate)
         vx, vy, vz = as_state(estimate).velocity
-        braked = math.hypot(vx, vy, vz) / _BRAKE
+        braked = math.hypot(vx, vy, vz) / BRAKE
         memory = WatchdogMemory(
             x=x,
             y=y,
@@ -47,7 +52,7 @@ class Landing(Immutable):
             vx=vx,
             vy=vy,
             vz=vz,
-            airborne=float(z > pad + _AIRBORNE),
+            airborne=float(z > pad + AIRBORNE),
             landing=braked,
         )
         return cls(memory, braked)

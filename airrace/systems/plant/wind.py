@@ -11,6 +11,12 @@ from airrace.vehicle.disturbances import WindConfig
 PERIOD = 0.01  # s, between two values
 
 
+def gust_factors(config: WindConfig) -> tuple[float, float]:
+    """Returns what is left of a gust after PERIOD, and the noise that is added then (m/s)."""
+    fade = math.exp(-PERIOD / config.gust_time)
+    return fade, config.gust_rms * math.sqrt(1.0 - fade * fade)
+
+
 class Wind(LeafSystem):
     """A steady wind and its gusts, the same everywhere.
 
@@ -32,13 +38,11 @@ class Wind(LeafSystem):
     def __init__(self, *, config: WindConfig, seed: int):
         """Args: config: the wind. seed: of the gusts and of where ``mean_speed`` comes from."""
         LeafSystem.__init__(self)
-        fade = math.exp(-PERIOD / config.gust_time)
-        self._fade = fade
+        self._fade, self._push = gust_factors(config)
         angle = make_generator(seed, "wind_direction").uniform(0.0, 2.0 * math.pi)
         drawn = config.mean_speed * np.array([math.cos(angle), math.sin(angle), 0.0])
         mean = np.array(config.mean) + drawn
-        self._rest = (1.0 - fade) * mean
-        self._push = config.gust_rms * math.sqrt(1.0 - fade * fade)
+        self._rest = (1.0 - self._fade) * mean
         self._noise = NoiseSequence(seed, "wind", 3)
         # The first gust is as strong as any other.
         state = self.DeclareDiscreteState(mean + config.gust_rms * self._noise[0])

@@ -13,7 +13,7 @@ from airrace.common.errors import UserError
 from airrace.common.jit import compiled
 from airrace.envs.batch.contact import is_near_something, load_shape, touches_gate, touches_ground
 from airrace.envs.batch.courses import make_courses
-from airrace.envs.batch.fleet import motion_of
+from airrace.envs.batch.dynamics import Motion
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.systems.plant.multirotor import AddMultirotorModel
 from airrace.track import load_track
@@ -67,8 +67,7 @@ WORLDS = {name: World(name) for name in DRONES}
 
 
 @compiled
-def touched(state, shape, courses, margin):
-    motion = motion_of(state, 0)
+def touched(motion, shape, courses, margin):
     return (
         touches_ground(motion, shape),
         touches_gate(motion, shape, 0, courses),
@@ -88,9 +87,10 @@ def test_what_is_touched_is_what_drake_says(name, seed):
     height = generator.choice([0.3, 3.0, 6.25, 12.0])
     position = foot + [0.0, 0.0, height] + generator.uniform(-2.5, 2.5, 3)
     position[2] = abs(position[2])  # nobody flies below the ground
-    state = np.concatenate([quaternion, position, np.zeros(6)])[None]
+    still = (0.0, 0.0, 0.0)
+    motion = Motion(tuple(quaternion), tuple(position), still, still)
     ground, others = world.distances(quaternion, position)
-    on_ground, on_gate, near = touched(state, world.shape, world.courses, 0.1)
+    on_ground, on_gate, near = touched(motion, world.shape, world.courses, 0.1)
     assert on_ground == (ground < 0.0)
     if abs(others) > UNSURE:
         assert on_gate == (others < 0.0)

@@ -13,6 +13,9 @@ from pathlib import Path
 
 from airrace.evaluation.worker import DRONE, RESULTS, SCENARIO, TRACK
 
+# Who takes it ends the process: the race, or who removes its folder.
+_end = threading.Lock()
+
 
 def main(folder: Path) -> int:
     """Flies the race; returns the exit code of `airrace race`."""
@@ -23,14 +26,24 @@ def main(folder: Path) -> int:
     if (folder / DRONE).exists():
         options += ["-d", folder / DRONE]
     options += ["--output", folder / RESULTS, "--no-meshcat", "--no-report"]
-    return airrace(["race", *options])
+    try:
+        return airrace(["race", *options])
+    finally:
+        # A race whose folder is being removed fails in the middle of a file.
+        # To end here would leave the rest of the folder behind.
+        _end.acquire()
 
 
 def _die_with_the_worker(folder: Path) -> None:
     # Not through sys.stdin: its lock would be held when Python shuts down.
     while os.read(0, 1):
         pass
-    shutil.rmtree(folder, ignore_errors=True)
+    _end.acquire()
+    # Again and again: the race still writes into the folder.
+    for _ in range(100):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            break
     os._exit(1)
 
 

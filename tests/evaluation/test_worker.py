@@ -163,6 +163,36 @@ def test_a_race_dies_with_who_waits_for_it(tmp_path):
     assert not folder.exists()
 
 
+WRITES_WITHOUT_PAUSE = """
+import itertools, sys
+from pathlib import Path
+from airrace.commands import app, race_process
+
+def writes(arguments):
+    results = Path(arguments[arguments.index("--output") + 1])
+    for number in itertools.count():
+        results.mkdir(exist_ok=True)
+        (results / str(number % 500)).write_text("")
+
+app.main = writes
+race_process.main(Path(sys.argv[1]))
+"""
+
+
+def test_a_race_that_writes_leaves_nothing_behind(tmp_path):
+    folder = tmp_path / "race"
+    folder.mkdir()
+    command = [sys.executable, "-c", WRITES_WITHOUT_PAUSE, folder]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        try:
+            wait_until(lambda: (folder / "results" / "300").exists())
+            process.stdin.close()
+            process.wait(timeout=10)
+        finally:
+            process.kill()
+    assert not folder.exists()
+
+
 def test_settings_know_track_scenario_and_drone(tmp_path, monkeypatch):
     def digest(**kwargs):
         return settings([job(**kwargs)], track="t", scenario_name="s")["races_sha256"]

@@ -44,7 +44,9 @@ def diagnose(findings: LinkFindings) -> list[Row]:
     p50, p99 = np.percentile(f.ages, (50, 99)) if len(f.ages) else (np.inf, np.inf)
     # The kernel keeps the parts that came of each incomplete picture for fragment_time.
     # When its memory for them is full, no picture arrives any more.
-    kept = loss * f.picture_rate * f.status.fragment_time * _OVERHEAD * pictures.bytes
+    # One lost picture is left out: a test of a second has too few to make a rate of it.
+    torn = max(loss - 1.0 / max(f.picture_rate * f.duration, 1.0), 0.0) * f.picture_rate
+    kept = torn * f.status.fragment_time * _OVERHEAD * pictures.bytes
     share = kept / f.status.fragment_memory if f.status.fragment_memory else 0.0
     rate = f.state_rate
     table = (

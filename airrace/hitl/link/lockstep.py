@@ -203,6 +203,8 @@ def await_peer(
         heard = endpoint.peer_heartbeat
         if heard is not None and endpoint.silence < 1.0:
             if heard.value.phase == (expected or phase):
+                # The echo of what was heard: until it comes, the other side drops all we send.
+                endpoint.send_heartbeat(phase, 0.0, text)
                 return
             if heard.value.phase in (phases.TESTING, phases.COMPILING):
                 start = now  # which may take longer than this side waits

@@ -103,6 +103,13 @@ def test_what_falls_short_is_named_with_a_remedy(changes, verdict, what, remedy)
         )
 
 
+def test_one_picture_that_is_lost_in_a_second_refuses_no_race():
+    one = statistics(received=29, rate=30.0, bytes=9e4)
+    assert refusal(diagnose(findings(pictures=one, duration=1.0))) is None
+    four = statistics(received=26, rate=30.0, bytes=9e4)
+    assert "torn pictures" in refusal(diagnose(findings(pictures=four, duration=1.0)))
+
+
 def test_a_link_in_memory_is_measured():
     bus = lcm.LCM("memq://")  # one object: whoever drains, serves both
     autonomy = Endpoint("autonomy", CHANNELS, bus)

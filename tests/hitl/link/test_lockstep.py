@@ -186,6 +186,28 @@ def test_a_peer_that_never_comes():
         await_peer(endpoint, "waiting", timeout=0.05)
 
 
+def test_what_is_sent_after_the_peer_was_awaited_is_heard():
+    link = SimulatedLink(LinkConfig())
+    simulation, autonomy = Side("simulation", link), Side("autonomy", link)
+
+    def wait(seconds):
+        link.time += seconds
+
+    def be_the_autonomy():
+        if simulation.endpoint.peer_heartbeat is None:
+            autonomy.endpoint.drain()
+            autonomy.endpoint.beat("waiting", 0.0)
+
+    simulation.endpoint.wait = wait
+    await_peer(simulation.endpoint, "testing", expected="waiting", timeout=5, poll=be_the_autonomy)
+    simulation.value = 3  # is sent
+    simulation.send(None)
+    link.time += 0.01
+    autonomy.endpoint.drain()
+    statistics = autonomy.endpoint.statistics[autonomy.into]
+    assert (statistics.received, dict(statistics.dropped)) == (1, {})
+
+
 @pytest.mark.parametrize("patience", [1, 20])
 def test_waits_are_as_long_as_one_is_patient(monkeypatch, patience):
     monkeypatch.setenv("AIRRACE_PATIENCE", str(patience))

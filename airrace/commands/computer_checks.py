@@ -10,6 +10,7 @@ from airrace import __file__ as package
 from airrace import __version__
 from airrace.common import jit
 from airrace.common.errors import UserError, words
+from airrace.common.processes import real_time_priority
 from airrace.hitl.link.doctor import BAD, GOOD, WEAK, Row
 
 _FREE = 1.0  # GB, for results; ten laps take 22 MB
@@ -27,6 +28,7 @@ def check_computer() -> list[Row]:
         _vtk(),
         _machine_code(),
         _cores(),
+        _priority(),
         _disk(),
     ]
 
@@ -65,6 +67,16 @@ def _cores() -> Row:
         return Row("processors", str(cores), needed, GOOD, "")
     remedy = "HITL: race with --realtime_rate 0.5 or --lockstep"
     return Row("processors", str(cores), needed, WEAK, remedy)
+
+
+def _priority() -> Row:
+    what, needed = "real-time priority", "only for the pilot in HITL"
+    with real_time_priority() as granted:
+        pass
+    if granted:
+        return Row(what, "yes", needed, GOOD, "")
+    remedy = "docs/board.md says how to grant it; without it commands may come some ms later"
+    return Row(what, "no", needed, WEAK, remedy)
 
 
 def _disk() -> Row:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from pydrake.systems.analysis import Simulator
 
 from airrace.common.patience import patient
+from airrace.common.processes import real_time_priority
 from airrace.common.tick_times import LoopTimes
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.budget import Budget, prepare_halves
@@ -203,7 +204,7 @@ class AutonomyProcess:
             pilot.wait_for_start()
             self._wait_and_poll(phases.READY)
         self._endpoint.clock.restart()
-        with _without_garbage_collection():
+        with _without_garbage_collection(), real_time_priority():
             code = self._fly(pilot)
         return code
 

@@ -1,5 +1,7 @@
 """What `airrace doctor` says of this computer; the link's part is in tests/diagrams/test_hitl.py."""
 
+import contextlib
+
 from airrace.commands import computer_checks
 from airrace.commands.app import main
 from airrace.commands.computer_checks import check_computer
@@ -22,6 +24,10 @@ def test_what_is_missing_is_found(monkeypatch, capsys):
     assert main(["doctor"]) == 1
     monkeypatch.setattr(computer_checks.os, "cpu_count", lambda: 1)
     assert verdict("processors") == WEAK
+    monkeypatch.setattr(
+        computer_checks, "real_time_priority", lambda: contextlib.nullcontext(False)
+    )
+    assert verdict("real-time priority") == WEAK
     monkeypatch.setattr(computer_checks.jit, "is_on_disk", lambda: False)
     assert verdict("inner loops compiled") == WEAK
     usage = computer_checks.shutil.disk_usage(".")._replace(free=1e6)

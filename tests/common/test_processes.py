@@ -1,7 +1,11 @@
+import os
 import subprocess
 import sys
+import threading
 
-from airrace.common.processes import child_environment
+import pytest
+
+from airrace.common.processes import child_environment, real_time_priority
 
 
 def test_a_child_elsewhere_imports_what_this_process_does(tmp_path, monkeypatch):
@@ -22,3 +26,37 @@ def test_a_child_elsewhere_imports_what_this_process_does(tmp_path, monkeypatch)
         text=True,
     )
     assert done.stdout == "42 kept\n", done.stderr
+
+
+def policies():
+    return {os.sched_getscheduler(int(thread)) for thread in os.listdir("/proc/self/task")}
+
+
+def test_all_threads_go_before_other_processes_for_a_while():
+    before, event = policies(), threading.Event()
+    thread = threading.Thread(target=event.wait)
+    thread.start()
+    try:
+        with real_time_priority() as granted:
+            assert policies() == ({os.SCHED_FIFO} if granted else before)
+        assert policies() == before
+    finally:
+        event.set()
+        thread.join()
+
+
+def test_who_may_not_go_first_runs_as_before(monkeypatch):
+    def refuse(*args):
+        raise PermissionError
+
+    before = policies()
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with real_time_priority() as granted:
+        assert not granted and policies() == before
+
+
+def test_what_fails_meanwhile_ends_the_priority():
+    before = policies()
+    with pytest.raises(ZeroDivisionError), real_time_priority():
+        raise ZeroDivisionError
+    assert policies() == before

@@ -50,7 +50,7 @@ class RaceEnv(gymnasium.Env):
     seeds of reset() give equal sequences of episodes, to the last bit.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
 
     def __init__(self, *, render_mode: str | None = None, **options: Any):
         """Constructs the environment.

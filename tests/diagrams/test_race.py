@@ -479,7 +479,9 @@ def test_a_signal_in_mid_flight(tmp_path, signum, replay):
 @pytest.mark.slow
 def test_half_as_many_pictures_are_enough(hexagon, tmp_path):
     """Explored and raced, for a board that is too slow for more."""
-    scenario = load_scenario(scenario_text="{camera: {fps: 15}, recording: {content: none}}")
+    scenario = load_scenario(
+        scenario_text="{camera: {width: 640, height: 360, fps: 15}, recording: {content: none}}"
+    )
     scenario.track, scenario.laps = hexagon, 1
     result = run_race(scenario, tmp_path)
     assert result["finished"] and result["collisions"] == 0, result["dnf_reason"]

@@ -49,11 +49,11 @@ def fuzzed(rng) -> Detection:
 @pytest.mark.slow
 @pytest.mark.parametrize("max_range", [30.0, np.inf])
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_ten_thousand_fuzzed_detections(estimator, max_range):
+def test_two_thousand_fuzzed_detections(estimator, max_range):
     """Nothing crashes, everything is counted, and the map stays finite."""
     rng = np.random.default_rng(0)
     mapper, state, own, foreign = make_mapper(estimator, max_range), MapperState(), 0, 0
-    for k in range(2500):
+    for k in range(500):
         markers = tuple(fuzzed(rng) for _ in range(4))
         refused = (("tiny quad", 3), ("foreign ID", 99)) if k % 100 == 0 else ()
         own, foreign = own + len(refused), foreign + bool(refused)
@@ -63,10 +63,10 @@ def test_ten_thousand_fuzzed_detections(estimator, max_range):
             X_WC = RigidTransform(R, rng.normal(0, 20, 3))
         state = mapper.updated(state, Detections(k / 30, markers, refused), X_WC, INFO)
     gate_map = state.gate_map
-    assert gate_map.detections == 10_000 + foreign
+    assert gate_map.detections == 2000 + foreign
     counted = sum(m.count for m in gate_map.markers)
-    assert counted + sum(gate_map.refused.values()) == 10_000 + own
-    assert gate_map.out_of_range == gate_map.refused["foreign ID"] > 1500
+    assert counted + sum(gate_map.refused.values()) == 2000 + own
+    assert gate_map.out_of_range == gate_map.refused["foreign ID"] > 300
     for marker in gate_map.markers:
         assert 0 <= marker.id < 40
         for values in (marker.p_WM, marker.variance, marker.normal):

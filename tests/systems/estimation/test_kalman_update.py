@@ -7,6 +7,11 @@ from airrace.systems.estimation import kalman_update as ku
 from airrace.systems.estimation.error_state import corrected
 from airrace.systems.estimation.gate_projection import predicted_corners
 from airrace.systems.estimation.navigation import as_navigation, navigation_vector
+from airrace.systems.estimation.world_heading import (
+    carry_covariance_over,
+    heading_gradient,
+    turn_of_the_world,
+)
 from tests.systems.estimation.motions import CAMERA, drone_covariance, navigation
 
 GATES = np.array([[20.0, 1.0, 6.25, 0.1, 10.0], [25.0, -8.0, 6.25, -0.6, 10.0]])
@@ -61,7 +66,14 @@ def test_the_covariance_shrinks_and_stays_one(seed):
     after, _ = ku.updated(before, look(rng, 1, 0, 2), CAMERA, 1.0, 3)
     np.testing.assert_array_equal(after.covariance, after.covariance.T)
     assert np.linalg.eigvalsh(after.covariance).min() > 0.0
-    assert np.linalg.eigvalsh(before.covariance - after.covariance).min() > -1e-10
+    # But for what a turn of the world, which is as uncertain as before, does at another place.
+    n_before, n_after = (
+        turn_of_the_world(as_navigation(each.navigation), each.gates) for each in (before, after)
+    )
+    P = before.covariance.copy()
+    w = heading_gradient(as_navigation(before.navigation))
+    carry_covariance_over(P, n_after - n_before, w)
+    assert np.linalg.eigvalsh(P - after.covariance).min() > -1e-10
 
 
 def test_a_doubtful_sight_counts_less():

@@ -8,8 +8,8 @@ import numpy as np
 from airrace.common.jit import compilable, compiled
 from airrace.math.angles import wrap_angle
 from airrace.math.quaternion import rotation_between, rotation_matrix
-from airrace.math.small_matrices import cholesky
-from airrace.systems.estimation.error_state import DRONE, corrected
+from airrace.math.small_matrices import cholesky, propagated
+from airrace.systems.estimation.error_state import DRONE, POSITION, THETA, corrected
 from airrace.systems.estimation.gate_projection import GATE, POSE, Camera, predicted_corners
 from airrace.systems.estimation.navigation import Navigation, as_navigation, navigation_vector
 from airrace.systems.estimation.world_heading import (
@@ -279,36 +279,30 @@ def with_spacing(belief: Belief, gate: int, spacing: float, sigma: float) -> Bel
 
 @compiled
 def relative_covariance(belief: Belief, gate: int) -> np.ndarray:
-    """Returns the covariance of a gate's state where its position is relative to the drone, (5, 5).
+    """Returns the covariance of a gate's state as the drone has it before itself, (5, 5).
 
-    It is that of (p_WG - p_WI, heading, spacing).
+    It is that of (p_WG - p_WI, heading, spacing), both turned back by the error of the drone's
+    heading, which turns the world as a whole:
+        dp_G - dp_I - e_z x (p_G - p_I) w^T theta,   dpsi_G - w^T theta.
     """
-    at, P = DRONE + GATE * gate, belief.covariance
-    result = P[at : at + GATE, at : at + GATE].copy()
+    state = as_navigation(belief.navigation)
+    w, offset = heading_gradient(state), belief.gates[gate, :3] - state.position
+    columns = _columns(gate)
+    J = np.zeros((GATE, ACTIVE))
+    for i in range(GATE):
+        J[i, POSE + i] = 1.0
     for i in range(3):
-        for j in range(GATE):
-            result[i, j] -= P[3 + i, at + j]
-        for j in range(GATE):
-            result[j, i] -= P[at + j, 3 + i]
-        for j in range(3):
-            result[i, j] += P[3 + i, 3 + j]
-    return result
-
-
-@compiled
-def heading_variance(belief: Belief, gate: int) -> float:
-    """Returns the variance of the heading between the drone and a gate (rad^2)."""
-    w, at, P = (
-        heading_gradient(as_navigation(belief.navigation)),
-        DRONE + GATE * gate + 3,
-        belief.covariance,
-    )
-    result = P[at, at]
-    for i in range(3):
-        result -= 2.0 * w[i] * P[i, at]
-        for j in range(3):
-            result += w[i] * P[i, j] * w[j]
-    return result
+        J[i, POSITION + i] = -1.0
+        J[0, THETA + i], J[1, THETA + i], J[3, THETA + i] = (
+            offset[1] * w[i],
+            -offset[0] * w[i],
+            -w[i],
+        )
+    own = np.empty((ACTIVE, ACTIVE))
+    for i in range(ACTIVE):
+        for j in range(ACTIVE):
+            own[i, j] = belief.covariance[columns[i], columns[j]]
+    return propagated(J, own)
 
 
 @compilable

@@ -16,7 +16,7 @@ from airrace.systems.estimation.kalman_update import (
     Belief,
     Sight,
     body_axes,
-    heading_variance,
+    relative_covariance,
     updated,
 )
 from airrace.systems.estimation.navigation import as_navigation
@@ -165,7 +165,7 @@ def _best(belief: Belief, seeds: np.ndarray, sight: Sight, camera: Camera) -> tu
     accepted = (
         cost < _MOST_COST
         and other - cost > _LEAST_ADVANTAGE
-        and heading_variance(best, len(best.gates) - 1) < _MOST_HEADING_SIGMA**2
+        and relative_covariance(best, len(best.gates) - 1)[3, 3] < _MOST_HEADING_SIGMA**2
         and np.sum(offset**2) < _FARTHEST**2
     )
     return best, accepted

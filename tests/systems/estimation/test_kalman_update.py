@@ -12,7 +12,7 @@ from airrace.systems.estimation.world_heading import (
     heading_gradient,
     turn_of_the_world,
 )
-from tests.systems.estimation.motions import CAMERA, drone_covariance, navigation
+from tests.systems.estimation.motions import CAMERA, drone_covariance, navigation, numerical
 
 GATES = np.array([[20.0, 1.0, 6.25, 0.1, 10.0], [25.0, -8.0, 6.25, -0.6, 10.0]])
 SIGMAS = np.array([0.3, 0.3, 0.2, 0.05, 0.3])
@@ -111,13 +111,24 @@ def test_a_known_spacing():
     assert np.linalg.eigvalsh(after.covariance).min() > 0.0
 
 
-def test_a_relative_covariance_is_that_of_a_difference():
+def test_a_relative_covariance_is_that_of_what_the_drone_has_before_itself():
     belief, _ = ku.updated(
         draw(np.random.default_rng(3)), look(np.random.default_rng(3), 1, 0), CAMERA, 1.0, 2
     )
-    J = np.zeros((5, 25))
-    J[:, 20:] = np.eye(5)
-    J[:3, 3:6] = -np.eye(3)
+    start = as_navigation(belief.navigation)
+
+    def before_the_drone(error):
+        """Returns the gate as seen from the drone, in its heading."""
+        drone, gates = corrected(start, error), belief.gates + error[15:].reshape(-1, 5)
+        turn = -(heading_gradient(start) @ error[:3])  # back
+        offset = gates[1, :3] - drone.position
+        c, s = np.cos(turn), np.sin(turn)
+        x, y = c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]
+        return np.array([x, y, offset[2], gates[1, 3] + turn, gates[1, 4]])
+
+    J = numerical(before_the_drone, len(belief.covariance))
     np.testing.assert_allclose(
-        ku.relative_covariance(belief, 1), J @ belief.covariance @ J.T, atol=1e-12
+        ku.relative_covariance(belief, 1), J @ belief.covariance @ J.T, atol=1e-8
     )
+    # A turn of the world is nothing to the drone.
+    np.testing.assert_allclose(J @ turn_of_the_world(start, belief.gates), 0.0, atol=1e-7)

@@ -81,15 +81,3 @@ def test_pictures_tell_nothing_about_the_heading_of_the_world(seed, iterations):
     np.testing.assert_allclose(
         information(ku.with_spacing(belief, 0, 10.0, 0.005)), known, rtol=1e-6
     )
-
-
-def test_the_heading_between_drone_and_gate():
-    belief, _ = ku.updated(
-        draw(np.random.default_rng(3)), look(np.random.default_rng(3), 1, 0), CAMERA, 1.0, 2
-    )
-    w = wh.heading_gradient(as_navigation(belief.navigation))
-    gradient = np.zeros(len(belief.covariance))
-    gradient[:3], gradient[15 + 5 + 3] = -w, 1.0
-    np.testing.assert_allclose(
-        ku.heading_variance(belief, 1), gradient @ belief.covariance @ gradient
-    )

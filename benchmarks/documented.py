@@ -33,6 +33,24 @@ BENCHMARKS = {
         *("exploration", "--step_length", "2", "5", "10", "15", "25"),
         *("--reference", "--tracks", "40", "--workers", "{workers}"),
     ),
+    "estimation": ("estimation", "--only", "reference", "--seeds", "20", "--workers", "{workers}"),
+    "estimation_kinds": (
+        *("estimation", "--only", "kinds", "--seeds", "10", "--workers", "{workers}"),
+    ),
+    "estimation_generated": (
+        *("estimation", "--only", "generated", "--tracks", "200", "--workers", "{workers}"),
+    ),
+    "estimation_level_4": (
+        *("estimation", "--only", "generated", "--levels", "4"),
+        *("--tracks", "20", "--workers", "{workers}"),
+    ),
+    "estimation_harsh": (
+        *("estimation", "--only", "generated", "--levels", "1", "--preset", "harsh"),
+        *("--tracks", "20", "--workers", "{workers}"),
+    ),
+    "estimation_ablations": (
+        *("estimation", "--only", "ablations", "--seeds", "4", "--workers", "{workers}"),
+    ),
     "trajectories": ("trajectories",),
     "tracks": ("tracks",),
     "hitl": ("hitl",),

@@ -1,13 +1,14 @@
 """Races on an inertial sensor and pixels: how well the drone knows where it and the gates are.
 
-    python -m benchmarks.estimation [--only reference generated ablations] [--seeds 4]
+    python -m benchmarks.estimation [--only reference kinds generated ablations] [--seeds 4]
         [--laps 10] [--tracks 20] [--levels 1 3] [--preset racing] [--scenario_text YAML]
         [--workers N] [--json FILE]
 
 `reference`: the reference track with the estimator `vio`, beside the same races with `truth`,
-a race a seed. `generated`: one lap on random tracks that obey the rules, a race a track, at
-each level of difficulty. `ablations`: the reference track with something left out or wrong.
-The results do not depend on the number of workers.
+a race a seed. `kinds`: that track in other laps and with the other drone. `generated`: one lap
+on random tracks that obey the rules, a race a track, at each level of difficulty. `ablations`:
+the reference track with something left out or wrong. The results do not depend on the number
+of workers.
 
 Errors are those of the estimate as it is, without any alignment. NEES is the normalised
 estimation error squared of attitude, position and velocity, a dimension: 1 if the covariance
@@ -47,6 +48,8 @@ _COLUMNS = {
     "at the end": "{map_rms_end_cm:.1f}",
     "neighbours explored": "{neighbours_rms_explored_cm:.1f}",
     "at the  end": "{neighbours_rms_end_cm:.1f}",
+    "gate offsets, RMS (cm)": "{gate_offset_rms_cm:.1f}",
+    "worst": "{worst_gate_offset_cm:.1f}",
     "why not": "{reasons}",
 }
 _CONSISTENCY = {
@@ -115,6 +118,17 @@ def _reference(args) -> list[Case]:
     ]
 
 
+def _kinds(args) -> list[Case]:
+    scenario = dc.replace(_scenario(args), laps=args.laps)
+    rotor = dc.replace(scenario.planner, limits="rotor")
+    kinds = {
+        "3-D": dc.replace(scenario, trajectory="3"),
+        "optimal, rotor": dc.replace(scenario, planner=rotor),
+        "optimal, StarOne": dc.replace(scenario, drone="StarOne"),
+    }
+    return [Case(name, each, range(args.seeds), fly=fly) for name, each in kinds.items()]
+
+
 def _generated(args) -> list[Case]:
     levels = {
         level: _scenario(args, filename="levels", scenario_name=f"Level{level}")
@@ -150,7 +164,12 @@ def _ablations(args) -> list[Case]:
     return [Case(name, each, seeds, fly=how) for name, (each, how) in cases.items()]
 
 
-_MAKERS = {"reference": _reference, "generated": _generated, "ablations": _ablations}
+_MAKERS = {
+    "reference": _reference,
+    "kinds": _kinds,
+    "generated": _generated,
+    "ablations": _ablations,
+}
 
 
 def fly(scenario_text: str, track_seed: int | None = None) -> dict:
@@ -198,6 +217,9 @@ def summary(name: str, rows: list[dict]) -> dict:
         rows: of fly().
     """
     result = races.summary(name, rows)
+    offsets = np.array([o for row in rows for lap in row["gate_offsets_m"] for o in lap], float)
+    result["gate_offset_rms_cm"] = 100.0 * np.sqrt(np.mean(offsets**2)) if len(offsets) else None
+    result["worst_gate_offset_cm"] = 100.0 * offsets.max() if len(offsets) else None
     for key in _MEANS:
         result[key] = _of(rows, key, np.mean)
     for key in _LENGTHS:
@@ -230,6 +252,7 @@ def show(results: dict) -> tuple[list, bool]:
     """Returns the tables of what measure() found, and whether all races finished."""
     titles = {
         "reference": "The reference track",
+        "kinds": "The reference track, in other laps and with the other drone",
         "generated": "One lap on generated tracks, a race a track",
         "ablations": "The reference track, with something left out or wrong",
     }

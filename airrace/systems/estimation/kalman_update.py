@@ -8,10 +8,16 @@ import numpy as np
 from airrace.common.jit import compilable, compiled
 from airrace.math.angles import wrap_angle
 from airrace.math.quaternion import rotation_between, rotation_matrix
-from airrace.math.small_matrices import cholesky
-from airrace.systems.estimation.error_state import DRONE, corrected
+from airrace.math.small_matrices import cholesky, propagated
+from airrace.systems.estimation.error_state import DRONE, POSITION, THETA, corrected
 from airrace.systems.estimation.gate_projection import GATE, POSE, Camera, predicted_corners
 from airrace.systems.estimation.navigation import Navigation, as_navigation, navigation_vector
+from airrace.systems.estimation.world_heading import (
+    carry_covariance_over,
+    carry_over,
+    heading_gradient,
+    turn_of_the_world,
+)
 
 # Errors that pictures share, and that their noise does not show: px, of a coordinate of a corner up
 # to this depth (m); beyond, it grows.
@@ -63,9 +69,11 @@ class Innovation(NamedTuple):
 
 
 @compilable
-def _corrected_gate(gate, error):
-    result = gate + error
-    result[3] = wrap_angle(result[3])
+def _corrected_gates(gates, error):
+    """Returns the gates that nominal ones are, if those have an error, (15 + 5 k,)."""
+    result = gates + error[DRONE:].copy().reshape(gates.shape)
+    for k in range(len(result)):
+        result[k, 3] = wrap_angle(result[k, 3])
     return result
 
 
@@ -178,11 +186,12 @@ def updated(
     """Returns the belief after an update, and how well the markers fitted.
 
     An iterated Kalman update is Gauss-Newton on the squared standard deviations of innovation
-    and correction (Bell and Cathey, 1993): with the correction e so far, x_0 + e = x,
+    and correction (Bell and Cathey, 1993): with the correction e so far,
 
-        e+ = K (z - h(x) + H e),   K = P H^T (H P H^T + R)^-1.
+        e+ = K (z - h(x) + H e),   K = P H^T (H P H^T + R)^-1,   x+ = x + (e+ - e).
 
-    The covariance is P - K S K^T with the H of the last iteration.
+    At x+, errors and covariance are those of before, carried over so that the heading of the
+    world remains unknown, see world_heading.py. In the end the covariance is P - K S K^T.
 
     Args:
         belief: before.
@@ -191,45 +200,46 @@ def updated(
         inflation: of the corners' variances, at least 1.
         iterations: at least 1.
     """
-    before = Belief(belief.navigation.copy(), belief.gates.copy(), belief.covariance.copy())
-    start, first = as_navigation(before.navigation), before.gates[sight.gate].copy()
-    covariance, columns = before.covariance, _columns(sight.gate)
-    size = len(covariance)
-    state, gate, error = start, first, np.zeros(size)
-    PHt, L, squared, cost = np.zeros((size, 0)), np.zeros((0, 0)), 0.0, np.inf
+    state, gates = as_navigation(belief.navigation.copy()), belief.gates.copy()
+    P, columns = belief.covariance.copy(), _columns(sight.gate)
+    error = np.zeros((len(P), 1))
+    PHt, L, squared, cost = np.zeros((len(P), 0)), np.zeros((0, 0)), 0.0, np.inf
     for iteration in range(iterations):
-        residual, H, variances, nearest = _linearized(state, gate, sight, camera)
+        residual, H, variances, nearest = _linearized(state, gates[sight.gate], sight, camera)
         if not nearest > 0.0:
-            return before, Innovation(np.inf, np.inf)
+            return _unchanged(belief), Innovation(np.inf, np.inf)
         for i in range(len(residual)):
             variances[i] *= inflation
             for k in range(ACTIVE):
-                residual[i] += H[i, k] * error[columns[k]]
-        PHt, L = _gains(covariance, columns, H, variances)
+                residual[i] += H[i, k] * error[columns[k], 0]
+        PHt, L = _gains(P, columns, H, variances)
         y = _solve_lower(L, residual)
         cost = np.sum(y * y)
         if iteration == 0:
             squared = cost
         gain_input = _solve_upper(L, y)
-        step = 0.0
-        for i in range(size):
-            total = 0.0
+        step = -error[:, 0]
+        for i in range(len(step)):
             for j in range(len(gain_input)):
-                total += PHt[i, j] * gain_input[j]
-            step = max(step, abs(total - error[i]))
-            error[i] = total
-        state = corrected(start, error)
-        lowest = DRONE + GATE * sight.gate
-        gate = _corrected_gate(first, error[lowest : lowest + GATE])
-        if step < 1e-6:
+                step[i] += PHt[i, j] * gain_input[j]
+            error[i, 0] += step[i]
+        w, n = heading_gradient(state), turn_of_the_world(state, gates)
+        state, gates = corrected(state, step), _corrected_gates(gates, step)
+        change = turn_of_the_world(state, gates) - n
+        carry_over(error, change, w)
+        carry_over(PHt, change, w)
+        carry_covariance_over(P, change, w)
+        if np.max(np.abs(step)) < 1e-6:
             break
     if not math.isfinite(cost):
-        return before, Innovation(np.inf, np.inf)
-    gates = before.gates.copy()
-    for k in range(len(gates)):
-        gates[k] = _corrected_gate(gates[k], error[DRONE + GATE * k : DRONE + GATE * (k + 1)])
-    result = Belief(navigation_vector(state), gates, _reduced(covariance, PHt, L))
+        return _unchanged(belief), Innovation(np.inf, np.inf)
+    result = Belief(navigation_vector(state), gates, _reduced(P, PHt, L))
     return result, Innovation(squared, cost)
+
+
+@compilable
+def _unchanged(belief):
+    return Belief(belief.navigation.copy(), belief.gates.copy(), belief.covariance.copy())
 
 
 @compilable
@@ -253,36 +263,46 @@ def _reduced(covariance, PHt, L):
 def with_spacing(belief: Belief, gate: int, spacing: float, sigma: float) -> Belief:
     """Returns the belief that the spacing of a gate (by index) is a value with a sigma (m)."""
     index = DRONE + GATE * gate + 4
-    covariance = belief.covariance
-    scale = 1.0 / (covariance[index, index] + sigma * sigma)
-    column = covariance[:, index].copy()
+    P, before = belief.covariance, as_navigation(belief.navigation)
+    scale = 1.0 / (P[index, index] + sigma * sigma)
+    column = P[:, index].copy()
     error = column * (scale * (spacing - belief.gates[gate, 4]))
-    state = corrected(as_navigation(belief.navigation), error)
-    gates, result = belief.gates.copy(), np.empty_like(covariance)
-    for k in range(len(gates)):
-        gates[k] = _corrected_gate(gates[k], error[DRONE + GATE * k : DRONE + GATE * (k + 1)])
+    state, gates = corrected(before, error), _corrected_gates(belief.gates, error)
+    result = np.empty_like(P)
     for i in range(len(column)):
         for j in range(i + 1):
-            result[i, j] = result[j, i] = covariance[i, j] - scale * column[i] * column[j]
+            result[i, j] = result[j, i] = P[i, j] - scale * column[i] * column[j]
+    change = turn_of_the_world(state, gates) - turn_of_the_world(before, belief.gates)
+    carry_covariance_over(result, change, heading_gradient(before))
     return Belief(navigation_vector(state), gates, result)
 
 
 @compiled
 def relative_covariance(belief: Belief, gate: int) -> np.ndarray:
-    """Returns the covariance of a gate's state where its position is relative to the drone, (5, 5).
+    """Returns the covariance of a gate's state as the drone has it before itself, (5, 5).
 
-    It is that of (p_WG - p_WI, heading, spacing).
+    It is that of (p_WG - p_WI, heading, spacing), both turned back by the error of the drone's
+    heading, which turns the world as a whole:
+        dp_G - dp_I - e_z x (p_G - p_I) w^T theta,   dpsi_G - w^T theta.
     """
-    at, P = DRONE + GATE * gate, belief.covariance
-    result = P[at : at + GATE, at : at + GATE].copy()
+    state = as_navigation(belief.navigation)
+    w, offset = heading_gradient(state), belief.gates[gate, :3] - state.position
+    columns = _columns(gate)
+    J = np.zeros((GATE, ACTIVE))
+    for i in range(GATE):
+        J[i, POSE + i] = 1.0
     for i in range(3):
-        for j in range(GATE):
-            result[i, j] -= P[3 + i, at + j]
-        for j in range(GATE):
-            result[j, i] -= P[at + j, 3 + i]
-        for j in range(3):
-            result[i, j] += P[3 + i, 3 + j]
-    return result
+        J[i, POSITION + i] = -1.0
+        J[0, THETA + i], J[1, THETA + i], J[3, THETA + i] = (
+            offset[1] * w[i],
+            -offset[0] * w[i],
+            -w[i],
+        )
+    own = np.empty((ACTIVE, ACTIVE))
+    for i in range(ACTIVE):
+        for j in range(ACTIVE):
+            own[i, j] = belief.covariance[columns[i], columns[j]]
+    return propagated(J, own)
 
 
 @compilable

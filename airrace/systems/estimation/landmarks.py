@@ -11,9 +11,14 @@ from airrace.common.jit import compiled
 from airrace.math.angles import wrap_angle
 from airrace.math.small_matrices import product
 from airrace.math.vec3 import rotate
-from airrace.systems.estimation.error_state import DRONE
 from airrace.systems.estimation.gate_projection import GATE, Camera
-from airrace.systems.estimation.kalman_update import Belief, Sight, body_axes, updated
+from airrace.systems.estimation.kalman_update import (
+    Belief,
+    Sight,
+    body_axes,
+    relative_covariance,
+    updated,
+)
 from airrace.systems.estimation.navigation import as_navigation
 from airrace.systems.mapping.gate_filter import board_position, facing
 from airrace.systems.perception.marker_pose import GATE_SPACING
@@ -156,12 +161,11 @@ def _best(belief: Belief, seeds: np.ndarray, sight: Sight, camera: Camera) -> tu
             previous = fit.cost
         if turn > _SAME_HEADING:
             other = min(other, previous)
-    at = DRONE + GATE * (len(best.gates) - 1)
     offset = best.gates[-1, :3] - as_navigation(best.navigation).position
     accepted = (
         cost < _MOST_COST
         and other - cost > _LEAST_ADVANTAGE
-        and best.covariance[at + 3, at + 3] < _MOST_HEADING_SIGMA**2
+        and relative_covariance(best, len(best.gates) - 1)[3, 3] < _MOST_HEADING_SIGMA**2
         and np.sum(offset**2) < _FARTHEST**2
     )
     return best, accepted

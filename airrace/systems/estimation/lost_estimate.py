@@ -4,11 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from airrace.systems.estimation.error_state import DRONE, POSITION, THETA, VELOCITY
-from airrace.systems.estimation.gate_projection import GATE
+from airrace.systems.estimation.error_state import POSITION, THETA, VELOCITY
+from airrace.systems.estimation.kalman_update import Belief, relative_covariance
 
 if TYPE_CHECKING:
-    from airrace.systems.estimation.kalman_update import Belief
     from airrace.systems.estimation.slam_filter import SlamState
 
 # Standard deviations. A gate is 10 m wide: with more than the first, one flight through a gate in
@@ -50,20 +49,18 @@ def why_lost(state: "SlamState", imu_silence: float) -> str:
     return ""
 
 
-def drift_sigma(belief: "Belief") -> float:
+def drift_sigma(belief: Belief) -> float:
     """Returns how uncertain the drone's position is, to the gate to which it is least (m).
 
-    That is the greatest standard deviation of x, y and z of p_WG - p_WI; without any gate, of
-    p_WI.
+    That is the greatest standard deviation of x, y and z of p_WG - p_WI in the drone's heading;
+    without any gate, of p_WI.
     """
-    P = belief.covariance
-    own = np.diag(P)[POSITION:VELOCITY]
-    worst = []
-    for at in range(DRONE, len(P), GATE):
-        shared = P[range(POSITION, VELOCITY), range(at, at + 3)]
-        worst.append(np.max(own + np.diag(P)[at : at + 3] - 2.0 * shared))
+    own = np.diag(belief.covariance)[POSITION:VELOCITY]
+    worst = [
+        np.max(np.diag(relative_covariance(belief, gate))[:3]) for gate in range(len(belief.gates))
+    ]
     return float(np.sqrt(min(worst, default=np.max(own))))
 
 
-def _worst_sigma(belief: "Belief", at: int) -> float:
+def _worst_sigma(belief: Belief, at: int) -> float:
     return float(np.sqrt(np.max(np.diag(belief.covariance)[at : at + 3])))

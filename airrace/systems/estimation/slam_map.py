@@ -11,8 +11,8 @@ from airrace.track.gate_map import GateEstimate, MarkerEstimate
 def map_of_gate(belief: Belief, index: int, landmark: Landmark) -> tuple[tuple, tuple]:
     """Returns MarkerEstimates and GateEstimates of one gate.
 
-    Their variances are those of the position relative to the drone: what counts when the drone
-    has to pass a pylon. Where both are in the world matters to nobody in flight.
+    Their variances are those of the position relative to the drone and its heading: what counts
+    when the drone has to pass a pylon. Where both are in the world matters to nobody in flight.
 
     Args:
         belief: of the filter.

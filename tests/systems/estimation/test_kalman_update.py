@@ -7,7 +7,12 @@ from airrace.systems.estimation import kalman_update as ku
 from airrace.systems.estimation.error_state import corrected
 from airrace.systems.estimation.gate_projection import predicted_corners
 from airrace.systems.estimation.navigation import as_navigation, navigation_vector
-from tests.systems.estimation.motions import CAMERA, drone_covariance, navigation
+from airrace.systems.estimation.world_heading import (
+    carry_covariance_over,
+    heading_gradient,
+    turn_of_the_world,
+)
+from tests.systems.estimation.motions import CAMERA, drone_covariance, navigation, numerical
 
 GATES = np.array([[20.0, 1.0, 6.25, 0.1, 10.0], [25.0, -8.0, 6.25, -0.6, 10.0]])
 SIGMAS = np.array([0.3, 0.3, 0.2, 0.05, 0.3])
@@ -61,7 +66,14 @@ def test_the_covariance_shrinks_and_stays_one(seed):
     after, _ = ku.updated(before, look(rng, 1, 0, 2), CAMERA, 1.0, 3)
     np.testing.assert_array_equal(after.covariance, after.covariance.T)
     assert np.linalg.eigvalsh(after.covariance).min() > 0.0
-    assert np.linalg.eigvalsh(before.covariance - after.covariance).min() > -1e-10
+    # But for what a turn of the world, which is as uncertain as before, does at another place.
+    n_before, n_after = (
+        turn_of_the_world(as_navigation(each.navigation), each.gates) for each in (before, after)
+    )
+    P = before.covariance.copy()
+    w = heading_gradient(as_navigation(before.navigation))
+    carry_covariance_over(P, n_after - n_before, w)
+    assert np.linalg.eigvalsh(P - after.covariance).min() > -1e-10
 
 
 def test_a_doubtful_sight_counts_less():
@@ -99,13 +111,24 @@ def test_a_known_spacing():
     assert np.linalg.eigvalsh(after.covariance).min() > 0.0
 
 
-def test_a_relative_covariance_is_that_of_a_difference():
+def test_a_relative_covariance_is_that_of_what_the_drone_has_before_itself():
     belief, _ = ku.updated(
         draw(np.random.default_rng(3)), look(np.random.default_rng(3), 1, 0), CAMERA, 1.0, 2
     )
-    J = np.zeros((5, 25))
-    J[:, 20:] = np.eye(5)
-    J[:3, 3:6] = -np.eye(3)
+    start = as_navigation(belief.navigation)
+
+    def before_the_drone(error):
+        """Returns the gate as seen from the drone, in its heading."""
+        drone, gates = corrected(start, error), belief.gates + error[15:].reshape(-1, 5)
+        turn = -(heading_gradient(start) @ error[:3])  # back
+        offset = gates[1, :3] - drone.position
+        c, s = np.cos(turn), np.sin(turn)
+        x, y = c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]
+        return np.array([x, y, offset[2], gates[1, 3] + turn, gates[1, 4]])
+
+    J = numerical(before_the_drone, len(belief.covariance))
     np.testing.assert_allclose(
-        ku.relative_covariance(belief, 1), J @ belief.covariance @ J.T, atol=1e-12
+        ku.relative_covariance(belief, 1), J @ belief.covariance @ J.T, atol=1e-8
     )
+    # A turn of the world is nothing to the drone.
+    np.testing.assert_allclose(J @ turn_of_the_world(start, belief.gates), 0.0, atol=1e-7)

@@ -283,6 +283,7 @@ def relative_covariance(belief: Belief, gate: int) -> np.ndarray:
 
     It is that of (p_WG - p_WI, heading, spacing), both turned back by the error of the drone's
     heading, which turns the world as a whole:
+
         dp_G - dp_I - e_z x (p_G - p_I) w^T theta,   dpsi_G - w^T theta.
     """
     state = as_navigation(belief.navigation)

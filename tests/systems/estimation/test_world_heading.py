@@ -43,13 +43,17 @@ def test_the_direction_is_that_of_a_turn_of_the_world(seed):
     np.testing.assert_allclose(errors / 1e-6, wh.turn_of_the_world(state, gates), atol=1e-4)
 
 
+def two_turns(seed):
+    """Returns a belief, the direction of a turn of the world there, and that at another one."""
+    rng = np.random.default_rng(seed)
+    beliefs = draw(rng), draw(rng)
+    turns = (wh.turn_of_the_world(as_navigation(each.navigation), each.gates) for each in beliefs)
+    return beliefs[0], *turns
+
+
 @given(seeds)
 def test_a_turn_before_is_the_same_turn_after(seed):
-    rng = np.random.default_rng(seed)
-    a, b = draw(rng), draw(rng)
-    before, after = (
-        wh.turn_of_the_world(as_navigation(each.navigation), each.gates) for each in (a, b)
-    )
+    a, before, after = two_turns(seed)
     columns, w = before[:, np.newaxis].copy(), wh.heading_gradient(as_navigation(a.navigation))
     wh.carry_over(columns, after - before, w)
     np.testing.assert_allclose(columns[:, 0], after, atol=1e-12)
@@ -57,11 +61,7 @@ def test_a_turn_before_is_the_same_turn_after(seed):
 
 @given(seeds)
 def test_a_covariance_is_carried_over_as_its_errors_are(seed):
-    rng = np.random.default_rng(seed)
-    a, b = draw(rng), draw(rng)
-    before, after = (
-        wh.turn_of_the_world(as_navigation(each.navigation), each.gates) for each in (a, b)
-    )
+    a, before, after = two_turns(seed)
     w, P = wh.heading_gradient(as_navigation(a.navigation)), a.covariance.copy()
     G = np.eye(len(P))
     wh.carry_over(G, after - before, w)

@@ -35,7 +35,8 @@ BENCHMARKS = {
     ),
     "estimation": ("estimation", "--only", "reference", "--seeds", "20", "--workers", "{workers}"),
     "estimation_kinds": (
-        *("estimation", "--only", "kinds", "--seeds", "10", "--workers", "{workers}"),
+        *("estimation", "--only", "kinds", "--seeds", "10", "--laps", "3"),
+        *("--workers", "{workers}"),
     ),
     "estimation_generated": (
         *("estimation", "--only", "generated", "--tracks", "200", "--workers", "{workers}"),
@@ -49,7 +50,8 @@ BENCHMARKS = {
         *("--tracks", "20", "--workers", "{workers}"),
     ),
     "estimation_ablations": (
-        *("estimation", "--only", "ablations", "--seeds", "4", "--workers", "{workers}"),
+        *("estimation", "--only", "ablations", "--seeds", "4", "--laps", "3"),
+        *("--workers", "{workers}"),
     ),
     "trajectories": ("trajectories",),
     "tracks": ("tracks",),

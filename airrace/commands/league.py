@@ -12,7 +12,7 @@ from airrace.common.errors import UserError
 from airrace.common.interrupts import sigterm_as_ctrl_c
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.status import Status
 
     from airrace.league.season_files import LeagueStore
     from airrace.league.season_run import Plan
@@ -232,7 +232,7 @@ def verify(
     return verify_league(league, seed_file, (entry, race, all), unsafe)
 
 
-def _status(text: str):
+def _status(text: str) -> "Status":
     from rich.console import Console
 
     return Console(stderr=True).status(text)

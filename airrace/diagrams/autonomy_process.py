@@ -12,7 +12,7 @@ from airrace.common.processes import real_time_priority
 from airrace.common.tick_times import LoopTimes
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.budget import Budget, prepare_halves
-from airrace.diagrams.lockstep_autonomy import LOST, STOPPED, LEFT, race_in_lockstep
+from airrace.diagrams.lockstep_autonomy import LEFT, LOST, STOPPED, race_in_lockstep
 from airrace.diagrams.navigator_process import NavigatorProcess
 from airrace.diagrams.pilot import Pilot, make_halves
 from airrace.hitl.handover import ENDED

@@ -155,7 +155,8 @@ class RaceStore:
             if not races.exists() or races.stat().st_size == 0:
                 return
             raise UserError(
-                f"--resume: {path} is missing, which tells what {races.name} holds; name another folder."
+                f"--resume: {path} is missing, which tells what {races.name} holds; name another "
+                "folder."
             )
         try:
             before = json.loads(path.read_text(encoding="utf-8"))["settings"]

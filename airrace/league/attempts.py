@@ -6,6 +6,7 @@ only writes a line; what refuses is the wall. An entry in machine code of its ow
 
 import os
 import sys
+from typing import NamedTuple
 
 MARK = "airrace-attempt: "  # begins the line of an attempt
 _MOST = 50  # lines
@@ -15,21 +16,36 @@ _SIMULATOR = ("airrace.diagrams.simulation", "airrace.diagrams.race", "airrace.l
 _HARMLESS = (
     "/dev/null",
     "/dev/urandom",
-    "/proc/self/",
+    "/proc/self",
     "/proc/cpuinfo",
     "/proc/meminfo",
     "/proc/stat",
 )
-_SYSTEM = ("/usr/", "/lib", "/etc/", "/bin/", "/sys/devices/system/cpu")
+_SYSTEM = ("/usr", "/lib", "/lib64", "/etc", "/bin", "/sys/devices/system/cpu")
 
 
-def report_attempts(race: str) -> None:
+class Allowed(NamedTuple):
+    """Folders that an entry may use; what is in them, it may use as well.
+
+    Attributes:
+        read: from which it may read.
+        write: which it may read and write.
+        hidden: within those of ``read``, from which it may not.
+    """
+
+    read: tuple[str, ...]
+    write: tuple[str, ...]
+    hidden: tuple[str, ...] = ()
+
+
+def report_attempts(allowed: Allowed) -> None:
     """From now on writes a line to standard output for every attempt, once each.
 
     Args:
-        race: the folder that the entry was given.
+        allowed: beside the system's libraries and this Python with its packages.
     """
-    roots = (sys.prefix, sys.base_prefix, _folder_of_airrace(), race, "/tmp", *_SYSTEM)
+    read = (sys.prefix, sys.base_prefix, *allowed.read, *_SYSTEM)
+    roots = allowed._replace(read=read)
     out, seen = os.dup(1), set()
     is_busy = False
 
@@ -50,12 +66,12 @@ def report_attempts(race: str) -> None:
     sys.addaudithook(hook)
 
 
-def _attempt(event: str, arguments: tuple, roots: tuple) -> str | None:
+def _attempt(event: str, arguments: tuple, allowed: Allowed) -> str | None:
     """Returns what was tried, or None if an autonomy may well do that."""
     if event == "open":
-        return _opened(arguments[0], arguments[1], arguments[2], roots)
+        return _opened(arguments[0], arguments[1], arguments[2], allowed)
     if event == "os.listdir" and arguments and isinstance(arguments[0], str):
-        return _opened(arguments[0] + "/", "r", 0, roots)
+        return _opened(arguments[0], "r", 0, allowed)
     if event == "socket.__new__":
         return "opened a socket"
     if event in _PROCESSES:
@@ -65,17 +81,20 @@ def _attempt(event: str, arguments: tuple, roots: tuple) -> str | None:
     return None
 
 
-def _opened(path, mode, flags, roots) -> str | None:
+def _opened(path: object, mode: str | None, flags: int, allowed: Allowed) -> str | None:
     if not isinstance(path, (str, bytes)):
         return None
-    path = os.path.abspath(os.fsdecode(path)) + ("/" if str(path).endswith("/") else "")
+    path = os.path.abspath(os.fsdecode(path))
     writes = bool(flags & (os.O_WRONLY | os.O_RDWR)) or any(c in (mode or "") for c in "wax+")
-    if writes and not path.startswith(("/tmp/", "/dev/null")):
+    if _is_in(path, allowed.write) or path == "/dev/null":
+        return None
+    if writes:
         return f"wrote to {path}"
-    if path.startswith(_HARMLESS) or path.startswith(roots) and "/models/tracks" not in path:
+    if _is_in(path, _HARMLESS) or _is_in(path, allowed.read) and not _is_in(path, allowed.hidden):
         return None
     return f"read {path}"
 
 
-def _folder_of_airrace() -> str:
-    return os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+def _is_in(path: str, places: tuple[str, ...]) -> bool:
+    """Whether a path is one of some files or folders, or in one."""
+    return any(path == place or path.startswith(place + "/") for place in places)

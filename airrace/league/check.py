@@ -1,12 +1,11 @@
 """Would an entry be accepted, and does it fly? On one screen."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 from airrace.evaluation.versions import versions
 from airrace.league.display import words_of
 from airrace.league.entry import ENTRY_FILE, Entry
-from airrace.league.flight import WallConfig
+from airrace.league.flight import LOG, WallConfig
 from airrace.league.scenarios import make_flown
 from airrace.league.season import Season, make_legs
 from airrace.league.worker import Flight, fly
@@ -70,13 +69,8 @@ def show_flight(row: dict, show: Callable[[str], object]) -> None:
         )
     for attempt in conduct["attempts"]:
         show(f"refused   it {attempt}")
-    said = row["files"]["entry.log"].decode(errors="replace").strip()
+    said = row["files"][LOG].decode(errors="replace").strip()
     if said and not row["result"]["finished"]:
         show("What it wrote last:")
         for line in said.splitlines()[-_TAIL:]:
             show(f"  {line}")
-
-
-def place_of(folder: Path, name: str) -> str:
-    """Returns a path as a user would type it."""
-    return str(folder / name)

@@ -31,7 +31,8 @@ class LeagueDisplay(Progress):
         plan = self._plan
         _print(
             self.console,
-            f"airrace: {plan.season.name}: {len(plan.entries)} entries, {len(plan.legs)} races each",
+            f"airrace: {plan.season.name}: {len(plan.entries)} entries, "
+            f"{len(plan.legs)} races each",
         )
         for name, reason in plan.refused.items():
             _print(self.console, f"not accepted: {name}: {reason}")

@@ -7,7 +7,9 @@ from airrace.common.files import write_text
 from airrace.league.season_files import DUELS, race_folder
 
 
-def make_duels(folder: Path, league: dict, show: Callable[[int], object] = lambda leg: None) -> list:
+def make_duels(
+    folder: Path, league: dict, show: Callable[[int], object] = lambda leg: None
+) -> list:
     """Writes a page for each race that two entries have finished.
 
     Args:

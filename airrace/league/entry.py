@@ -147,7 +147,7 @@ def _check_syntax(path: Path) -> None:
         raise UserError(
             f"{path} is no Python: {e.msg} at line {e.lineno}; correct it and check again."
         ) from None
-    except ValueError as e:  # null bytes
+    except (ValueError, RecursionError, MemoryError) as e:  # null bytes; nested too deeply
         raise UserError(f"{path} is no Python: {e}; correct it and check again.") from None
 
 

@@ -10,24 +10,35 @@ change whatever is written here. What holds is the wall.
 
 import os
 import resource
+import shutil
 import socket
 import sys
+import tempfile
 import traceback
 from pathlib import Path
 
-from airrace.league.attempts import report_attempts
+import numba
+
+import airrace
+from airrace.common.resources import models_path
+from airrace.league.attempts import Allowed, report_attempts
+from airrace.league.sandbox import HIDDEN, MACHINE_CODE, OWN_MACHINE_CODE
 from airrace.league.scenarios import ENTRY, SCENARIO
 
-_MAX_FILE = 100e6  # bytes that any file, also the log, may grow to
+_MAX_FILE = 100e6  # bytes that any file may grow to
 
 
 def main(descriptor: int, memory: float, folder: Path) -> int:
     """Flies; returns the exit code."""
     set_limits(memory)
+    own_tmp = memory > 0.0
+    if own_tmp:
+        shutil.copytree(MACHINE_CODE, OWN_MACHINE_CODE, dirs_exist_ok=True)
     os.chdir(folder)
     sys.path.insert(0, str(folder / ENTRY))
     try:
-        return fly(socket.socket(fileno=descriptor))
+        with tempfile.TemporaryDirectory() as scratch:
+            return fly(socket.socket(fileno=descriptor), Path(scratch), own_tmp)
     except BaseException as e:
         traceback.print_exc()
         print(f"airrace: {reason_of(e)}", flush=True)
@@ -43,8 +54,14 @@ def set_limits(memory: float) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
-def fly(end: socket.socket) -> int:
-    """Builds the autonomy and races; returns the exit code."""
+def fly(end: socket.socket, scratch: Path, own_tmp: bool) -> int:
+    """Builds the autonomy and races; returns the exit code.
+
+    Args:
+        end: of the link.
+        scratch: a folder for what it writes.
+        own_tmp: whether /tmp is this process' alone.
+    """
     from airrace.diagrams.autonomy import MakeAutonomy
     from airrace.diagrams.lockstep_autonomy import race_in_lockstep
     from airrace.hitl.channels import make_channels
@@ -57,14 +74,19 @@ def fly(end: socket.socket) -> int:
     from airrace.scenario import load_scenario
 
     scenario = load_scenario(filename=SCENARIO)
-    report_attempts(str(Path.cwd()))  # from here on, code of the entry runs
+    models, package = models_path(), Path(airrace.__file__).resolve().parent
+    allowed = Allowed(
+        read=(str(Path.cwd()), str(package), str(models), MACHINE_CODE),
+        write=("/tmp",) if own_tmp else (str(scratch), numba.config.CACHE_DIR),
+        hidden=tuple(str(models / name) for name in HIDDEN),
+    )
+    report_attempts(allowed)  # from here on, code of the entry runs
     autonomy = MakeAutonomy(scenario)
     wanted = ports_wanted(autonomy)
     channels = make_channels(scenario, wanted)
-    output = Path("/tmp")
     bus = SocketBus(end)
     endpoint = Endpoint(AUTONOMY, channels, bus)
-    side = MakeLockstepSide(scenario, autonomy, channels, endpoint, output)
+    side = MakeLockstepSide(scenario, autonomy, channels, endpoint, scratch)
     text = f"{PORTS_WANTED} {' '.join(wanted)}"
     await_peer(endpoint, phases.WAITING, text, expected=phases.READY, timeout=600.0)
     return race_in_lockstep(scenario, side, endpoint, stop=lambda: bus.is_broken)

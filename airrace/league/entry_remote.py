@@ -1,9 +1,8 @@
 """The simulation's end of a race whose autonomy is an entry behind a wall."""
 
 import dataclasses as dc
-import itertools
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from airrace.common.errors import UserError
 from airrace.common.patience import patient
@@ -14,7 +13,6 @@ from airrace.hitl.link.lockstep import PeerLost, await_peer
 from airrace.hitl.link.socket_bus import SocketBus
 from airrace.hitl.remote_autonomy import LockstepRemote
 from airrace.lcmtypes import lcmt_heartbeat
-from airrace.league.attempts import MARK
 from airrace.scenario import VIO, Scenario
 
 if TYPE_CHECKING:
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
 
 PORTS_WANTED = "ports:"  # begins what an entry says while it waits: which optional ports it uses
 _MOST_SENT = 64 << 20  # bytes in one step
-_MOST_ATTEMPTS = 50
 _LAST_WORDS = 5.0  # s from the end of the socket to the end of the process
 
 
@@ -206,7 +203,7 @@ def meet_entry(
         await_peer(endpoint, phases.WAITING, timeout=limits.start_wall, poll=poll)
     except UserError:
         raise EntryFailed(_NEVER_READY.format(limits.start_wall)) from None
-    wanted = _wanted(endpoint.peer_heartbeat, scenario)  # type: ignore[arg-type]
+    wanted = _wanted(endpoint.peer_heartbeat, scenario)
     sent = [
         channel
         for channel in make_channels(scenario, wanted)
@@ -218,7 +215,7 @@ def meet_entry(
 _NEVER_READY = "the entry was not ready to race within {:g} s"
 
 
-def _wanted(heartbeat, scenario: Scenario) -> tuple[str, ...]:
+def _wanted(heartbeat: Any, scenario: Scenario) -> tuple[str, ...]:
     """Returns the optional ports that an entry asks for in a heartbeat."""
     mark, _, names = heartbeat.value.text.partition(" ")
     wanted = tuple(names.split())
@@ -243,14 +240,7 @@ def last_words(process: "EntryProcess") -> str:
     end = time.monotonic() + patient(_LAST_WORDS)
     while process.poll() is None and time.monotonic() < end:
         time.sleep(0.01)
-    reason = f"exit code {process.poll()}"
-    for line in process.lines():
-        if not line.startswith(MARK):
-            reason = line
+    process.log.wait()
+    lines = process.log.lines
+    reason = lines[-1] if lines else f"exit code {process.poll()}"
     return f"the entry was stopped by an error: {reason.removeprefix('airrace: ')[:300]}"
-
-
-def attempts_of(process: "EntryProcess") -> list[str]:
-    """Returns what an entry tried that an autonomy must not, each once."""
-    tried = (line.removeprefix(MARK) for line in process.lines() if line.startswith(MARK))
-    return list(itertools.islice(dict.fromkeys(tried), _MOST_ATTEMPTS))

@@ -10,6 +10,7 @@ import socket
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from airrace.common.errors import exit_code
 from airrace.common.files import write_json, write_text
@@ -18,8 +19,12 @@ from airrace.evaluation.lifeline import bound_to_worker
 from airrace.league.scenarios import SCENARIO, TRACK
 from airrace.league.season import Limits
 
-# In the folder of a race: how the entry is held, the results, and how it behaved.
-WALL, RESULTS, CONDUCT = "wall.yaml", "results", "conduct.json"
+if TYPE_CHECKING:
+    from airrace.league.entry_remote import EntryRemote
+    from airrace.scenario import Scenario
+
+# In the folder of a race: how the entry is held, the results, how it behaved, what it wrote.
+WALL, RESULTS, CONDUCT, LOG = "wall.yaml", "results", "conduct.json", "entry.log"
 REPLAY = "race.html"
 
 
@@ -65,12 +70,14 @@ def _fly(folder: Path) -> int:
 
 
 @contextlib.contextmanager
-def _entry_remote(folder, scenario, wall) -> Iterator:
+def _entry_remote(
+    folder: Path, scenario: "Scenario", wall: WallConfig
+) -> "Iterator[EntryRemote | None]":
     """Starts the entry, and yields the Remote to race with, or None if it cannot race.
 
     When the block is left, it writes how the entry behaved.
     """
-    from airrace.league.entry_remote import EntryFailed, GuardedBus, attempts_of, meet_entry
+    from airrace.league.entry_remote import EntryFailed, GuardedBus, meet_entry
     from airrace.league.sandbox import EntryProcess, Wall
 
     ours, theirs = socket.socketpair()
@@ -86,7 +93,8 @@ def _entry_remote(folder, scenario, wall) -> Iterator:
         bus.close()
         process.close()
         conduct = dc.asdict(remote.conduct) if remote else {}
-        write_json(folder / CONDUCT, {**conduct, "attempts": attempts_of(process)})
+        process.log.save(folder / LOG)
+        write_json(folder / CONDUCT, {**conduct, "attempts": process.log.attempts})
 
 
 def _save_failure(folder: Path, reason: str) -> None:

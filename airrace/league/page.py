@@ -24,8 +24,11 @@ RANKING = (
     Column("step (%)", "The interval's lower end, rounded down to a step: the first that counts."),
     Column("mean lap (s)", "Over the races that all entries of its step finished: the second."),
     Column("best lap (s)", "The quickest of all. It does not count."),
-    Column("missed deadlines", "Steps of the link that took more processor time than allowed. They "
-           "do not count, since they depend on the computer."),
+    Column(
+        "missed deadlines",
+        "Steps of the link that took more processor time than allowed. They "
+        "do not count, since they depend on the computer.",
+    ),
     Column("attempts", "What entries tried that the wall refused; see below."),
 )
 

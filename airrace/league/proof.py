@@ -15,7 +15,7 @@ from airrace.evaluation.store import first_difference
 from airrace.evaluation.versions import mismatch, versions
 from airrace.league.entry import Entry, load_entry
 from airrace.league.result import FORMAT, figures, ranking_of
-from airrace.league.season import Leg, Season, secret_digest, season_digest
+from airrace.league.season import Leg, Season, season_digest, secret_digest
 from airrace.league.season_files import ENTRIES, race_folder
 from airrace.league.worker import result_digest
 
@@ -42,7 +42,8 @@ def read_league(path: Path) -> dict[str, Any]:
         league = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValueError):
         raise UserError(
-            f"{path} cannot be read as a league's result; name the league.json in a season's folder."
+            f"{path} cannot be read as a league's result; name the league.json in the folder of a "
+            "season."
         ) from None
     keys = {"format", "settings", "ranking", "legs", "flights"}
     if not isinstance(league, dict) or league.get("format") != FORMAT or not keys <= league.keys():
@@ -159,9 +160,7 @@ def choose(flights: Iterable[dict], entry: str | None, leg: int | None, every: b
         UserError: if there is none.
     """
     chosen = [
-        line
-        for line in flights
-        if entry in (None, line["entry"]) and leg in (None, line["leg"])
+        line for line in flights if entry in (None, line["entry"]) and leg in (None, line["leg"])
     ]
     if not chosen:
         raise UserError("The season has no such race: see --entry and --race.")

@@ -1,8 +1,9 @@
 """The wall around an entry: bubblewrap, with nothing inside but what an autonomy needs.
 
 Inside there are the system's libraries, this Python with its packages, airrace without its tracks,
-the entry's own folder, and a /tmp that nobody else sees. All but /tmp is read-only. There is no
-network, no process of others, no environment variable of ours, and one socket, handed over by us.
+the entry's own folder, and a /tmp that nobody else sees. All but /tmp is read-only, and that is
+small. There is no network, no process of others, no environment variable of ours, one socket,
+handed over by us, and a pipe for what it writes.
 """
 
 import contextlib
@@ -14,9 +15,7 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,13 +26,17 @@ from airrace.common.errors import UserError
 from airrace.common.patience import patient
 from airrace.common.processes import ONE_THREAD, child_environment
 from airrace.common.resources import models_path
+from airrace.league.entry_log import EntryLog
 from airrace.league.season import Limits
 from airrace.league.system_calls import make_filter
 
-TOLD, LOG = "told", "log"  # in a race's folder: what the entry is given, and what it writes
+TOLD = "told"  # in a race's folder: what the entry is given
 RACE = "/race"  # where the entry finds its scenario, track and folder
-MACHINE_CODE = "/tmp/machine_code"
+# Machine code is compiled once for all; each entry makes a copy, which it may write to.
+MACHINE_CODE, OWN_MACHINE_CODE = "/machine_code", "/tmp/machine_code"
+HIDDEN = ("tracks", "entries")  # folders of models/ that no entry sees
 _MODULE = "airrace.league.entry_process"
+_FILTER = "filter"  # file in the race's folder
 # Of the system; those that a computer does not have are left out.
 _SYSTEM = (
     "/usr",
@@ -95,80 +98,35 @@ class EntryProcess:
 
     Attributes:
         pid: of the process, as this side sees it.
+        log: what it writes.
     """
 
     def __init__(self, folder: Path, end: socket.socket, wall: Wall):
         """Starts it.
 
         Args:
-            folder: of the race, with TOLD in it; LOG is made there.
+            folder: of the race, with TOLD in it.
             end: of a SocketBus; the entry's, which is closed on this side.
             wall: around it.
 
         Raises:
             UserError: if it cannot be started.
         """
-        self._folder = folder
-        self._scratch: Path | None = None
         arguments = [sys.executable, "-u", "-m", _MODULE, str(end.fileno())]
         arguments.append(str(wall.limits.memory if wall.safe else 0))
         try:
-            with end, open(folder / LOG, "wb") as log:
-                start = self._start_inside if wall.safe else self._start_outside
-                start(arguments, end, log, wall)
+            with end:
+                start = _start_inside if wall.safe else _start_outside
+                self._process, self.pid = start(arguments, end, folder, wall.limits)
         except OSError as e:
             raise UserError(
                 f"The process of the entry cannot be started ({e.strerror}); end other programs."
             ) from None
-
-    def _start_outside(self, arguments, end, log, wall):
-        race = self._folder / TOLD
-        self._process = subprocess.Popen(
-            [*arguments, str(race)],
-            cwd=race,
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            pass_fds=(end.fileno(),),
-            start_new_session=True,
-            env={**child_environment(), **ONE_THREAD, "PYTHONDONTWRITEBYTECODE": "1"},
-        )
-        self.pid = self._process.pid
-
-    def _start_inside(self, arguments, end, log, wall):
-        # Machine code is compiled once for all, but each entry has its own copy: it may write.
-        self._scratch = Path(tempfile.mkdtemp(prefix="airrace-"))
-        code = self._scratch / "machine_code"
-        shutil.copytree(numba.config.CACHE_DIR, code)
-        filter_file = self._scratch / "filter"
-        filter_file.write_bytes(make_filter() or b"")
-        status, told = os.pipe()
-        with open(filter_file, "rb") as rules, open(status, encoding="utf-8") as reader:
-            mounts = _mounts(self._folder, code, wall.limits)
-            command = [*_bubblewrap(), *mounts, "--seccomp", str(rules.fileno())]
-            command += ["--json-status-fd", str(told), "--", *arguments, RACE]
-            try:
-                self._process = subprocess.Popen(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=subprocess.STDOUT,
-                    pass_fds=(end.fileno(), rules.fileno(), told),
-                    start_new_session=True,
-                )
-            finally:
-                os.close(told)
-            line = reader.readline()  # empty if it has failed; its log says why
-            self.pid = json.loads(line)["child-pid"] if line else self._process.pid
+        self.log = EntryLog(self._process.stdout)
 
     def poll(self) -> int | None:
         """Returns its exit code, None while it runs."""
         return self._process.poll()
-
-    def lines(self) -> Iterator[str]:
-        """Yields the lines that it has written so far, without those that are empty."""
-        with open(self._folder / LOG, encoding="utf-8", errors="replace") as log:
-            yield from filter(None, map(str.strip, log))
 
     def cpu_time(self) -> float:
         """Returns the processor time of all its threads so far (s); 0 if it has ended."""
@@ -179,14 +137,51 @@ class EntryProcess:
             return 0.0
 
     def close(self) -> None:
-        """Waits a moment for its end, ends it, and removes what it has left."""
+        """Waits a moment for its end, and ends it."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_END)
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        if self._scratch is not None:
-            shutil.rmtree(self._scratch, ignore_errors=True)
+        self.log.wait()
+
+
+def _start_outside(arguments, end, folder, limits):
+    """Starts an entry without a wall; returns the process and its number."""
+    process = subprocess.Popen(
+        [*arguments, str(folder / TOLD)],
+        cwd=folder / TOLD,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        pass_fds=(end.fileno(),),
+        start_new_session=True,
+        env={**child_environment(), **ONE_THREAD, "PYTHONDONTWRITEBYTECODE": "1"},
+    )
+    return process, process.pid
+
+
+def _start_inside(arguments, end, folder, limits):
+    """Starts an entry behind the wall; returns the process of bubblewrap and the entry's number."""
+    filter_file = folder / _FILTER
+    filter_file.write_bytes(make_filter() or b"")
+    status, told = os.pipe()
+    with open(filter_file, "rb") as rules, open(status, encoding="utf-8") as reader:
+        command = [*_bubblewrap(), *_mounts(folder, limits), "--seccomp", str(rules.fileno())]
+        command += ["--json-status-fd", str(told), "--", *arguments, RACE]
+        try:
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                pass_fds=(end.fileno(), rules.fileno(), told),
+                start_new_session=True,
+            )
+        finally:
+            os.close(told)
+        line = reader.readline()  # empty if it has failed; its log says why
+    return process, json.loads(line)["child-pid"] if line else process.pid
 
 
 def _bubblewrap() -> list[str]:
@@ -196,12 +191,11 @@ def _bubblewrap() -> list[str]:
     ]
 
 
-def _mounts(folder: Path, code: Path, limits: Limits) -> list[str]:
+def _mounts(folder: Path, limits: Limits) -> list[str]:
     """Returns the options of bubblewrap that say what there is inside.
 
     Args:
         folder: of the race.
-        code: a copy of the machine code, which may be written to.
         limits: of the season.
     """
     package, models = Path(airrace.__file__).resolve().parent, models_path()
@@ -210,18 +204,20 @@ def _mounts(folder: Path, code: Path, limits: Limits) -> list[str]:
         mounts += ["--ro-bind-try", path, path]
     for place in dict.fromkeys([sys.base_prefix, sys.prefix, str(package), str(models)]):
         mounts += ["--ro-bind", place, place]
-    for secret in ("tracks", "entries"):
-        mounts += ["--tmpfs", str(models / secret), "--remount-ro", str(models / secret)]
-    mounts += ["--proc", "/proc", "--dev", "/dev"]
-    mounts += ["--size", str(int(limits.disk * 1e9)), "--tmpfs", "/tmp"]
-    mounts += ["--bind", str(code), MACHINE_CODE, "--ro-bind", str(folder / TOLD), RACE]
+    for hidden in HIDDEN:
+        mounts += ["--tmpfs", str(models / hidden), "--remount-ro", str(models / hidden)]
+    mounts += ["--proc", "/proc", "--dev", "/dev", "--remount-ro", "/dev"]
+    for place in ("/tmp", "/dev/shm"):
+        mounts += ["--size", str(int(limits.disk * 1e9)), "--tmpfs", place]
+    mounts += ["--ro-bind", numba.config.CACHE_DIR, MACHINE_CODE]
+    mounts += ["--ro-bind", str(folder / TOLD), RACE, "--remount-ro", "/"]
     mounts += ["--chdir", RACE, "--hostname", "airrace", "--clearenv"]
     environment = {
         **ONE_THREAD,
         "HOME": "/tmp",
         "PATH": "/usr/bin:/bin",
         "LANG": "C.UTF-8",
-        "NUMBA_CACHE_DIR": MACHINE_CODE,
+        "NUMBA_CACHE_DIR": OWN_MACHINE_CODE,
         "PYTHONDONTWRITEBYTECODE": "1",
         "PYTHONPATH": f"{package.parent}",
     }

@@ -8,7 +8,6 @@ could draw the noise, and the track, itself.
 import dataclasses as dc
 from typing import NamedTuple
 
-import yaml
 from pydrake.common.yaml import yaml_dump_typed
 
 from airrace.common.errors import UserError
@@ -114,8 +113,3 @@ def told_to_entry(scenario: Scenario) -> Scenario:
 
 def _dump(scenario: Scenario) -> str:
     return yaml_dump_typed(scenario, schema=Scenario, child_name="Defaults")
-
-
-def fields_of(text: str) -> dict:
-    """Returns the fields of a scenario's YAML as plain data."""
-    return yaml.safe_load(text)["Defaults"]

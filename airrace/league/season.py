@@ -8,8 +8,9 @@ from pathlib import Path
 from airrace.common.errors import UserError
 from airrace.common.resources import load_yaml
 from airrace.evaluation.jobs import generated_track, given_track
-from airrace.track.generator import GATE_COUNTS
 from airrace.scenario import TRUTH, VIO, load_scenario
+from airrace.track import Track
+from airrace.track.generator import GATE_COUNTS
 from airrace.vehicle import DRONES
 
 _MIN_SECRET = 16  # characters
@@ -172,7 +173,7 @@ def make_legs(season: Season, secret: str) -> list[Leg]:
     return legs
 
 
-def _draw(season: Season, name: str):
+def _draw(season: Season, name: str) -> tuple[int, tuple[Track, str]]:
     """Returns the seed of a race, and its track and that track's YAML."""
     for attempt in range(_ATTEMPTS):
         key = hashlib.sha256(f"{name}/{attempt}".encode()).digest()

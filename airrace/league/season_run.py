@@ -1,7 +1,6 @@
 """Flies a season: every entry on every track, on the workers of a cluster."""
 
 import contextlib
-import dataclasses as dc
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -37,9 +36,7 @@ class Plan(NamedTuple):
     flights: list[Flight]
 
 
-def make_plan(
-    season_file: Path, names: Sequence[str | Path], safe: bool, replay: bool = True
-) -> Plan:
+def make_plan(season_file: Path, names: Sequence[str | Path], safe: bool) -> Plan:
     """Returns what is to be flown.
 
     An entry that is not accepted keeps no other from flying.
@@ -48,7 +45,6 @@ def make_plan(
         season_file: YAML of the season.
         names: of shipped entries, or folders.
         safe: whether entries are behind a wall.
-        replay: whether races may leave a page.
 
     Raises:
         UserError: if the season is not sound, or no entry is.
@@ -59,7 +55,7 @@ def make_plan(
     entries, refused = _accepted(names, lambda entry: make_flown(season, legs[0], entry))
     if not entries:
         raise UserError(f"No entry is accepted. {' '.join(refused.values())}")
-    wall = WallConfig(safe=safe, replay=season.replays and replay, limits=season.limits)
+    wall = WallConfig(safe=safe, replay=season.replays, limits=season.limits)
     return Plan(season, secret, entries, refused, legs, _flights(season, legs, entries, wall))
 
 
@@ -137,8 +133,3 @@ def fly_season(
         with connection as client:
             cluster.check_workers(client, missing[0].versions, {})
             cluster.fly_races(client, missing, keep, fly)
-
-
-def without_replay(flight: Flight) -> Flight:
-    """Returns a race that leaves no page: to compare, not to look at."""
-    return dc.replace(flight, wall=dc.replace(flight.wall, replay=False))

@@ -15,10 +15,7 @@ from airrace.league.worker import Flight, fly
 
 
 def verify_league(
-    path: Path,
-    seed_file: Path | None,
-    chosen: tuple[str | None, int | None, bool],
-    unsafe: bool,
+    path: Path, seed_file: Path | None, chosen: tuple[str | None, int | None, bool], unsafe: bool
 ) -> int:
     """Compares all files, flies races again, and says what is wrong; returns the exit code.
 
@@ -85,7 +82,8 @@ def _secret(folder, season, seed_file):
         if (place / season.seed_file).is_file():
             return read_secret(place / SEASON, season)
     raise UserError(
-        "Races cannot be flown again without the season's secret seed: name its file by --seed_file."
+        "Races cannot be flown again without the season's secret seed; name its file by "
+        "--seed_file."
     )
 
 

@@ -10,7 +10,7 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from airrace.evaluation.versions import mismatch, versions
 from airrace.evaluation.worker import NO_RESULT, RaceKilled, run_process, was_killed
-from airrace.league.flight import CONDUCT, REPLAY, RESULTS, WALL, WallConfig
+from airrace.league.flight import CONDUCT, LOG, REPLAY, RESULTS, WALL, WallConfig
 from airrace.league.sandbox import TOLD
 from airrace.league.scenarios import ENTRY, SCENARIO, TRACK, Flown
 
@@ -113,9 +113,8 @@ def _row(flight: Flight, code: int, stderr: str, folder: Path) -> dict:
     for name in ("race.json", "race.mcap", "map.json", REPLAY, "scenario.yaml"):
         if (folder / RESULTS / name).exists():
             files[name] = (folder / RESULTS / name).read_bytes()
-    files["entry.log"] = (
-        (folder / "log").read_bytes()[-_TAIL:] if (folder / "log").exists() else b""
-    )
+    log = folder / LOG
+    files[LOG] = log.read_bytes()[-_TAIL:] if log.exists() else b""
     return {
         "key": flight.key,
         "entry": flight.entry,

@@ -1,5 +1,6 @@
 """airrace league: entries of a class race on hidden tracks, each in a sandbox of its own."""
 
+import functools
 import os
 import sys
 from pathlib import Path
@@ -86,18 +87,20 @@ def check(
     from rich.console import Console
 
     from airrace.league.check import fly_check, show_entry, show_flight
+    from airrace.league.display import print_line
     from airrace.league.entry import load_entry
     from airrace.league.sandbox import check_sandbox, why_no_sandbox
 
     accepted = load_entry(entry)
     console = Console()
-    show_entry(accepted, why_no_sandbox(), console.print)
+    show = functools.partial(print_line, console)
+    show_entry(accepted, why_no_sandbox(), show)
     if not flight:
         return 0
     check_sandbox(unsafe)
     with Console(stderr=True).status("Flying one lap of the hexagon; about half a minute"):
         row = fly_check(accepted, safe=why_no_sandbox() is None)
-    show_flight(row, console.print)
+    show_flight(row, show)
     return 0 if row["result"]["finished"] else 1
 
 

@@ -29,15 +29,17 @@ class LeagueDisplay(Progress):
 
     def __enter__(self) -> "LeagueDisplay":
         plan = self._plan
-        _print(
+        print_line(
             self.console,
             f"airrace: {plan.season.name}: {len(plan.entries)} entries, "
             f"{len(plan.legs)} races each",
         )
         for name, reason in plan.refused.items():
-            _print(self.console, f"not accepted: {name}: {reason}")
+            print_line(self.console, f"not accepted: {name}: {reason}")
         if self._ended:
-            _print(self.console, f"{self._ended} of {self._total} races have been flown already.")
+            print_line(
+                self.console, f"{self._ended} of {self._total} races have been flown already."
+            )
         return super().__enter__()
 
     def show(self, row: dict) -> None:
@@ -45,7 +47,7 @@ class LeagueDisplay(Progress):
         self._ended += 1
         self.update(self._bar, completed=self._ended)
         number = f"[{self._ended:{len(str(self._total))}}/{self._total}]"
-        _print(self.console, f"{number} race {row['leg']}, {row['entry']}: {words_of(row)}")
+        print_line(self.console, f"{number} race {row['leg']}, {row['entry']}: {words_of(row)}")
 
 
 def words_of(row: dict) -> str:
@@ -81,9 +83,9 @@ def print_ranking(league: dict, page: Path) -> None:
     with contextlib.suppress(OSError):  # nobody reads; the files are there
         console = Console()
         console.print(table)
-        _print(console, f"Results: {page}")
+        print_line(console, f"Results: {page}")
 
 
-def _print(console, line):
-    """Prints a line as it is: names and reasons may look like markup."""
+def print_line(console: Console, line: str) -> None:
+    """Prints a line as it is: names and reasons may look like markup, and are not broken."""
     console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)

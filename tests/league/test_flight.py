@@ -6,6 +6,7 @@ import textwrap
 
 import pytest
 
+from airrace.commands.app import main
 from airrace.diagrams.race import run_race
 from airrace.evaluation.versions import versions
 from airrace.league.entry import load_entry
@@ -96,7 +97,7 @@ CHEAT = textwrap.dedent(
         "track": lambda: (models / "tracks" / "hexagon.yaml").read_text(),
         "tracks": lambda: os.listdir(models / "tracks") or 1 / 0,
         "entries": lambda: os.listdir(models / "entries") or 1 / 0,
-        "home": lambda: os.listdir("/root"),
+        "home": lambda: open("/root/.profile"),
         "race": lambda: (above / "track.yaml").read_text(),
         "temporary": lambda: [n for n in os.listdir("/tmp") if n.startswith("airrace-")] or 1 / 0,
         "processes": lambda: [n for n in os.listdir("/proc") if n.isdigit() and n != "1"] or 1 / 0,
@@ -154,7 +155,7 @@ def test_each_attempt_at_cheating_fails(cheat):
         "OSError",
         "MemoryError",
         "KeyError",
-        "NotADirectoryError",
+        "UnsupportedOperation",  # a pipe cannot be rewound
     }
     assert {name: end for name, end in found.items() if end not in errors} == {}
     assert len(found) == 24
@@ -164,7 +165,7 @@ def test_each_attempt_is_named(cheat):
     attempts = " | ".join(cheat["conduct"]["attempts"])
     for words in (
         "models/tracks/hexagon.yaml",
-        "read /root",
+        "read /root/.profile",
         "read /track.yaml",
         "/proc/0/environ",
         "opened a socket",
@@ -181,17 +182,23 @@ def test_each_attempt_is_named(cheat):
 
 def test_the_race_says_why_it_was_not_flown(cheat):
     assert not cheat["result"]["finished"]
-    assert "ValueError: that was all, at mine.py" in cheat["result"]["dnf_reason"]
+    assert "ValueError: that was all, at /race/entry/mine.py" in cheat["result"]["dnf_reason"]
 
 
-def test_the_wall_changes_no_bit(tmp_path):
+@pytest.fixture(scope="module")
+def optimal():
+    """The row of a shipped entry."""
+    return flown("optimal")
+
+
+def test_the_wall_changes_no_bit(optimal, tmp_path):
     """The race behind it is that of airrace race."""
-    entry = load_entry("optimal")
-    row = flown("optimal")
+    entry, row = load_entry("optimal"), optimal
     assert "ran out of time" in row["result"]["dnf_reason"]
     scenario = race_scenario(SEASON, LEG, entry)
     track = tmp_path / "track.yaml"
     track.write_text(LEG.track)
+    (tmp_path / "out").mkdir()
     run_race(dc.replace(scenario, track=str(track)), tmp_path / "out")
     expected = json.loads((tmp_path / "out" / "race.json").read_text())
     expected.pop("wall")
@@ -199,13 +206,21 @@ def test_the_wall_changes_no_bit(tmp_path):
     assert row["conduct"]["steps"] > 4000 and row["conduct"]["attempts"] == []
 
 
+def test_a_new_entry_flies_as_the_shipped_systems_do(optimal, tmp_path, monkeypatch):
+    """All six of its systems; so a team that changes one sees what that does."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "entry", "herons"]) == 0
+    assert flown(tmp_path / "herons")["result"] == optimal["result"]
+    assert len(load_entry("herons").config.systems) == 6
+
+
 LOOP = "def make(scenario):\n    while True:\n        pass\n"
 
 
 def test_an_endless_loop_before_the_race(tmp_path):
     text = "team: A\nsystems: {explorer: 'mine:make'}\n"
-    row = flown(make_entry(tmp_path / "loop", text, mine=LOOP), start_wall=20.0)
-    assert row["result"]["dnf_reason"] == "the entry was not ready to race within 20 s"
+    row = flown(make_entry(tmp_path / "loop", text, mine=LOOP), start_wall=10.0)
+    assert row["result"]["dnf_reason"] == "the entry was not ready to race within 10 s"
 
 
 BUSY = """

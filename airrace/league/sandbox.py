@@ -202,13 +202,13 @@ def _mounts(folder: Path, limits: Limits) -> list[str]:
     mounts = []
     for path in _SYSTEM:
         mounts += ["--ro-bind-try", path, path]
+    mounts += ["--proc", "/proc", "--dev", "/dev", "--remount-ro", "/dev"]
+    for place in ("/tmp", "/dev/shm"):  # before what may be in /tmp
+        mounts += ["--size", str(int(limits.disk * 1e9)), "--tmpfs", place]
     for place in dict.fromkeys([sys.base_prefix, sys.prefix, str(package), str(models)]):
         mounts += ["--ro-bind", place, place]
     for hidden in HIDDEN:
         mounts += ["--tmpfs", str(models / hidden), "--remount-ro", str(models / hidden)]
-    mounts += ["--proc", "/proc", "--dev", "/dev", "--remount-ro", "/dev"]
-    for place in ("/tmp", "/dev/shm"):
-        mounts += ["--size", str(int(limits.disk * 1e9)), "--tmpfs", place]
     mounts += ["--ro-bind", numba.config.CACHE_DIR, MACHINE_CODE]
     mounts += ["--ro-bind", str(folder / TOLD), RACE, "--remount-ro", "/"]
     mounts += ["--chdir", RACE, "--hostname", "airrace", "--clearenv"]

@@ -5,7 +5,7 @@ set -euo pipefail
 source "$(dirname "$(readlink -f "$0")")/tools/setup.bash"
 
 set_up
-missing=$(missing_packages drake rendering)
+missing=$(missing_packages drake rendering sandbox)
 if [ -n "$missing" ]; then
   if [ "$(id -u)" = 0 ] && type -P apt-get >/dev/null; then
     say "installing $missing..."
@@ -14,7 +14,7 @@ if [ -n "$missing" ]; then
       say "that failed (see above): tests that need it will fail."
     }
   else
-    say "some tests will fail for want of a system library: $(install_hint "$missing")."
+    say "some tests will fail, or be skipped, for want of a system package: $(install_hint "$missing")."
   fi
 fi
 

@@ -138,9 +138,10 @@ set_up() {
 # or 13 lacks only these.
 #   drake      importing pydrake
 #   rendering  RenderEngineVtk without a screen; Mesa draws where there is no GPU
+#   sandbox    bubblewrap, the wall around the entries of a league
 missing_packages() {
   "$venv/bin/python" -I -c '
-import ctypes, sys
+import ctypes, shutil, sys
 
 def drake():
     ctypes.CDLL("libglib-2.0.so.0")
@@ -154,9 +155,14 @@ def rendering():
     if not egl.eglInitialize(display, None, None):
         raise OSError
 
+def sandbox():
+    if shutil.which("bwrap") is None:
+        raise OSError
+
 uses = {
     "drake": (drake, "libglib2.0-0"),
     "rendering": (rendering, "libegl1 libgl1-mesa-dri"),
+    "sandbox": (sandbox, "bubblewrap"),
 }
 missing = []
 for check, packages in map(uses.get, sys.argv[1:]):

@@ -154,7 +154,7 @@ def fly(
     from airrace.evaluation import cluster
     from airrace.evaluation.progress import EvaluationDisplay
 
-    missing = [job for job in jobs if job.seed not in store.seeds]
+    missing = [job for job in jobs if job.seed not in store.keys]
     display = EvaluationDisplay(settings, store.rows)
     stopped = None
 

@@ -1,8 +1,9 @@
-"""airrace new: a drone, a track or a system of your own to begin with, which races as it is."""
+"""airrace new: a drone, a track, a system, or what a league needs, which races as it is."""
 
 import importlib.util
 import keyword
 import re
+import secrets
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +18,8 @@ examples:
   airrace new track my_track            my_track.yaml
   airrace new controller my_controller  my_controller.py, a Drake system
   airrace new detector my_detector      my_detector.py, a Drake system
+  airrace new entry my_entry            the folder my_entry, to take part in a league
+  airrace new season my_season          my_season.yaml, and my_season.seed, its secret
 
 Each prints the command that races it."""
 
@@ -26,14 +29,17 @@ def add_to(app: App) -> None:
     app.command(new, help_epilogue=EPILOG)
 
 
-def new(kind: Literal["drone", "track", "controller", "detector"], name: str, /) -> int:
+def new(
+    kind: Literal["drone", "track", "controller", "detector", "entry", "season"], name: str, /
+) -> int:
     """Make a file or a folder of your own to begin with, which races as it is.
 
     Args:
         kind: of what you want to make
         name: of it, and of its file or folder in the working directory
     """
-    command = {"drone": _drone, "track": _track}.get(kind, _system)(kind, name)
+    makers = {"drone": _drone, "track": _track, "entry": _entry, "season": _season}
+    command = makers.get(kind, _system)(kind, name)
     print(f"Race it with:\n  {command}")
     return 0
 
@@ -58,6 +64,29 @@ def _track(kind: str, name: str) -> str:
     text = (models_path() / "templates" / "track.yaml").read_text(encoding="utf-8")
     _write({Path(f"{name}.yaml"): text.replace("NAME", name)})
     return f"airrace race --track {name}.yaml --laps 1"
+
+
+def _entry(kind: str, name: str) -> str:
+    """Makes the folder of an entry of a league; returns the command that checks it."""
+    _check_name(name)
+    templates = sorted((models_path() / "templates" / "entry").iterdir())
+    _write(
+        {
+            Path(name, path.name): path.read_text(encoding="utf-8").replace("NAME", name)
+            for path in templates
+            if path.is_file()
+        }
+    )
+    return f"airrace league check {name}"
+
+
+def _season(kind: str, name: str) -> str:
+    """Makes the file of a season and its secret seed; returns the command that flies it."""
+    _check_name(name)
+    text = (models_path() / "templates" / "season.yaml").read_text(encoding="utf-8")
+    secret = f"{secrets.token_hex(16)}\n"
+    _write({Path(f"{name}.yaml"): text.replace("NAME", name), Path(f"{name}.seed"): secret})
+    return f"airrace league run {name}.yaml original optimal"
 
 
 def _system(kind: str, name: str) -> str:

@@ -7,23 +7,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pydrake.systems.analysis import Simulator
-
 from airrace.common.patience import patient
 from airrace.common.processes import real_time_priority
 from airrace.common.tick_times import LoopTimes
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.budget import Budget, prepare_halves
+from airrace.diagrams.lockstep_autonomy import LEFT, LOST, STOPPED, race_in_lockstep
 from airrace.diagrams.navigator_process import NavigatorProcess
 from airrace.diagrams.pilot import Pilot, make_halves
 from airrace.hitl.handover import ENDED
 from airrace.hitl.lcm_bridge import MakeLockstepSide
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
-from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
+from airrace.hitl.link.lockstep import await_peer
 from airrace.hitl.link.probe import CHANNELS, Responder
 from airrace.hitl.remote_autonomy import LOCKSTEP
-from airrace.hitl.transport import POLL_PERIOD
 
 if TYPE_CHECKING:
     import lcm
@@ -31,7 +29,7 @@ if TYPE_CHECKING:
     from airrace.hitl.link.simulated_bus import SimulatedBus
     from airrace.scenario import Scenario
 
-LEFT, STOPPED, LOST, BLIND = 0, 1, 3, 4  # exit codes
+BLIND = 4  # exit code; the others are lockstep_autonomy's
 PILOT_TICKS = "pilot_ticks.json"
 _PATIENCE = 5.0  # s without a heartbeat in a race
 _NEWS = 5.0  # s from one line about compiling to the next
@@ -131,7 +129,11 @@ class AutonomyProcess:
         mode, _, rate = self._endpoint.peer_heartbeat.value.text.partition(" ")
         if mode == LOCKSTEP:
             self.close()
-            return self._race_in_lockstep()
+            autonomy = MakeAutonomy(self._scenario)
+            side = MakeLockstepSide(
+                self._scenario, autonomy, self.channels, self._endpoint, self._output_dir
+            )
+            return race_in_lockstep(self._scenario, side, self._endpoint, self._log, self._stop)
         self._endpoint.clock.rate = float(rate or 1.0)
         self._log(f"airrace: {self._budget.verdict(self._endpoint.clock.rate)}")
         return self._race(resume)
@@ -153,41 +155,6 @@ class AutonomyProcess:
         self._responder.respond()
         if self._stop():
             raise KeyboardInterrupt
-
-    def _race_in_lockstep(self) -> int:
-        side = MakeLockstepSide(
-            self._scenario,
-            MakeAutonomy(self._scenario),
-            self.channels,
-            self._endpoint,
-            self._output_dir,
-        )
-        simulator = Simulator(side.diagram)
-        code = self._exchange(Exchange(self._endpoint, side.receiver, side.sender), simulator)
-        writer = side.diagram.GetSubsystemByName("gate_map_writer")
-        writer.ForcedPublish(writer.GetMyContextFromRoot(simulator.get_context()))
-        return code
-
-    def _exchange(self, exchange: Exchange, simulator: Simulator) -> int:
-        """Goes tick by tick; returns the exit code."""
-        context = simulator.get_mutable_context()
-        try:
-            exchange.receive(
-                context, self._stop, poll=lambda: self._endpoint.beat(phases.READY, 0.0)
-            )
-            for now in lockstep_times(self._scenario, POLL_PERIOD):
-                if now == 0.0:
-                    simulator.Initialize()
-                    exchange.send(context)
-                    continue
-                simulator.AdvanceTo(now)
-                exchange.send(context)
-                if exchange.receive(context, self._stop):
-                    break
-        except PeerLost as e:
-            self._log(f"airrace: the simulation fell silent for {e.args[0]:.0f} s")
-            return LOST
-        return STOPPED if self._stop() else LEFT
 
     def _race(self, resume: Path | None) -> int:
         navigator = self._navigator

@@ -7,15 +7,16 @@ import pickle
 import re
 import signal
 import uuid
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
+from typing import Any, Protocol
 
 import dask
 from distributed import Client, Future, LocalCluster, WorkerPlugin, as_completed
 
 from airrace.common.errors import UserError, words
 from airrace.evaluation.versions import mismatch, versions
-from airrace.evaluation.worker import RaceJob, fly, stop_races
+from airrace.evaluation.worker import fly, stop_races
 
 _ATTEMPTS = 3  # at a race whose worker or process is killed
 _LOCAL = {
@@ -113,7 +114,23 @@ def check_workers(client: Client, expected: dict, systems: dict) -> None:
             )
 
 
-def fly_races(client: Client, jobs: list[RaceJob], ended: Callable[[dict], None]) -> None:
+class Job(Protocol):
+    """A race that can be flown."""
+
+    @property
+    def key(self) -> int | str:
+        """What tells it from the others; its row has the key."""
+
+    def describe(self) -> str:
+        """Returns what it is called in a sentence."""
+
+
+def fly_races(
+    client: Client,
+    jobs: Sequence[Job],
+    ended: Callable[[dict], None],
+    fly: Callable[[Any, str], dict] = fly,
+) -> None:
     """Flies races, each on whatever worker is free.
 
     A race is flown again when its process or its worker is killed. When this ends early,
@@ -123,6 +140,7 @@ def fly_races(client: Client, jobs: list[RaceJob], ended: Callable[[dict], None]
         client: of the cluster.
         jobs: the races.
         ended: called once for every race with its row; see fly().
+        fly: a function that flies one: worker.fly(), or another with its arguments.
 
     Raises:
         UserError: if a worker refuses a race.
@@ -136,33 +154,32 @@ def fly_races(client: Client, jobs: list[RaceJob], ended: Callable[[dict], None]
             # tasks but not their arguments, needs no airrace.
             lambda race: pickle.loads(race)(),
             pickle.dumps(functools.partial(fly, job, evaluation)),
-            key=f"race-{evaluation}-{job.seed}",
+            key=f"race-{evaluation}-{job.key}",
             retries=_ATTEMPTS - 1,
-        ): job.seed
+        ): job
         for job in jobs
     }
-    lost = {}  # seed to reason
+    lost = []  # pairs of a job's description and the reason
     try:
         for future in as_completed(list(futures), loop=client.loop):
-            seed = futures[future]
+            job = futures[future]
             try:
                 row = future.result()
             except (Exception, CancelledError) as e:
                 if isinstance(e, CancelledError) or client.status != "running":
                     raise EvaluationStopped("the scheduler was lost") from None
-                lost[seed] = words(e)
+                lost.append((job.describe(), words(e)))
                 continue
             if "refused" in row:
-                raise UserError(f"The race with seed {seed} was refused: {row['refused']}")
+                raise UserError(f"The {job.describe()} was refused: {row['refused']}")
             ended(row)
     except BaseException:
         _stop(client, futures, evaluation)
         raise
     if lost:
-        seed, reason = min(lost.items())
+        name, reason = min(lost)
         raise EvaluationStopped(
-            f"{len(lost)} races could not be flown in {_ATTEMPTS} attempts, with seed {seed}: "
-            f"{reason}"
+            f"{len(lost)} races could not be flown in {_ATTEMPTS} attempts, the {name}: {reason}"
         )
 
 

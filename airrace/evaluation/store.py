@@ -4,7 +4,7 @@ import fcntl
 import json
 import os
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from airrace.common.errors import UserError
 from airrace.common.files import write_json
@@ -27,10 +27,21 @@ class RaceStore:
     again. One process at a time writes to a folder. As a context manager it
     takes its files away when UserError ends it before the first row: then
     nothing has been evaluated.
+
+    What others keep in this way, they name in a class of their own.
+
+    Attributes:
+        key: of a row, by which races are told apart.
+        files: names of the rows' file, of the file with the settings, and of what else there is.
+        what: is kept, in a sentence.
     """
 
+    key: ClassVar[str] = "seed"
+    files: ClassVar[tuple[str, ...]] = FILES
+    what: ClassVar[str] = "evaluation"
+
     def __init__(self, folder: Path, settings: dict, *, resume: bool = False):
-        """Opens a folder, and writes the settings to evaluation.json.
+        """Opens a folder, and writes the settings to the file that is for them.
 
         Args:
             folder: an existing one.
@@ -42,9 +53,10 @@ class RaceStore:
                 has other settings, if another process writes to it, or if its
                 files cannot be read or written.
         """
-        self._folder, self._path = folder, folder / RACES
+        self._folder, self._path = folder, folder / self.files[0]
+        self._settings = folder / self.files[1]
         self._rows = {}
-        _check_settings(folder, settings, resume)
+        self._check_settings(settings, resume)
         self._is_new = not self._path.exists()
         try:
             self._file = open(self._path, "a+b")
@@ -55,8 +67,8 @@ class RaceStore:
         try:
             self._lock()
             self._load()
-            if not (folder / SUMMARY).exists():
-                write_json(folder / SUMMARY, {"complete": False, "settings": settings})
+            if not self._settings.exists():
+                write_json(self._settings, {"complete": False, "settings": settings})
             _sync(folder)
         except BaseException:
             self._file.close()
@@ -64,12 +76,12 @@ class RaceStore:
 
     @property
     def rows(self) -> list[dict]:
-        """The rows so far, ordered by seed."""
-        return [self._rows[seed] for seed in sorted(self._rows)]
+        """The rows so far, ordered by their keys."""
+        return [self._rows[key] for key in sorted(self._rows)]
 
     @property
-    def seeds(self) -> set[int]:
-        """The seeds of the races that have ended."""
+    def keys(self) -> set:
+        """The keys of the races that have ended."""
         return set(self._rows)
 
     def append(self, row: dict) -> None:
@@ -78,8 +90,8 @@ class RaceStore:
         Raises:
             UserError: if it cannot be written.
         """
-        if row["seed"] in self._rows:
-            raise ValueError(f"the race with seed {row['seed']} has ended before")
+        if row[self.key] in self._rows:
+            raise ValueError(f"the race with {self.key} {row[self.key]} has ended before")
         end = self._file.seek(0, os.SEEK_END)
         try:
             self._file.write(json.dumps(row, allow_nan=False).encode() + b"\n")
@@ -91,14 +103,14 @@ class RaceStore:
                 f"{self._path} cannot be written ({e.strerror}); make room there "
                 "and go on with --resume."
             ) from None
-        self._rows[row["seed"]] = row
+        self._rows[row[self.key]] = row
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: object, error: object, traceback: object) -> None:
         if self._is_new and not self._rows and isinstance(error, UserError):
-            for name in (RACES, SUMMARY):
+            for name in self.files[:2]:
                 (self._folder / name).unlink(missing_ok=True)
         self._file.close()
 
@@ -107,7 +119,7 @@ class RaceStore:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise UserError(
-                f"Another evaluation is writing to {self._folder}; wait for its end or name "
+                f"Another {self.what} is writing to {self._folder}; wait for its end or name "
                 "another folder."
             ) from None
 
@@ -118,7 +130,7 @@ class RaceStore:
         for number, line in enumerate(lines, 1):
             try:
                 row = json.loads(line)
-                self._rows.setdefault(int(row["seed"]), row)
+                self._rows.setdefault(row[self.key], row)
             except (ValueError, TypeError, LookupError):
                 raise UserError(
                     f"Line {number} of {self._path} is not the row of a race; remove the line, "
@@ -130,6 +142,40 @@ class RaceStore:
         os.ftruncate(self._file.fileno(), size)
         os.fsync(self._file.fileno())
 
+    def _check_settings(self, settings, resume):
+        folder, path, races = self._folder, self._settings, self._path
+        if not resume:
+            if any(os.path.lexists(folder / name) for name in self.files):
+                raise UserError(
+                    f"--output {folder} already holds {self._a_what()}; go on with it by --resume, "
+                    "or name another folder."
+                )
+            return
+        if not path.exists():
+            if not races.exists() or races.stat().st_size == 0:
+                return
+            raise UserError(
+                f"--resume: {path} is missing, which tells what {races.name} holds; name another "
+                "folder."
+            )
+        try:
+            before = json.loads(path.read_text(encoding="utf-8"))["settings"]
+        except (OSError, ValueError, LookupError, TypeError):
+            raise UserError(
+                f"--resume: {path} is not the settings of {self._a_what()}; name another folder."
+            ) from None
+        # As JSON has it: tuples are lists.
+        difference = first_difference(before, json.loads(json.dumps(settings)))
+        if difference:
+            name, old, new = difference
+            raise UserError(
+                f"--resume: {folder} holds {self._a_what()} with {name} {old}, not {new}; do as "
+                "you did before, or name another folder."
+            )
+
+    def _a_what(self):
+        return f"a{'n' * (self.what[0] in 'aeiou')} {self.what}"
+
 
 def _sync(folder):
     """Makes new names in a folder survive a loss of power."""
@@ -138,37 +184,6 @@ def _sync(folder):
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _check_settings(folder, settings, resume):
-    path, races = folder / SUMMARY, folder / RACES
-    if not resume:
-        if any(os.path.lexists(folder / name) for name in FILES):
-            raise UserError(
-                f"--output {folder} already holds an evaluation; go on with it by --resume, "
-                "or name another folder."
-            )
-        return
-    if not path.exists():
-        if not races.exists() or races.stat().st_size == 0:
-            return
-        raise UserError(
-            f"--resume: {path} is missing, which tells what {RACES} holds; name another folder."
-        )
-    try:
-        before = json.loads(path.read_text(encoding="utf-8"))["settings"]
-    except (OSError, ValueError, LookupError, TypeError):
-        raise UserError(
-            f"--resume: {path} is not the settings of an evaluation; name another folder."
-        ) from None
-    # As JSON has it: tuples are lists.
-    difference = first_difference(before, json.loads(json.dumps(settings)))
-    if difference:
-        name, old, new = difference
-        raise UserError(
-            f"--resume: {folder} holds an evaluation with {name} {old}, not {new}; evaluate as "
-            "you did before, or name another folder."
-        )
 
 
 def first_difference(a: Any, b: Any, name: str = "") -> tuple | None:

@@ -22,7 +22,7 @@ from airrace.evaluation.versions import mismatch, versions
 SCENARIO, TRACK, DRONE, RESULTS = "scenario.yaml", "track.yaml", "drone", "results"
 _KILLS = ("SIGHUP", "SIGINT", "SIGKILL", "SIGTERM")
 _TAIL = 4000  # characters kept of what a crashed race wrote
-_NO_RESULT = {
+NO_RESULT = {
     "finished": False,
     "dnf_reason": None,
     "exploration": {"success": False, "time_s": None, "gates_found": 0},
@@ -62,6 +62,15 @@ class RaceJob:
     systems: dict
     versions: dict
 
+    @property
+    def key(self) -> int:
+        """The seed: what tells it from the other races of an evaluation."""
+        return self.seed
+
+    def describe(self) -> str:
+        """Returns what it is called in a sentence."""
+        return f"race with seed {self.seed}"
+
 
 class RaceKilled(Exception):
     """The race's process was killed from outside; the race is to be flown again."""
@@ -98,7 +107,7 @@ def fly(job: RaceJob, evaluation: str) -> dict:
             path = folder / DRONE / file
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        code = _run(folder, evaluation)
+        code = run_process("airrace.commands.race_process", folder, evaluation)
         stderr = (folder / "stderr").read_text("utf-8", errors="replace").strip()
         return _row(job, code, stderr, folder / RESULTS / "race.json")
 
@@ -111,14 +120,23 @@ def stop_races(evaluation: str) -> None:
             process.kill()
 
 
-def _run(folder: Path, evaluation: str) -> int:
-    """Runs the process of a race; returns its exit code."""
+def run_process(module: str, folder: Path, evaluation: str) -> int:
+    """Runs a module as the process of a race; returns its exit code.
+
+    Args:
+        module: which is called with the folder.
+        folder: of the race; what the process writes to standard error is left in `stderr` there.
+        evaluation: a name for stop_races().
+
+    Raises:
+        RaceKilled: if the evaluation was stopped before.
+    """
     with open(folder / "stderr", "wb") as stderr:
         with _lock:
             if evaluation in _stopped:
                 raise RaceKilled("the evaluation was stopped")
             process = subprocess.Popen(
-                [sys.executable, "-m", "airrace.commands.race_process", str(folder)],
+                [sys.executable, "-m", module, str(folder)],
                 # Its end tells the process that this one has died.
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
@@ -144,10 +162,10 @@ def _row(job: RaceJob, code: int, stderr: str, race_json: Path) -> dict:
     try:
         result = json.loads(race_json.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        result = dict(_NO_RESULT)
+        result = dict(NO_RESULT)
     wall, reason, error = result.pop("wall", None), result["dnf_reason"], None
     signal_name = _signal_name(-code) if code < 0 else None
-    if reason == "interrupted" or signal_name in _KILLS:
+    if reason == "interrupted" or was_killed(code):
         raise RaceKilled(f"its process was killed ({signal_name or 'SIGTERM'})")
     if signal_name:
         error = f"crashed ({signal_name})"
@@ -165,6 +183,11 @@ def _row(job: RaceJob, code: int, stderr: str, race_json: Path) -> dict:
         "stderr": stderr[-_TAIL:] if error else None,
         "wall": wall,
     }
+
+
+def was_killed(code: int) -> bool:
+    """Whether a process with this exit code was killed from outside."""
+    return code < 0 and _signal_name(-code) in _KILLS
 
 
 def _signal_name(number: int) -> str:

@@ -90,11 +90,14 @@ class LockstepRemote(Remote):
     def begin(self, simulator: "Simulator") -> None:
         context = simulator.get_mutable_context()
         await_peer(self._endpoint, phases.READY, LOCKSTEP, timeout=_PATIENCE, poll=self._poll)
-        self._exchange = Exchange(self._endpoint, self._receiver, self._sender)
+        self._start_exchange()
         next(self._times)
         self._exchange.send(context)
         self._exchange.receive(context)
         self._next = next(self._times)
+
+    def _start_exchange(self):
+        self._exchange = Exchange(self._endpoint, self._receiver, self._sender)
 
     def advance(self, simulator: "Simulator", end: float) -> str | None:
         context = simulator.get_mutable_context()

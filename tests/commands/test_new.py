@@ -10,6 +10,8 @@ import pytest
 from pydrake.math import RigidTransform
 
 from airrace.commands.app import main
+from airrace.league.entry import load_entry
+from airrace.league.season import Season, load_season, read_secret
 from airrace.scenario import load_scenario
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import make_camera_info
@@ -62,6 +64,21 @@ def test_a_system_races(kind, folder, capsys):
     assert f"{name}:make" in (folder / "out" / "scenario.yaml").read_text()
 
 
+def test_an_entry_and_a_season_are_accepted(folder, capsys):
+    """What they fly is in tests/league."""
+    assert main(["new", "entry", "my-own_1"]) == 0
+    assert printed_command(capsys) == ["league", "check", "my-own_1"]
+    entry = load_entry(folder / "my-own_1")
+    assert entry.config.team == "my-own_1" and len(entry.config.systems) == 6
+    assert main(["new", "season", "my-own_1"]) == 0
+    assert printed_command(capsys) == ["league", "run", "my-own_1.yaml", "original", "optimal"]
+    season = load_season(folder / "my-own_1.yaml")
+    assert season == Season(name="my-own_1", seed_file="my-own_1.seed")  # all else by default
+    secret = read_secret(folder / "my-own_1.yaml", season)
+    assert main(["new", "season", "another"]) == 0
+    assert read_secret(folder / "another.yaml", load_season(folder / "another.yaml")) != secret
+
+
 def test_a_detector_searches_each_picture_once(folder):
     assert main(["new", "detector", "searches_once"]) == 0
     system = importlib.import_module("searches_once").make(load_scenario())
@@ -92,6 +109,8 @@ def test_a_detector_searches_each_picture_once(folder):
         ("detector", "numpy", "There is a Python module 'numpy' already"),
         ("drone", "taken", "There is taken/vehicle.yaml already"),
         ("track", "taken", "There is taken.yaml already"),
+        ("season", "taken", "There is taken.yaml already"),
+        ("entry", "a b", "cannot be a name here"),
     ],
 )
 def test_bad_names(kind, name, words, folder, capsys):

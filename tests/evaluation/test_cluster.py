@@ -1,9 +1,9 @@
 """The races are pretended, in this process; for real ones see tests/diagrams/test_evaluate.py."""
 
 import collections
+import dataclasses as dc
 import gc
 import threading
-import types
 
 import pytest
 from distributed import Client, LocalCluster
@@ -34,13 +34,25 @@ def stop(evaluation):
     STOPPED.set()
 
 
-def job(seed, kills=0, refused=False, long=False):
-    return types.SimpleNamespace(seed=seed, kills=kills, refused=refused, long=long)
+@dc.dataclass
+class Job:
+    """A race that is pretended."""
+
+    seed: int
+    kills: int = 0
+    refused: bool = False
+    long: bool = False
+
+    @property
+    def key(self):
+        return self.seed
+
+    def describe(self):
+        return f"race with seed {self.seed}"
 
 
 @pytest.fixture
 def client(monkeypatch):
-    monkeypatch.setattr(cluster, "fly", pretend)
     monkeypatch.setattr(cluster, "stop_races", stop)
     FLOWN.clear()
     STOPPED.clear()
@@ -62,22 +74,24 @@ def client(monkeypatch):
 
 def test_killed_races_are_flown_again_and_none_counts_twice(client):
     rows = []
-    fly_races(client, [job(0), job(1, kills=2), job(2)], rows.append)
+    fly_races(client, [Job(0), Job(1, kills=2), Job(2)], rows.append, pretend)
     assert sorted(row["seed"] for row in rows) == [0, 1, 2]
     assert FLOWN == {0: 1, 1: 3, 2: 1}
 
 
 def test_what_is_killed_again_and_again_is_left_out_and_said(client):
     rows = []
-    with pytest.raises(EvaluationStopped, match="1 races .* in 3 attempts, with seed 0: .*SIGKILL"):
-        fly_races(client, [job(0, kills=99), *map(job, range(1, 5))], rows.append)
+    with pytest.raises(
+        EvaluationStopped, match="1 races .* in 3 attempts, the race with seed 0: .*SIGKILL"
+    ):
+        fly_races(client, [Job(0, kills=99), *map(Job, range(1, 5))], rows.append, pretend)
     assert sorted(row["seed"] for row in rows) == [1, 2, 3, 4]
     assert FLOWN[0] == 3
 
 
 def test_a_refused_race_ends_it(client):
     with pytest.raises(UserError, match="The race with seed 0 was refused: no such box"):
-        fly_races(client, [job(0, refused=True)], lambda row: pytest.fail("ended"))
+        fly_races(client, [Job(0, refused=True)], lambda row: pytest.fail("ended"), pretend)
 
 
 def test_an_error_of_the_caller_ends_all_races(client):
@@ -85,7 +99,7 @@ def test_an_error_of_the_caller_ends_all_races(client):
         raise UserError("the disk is full")
 
     with pytest.raises(UserError, match="the disk is full"):
-        fly_races(client, [job(0), job(1, long=True)], full)
+        fly_races(client, [Job(0), Job(1, long=True)], full, pretend)
     assert STOPPED.is_set()  # the race in the air ends too
 
 

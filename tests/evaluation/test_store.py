@@ -28,7 +28,7 @@ def test_keeps_rows_in_the_order_of_their_seeds(tmp_path):
             assert stored(tmp_path)[-1] == row(seed)  # at once
         assert [r["seed"] for r in store.rows] == [0, 2, 3]
     with opened(tmp_path, resume=True) as store:
-        assert store.rows == [row(0), row(2), row(3)] and store.seeds == {0, 2, 3}
+        assert store.rows == [row(0), row(2), row(3)] and store.keys == {0, 2, 3}
 
 
 def test_none_counts_twice(tmp_path):
@@ -56,7 +56,7 @@ def test_a_torn_last_line_is_flown_again(tmp_path_factory, data, n):
     path.write_bytes(content[:size])
     whole = content[:size].count(b"\n")
     with opened(folder, resume=True) as store:
-        assert store.seeds == set(range(whole))
+        assert store.keys == set(range(whole))
         for seed in range(whole, n):
             store.append(row(seed))
     assert path.read_bytes() == content
@@ -176,7 +176,7 @@ def test_a_full_disk(tmp_path, monkeypatch):
         monkeypatch.setattr(os, "fsync", lambda d: next(calls, fsync)(d))
         with pytest.raises(UserError, match="No space left on device.*--resume"):
             store.append(row(1))
-        assert store.seeds == {0}
+        assert store.keys == {0}
     assert stored(tmp_path) == [row(0)]
 
 

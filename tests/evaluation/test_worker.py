@@ -108,7 +108,7 @@ class TestFly:
         assert set(row) == {"seed", "refused"} and "No module named 'nobody'" in row["refused"]
 
     def test_other_versions_do_not_fly(self, monkeypatch):
-        monkeypatch.setattr(worker, "_run", lambda *args: pytest.fail("flies"))
+        monkeypatch.setattr(worker, "run_process", lambda *args: pytest.fail("flies"))
         other = job()
         other = dc.replace(other, versions={**other.versions, "drake": "1.57.0"})
         assert "instead of 1.57.0" in fly(other, "e")["refused"]

@@ -29,7 +29,7 @@ COMMANDS = ["bash", "cp", "dirname", "flock", "id", "mkdir", "mv", "readlink", "
 FAKE_PYTHON = """\
 #!{bash}
 case "$*" in
-  "-I -c "*" drake" | "-I -c "*" drake rendering")
+  "-I -c "*" drake" | "-I -c "*" drake rendering sandbox")
     [ ! -e {log}.lacks ] || echo "$(<{log}.lacks)" ;;
   "-I -c "*)
     exec {real} -I -c 'import sys; sys.version_info = {version}; exec(sys.argv.pop(1))' "${{@:3}}" ;;

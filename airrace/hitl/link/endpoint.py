@@ -14,6 +14,7 @@ import lcm
 from airrace.common.errors import UserError
 from airrace.hitl.link import packets
 from airrace.hitl.link.clock import PeerClock
+from airrace.hitl.link.socket_bus import SocketBus
 from airrace.hitl.link.statistics import ChannelStatistics
 from airrace.lcmtypes import lcmt_heartbeat
 
@@ -87,7 +88,7 @@ class Endpoint:
         self,
         role: str,
         channels: Iterable[Channel],
-        bus: "lcm.LCM | SimulatedBus",
+        bus: "lcm.LCM | SimulatedBus | SocketBus",
         clock: Callable[[], float] = time.monotonic,
         session: int | None = None,
     ):
@@ -96,7 +97,7 @@ class Endpoint:
         Args:
             role: SIMULATION or AUTONOMY.
             channels: all Channels of the link; it receives on those of the other side.
-            bus: from open_lcm(); in tests, two endpoints may share a memq.
+            bus: from open_lcm(), or a SocketBus; in tests, two endpoints may share a memq.
             clock: of this computer (s).
             session: of another endpoint with the same role and clock that speaks for this one,
                 too: it sends the heartbeats, and neither sends on a channel of the other's.
@@ -197,7 +198,10 @@ class Endpoint:
     def wait(self, timeout: float) -> None:
         """Waits until there is something to drain, at most some time (s)."""
         if timeout > 0.0:
-            select.select([self._bus], [], [], timeout)  # type: ignore[type-var]
+            if isinstance(self._bus, SocketBus):
+                self._bus.wait(timeout)
+            else:
+                select.select([self._bus], [], [], timeout)  # type: ignore[type-var]
 
     def drain(self) -> None:
         """Receives the messages that wait, the oldest first. Never raises.

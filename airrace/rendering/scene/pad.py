@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from pydrake.geometry import Convex, GeometryInstance, IllustrationProperties
+from pydrake.geometry import Convex, GeometryInstance, IllustrationProperties, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 
@@ -57,7 +57,7 @@ def AddPad(plant: MultibodyPlant, start: "Start", radius: float) -> None:
     wedge = Convex(np.hstack([top, foot]), "pad")
     visual = GeometryInstance(RigidTransform(), wedge, "pad_visual")
     properties = IllustrationProperties()
-    properties.AddProperty("phong", "diffuse", np.array(_COLOR))
+    properties.AddProperty("phong", "diffuse", Rgba(*_COLOR))
     visual.set_illustration_properties(properties)
     plant.RegisterVisualGeometry(plant.world_body(), visual)
     plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), wedge, "pad", _FRICTION)

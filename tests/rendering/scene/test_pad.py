@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydrake.geometry import Role
+from pydrake.geometry import Rgba, Role
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
@@ -57,6 +57,12 @@ def test_it_can_be_hit_and_is_drawn_but_not_for_the_camera():
         box.pose().translation()[2] - np.abs(box.pose().rotation().matrix()[2]) @ box.half_width()
     )
     assert lowest < 0.05  # it stands on the ground
+
+
+def test_its_colour_is_one_that_drake_can_draw():
+    inspector, found = geometries(10.0)
+    properties = inspector.GetIllustrationProperties(found[Role.kIllustration][0])
+    assert isinstance(properties.GetProperty("phong", "diffuse"), Rgba)
 
 
 def test_the_drone_stands_on_the_middle_of_the_slope():

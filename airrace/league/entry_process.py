@@ -1,0 +1,107 @@
+"""What runs behind the wall: python -m airrace.league.entry_process FD MEMORY FOLDER.
+
+It flies the autonomy of an entry, in lockstep with the simulation at the other end of a socket.
+FD is the socket's number, MEMORY how many GB the process may have (0: any), FOLDER holds the
+entry's scenario, its track's file, and the entry's own folder.
+
+Nothing here keeps anybody from anything: the entry's code runs in this very process, and could
+change whatever is written here. What holds is the wall.
+"""
+
+import os
+import resource
+import shutil
+import socket
+import sys
+import tempfile
+import traceback
+from pathlib import Path
+
+import numba
+
+import airrace
+from airrace.common.resources import models_path
+from airrace.league.attempts import Allowed, report_attempts
+from airrace.league.sandbox import HIDDEN, MACHINE_CODE, OWN_MACHINE_CODE
+from airrace.league.scenarios import ENTRY, SCENARIO
+
+_MAX_FILE = 100e6  # bytes that any file may grow to
+
+
+def main(descriptor: int, memory: float, folder: Path) -> int:
+    """Flies; returns the exit code."""
+    set_limits(memory)
+    own_tmp = memory > 0.0
+    if own_tmp:
+        shutil.copytree(MACHINE_CODE, OWN_MACHINE_CODE, dirs_exist_ok=True)
+    os.chdir(folder)
+    sys.path.insert(0, str(folder / ENTRY))
+    try:
+        with tempfile.TemporaryDirectory() as scratch:
+            return fly(socket.socket(fileno=descriptor), Path(scratch), own_tmp)
+    except BaseException as e:
+        traceback.print_exc()
+        print(f"airrace: {reason_of(e)}", flush=True)
+        return 2
+
+
+def set_limits(memory: float) -> None:
+    """Sets what this process, from now on, may use; memory: (GB), 0: any."""
+    if memory:
+        size = int(memory * 1e9)
+        resource.setrlimit(resource.RLIMIT_AS, (size, size))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (int(_MAX_FILE), int(_MAX_FILE)))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def fly(end: socket.socket, scratch: Path, own_tmp: bool) -> int:
+    """Builds the autonomy and races; returns the exit code.
+
+    Args:
+        end: of the link.
+        scratch: a folder for what it writes.
+        own_tmp: whether /tmp is this process' alone.
+    """
+    from airrace.diagrams.autonomy import MakeAutonomy
+    from airrace.diagrams.lockstep_autonomy import race_in_lockstep
+    from airrace.hitl.channels import make_channels
+    from airrace.hitl.lcm_bridge import MakeLockstepSide, ports_wanted
+    from airrace.hitl.link import phases
+    from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
+    from airrace.hitl.link.lockstep import await_peer
+    from airrace.hitl.link.socket_bus import SocketBus
+    from airrace.league.entry_remote import PORTS_WANTED
+    from airrace.scenario import load_scenario
+
+    scenario = load_scenario(filename=SCENARIO)
+    models, package = models_path(), Path(airrace.__file__).resolve().parent
+    allowed = Allowed(
+        read=(str(Path.cwd()), str(package), str(models), MACHINE_CODE),
+        write=("/tmp",) if own_tmp else (str(scratch), numba.config.CACHE_DIR),
+        hidden=tuple(str(models / name) for name in HIDDEN),
+    )
+    report_attempts(allowed)  # from here on, code of the entry runs
+    autonomy = MakeAutonomy(scenario)
+    wanted = ports_wanted(autonomy)
+    channels = make_channels(scenario, wanted)
+    bus = SocketBus(end)
+    endpoint = Endpoint(AUTONOMY, channels, bus)
+    side = MakeLockstepSide(scenario, autonomy, channels, endpoint, scratch)
+    text = f"{PORTS_WANTED} {' '.join(wanted)}"
+    await_peer(endpoint, phases.WAITING, text, expected=phases.READY, timeout=600.0)
+    return race_in_lockstep(scenario, side, endpoint, stop=lambda: bus.is_broken)
+
+
+def reason_of(error: BaseException) -> str:
+    """Returns what went wrong, and where in the entry's own files, on one line."""
+    message = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if f"/{ENTRY}/" in frame.filename]
+    if not own or " at " in message:
+        return message
+    place = own[-1].filename.rpartition(f"/{ENTRY}/")[2]
+    return f"{message}, at {place}:{own[-1].lineno}"
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3])))

@@ -1,0 +1,246 @@
+"""The simulation's end of a race whose autonomy is an entry behind a wall."""
+
+import dataclasses as dc
+import time
+from typing import TYPE_CHECKING, Any
+
+from airrace.common.errors import UserError
+from airrace.common.patience import patient
+from airrace.hitl.channels import OPTIONAL_PORTS, make_channels
+from airrace.hitl.link import packets, phases
+from airrace.hitl.link.endpoint import AUTONOMY, HEARTBEAT, SIMULATION, Endpoint
+from airrace.hitl.link.lockstep import PeerLost, await_peer
+from airrace.hitl.link.socket_bus import SocketBus
+from airrace.hitl.remote_autonomy import LockstepRemote
+from airrace.lcmtypes import lcmt_heartbeat
+from airrace.scenario import VIO, Scenario
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.framework import Context
+
+    from airrace.hitl.channels import PortChannel
+    from airrace.league.sandbox import EntryProcess
+    from airrace.league.season import Limits
+
+PORTS_WANTED = "ports:"  # begins what an entry says while it waits: which optional ports it uses
+_MOST_SENT = 64 << 20  # bytes in one step
+_LAST_WORDS = 5.0  # s from the end of the socket to the end of the process
+
+
+class EntryFailed(Exception):
+    """The entry could not begin to race; the argument is a clause that says why."""
+
+
+@dc.dataclass
+class Conduct:
+    """How an entry behaved.
+
+    Attributes:
+        steps: of the link.
+        missed_deadlines: steps that took more processor time than limits.step_cpu.
+        longest_step_s: processor time of the longest (s).
+        cpu_s: of the process, from its start (s).
+    """
+
+    steps: int = 0
+    missed_deadlines: int = 0
+    longest_step_s: float = 0.0
+    cpu_s: float = 0.0
+
+
+class GuardedBus(SocketBus):
+    """A SocketBus that notices if the other side is not what it should be.
+
+    Attributes:
+        allowed: names of the channels that the other side may send on.
+        violation: a clause on what it did, or None.
+    """
+
+    allowed: tuple[str, ...] = ()
+    violation: str | None = None
+    _at_step = 0  # bytes received before this step
+
+    def begin_step(self) -> None:
+        """Counts what comes from zero."""
+        self._at_step = self.received
+
+    def _take(self, channel: str, data: bytes) -> None:
+        if self.received - self._at_step > _MOST_SENT:
+            self.violation = f"it sent more than {_MOST_SENT >> 20} MB in one step"
+        elif channel == HEARTBEAT:
+            if _role(data) not in (AUTONOMY, None):
+                self.violation = "it spoke as the simulation"
+        elif channel not in self.allowed:
+            self.violation = f"it sent on {channel[:60]}, which is not a channel of the autonomy"
+        if self.violation is None:
+            super()._take(channel, data)
+
+
+def _role(data: bytes) -> str | None:
+    """Returns the role that a heartbeat says, None if it is none."""
+    try:
+        return packets.decode(data, lcmt_heartbeat).role
+    except packets.Dropped:
+        return None
+
+
+class EntryRemote(LockstepRemote):
+    """Races tick by tick with an entry, and ends the race if it breaks a rule.
+
+    Attributes:
+        conduct: of the entry so far.
+    """
+
+    def __init__(
+        self,
+        channels: "Iterable[PortChannel]",
+        endpoint: Endpoint,
+        bus: GuardedBus,
+        process: "EntryProcess",
+        limits: "Limits",
+    ):
+        """Args: as meet_entry() has them."""
+        super().__init__(tuple(channels), endpoint)
+        self._bus, self._process, self._limits = bus, process, limits
+        self.conduct = Conduct()
+        self._began, self._cpu = time.monotonic(), 0.0  # of this step: wall's clock, processor (s)
+        self._reason: str | None = None
+
+    def begin(self, simulator: "Simulator") -> None:
+        context = simulator.get_mutable_context()
+        await_peer(
+            self._endpoint,
+            phases.READY,
+            self.mode,
+            timeout=self._limits.start_wall,
+            poll=lambda: _check_start(self._process, self._bus),
+        )
+        self._start_exchange()
+        next(self._times)
+        reason = self._step(context)
+        if reason is not None:
+            raise EntryFailed(reason)
+        self.conduct = Conduct()  # what the first step loads is no matter of the race
+        self._next = next(self._times)
+
+    def advance(self, simulator: "Simulator", end: float) -> str | None:
+        context = simulator.get_mutable_context()
+        while self._next <= end:
+            simulator.AdvanceTo(self._next)
+            reason = self._step(context)
+            if reason is not None:
+                return reason
+            self._next = next(self._times)
+        return None
+
+    def _step(self, context: "Context") -> str | None:
+        """Exchanges the messages of one step; returns why the race cannot go on, or None."""
+        self._began, self._reason = time.monotonic(), None
+        self._cpu = self._process.cpu_time()
+        self._bus.begin_step()
+        self._exchange.send(context)
+        try:
+            ended = self._exchange.receive(context, stop=self._must_stop)
+        except PeerLost:
+            ended, self._reason = True, self._late()
+        if ended or self._bus.violation:
+            return self._broken() or self._reason or "the entry left the race"
+        spent = self._process.cpu_time() - self._cpu
+        self.conduct.steps += 1
+        self.conduct.missed_deadlines += spent > self._limits.step_cpu
+        self.conduct.longest_step_s = max(self.conduct.longest_step_s, spent)
+        self.conduct.cpu_s = self._cpu + spent
+        return None
+
+    def _must_stop(self) -> bool:
+        """Whether the entry gets no more time for this step; says why in _reason."""
+        if self._bus.is_broken or self._process.poll() is not None:
+            self._reason = last_words(self._process)
+        elif self._process.cpu_time() - self._cpu > self._limits.step_cpu_end:
+            self._reason = (
+                f"the entry computed {self._limits.step_cpu_end:g} s for one step, and did not end"
+            )
+        elif time.monotonic() - self._began > patient(self._limits.step_wall):
+            self._reason = self._late()
+        return self._reason is not None or self._bus.violation is not None
+
+    def _late(self) -> str:
+        return f"the entry did not answer within {self._limits.step_wall:g} s"
+
+    def _broken(self) -> str | None:
+        violation = self._bus.violation
+        return violation and f"the entry broke the rules: {violation}"
+
+
+def meet_entry(
+    scenario: Scenario, bus: GuardedBus, process: "EntryProcess", limits: "Limits"
+) -> EntryRemote:
+    """Waits until an entry is there, and returns the Remote to race with.
+
+    Args:
+        scenario: the race, as the simulation knows it.
+        bus: to the entry.
+        process: of the entry.
+        limits: of the season.
+
+    Raises:
+        EntryFailed: if it does not come, or asks for what it must not have.
+    """
+    channels = make_channels(scenario, ())
+    bus.allowed = tuple(channel.name for channel in channels if channel.sender == AUTONOMY)
+    endpoint = Endpoint(SIMULATION, channels, bus)
+    latest = time.monotonic() + patient(limits.start_wall)
+
+    def poll():
+        _check_start(process, bus)
+        if time.monotonic() > latest:  # also if it says, without an end, that it compiles
+            raise EntryFailed(_NEVER_READY.format(limits.start_wall))
+
+    try:
+        await_peer(endpoint, phases.WAITING, timeout=limits.start_wall, poll=poll)
+    except UserError:
+        raise EntryFailed(_NEVER_READY.format(limits.start_wall)) from None
+    wanted = _wanted(endpoint.peer_heartbeat, scenario)
+    sent = [
+        channel
+        for channel in make_channels(scenario, wanted)
+        if not channel.ports[0].startswith("truth.")
+    ]
+    return EntryRemote(sent, endpoint, bus, process, limits)
+
+
+_NEVER_READY = "the entry was not ready to race within {:g} s"
+
+
+def _wanted(heartbeat: Any, scenario: Scenario) -> tuple[str, ...]:
+    """Returns the optional ports that an entry asks for in a heartbeat."""
+    mark, _, names = heartbeat.value.text.partition(" ")
+    wanted = tuple(names.split())
+    given = [
+        port for port in OPTIONAL_PORTS if port != "state_estimate" or scenario.estimator != VIO
+    ]
+    if mark != PORTS_WANTED or any(port not in given for port in wanted):
+        raise EntryFailed(f"the entry broke the rules: it asked for '{heartbeat.value.text[:80]}'")
+    return wanted
+
+
+def _check_start(process: "EntryProcess", bus: GuardedBus) -> None:
+    """Raises EntryFailed if an entry has ended, or broken a rule, before the race."""
+    if bus.violation is not None:
+        raise EntryFailed(f"the entry broke the rules: {bus.violation}")
+    if process.poll() is not None or bus.is_broken:
+        raise EntryFailed(last_words(process))
+
+
+def last_words(process: "EntryProcess") -> str:
+    """Returns a clause on why an entry has ended."""
+    end = time.monotonic() + patient(_LAST_WORDS)
+    while process.poll() is None and time.monotonic() < end:
+        time.sleep(0.01)
+    process.log.wait()
+    lines = process.log.lines
+    reason = lines[-1] if lines else f"exit code {process.poll()}"
+    return f"the entry was stopped by an error: {reason.removeprefix('airrace: ')[:300]}"

@@ -1,0 +1,114 @@
+"""league.html: the ranking, every race with its replay, and how entries behaved."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from airrace.analysis.page_templates import page_template
+from airrace.common.files import write_text
+from airrace.league.season_files import DUELS, PAGE, race_folder
+
+
+class Column(NamedTuple):
+    """A column of a table: its head, and what it says, for who points at it."""
+
+    name: str
+    meaning: str
+
+
+RANKING = (
+    Column("place", "By the columns step and mean lap."),
+    Column("team", "And the entry's name."),
+    Column("finished", "Races that it finished, of those that it flew."),
+    Column("finish rate (%)", "With the interval in which it lies in 95 of 100 cases (Wilson)."),
+    Column("step (%)", "The interval's lower end, rounded down to a step: the first that counts."),
+    Column("mean lap (s)", "Over the races that all entries of its step finished: the second."),
+    Column("best lap (s)", "The quickest of all. It does not count."),
+    Column(
+        "missed deadlines",
+        "Steps of the link that took more processor time than allowed. They "
+        "do not count, since they depend on the computer.",
+    ),
+    Column("attempts", "What entries tried that the wall refused; see below."),
+)
+
+
+def write_page(folder: Path, league: dict, duels: Sequence[dict] = ()) -> Path:
+    """Writes league.html, which needs no network; returns its path.
+
+    Args:
+        folder: of the season.
+        league: what league.json holds.
+        duels: of make_duels().
+
+    Raises:
+        UserError: if it cannot be written.
+    """
+    settings = league["settings"]
+    teams = {entry["entry"]: entry for entry in settings["entries"]}
+    flights = {(line["entry"], line["leg"]): line for line in league["flights"]}
+    text = page_template("airrace.league", PAGE).render(
+        league=league,
+        season=settings["season"],
+        settings=settings,
+        teams=teams,
+        columns=RANKING,
+        standings=[_standing(each, league) for each in league["ranking"]],
+        rows=[
+            (leg, [_cell(folder, flights.get((name, leg["leg"]))) for name in _order(league)])
+            for leg in league["legs"]
+        ],
+        order=_order(league),
+        failures=[line for line in league["flights"] if not line["finished"]],
+        attempts=_attempts(league),
+        duels=duels,
+        duels_folder=DUELS,
+    )
+    path = folder / PAGE
+    write_text(path, text)
+    return path
+
+
+def _order(league: dict) -> list[str]:
+    """Returns the names of the entries, the best first."""
+    return [each["entry"] for each in league["ranking"]]
+
+
+def _standing(standing: dict, league: dict) -> dict[str, Any]:
+    """Returns a line of the ranking, with what it does not count."""
+    own = [line for line in league["flights"] if line["entry"] == standing["entry"]]
+    conducts = [line["conduct"] for line in own]
+    return standing | {
+        "missed": sum(each.get("missed_deadlines", 0) for each in conducts),
+        "longest_s": max((each.get("longest_step_s", 0.0) for each in conducts), default=0.0),
+        "attempts": len({attempt for each in conducts for attempt in each["attempts"]}),
+    }
+
+
+def _cell(folder: Path, line: dict | None) -> dict[str, Any]:
+    """Returns what the table of races says of one."""
+    if line is None:
+        return {"text": "–", "title": "not flown yet", "link": None, "failed": False}
+    replay = f"{race_folder(line['entry'], line['leg'])}/race.html"
+    text = f"{line['mean_lap_s']:.2f}" if line["finished"] else short_reason(line["dnf_reason"])
+    return {
+        "text": text,
+        "title": line["dnf_reason"] or f"{line['laps']} laps, best {line['best_lap_s']:.2f} s",
+        "link": replay if (folder / replay).exists() else None,
+        "failed": not line["finished"],
+    }
+
+
+def short_reason(reason: str) -> str:
+    """Returns the beginning of a reason, for a cell."""
+    reason = reason.removeprefix("the entry was stopped by an error: ")
+    return reason if len(reason) <= 34 else f"{reason[:32].rstrip()} …"
+
+
+def _attempts(league: dict) -> list[tuple[str, str, list[int]]]:
+    """Returns entry, what it tried, and in which races."""
+    found: dict[tuple[str, str], list[int]] = {}
+    for line in league["flights"]:
+        for attempt in line["conduct"]["attempts"]:
+            found.setdefault((line["entry"], attempt), []).append(line["leg"])
+    return [(entry, attempt, legs) for (entry, attempt), legs in found.items()]

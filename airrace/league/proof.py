@@ -1,0 +1,182 @@
+"""Can a result be trusted? What is in a season's folder is compared, and races are flown again.
+
+A race is a function of its scenario, its seed, the entry's files and the versions of what flies
+it. So nobody needs to believe a lap time: flown again, it must come out equal to the last bit.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from airrace.common.errors import UserError
+from airrace.evaluation.store import first_difference
+from airrace.evaluation.versions import mismatch, versions
+from airrace.league.entry import Entry, load_entry
+from airrace.league.result import FORMAT, figures, ranking_of
+from airrace.league.season import Leg, Season, season_digest, secret_digest
+from airrace.league.season_files import ENTRIES, race_folder
+from airrace.league.worker import result_digest
+
+
+class Doubt(NamedTuple):
+    """Something that is not as it should be.
+
+    Attributes:
+        where: what is wrong: an entry, a race, the season.
+        what: a clause on what is wrong.
+    """
+
+    where: str
+    what: str
+
+
+def read_league(path: Path) -> dict[str, Any]:
+    """Returns what a league.json holds.
+
+    Raises:
+        UserError: if it is none.
+    """
+    try:
+        league = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ValueError):
+        raise UserError(
+            f"{path} cannot be read as a league's result; name the league.json in the folder of a "
+            "season."
+        ) from None
+    keys = {"format", "settings", "ranking", "legs", "flights"}
+    if not isinstance(league, dict) or league.get("format") != FORMAT or not keys <= league.keys():
+        raise UserError(f"{path} is no result of a league; name the league.json of a season.")
+    return league
+
+
+def check_versions(league: dict) -> None:
+    """Raises UserError if races flown here could not be compared: with other code, others come."""
+    differs = mismatch(league["settings"]["versions"], versions({}))
+    if differs:
+        raise UserError(
+            f"This computer has {differs}: races would differ; install the versions that the "
+            "season was flown with."
+        )
+
+
+def check_season(league: dict, season: Season, secret: str, legs: Sequence[Leg]) -> Iterator[Doubt]:
+    """Yields what of the season is not as league.json says."""
+    settings = league["settings"]
+    if season_digest(season) != settings["season_sha256"]:
+        yield Doubt("season", "season.yaml is not the one that was flown")
+    if secret_digest(secret) != settings["secret_sha256"]:
+        yield Doubt("season", "the secret seed is not the one that was flown")
+        return
+    for leg, line in zip(legs, league["legs"]):
+        if hashlib.sha256(leg.track.encode()).hexdigest() != line["track_sha256"]:
+            yield Doubt(f"race {leg.number}", "its track is not the one that the seed gives")
+
+
+def load_flown_entries(folder: Path, league: dict) -> tuple[dict[str, Entry], list[Doubt]]:
+    """Returns the entries of a season by name, and doubts about them.
+
+    Args:
+        folder: of the season.
+        league: what its league.json holds.
+    """
+    entries, doubts = {}, []
+    for line in league["settings"]["entries"]:
+        name = line["entry"]
+        try:
+            entries[name] = load_entry(folder / ENTRIES / name)
+        except UserError as e:
+            doubts.append(Doubt(f"entry {name}", str(e)))
+            continue
+        if entries[name].digest != line["digest"]:
+            doubts.append(Doubt(f"entry {name}", "its files are not those that were flown"))
+    return entries, doubts
+
+
+def check_files(folder: Path, league: dict) -> Iterator[Doubt]:
+    """Yields what does not agree within a season's folder, without flying.
+
+    Args: see load_flown_entries().
+    """
+    for line in league["flights"]:
+        where = describe(line)
+        path = folder / race_folder(line["entry"], line["leg"]) / "race.json"
+        try:
+            result = read_result(path)
+            repeated = figures(result)
+        except (OSError, ValueError, LookupError, TypeError):
+            yield Doubt(where, f"its race.json is missing or broken: {path}")
+            continue
+        if result_digest(result) != line["sha256"]:
+            yield Doubt(where, "its race.json has another hash than league.json says")
+        for name, value in repeated.items():
+            if line[name] != value:
+                yield Doubt(where, f"{name} is {line[name]} in league.json, {value} in race.json")
+    names = [line["entry"] for line in league["settings"]["entries"]]
+    if ranking_of(names, league["flights"], league["settings"]) != league["ranking"]:
+        yield Doubt("ranking", "it does not follow from the races")
+
+
+def compare(folder: Path, line: dict, result: dict) -> Doubt | None:
+    """Returns a doubt if a race, flown again, is another one than league.json says.
+
+    Args:
+        folder: of the season.
+        line: of the race in league.json.
+        result: race.json without ``wall``, of the race flown again.
+    """
+    if result_digest(result) == line["sha256"]:
+        return None
+    try:
+        before = read_result(folder / race_folder(line["entry"], line["leg"]) / "race.json")
+    except (OSError, ValueError):
+        before = {}
+    difference = first_difference(before, json.loads(json.dumps(result)))
+    if difference is None:
+        return Doubt(describe(line), "flown again, it has another hash than league.json says")
+    name, old, new = difference
+    return Doubt(describe(line), f"flown again, {name} is {_short(new)}, not {_short(old)}")
+
+
+def read_result(path: Path) -> dict[str, Any]:
+    """Returns race.json without ``wall``; raises OSError or ValueError if that cannot be."""
+    result = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(result, dict):
+        raise ValueError("it is no object")
+    result.pop("wall", None)
+    return result
+
+
+def choose(flights: Iterable[dict], entry: str | None, leg: int | None, every: bool) -> list[dict]:
+    """Returns which races of league.json to fly again.
+
+    Args:
+        flights: of league.json.
+        entry, leg: only that entry's, and only that race; None: any.
+        every: whether all of them, else of each entry the one with the quickest mean lap.
+
+    Raises:
+        UserError: if there is none.
+    """
+    chosen = [
+        line for line in flights if entry in (None, line["entry"]) and leg in (None, line["leg"])
+    ]
+    if not chosen:
+        raise UserError("The season has no such race: see --entry and --race.")
+    if every or leg is not None:
+        return chosen
+    best: dict[str, dict] = {}
+    for line in sorted(chosen, key=lambda each: (not each["finished"], each["mean_lap_s"] or 0.0)):
+        best.setdefault(line["entry"], line)
+    return list(best.values())
+
+
+def describe(line: dict) -> str:
+    """Returns what a race of league.json is called."""
+    return f"race {line['leg']} of {line['entry']}"
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,103 @@
+"""Who is before whom, and why: finish rates in steps first, then the mean lap.
+
+The fastest of many tries says little, and rewards who gambles. So the lower end of the finish
+rate's interval comes first: it is what an entry can be trusted with. It is rounded down to steps,
+so that one lucky race more does not decide; within a step, speed does.
+"""
+
+import dataclasses as dc
+import math
+from collections.abc import Sequence
+
+from airrace.evaluation.summary import wilson_interval
+
+_ROUNDING = 1e-9  # of steps: an end that lies on one counts as reached
+
+
+@dc.dataclass(frozen=True)
+class Standing:
+    """One line of the ranking.
+
+    Attributes:
+        place: from 1; equal for those that are equal.
+        entry: its name.
+        races: that it has flown.
+        finished: how many of them it finished.
+        rate_low, rate_high: the 95 % interval (Wilson) of its finish rate.
+        step: rate_low, rounded down to a multiple of the season's rate_step.
+        mean_lap_s: mean of its mean laps over the races that all entries of its step finished,
+            if there is one, else over those that it finished itself (s); None without.
+        common: number of those races.
+        best_lap_s: its quickest lap (s), None without one; it does not count.
+    """
+
+    place: int
+    entry: str
+    races: int
+    finished: int
+    rate_low: float
+    rate_high: float
+    step: float
+    mean_lap_s: float | None
+    common: int
+    best_lap_s: float | None
+
+
+def rank(entries: Sequence[str], flights: Sequence[dict], rate_step: float) -> list[Standing]:
+    """Returns the ranking, the best first.
+
+    Args:
+        entries: names of all that take part.
+        flights: lines of league.json: ``entry``, ``leg``, ``finished``, ``mean_lap_s`` and
+            ``best_lap_s``.
+        rate_step: of the season.
+    """
+    laps = {name: _laps_of(name, flights) for name in entries}
+    drafts = {name: _draft(name, flights, len(laps[name]), rate_step) for name in entries}
+    for step in {draft.step for draft in drafts.values()}:
+        members = [name for name in entries if drafts[name].step == step and laps[name]]
+        common = set.intersection(*({*laps[name]} for name in members)) if members else set()
+        for name in members:
+            counted = common or {*laps[name]}
+            mean = sum(laps[name][leg] for leg in sorted(counted)) / len(counted)
+            drafts[name] = dc.replace(drafts[name], mean_lap_s=mean, common=len(counted))
+    ordered = sorted(drafts.values(), key=lambda each: (_merit(each), each.entry))
+    merits = [_merit(each) for each in ordered]
+    return [dc.replace(each, place=merits.index(merit) + 1) for each, merit in zip(ordered, merits)]
+
+
+def round_down(rate: float, step: float) -> float:
+    """Returns the largest multiple of a step that a rate reaches."""
+    return math.floor(rate / step + _ROUNDING) * step
+
+
+def _merit(standing: Standing) -> tuple[float, float]:
+    """Returns what is compared: less is better."""
+    return -standing.step, math.inf if standing.mean_lap_s is None else standing.mean_lap_s
+
+
+def _laps_of(name: str, flights: Sequence[dict]) -> dict[int, float]:
+    """Returns the mean lap (s) of each race that an entry finished, by the race's number."""
+    return {
+        flight["leg"]: flight["mean_lap_s"]
+        for flight in flights
+        if flight["entry"] == name and flight["finished"]
+    }
+
+
+def _draft(name: str, flights: Sequence[dict], finished: int, rate_step: float) -> Standing:
+    own = [flight for flight in flights if flight["entry"] == name]
+    low, high = wilson_interval(finished, len(own))
+    bests = [flight["best_lap_s"] for flight in own if flight["best_lap_s"] is not None]
+    return Standing(
+        place=0,
+        entry=name,
+        races=len(own),
+        finished=finished,
+        rate_low=low,
+        rate_high=high,
+        step=round_down(low, rate_step),
+        mean_lap_s=None,
+        common=0,
+        best_lap_s=min(bests, default=None),
+    )

@@ -1,0 +1,226 @@
+"""The wall around an entry: bubblewrap, with nothing inside but what an autonomy needs.
+
+Inside there are the system's libraries, this Python with its packages, airrace without its tracks,
+the entry's own folder, and a /tmp that nobody else sees. All but /tmp is read-only, and that is
+small. There is no network, no process of others, no environment variable of ours, one socket,
+handed over by us, and a pipe for what it writes.
+"""
+
+import contextlib
+import functools
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numba
+
+import airrace
+from airrace.common.errors import UserError
+from airrace.common.patience import patient
+from airrace.common.processes import ONE_THREAD, child_environment
+from airrace.common.resources import models_path
+from airrace.league.entry_log import EntryLog
+from airrace.league.season import Limits
+from airrace.league.system_calls import make_filter
+
+TOLD = "told"  # in a race's folder: what the entry is given
+RACE = "/race"  # where the entry finds its scenario, track and folder
+# Machine code is compiled once for all; each entry makes a copy, which it may write to.
+MACHINE_CODE, OWN_MACHINE_CODE = "/machine_code", "/tmp/machine_code"
+HIDDEN = ("tracks", "entries")  # folders of models/ that no entry sees
+_MODULE = "airrace.league.entry_process"
+_FILTER = "filter"  # file in the race's folder
+# Of the system; those that a computer does not have are left out.
+_SYSTEM = (
+    "/usr",
+    "/lib",
+    "/lib64",
+    "/bin",
+    "/etc/ld.so.cache",
+    "/etc/alternatives",
+    "/etc/localtime",
+)
+_PROBE = 20.0  # s
+_END = 5.0  # s that it has to end by itself
+
+
+class Wall(NamedTuple):
+    """What holds an entry.
+
+    Attributes:
+        safe: whether there is a wall at all.
+        limits: of the season.
+    """
+
+    safe: bool
+    limits: Limits
+
+
+@functools.cache
+def why_no_sandbox() -> str | None:
+    """Returns a clause on why this computer offers no sandbox, or None if it does."""
+    if sys.platform != "linux":
+        return "bubblewrap is for Linux"
+    if shutil.which("bwrap") is None:
+        return "bubblewrap is missing ('sudo apt-get install bubblewrap')"
+    if make_filter() is None:
+        return "the system calls of this processor are not known to the league"
+    command = [*_bubblewrap(), "--ro-bind", "/", "/", "--proc", "/proc", "--", "true"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=patient(_PROBE))
+    except (OSError, subprocess.TimeoutExpired):
+        return "bubblewrap does not run"
+    if done.returncode == 0:
+        return None
+    said = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+    return f"the kernel does not allow it here ({said})"
+
+
+def check_sandbox(unsafe: bool) -> None:
+    """Raises UserError if entries would fly without a wall and nobody has agreed to that."""
+    reason = why_no_sandbox()
+    if reason is not None and not unsafe:
+        raise UserError(
+            f"Entries cannot be isolated on this computer: {reason}; mend that, or add --unsafe "
+            "if you trust the code of every entry as your own."
+        )
+
+
+class EntryProcess:
+    """The process of an entry.
+
+    Attributes:
+        pid: of the process, as this side sees it.
+        log: what it writes.
+    """
+
+    def __init__(self, folder: Path, end: socket.socket, wall: Wall):
+        """Starts it.
+
+        Args:
+            folder: of the race, with TOLD in it.
+            end: of a SocketBus; the entry's, which is closed on this side.
+            wall: around it.
+
+        Raises:
+            UserError: if it cannot be started.
+        """
+        arguments = [sys.executable, "-u", "-m", _MODULE, str(end.fileno())]
+        arguments.append(str(wall.limits.memory if wall.safe else 0))
+        try:
+            with end:
+                start = _start_inside if wall.safe else _start_outside
+                self._process, self.pid = start(arguments, end, folder, wall.limits)
+        except OSError as e:
+            raise UserError(
+                f"The process of the entry cannot be started ({e.strerror}); end other programs."
+            ) from None
+        self.log = EntryLog(self._process.stdout)
+
+    def poll(self) -> int | None:
+        """Returns its exit code, None while it runs."""
+        return self._process.poll()
+
+    def cpu_time(self) -> float:
+        """Returns the processor time of all its threads so far (s); 0 if it has ended."""
+        # The clock of a process, see clock_getcpuclockid(3), which Python has for threads only.
+        try:
+            return time.clock_gettime((~self.pid << 3) | 2)
+        except OSError:
+            return 0.0
+
+    def close(self) -> None:
+        """Waits a moment for its end, and ends it."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_END)
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        self.log.wait()
+
+
+def _start_outside(arguments, end, folder, limits):
+    """Starts an entry without a wall; returns the process and its number."""
+    process = subprocess.Popen(
+        [*arguments, str(folder / TOLD)],
+        cwd=folder / TOLD,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        pass_fds=(end.fileno(),),
+        start_new_session=True,
+        env={**child_environment(), **ONE_THREAD, "PYTHONDONTWRITEBYTECODE": "1"},
+    )
+    return process, process.pid
+
+
+def _start_inside(arguments, end, folder, limits):
+    """Starts an entry behind the wall; returns the process of bubblewrap and the entry's number."""
+    filter_file = folder / _FILTER
+    filter_file.write_bytes(make_filter() or b"")
+    status, told = os.pipe()
+    with open(filter_file, "rb") as rules, open(status, encoding="utf-8") as reader:
+        command = [*_bubblewrap(), *_mounts(folder, limits), "--seccomp", str(rules.fileno())]
+        command += ["--json-status-fd", str(told), "--", *arguments, RACE]
+        try:
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                pass_fds=(end.fileno(), rules.fileno(), told),
+                start_new_session=True,
+            )
+        finally:
+            os.close(told)
+        line = reader.readline()  # empty if it has failed; its log says why
+    return process, json.loads(line)["child-pid"] if line else process.pid
+
+
+def _bubblewrap() -> list[str]:
+    return [
+        *("bwrap", "--unshare-all", "--die-with-parent", "--new-session", "--as-pid-1"),
+        *("--cap-drop", "ALL"),
+    ]
+
+
+def _mounts(folder: Path, limits: Limits) -> list[str]:
+    """Returns the options of bubblewrap that say what there is inside.
+
+    Args:
+        folder: of the race.
+        limits: of the season.
+    """
+    package, models = Path(airrace.__file__).resolve().parent, models_path()
+    mounts = []
+    for path in _SYSTEM:
+        mounts += ["--ro-bind-try", path, path]
+    mounts += ["--proc", "/proc", "--dev", "/dev", "--remount-ro", "/dev"]
+    for place in ("/tmp", "/dev/shm"):  # before what may be in /tmp
+        mounts += ["--size", str(int(limits.disk * 1e9)), "--tmpfs", place]
+    for place in dict.fromkeys([sys.base_prefix, sys.prefix, str(package), str(models)]):
+        mounts += ["--ro-bind", place, place]
+    for hidden in HIDDEN:
+        mounts += ["--tmpfs", str(models / hidden), "--remount-ro", str(models / hidden)]
+    mounts += ["--ro-bind", numba.config.CACHE_DIR, MACHINE_CODE]
+    mounts += ["--ro-bind", str(folder / TOLD), RACE, "--remount-ro", "/"]
+    mounts += ["--chdir", RACE, "--hostname", "airrace", "--clearenv"]
+    environment = {
+        **ONE_THREAD,
+        "HOME": "/tmp",
+        "PATH": "/usr/bin:/bin",
+        "LANG": "C.UTF-8",
+        "NUMBA_CACHE_DIR": OWN_MACHINE_CODE,
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONPATH": f"{package.parent}",
+    }
+    for name, value in environment.items():
+        mounts += ["--setenv", name, value]
+    return mounts

@@ -1,0 +1,135 @@
+"""Flies a season: every entry on every track, on the workers of a cluster."""
+
+import contextlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from airrace.common.errors import UserError
+from airrace.common.interrupts import interrupts_held
+from airrace.evaluation.versions import versions
+from airrace.league.entry import Entry, load_entry
+from airrace.league.flight import WallConfig
+from airrace.league.scenarios import make_flown
+from airrace.league.season import Leg, Season, load_season, make_legs, read_secret
+from airrace.league.season_files import LeagueStore, keep_files
+from airrace.league.worker import Flight, fly
+
+
+class Plan(NamedTuple):
+    """All that is to be flown.
+
+    Attributes:
+        season: the rules.
+        secret: its seed.
+        entries: that are accepted.
+        refused: names, or folders, of those that are not, and why.
+        legs: the races.
+        flights: of all entries.
+    """
+
+    season: Season
+    secret: str
+    entries: list[Entry]
+    refused: dict[str, str]
+    legs: list[Leg]
+    flights: list[Flight]
+
+
+def make_plan(season_file: Path, names: Sequence[str | Path], safe: bool) -> Plan:
+    """Returns what is to be flown.
+
+    An entry that is not accepted keeps no other from flying.
+
+    Args:
+        season_file: YAML of the season.
+        names: of shipped entries, or folders.
+        safe: whether entries are behind a wall.
+
+    Raises:
+        UserError: if the season is not sound, or no entry is.
+    """
+    season = load_season(season_file)
+    secret = read_secret(season_file, season)
+    legs = make_legs(season, secret)
+    entries, refused = _accepted(names, lambda entry: make_flown(season, legs[0], entry))
+    if not entries:
+        raise UserError(f"No entry is accepted. {' '.join(refused.values())}")
+    wall = WallConfig(safe=safe, replay=season.replays, limits=season.limits)
+    return Plan(season, secret, entries, refused, legs, _flights(season, legs, entries, wall))
+
+
+def _accepted(
+    names: Sequence[str | Path], check: Callable[[Entry], object]
+) -> tuple[list[Entry], dict[str, str]]:
+    entries: dict[str, Entry] = {}
+    refused = {}
+    for name in names:
+        try:
+            entry = load_entry(name)
+            check(entry)
+        except UserError as e:
+            refused[Path(name).resolve().name] = str(e)
+            continue
+        if entry.name in entries:
+            raise UserError(
+                f"Two entries are called {entry.name}: {entries[entry.name].folder} and "
+                f"{entry.folder}; give one folder another name."
+            )
+        entries[entry.name] = entry
+    return list(entries.values()), refused
+
+
+def _flights(
+    season: Season, legs: Sequence[Leg], entries: Sequence[Entry], wall: WallConfig
+) -> list[Flight]:
+    flying, files = versions({}), {entry.name: entry.files for entry in entries}
+    return [
+        Flight(
+            entry=entry.name,
+            leg=leg.number,
+            flown=make_flown(season, leg, entry),
+            track=leg.track,
+            files=files[entry.name],
+            wall=wall,
+            versions=flying,
+        )
+        for leg in legs  # all entries on one track after another: an early look is fair
+        for entry in entries
+    ]
+
+
+def fly_season(
+    connection: contextlib.AbstractContextManager,
+    flights: Sequence[Flight],
+    folder: Path,
+    store: LeagueStore,
+    show: Callable[[dict], None],
+) -> None:
+    """Flies the races that a store lacks, and keeps what they leave.
+
+    Args:
+        connection: from local_cluster() or running_cluster().
+        flights: all of the season.
+        folder: of the season.
+        store: in it.
+        show: called with the row of each race that has ended.
+
+    Raises:
+        EvaluationStopped: see fly_races().
+        UserError: if a worker has other versions, or a file cannot be written.
+    """
+    from airrace.evaluation import cluster
+
+    missing = [flight for flight in flights if flight.key not in store.keys]
+
+    def keep(row):
+        with interrupts_held():
+            kept = keep_files(folder, row)
+            store.append(kept)
+        show(kept)
+
+    if missing:
+        with connection as client:
+            cluster.check_workers(client, missing[0].versions, {})
+            cluster.fly_races(client, missing, keep, fly)

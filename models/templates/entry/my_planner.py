@@ -1,0 +1,30 @@
+"""From the map to laps. It flies as it is."""
+
+from airrace.systems.planning.lap_planner import LapPlanner
+from airrace.systems.planning.lap_planning import plan_lap
+from airrace.vehicle import load_vehicle
+
+# LapPlanner decides when to plan, and when a plan comes into force. Its ports:
+#   in:  gate_map, explorer_status, exploration_reference
+#   out: lap_plan
+
+
+def solve(problem):
+    """Returns a LapPlan for a LapProblem, or None: then the old lap is flown once more.
+
+    The problem has the gates in the order of flight, the pylons with the margins to keep from
+    them, where the drone is when the plan begins, and the old plan. Return a plan of your own, or
+    change the problem, for instance its margins: dataclasses.replace(problem, margins=...).
+    """
+    return plan_lap(problem)
+
+
+def make(scenario):
+    """Returns the system; called once before a race."""
+    return LapPlanner(
+        vehicle=load_vehicle(scenario.drone)[0],
+        trajectory=scenario.trajectory,
+        config=scenario.planner,
+        laps=scenario.laps,
+        solve=solve,
+    )

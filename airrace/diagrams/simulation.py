@@ -10,10 +10,13 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import DiscreteTimeDelay, DiscreteTimeIntegrator
 
+from airrace.common.errors import UserError
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
+from airrace.rendering.planar.solids_renderer import SolidsRenderer
 from airrace.rendering.scene.pad import AddPad, start_pose
 from airrace.rendering.scene.scenery import AddScenery, move_gates
+from airrace.rendering.scene.square_scenery import AddSquareScenery
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.scenario import VIO, Scenario
 from airrace.scenario.camera_config import NO_CAMERA
@@ -26,7 +29,7 @@ from airrace.systems.sensing.camera import Camera
 from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.state_estimate import StateEstimate
 from airrace.systems.types import make_camera_info
-from airrace.track import Track, load_track
+from airrace.track.square_track import AnyTrack, SquareTrack, load_course
 from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.disturbances import check_rotors_exist, true_vehicle
 
@@ -89,7 +92,7 @@ class _World(NamedTuple):
     """
 
     scenario: Scenario
-    track: Track
+    track: AnyTrack
     vehicle: Vehicle
     true_vehicle: Vehicle
     plant: MultibodyPlant
@@ -106,17 +109,19 @@ class _World(NamedTuple):
 
 def _add_world(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None) -> _World:
     """Adds the plant and its scene: the track, the pad and the drone's body."""
-    track = load_track(scenario.track)
+    track = load_course(scenario.track)
     vehicle, sdf = load_vehicle(scenario.drone)
     check_rotors_exist(scenario.rotor_failures, vehicle)
     truth = true_vehicle(vehicle, scenario.disturbances, scenario.seed)
     plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
-    AddScenery(
-        plant,
-        track,
-        movable=scenario.disturbances.gate_shift > 0.0,
-        visible=meshcat is not None or scenario.camera.renderer == "vtk",
-    )
+    visible = meshcat is not None or scenario.camera.renderer == "vtk"
+    movable = scenario.disturbances.gate_shift > 0.0
+    if not isinstance(track, SquareTrack):
+        AddScenery(plant, track, movable=movable, visible=visible)
+    elif movable:
+        raise UserError("Square gates cannot move: set disturbances.gate_shift to 0.")
+    else:
+        AddSquareScenery(plant, track, visible=visible)
     AddPad(plant, track.start, vehicle.radius)
     AddMultirotorModel(plant, vehicle, sdf, truth)
     plant.Finalize()
@@ -186,7 +191,9 @@ def _add_camera(builder: DiagramBuilder, world: _World) -> None:
         imaging = ImagingChain(effects=effects, camera_info=info, seed=scenario.seed)
         drawn = imaging.pinhole
     if config.renderer == "vtk":
-        renderer = AddVtkRenderer(world.scene_graph, drawn)
+        renderer = AddVtkRenderer(world.scene_graph, drawn, indoors=world.track.hall() is not None)
+    elif isinstance(world.track, SquareTrack):
+        renderer = SolidsRenderer(world.track, drawn)
     else:
         renderer = PlanarRenderer(world.track, drawn)
     camera = Camera(
@@ -253,6 +260,7 @@ def _add_referee(builder: DiagramBuilder, world: _World) -> None:
         body_names=_collision_names(plant, scene_graph),
         rotor_failures=scenario.rotor_failures,
         moving_gates=world.gates_move,
+        contacts_end=config.contacts_end,
     )
     builder.AddNamedSystem("referee", referee)
     builder.Connect(world.state, referee.GetInputPort("state"))

@@ -70,6 +70,7 @@ class RefereeConfig:
     rate: float = 200.0  # Hz, of its checks; contacts between two checks count, too
     time_limit: float | None = None  # s; by default 600, and 120 a lap
     arena_margin: float = 60.0  # m beyond the outermost pylons, and upwards
+    contacts_end: bool = True  # false: the drone may go on after it has touched something
 
 
 @dc.dataclass

@@ -6,6 +6,7 @@ import itertools
 from pathlib import Path
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RotationMatrix
 
@@ -132,6 +133,19 @@ class Track:
     hover_height: float = float("nan")
     gates: list[Gate] = dc.field(default_factory=list)
 
+    @property
+    def closed(self) -> bool:
+        """Whether the track leads back to its first gate."""
+        return True
+
+    def outline(self) -> np.ndarray:
+        """Returns points on the ground that the track lies between, (n, 3) m: all pylons' feet."""
+        return self.pylons()
+
+    def hall(self) -> None:
+        """Returns None: there is no hall around tracks of pylons."""
+        return None
+
     def boards(self) -> list[Board]:
         """Returns all marker boards, ordered by ID."""
         return [b for n, gate in enumerate(self.gates) for b in gate.boards(n)]
@@ -221,8 +235,31 @@ def load_track(name_or_file: str) -> Track:
         UserError: if it is missing, malformed or impossible to fly.
     """
     path = find_yaml("tracks", name_or_file)
+    if is_square(path):
+        raise UserError(
+            f"The track {path} has square gates, which have no markers to find: fly it with "
+            f"`airrace grand-prix --track {name_or_file}`, or take a track of pylons."
+        )
     # Kept, because both diagrams of a race load the track, and the checks take a while.
     return _load_track(path, path.stat().st_mtime_ns)
+
+
+def is_square(path: Path) -> bool:
+    """Whether a track's file says that its gates are square; no error if it says nothing."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False  # whoever loads it says what is wrong
+    return _says_square(text)
+
+
+@functools.lru_cache(maxsize=8)
+def _says_square(text: str) -> bool:
+    try:
+        data = yaml.load(text, yaml.CSafeLoader)
+    except (yaml.YAMLError, RecursionError, ValueError):
+        return False
+    return isinstance(data, dict) and "gate" in data
 
 
 @functools.lru_cache(maxsize=8)

@@ -15,7 +15,8 @@ from airrace.vehicle.allocation import wrench_margin
 
 GRAVITY = 9.81  # m/s^2
 GRAVITY_W = read_only(np.array((0.0, 0.0, -GRAVITY)))  # in the world
-DRONES = {"Default": "default", "StarOne": "star_one"}
+DRONES = {"Default": "default", "StarOne": "star_one", "vadr": "vadr"}
+RACERS = ("Default", "StarOne")  # that the autonomy flies: it looks straight ahead
 # Body x forward, y left, z up to camera x right, y down, z forward.
 _R_BC_LEVEL = RotationMatrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 

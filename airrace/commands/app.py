@@ -13,7 +13,18 @@ from cyclopts import App, CycloptsError, Parameter
 from cyclopts.exceptions import UnusedCliTokensError
 
 from airrace import __version__
-from airrace.commands import doctor, evaluate, hitl, new, race, replay, report, tables, track
+from airrace.commands import (
+    doctor,
+    evaluate,
+    grand_prix,
+    hitl,
+    new,
+    race,
+    replay,
+    report,
+    tables,
+    track,
+)
 from airrace.common.errors import UserError, exit_code
 
 _HELP = """\
@@ -39,7 +50,7 @@ def make_app() -> App:
             allow_repeating=True,  # the last one counts
         ),
     )
-    for module in (race, replay, report, tables, track, evaluate, hitl, doctor, new):
+    for module in (race, replay, report, tables, track, evaluate, hitl, grand_prix, doctor, new):
         module.add_to(app)
     app.command(_completion(app), name="completion", help_epilogue=_COMPLETION_EPILOG)
     for i, name in enumerate(app.resolved_commands()):  # listed as they were added, not by name

@@ -26,12 +26,15 @@ from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, 
 from airrace.systems.plant.wind import Wind
 from airrace.systems.referee import Referee
 from airrace.systems.sensing.camera import Camera
+from airrace.systems.sensing.contact_sensor import ContactSensor
 from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.state_estimate import StateEstimate
 from airrace.systems.types import make_camera_info
 from airrace.track.square_track import AnyTrack, SquareTrack, load_course
-from airrace.vehicle import Vehicle, load_vehicle
+from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.disturbances import check_rotors_exist, true_vehicle
+
+CONTACT_RATE = 120.0  # Hz, of the contact sensor
 
 
 def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
@@ -47,7 +50,8 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
     the motor controllers, and with the estimator ``vio`` ``imu`` (see ImuSamples), which costs
     a little time. Truth, for judges and spectators only: ``truth.state`` (13),
     ``truth.referee_status`` (RefereeStatus), and if gates move, ``truth.gate_shifts`` (see
-    GateMover), which the plant's bodies follow when follow_gates() is called.
+    GateMover), which the plant's bodies follow when follow_gates() is called; and if contacts do
+    not end the race, ``truth.contacts`` (see ContactSensor).
 
     The drone that flies is the scenario's with the errors of its disturbances.
 
@@ -275,8 +279,30 @@ def _add_referee(builder: DiagramBuilder, world: _World) -> None:
         (scene_graph.get_query_output_port(), "geometry_query"),
     ):
         builder.Connect(port, referee.GetInputPort(name))
+    if not config.contacts_end:
+        _add_contact_sensor(builder, world, impulse.get_output_port())
     builder.ExportInput(referee.GetInputPort("explorer_status"), "explorer_status")
     builder.ExportOutput(referee.GetOutputPort("report"), "truth.referee_status")
+
+
+def _add_contact_sensor(builder: DiagramBuilder, world: _World, impulse: OutputPort) -> None:
+    """Adds what counts contacts where the referee does not; impulse: of all contacts so far."""
+    plant, scene_graph = world.plant, world.scene_graph
+    sensor = ContactSensor(
+        rate=CONTACT_RATE,
+        standing_height=world.X_WB.translation()[2],
+        weight=world.true_vehicle.mass * GRAVITY,
+        body_names=_collision_names(plant, scene_graph),
+    )
+    builder.AddNamedSystem("contact_sensor", sensor)
+    for port, name in (
+        (world.state, "state"),
+        (impulse, "contact_impulse"),
+        (plant.get_contact_results_output_port(), "contact_results"),
+        (scene_graph.get_query_output_port(), "geometry_query"),
+    ):
+        builder.Connect(port, sensor.GetInputPort(name))
+    builder.ExportOutput(sensor.GetOutputPort("contacts"), "truth.contacts")
 
 
 def _collision_names(plant: MultibodyPlant, scene_graph: SceneGraph) -> dict:
@@ -293,6 +319,7 @@ def _collision_names(plant: MultibodyPlant, scene_graph: SceneGraph) -> dict:
 
 def _add_gate_mover(builder: DiagramBuilder, world: _World) -> None:
     """Adds what moves gates between laps, and shows it to every system that has a port for it."""
+    assert not isinstance(world.track, SquareTrack)  # its gates stand still, see _add_world()
     max_shift = world.scenario.disturbances.gate_shift
     mover = GateMover(track=world.track, max_shift=max_shift, seed=world.scenario.seed)
     builder.AddNamedSystem("gate_mover", mover)

@@ -9,13 +9,7 @@ from foxglove import messages as fg
 from airrace.recording.foxglove_messages import BODY, CAMERA, WORLD, pose, stamp, vector3
 from airrace.rendering.scene.meshes import BOARD_THICKNESS
 from airrace.systems.types import Detections
-from airrace.track import (
-    BOARD_SIZE,
-    MARKER_SIZE,
-    PYLON_BASE_RADIUS,
-    PYLON_HEIGHT,
-    PYLON_TIP_RADIUS,
-)
+from airrace.track import BOARD_SIZE, MARKER_SIZE, PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS
 from airrace.track.gate_map import GateMap
 from airrace.track.square_gate import OUTER
 from airrace.track.square_track import AnyTrack, SquareTrack
@@ -96,8 +90,8 @@ def track_scene(time: float, track: AnyTrack, vehicle: Vehicle) -> fg.SceneUpdat
             place = pose(box.X_WB.translation(), turn)
             boards.append(fg.CubePrimitive(pose=place, color=_PYLON, size=size))
     height = OUTER if isinstance(track, SquareTrack) else PYLON_HEIGHT
-    for n, gate in enumerate(track.gates):
-        above = gate.p_WG + [0.0, 0.0, height]
+    for n, p_WG in enumerate([gate.p_WG for gate in track.gates]):
+        above = p_WG + [0.0, 0.0, height]
         texts.append(_text(above, f"gate {n + 1}", 2.0))
     gates = _entity(time, "gates", cylinders=pylons, cubes=boards, texts=texts)
     return fg.SceneUpdate(entities=[gates, _entity(time, "drone", BODY, **_drone(vehicle))])

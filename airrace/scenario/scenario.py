@@ -25,6 +25,7 @@ from airrace.scenario.checks import (
     check_rotor_failures,
 )
 from airrace.scenario.imu_config import ImuConfig
+from airrace.scenario.mavlink_config import MavlinkConfig
 from airrace.track.map_files import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
@@ -227,6 +228,9 @@ class Scenario:
     # Your own systems: a name from diagrams/autonomy.py to "module:callable",
     # which is called with this scenario and returns a System.
     systems: dict[str, str] = dc.field(default_factory=dict)
+
+    # What a client is told that flies in the place of the autonomy.
+    mavlink: MavlinkConfig = dc.field(default_factory=MavlinkConfig)
 
     # What is kept of it.
     recording: RecordingConfig = dc.field(default_factory=RecordingConfig)

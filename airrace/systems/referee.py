@@ -237,19 +237,8 @@ class Referee(LeafSystem):
 
     def _touched(self, context: Context, airborne: bool) -> str | None:
         """Returns the name of what pushed the drone, now or between two updates."""
-        contacts = self._contacts.Eval(context)
-        pairs = [
-            contacts.point_pair_contact_info(i).point_pair()
-            for i in range(contacts.num_point_pair_contacts())
-        ]
-        if airborne and not pairs:
-            distances = self._query.Eval(context).ComputeSignedDistancePairwiseClosestPoints()
-            pairs = sorted(distances, key=lambda pair: pair.distance)
-        for pair in pairs:
-            name = self._names.get(pair.id_A) or self._names.get(pair.id_B)
-            if name and (airborne or name not in _FLOOR):
-                return name
-        return None
+        contacts, query = self._contacts.Eval(context), self._query.Eval(context)
+        return nearest_name(contacts, query, self._names, airborne)
 
     def _calc_report(self, context, output):
         m = _as_memory(context.get_discrete_state(self._memory).value())
@@ -272,6 +261,30 @@ class Referee(LeafSystem):
                 collisions=int(verdict in (GROUND, TOUCHED)),
             )
         )
+
+
+def nearest_name(
+    contacts: ContactResults, query: QueryObject, names: dict, airborne: bool
+) -> str | None:
+    """Returns the name of what pushes the drone, or in the air of what is nearest to it.
+
+    Args:
+        contacts, query: the plant's contacts now, and SceneGraph's.
+        names: geometry IDs to names.
+        airborne: whether the drone has taken off; before, the floor does not count.
+    """
+    pairs = [
+        contacts.point_pair_contact_info(i).point_pair()
+        for i in range(contacts.num_point_pair_contacts())
+    ]
+    if airborne and not pairs:
+        distances = query.ComputeSignedDistancePairwiseClosestPoints()
+        pairs = sorted(distances, key=lambda pair: pair.distance)
+    for pair in pairs:
+        name = names.get(pair.id_A) or names.get(pair.id_B)
+        if name and (airborne or name not in _FLOOR):
+            return name
+    return None
 
 
 def _openings(track: AnyTrack) -> np.ndarray:

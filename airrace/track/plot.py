@@ -54,8 +54,10 @@ def save_plot(track: AnyTrack, path: Path) -> None:
     Raises:
         UserError: if the file cannot be written or has an ending of no picture.
     """
-    square = isinstance(track, SquareTrack)
-    figure = draw_square_track(track) if square else draw_track(track)
+    if isinstance(track, SquareTrack):
+        figure = draw_square_track(track)
+    else:
+        figure = draw_track(track)
     ending = path.suffix.lstrip(".").lower()
     if ending not in FigureCanvasAgg(figure).get_supported_filetypes():
         raise UserError(f"--plot {path} has no ending of a picture; give a .png, .svg or .pdf.")

@@ -174,7 +174,11 @@ class RaceFeed(LeafSystem):
         self._add_referee(context)
         self._add_estimate(context, time)
         shifts = self._value(context, "truth.gate_shifts")
-        if shifts is not None and isinstance(self._track, Track) and not np.array_equal(shifts, self._known.get(SHIFTS)):
+        if (
+            shifts is not None
+            and isinstance(self._track, Track)
+            and not np.array_equal(shifts, self._known.get(SHIFTS))
+        ):
             self._known[SHIFTS] = shifts.copy()
             gates = self._track.shifted(shifts).gates
             self._record.add(SHIFTS, time, gates=[g.p_WG[:2].round(2).tolist() for g in gates])

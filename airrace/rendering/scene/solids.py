@@ -101,7 +101,9 @@ def box_faces(box: Box, colors: list) -> Faces:
             u_seen = sign * u  # so that all faces turn the same way
             faces.append([middle + a * u_seen + b * v for a, b in _SQUARE])
     corners = np.array(faces) * box.size / 2
-    return Faces(np.array([(box.X_WB @ face.T).T for face in corners]), np.array(colors), np.zeros(6, bool))
+    return Faces(
+        np.array([(box.X_WB @ face.T).T for face in corners]), np.array(colors), np.zeros(6, bool)
+    )
 
 
 _SQUARE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))

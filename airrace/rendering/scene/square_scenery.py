@@ -40,7 +40,7 @@ def AddSquareScenery(plant: MultibodyPlant, track: SquareTrack, visible: bool = 
     hall = track.hall()
     add_ground(plant, visible=visible and hall is None)
 
-    def add(name: str, box: Box, color: Sequence[float], seen_by: str = EVERYBODY):
+    def add(name: str, box: Box, color: Sequence[float], seen_by: str = EVERYBODY) -> None:
         shape = DrakeBox(*box.size)
         world = plant.world_body()
         if visible:
@@ -61,13 +61,11 @@ def AddSquareScenery(plant: MultibodyPlant, track: SquareTrack, visible: bool = 
         for i, box in enumerate(hall.lights, 1):
             _show(plant, f"light_{i}", box, LIGHT_COLOR, CAMERAS)
         size, middle = hall.high - hall.low, (hall.low + hall.high) / 2
-        floor = Box(
-            RigidTransform([*middle[:2], -_THIN / 2]), np.array([size[0], size[1], _THIN])
-        )
+        floor = Box(RigidTransform([*middle[:2], -_THIN / 2]), np.array([size[0], size[1], _THIN]))
         _show(plant, "floor", floor, FLOOR_COLORS[0], EVERYBODY)
 
 
-def _show(plant: MultibodyPlant, name: str, box: Box, color: Sequence[float], seen_by: str):
+def _show(plant: MultibodyPlant, name: str, box: Box, color: Sequence[float], seen_by: str) -> None:
     """Adds what is seen of a box; color: RGB from 0 to 255."""
     visual = GeometryInstance(box.X_WB, DrakeBox(*box.size), f"{name}_visual")
     diffuse = Rgba(*(level / 255 for level in color))

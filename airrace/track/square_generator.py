@@ -10,13 +10,14 @@ from airrace.math.random import make_generator
 from airrace.track.rules import RuleError
 from airrace.track.square_gate import SquareGate
 from airrace.track.square_rules import (
+    CLIMB,
+    DESCENT,
     GATE_COUNTS,
     HEIGHTS,
     LEGS,
     MOST_GATES,
     PAD_TILT_DEG,
     PITCH,
-    SLOPE,
     START_DISTANCE,
     START_TURN,
     TURN,
@@ -29,6 +30,7 @@ from airrace.track.track import Start
 _MEAN_LENGTH = 200.0  # m, of a course of GATE_COUNTS
 _SPREAD = 0.15  # of a leg's length
 _COURSES, _LEGS = 200, 30  # tried before a seed is refused, and for each leg of a course
+_HIGH = 4.5  # m: from there it goes down, as climbs may be steeper than descents
 _DRAWN_TURN = 0.8 * TURN  # so that a gate between two legs faces both
 
 
@@ -91,7 +93,7 @@ def _with_next(
     for attempt in range(_LEGS):
         length = np.clip(mean * (1.0 + _SPREAD * rng.standard_normal()), *LEGS)
         turned = bearing + rng.uniform(-_DRAWN_TURN, _DRAWN_TURN)
-        slope = rng.uniform(-SLOPE, SLOPE)
+        slope = rng.uniform(-DESCENT, CLIMB) if way[-1, 2] < _HIGH else rng.uniform(-DESCENT, 0.0)
         height = np.clip(way[-1, 2] + length * np.sin(slope), *HEIGHTS)
         level = np.sqrt(length**2 - (height - way[-1, 2]) ** 2)
         longer = np.vstack([way, [*way[-1, :2] + level * _direction(turned), height]])

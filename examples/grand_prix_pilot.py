@@ -67,7 +67,9 @@ class Motion:
             if before[0] <= time <= after[0]:
                 share = (time - before[0]) / (after[0] - before[0])
                 turn = cv2.Rodrigues(before[1].T @ after[1])[0].ravel()
-                return before[1] @ rotation(share * turn), before[2] + share * (after[2] - before[2])
+                return before[1] @ rotation(share * turn), before[2] + share * (
+                    after[2] - before[2]
+                )
         return self.R, self.p
 
 

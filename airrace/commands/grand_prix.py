@@ -26,12 +26,16 @@ examples:
   airrace grand-prix                          a course of 17 gates, in real time
   airrace grand-prix --vq 1                   and the client is told pose and gates
   airrace grand-prix --realtime_rate 0.5      for a slow client
-  airrace grand-prix --step                   wait for one command after every IMU message:
-                                              repeatable, and as fast as the client
+  airrace grand-prix --step                   as fast as the client, and repeatable
   airrace track --kind square --seed 7 > seven.yaml
   airrace grand-prix --track seven.yaml --runs 0    race after race, until Ctrl-C
   airrace grand-prix --quirks official        with the habits of the official build
 
+--step waits for exactly one command, which is a set-point, arm or reset, after every
+HIGHRES_IMU. A client that sends none for two seconds is not waited for until it sends
+again; one that sends more flies, but not the same twice.
+
+./run.bash -s MAVLINK is the same command.
 The results are in the output folder: race.json, scenario.yaml, race.mcap, and
 race.html with --meshcat. MAVLink neither authenticates nor encrypts: without
 --bind, nobody but this computer is heard.
@@ -69,7 +73,10 @@ class GrandPrixOptions(ScenarioOptions):
     bind: Annotated[str, Parameter(group=CLIENT, metavar="ADDRESS")] = "127.0.0.1"
     "address of this computer to use (default: 127.0.0.1, for clients on this computer only)"
     step: Annotated[bool | None, Parameter(group=CLIENT, negative=())] = None
-    "wait for one command after every IMU message in the place of real time"
+    (
+        "in the place of real time, wait for exactly one command (set-point, arm or reset) after "
+        "every HIGHRES_IMU; 2 s at most"
+    )
     realtime_rate: Annotated[float | None, Parameter(group=CLIENT)] = None
     "1 = real time, 0.5 = half as fast, 0 = as fast as it can (default: 1, with --step 0)"
     runs: Annotated[Whole, Parameter(group=CLIENT)] = 1

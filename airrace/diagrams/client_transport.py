@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 RESET_BY_CLIENT = "reset by the client"
 _GREETING = 0.1  # s, between two heartbeats while nobody has answered yet
 _ANSWER = 2.0  # s, that a client may take to answer in steps, before the time goes on without
+_ROUNDING = 1e-6  # s, by which a step goes on after its message, whatever sums of periods round to
 _FAREWELL = 1.0  # s of simulated time after the end, in which the client learns of it
 
 
@@ -29,8 +30,10 @@ class ClientTransport(Transport):
     """Joins a simulation to a client: see airrace/hitl/transport.py.
 
     In real time, time goes on from the beginning, as in the official simulator. As fast as it can
-    and in steps, it waits for the client's first word. In steps, it also waits for a command after
-    every time at which a HIGHRES_IMU is due.
+    and in steps, it waits for the client's first word. In steps, it also waits for one command after
+    every HIGHRES_IMU. A client that has not answered for two seconds is not waited for again until
+    its next command. One that sends more than one is obeyed, but what comes late counts as the next
+    answer, and when that is depends on the computer.
 
     Attributes:
         reset_wanted: whether the client has asked to begin anew.
@@ -103,15 +106,17 @@ class ClientTransport(Transport):
         return None
 
     def _advance_in_steps(self, simulator, end):
-        """Advances, and waits for a command after each sample of the IMU."""
+        """Advances, and waits for a command after each HIGHRES_IMU."""
         while not self.reset_wanted:
-            due = (self._samples + 1) / self._imu_rate + AFTER
+            due = self._samples / self._imu_rate + AFTER + _ROUNDING
             if due > end:
                 simulator.AdvanceTo(end)
                 return
+            told = self.bridge.imu_messages
             simulator.AdvanceTo(due)
             self._samples += 1
-            self._await_command()
+            if self.bridge.imu_messages > told:
+                self._await_command()
 
     def _await_command(self):
         """Waits until a command has come; a client that was silent is not waited for again."""

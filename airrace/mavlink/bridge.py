@@ -92,6 +92,10 @@ class MavlinkBridge(LeafSystem):
 
     What came is read at LISTEN_RATE, in a publish event; the update of the same time obeys it. All
     is sent by the clock, in simulated time. The link is outside of the Context, as the world is.
+
+    Attributes:
+        reset_wanted: whether the client has asked to begin anew.
+        imu_messages: how many HIGHRES_IMU were sent.
     """
 
     def __init__(self, *, world: World, link: ClientLink):
@@ -99,7 +103,7 @@ class MavlinkBridge(LeafSystem):
         LeafSystem.__init__(self)
         self._world, self._link, self._config = world, link, world.config
         self._quirks = world.config.quirks
-        self.reset_wanted = False
+        self.reset_wanted, self.imu_messages = False, 0
         self._declare_ports()
         # What was sent last. It is output, not state: nothing in the flight depends on it.
         self._imu_time = self._picture_time = -1.0
@@ -186,6 +190,7 @@ class MavlinkBridge(LeafSystem):
         self._imu_time = time
         if self._imu_random.random() < self._dropped(time):
             return
+        self.imu_messages += 1
         self._link.send(
             telemetry.highres_imu(
                 self._clock(time),

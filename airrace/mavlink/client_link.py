@@ -42,6 +42,8 @@ class Counts:
         received: messages that were good.
         malformed: datagrams that are not MAVLink, in whole or in part.
         oversized: datagrams that are too long.
+        unknown: messages of types that MAVLink's common set does not have, whose checksum nobody
+            knows.
         replayed: messages whose number is not after the one before.
         refused: commands that cannot be obeyed.
         strangers: datagrams of other clients than the first.
@@ -52,6 +54,7 @@ class Counts:
     received: int = 0
     malformed: int = 0
     oversized: int = 0
+    unknown: int = 0
     replayed: int = 0
     refused: int = 0
     strangers: int = 0
@@ -168,13 +171,15 @@ class ClientLink:
         """Returns the messages of a datagram, all of them or none."""
         try:
             found = self._parser.parse_buffer(data) or []
-            if self._parser.buf_len():
+            if not found or self._parser.buf_len():
                 raise mavlink.MAVError("the last message is not complete")
         except Exception:  # pymavlink raises errors of many kinds on bad bytes
             self.counts.malformed += 1
             self._parser = mavlink.MAVLink(None)
             return []
-        return found
+        known = [each for each in found if not isinstance(each, mavlink.MAVLink_unknown)]
+        self.counts.unknown += len(found) - len(known)
+        return known
 
     def _accept(self, message, sender):
         now = time.monotonic()

@@ -10,16 +10,16 @@ from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, load_yaml
 from airrace.track.hall import Hall, hall_around
 from airrace.track.square_gate import MAX_PITCH_DEG, OUTER, SquareGate
-from airrace.track.track import MAX_GATES, Board, Start, Track, is_square, load_track
+from airrace.track.track import MAX_GATES, SQUARE, Board, Start, Track, is_square, load_track
 
-SQUARE, LAWN, HALL = "square", "lawn", "hall"
+LAWN, HALL = "lawn", "hall"
 MAX_PAD_TILT_DEG = 25.0  # of the start; a drone slips off a steeper one
 _ABOVE_GROUND = OUTER / 2  # m, of a gate's middle, so that its frame does not stick in the ground
 
 
 @dc.dataclass
 class GateKind:
-    """What kind of gates a track has; the kind ``pylons`` is that of other tracks."""
+    """What kind of gates a track has; tracks of pylons do not say it."""
 
     kind: str = SQUARE
 

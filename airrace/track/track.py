@@ -23,6 +23,7 @@ BOARD_HEIGHT = 6.25  # of the board's centre
 BOARD_OFFSET = 1.0  # of a board's face from the pylon axis, to front and back
 MARKER_SIZE = 1.2  # the black square; the rest is white border
 MAX_PAD_TILT_DEG = 15.0  # of the start; a drone may slip off a steeper one
+SQUARE = "square"  # the kind of gates that are no pylons
 MAX_GATES = 256  # DICT_ARUCO_ORIGINAL has 1024 markers, four a gate
 
 
@@ -245,21 +246,33 @@ def load_track(name_or_file: str) -> Track:
 
 
 def is_square(path: Path) -> bool:
-    """Whether a track's file says that its gates are square; no error if it says nothing."""
+    """Whether a track's file says that its gates are square; without ``gate``, they are pylons.
+
+    Raises:
+        UserError: if it says that they are of another kind.
+    """
     try:
-        text = path.read_text(encoding="utf-8")
+        gate = _gate_of(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError):
         return False  # whoever loads it says what is wrong
-    return _says_square(text)
+    if gate is None:
+        return False
+    if isinstance(gate, dict) and gate.get("kind") == SQUARE:
+        return True
+    raise UserError(
+        f"The track {path} has gates of an unknown kind: write gate: {{kind: {SQUARE}}}, or leave "
+        "gate out for pylons."
+    )
 
 
 @functools.lru_cache(maxsize=8)
-def _says_square(text: str) -> bool:
+def _gate_of(text: str) -> object:
+    """Returns what a track's file says below ``gate``; None if it is not there, or no YAML."""
     try:
         data = yaml.load(text, yaml.CSafeLoader)
     except (yaml.YAMLError, RecursionError, ValueError):
-        return False
-    return isinstance(data, dict) and "gate" in data
+        return None
+    return data.get("gate") if isinstance(data, dict) else None
 
 
 @functools.lru_cache(maxsize=8)

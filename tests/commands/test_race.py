@@ -420,7 +420,7 @@ class TestOptions:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drone", vehicle.DRONES)
+@pytest.mark.parametrize("drone", vehicle.RACERS)
 def test_the_reference_track(folder, capsys, drone):
     """From pixels: explored, mapped and raced."""
     assert main(["-d", drone, "--laps", "1", "--no-meshcat", "--output", "out"]) == 0

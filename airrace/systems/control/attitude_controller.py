@@ -36,8 +36,8 @@ class AttitudeController(LeafSystem):
         - rate_command
 
     ``watched_setpoint`` is a Setpoint (24), ``attitude_command`` what VelocityController says,
-    (6,), ``filtered_estimate`` a vehicle.State (14), and ``rate_command`` what RateController takes:
-    [f, w_x, w_y, w_z] (N, rad/s), (4,), zeros for other set-points.
+    (6,), ``filtered_estimate`` a vehicle.State (14), and ``rate_command`` what RateController
+    takes: [f, w_x, w_y, w_z] (N, rad/s), (4,), zeros for other set-points.
 
     The rates are proportional to the rotation vector from the attitude to the one wanted, in B.
     """

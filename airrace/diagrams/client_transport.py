@@ -30,10 +30,10 @@ class ClientTransport(Transport):
     """Joins a simulation to a client: see airrace/hitl/transport.py.
 
     In real time, time goes on from the beginning, as in the official simulator. As fast as it can
-    and in steps, it waits for the client's first word. In steps, it also waits for one command after
-    every HIGHRES_IMU. A client that has not answered for two seconds is not waited for again until
-    its next command. One that sends more than one is obeyed, but what comes late counts as the next
-    answer, and when that is depends on the computer.
+    and in steps, it waits for the client's first word. In steps, it also waits for one command
+    after every HIGHRES_IMU. A client that has not answered for two seconds is not waited for again
+    until its next command. One that sends more than one command is obeyed, but what comes late
+    counts as the next answer, and how late it comes depends on the computer.
 
     Attributes:
         reset_wanted: whether the client has asked to begin anew.

@@ -56,7 +56,7 @@ def MakeFlightController(
     switch = MotorSwitch(vehicle=vehicle)
     systems: dict[str, System] = {
         "true_estimate": TrueEstimate(),
-        "setpoint_watchdog": SetpointWatchdog(),
+        "setpoint_watchdog": SetpointWatchdog(standing_height=start[2]),
         "velocity_controller": VelocityController(vehicle=vehicle),
         "attitude_controller": AttitudeController(vehicle=vehicle),
         "rate_controller": rate_controller,

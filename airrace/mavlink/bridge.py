@@ -90,8 +90,9 @@ class MavlinkBridge(LeafSystem):
     ``setpoint`` is what the client wants, a Setpoint (24). ``explorer_status`` is an
     ExplorerStatus, which is done once the drone was armed: from then on the referee counts gates.
 
-    What came is read at LISTEN_RATE, in a publish event; the update of the same time obeys it. All
-    is sent by the clock, in simulated time. The link is outside of the Context, as the world is.
+    What came is read at LISTEN_RATE, in a publish event; the update of the same time obeys and
+    answers it, also what was read between two of them. All else is sent by the clock, in simulated
+    time. The link is outside of the Context, as the world is.
 
     Attributes:
         reset_wanted: whether the client has asked to begin anew.
@@ -273,24 +274,22 @@ class MavlinkBridge(LeafSystem):
 
     # What the client says.
 
-    def _listen(self, context):
+    def _listen(self, _context):
         self._link.drain()
-        for message in self._link.messages:
-            if message.get_type() == "TIMESYNC":
-                self._link.send(telemetry.timesync(message, self._now(context)))
-            elif message.get_type() == "COMMAND_LONG":
-                accepted = message.command in (ARM, RESET)
-                self._link.send(telemetry.acknowledgement(message.command, accepted))
 
     def _obey(self, context, discrete_state):
         for message in self._link.take():
             kind = message.get_type()
-            if kind == "COMMAND_LONG":
+            if kind == "TIMESYNC":
+                self._link.send(telemetry.timesync(message, self._now(context)))
+            elif kind == "COMMAND_LONG":
                 self._command(context, discrete_state, message)
             elif kind in SETPOINTS:
                 self._follow(context, discrete_state, message)
 
     def _command(self, context, discrete_state, message):
+        accepted = message.command in (ARM, RESET)
+        self._link.send(telemetry.acknowledgement(message.command, accepted))
         if message.command == RESET:
             self.reset_wanted = True
         elif message.command == ARM:

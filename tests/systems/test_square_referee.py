@@ -58,7 +58,7 @@ def test_a_course_runs_from_the_first_gate_to_the_last():
     np.testing.assert_allclose([c.offset for c in report.crossings], 0.5, atol=1e-9)
     assert report.crossings[0].max_speed == pytest.approx(5.0)
     assert report.crossings[0].time == pytest.approx(0.5 * DT)
-    assert report.end_time == pytest.approx(33 * DT)
+    assert report.end_time == pytest.approx(32.5 * DT)
 
 
 @pytest.mark.parametrize(

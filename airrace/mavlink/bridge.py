@@ -111,7 +111,7 @@ class MavlinkBridge(LeafSystem):
         self._frames, self._contacts = 0, (0.0, 0.0)
         self._jpeg = b""
         self._imu_random = make_generator(world.seed, "mavlink imu")
-        self._drop = 0.0
+        self._second, self._drop = -1, 0.0
         self._picture_random = make_generator(world.seed, "mavlink pictures")
         for rate, send in self._timetable():
             self.DeclarePeriodicPublishEvent(1.0 / rate, AFTER, send)
@@ -203,7 +203,8 @@ class MavlinkBridge(LeafSystem):
 
     def _dropped(self, time):
         """Returns the share of samples that load takes now: another one every second."""
-        if self._quirks.imu_drop > 0.0 and time % 1.0 < 1.0 / self._world.imu_rate:
+        if int(time) != self._second:
+            self._second = int(time)
             self._drop = self._quirks.imu_drop * self._imu_random.random()
         return self._drop
 

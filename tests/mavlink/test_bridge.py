@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
+from pymavlink.dialects.v20 import common as mavlink
 
 from airrace.mavlink.picture_stream import HEADER
 from airrace.systems.control.setpoint import as_setpoint
@@ -201,8 +202,6 @@ class TestCommands:
         assert session.bridge.reset_wanted
 
     def test_timesync_is_answered_with_simulated_time(self):
-        from pymavlink.dialects.v20 import common as mavlink
-
         session = Session(grand_prix())
         session.fly(0.5)
         session.link.say(mavlink.MAVLink_timesync_message(777, 0))

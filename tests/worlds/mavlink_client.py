@@ -2,6 +2,7 @@
 
 import socket
 
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pymavlink.dialects.v20 import common as mavlink
 
 from airrace.diagrams.client_transport import ClientTransport
@@ -9,6 +10,7 @@ from airrace.diagrams.race import MakeRace
 from airrace.mavlink.client_link import Counts
 from airrace.mavlink.commands import ARM
 from airrace.scenario import load_scenario
+from airrace.vehicle.state import as_plant_state
 
 RATES_ONLY = 128  # type_mask of SET_ATTITUDE_TARGET
 VELOCITY_ONLY = 0b110111000111  # of SET_POSITION_TARGET_LOCAL_NED
@@ -102,8 +104,6 @@ class Session:
     """A race whose client is an Earpiece, advanced by hand."""
 
     def __init__(self, scenario, link=None):
-        from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-
         self.link = link or Earpiece()
         self.transport = ClientTransport(scenario, self.link)
         self.diagram = MakeRace(scenario, transport=self.transport)
@@ -123,8 +123,6 @@ class Session:
 
     @property
     def state(self):
-        from airrace.vehicle.state import as_plant_state
-
         return as_plant_state(self.output("truth.state").copy())
 
     def output(self, name):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydrake.geometry import Role
+from pydrake.geometry import Rgba, Role
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
@@ -30,6 +30,18 @@ def test_a_level_start_stands_on_the_ground():
     np.testing.assert_allclose(X_WB.translation(), [3.0, 4.0, 0.1])
     R = X_WB.rotation().matrix()
     np.testing.assert_allclose(R[:, 0], [np.cos(np.pi / 6), 0.5, 0.0], atol=1e-12)
+
+
+def test_a_pad_is_drawn_in_its_colour():
+    """Drake draws nothing, and raises, for a colour of another type than its own."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
+    AddPad(plant, start(10.0), 0.4)
+    plant.Finalize()
+    inspector = scene_graph.model_inspector()
+    (pad,) = inspector.GetAllGeometryIds(Role.kIllustration)
+    diffuse = inspector.GetIllustrationProperties(pad).GetProperty("phong", "diffuse")
+    assert isinstance(diffuse, Rgba)
 
 
 def geometries(tilt_deg):

@@ -48,7 +48,7 @@ class ClientTransport(Transport):
         self._waits = self._config.step or not scenario.simulator_config.target_realtime_rate
         self._idle, self._samples, self._silent = 0.0, 0, False
         self._bridge: MavlinkBridge | None = None
-        self._unanswered = 0
+        self._unanswered = self._commands = 0
 
     @property
     def bridge(self) -> MavlinkBridge:
@@ -120,6 +120,9 @@ class ClientTransport(Transport):
 
     def _await_command(self):
         """Waits until a command has come; a client that was silent is not waited for again."""
+        if self.bridge.commands > self._commands:
+            self._silent = False
+        self._commands = self.bridge.commands
         limit = wall_clock.monotonic() + (0.0 if self._silent else _ANSWER)
         while True:
             self._link.drain()

@@ -97,6 +97,7 @@ class MavlinkBridge(LeafSystem):
     Attributes:
         reset_wanted: whether the client has asked to begin anew.
         imu_messages: how many HIGHRES_IMU were sent.
+        commands: how many commands were taken up, whether they could be obeyed or not.
     """
 
     def __init__(self, *, world: World, link: ClientLink):
@@ -104,7 +105,7 @@ class MavlinkBridge(LeafSystem):
         LeafSystem.__init__(self)
         self._world, self._link, self._config = world, link, world.config
         self._quirks = world.config.quirks
-        self.reset_wanted, self.imu_messages = False, 0
+        self.reset_wanted, self.imu_messages, self.commands = False, 0, 0
         self._declare_ports()
         # What was sent last. It is output, not state: nothing in the flight depends on it.
         self._imu_time = self._picture_time = -1.0
@@ -281,6 +282,7 @@ class MavlinkBridge(LeafSystem):
     def _obey(self, context, discrete_state):
         for message in self._link.take():
             kind = message.get_type()
+            self.commands += is_command(message)
             if kind == "TIMESYNC":
                 self._link.send(telemetry.timesync(message, self._now(context)))
             elif kind == "COMMAND_LONG":

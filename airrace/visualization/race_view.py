@@ -52,11 +52,12 @@ def AddVisualization(
     )
     systems: dict[str, LeafSystem] = {
         "race_feed": feed,
-        "plan_visualizer": PlanVisualizer(meshcat=page.meshcat),
         "rotor_visualizer": RotorVisualizer(
             meshcat=page.meshcat, vehicle=vehicle, plant=plant, scene_graph=scene_graph
         ),
     }
+    if autonomy.HasOutputPort("lap_plan"):
+        systems["plan_visualizer"] = PlanVisualizer(meshcat=page.meshcat)
     for name, box in systems.items():
         builder.AddNamedSystem(name, box)
         for i in range(box.num_input_ports()):

@@ -14,7 +14,7 @@ import sys
 
 import numpy as np
 
-from airrace.vehicle import DRONES, load_vehicle
+from airrace.vehicle import RACERS, load_vehicle
 from benchmarks import harness
 from benchmarks.experiments import MAX_RATE, Case, loss, race, recovery, tracking
 from benchmarks.harness import groups, make_table, worst
@@ -93,7 +93,7 @@ def show(results: dict) -> tuple[list, bool]:
 def recovery_jobs(args) -> list:
     """Returns the jobs that recover from attitudes and angular velocities."""
     indices = range(args.attitudes or (20 if args.quick else 200))
-    return [(recovery, job) for job in itertools.product(DRONES, _NOISES, indices)]
+    return [(recovery, job) for job in itertools.product(RACERS, _NOISES, indices)]
 
 
 def recovery_tables(rows: list) -> list:
@@ -133,7 +133,7 @@ def tracking_jobs(args) -> list:
     """Returns the jobs that fly racing laps."""
     return [
         (tracking, (drone, case, noise, seed))
-        for drone in DRONES
+        for drone in RACERS
         for case in _TRACKING_CASES
         for noise in _NOISES
         for seed in range(1 if args.quick else case.seeds)
@@ -182,7 +182,7 @@ _RACE_COLUMNS = {
 
 def wind_jobs(args) -> list:
     """Returns the jobs that race in the wind."""
-    return [(race, (drone, Case("wind", "Wind"), 1 if args.quick else 10)) for drone in DRONES]
+    return [(race, (drone, Case("wind", "Wind"), 1 if args.quick else 10)) for drone in RACERS]
 
 
 def wind_tables(rows: list) -> list:
@@ -194,7 +194,7 @@ def wind_tables(rows: list) -> list:
 def loss_jobs(args) -> list:
     """Returns the jobs that lose rotors."""
     jobs = []
-    for drone, drag in itertools.product(DRONES, _DRAGS):
+    for drone, drag in itertools.product(RACERS, _DRAGS):
         rotors = range(1, len(load_vehicle(drone)[0].rotors) + 1)
         phases = _PHASES if drone == "StarOne" else (None, *_PHASES)
         jobs += [(loss, (drone, (r,), phase, drag)) for phase in phases for r in rotors]

@@ -20,7 +20,7 @@ from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
-from airrace.vehicle import DRONES, load_vehicle
+from airrace.vehicle import RACERS, load_vehicle
 from benchmarks import harness
 from benchmarks.harness import column, groups, make_table
 from tests.worlds.reference_laps import (
@@ -309,7 +309,7 @@ def generated_table(rows):
 
 
 def _product(*values) -> list:
-    return list(itertools.product(DRONES, LIMITS, *values))
+    return list(itertools.product(RACERS, LIMITS, *values))
 
 
 # Name to what plans, its cases (quick or not), and the table of its rows.

@@ -16,6 +16,7 @@ from airrace import __version__
 from airrace.commands import (
     doctor,
     evaluate,
+    grand_prix,
     hitl,
     league,
     new,
@@ -50,7 +51,8 @@ def make_app() -> App:
             allow_repeating=True,  # the last one counts
         ),
     )
-    for module in (race, replay, report, tables, track, evaluate, league, hitl, doctor, new):
+    commands = (race, replay, report, tables, track, evaluate, league, hitl, grand_prix, doctor, new)
+    for module in commands:
         module.add_to(app)
     app.command(_completion(app), name="completion", help_epilogue=_COMPLETION_EPILOG)
     for i, name in enumerate(app.resolved_commands()):  # listed as they were added, not by name
@@ -92,17 +94,30 @@ def _call(argv: Sequence[str | Path]) -> int:
     Raises:
         UserError: on a bad value, or what the subcommand raises.
     """
+    words = _for_clients([str(word) for word in argv])
     try:
         code = make_app()(
-            [str(word) for word in argv],
-            exit_on_error=False,
-            print_error=False,
-            result_action="return_value",
+            words, exit_on_error=False, print_error=False, result_action="return_value"
         )
     except CycloptsError as e:
         command = " ".join(["airrace", *(e.command_chain or ())])
         raise UserError(f"{_sentence(e)} See {command} --help.") from None
     return code or 0
+
+
+def _for_clients(words: list[str]) -> list[str]:
+    """Returns the words of a command line, with `race -s MAVLINK` written as `grand-prix`.
+
+    So a client's race takes the options of its own command.
+    """
+    for i in range(1, len(words)):
+        option, equals, value = words[i].partition("=")
+        if option not in ("-s", "--simulation"):
+            continue
+        value, after = (value, i + 1) if equals else ("".join(words[i + 1 : i + 2]), i + 2)
+        if words[0] == "race" and value == race.MAVLINK:
+            return ["grand-prix", *words[1:i], *words[after:]]
+    return words
 
 
 def _sentence(error: CycloptsError) -> str:

@@ -95,7 +95,7 @@ class DroneOptions(ScenarioOptions):
     )
 
 
-def resolve_scenario(options: DroneOptions) -> "Scenario":
+def resolve_scenario(options: ScenarioOptions) -> "Scenario":
     """Returns the Scenario that options ask for; it is not checked.
 
     Args:
@@ -107,13 +107,14 @@ def resolve_scenario(options: DroneOptions) -> "Scenario":
     from airrace.scenario import load_scenario
 
     filename, name = options.scenario_file, options.scenario_name
-    if options.level is not None:
+    level = getattr(options, "level", None)
+    if level is not None:
         if filename is not None or name is not None:
             raise UserError(
                 "--level is a scenario of its own: leave out --scenario_file and "
                 "--scenario_name, or --level."
             )
-        filename, name = "levels", f"Level{options.level}"
+        filename, name = "levels", f"Level{level}"
     scenario = load_scenario(
         filename=filename, scenario_name=name, scenario_text=options.scenario_text
     )

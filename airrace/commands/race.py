@@ -31,6 +31,7 @@ The results are in the output folder: race.json, map.json, map_statistics.json,
 scenario.yaml, race.mcap (for Foxglove and airrace tables), report.html,
 and race.html (a replay, with --meshcat).
 Exit codes: 0 finished, 1 did not finish, 2 bad input."""
+MAVLINK = "MAVLINK"
 
 
 @Parameter(name="*")
@@ -79,8 +80,13 @@ class RaceOptions(DroneOptions):
     "1 = real time, 0 = as fast as it can (default: 0, in HITL 1)"
     graphviz: Annotated[Path | None, Parameter(group=RUN, metavar="FILE")] = None
     "write the diagram in Graphviz's dot language before the race"
-    simulation: Annotated[Literal["SITL", "HITL"], Parameter(alias="-s", group=HITL)] = "SITL"
-    ("where the autonomy runs: software or hardware in the loop (default: SITL, in this process)")
+    simulation: Annotated[Literal["SITL", "HITL", "MAVLINK"], Parameter(alias="-s", group=HITL)] = (
+        "SITL"
+    )
+    (
+        "where the autonomy runs: software or hardware in the loop, or MAVLINK = a client of the "
+        "AI Grand Prix flies, see airrace grand-prix --help (default: SITL, in this process)"
+    )
     companion: Annotated[
         str | None, Parameter(group=HITL, metavar="local|none|USER@HOST[:PORT]")
     ] = None
@@ -121,6 +127,8 @@ def race_scenario(options: RaceOptions) -> "Scenario":
     Raises:
         UserError: naming the option or the field and the remedy.
     """
+    if options.simulation == MAVLINK:
+        raise UserError("Races of a client have a command of their own: airrace grand-prix.")
     if options.simulation == "SITL":
         for name in ("companion", "lcm_url", "lockstep"):
             if getattr(options, name):

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 from airrace.commands.options import Whole
+from airrace.common.errors import UserError
 
 if TYPE_CHECKING:
-    from airrace.track import Track
+    from airrace.track.square_track import AnyTrack
 
 _EPILOG = """\
 Every track obeys the layout rule of the Student AirRace: the next left pylon is
@@ -18,17 +19,29 @@ degrees from the one before. The turns add up to one round, which takes an even
 number of gates, 8 at least. The drone has room between the pylons, and sees each
 gate on its way straight on from the one before.
 
+With --kind square it is a course for airrace grand-prix: square gates of 1.5 m,
+winding through a dark hall, with climbs and descents, about 200 m for 17 to 20 gates.
+
 examples:
   airrace track --seed 7 > seven.yaml                    anything
   airrace track --seed 7 --gates 10 --plot seven.png > seven.yaml
   airrace track --seed 7 --direction right > seven.yaml  clockwise
   airrace race --track seven.yaml                        race it
+  airrace track --kind square --seed 7 --gates 10 > square.yaml
 
 The same options give the same file. Exit codes: 0 printed, 2 bad input."""
 _FORMAT = """\
 # World frame: x forward, y left, z up; metres and degrees. A gate's heading is the
 # direction of flight through it; its right pylon stands pylon_spacing to the right of
 # the left one. The pad descends by pad_tilt_deg in the direction pad_tilt_direction_deg.
+"""
+
+
+_SQUARE_FORMAT = """\
+# World frame: x forward, y left, z up; metres and degrees. A gate's position is the
+# middle of its opening, its yaw the direction of flight through it, and its pitch how
+# much that points down. The pad descends by pad_tilt_deg in pad_tilt_direction_deg.
+# surroundings: hall (dark), or lawn.
 """
 
 
@@ -42,34 +55,49 @@ def track(
     seed: Whole = 0,
     gates: Whole | None = None,
     direction: Literal["left", "right"] | None = None,
+    kind: Literal["pylons", "square"] = "pylons",
     plot: Annotated[Path | None, Parameter(metavar="FILE")] = None,
 ) -> int:
     """Print a random race track as YAML.
 
     Args:
         seed: which of the random tracks, 0 or more (default: 0)
-        gates: how many: 8, 10, ... or 20 (default: drawn from the seed)
+        gates: how many: 8, 10, ... or 20; of square ones 2 to 20 (default: drawn from the seed)
         direction: of travel: left is counter-clockwise (default: drawn from the seed)
+        kind: of gates: pylons with markers, or square frames (default: pylons)
         plot: also draw it from above, as .png, .svg or .pdf
     """
     from airrace.track.generator import generate_track
     from airrace.track.layout import Layout
+    from airrace.track.square_generator import generate_square_track
+    from airrace.track.square_track import SquareTrack
 
-    made = generate_track(seed, gates, direction)
+    made: AnyTrack
+    if kind == "square":
+        if direction is not None:
+            raise UserError("--direction is for tracks of pylons: leave it out.")
+        made = generate_square_track(seed, gates)
+    else:
+        made = generate_track(seed, gates, direction)
     if plot is not None:
         from airrace.track.plot import save_plot  # matplotlib takes a second
 
         save_plot(made, plot)
+    if isinstance(made, SquareTrack):
+        command = f"airrace track --kind square --seed {seed} --gates {len(made.gates)}"
+        sys.stdout.write(to_yaml(made, command))
+        return 0
     way = "left" if Layout.of(made).turns.sum() > 0 else "right"
     command = f"airrace track --seed {seed} --gates {len(made.gates)} --direction {way}"
     sys.stdout.write(to_yaml(made, command))
     return 0
 
 
-def to_yaml(track: "Track", comment: str) -> str:
-    """Returns the text of a Track's file, which begins with a comment."""
+def to_yaml(track: "AnyTrack", comment: str) -> str:
+    """Returns the text of a track's file, which begins with a comment."""
     from pydrake.common.yaml import yaml_dump_typed
 
-    from airrace.track.track import Track
+    from airrace.track.square_track import SquareTrack
 
-    return f"# {comment}\n{_FORMAT}{yaml_dump_typed(track, schema=Track)}"
+    text = _SQUARE_FORMAT if isinstance(track, SquareTrack) else _FORMAT
+    return f"# {comment}\n{text}{yaml_dump_typed(track, schema=type(track))}"

@@ -10,6 +10,7 @@ import time
 import types
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -20,14 +21,15 @@ from airrace.common.interrupts import interrupt_flag
 from airrace.diagrams.in_process import InProcess
 from airrace.diagrams.simulation import MakeSimulation, follow_gates
 from airrace.hitl.transport import POLL_PERIOD, Transport
+from airrace.recording.course_result import CourseResult
 from airrace.recording.foxglove_server import FoxgloveServer
 from airrace.recording.race_recorder import AddRecorder, close_recording
 from airrace.recording.race_result import RaceResult
 from airrace.scenario import Scenario, scenario_yaml
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
-from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import write_map
+from airrace.track.square_track import SquareTrack, load_course
 from airrace.visualization.controls import RaceControls
 from airrace.visualization.live_page import LivePage
 from airrace.visualization.race_view import AddVisualization
@@ -44,7 +46,7 @@ RESULTS = (
 )
 INTERRUPTED = "interrupted"  # why a race has ended, after Ctrl-C or SIGTERM
 # Outputs of the race, for its result and for spectators.
-_SIMULATION_OUTPUTS = ("truth.referee_status", "truth.state", "truth.gate_shifts")
+_SIMULATION_OUTPUTS = ("truth.referee_status", "truth.state", "truth.gate_shifts", "truth.contacts")
 _AUTONOMY_OUTPUTS = ("explorer_status", "gate_map", "lap_plan", "rotor_losses", "pilot_status")
 
 
@@ -53,7 +55,7 @@ def run_race(
     output_dir: Path,
     *,
     page: LivePage | None = None,
-    show: Callable[[RaceResult, types.SimpleNamespace], None] = lambda result, outputs: None,
+    show: Callable[[Any, types.SimpleNamespace], None] = lambda result, outputs: None,
     transport: Transport | None = None,
     foxglove: FoxgloveServer | None = None,
 ) -> dict:
@@ -126,12 +128,13 @@ def MakeRace(
     except RuntimeError as e:  # only systems of the scenario's own can have such ports
         message = " ".join(str(e).split())
         raise UserError(f"The ports of the systems do not fit: {message}") from None
-    if output_dir is not None:
+    if output_dir is not None and autonomy.HasOutputPort("gate_map"):
         writer = builder.AddNamedSystem(
             "gate_map_writer",
             GateMapWriter(directory=output_dir, period=scenario.perception.map_period),
         )
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
+    if output_dir is not None:
         AddRecorder(builder, scenario, simulation, autonomy, output_dir, foxglove)
     if page is not None:
         AddVisualization(builder, scenario, simulation, autonomy, page)
@@ -142,6 +145,14 @@ def MakeRace(
     diagram = builder.Build()
     diagram.set_name("race")
     return diagram
+
+
+def make_result(scenario: Scenario, simulation: str) -> RaceResult | CourseResult:
+    """Returns what collects the results of a race; simulation: SITL, HITL or MAVLINK."""
+    track = load_course(scenario.track)
+    if isinstance(track, SquareTrack):
+        return CourseResult(scenario, track, simulation)
+    return RaceResult(scenario, track, simulation)
 
 
 class _Race:
@@ -160,7 +171,7 @@ class _Race:
         self._diagram = diagram
         self._simulator = Simulator(self._diagram)
         ApplySimulatorConfig(scenario.simulator_config, self._simulator)
-        self._result = RaceResult(scenario, load_track(scenario.track), transport.simulation)
+        self._result = make_result(scenario, transport.simulation)
         self._controls = None
         if page is not None and isinstance(transport, InProcess):  # others keep their own time
             self._controls = RaceControls(page.wishes, self._simulator)
@@ -169,7 +180,8 @@ class _Race:
     def begin_files(self):
         """Writes every file: from here on, whatever happens, each is there and valid."""
         write_text(self._folder / "scenario.yaml", scenario_yaml(self._scenario))
-        write_map(self._folder, GateMap())
+        if self._diagram.HasOutputPort("gate_map"):
+            write_map(self._folder, GateMap())
         self._save_result("not over yet")
 
     def start(self):
@@ -247,7 +259,7 @@ class _Race:
                 self._simulator.get_context().get_time(),
                 data["finished"],
                 data["dnf_reason"],
-                data["exploration"]["time_s"],
+                data["exploration"]["time_s"] if "exploration" in data else data["start_s"],
             )
 
     def _save_replay(self):

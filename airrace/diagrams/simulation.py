@@ -10,10 +10,13 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import DiscreteTimeDelay, DiscreteTimeIntegrator
 
+from airrace.common.errors import UserError
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
+from airrace.rendering.planar.solids_renderer import SolidsRenderer
 from airrace.rendering.scene.pad import AddPad, start_pose
 from airrace.rendering.scene.scenery import AddScenery, move_gates
+from airrace.rendering.scene.square_scenery import AddSquareScenery
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.scenario import VIO, Scenario
 from airrace.scenario.camera_config import NO_CAMERA
@@ -23,12 +26,15 @@ from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, 
 from airrace.systems.plant.wind import Wind
 from airrace.systems.referee import Referee
 from airrace.systems.sensing.camera import Camera
+from airrace.systems.sensing.contact_sensor import ContactSensor
 from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.state_estimate import StateEstimate
 from airrace.systems.types import make_camera_info
-from airrace.track import Track, load_track
-from airrace.vehicle import Vehicle, load_vehicle
+from airrace.track.square_track import AnyTrack, SquareTrack, load_course
+from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.disturbances import check_rotors_exist, true_vehicle
+
+CONTACT_RATE = 120.0  # Hz, of the contact sensor
 
 
 def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
@@ -44,7 +50,8 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
     the motor controllers, and with the estimator ``vio`` ``imu`` (see ImuSamples), which costs
     a little time. Truth, for judges and spectators only: ``truth.state`` (13),
     ``truth.referee_status`` (RefereeStatus), and if gates move, ``truth.gate_shifts`` (see
-    GateMover), which the plant's bodies follow when follow_gates() is called.
+    GateMover), which the plant's bodies follow when follow_gates() is called; and if contacts do
+    not end the race, ``truth.contacts`` (see ContactSensor).
 
     The drone that flies is the scenario's with the errors of its disturbances.
 
@@ -89,7 +96,7 @@ class _World(NamedTuple):
     """
 
     scenario: Scenario
-    track: Track
+    track: AnyTrack
     vehicle: Vehicle
     true_vehicle: Vehicle
     plant: MultibodyPlant
@@ -106,17 +113,19 @@ class _World(NamedTuple):
 
 def _add_world(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None) -> _World:
     """Adds the plant and its scene: the track, the pad and the drone's body."""
-    track = load_track(scenario.track)
+    track = load_course(scenario.track)
     vehicle, sdf = load_vehicle(scenario.drone)
     check_rotors_exist(scenario.rotor_failures, vehicle)
     truth = true_vehicle(vehicle, scenario.disturbances, scenario.seed)
     plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
-    AddScenery(
-        plant,
-        track,
-        movable=scenario.disturbances.gate_shift > 0.0,
-        visible=meshcat is not None or scenario.camera.renderer == "vtk",
-    )
+    visible = meshcat is not None or scenario.camera.renderer == "vtk"
+    movable = scenario.disturbances.gate_shift > 0.0
+    if not isinstance(track, SquareTrack):
+        AddScenery(plant, track, movable=movable, visible=visible)
+    elif movable:
+        raise UserError("Square gates cannot move: set disturbances.gate_shift to 0.")
+    else:
+        AddSquareScenery(plant, track, visible=visible)
     AddPad(plant, track.start, vehicle.radius)
     AddMultirotorModel(plant, vehicle, sdf, truth)
     plant.Finalize()
@@ -186,7 +195,9 @@ def _add_camera(builder: DiagramBuilder, world: _World) -> None:
         imaging = ImagingChain(effects=effects, camera_info=info, seed=scenario.seed)
         drawn = imaging.pinhole
     if config.renderer == "vtk":
-        renderer = AddVtkRenderer(world.scene_graph, drawn)
+        renderer = AddVtkRenderer(world.scene_graph, drawn, indoors=world.track.hall() is not None)
+    elif isinstance(world.track, SquareTrack):
+        renderer = SolidsRenderer(world.track, drawn)
     else:
         renderer = PlanarRenderer(world.track, drawn)
     camera = Camera(
@@ -253,6 +264,7 @@ def _add_referee(builder: DiagramBuilder, world: _World) -> None:
         body_names=_collision_names(plant, scene_graph),
         rotor_failures=scenario.rotor_failures,
         moving_gates=world.gates_move,
+        contacts_end=config.contacts_end,
     )
     builder.AddNamedSystem("referee", referee)
     builder.Connect(world.state, referee.GetInputPort("state"))
@@ -267,8 +279,30 @@ def _add_referee(builder: DiagramBuilder, world: _World) -> None:
         (scene_graph.get_query_output_port(), "geometry_query"),
     ):
         builder.Connect(port, referee.GetInputPort(name))
+    if not config.contacts_end:
+        _add_contact_sensor(builder, world, impulse.get_output_port())
     builder.ExportInput(referee.GetInputPort("explorer_status"), "explorer_status")
     builder.ExportOutput(referee.GetOutputPort("report"), "truth.referee_status")
+
+
+def _add_contact_sensor(builder: DiagramBuilder, world: _World, impulse: OutputPort) -> None:
+    """Adds what counts contacts where the referee does not; impulse: of all contacts so far."""
+    plant, scene_graph = world.plant, world.scene_graph
+    sensor = ContactSensor(
+        rate=CONTACT_RATE,
+        standing_height=world.X_WB.translation()[2],
+        weight=world.true_vehicle.mass * GRAVITY,
+        body_names=_collision_names(plant, scene_graph),
+    )
+    builder.AddNamedSystem("contact_sensor", sensor)
+    for port, name in (
+        (world.state, "state"),
+        (impulse, "contact_impulse"),
+        (plant.get_contact_results_output_port(), "contact_results"),
+        (scene_graph.get_query_output_port(), "geometry_query"),
+    ):
+        builder.Connect(port, sensor.GetInputPort(name))
+    builder.ExportOutput(sensor.GetOutputPort("contacts"), "truth.contacts")
 
 
 def _collision_names(plant: MultibodyPlant, scene_graph: SceneGraph) -> dict:
@@ -285,6 +319,7 @@ def _collision_names(plant: MultibodyPlant, scene_graph: SceneGraph) -> dict:
 
 def _add_gate_mover(builder: DiagramBuilder, world: _World) -> None:
     """Adds what moves gates between laps, and shows it to every system that has a port for it."""
+    assert not isinstance(world.track, SquareTrack)  # its gates stand still, see _add_world()
     max_shift = world.scenario.disturbances.gate_shift
     mover = GateMover(track=world.track, max_shift=max_shift, seed=world.scenario.seed)
     builder.AddNamedSystem("gate_mover", mover)

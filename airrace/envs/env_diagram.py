@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from pydrake.common.value import Value
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import ConstantValueSource
 
 from airrace.diagrams.autonomy import make_system, systems_of
@@ -11,10 +11,9 @@ from airrace.diagrams.simulation import MakeSimulation
 from airrace.scenario import Scenario
 from airrace.systems.control.rate_controller import RateController
 from airrace.systems.planning.held_reference import HeldReference
-from airrace.systems.ports import read_vector
+from airrace.systems.sensing.true_estimate import TrueEstimate
 from airrace.systems.types import ExplorerStatus
 from airrace.vehicle import load_vehicle
-from airrace.vehicle.state import STATE_SIZE
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -32,33 +31,6 @@ _ESTIMATION = ("aruco_detector", "gate_mapper", "state_filter", "gate_slam", "st
 _GEOMETRIC = ("rotor_monitor", "geometric_controller")
 # What carries the position of an action of the kind `reference` on between two actions.
 REFERENCE_PORTS = ("exploration_reference", "handed_time")
-
-
-class TrueEstimate(LeafSystem):
-    """Shows the truth as a state estimate; only environments have it, never a race.
-
-    .. pydrake_system::
-
-        name: TrueEstimate
-        input_ports:
-        - truth.state
-        output_ports:
-        - filtered_estimate
-
-    ``truth.state`` is the plant's floating-base state (13), ``filtered_estimate`` a
-    vehicle.State (14).
-    """
-
-    def __init__(self) -> None:
-        """Constructs the system."""
-        LeafSystem.__init__(self)
-        self._state = self.DeclareVectorInputPort("truth.state", STATE_SIZE - 1)
-        self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_estimate)
-
-    def _calc_estimate(self, context, output):
-        estimate = output.get_mutable_value()
-        estimate[0] = context.get_time()
-        estimate[1:] = read_vector(self._state, context)
 
 
 def MakeEnvDiagram(

@@ -25,6 +25,7 @@ from airrace.scenario.checks import (
     check_rotor_failures,
 )
 from airrace.scenario.imu_config import ImuConfig
+from airrace.scenario.mavlink_config import MavlinkConfig
 from airrace.track.map_files import TRACK
 from airrace.vehicle import DRONES, find_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure
@@ -70,6 +71,7 @@ class RefereeConfig:
     rate: float = 200.0  # Hz, of its checks; contacts between two checks count, too
     time_limit: float | None = None  # s; by default 600, and 120 a lap
     arena_margin: float = 60.0  # m beyond the outermost pylons, and upwards
+    contacts_end: bool = True  # false: the drone may go on after it has touched something
 
 
 @dc.dataclass
@@ -226,6 +228,9 @@ class Scenario:
     # Your own systems: a name from diagrams/autonomy.py to "module:callable",
     # which is called with this scenario and returns a System.
     systems: dict[str, str] = dc.field(default_factory=dict)
+
+    # What a client is told that flies in the place of the autonomy.
+    mavlink: MavlinkConfig = dc.field(default_factory=MavlinkConfig)
 
     # What is kept of it.
     recording: RecordingConfig = dc.field(default_factory=RecordingConfig)

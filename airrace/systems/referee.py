@@ -15,8 +15,9 @@ from airrace.common.jit import assign, compilable, compiled
 from airrace.math.vec3 import dot
 from airrace.systems.ports import read_vector
 from airrace.systems.types import LAND, ExplorerStatus, GateCrossing, RefereeStatus
-from airrace.track import Track
 from airrace.track.gate_opening import GateOpening, find
+from airrace.track.square_opening import OPENING_SIZE, find_square, opening_numbers
+from airrace.track.square_track import AnyTrack, SquareTrack
 from airrace.vehicle.disturbances import failures_clause
 from airrace.vehicle.state import as_plant_state
 
@@ -40,7 +41,7 @@ class Course(NamedTuple):
     """What a flight is judged by.
 
     Attributes:
-        gates: see GateOpening, (n, 10).
+        gates: see GateOpening, (n, 10), or of square ones opening_numbers(), (n, 13).
         take_off_height: above which the drone flies (m).
         time_limit: for the whole race (s).
         arena_min: x and y of the arena (m), (2,).
@@ -54,12 +55,12 @@ class Course(NamedTuple):
     arena_max: np.ndarray
 
 
-def arena(track: Track, margin: float) -> tuple[np.ndarray, np.ndarray]:
+def arena(track: AnyTrack, margin: float) -> tuple[np.ndarray, np.ndarray]:
     """Returns the least x and y of a track's arena, (2,), and its greatest x, y and z, (3,) (m).
 
     Args: margin: how far it reaches beyond the outermost pylons, and above the ground (m).
     """
-    feet = track.pylons()[:, :2]
+    feet = track.outline()[:, :2]
     return feet.min(0) - margin, np.append(feet.max(0) + margin, float(margin))
 
 
@@ -122,7 +123,8 @@ class Referee(LeafSystem):
 
     A gate counts when the body's origin crosses the rectangle between the
     two pylon axes, from the front, above the ground and below the pylons'
-    tips, in racing order. A lap runs from gate 1 to gate 1. Any contact after
+    tips, or the inner square of a square gate, in racing order. A lap runs from gate 1 to
+    gate 1; a course that is not closed is flown once, to its last gate. Any contact after
     take-off, leaving the arena, or the time limit ends the race; on the pad,
     only contact with something else than the ground does. A drone that lands because it
     does not know where it is, see Explorer, has not finished, but not collided either.
@@ -135,7 +137,7 @@ class Referee(LeafSystem):
     def __init__(
         self,
         *,
-        track: Track,
+        track: AnyTrack,
         laps: int,
         period: float,
         time_limit: float,
@@ -144,6 +146,7 @@ class Referee(LeafSystem):
         body_names: dict,
         rotor_failures: Iterable = (),
         moving_gates: bool = False,
+        contacts_end: bool = True,
     ):
         """Constructs the referee.
 
@@ -159,11 +162,12 @@ class Referee(LeafSystem):
             body_names: geometry IDs to the names used in a reason.
             rotor_failures: the scenario's, named in the reason of a crash.
             moving_gates: whether the gates move.
+            contacts_end: whether a contact ends the race; if not, somebody else counts them.
         """
         LeafSystem.__init__(self)
         arena_min, arena_max = arena(track, arena_margin)
         self._course = Course(
-            gates=np.array([GateOpening(gate).numbers for gate in track.gates]),
+            gates=_openings(track),
             take_off_height=standing_height + TAKE_OFF,
             time_limit=float(time_limit),
             arena_min=arena_min,
@@ -172,7 +176,8 @@ class Referee(LeafSystem):
         self._names = body_names
         self._failures = rotor_failures
         self._touchable = sorted(set(body_names.values()) - set(_FLOOR))
-        self._total = laps * len(track.gates) + 1
+        self._total = laps * len(track.gates) + 1 if track.closed else len(track.gates)
+        self._contacts_end = contacts_end
         self._state = self.DeclareVectorInputPort("state", 13)
         self._contacts = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
         self._impulse = self.DeclareVectorInputPort("contact_impulse", 6)
@@ -207,7 +212,7 @@ class Referee(LeafSystem):
         if crossing < 0.0 and not pushed and verdict == UNDECIDED:
             return
         m, name = _as_memory(memory), None
-        if pushed and verdict != DIVERGED:
+        if pushed and verdict != DIVERGED and self._contacts_end:
             name = self._touched(context, m.airborne)
             if not m.airborne and self._explorer.Eval(context).state == LAND:
                 name = _FLOOR[0]  # it will not take off any more
@@ -232,19 +237,8 @@ class Referee(LeafSystem):
 
     def _touched(self, context: Context, airborne: bool) -> str | None:
         """Returns the name of what pushed the drone, now or between two updates."""
-        contacts = self._contacts.Eval(context)
-        pairs = [
-            contacts.point_pair_contact_info(i).point_pair()
-            for i in range(contacts.num_point_pair_contacts())
-        ]
-        if airborne and not pairs:
-            distances = self._query.Eval(context).ComputeSignedDistancePairwiseClosestPoints()
-            pairs = sorted(distances, key=lambda pair: pair.distance)
-        for pair in pairs:
-            name = self._names.get(pair.id_A) or self._names.get(pair.id_B)
-            if name and (airborne or name not in _FLOOR):
-                return name
-        return None
+        contacts, query = self._contacts.Eval(context), self._query.Eval(context)
+        return nearest_name(contacts, query, self._names, airborne)
 
     def _calc_report(self, context, output):
         m = _as_memory(context.get_discrete_state(self._memory).value())
@@ -267,6 +261,36 @@ class Referee(LeafSystem):
                 collisions=int(verdict in (GROUND, TOUCHED)),
             )
         )
+
+
+def nearest_name(
+    contacts: ContactResults, query: QueryObject, names: dict, airborne: bool
+) -> str | None:
+    """Returns the name of what pushes the drone, or in the air of what is nearest to it.
+
+    Args:
+        contacts, query: the plant's contacts now, and SceneGraph's.
+        names: geometry IDs to names.
+        airborne: whether the drone has taken off; before, the floor does not count.
+    """
+    pairs = [
+        contacts.point_pair_contact_info(i).point_pair()
+        for i in range(contacts.num_point_pair_contacts())
+    ]
+    if airborne and not pairs:
+        distances = query.ComputeSignedDistancePairwiseClosestPoints()
+        pairs = sorted(distances, key=lambda pair: pair.distance)
+    for pair in pairs:
+        name = names.get(pair.id_A) or names.get(pair.id_B)
+        if name and (airborne or name not in _FLOOR):
+            return name
+    return None
+
+
+def _openings(track: AnyTrack) -> np.ndarray:
+    if isinstance(track, SquareTrack):
+        return np.array([opening_numbers(gate) for gate in track.gates])
+    return np.array([GateOpening(gate).numbers for gate in track.gates])
 
 
 def _with_landing(reason: str | None, explorer: ExplorerStatus, airborne: bool) -> str | None:
@@ -314,9 +338,12 @@ def _observe(memory, time, state, impulse, shifts, course):
     crossing, offset = -1.0, 0.0
     if airborne:
         gate = int(m.crossings) % len(course.gates)
-        share, offset = find(
-            course.gates[gate], m.position, p, shifts[2 * gate], shifts[2 * gate + 1]
-        )
+        if course.gates.shape[1] == OPENING_SIZE:
+            share, offset = find_square(course.gates[gate], m.position, p)
+        else:
+            share, offset = find(
+                course.gates[gate], m.position, p, shifts[2 * gate], shifts[2 * gate + 1]
+            )
         if not math.isnan(share):
             crossing = m.time + share * (time - m.time)
     pushed = np.any(impulse != m.impulse)

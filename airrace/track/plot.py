@@ -13,6 +13,8 @@ from matplotlib.patches import Circle
 from airrace.common.errors import UserError
 from airrace.track.geometry import directions
 from airrace.track.layout import Layout
+from airrace.track.square_plot import draw_square_track
+from airrace.track.square_track import AnyTrack, SquareTrack
 from airrace.track.track import BOARD_SIZE, PYLON_BASE_RADIUS, Track
 
 if TYPE_CHECKING:
@@ -46,13 +48,16 @@ def draw_track(track: Track) -> Figure:
     return figure
 
 
-def save_plot(track: Track, path: Path) -> None:
+def save_plot(track: AnyTrack, path: Path) -> None:
     """Writes the picture of a track; the file's ending says in which format.
 
     Raises:
         UserError: if the file cannot be written or has an ending of no picture.
     """
-    figure = draw_track(track)
+    if isinstance(track, SquareTrack):
+        figure = draw_square_track(track)
+    else:
+        figure = draw_track(track)
     ending = path.suffix.lstrip(".").lower()
     if ending not in FigureCanvasAgg(figure).get_supported_filetypes():
         raise UserError(f"--plot {path} has no ending of a picture; give a .png, .svg or .pdf.")

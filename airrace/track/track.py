@@ -6,6 +6,7 @@ import itertools
 from pathlib import Path
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RotationMatrix
 
@@ -22,6 +23,7 @@ BOARD_HEIGHT = 6.25  # of the board's centre
 BOARD_OFFSET = 1.0  # of a board's face from the pylon axis, to front and back
 MARKER_SIZE = 1.2  # the black square; the rest is white border
 MAX_PAD_TILT_DEG = 15.0  # of the start; a drone may slip off a steeper one
+SQUARE = "square"  # the kind of gates that are no pylons
 MAX_GATES = 256  # DICT_ARUCO_ORIGINAL has 1024 markers, four a gate
 
 
@@ -132,6 +134,19 @@ class Track:
     hover_height: float = float("nan")
     gates: list[Gate] = dc.field(default_factory=list)
 
+    @property
+    def closed(self) -> bool:
+        """Whether the track leads back to its first gate."""
+        return True
+
+    def outline(self) -> np.ndarray:
+        """Returns points on the ground that the track lies between, (n, 3) m: all pylons' feet."""
+        return self.pylons()
+
+    def hall(self) -> None:
+        """Returns None: there is no hall around tracks of pylons."""
+        return None
+
     def boards(self) -> list[Board]:
         """Returns all marker boards, ordered by ID."""
         return [b for n, gate in enumerate(self.gates) for b in gate.boards(n)]
@@ -221,8 +236,43 @@ def load_track(name_or_file: str) -> Track:
         UserError: if it is missing, malformed or impossible to fly.
     """
     path = find_yaml("tracks", name_or_file)
+    if is_square(path):
+        raise UserError(
+            f"The track {path} has square gates, which have no markers to find: fly it with "
+            f"`airrace grand-prix --track {name_or_file}`, or take a track of pylons."
+        )
     # Kept, because both diagrams of a race load the track, and the checks take a while.
     return _load_track(path, path.stat().st_mtime_ns)
+
+
+def is_square(path: Path) -> bool:
+    """Whether a track's file says that its gates are square; without ``gate``, they are pylons.
+
+    Raises:
+        UserError: if it says that they are of another kind.
+    """
+    try:
+        gate = _gate_of(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        return False  # whoever loads it says what is wrong
+    if gate is None:
+        return False
+    if isinstance(gate, dict) and gate.get("kind") == SQUARE:
+        return True
+    raise UserError(
+        f"The track {path} has gates of an unknown kind: write gate: {{kind: {SQUARE}}}, or leave "
+        "gate out for pylons."
+    )
+
+
+@functools.lru_cache(maxsize=8)
+def _gate_of(text: str) -> object:
+    """Returns what a track's file says below ``gate``; None if it is not there, or no YAML."""
+    try:
+        data = yaml.load(text, yaml.CSafeLoader)
+    except (yaml.YAMLError, RecursionError, ValueError):
+        return None
+    return data.get("gate") if isinstance(data, dict) else None
 
 
 @functools.lru_cache(maxsize=8)

@@ -17,6 +17,7 @@ from airrace.vehicle.vehicle import (
     DRONES,
     GRAVITY,
     GRAVITY_W,
+    RACERS,
     CameraMount,
     Drag,
     Gains,

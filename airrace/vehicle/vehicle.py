@@ -15,7 +15,9 @@ from airrace.vehicle.allocation import wrench_margin
 
 GRAVITY = 9.81  # m/s^2
 GRAVITY_W = read_only(np.array((0.0, 0.0, -GRAVITY)))  # in the world
-DRONES = {"Default": "default", "StarOne": "star_one"}
+DRONES = {"Default": "default", "StarOne": "star_one", "vadr": "vadr"}
+# Those that race between pylons: the autonomy needs a camera that looks straight ahead.
+RACERS = ("Default", "StarOne")
 # Body x forward, y left, z up to camera x right, y down, z forward.
 _R_BC_LEVEL = RotationMatrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
@@ -264,7 +266,7 @@ def find_vehicle(drone: str) -> Path:
         return Path(path)
     raise UserError(
         f"There is no drone named '{drone}' and no file {path}; "
-        f"choose from {', '.join(DRONES)}, or name the folder of your own."
+        f"choose from {', '.join(RACERS)}, or name the folder of your own."
     )
 
 

@@ -20,12 +20,12 @@ from airrace.common.errors import UserError
 from airrace.rendering.scene.textures import HORIZON, ZENITH
 
 if TYPE_CHECKING:
-    from airrace.track import Track
+    from airrace.track.square_track import AnyTrack
 
 _OPENING = 3.0  # s, for which a page that opens is left alone
 
 
-def MakeMeshcat(track: "Track") -> Meshcat:
+def MakeMeshcat(track: "AnyTrack") -> Meshcat:
     """Starts a Meshcat server on loopback that shows a track on a fine day.
 
     Args:
@@ -60,9 +60,9 @@ def _is_no_late_page(record: logging.LogRecord) -> bool:
     return "Unknown CAS key" not in record.getMessage()
 
 
-def overview(track: "Track") -> tuple[np.ndarray, np.ndarray]:
+def overview(track: "AnyTrack") -> tuple[np.ndarray, np.ndarray]:
     """Returns from where all of a track is seen, and the point in the middle, in world (m)."""
-    feet = track.pylons()
+    feet = track.outline()
     middle = feet.mean(axis=0)
     size = np.ptp(feet[:, :2], axis=0).max()
     return middle + [-0.35 * size, -0.6 * size, 0.5 * size], middle

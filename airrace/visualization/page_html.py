@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from airrace.scenario import Scenario
-    from airrace.track import Track
+    from airrace.track.square_track import AnyTrack
     from airrace.vehicle import Vehicle
 
 LIVE, REPLAY = "live", "replay"
@@ -69,7 +69,7 @@ def make_page(meshcat_html: str, config: dict, record: dict | None = None) -> st
 
 def page_config(
     scenario: "Scenario",
-    track: "Track",
+    track: "AnyTrack",
     vehicle: "Vehicle",
     body: str,
     *,
@@ -106,7 +106,7 @@ def page_config(
         "movingGates": scenario.disturbances.gate_shift > 0.0,
         "start": list(track.start.position[:2]),
         "middle": middle[:2].tolist(),
-        "size": float(np.ptp(track.pylons()[:, :2], axis=0).max()),
+        "size": float(np.ptp(track.outline()[:, :2], axis=0).max()),
         "overview": {"eye": eye.tolist(), "middle": middle.tolist()},
         "body": f"drake/{body}",
         "camera": {

@@ -13,6 +13,7 @@ from airrace.rendering.imaging.motion_blur import pose_of
 from airrace.systems.estimation.error_state import POSITION, VELOCITY
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.types import CameraInfo, Detections
+from airrace.track import Track
 from airrace.vehicle import GRAVITY
 from airrace.vehicle.state import STATE_SIZE, as_plant_state, as_state
 from airrace.visualization.meshcat_page import Audience
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from pydrake.math import RigidTransform
 
     from airrace.systems.planning.lap_plan import LapPlan
-    from airrace.track import Track
+    from airrace.track.square_track import AnyTrack
     from airrace.vehicle import Vehicle
 
 _FRAME_PERIOD, _NEWS_PERIOD = 1 / 30, 0.1  # s
@@ -82,7 +83,7 @@ class RaceFeed(LeafSystem):
         self,
         *,
         record: RaceRecord,
-        track: "Track",
+        track: "AnyTrack",
         vehicle: "Vehicle",
         audience: Audience,
         camera: bool,
@@ -173,7 +174,11 @@ class RaceFeed(LeafSystem):
         self._add_referee(context)
         self._add_estimate(context, time)
         shifts = self._value(context, "truth.gate_shifts")
-        if shifts is not None and not np.array_equal(shifts, self._known.get(SHIFTS)):
+        if (
+            shifts is not None
+            and isinstance(self._track, Track)
+            and not np.array_equal(shifts, self._known.get(SHIFTS))
+        ):
             self._known[SHIFTS] = shifts.copy()
             gates = self._track.shifted(shifts).gates
             self._record.add(SHIFTS, time, gates=[g.p_WG[:2].round(2).tolist() for g in gates])

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from pydrake.systems.framework import LeafSystem
 
 from airrace.scenario.camera_config import NO_CAMERA
-from airrace.track import load_track
+from airrace.track.square_track import load_course
 from airrace.vehicle import load_vehicle
 from airrace.visualization.meshcat_page import Audience
 from airrace.visualization.page_html import LIVE, page_config
@@ -35,7 +35,7 @@ def AddVisualization(
         simulation, autonomy: the two diagrams in it.
         page: whose Meshcat the simulation draws its scene in.
     """
-    track = load_track(scenario.track)
+    track = load_course(scenario.track)
     vehicle, _ = load_vehicle(scenario.drone)
     plant = simulation.GetSubsystemByName("plant")
     scene_graph = simulation.GetSubsystemByName("scene_graph")
@@ -52,11 +52,12 @@ def AddVisualization(
     )
     systems: dict[str, LeafSystem] = {
         "race_feed": feed,
-        "plan_visualizer": PlanVisualizer(meshcat=page.meshcat),
         "rotor_visualizer": RotorVisualizer(
             meshcat=page.meshcat, vehicle=vehicle, plant=plant, scene_graph=scene_graph
         ),
     }
+    if autonomy.HasOutputPort("lap_plan"):
+        systems["plan_visualizer"] = PlanVisualizer(meshcat=page.meshcat)
     for name, box in systems.items():
         builder.AddNamedSystem(name, box)
         for i in range(box.num_input_ports()):

@@ -144,7 +144,7 @@ BAD = [
     (["--seed", "-1"], "seed must be at least 0, not -1"),
     (["--realtime_rate", "-1"], "--realtime_rate. must be at least 0"),
     (["--realtime_rate", "nan"], "target_realtime_rate must be a finite number"),
-    (["--scenario_file", "none"], "no scenario named 'none' .* are: levels, original, races"),
+    (["--scenario_file", "none"], "no scenario named 'none' .* are: grand_prix, levels, original, races"),
     (["--scenario_file", "scenario.yaml"], "no 'Defaults' at its top level, only: Mine"),
     (["--scenario_file", "races", "--scenario_name", "None"], "only: Defaults, NoNoise, "),
     (["--limits", "fast"], r"The limits \(--limits, planner.limits\) .fast. are not understood"),
@@ -251,7 +251,7 @@ class TestBadInput:
         "args, words",
         [
             (["-t", "5"], 'Invalid value "5" for -t. Choose from: "3", "4", "6", "optimal".'),
-            (["-s", "ROS"], 'Invalid value "ROS" for -s. Choose from: "SITL", "HITL".'),
+            (["-s", "ROS"], 'Invalid value "ROS" for -s. Choose from: "SITL", "HITL", "MAVLINK".'),
             (["--renderer", "crayon"], 'Invalid value "crayon" for --renderer.'),
             (["--renderer", "plaar"], 'Did you mean "planar"?'),
             (["--level", "5"], 'Invalid value "5" for --level. Choose from: 0, 1, 2, 3, 4.'),
@@ -420,7 +420,7 @@ class TestOptions:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drone", vehicle.DRONES)
+@pytest.mark.parametrize("drone", vehicle.RACERS)
 def test_the_reference_track(folder, capsys, drone):
     """From pixels: explored, mapped and raced."""
     assert main(["-d", drone, "--laps", "1", "--no-meshcat", "--output", "out"]) == 0

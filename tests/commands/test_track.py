@@ -9,6 +9,8 @@ from airrace.commands.app import main as command
 from airrace.commands.track import to_yaml
 from airrace.track import load_track
 from airrace.track.generator import generate_track
+from airrace.track.square_generator import generate_square_track
+from airrace.track.square_track import load_course
 
 
 def main(words):
@@ -25,6 +27,19 @@ def test_prints_a_track_that_can_be_loaded(tmp_path, capsys):
     # The first line names the command that made it.
     command = re.fullmatch(r"# airrace track (.*)", text.splitlines()[0])[1]
     assert command.startswith("--seed 7 --gates 10 --direction ")
+    assert main(command.split()) == 0
+    assert capsys.readouterr().out == text
+
+
+@pytest.mark.parametrize("options", [["--gates", "10"], []])
+def test_prints_a_course_of_square_gates(tmp_path, capsys, options):
+    assert main(["--kind", "square", "--seed", "7", *options]) == 0
+    text = capsys.readouterr().out
+    file = tmp_path / "t.yaml"
+    file.write_text(text)
+    assert load_course(str(file)) == generate_square_track(7, 10 if options else None)
+    command = re.fullmatch(r"# airrace track (.*)", text.splitlines()[0])[1]
+    assert command.startswith("--kind square --seed 7 --gates ")
     assert main(command.split()) == 0
     assert capsys.readouterr().out == text
 

@@ -86,7 +86,7 @@ class TestFindYaml:
         try:
             assert find_yaml("scenarios", name).is_file()
         except UserError as e:
-            assert "the shipped scenarios are: levels, original, races" in str(e)
+            assert "the shipped scenarios are: grand_prix, levels, original, races" in str(e)
 
 
 COMPLAINTS = {

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from airrace.diagrams.flight import CONTROL, MakeFlight, circle_reference, fly_reference
 from airrace.scenario import ControllerConfig, Scenario, StateFilterConfig
-from airrace.vehicle import DRONES
+from airrace.vehicle import RACERS
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig
 from tests.worlds.flight import (
     PERIOD,
@@ -21,7 +21,7 @@ from tests.worlds.flight import (
 )
 
 LANDED = 0.15  # m, of height
-both_drones = pytest.mark.parametrize("drone", DRONES)
+both_drones = pytest.mark.parametrize("drone", RACERS)
 
 
 def scenario(drone="Default", **fields):

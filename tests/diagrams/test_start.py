@@ -11,7 +11,7 @@ from airrace.diagrams.flight import MakeFlight
 from airrace.scenario import Scenario
 from airrace.track import Track, load_track
 from airrace.trajopt.flat_trajectory import hold
-from airrace.vehicle import DRONES
+from airrace.vehicle import RACERS
 
 TAKE_OFF = 0.5  # s
 
@@ -30,7 +30,7 @@ def tilt_of(state):
 
 
 @pytest.mark.parametrize("direction_deg", [0.0, 130.0])
-@pytest.mark.parametrize("drone", DRONES)
+@pytest.mark.parametrize("drone", RACERS)
 def test_takes_off_from_a_tilted_pad_and_levels(tmp_path, drone, direction_deg):
     scenario = on_pad(tmp_path, drone, 10.0, direction_deg)
     pad = []

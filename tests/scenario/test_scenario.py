@@ -18,12 +18,14 @@ from airrace.rendering.vtk.vtk_renderer import check_vtk_available
 from airrace.scenario import CONTENTS, RecordingConfig, Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera_config import PRESETS
 from airrace.scenario.checks import UNLIMITED
+from airrace.scenario.mavlink_config import MavlinkConfig, QuirksConfig
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig
 from airrace.vehicle.sensor_failures import IMU_FAILURES, CameraFailure, ImuFailure
 
 SHIPPED = [
     (path.stem, name)
     for path in sorted((models_path() / "scenarios").glob("*.yaml"))
+    if path.stem != "grand_prix"  # is flown by clients
     for name in yaml.safe_load(path.read_text())
 ]
 SECTIONS = [f.name for f in dc.fields(Scenario) if dc.is_dataclass(getattr(Scenario(), f.name))]
@@ -351,7 +353,9 @@ ZERO = (
     "camera_failures[0].time",
     "planner.first_lap_move",
     "link_delay",
+    *(f"mavlink.quirks.{name}" for name in ("imu_drop", "lost_pictures", "repeated_pictures")),
 )
+SIGNED = ("disturbances.wind.mean[", "mavlink.quirks.clock_offset")
 
 
 @pytest.mark.slow
@@ -363,8 +367,9 @@ def test_every_number_of_ours_but_noise_and_errors_must_be_positive():
     }
     assert set(ZERO) < set(numbers)
     for name, path in numbers.items():
-        if name.startswith("disturbances.wind.mean["):
-            continue  # the wind blows where it wants
+        if name.startswith(SIGNED):
+            load_scenario(scenario_text=changed(path, -1)).check()
+            continue
         if name in ZERO:
             load_scenario(scenario_text=changed(path, 0)).check()
         else:
@@ -407,7 +412,9 @@ def test_lists_take_the_place_of_lists(tmp_path):
 
 
 def test_missing_files_and_names(tmp_path):
-    assert "the shipped scenarios are: levels, original, races" in refusal(filename="none")
+    assert "the shipped scenarios are: grand_prix, levels, original, races" in refusal(
+        filename="none"
+    )
     assert "no 'Nobody' at its top level, only: Defaults, NoNoise" in refusal(
         filename="races", scenario_name="Nobody"
     )
@@ -455,6 +462,25 @@ _imu_failures = st.builds(ImuFailure, kind=st.sampled_from(IMU_FAILURES), **_whi
 _camera_failures = st.builds(CameraFailure, kind=st.just("dark"), **_while)
 
 
+_shares = st.floats(0.0, 0.9)
+_interfaces = st.builds(
+    MavlinkConfig,
+    vq=st.sampled_from([1, 2]),
+    step=st.booleans(),
+    time_limit=_positive,
+    jpeg_quality=st.integers(1, 100),
+    chunk_size=st.integers(64, 60000),
+    quirks=st.builds(
+        QuirksConfig,
+        doubled_pictures=st.booleans(),
+        imu_drop=_shares,
+        lost_pictures=_shares,
+        repeated_pictures=_shares,
+        clock_offset=st.floats(-1e6, 1e6),
+    ),
+)
+
+
 @st.composite
 def scenarios(draw):
     """Scenarios with any good value in any field."""
@@ -469,9 +495,10 @@ def scenarios(draw):
         camera_failures=draw(st.lists(_camera_failures, max_size=2)),
         recording=draw(_recordings),
         systems=draw(st.dictionaries(st.text(max_size=9), st.text(max_size=9), max_size=2)),
+        mavlink=draw(_interfaces),
     )
     for section in SECTIONS:
-        if section in ("disturbances", "recording"):
+        if section in ("disturbances", "recording", "mavlink"):
             continue
         config = getattr(scenario, section)
         for name, value in vars(config).items():

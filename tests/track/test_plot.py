@@ -5,6 +5,8 @@ from matplotlib.patches import Circle
 
 from airrace.track import load_track
 from airrace.track.plot import draw_track, save_plot
+from airrace.track.square_plot import draw_square_track
+from airrace.track.square_track import load_course
 
 TRACK = load_track("student-airrace")
 
@@ -43,3 +45,21 @@ def test_the_same_track_is_the_same_file(name, tmp_path):
         file.parent.mkdir()
         save_plot(TRACK, file)
     assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_draws_a_course_and_its_heights():
+    course = load_course("grand-prix")
+    plan, side = draw_square_track(course).axes
+    labels = {text.get_text() for text in plan.texts}
+    assert {*map(str, range(1, 18)), "start"} <= labels
+    assert {text.get_text() for text in side.texts} == set(map(str, range(1, 18)))
+    assert plan.get_title() == "grand-prix: 17 gates, 199 m"
+    frames = [line.get_xydata() for line in side.lines if len(line.get_xydata()) == 2]
+    heights = [line.mean(0)[1] for line in frames]
+    np.testing.assert_allclose(heights, [gate.position[2] for gate in course.gates], atol=1e-9)
+    np.testing.assert_allclose([np.ptp(line, axis=0) for line in frames], [[0.0, 2.7]] * 17)
+
+
+def test_writes_a_picture_of_a_course(tmp_path):
+    save_plot(load_course("grand-prix"), tmp_path / "t.png")
+    assert min(cv2.imread(str(tmp_path / "t.png")).shape[:2]) > 800

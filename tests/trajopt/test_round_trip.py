@@ -15,7 +15,7 @@ from airrace.trajopt.gate_regions import GateRegions
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
-from airrace.vehicle import DRONES, GRAVITY, load_vehicle
+from airrace.vehicle import GRAVITY, RACERS, load_vehicle
 
 TRACK = load_track("student-airrace")
 MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
@@ -53,7 +53,7 @@ def pose_and_rates(sample):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drone", DRONES)
+@pytest.mark.parametrize("drone", RACERS)
 @pytest.mark.parametrize("kind", [4, 6, "optimal"])
 def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
     vehicle, sdf = load_vehicle(drone)

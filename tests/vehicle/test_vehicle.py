@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from airrace.common.errors import UserError
 from airrace.vehicle import (
     DRONES,
+    GRAVITY,
+    RACERS,
     CameraMount,
     Drag,
     ImuMount,
@@ -76,13 +78,29 @@ def test_allocation_is_force_moment_and_reaction(table):
     assert vehicle.allocation.shape == (4, len(table))
 
 
-@pytest.mark.parametrize("drone", DRONES)
-def test_shipped_drones_have_the_reference_limits(drone):
+@pytest.mark.parametrize("drone", RACERS)
+def test_shipped_racers_have_the_reference_limits(drone):
     vehicle, sdf = load_vehicle(drone)
     assert vehicle.name == drone and sdf.is_file()
     np.testing.assert_allclose(vehicle.max_thrusts, 8.5)
     np.testing.assert_allclose(vehicle.thrust_coefficients * vehicle.max_speeds**2, 8.5)
     np.testing.assert_allclose(vehicle.thrust_coefficients, 1e-3)
+
+
+def test_vadr_is_as_the_qualifier_says():
+    """Hover at 0.25 to 0.28 of full thrust, 280 mm wide, the camera in the middle and 20 deg up."""
+    vehicle, _ = load_vehicle("vadr")
+    assert vehicle.mass * GRAVITY / vehicle.max_thrusts.sum() == pytest.approx(0.26, abs=1e-4)
+    half = max(np.abs(r.position[:2]).max() + r.radius for r in vehicle.rotors)
+    assert 2 * half == pytest.approx(0.28)
+    X_BC = vehicle.camera.X_BC
+    np.testing.assert_array_equal(X_BC.translation(), 0.0)
+    up = np.deg2rad(20.0)
+    np.testing.assert_allclose(X_BC.rotation().col(2), [np.cos(up), 0, np.sin(up)], atol=1e-12)
+
+
+def test_racers_are_some_of_the_shipped_drones():
+    assert set(RACERS) < set(DRONES)
 
 
 def test_radius():

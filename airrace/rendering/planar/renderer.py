@@ -119,15 +119,11 @@ class PlanarRenderer:
             feet = scene.feet.copy()
             feet[:, :2] += np.repeat(gate_shifts, 2, axis=0)
             scene = scene._replace(feet=feet)
-        behind = [(1.0, X_WC)]
-        if len(poses) > _SHARING:
-            behind = [(0.5, poses[1][1]), (0.5, poses[-2][1])]
-        R_WC = np.array([X_WC.rotation().matrix() for _, X_WC in poses])
-        p_WC = np.array([X_WC.translation() for _, X_WC in poses])
+        R_WC, p_WC, behind = exposure_poses(poses, X_WC)
         return Exposure(
             functools.partial(self._background.paint, poses=behind),
             lambda parts: _display_list(scene, R_WC, p_WC, self._K, self._picture, parts),
-            _shares(tuple(weight for weight, _ in poses)),
+            shares_of(tuple(weight for weight, _ in poses)),
         )
 
 
@@ -159,8 +155,21 @@ class Exposure:
         paint(out, boxes, self._display_list(boxes), self._shares)
 
 
+def exposure_poses(poses: list, X_WC: "RigidTransform") -> tuple[np.ndarray, np.ndarray, list]:
+    """Returns R_WC and p_WC of all poses of an exposure, and those of its background.
+
+    Args: see PlanarRenderer.expose().
+    """
+    behind = [(1.0, X_WC)]
+    if len(poses) > _SHARING:
+        behind = [(0.5, poses[1][1]), (0.5, poses[-2][1])]
+    R_WC = np.array([X_WC.rotation().matrix() for _, X_WC in poses])
+    p_WC = np.array([X_WC.translation() for _, X_WC in poses])
+    return R_WC, p_WC, behind
+
+
 @functools.lru_cache(maxsize=16)
-def _shares(weights: Sequence[float]) -> np.ndarray:
+def shares_of(weights: Sequence[float]) -> np.ndarray:
     """Returns weights as whole numbers: it is quick to multiply and add bytes by them."""
     return np.diff(np.rint(WHOLE * np.cumsum([0.0, *weights]))).astype(np.uint16)
 

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 if TYPE_CHECKING:
     from airrace.track import Start
 
-_COLOR = (0.35, 0.35, 0.38, 1.0)
+_COLOR = Rgba(0.35, 0.35, 0.38, 1.0)
 _FRICTION = CoulombFriction(static_friction=0.8, dynamic_friction=0.6)
 _EDGE = 0.02  # m, height of the lowest edge
 
@@ -57,7 +57,7 @@ def AddPad(plant: MultibodyPlant, start: "Start", radius: float) -> None:
     wedge = Convex(np.hstack([top, foot]), "pad")
     visual = GeometryInstance(RigidTransform(), wedge, "pad_visual")
     properties = IllustrationProperties()
-    properties.AddProperty("phong", "diffuse", Rgba(*_COLOR))
+    properties.AddProperty("phong", "diffuse", _COLOR)
     visual.set_illustration_properties(properties)
     plant.RegisterVisualGeometry(plant.world_body(), visual)
     plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), wedge, "pad", _FRICTION)

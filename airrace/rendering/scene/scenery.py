@@ -46,20 +46,14 @@ def AddScenery(
             pictures on the boards are most of the work.
     """
     world = plant.world_body()
+    add_ground(plant, visible)
     n = len(track.gates)
     gates = _add_gate_bodies(plant, n) if movable else [world] * n
 
     def add(name, body, X_WG, mesh, shape, X_GS=RigidTransform()):
         if visible:
-            visual = GeometryInstance(X_WG, Mesh(mesh()), f"{name}_visual")
-            # Without properties it gets the illustration and the perception role.
-            plant.RegisterVisualGeometry(body, visual)
+            _add_visual(plant, name, body, X_WG, mesh)
         plant.RegisterCollisionGeometry(body, X_WG @ X_GS, shape, name, _FRICTION)
-
-    # Drake warns about every HalfSpace, so the ground is a very large box.
-    ground = Box(4000.0, 4000.0, 20.0)
-    below = RigidTransform([0.0, 0.0, -10.0])
-    add("ground", world, RigidTransform(), ground_mesh, ground, below)
 
     # Few vertices suffice for contact: the flank is a few millimetres off.
     outline = make_pylon_shape(16, 1).vertices
@@ -82,6 +76,23 @@ def AddScenery(
         body = gates[board.id // 4]
         face = functools.partial(board_mesh, board.id)
         add(f"board_{board.id}", body, board.X_WM, face, box, behind_face)
+
+
+def add_ground(plant: MultibodyPlant, visible: bool = True) -> None:
+    """Adds the ground, named ``ground``, to a plant; visible: whether its grass is seen."""
+    world = plant.world_body()
+    if visible:
+        _add_visual(plant, "ground", world, RigidTransform(), ground_mesh)
+    # Drake warns about every HalfSpace, so the ground is a very large box.
+    below = RigidTransform([0.0, 0.0, -10.0])
+    ground = Box(4000.0, 4000.0, 20.0)
+    plant.RegisterCollisionGeometry(world, below, ground, "ground", _FRICTION)
+
+
+def _add_visual(plant, name, body, X_WG, mesh):
+    visual = GeometryInstance(X_WG, Mesh(mesh()), f"{name}_visual")
+    # Without properties it gets the illustration and the perception role.
+    plant.RegisterVisualGeometry(body, visual)
 
 
 def _add_gate_bodies(plant: MultibodyPlant, n: int) -> list:

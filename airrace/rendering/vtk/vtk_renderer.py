@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 _NAME = "vtk"
 _CLIPPING = ClippingRange(0.05, 2000.0)
 _DEPTHS = DepthRange(0.05, 2000.0)
+_EVEN = 0.85  # of each of six lamps around, so that no face is much brighter than its colour
 
 # Draws one small picture. Without a driver VTK does not raise but crash.
 _PROBE = """
@@ -80,7 +81,11 @@ def check_vtk_available() -> None:
 
 
 def AddVtkRenderer(
-    scene_graph: SceneGraph, camera_info: "CameraInfo", *, supersampling: int = 1
+    scene_graph: SceneGraph,
+    camera_info: "CameraInfo",
+    *,
+    supersampling: int = 1,
+    indoors: bool = False,
 ) -> "VtkRenderer":
     """Adds a render engine to a scene graph.
 
@@ -89,6 +94,8 @@ def AddVtkRenderer(
         camera_info: calibration of the pictures; distortion is not drawn.
         supersampling: samples per pixel in either direction. Two take about
             three times as long on a CPU and halve the noise of edges.
+        indoors: whether there is a hall around everything, in which all is as bright as
+            its colour says, and neither haze nor sky is seen.
 
     Returns:
         The renderer, to be given the scene graph's query object.
@@ -102,6 +109,16 @@ def AddVtkRenderer(
         return LightParameter(
             type="directional", frame="world", direction=direction, intensity=intensity
         )
+
+    if indoors:
+        # A face's light is the sum of what falls on it from six sides: a frame of any yaw has
+        # about its own colour.
+        axes = np.vstack([np.eye(3), -np.eye(3)])
+        params = RenderEngineVtkParams(
+            default_clear_color=np.zeros(3), lights=[lamp(axis, _EVEN) for axis in axes]
+        )
+        scene_graph.AddRenderer(_NAME, MakeRenderEngineVtk(params))
+        return VtkRenderer(camera_info, supersampling, atmosphere=False)
 
     # Three lamps around and one above stand for the sky's light: what the
     # first three give to an upright board differs by 15 % with its direction.
@@ -127,7 +144,7 @@ class VtkRenderer:
 
     needs_query_object = True
 
-    def __init__(self, camera_info: "CameraInfo", supersampling: int):
+    def __init__(self, camera_info: "CameraInfo", supersampling: int, atmosphere: bool = True):
         s = supersampling
         self._size = (camera_info.width, camera_info.height)
         # In OpenCV's convention pixel u covers samples s u to s u + s - 1, whose
@@ -146,7 +163,7 @@ class VtkRenderer:
         self.depth_camera = DepthRenderCamera(
             RenderCameraCore(_NAME, intrinsics, _CLIPPING, RigidTransform()), _DEPTHS
         )
-        self._atmosphere = Atmosphere(camera_info)
+        self._atmosphere = Atmosphere(camera_info) if atmosphere else None
 
     def render(self, X_WC: RigidTransform, out: np.ndarray, query_object: QueryObject) -> None:
         """Draws a picture.
@@ -160,5 +177,8 @@ class VtkRenderer:
         picture = query_object.RenderColorImage(self.color_camera, world, X_WC).data
         if picture.shape[1::-1] != self._size:
             picture = cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
+        if self._atmosphere is None:
+            out[:] = picture if out.ndim == 3 else cv2.cvtColor(picture, cv2.COLOR_RGBA2GRAY)
+            return
         depth = query_object.RenderDepthImage(self.depth_camera, world, X_WC)
         self._atmosphere.apply(X_WC, depth.data[..., 0], picture, out)

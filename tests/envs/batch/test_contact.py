@@ -17,7 +17,7 @@ from airrace.envs.batch.dynamics import Motion
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.systems.plant.multirotor import AddMultirotorModel
 from airrace.track import load_track
-from airrace.vehicle import DRONES, load_vehicle
+from airrace.vehicle import RACERS, load_vehicle
 
 TRACK = load_track("hexagon")
 UNSURE = 0.005  # m, within which the nearest facet's plane is taken for the facet
@@ -63,7 +63,7 @@ class World:
         return ground, others
 
 
-WORLDS = {name: World(name) for name in DRONES}
+WORLDS = {name: World(name) for name in RACERS}
 
 
 @compiled
@@ -75,7 +75,7 @@ def touched(motion, shape, courses, margin):
     )
 
 
-@pytest.mark.parametrize("name", DRONES)
+@pytest.mark.parametrize("name", RACERS)
 @settings(max_examples=150, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_what_is_touched_is_what_drake_says(name, seed):

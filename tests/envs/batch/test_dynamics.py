@@ -22,7 +22,7 @@ from airrace.envs.batch.lanes import (
 )
 from airrace.systems.plant.drag import Drag
 from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
-from airrace.vehicle import DRONES, load_vehicle
+from airrace.vehicle import RACERS, load_vehicle
 from airrace.vehicle.state import as_plant_state
 
 DT, ROTOR_PERIOD, WIND = 0.001, 0.002, (3.0, -2.0, 0.5)
@@ -67,7 +67,7 @@ class Plant:
         return self.plant.GetPositionsAndVelocities(self.plant.GetMyContextFromRoot(context))
 
 
-PLANTS = {name: Plant(name) for name in DRONES}
+PLANTS = {name: Plant(name) for name in RACERS}
 
 
 @compiled
@@ -86,7 +86,7 @@ def fly(fleet, commands, bodies):
     store(block, 0, 0, fleet)
 
 
-@pytest.mark.parametrize("name", DRONES)
+@pytest.mark.parametrize("name", RACERS)
 @settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_a_second_of_flight_is_that_of_the_plant(name, data):

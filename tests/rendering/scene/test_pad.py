@@ -59,7 +59,8 @@ def test_it_can_be_hit_and_is_drawn_but_not_for_the_camera():
     assert lowest < 0.05  # it stands on the ground
 
 
-def test_its_colour_is_one_that_drake_can_draw():
+def test_a_pad_is_drawn_in_its_colour():
+    """Drake draws nothing, and raises, for a colour of another type than its own."""
     inspector, found = geometries(10.0)
     properties = inspector.GetIllustrationProperties(found[Role.kIllustration][0])
     assert isinstance(properties.GetProperty("phong", "diffuse"), Rgba)

@@ -6,10 +6,10 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.envs.env_diagram import TrueEstimate
 from airrace.math.quaternion import rotation_matrix
 from airrace.systems.control.rate_controller import RateController
 from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
+from airrace.systems.sensing.true_estimate import TrueEstimate
 from airrace.vehicle import GRAVITY, load_vehicle
 from airrace.vehicle.state import as_plant_state
 

@@ -56,14 +56,15 @@ def test_the_plant_feels_what_the_allocation_says(name, data):
     """One step from rest, against Newton and Euler."""
     drone, (vehicle, _) = SHIPPED[name], load_vehicle(name)
     n = len(vehicle.rotors)
-    speeds = data.draw(st.lists(st.floats(0, 92), min_size=n, max_size=n))
+    shares = data.draw(st.lists(st.floats(0, 1), min_size=n, max_size=n))
+    speeds = vehicle.max_speeds * shares
     simulator = Simulator(drone.diagram)
     context = simulator.get_mutable_context()
     drone.diagram.get_input_port().FixValue(context, speeds)
     drone.rotors.set_speeds(drone.rotors.GetMyMutableContextFromRoot(context), speeds)
     simulator.AdvanceTo(1.5 * DT)
     velocities = drone.plant.GetVelocities(drone.plant.GetMyContextFromRoot(context))
-    f, *moment = vehicle.allocation @ (1e-3 * np.square(speeds))
+    f, *moment = vehicle.allocation @ (vehicle.thrust_coefficients * np.square(speeds))
     # The second step, at t = 1 ms, turns the thrust by less than is seen here.
     steps = 2
     np.testing.assert_allclose(

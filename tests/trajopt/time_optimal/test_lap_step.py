@@ -11,10 +11,10 @@ from airrace.trajopt.time_optimal.lap_samples import Grid, LapSamples, slowed
 from airrace.trajopt.time_optimal.lap_spline import LapSpline
 from airrace.trajopt.time_optimal.lap_step import LapStep
 from airrace.trajopt.time_optimal.visibility import keep_in_view
-from airrace.vehicle import DRONES, load_vehicle
+from airrace.vehicle import RACERS, load_vehicle
 
 GRID, TURN = Grid(6, 12), 2 * np.pi
-LIMITS = {drone: FlightLimits(load_vehicle(drone)[0]) for drone in DRONES}
+LIMITS = {drone: FlightLimits(load_vehicle(drone)[0]) for drone in RACERS}
 
 
 def samples(limits, seed=0):

@@ -1,0 +1,334 @@
+"""The simulator's end of the interface: what is sent when, and what commands do."""
+
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.sensors import ImageRgba8U
+
+from airrace.math.quaternion import rotation_matrix
+from airrace.math.random import make_generator
+from airrace.mavlink import telemetry
+from airrace.mavlink.client_link import ClientLink
+from airrace.mavlink.commands import ARM, RESET, SETPOINTS, RefusedError, setpoint_of
+from airrace.mavlink.frames import ned_state
+from airrace.mavlink.picture_stream import datagrams, encode
+from airrace.mavlink.telemetry import Clock
+from airrace.scenario.mavlink_config import MavlinkConfig
+from airrace.systems.control.setpoint import IDLE, NO_SETPOINT, as_setpoint, setpoint_vector
+from airrace.systems.ports import read_vector
+from airrace.systems.sensing.contact_sensor import CONTACTS_SIZE, GATE, as_contacts
+from airrace.systems.sensing.imu_samples import IMU_SIZE, as_samples
+from airrace.systems.types import ExplorerStatus, RefereeStatus
+from airrace.track.square_track import SquareTrack
+from airrace.vehicle import Vehicle
+from airrace.vehicle.state import STATE_SIZE, as_plant_state
+
+# Hz, of simulated time.
+HEARTBEAT_RATE, ACTUATOR_RATE, STATUS_RATE, TRACK_RATE = 10.0, 96.0, 4.0, 1.0
+ATTITUDE_RATE, POSITION_RATE, ODOMETRY_RATE = 114.0, 93.0, 72.0
+LISTEN_RATE = 500.0
+# s: a publish event sees what was sampled before its time, so it comes a little after a sample.
+AFTER = 0.001
+_ON_PAD = ExplorerStatus(state="ON_PAD", reason="waiting for the client to arm")
+
+
+class Flight(NamedTuple):
+    """What the bridge remembers, beside the set-point in force.
+
+    Attributes:
+        started: when the drone was first armed (s), -1 before.
+        origin: of LOCAL_NED, where it was armed last (m), (3,).
+    """
+
+    started: float
+    origin: np.ndarray
+
+
+class World(NamedTuple):
+    """What a bridge knows of the race.
+
+    Attributes:
+        track, vehicle: that are flown.
+        start: where the drone stands before it is armed (m), (3,).
+        config: of the interface.
+        imu_rate, fps, contact_rate: of IMU, camera and contact sensor (Hz).
+        seed: of what quirks draw.
+    """
+
+    track: SquareTrack
+    vehicle: Vehicle
+    start: np.ndarray
+    config: MavlinkConfig
+    imu_rate: float
+    fps: float
+    contact_rate: float
+    seed: int
+
+
+class MavlinkBridge(LeafSystem):
+    """Talks to a client in MAVLink, and sends it pictures.
+
+    .. pydrake_system::
+
+        name: MavlinkBridge
+        input_ports:
+        - imu
+        - truth.state
+        - rotor_speeds
+        - camera_image
+        - camera_image_time
+        - truth.contacts
+        - truth.referee_status
+        output_ports:
+        - setpoint
+        - explorer_status
+
+    Its inputs are the Simulation's outputs of these names; ``truth.contacts`` is of Contacts (9).
+    ``setpoint`` is what the client wants, a Setpoint (24). ``explorer_status`` is an
+    ExplorerStatus, which is done once the drone was armed: from then on the referee counts gates.
+
+    What came is read at LISTEN_RATE, in a publish event; the update of the same time obeys and
+    answers it, also what was read between two of them. All else is sent by the clock, in simulated
+    time. The link is outside of the Context, as the world is.
+
+    Attributes:
+        reset_wanted: whether the client has asked to begin anew.
+        imu_messages: how many HIGHRES_IMU were sent.
+        commands: how many commands were taken up, whether they could be obeyed or not.
+    """
+
+    def __init__(self, *, world: World, link: ClientLink):
+        """Args: world: that is flown in. link: to the client."""
+        LeafSystem.__init__(self)
+        self._world, self._link, self._config = world, link, world.config
+        self._quirks = world.config.quirks
+        self.reset_wanted, self.imu_messages, self.commands = False, 0, 0
+        self._declare_ports()
+        # What was sent last. It is output, not state: nothing in the flight depends on it.
+        self._imu_time = self._picture_time = -1.0
+        self._frames, self._contacts = 0, (0.0, 0.0)
+        self._jpeg = b""
+        self._imu_random = make_generator(world.seed, "mavlink imu")
+        self._second, self._drop = -1, 0.0
+        self._picture_random = make_generator(world.seed, "mavlink pictures")
+        for rate, send in self._timetable():
+            self.DeclarePeriodicPublishEvent(1.0 / rate, AFTER, send)
+        self.DeclarePeriodicPublishEvent(1.0 / LISTEN_RATE, 0.0, self._listen)
+        self.DeclarePeriodicDiscreteUpdateEvent(1.0 / LISTEN_RATE, 0.0, self._obey)
+
+    def _declare_ports(self):
+        n = len(self._world.vehicle.rotors)
+        self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
+        self._state = self.DeclareVectorInputPort("truth.state", STATE_SIZE - 1)
+        self._rotors = self.DeclareVectorInputPort("rotor_speeds", n)
+        self._image = self.DeclareAbstractInputPort("camera_image", Value(ImageRgba8U(1, 1)))
+        self._taken = self.DeclareVectorInputPort("camera_image_time", 1)
+        self._touched = self.DeclareVectorInputPort("truth.contacts", CONTACTS_SIZE)
+        self._referee = self.DeclareAbstractInputPort(
+            "truth.referee_status", Value[object](RefereeStatus((), False, None, None, 0))
+        )
+        self._setpoint = self.DeclareDiscreteState(setpoint_vector(NO_SETPOINT))
+        self._flight = self.DeclareDiscreteState(np.hstack(Flight(-1.0, self._world.start)))
+        self.DeclareStateOutputPort("setpoint", self._setpoint)
+        self.DeclareAbstractOutputPort(
+            "explorer_status",
+            lambda: Value[object](_ON_PAD),
+            self._calc_status,
+            {self.discrete_state_ticket(self._flight)},
+        )
+
+    def _timetable(self):
+        """Returns pairs of a rate (Hz) and what is sent then; at equal times, in this order."""
+        telling = [
+            (self._world.fps, self._send_picture),  # before the IMU's message that is answered
+            (HEARTBEAT_RATE, self._send_heartbeat),
+            (ACTUATOR_RATE, self._send_actuators),
+            (STATUS_RATE, self._send_status),
+            (TRACK_RATE, self._send_track),
+            (self._world.contact_rate, self._send_collision),
+        ]
+        if self._config.vq == 1:
+            telling += [
+                (ATTITUDE_RATE, self._send_attitude),
+                (POSITION_RATE, self._send_position),
+                (ODOMETRY_RATE, self._send_odometry),
+            ]
+        return [*telling, (self._world.imu_rate, self._send_imu)]
+
+    def armed(self, context: Context) -> bool:
+        """Whether the drone is armed; context: of this system."""
+        return bool(as_setpoint(self._wanted(context)).armed)
+
+    def started(self, context: Context) -> float:
+        """Returns when it was first armed (s), -1 before; context: of this system."""
+        return float(context.get_discrete_state(self._flight).value()[0])
+
+    def greet(self) -> None:
+        """Sends a HEARTBEAT while the time does not go on yet."""
+        self._link.send(telemetry.heartbeat(armed=False))
+
+    def _wanted(self, context):
+        return context.get_discrete_state(self._setpoint).value()
+
+    def _clock(self, time):
+        return Clock(time, self._quirks.clock_offset)
+
+    def _now(self, context):
+        return self._clock(context.get_time())
+
+    # What the client is told.
+
+    def _send_heartbeat(self, context):
+        self._link.send(telemetry.heartbeat(self.armed(context)))
+
+    def _send_imu(self, context):
+        samples = as_samples(read_vector(self._imu, context))
+        time = samples.time[0]
+        if time < 0.0 or time == self._imu_time:
+            return
+        self._imu_time = time
+        if self._imu_random.random() < self._dropped(time):
+            return
+        self.imu_messages += 1
+        self._link.send(
+            telemetry.highres_imu(
+                self._clock(time),
+                samples.specific_force[0],
+                samples.angular_velocity[0],
+                self._quirks.inverted_rates,
+            )
+        )
+
+    def _dropped(self, time):
+        """Returns the share of samples that load takes now: another one every second."""
+        if int(time) != self._second:
+            self._second = int(time)
+            self._drop = self._quirks.imu_drop * self._imu_random.random()
+        return self._drop
+
+    def _send_actuators(self, context):
+        vehicle = self._world.vehicle
+        thrusts = vehicle.thrust_coefficients * np.square(read_vector(self._rotors, context))
+        self._link.send(telemetry.actuators(self._now(context), thrusts / vehicle.max_thrusts))
+
+    def _send_status(self, context):
+        self._link.send(
+            telemetry.race_status(
+                self._now(context),
+                self.started(context),
+                self._referee.Eval(context),
+                len(self._world.track.gates),
+            )
+        )
+
+    def _send_track(self, context):
+        hidden = self._config.vq != 1
+        origin = context.get_discrete_state(self._flight).value()[1:]
+        for message in telemetry.track_messages(self._world.track, origin, hidden):
+            self._link.send(message)
+
+    def _send_collision(self, context):
+        contacts = as_contacts(read_vector(self._touched, context))
+        counts = float(contacts.gates), float(contacts.environment)
+        if counts != self._contacts:
+            self._contacts = counts
+            is_gate = contacts.kind == GATE
+            message = telemetry.collision(self._now(context), is_gate, float(contacts.impulse))
+            self._link.send(message)
+
+    def _ned(self, context):
+        state = as_plant_state(read_vector(self._state, context))
+        origin = context.get_discrete_state(self._flight).value()[1:]
+        return ned_state(state, rotation_matrix(np.array(state.quaternion)), origin)
+
+    def _send_attitude(self, context):
+        inverted, wrong = self._quirks.inverted_rates, self._quirks.wrong_signs
+        ned = self._ned(context)
+        self._link.send(telemetry.attitude(self._now(context), ned, inverted, wrong))
+
+    def _send_position(self, context):
+        self._link.send(telemetry.local_position(self._now(context), self._ned(context)))
+
+    def _send_odometry(self, context):
+        inverted, wrong = self._quirks.inverted_rates, self._quirks.wrong_signs
+        ned = self._ned(context)
+        self._link.send(telemetry.odometry(self._now(context), ned, inverted, wrong))
+
+    def _send_picture(self, context):
+        (taken,) = self._taken.Eval(context)
+        if taken < 0.0 or taken == self._picture_time:
+            return
+        self._picture_time = taken
+        frame, self._frames = self._frames, self._frames + 1
+        lost, repeated = self._picture_random.random(2)
+        if lost < self._quirks.lost_pictures:
+            return
+        if not (self._jpeg and repeated < self._quirks.repeated_pictures):
+            self._jpeg = encode(self._image.Eval(context).data, self._config.jpeg_quality)
+        copies = 2 if self._quirks.doubled_pictures else 1
+        time_ns = self._clock(taken).ns
+        for datagram in datagrams(frame, time_ns, self._jpeg, self._config.chunk_size):
+            for _ in range(copies):
+                self._link.send_picture(datagram)
+
+    # What the client says.
+
+    def _listen(self, _context):
+        self._link.drain()
+
+    def _obey(self, context, discrete_state):
+        for message in self._link.take():
+            kind = message.get_type()
+            self.commands += is_command(message)
+            if kind == "TIMESYNC":
+                self._link.send(telemetry.timesync(message, self._now(context)))
+            elif kind == "COMMAND_LONG":
+                self._command(context, discrete_state, message)
+            elif kind in SETPOINTS:
+                self._follow(context, discrete_state, message)
+
+    def _command(self, context, discrete_state, message):
+        accepted = message.command in (ARM, RESET)
+        self._link.send(telemetry.acknowledgement(message.command, accepted))
+        if message.command == RESET:
+            self.reset_wanted = True
+        elif message.command == ARM:
+            setpoint = discrete_state.get_mutable_value(self._setpoint)
+            wanted, arms = as_setpoint(setpoint), message.param1 == 1.0
+            if arms and not wanted.armed:
+                flight = discrete_state.get_mutable_value(self._flight)
+                position = as_plant_state(read_vector(self._state, context)).position
+                time = context.get_time()
+                flight[:] = time if flight[0] < 0.0 else flight[0], *position
+                changed = NO_SETPOINT._replace(kind=IDLE, time=time, armed=1.0)
+                setpoint[:] = setpoint_vector(changed)
+            elif not arms:
+                setpoint[:] = setpoint_vector(NO_SETPOINT)
+
+    def _follow(self, context, discrete_state, message):
+        setpoint = discrete_state.get_mutable_value(self._setpoint)
+        origin = discrete_state.value(self._flight)[1:]
+        try:
+            wanted = setpoint_of(message, origin, self._quirks.inverted_rates)
+        except RefusedError:
+            self._link.counts.refused += 1
+            return
+        armed = as_setpoint(setpoint).armed
+        setpoint[:] = setpoint_vector(wanted._replace(time=context.get_time(), armed=armed))
+
+    def _calc_status(self, context, output):
+        started = self.started(context)
+        output.set_value(_ON_PAD if started < 0.0 else _racing(started))
+
+
+@functools.lru_cache(maxsize=4)  # whoever looks for changes compares objects
+def _racing(started: float) -> ExplorerStatus:
+    return ExplorerStatus(state="RACE", reason="armed by the client", since=started, done=True)
+
+
+def is_command(message: Any) -> bool:
+    """Whether a message is one that `--step` waits for."""
+    return message.get_type() in (*SETPOINTS, "COMMAND_LONG")

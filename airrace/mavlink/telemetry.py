@@ -1,0 +1,202 @@
+"""The messages that the simulator sends, from what its ports say.
+
+Times are simulated: of the drone's clock, which began with the simulation.
+"""
+
+import math
+import struct
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from airrace.mavlink.commands import signed_rates
+from airrace.mavlink.frames import NedState, euler_angles, flipped, flipped_quaternion
+from airrace.systems.types import RefereeStatus
+from airrace.track.square_gate import INNER
+from airrace.track.square_track import SquareTrack
+
+GATE_ID, ENVIRONMENT_ID = 1001, 1002  # of COLLISION
+_DATA_SIZE = 253  # bytes of ENCAPSULATED_DATA
+STATUS_TYPE, TRACK_TYPE = 1, 2
+_STATUS = struct.Struct("<BQqqIq")
+_COUNT, _GATE = struct.Struct("<H"), struct.Struct("<Hfffffffff")
+_NAN = math.nan
+_IMU_FIELDS = 0x3F  # accelerometer and gyroscope
+
+
+class Clock(NamedTuple):
+    """The times on the wire.
+
+    Attributes:
+        time: simulated (s). offset: by which the wire's are ahead (s).
+    """
+
+    time: float
+    offset: float = 0.0
+
+    @property
+    def ms(self) -> int:
+        """Milliseconds since boot, as a field of 32 bits."""
+        return max(round(1e3 * (self.time + self.offset)), 0) % 2**32
+
+    @property
+    def us(self) -> int:
+        """Microseconds."""
+        return max(round(1e6 * (self.time + self.offset)), 0)
+
+    @property
+    def ns(self) -> int:
+        """Nanoseconds."""
+        return round(1e9 * (self.time + self.offset))
+
+
+def heartbeat(armed: bool) -> mavlink.MAVLink_heartbeat_message:
+    """Returns HEARTBEAT."""
+    mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+    state = mavlink.MAV_STATE_STANDBY
+    if armed:
+        mode |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        state = mavlink.MAV_STATE_ACTIVE
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_GENERIC, mode, 0, state, 3
+    )
+
+
+def highres_imu(
+    clock: Clock, force: np.ndarray, rates: np.ndarray, inverted: bool
+) -> mavlink.MAVLink_highres_imu_message:
+    """Returns HIGHRES_IMU; force (m/s^2) and rates (rad/s) are of B, (3,)."""
+    rates = signed_rates(flipped(rates), inverted)
+    return mavlink.MAVLink_highres_imu_message(
+        clock.us, *flipped(force), *rates, *7 * [_NAN], _IMU_FIELDS
+    )
+
+
+def actuators(clock: Clock, shares: np.ndarray) -> mavlink.MAVLink_actuator_output_status_message:
+    """Returns ACTUATOR_OUTPUT_STATUS; shares: of each rotor's greatest thrust, 0 to 1."""
+    values = np.zeros(32)
+    values[: len(shares)] = shares
+    return mavlink.MAVLink_actuator_output_status_message(
+        clock.us, 2 ** len(shares) - 1, values.tolist()
+    )
+
+
+def attitude(
+    clock: Clock, ned: NedState, inverted: bool, wrong: bool
+) -> mavlink.MAVLink_attitude_message:
+    """Returns ATTITUDE; wrong: whether the pitch has the wrong sign."""
+    roll, pitch, yaw = euler_angles(ned.quaternion)
+    rates = signed_rates(ned.rates, inverted)
+    return mavlink.MAVLink_attitude_message(clock.ms, roll, -pitch if wrong else pitch, yaw, *rates)
+
+
+def local_position(clock: Clock, ned: NedState) -> mavlink.MAVLink_local_position_ned_message:
+    """Returns LOCAL_POSITION_NED."""
+    return mavlink.MAVLink_local_position_ned_message(clock.ms, *ned.position, *ned.velocity)
+
+
+def odometry(
+    clock: Clock, ned: NedState, inverted: bool, wrong: bool
+) -> mavlink.MAVLink_odometry_message:
+    """Returns ODOMETRY, with the velocity in NED; wrong: whether the roll has the wrong sign."""
+    q = ned.quaternion * [1.0, -1.0, 1.0, 1.0] if wrong else ned.quaternion
+    unknown = [_NAN] * 21
+    return mavlink.MAVLink_odometry_message(
+        clock.us,
+        mavlink.MAV_FRAME_LOCAL_NED,
+        mavlink.MAV_FRAME_LOCAL_NED,
+        *ned.position,
+        q.tolist(),
+        *ned.velocity,
+        *signed_rates(ned.rates, inverted),
+        unknown,
+        unknown,
+    )
+
+
+def collision(clock: Clock, is_gate: bool, impulse: float) -> mavlink.MAVLink_collision_message:
+    """Returns COLLISION, whose horizontal_minimum_delta is the impulse (kg m/s)."""
+    return mavlink.MAVLink_collision_message(
+        mavlink.MAV_COLLISION_SRC_ADSB,
+        GATE_ID if is_gate else ENVIRONMENT_ID,
+        mavlink.MAV_COLLISION_ACTION_REPORT,
+        mavlink.MAV_COLLISION_THREAT_LEVEL_HIGH,
+        0.0,
+        0.0,
+        impulse,
+    )
+
+
+def timesync(
+    request: mavlink.MAVLink_timesync_message, clock: Clock
+) -> mavlink.MAVLink_timesync_message:
+    """Returns the answer: the client's time where it put it, the drone's in the other field."""
+    if request.tc1 == 0:  # as MAVLink's documentation has it
+        return mavlink.MAVLink_timesync_message(clock.ns, request.ts1)
+    return mavlink.MAVLink_timesync_message(request.tc1, clock.ns)
+
+
+def race_status(
+    clock: Clock, started: float, status: RefereeStatus, gates: int
+) -> mavlink.MAVLink_encapsulated_data_message:
+    """Returns ENCAPSULATED_DATA with the state of the race.
+
+    Args:
+        clock: now.
+        started: when the drone was first armed (s), negative before.
+        status: the referee's.
+        gates: how many there are.
+    """
+
+    def ns(time: float) -> int:
+        return Clock(time, clock.offset).ns
+
+    passed = len(status.crossings)
+    finish = status.end_time if status.finished and status.end_time is not None else None
+    data = _STATUS.pack(
+        STATUS_TYPE,
+        clock.ms,
+        Clock(started, clock.offset).ms if started >= 0.0 else -1,
+        -1 if finish is None else ns(finish),
+        min(passed, gates),
+        ns(status.crossings[-1].time) if passed else -1,
+    )
+    return mavlink.MAVLink_encapsulated_data_message(0, _padded(data))
+
+
+def track_messages(track: SquareTrack, origin: np.ndarray, hidden: bool) -> Iterator:
+    """Yields DATA_TRANSMISSION_HANDSHAKE, and the track in as many ENCAPSULATED_DATA as it takes.
+
+    Args:
+        track: of the race. origin: of LOCAL_NED in the world (m), (3,).
+        hidden: whether the gates' geometry is zeroed.
+    """
+    data = _COUNT.pack(len(track.gates))
+    for i, gate in enumerate(track.gates):
+        numbers = np.zeros(9)
+        if not hidden:
+            q = gate.X_WG.rotation().ToQuaternion().wxyz()
+            place = flipped(gate.p_WG - origin)
+            numbers = np.hstack([place, flipped_quaternion(q), INNER, INNER])
+        data += _GATE.pack(i, *numbers)
+    # The first byte of each message says what it is.
+    room = _DATA_SIZE - 1
+    packets = -(-len(data) // room)
+    yield mavlink.MAVLink_data_transmission_handshake_message(
+        TRACK_TYPE, len(data), 0, 0, packets, room, 0
+    )
+    for i in range(packets):
+        part = bytes([TRACK_TYPE]) + data[i * room : (i + 1) * room]
+        yield mavlink.MAVLink_encapsulated_data_message(i, _padded(part))
+
+
+def acknowledgement(command: int, accepted: bool) -> mavlink.MAVLink_command_ack_message:
+    """Returns COMMAND_ACK."""
+    result = mavlink.MAV_RESULT_ACCEPTED if accepted else mavlink.MAV_RESULT_UNSUPPORTED
+    return mavlink.MAVLink_command_ack_message(command, result)
+
+
+def _padded(data: bytes) -> list[int]:
+    return list(data.ljust(_DATA_SIZE, b"\0"))

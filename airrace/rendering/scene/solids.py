@@ -1,0 +1,146 @@
+"""Square gates and a hall as plain coloured solids: what both renderers draw of them.
+
+A solid is a list of flat faces with four corners each. Its colours are as they appear: gates and
+lights glow, and what they shine upon is as good as even.
+"""
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from airrace.track.hall import Hall
+from airrace.track.square_gate import DEPTH, INNER, OUTER, Box, SquareGate
+from airrace.track.square_track import SquareTrack
+
+GATE_COLOR = (255.0, 112.0, 16.0)
+GATE_SIDE_COLOR = (214.0, 90.0, 12.0)  # of the faces along the flight
+LIGHT_COLOR = (255.0, 252.0, 244.0)
+COLUMN_COLOR = (46.0, 47.0, 53.0)
+COLUMN_SHADE = (38.0, 39.0, 45.0)  # of its sides to east and west
+FLOOR_COLORS = ((34.0, 34.0, 38.0), (27.0, 27.0, 31.0))  # of two kinds of tiles
+WALL_COLORS = ((24.0, 25.0, 30.0), (18.0, 19.0, 24.0))
+CEILING_COLORS = ((13.0, 13.0, 16.0), (10.0, 10.0, 13.0))
+_TILE = 4.0  # m, about the side of tiles of the floor, the walls and the ceiling
+
+
+class Faces(NamedTuple):
+    """Flat faces, seen from one side only.
+
+    Attributes:
+        corners: (f, 4, 3) m, world, counter-clockwise as they are seen.
+        colors: RGB, (f, 3).
+        mitred: whether the first and the third edge of each face are joints with faces of the same
+            plane, which must not be seen, (f,).
+    """
+
+    corners: np.ndarray
+    colors: np.ndarray
+    mitred: np.ndarray
+
+    @property
+    def normals(self) -> np.ndarray:
+        """Unit vectors towards those who see a face, (f, 3)."""
+        normals = np.cross(
+            self.corners[:, 1] - self.corners[:, 0], self.corners[:, 3] - self.corners[:, 0]
+        )
+        return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def solids_of(track: SquareTrack) -> tuple[list[Faces], list[Faces]]:
+    """Returns what there is to see of a track.
+
+    Returns:
+        what is behind everything else, in the order to draw it: room and lights; and solids that
+        hide each other by their distance: columns and gates.
+    """
+    hall = track.hall()
+    gates = [gate_faces(gate) for gate in track.gates]
+    if hall is None:
+        return [], gates
+    lights = [box_faces(box, [LIGHT_COLOR] * 6) for box in hall.lights]
+    colors = [COLUMN_SHADE] * 2 + [COLUMN_COLOR] * 4
+    columns = [box_faces(box, colors) for box in hall.columns]
+    return [room_faces(hall), *lights], columns + gates
+
+
+def gate_faces(gate: SquareGate) -> Faces:
+    """Returns the 16 faces of a frame: front, back, outside and inside."""
+    back, front = DEPTH / 2, -DEPTH / 2
+    rings = {(x, side): _ring(x, side) for x in (front, back) for side in (OUTER, INNER)}
+    faces, colors = [], []
+    for i in range(4):
+        j = (i + 1) % 4
+        for (a, b), color in (
+            (((front, OUTER), (front, INNER)), GATE_COLOR),
+            (((back, INNER), (back, OUTER)), GATE_COLOR),
+            (((back, OUTER), (front, OUTER)), GATE_SIDE_COLOR),
+            (((front, INNER), (back, INNER)), GATE_SIDE_COLOR),
+        ):
+            outer, inner = rings[a], rings[b]
+            faces.append([outer[i], inner[i], inner[j], outer[j]])
+            colors.append(color)
+    corners = np.array(faces)
+    world = np.array([(gate.X_WG @ face.T).T for face in corners])
+    return Faces(world, np.array(colors), np.array([color == GATE_COLOR for color in colors]))
+
+
+def _ring(x: float, side: float) -> np.ndarray:
+    """Returns the corners of a square at x along the flight, clockwise from in front, (4, 3)."""
+    h = side / 2
+    return np.array([[x, h, h], [x, -h, h], [x, -h, -h], [x, h, -h]])
+
+
+def box_faces(box: Box, colors: list) -> Faces:
+    """Returns the faces of a box; colors: RGB, of its sides at +x, -x, +y, -y, +z and -z."""
+    faces = []
+    for axis in range(3):
+        u, v = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
+        for sign in (1.0, -1.0):
+            middle = sign * np.eye(3)[axis]
+            u_seen = sign * u  # so that all faces turn the same way
+            faces.append([middle + a * u_seen + b * v for a, b in _SQUARE])
+    corners = np.array(faces) * box.size / 2
+    return Faces(
+        np.array([(box.X_WB @ face.T).T for face in corners]), np.array(colors), np.zeros(6, bool)
+    )
+
+
+_SQUARE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+
+
+def room_faces(hall: Hall) -> Faces:
+    """Returns the inside of a hall in tiles of two colours, by whose joints motion is seen."""
+    low, high = hall.low, hall.high
+    x, y, z = np.eye(3)
+    size = high - low
+    sides = (
+        (low, x, y, FLOOR_COLORS),
+        (np.array([low[0], low[1], high[2]]), y, x, CEILING_COLORS),
+        (low, z, x, WALL_COLORS),
+        (np.array([low[0], high[1], low[2]]), x, z, WALL_COLORS),
+        (low, y, z, WALL_COLORS),
+        (np.array([high[0], low[1], low[2]]), z, y, WALL_COLORS),
+    )
+    parts = [_tiles(origin, u * (u @ size), v * (v @ size), c) for origin, u, v, c in sides]
+    return Faces(
+        np.concatenate([part.corners for part in parts]),
+        np.concatenate([part.colors for part in parts]),
+        np.concatenate([part.mitred for part in parts]),
+    )
+
+
+def _tiles(origin: np.ndarray, u: np.ndarray, v: np.ndarray, colors: tuple) -> Faces:
+    """Returns a rectangle as tiles; u, v: its sides, u x v towards those who see it."""
+    m, n = (max(1, round(float(np.linalg.norm(side)) / _TILE)) for side in (u, v))
+    corner = functools.partial(_at, origin, u / m, v / n)
+    faces, painted = [], []
+    for i in range(m):
+        for j in range(n):
+            faces.append([corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)])
+            painted.append(colors[(i + j) % 2])
+    return Faces(np.array(faces), np.array(painted), np.zeros(len(faces), bool))
+
+
+def _at(origin, u, v, i, j):
+    return origin + i * u + j * v

@@ -1,0 +1,105 @@
+"""What the drone touches, and how hard, for flights that go on after a contact."""
+
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.geometry import QueryObject
+from pydrake.multibody.plant import ContactResults
+from pydrake.systems.framework import LeafSystem
+
+from airrace.systems.ports import read_vector
+from airrace.systems.referee import TAKE_OFF, nearest_name
+from airrace.vehicle.state import STATE_SIZE, as_plant_state
+
+GATE, ENVIRONMENT = 0, 1
+_FLOOR = ("ground", "pad")
+_STANDING = 3.0  # times the weight: the floor's push below this is no impact
+
+
+class Contacts(NamedTuple):
+    """Contacts so far.
+
+    Attributes:
+        gates, environment: how many samples had a contact with each.
+        kind: GATE or ENVIRONMENT, of the last one. impulse: of it (kg m/s).
+        airborne: 1 once the drone has taken off; contacts before do not count.
+        time: of the last sample (s).
+        total: impulse of all contacts until then (kg m/s), (3,).
+    """
+
+    gates: float
+    environment: float
+    kind: float
+    impulse: float
+    airborne: float
+    time: float
+    total: np.ndarray
+
+
+CONTACTS_SIZE = 9
+
+
+def as_contacts(v: np.ndarray) -> Contacts:
+    """Returns the parts of a vector, (9,), as views of it."""
+    return Contacts(v[0], v[1], v[2], v[3], v[4], v[5], v[6:9])
+
+
+class ContactSensor(LeafSystem):
+    """Counts samples with a contact.
+
+    .. pydrake_system::
+
+        name: ContactSensor
+        input_ports:
+        - state
+        - contact_results
+        - contact_impulse
+        - geometry_query
+        output_ports:
+        - contacts
+
+    Its inputs are as Referee's; ``contacts`` is the vector of Contacts (9). A sample has a contact
+    if the impulse on the drone has changed since the one before, even if it lasted one step of the
+    plant; what is nearest then is what was touched. The floor counts only if it is hit.
+    """
+
+    def __init__(self, *, rate: float, standing_height: float, weight: float, body_names: dict):
+        """Constructs the sensor.
+
+        Args:
+            rate: of its samples (Hz).
+            standing_height: of the body's origin when the drone stands on its pad (m).
+            weight: of the drone (N).
+            body_names: geometry IDs to names, as for Referee.
+        """
+        LeafSystem.__init__(self)
+        self._period, self._names = 1.0 / rate, body_names
+        self._take_off_height = standing_height + TAKE_OFF
+        self._little = _STANDING * weight / rate
+        self._state = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
+        self._results = self.DeclareAbstractInputPort("contact_results", Value(ContactResults()))
+        self._impulse = self.DeclareVectorInputPort("contact_impulse", 6)
+        self._query = self.DeclareAbstractInputPort("geometry_query", Value(QueryObject()))
+        memory = self.DeclareDiscreteState(CONTACTS_SIZE)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._sample)
+        self.DeclareStateOutputPort("contacts", memory)
+
+    def _sample(self, context, discrete_state):
+        memory = discrete_state.get_mutable_value()
+        before = as_contacts(memory.copy())
+        total = read_vector(self._impulse, context)[3:6]
+        impulse = float(np.linalg.norm(total - before.total))
+        height = as_plant_state(read_vector(self._state, context)).position[2]
+        airborne = float(before.airborne or height > self._take_off_height)
+        memory[4:] = airborne, context.get_time(), *total
+        if not airborne or impulse == 0.0:
+            return
+        name = nearest_name(
+            self._results.Eval(context), self._query.Eval(context), self._names, airborne=True
+        )
+        if name is None or (name in _FLOOR and impulse < self._little):
+            return
+        kind = GATE if name.startswith("gate_") else ENVIRONMENT
+        memory[kind] += 1.0
+        memory[2:4] = kind, impulse

@@ -1,0 +1,106 @@
+"""Square gates, as those of the AI Grand Prix: a frame that stands or hangs anywhere in space."""
+
+import dataclasses as dc
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from airrace.track.track import Board
+
+# What every frame looks like (metres).
+OUTER = 2.7  # side of the outer square
+INNER = 1.5  # side of the opening
+DEPTH = 0.26  # along the direction of flight
+MAX_PITCH_DEG = 60.0
+
+
+class Box(NamedTuple):
+    """A box of a frame, or of a hall.
+
+    Attributes:
+        X_WB: pose of its middle.
+        size: along its axes (m), (3,).
+    """
+
+    X_WB: RigidTransform
+    size: np.ndarray
+
+
+@dc.dataclass
+class SquareGate:
+    """A square frame and the direction of flight through it.
+
+    Attributes:
+        position: [x, y, z] of the middle of its opening (m, world).
+        yaw_deg: horizontal direction of flight (degrees from +x).
+        pitch_deg: by which that direction points down (degrees).
+    """
+
+    # Drake's YAML loader builds default objects first; SquareTrack.check() refuses these.
+    position: list[float] = dc.field(default_factory=list)
+    yaw_deg: float = float("nan")
+    pitch_deg: float = 0.0
+
+    @property
+    def heading(self) -> float:
+        """Horizontal direction of flight (rad)."""
+        return float(np.deg2rad(self.yaw_deg))
+
+    @property
+    def p_WG(self) -> np.ndarray:
+        """Middle of the opening, shape (3,)."""
+        return np.array(self.position, float)
+
+    @property
+    def X_WG(self) -> RigidTransform:
+        """Pose of the gate's frame G: x along the flight, y to the left, z up in the opening."""
+        rpy = RollPitchYaw(0.0, float(np.deg2rad(self.pitch_deg)), self.heading)
+        return RigidTransform(rpy, self.p_WG)
+
+    @property
+    def forward(self) -> np.ndarray:
+        """Unit vector of flight, shape (3,), world."""
+        return self.X_WG.rotation().col(0)
+
+    @property
+    def rightward(self) -> np.ndarray:
+        """Unit vector from the left to the right side, shape (3,), world."""
+        return -self.X_WG.rotation().col(1)
+
+    @property
+    def p_WL(self) -> np.ndarray:
+        """Middle of the frame's left side, shape (3,)."""
+        return self.p_WG - OUTER / 2 * self.rightward
+
+    @property
+    def p_WR(self) -> np.ndarray:
+        """Middle of the frame's right side, shape (3,)."""
+        return self.p_WG + OUTER / 2 * self.rightward
+
+    def corners(self, side: float = OUTER) -> np.ndarray:
+        """Returns the corners of a square in the gate's plane about its middle, (4, 3) m.
+
+        Args: side: of the square (m). The first is the upper left one, as its viewer in front
+        of the gate sees it, and the others follow clockwise.
+        """
+        h = side / 2
+        return (self.X_WG @ np.array([[0, h, h], [0, -h, h], [0, -h, -h], [0, h, -h]]).T).T
+
+    def boxes(self) -> dict[str, Box]:
+        """Returns what the frame consists of: its top, bottom, left and right."""
+        width, middle = (OUTER - INNER) / 2, (OUTER + INNER) / 4
+        places = {
+            "top": ([0.0, 0.0, middle], [DEPTH, OUTER, width]),
+            "bottom": ([0.0, 0.0, -middle], [DEPTH, OUTER, width]),
+            "left": ([0.0, middle, 0.0], [DEPTH, width, INNER]),
+            "right": ([0.0, -middle, 0.0], [DEPTH, width, INNER]),
+        }
+        return {
+            name: Box(self.X_WG @ RigidTransform(p), np.array(size))
+            for name, (p, size) in places.items()
+        }
+
+    def boards(self, n: int) -> list[Board]:
+        """Returns no boards: a square gate has no markers."""
+        return []

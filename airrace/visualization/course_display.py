@@ -1,0 +1,80 @@
+"""A client's race on the terminal: a line for everything that happens."""
+
+import types
+from pathlib import Path
+
+from rich.console import Console
+
+from airrace.common.words import count
+from airrace.recording.course_result import CourseResult
+from airrace.scenario import Scenario
+from airrace.track.square_track import AnyTrack
+
+
+class CourseDisplay:
+    """Shows races while they run; its `show` is a callback of run_race()."""
+
+    def __init__(self, scenario: Scenario, track: AnyTrack, console: Console | None = None):
+        """Args: scenario, track: of the races. console: standard output by default."""
+        self._scenario, self._track = scenario, track
+        self._console = console or Console(highlight=False, soft_wrap=True)
+        self._time = self._shown_collisions = 0.0
+        self._crossings, self._started = 0, False
+
+    def note(self, line: str) -> None:
+        """Prints a line."""
+        self._console.print(line, markup=False)
+
+    def announce(self, what: str) -> None:
+        """Prints what takes some time."""
+        self.note(f"{what} ...")
+
+    def open(self, client: str) -> None:
+        """Prints what is flown, and where a client is expected."""
+        config, rate = self._scenario.mavlink, self._scenario.simulator_config.target_realtime_rate
+        pace = f"{rate:g} x real time" if rate else "as fast as it can"
+        pace = "one command a step" if config.step else pace
+        self.note(
+            f"airrace: {self._scenario.drone} on {self._track.name}, "
+            f"{count(len(self._track.gates), 'gate')}, VQ{config.vq}, {pace}"
+        )
+        self.note(f"Waiting for a client at {client}.")
+
+    def show(self, result: CourseResult, outputs: types.SimpleNamespace) -> None:
+        """Shows what the outputs of the race say; see run_race()."""
+        if outputs.time < self._time:
+            self._crossings, self._started, self._shown_collisions = 0, False, 0.0
+            self.note("Reset: the drone is on its pad again.")
+        self._time = outputs.time
+        status = outputs.explorer_status
+        if status.done and not self._started:
+            self._started = True
+            self._at(status.since, "armed")
+        for crossing in outputs.referee_status.crossings[self._crossings :]:
+            self._at(
+                crossing.time,
+                f"gate {crossing.gate} of {len(self._track.gates)}, {crossing.offset:.2f} m from "
+                f"its middle, at most {crossing.max_speed:.1f} m/s",
+            )
+        self._crossings = len(outputs.referee_status.crossings)
+        touched = sum(result.collisions.values())
+        if touched and not self._shown_collisions:
+            self._at(outputs.time, "the drone has touched something")
+        self._shown_collisions = touched
+
+    def print_result(self, data: dict, folder: Path, resets: int) -> None:
+        """Prints how a race ended: race.json, its folder, and how often it was reset."""
+        passed = f"{data['gates_passed']} of {count(data['gates'], 'gate')}"
+        collisions = sum(data["collisions"].values())
+        touched = f", {count(collisions, 'sample')} with a contact" if collisions else ""
+        again = f", after {count(resets, 'reset')}" if resets else ""
+        if data["finished"]:
+            self.note(f"Finished: {passed} in {data['time_s']:.2f} s{touched}{again}")
+        else:
+            self.note(f"Did not finish: {data['dnf_reason']}; {passed}{touched}{again}")
+        self.note(f"Results: {folder}")
+        self._time = 0.0  # the next race is no reset
+        self._crossings, self._started, self._shown_collisions = 0, False, 0.0
+
+    def _at(self, time, what):
+        self.note(f"[{time:7.1f} s] {what}")

@@ -1,0 +1,313 @@
+"""The bridge in the whole simulation, without a network; its client is an Earpiece."""
+
+import struct
+
+import cv2
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+from pymavlink.dialects.v20 import common as mavlink
+
+from airrace.mavlink.picture_stream import HEADER
+from airrace.systems.control.setpoint import as_setpoint
+from tests.worlds.mavlink_client import (
+    Session,
+    arm,
+    attitude,
+    command,
+    grand_prix,
+    motors,
+    position,
+    rates,
+    velocity,
+)
+
+SECONDS = 8.0
+# Hz, of simulated time.
+RATES = {
+    "HEARTBEAT": 10,
+    "HIGHRES_IMU": 62,
+    "ACTUATOR_OUTPUT_STATUS": 96,
+    "ATTITUDE": 114,
+    "LOCAL_POSITION_NED": 93,
+    "ODOMETRY": 72,
+}
+POSE = ("ATTITUDE", "LOCAL_POSITION_NED", "ODOMETRY")
+
+
+def race_status(message):
+    """Returns type, boot ms, start ms, finish ns, gate, and time of the last gate ns."""
+    return struct.unpack_from("<BQqqIq", bytes(message.data))
+
+
+def statuses(link):
+    found = [each for each in link.of("ENCAPSULATED_DATA") if each.data[0] == 1]
+    return [race_status(each) for each in found]
+
+
+def pictures(link):
+    """Returns the frames of a stream: their headers, and the pictures."""
+    frames = {}
+    for datagram in link.pictures:
+        header = HEADER.unpack(datagram[:24])
+        frames.setdefault(header[0], []).append((header, datagram[24:]))
+    return frames
+
+
+@pytest.fixture(scope="module")
+def flown():
+    """VQ1: two seconds on the pad, then armed, and a climb at 1 m/s."""
+    session = Session(grand_prix(vq=1))
+    session.fly(2.0)
+    session.link.say(arm())
+    session.fly(SECONDS - 2.0, velocity(0.0, 0.0, -1.0))
+    return session
+
+
+def test_every_message_has_its_rate(flown):
+    for kind, rate in RATES.items():
+        count = len(flown.link.of(kind))
+        # The first one may be sent at once.
+        assert count == pytest.approx(rate * SECONDS, rel=0.02, abs=1.0), kind
+    assert len(statuses(flown.link)) == pytest.approx(4 * SECONDS, abs=1)
+    assert len(pictures(flown.link)) == pytest.approx(30 * SECONDS, abs=1)
+    assert len(flown.link.of("DATA_TRANSMISSION_HANDSHAKE")) == SECONDS
+
+
+def test_times_on_the_wire_are_simulated_and_even(flown):
+    times = np.array([m.time_usec for m in flown.link.of("HIGHRES_IMU")]) / 1e6
+    np.testing.assert_allclose(np.diff(times), 1 / 62, atol=2e-6)
+    assert times[-1] == pytest.approx(SECONDS, abs=0.02)
+    times = np.array([m.time_boot_ms for m in flown.link.of("ATTITUDE")])
+    assert np.diff(times).max() <= 10
+    stamps = [parts[0][0][5] / 1e9 for parts in pictures(flown.link).values()]
+    np.testing.assert_allclose(np.diff(stamps), 1 / 30, atol=1e-6)
+
+
+def test_heartbeats_say_since_when_it_is_armed(flown):
+    armed = [bool(m.base_mode & 128) for m in flown.link.of("HEARTBEAT")]
+    assert armed.index(True) == pytest.approx(20, abs=1)
+    assert all(armed[armed.index(True) :])
+
+
+def test_on_its_pad_the_drone_looks_down_by_the_pads_tilt(flown):
+    still = flown.link.of("HIGHRES_IMU")[60]
+    tilt = np.deg2rad(17.8)
+    # Nose-down, what carries the drone pushes backwards and up.
+    force = np.array([still.xacc, still.yacc, still.zacc])
+    np.testing.assert_allclose(force, [-9.81 * np.sin(tilt), 0, -9.81 * np.cos(tilt)], atol=0.1)
+    first = flown.link.of("ATTITUDE")[100]
+    assert first.pitch == pytest.approx(-tilt, abs=0.02) and first.roll == pytest.approx(
+        0, abs=0.02
+    )
+    heading = -np.deg2rad(flown.bridge._world.track.start.heading_deg)
+    assert np.cos(first.yaw - heading) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_local_ned_begins_where_the_drone_was_armed(flown):
+    places = [(m.x, m.y, m.z) for m in flown.link.of("LOCAL_POSITION_NED")]
+    armed_at = places[round(93 * 2.05)]
+    np.testing.assert_allclose(armed_at, 0.0, atol=0.05)
+    last = flown.link.of("LOCAL_POSITION_NED")[-1]
+    assert -6.5 < last.z < -4.0 and last.vz == pytest.approx(-1.0, abs=0.1)
+    odometry = flown.link.of("ODOMETRY")[-1]
+    assert odometry.z == pytest.approx(last.z, abs=0.05)
+
+
+def test_motors_are_told_as_shares(flown):
+    before, after = flown.link.of("ACTUATOR_OUTPUT_STATUS")[50], None
+    after = flown.link.of("ACTUATOR_OUTPUT_STATUS")[-1]
+    np.testing.assert_allclose(before.actuator[:4], 0.0, atol=1e-6)
+    np.testing.assert_allclose(after.actuator[:4], 0.26, atol=0.04)
+
+
+def test_the_race_starts_with_arming(flown):
+    before, *_, last = statuses(flown.link)
+    assert before[2:] == (-1, -1, 0, -1)
+    assert last[2] == pytest.approx(2000, abs=30) and last[3:] == (-1, 0, -1)
+
+
+def test_pictures_decode_and_show_the_first_gate(flown):
+    frames = pictures(flown.link)
+    parts = frames[75]
+    assert [header[1] for header, _ in parts] == list(range(parts[0][0][2]))
+    jpeg = b"".join(part for _, part in parts)
+    assert len(jpeg) == parts[0][0][3]
+    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (360, 640, 3)
+    orange = (picture[..., 2] > 150) & (picture[..., 0] < 90)
+    assert orange.sum() > 300
+
+
+def test_vq_2_tells_neither_pose_nor_places():
+    session = Session(grand_prix(vq=2))
+    session.fly(1.2)
+    kinds = {message.get_type() for message in session.link.sent}
+    assert not kinds & set(POSE) and "HIGHRES_IMU" in kinds
+    tracks = [m for m in session.link.of("ENCAPSULATED_DATA") if m.data[0] == 2]
+    data = b"".join(bytes(m.data)[1:] for m in tracks[:3])
+    assert struct.unpack_from("<H", data) == (17,)
+    for i in range(17):
+        number, *geometry = struct.unpack_from("<Hfffffffff", data, 2 + 38 * i)
+        assert number == i and geometry == 9 * [0.0]
+
+
+class TestCommands:
+    """One after the other in one flight; each test of what it does is a step of it."""
+
+    def test_what_they_do(self):
+        session = Session(grand_prix(vq=1))
+        link = session.link
+        # Not armed, nothing turns.
+        standing = session.state.position[2]
+        state = session.fly(0.5, rates(1.0))
+        assert not session.bridge.armed(session.bridge_context)
+        assert state.position[2] == pytest.approx(standing, abs=0.01)
+        link.say(arm())
+        session.fly(0.05)
+        assert session.bridge.armed(session.bridge_context)
+        ack = link.of("COMMAND_ACK")[-1]
+        assert (ack.command, ack.result) == (400, 0)
+        # Thrust and rates, then an attitude.
+        state = session.fly(0.8, rates(0.5))
+        assert state.position[2] > 0.5 and state.velocity[2] > 1.0
+        q = RollPitchYaw(0.3, 0.0, link.of("ATTITUDE")[-1].yaw).ToQuaternion().wxyz()
+        session.fly(0.6, attitude(q, 0.28))
+        assert link.of("ATTITUDE")[-1].roll == pytest.approx(0.3, abs=0.03)
+        # Velocity and position, in LOCAL_NED.
+        session.fly(1.5, velocity(0.0, 0.0, 0.0))
+        session.fly(1.5, velocity(1.0, -0.5, 0.0))
+        told = link.of("LOCAL_POSITION_NED")[-1]
+        assert (told.vx, told.vy, told.vz) == pytest.approx((1.0, -0.5, 0.0), abs=0.1)
+        session.fly(5.0, position(0.5, 0.5, -2.0))
+        told = link.of("LOCAL_POSITION_NED")[-1]
+        assert (told.x, told.y, told.z) == pytest.approx((0.5, 0.5, -2.0), abs=0.1)
+        # The four motors: more on the left rolls to the right.
+        session.fly(0.1, motors(0.24, 0.28, 0.28, 0.24))
+        assert link.of("ATTITUDE")[-1].rollspeed > 0.3
+        # What is not finite is refused, and what was wanted before goes on.
+        wanted = session.bridge_context.get_discrete_state(0).value().copy()
+        link.say(rates(np.nan), velocity(np.inf, 0.0, 0.0), motors(np.nan, 0, 0, 0))
+        session.fly(0.01)
+        assert link.counts.refused == 3
+        np.testing.assert_array_equal(session.bridge_context.get_discrete_state(0).value(), wanted)
+        # Disarmed, it falls; and unknown commands are none.
+        link.say(arm(0.0), command(999))
+        session.fly(0.2)
+        assert not session.bridge.armed(session.bridge_context)
+        assert link.of("COMMAND_ACK")[-1].result == 3  # unsupported
+        assert not session.bridge.reset_wanted
+        link.say(command(31000))
+        session.fly(0.01)
+        assert session.bridge.reset_wanted
+
+    def test_timesync_is_answered_with_simulated_time(self):
+        session = Session(grand_prix())
+        session.fly(0.5)
+        session.link.say(mavlink.MAVLink_timesync_message(777, 0))
+        session.fly(0.01)
+        (answer,) = session.link.of("TIMESYNC")
+        assert answer.tc1 == 777 and answer.ts1 == pytest.approx(5e8, abs=4e6)
+
+
+def test_a_silent_client_on_the_ground_stops_its_motors():
+    session = Session(grand_prix())
+    session.link.say(arm())
+    session.fly(0.3, motors(0.1, 0.1, 0.1, 0.1))
+    assert max(session.link.of("ACTUATOR_OUTPUT_STATUS")[-1].actuator) > 0.05
+    session.fly(0.45)
+    assert max(session.link.of("ACTUATOR_OUTPUT_STATUS")[-1].actuator) > 0.05
+    session.fly(0.3)
+    assert max(session.link.of("ACTUATOR_OUTPUT_STATUS")[-1].actuator) < 0.01
+
+
+def test_a_client_that_is_killed_in_flight_is_landed_for():
+    """It hovers where it was, and is set down without a hard contact."""
+    session = Session(grand_prix())
+    session.link.say(arm())
+    state = session.fly(2.0, velocity(0.0, 0.0, -1.0))
+    height = state.position[2]
+    assert height > 1.0
+    state = session.fly(3.0)
+    assert state.position[2] == pytest.approx(height, abs=0.8)
+    np.testing.assert_allclose(state.velocity, 0.0, atol=0.1)
+    state = session.fly(height / 0.5 + 2.0)
+    assert state.position[2] < 0.3
+    assert max(session.link.of("ACTUATOR_OUTPUT_STATUS")[-1].actuator) < 0.01
+    # It was set down, not dropped: from half a metre, 0.9 kg arrive with 2.8 kg m/s.
+    assert all(message.horizontal_minimum_delta < 0.6 for message in session.link.of("COLLISION"))
+
+
+def test_a_collision_is_told_with_its_impulse():
+    """Off the pad and down onto it: with the environment, not with a gate."""
+    session = Session(grand_prix())
+    session.link.say(arm())
+    session.fly(2.5, velocity(0.0, 0.0, -1.0))
+    session.link.say(arm(0.0))
+    session.fly(1.5)
+    told = session.link.of("COLLISION")
+    assert told and {message.id for message in told} == {1002}
+    fall = max(message.horizontal_minimum_delta for message in told)
+    assert 0.9 < fall < 20.0  # 0.9 kg at some metres a second
+    wanted = as_setpoint(session.bridge_context.get_discrete_state(0).value())
+    assert not wanted.armed
+
+
+class TestQuirks:
+    def test_pictures_come_twice(self):
+        session = Session(grand_prix("{mavlink: {quirks: {doubled_pictures: true}}}"))
+        session.fly(0.5)
+        datagrams = session.link.pictures
+        assert len(datagrams) > 20 and datagrams[::2] == datagrams[1::2]
+        assert len(set(datagrams)) == len(datagrams) // 2
+
+    def test_a_clock_is_ahead_everywhere(self):
+        session = Session(grand_prix("{mavlink: {quirks: {clock_offset: 100.0}}}"))
+        session.fly(1.0)
+        assert session.link.of("HIGHRES_IMU")[-1].time_usec == pytest.approx(101e6, abs=5e4)
+        assert session.link.of("ACTUATOR_OUTPUT_STATUS")[-1].time_usec > 100.9e6
+        header = HEADER.unpack(session.link.pictures[-1][:24])
+        assert header[5] == pytest.approx(101e9, abs=1e8)
+        assert statuses(session.link)[-1][1] == pytest.approx(101000, abs=260)
+
+    def test_pictures_are_lost_or_repeated(self):
+        text = "{mavlink: {quirks: {lost_pictures: 0.3, repeated_pictures: 0.3}}}"
+        session = Session(grand_prix(text))
+        session.link.say(arm())
+        session.fly(5.0, velocity(0.0, 0.0, -0.5))
+        frames = pictures(session.link)
+        assert 150 * 0.5 < len(frames) < 150 * 0.85
+        assert len(frames) < max(frames) + 1  # numbers are left out
+        jpegs = [b"".join(part for _, part in parts) for parts in frames.values()]
+        repeated = sum(a == b for a, b in zip(jpegs, jpegs[1:]))
+        assert 0.1 * len(jpegs) < repeated < 0.6 * len(jpegs)
+
+    def test_the_imus_rate_varies_with_load(self):
+        session = Session(grand_prix("{mavlink: {quirks: {imu_drop: 0.5}}}"))
+        session.fly(6.0)
+        times = np.array([m.time_usec for m in session.link.of("HIGHRES_IMU")]) / 1e6
+        counts, _ = np.histogram(times, np.arange(7))
+        assert counts.min() >= 20 and counts.max() - counts.min() >= 5
+        assert session.bridge.imu_messages == len(times) < 0.95 * 62 * 6
+
+    def test_rates_and_signs_are_inverted_both_ways(self):
+        quirks = "{mavlink: {vq: 1, quirks: {inverted_rates: true, wrong_signs: true}}}"
+        flights = [Session(grand_prix(text)) for text in ("{mavlink: {vq: 1}}", quirks)]
+        for session, sign in zip(flights, (1.0, -1.0)):
+            session.link.say(arm())
+            session.fly(0.5, rates(0.4))
+            session.fly(0.3, rates(0.3, roll=sign * 1.0, pitch=0.5, yaw=sign * 0.7))
+        # The same commands in each one's signs fly the same.
+        np.testing.assert_allclose(*[np.hstack(f.state[1:]) for f in flights], atol=1e-9)
+        for kind, fields in (
+            ("HIGHRES_IMU", ("xgyro", "ygyro", "zgyro")),
+            ("ATTITUDE", ("rollspeed", "pitchspeed", "yawspeed")),
+            ("ODOMETRY", ("rollspeed", "pitchspeed", "yawspeed")),
+        ):
+            plain, inverted = ([getattr(f.link.of(kind)[-1], n) for n in fields] for f in flights)
+            np.testing.assert_allclose(plain, np.multiply(inverted, [-1, 1, -1]), atol=1e-6)
+            assert abs(plain[0]) > 0.5
+        plain, wrong = (f.link.of("ATTITUDE")[-1] for f in flights)
+        assert (wrong.roll, wrong.pitch, wrong.yaw) == (plain.roll, -plain.pitch, plain.yaw)
+        plain, wrong = (f.link.of("ODOMETRY")[-1].q for f in flights)
+        np.testing.assert_allclose(plain, np.multiply(wrong, [1, -1, 1, 1]), atol=1e-6)

@@ -1,0 +1,154 @@
+"""The controllers of velocity, attitude and rates together, in the plant, without a watchdog."""
+
+import numpy as np
+import pytest
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from airrace.math.quaternion import heading, rotation_between, rotation_matrix
+from airrace.systems.control.attitude_controller import MOST_RATES, AttitudeController
+from airrace.systems.control.rate_controller import RateController
+from airrace.systems.control.setpoint import (
+    ATTITUDE,
+    IDLE,
+    NO_SETPOINT,
+    POSITION,
+    RATES,
+    VELOCITY,
+    setpoint_vector,
+)
+from airrace.systems.control.velocity_controller import VelocityController
+from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
+from airrace.systems.sensing.true_estimate import TrueEstimate
+from airrace.vehicle import DRONES, GRAVITY, load_vehicle
+from airrace.vehicle.state import as_plant_state
+
+RATE, DT = 500.0, 0.001
+each = pytest.mark.parametrize("drone", DRONES)
+
+
+class Flight:
+    """A drone in empty space that obeys a set-point, at first in a hover."""
+
+    def __init__(self, drone):
+        self.vehicle, sdf = load_vehicle(drone)
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, DT)
+        plant.SetUseSampledOutputPorts(False)
+        AddMultirotorModel(plant, self.vehicle, sdf)
+        plant.Finalize()
+        rotors = AddMultirotor(builder, plant, scene_graph, self.vehicle, rate=RATE)
+        estimate = builder.AddSystem(TrueEstimate())
+        velocity = builder.AddSystem(VelocityController(vehicle=self.vehicle))
+        attitude = builder.AddSystem(AttitudeController(vehicle=self.vehicle))
+        rates = builder.AddSystem(RateController(vehicle=self.vehicle, rate=RATE))
+        builder.Connect(plant.get_state_output_port(), estimate.get_input_port())
+        for source, sinks in (
+            (estimate.get_output_port(), (velocity, attitude, rates)),
+            (velocity.get_output_port(), (attitude,)),
+            (attitude.get_output_port(), (rates,)),
+            (rotors.GetOutputPort("rotor_speeds"), (rates,)),
+            (rates.get_output_port(), (rotors,)),
+        ):
+            for sink in sinks:
+                builder.Connect(source, sink.GetInputPort(source.get_name()))
+        builder.ExportInput(velocity.GetInputPort("watched_setpoint"), "setpoint")
+        builder.ConnectInput("setpoint", attitude.GetInputPort("watched_setpoint"))
+        builder.ExportOutput(plant.get_state_output_port(), "state")
+        builder.ExportOutput(attitude.get_output_port(), "rate_command")
+        self.diagram = builder.Build()
+        self.simulator = Simulator(self.diagram)
+        self.context = self.simulator.get_mutable_context()
+        self.most = self.vehicle.max_thrusts.sum()
+        self.hover = self.vehicle.mass * GRAVITY / self.most
+        thrusts = np.linalg.pinv(self.vehicle.allocation)[:, 0] * self.vehicle.mass * GRAVITY
+        speeds = np.sqrt(thrusts / self.vehicle.thrust_coefficients)
+        rotors.set_speeds(rotors.GetMyMutableContextFromRoot(self.context), speeds)
+        rates.GetMyMutableContextFromRoot(self.context).SetDiscreteState(speeds)
+
+    def want(self, seconds, **setpoint):
+        """Flies for a while; returns the state."""
+        vector = setpoint_vector(NO_SETPOINT._replace(armed=1.0, **setpoint))
+        self.diagram.get_input_port().FixValue(self.context, vector)
+        self.simulator.AdvanceTo(self.context.get_time() + seconds)
+        return self.state
+
+    @property
+    def state(self):
+        return as_plant_state(self.diagram.GetOutputPort("state").Eval(self.context).copy())
+
+    @property
+    def rate_command(self):
+        return self.diagram.GetOutputPort("rate_command").Eval(self.context)
+
+
+@each
+def test_a_position_is_reached_and_held(drone):
+    flight = Flight(drone)
+    wanted = np.array([6.0, -4.0, 3.0])
+    state = flight.want(6.0, kind=POSITION, position=wanted, yaw=1.0, has_yaw=1.0)
+    np.testing.assert_allclose(state.position, wanted, atol=0.02)
+    np.testing.assert_allclose(state.velocity, 0.0, atol=0.03)
+    assert heading(state.quaternion) == pytest.approx(1.0, abs=0.01)
+
+
+@each
+def test_a_far_position_is_approached_at_a_limited_speed(drone):
+    flight = Flight(drone)
+    speeds = [
+        np.linalg.norm(
+            flight.want(0.25, kind=POSITION, position=np.array([90.0, 0.0, 0.0])).velocity
+        )
+        for _ in range(16)
+    ]
+    assert 7.0 < max(speeds) < 8.4
+
+
+@each
+@pytest.mark.parametrize(
+    "wanted", [[3.0, 0.0, 0.0], [0.0, -3.0, 0.0], [1.0, 1.0, 2.0], [0, 0, -2.0]]
+)
+def test_a_velocity_is_followed(drone, wanted):
+    flight = Flight(drone)
+    state = flight.want(3.0, kind=VELOCITY, velocity=np.array(wanted))
+    np.testing.assert_allclose(state.velocity, wanted, atol=0.03)
+    assert heading(state.quaternion) == pytest.approx(0.0, abs=0.05)
+
+
+@each
+def test_a_yaw_rate_turns_the_drone(drone):
+    flight = Flight(drone)
+    state = flight.want(2.0, kind=VELOCITY, yaw_rate=0.5)
+    rates = rotation_matrix(state.quaternion).T @ state.angular_velocity
+    np.testing.assert_allclose(rates, [0.0, 0.0, 0.5], atol=0.01)
+    assert heading(state.quaternion) == pytest.approx(1.0, abs=0.15)
+
+
+@each
+def test_an_attitude_is_taken(drone):
+    flight = Flight(drone)
+    half = np.array([0.2, -0.15, 0.3])
+    q = np.append(np.sqrt(1.0 - half @ half), half)
+    state = flight.want(2.0, kind=ATTITUDE, quaternion=q, thrust=flight.hover)
+    assert np.linalg.norm(rotation_between(state.quaternion, q)) < 0.01
+    np.testing.assert_allclose(state.angular_velocity, 0.0, atol=0.02)
+
+
+@each
+def test_rates_and_thrust_are_handed_on(drone):
+    """As shares of all thrust; rates that no controller can follow are limited."""
+    flight = Flight(drone)
+    flight.want(0.0, kind=RATES, thrust=0.5, rates=np.array([1.0, -2.0, 3.0]))
+    np.testing.assert_allclose(flight.rate_command, [0.5 * flight.most, 1.0, -2.0, 3.0])
+    flight.want(0.0, kind=RATES, thrust=0.5, rates=np.array([99.0, -99.0, 99.0]))
+    np.testing.assert_allclose(flight.rate_command[1:], MOST_RATES * [1, -1, 1])
+    flight.want(0.0, kind=IDLE)
+    np.testing.assert_array_equal(flight.rate_command, 0.0)
+
+
+def test_thrust_in_hover_carries_the_weight():
+    flight = Flight("vadr")
+    state = flight.want(1.0, kind=RATES, thrust=flight.hover)
+    np.testing.assert_allclose(state.velocity, 0.0, atol=0.01)
+    assert 0.25 <= flight.hover <= 0.28

@@ -51,8 +51,8 @@ def make_app() -> App:
             allow_repeating=True,  # the last one counts
         ),
     )
-    commands = (race, replay, report, tables, track, evaluate, league, hitl, grand_prix, doctor, new)
-    for module in commands:
+    others = (report, tables, track, evaluate, league, hitl, grand_prix, doctor, new)
+    for module in (race, replay, *others):
         module.add_to(app)
     app.command(_completion(app), name="completion", help_epilogue=_COMPLETION_EPILOG)
     for i, name in enumerate(app.resolved_commands()):  # listed as they were added, not by name

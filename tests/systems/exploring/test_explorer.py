@@ -100,6 +100,7 @@ def check_hovers_before_steps(events):
 def test_from_pixels_it_can_explore_as_the_original_did(tmp_path):
     scenario = Scenario(explorer=ORIGINAL, laps=1, trajectory="4")
     scenario.recording.content = "none"
+    scenario.camera.fps = 15.0  # which is enough, and saves time
     race = run_race(scenario, tmp_path)
     assert race["finished"] and race["collisions"] == 0
     assert race["exploration"]["success"] and race["exploration"]["gates_found"] == 10

@@ -1,7 +1,9 @@
 """airrace new: a drone, a track, a system, or what a league needs, which races as it is."""
 
+import functools
 import importlib.util
 import keyword
+import os
 import re
 import secrets
 from pathlib import Path
@@ -85,7 +87,8 @@ def _season(kind: str, name: str) -> str:
     _check_name(name)
     text = (models_path() / "templates" / "season.yaml").read_text(encoding="utf-8")
     secret = f"{secrets.token_hex(16)}\n"
-    _write({Path(f"{name}.yaml"): text.replace("NAME", name), Path(f"{name}.seed"): secret})
+    files = {Path(f"{name}.yaml"): text.replace("NAME", name), Path(f"{name}.seed"): secret}
+    _write(files, secret=Path(f"{name}.seed"))
     return f"airrace league run {name}.yaml original optimal"
 
 
@@ -106,8 +109,12 @@ def _check_name(name: str) -> None:
         raise UserError(f"'{name}' cannot be a name here; use letters, digits, _ and - only.")
 
 
-def _write(texts: dict[Path, str]) -> None:
+def _write(texts: dict[Path, str], secret: Path | None = None) -> None:
     """Writes new files, and says which.
+
+    Args:
+        texts: what each is to hold.
+        secret: the one of them that only its owner may read, from its first byte on.
 
     Raises:
         UserError: if there is one already, or it cannot be written.
@@ -115,7 +122,9 @@ def _write(texts: dict[Path, str]) -> None:
     for path, text in texts.items():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with open(path, "x", encoding="utf-8") as file:
+            mode = 0o600 if path == secret else 0o666  # of which the umask takes its part
+            opener = functools.partial(os.open, mode=mode)
+            with open(path, "x", encoding="utf-8", opener=opener) as file:
                 file.write(text)
         except FileExistsError:
             raise UserError(f"There is {path} already; take another name.") from None

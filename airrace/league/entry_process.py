@@ -8,6 +8,7 @@ Nothing here keeps anybody from anything: the entry's code runs in this very pro
 change whatever is written here. What holds is the wall.
 """
 
+import contextlib
 import os
 import resource
 import shutil
@@ -33,7 +34,9 @@ def main(descriptor: int, memory: float, folder: Path) -> int:
     set_limits(memory)
     own_tmp = memory > 0.0
     if own_tmp:
-        shutil.copytree(MACHINE_CODE, OWN_MACHINE_CODE, dirs_exist_ok=True)
+        # Others may be compiling: what has gone before it was copied is compiled again here.
+        with contextlib.suppress(shutil.Error):
+            shutil.copytree(MACHINE_CODE, OWN_MACHINE_CODE, dirs_exist_ok=True)
     os.chdir(folder)
     sys.path.insert(0, str(folder / ENTRY))
     try:

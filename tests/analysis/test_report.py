@@ -1,5 +1,4 @@
 import re
-import time
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -120,11 +119,8 @@ def test_no_words_that_somebody_hovers_over_break_the_picture():
 
 
 @pytest.mark.slow
-def test_the_same_run_gives_the_same_report_soon(folder):
-    text = make_report(load_run(folder))
-    start = time.process_time()
-    assert make_report(load_run(folder)) == text
-    assert time.process_time() - start < 3.0
+def test_the_same_run_gives_the_same_report(folder):
+    assert make_report(load_run(folder)) == make_report(load_run(folder))
 
 
 def test_the_numbers_behind_the_pictures(folder):

@@ -3,6 +3,7 @@
 import importlib
 import json
 import shlex
+import stat
 from types import SimpleNamespace
 
 import numpy as np
@@ -75,6 +76,7 @@ def test_an_entry_and_a_season_are_accepted(folder, capsys):
     season = load_season(folder / "my-own_1.yaml")
     assert season == Season(name="my-own_1", seed_file="my-own_1.seed")  # all else by default
     secret = read_secret(folder / "my-own_1.yaml", season)
+    assert stat.S_IMODE((folder / "my-own_1.seed").stat().st_mode) == 0o600
     assert main(["new", "season", "another"]) == 0
     assert read_secret(folder / "another.yaml", load_season(folder / "another.yaml")) != secret
 

@@ -3,6 +3,7 @@
 import json
 import math
 import signal
+import socket
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,15 @@ def pytest_collection_modifyitems(items):
         for marker, places in _MARKED.items():
             if any(path.is_relative_to(place) for place in places):
                 item.add_marker(marker)
+
+
+@pytest.fixture
+def ends():
+    """Two sockets that are connected to each other."""
+    pair = socket.socketpair()
+    yield pair
+    for end in pair:
+        end.close()
 
 
 @pytest.fixture(scope="session")

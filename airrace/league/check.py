@@ -6,9 +6,8 @@ from airrace.evaluation.versions import versions
 from airrace.league.display import words_of
 from airrace.league.entry import ENTRY_FILE, Entry
 from airrace.league.flight import LOG, WallConfig
-from airrace.league.scenarios import make_flown
 from airrace.league.season import Season, make_legs
-from airrace.league.worker import Flight, fly
+from airrace.league.worker import fly, make_flight
 
 # A short race that everybody may know.
 _SEASON = Season(name="check", levels=[1], tracks=1, track="hexagon", laps=1, replays=False)
@@ -43,18 +42,8 @@ def fly_check(entry: Entry, safe: bool) -> dict:
         safe: whether behind a wall.
     """
     (leg,) = make_legs(_SEASON, "a race that everybody may know")
-    return fly(
-        Flight(
-            entry=entry.name,
-            leg=leg.number,
-            flown=make_flown(_SEASON, leg, entry),
-            track=leg.track,
-            files=entry.files,
-            wall=WallConfig(safe=safe, replay=False, limits=_SEASON.limits),
-            versions=versions({}),
-        ),
-        "check",
-    )
+    wall = WallConfig(safe=safe, replay=False, limits=_SEASON.limits)
+    return fly(make_flight(_SEASON, leg, entry, wall, versions({})), "check")
 
 
 def show_flight(row: dict, show: Callable[[str], object]) -> None:

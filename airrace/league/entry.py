@@ -2,6 +2,7 @@
 
 import ast
 import dataclasses as dc
+import functools
 import importlib.metadata
 import re
 from pathlib import Path
@@ -73,7 +74,7 @@ class Entry:
     config: EntryConfig
     digest: str
 
-    @property
+    @functools.cached_property
     def files(self) -> dict[str, bytes]:
         """Contents of all files by relative names."""
         return {

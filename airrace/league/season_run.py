@@ -13,7 +13,7 @@ from airrace.league.flight import WallConfig
 from airrace.league.scenarios import make_flown
 from airrace.league.season import Leg, Season, load_season, make_legs, read_secret
 from airrace.league.season_files import LeagueStore, keep_files
-from airrace.league.worker import Flight, fly
+from airrace.league.worker import Flight, fly, make_flight
 
 
 class Plan(NamedTuple):
@@ -56,7 +56,13 @@ def make_plan(season_file: Path, names: Sequence[str | Path], safe: bool) -> Pla
     if not entries:
         raise UserError(f"No entry is accepted. {' '.join(refused.values())}")
     wall = WallConfig(safe=safe, replay=season.replays, limits=season.limits)
-    return Plan(season, secret, entries, refused, legs, _flights(season, legs, entries, wall))
+    flying = versions({})
+    flights = [
+        make_flight(season, leg, entry, wall, flying)
+        for leg in legs  # all entries on one track after another: an early look is fair
+        for entry in entries
+    ]
+    return Plan(season, secret, entries, refused, legs, flights)
 
 
 def _accepted(
@@ -78,25 +84,6 @@ def _accepted(
             )
         entries[entry.name] = entry
     return list(entries.values()), refused
-
-
-def _flights(
-    season: Season, legs: Sequence[Leg], entries: Sequence[Entry], wall: WallConfig
-) -> list[Flight]:
-    flying, files = versions({}), {entry.name: entry.files for entry in entries}
-    return [
-        Flight(
-            entry=entry.name,
-            leg=leg.number,
-            flown=make_flown(season, leg, entry),
-            track=leg.track,
-            files=files[entry.name],
-            wall=wall,
-            versions=flying,
-        )
-        for leg in legs  # all entries on one track after another: an early look is fair
-        for entry in entries
-    ]
 
 
 def fly_season(

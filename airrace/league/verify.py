@@ -1,5 +1,6 @@
 """Checks a season's result, and says so on the terminal."""
 
+import dataclasses as dc
 from pathlib import Path
 
 from rich.console import Console
@@ -8,10 +9,9 @@ from airrace.common.errors import UserError
 from airrace.league import proof
 from airrace.league.flight import WallConfig
 from airrace.league.sandbox import check_sandbox, why_no_sandbox
-from airrace.league.scenarios import make_flown
 from airrace.league.season import load_season, make_legs, read_secret
 from airrace.league.season_files import SEASON
-from airrace.league.worker import Flight, fly
+from airrace.league.worker import fly, make_flight
 
 
 def verify_league(
@@ -52,15 +52,7 @@ def verify_league(
         leg = legs[line["leg"] - 1]
         entry = entries[line["entry"]]
         wall = WallConfig(safe=why_no_sandbox() is None, replay=False, limits=season.limits)
-        flight = Flight(
-            entry=entry.name,
-            leg=leg.number,
-            flown=make_flown(season, leg, entry),
-            track=leg.track,
-            files=entry.files,
-            wall=wall,
-            versions=league["settings"]["versions"],
-        )
+        flight = make_flight(season, leg, entry, wall, league["settings"]["versions"])
         with console.status(f"Flying {name} again ({number} of {len(again)})"):
             row = fly(flight, "verify")
         if "refused" in row:
@@ -88,6 +80,4 @@ def _secret(folder, season, seed_file):
 
 
 def _with(season, seed_file):
-    import dataclasses as dc
-
     return dc.replace(season, seed_file=seed_file)

@@ -10,9 +10,11 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from airrace.evaluation.versions import mismatch, versions
 from airrace.evaluation.worker import NO_RESULT, RaceKilled, run_process, was_killed
+from airrace.league.entry import Entry
 from airrace.league.flight import CONDUCT, LOG, REPLAY, RESULTS, WALL, WallConfig
 from airrace.league.sandbox import TOLD
-from airrace.league.scenarios import ENTRY, SCENARIO, TRACK, Flown
+from airrace.league.scenarios import ENTRY, SCENARIO, TRACK, Flown, make_flown
+from airrace.league.season import Leg, Season
 
 _TAIL = 4000  # characters kept of what a race wrote that was stopped by an error
 
@@ -47,6 +49,27 @@ class Flight:
     def describe(self) -> str:
         """Returns what it is called in a sentence."""
         return f"race {self.leg} of {self.entry}"
+
+
+def make_flight(season: Season, leg: Leg, entry: Entry, wall: WallConfig, flying: dict) -> Flight:
+    """Returns the race of an entry on a leg of a season.
+
+    Args:
+        season: the rules.
+        leg: of the season.
+        entry: an accepted one.
+        wall: how it is held.
+        flying: see versions(); those that the race is to be flown with.
+    """
+    return Flight(
+        entry=entry.name,
+        leg=leg.number,
+        flown=make_flown(season, leg, entry),
+        track=leg.track,
+        files=entry.files,
+        wall=wall,
+        versions=flying,
+    )
 
 
 def fly(flight: Flight, evaluation: str) -> dict:

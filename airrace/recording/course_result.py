@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
+from airrace.recording.race_result import wall_data
 from airrace.scenario import Scenario
 from airrace.systems.sensing.contact_sensor import as_contacts
 from airrace.systems.types import ExplorerStatus, RefereeStatus
@@ -73,10 +74,5 @@ class CourseResult:
             "max_speed": max((c.max_speed for c in crossings), default=None),
             "collisions": self.collisions,
             "simulated_s": self._time,
-            "wall": {
-                "simulation": self._simulation,
-                "seconds": wall_seconds,
-                "real_time_factor": self._time / max(wall_seconds, 1e-9),
-                **dict(wall),
-            },
+            "wall": {**wall_data(self._simulation, self._time, wall_seconds), **dict(wall)},
         }

@@ -18,6 +18,21 @@ from airrace.vehicle import load_vehicle
 ORIGINAL_TRACK, ORIGINAL_LAPS = "student-airrace", {"3": 40.60, "4": 41.52, "6": 41.21}
 
 
+def wall_data(simulation: str, simulated: float, seconds: float) -> dict:
+    """Returns what race.json says, below ``wall``, of every race.
+
+    Args:
+        simulation: SITL, HITL or MAVLINK.
+        simulated: time that was simulated (s).
+        seconds: what that took (s).
+    """
+    return {
+        "simulation": simulation,
+        "seconds": seconds,
+        "real_time_factor": simulated / max(seconds, 1e-9),
+    }
+
+
 class RaceResult:
     """Collects a race's results from its outputs while it goes on.
 
@@ -117,9 +132,7 @@ class RaceResult:
             "best_lap_s": min(times, default=None),
             "collisions": referee.collisions,
             "wall": {
-                "simulation": self._simulation,
-                "seconds": wall_seconds,
-                "real_time_factor": self._time / max(wall_seconds, 1e-9),
+                **wall_data(self._simulation, self._time, wall_seconds),
                 "plan_solve_times_s": [each and each.solve_time for each in summaries],
                 **dict(wall),
             },

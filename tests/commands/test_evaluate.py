@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 
 import psutil
 import pytest
@@ -19,6 +18,7 @@ from airrace.common.errors import UserError
 from airrace.common.resources import models_path
 from airrace.evaluation import cluster
 from tests.worlds.command_line import parse
+from tests.worlds.processes import descendant, wait_until
 
 
 def main(words):
@@ -90,22 +90,9 @@ def finish(process, code=0):
     return out, err
 
 
-def wait_until(condition, seconds=60):
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    return found
-
-
 def racing(process):
     """Returns the first process that flies a race among the descendants of one."""
-    with contextlib.suppress(psutil.Error):
-        for child in psutil.Process(process.pid).children(recursive=True):
-            with contextlib.suppress(psutil.Error):
-                if "airrace.commands.race_process" in child.cmdline():
-                    return child
-    return None
+    return descendant(process, "airrace.commands.race_process")
 
 
 def gone(processes):

@@ -8,9 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 
-import psutil
 import pytest
 
 from airrace.commands import league as module
@@ -20,6 +18,7 @@ from airrace.league import proof, sandbox
 from airrace.league.worker import result_digest
 from tests.league.entries import make_entry
 from tests.league.seasons import SECRET, forge
+from tests.worlds.processes import descendant, wait_until
 
 NO_SANDBOX = sandbox.why_no_sandbox()
 needs_sandbox = pytest.mark.skipif(
@@ -115,20 +114,7 @@ def test_help_teaches(capsys):
 
 def racing(process):
     """Returns the first process that flies a race among the descendants of one."""
-    with contextlib.suppress(psutil.Error):
-        for child in psutil.Process(process.pid).children(recursive=True):
-            with contextlib.suppress(psutil.Error):
-                if "airrace.league.flight" in child.cmdline():
-                    return child
-    return None
-
-
-def wait_until(condition, seconds=120):
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    return found
+    return descendant(process, "airrace.league.flight")
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +132,7 @@ def season(tmp_path_factory):
         start_new_session=True,
     )
     try:
-        race = wait_until(lambda: racing(process))
+        race = wait_until(lambda: racing(process), 120)
         worker = race.parent()
         assert worker.pid != process.pid
         worker.kill()

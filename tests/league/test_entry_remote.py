@@ -1,6 +1,5 @@
 """What an entry may send, and what is said of one that sends something else."""
 
-import socket
 import types
 
 import pytest
@@ -11,6 +10,7 @@ from airrace.league import entry_remote
 from airrace.league.entry_remote import EntryFailed, GuardedBus, last_words, meet_entry
 from airrace.league.season import Limits
 from airrace.scenario import Scenario
+from tests.worlds.sockets import drain
 
 
 class Process:
@@ -25,25 +25,12 @@ class Process:
 
 
 @pytest.fixture
-def ends():
-    pair = socket.socketpair()
-    yield pair
-    for end in pair:
-        end.close()
-
-
-@pytest.fixture
 def link(ends):
     """A bus that is guarded, and the entry's end of it."""
     bus = GuardedBus(ends[0])
     bus.allowed = ("AIRRACE_ROTOR_SPEED_COMMAND",)
     entry = entry_remote.SocketBus(ends[1])
     return bus, entry
-
-
-def drain(bus):
-    while bus.handle_timeout(0):
-        pass
 
 
 def rotors():

@@ -12,9 +12,9 @@ from airrace.evaluation.versions import versions
 from airrace.league.entry import load_entry
 from airrace.league.flight import WallConfig
 from airrace.league.sandbox import why_no_sandbox
-from airrace.league.scenarios import make_flown, race_scenario
+from airrace.league.scenarios import race_scenario
 from airrace.league.season import Limits, Season, make_legs
-from airrace.league.worker import Flight, fly
+from airrace.league.worker import fly, make_flight
 from tests.league.entries import make_entry
 
 # Long enough to take off and to see the first gate.
@@ -38,19 +38,8 @@ pytestmark = [
 
 def flown(folder, **limits):
     """The row of an entry's race behind the wall."""
-    entry = load_entry(folder)
-    return fly(
-        Flight(
-            entry=entry.name,
-            leg=LEG.number,
-            flown=make_flown(SEASON, LEG, entry),
-            track=LEG.track,
-            files=entry.files,
-            wall=WallConfig(safe=True, replay=False, limits=Limits(**limits)),
-            versions=versions({}),
-        ),
-        "tests",
-    )
+    wall = WallConfig(safe=True, replay=False, limits=Limits(**limits))
+    return fly(make_flight(SEASON, LEG, load_entry(folder), wall, versions({})), "tests")
 
 
 # It tries all, writes what came of it, and ends: nothing of it needs a race.

@@ -11,14 +11,7 @@ from hypothesis import strategies as st
 from airrace.hitl.link import socket_bus
 from airrace.hitl.link.packets import MAX_SIZE
 from airrace.hitl.link.socket_bus import SocketBus
-
-
-@pytest.fixture
-def ends():
-    pair = socket.socketpair()
-    yield pair
-    for end in pair:
-        end.close()
+from tests.worlds.sockets import drain
 
 
 def listener(end, *channels):
@@ -27,11 +20,6 @@ def listener(end, *channels):
     for channel in channels:
         bus.subscribe(channel, lambda *message: received.append(message))
     return bus, received
-
-
-def drain(bus):
-    while bus.handle_timeout(0):
-        pass
 
 
 @given(

@@ -2,62 +2,27 @@
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Meshcat, MeshcatVisualizer, Role, Sphere
-from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
-from pydrake.multibody.tree import SpatialInertia
-from pydrake.systems.analysis import Simulator
+from pydrake.geometry import Box, Meshcat, MeshcatVisualizer, Role
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from airrace.rendering.scene.meshes import BOARD_THICKNESS, board_mesh, ground_mesh, pylon_mesh
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.track import PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS, load_track
+from tests.worlds.ball import BallWorld
 from tests.worlds.pictures import one_gate
 
 RADIUS = 0.25
 
 
-class World:
-    """A ball flying through the scenery of one gate."""
-
-    def __init__(self, track, visible=True):
-        builder = DiagramBuilder()
-        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
-        AddScenery(self.plant, track, visible=visible)
-        inertia = SpatialInertia.SolidSphereWithMass(1.0, RADIUS)
-        self.ball = self.plant.AddRigidBody("ball", inertia)
-        self.plant.RegisterCollisionGeometry(
-            self.ball, RigidTransform(), Sphere(RADIUS), "ball", CoulombFriction(0.5, 0.5)
-        )
-        self.plant.Finalize()
-        self.diagram = builder.Build()
-
-    def fly(self, start, velocity, duration):
-        """Returns the names touched on the way and the way's end."""
-        simulator = Simulator(self.diagram)
-        context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-        self.plant.SetFreeBodyPose(context, self.ball, RigidTransform(start))
-        self.plant.SetFreeBodySpatialVelocity(
-            context, self.ball, SpatialVelocity(np.zeros(3), velocity)
-        )
-        inspector = self.scene_graph.model_inspector()
-        touched = set()
-
-        def look(_):
-            results = self.plant.get_contact_results_output_port().Eval(context)
-            for i in range(results.num_point_pair_contacts()):
-                pair = results.point_pair_contact_info(i).point_pair()
-                touched.update(inspector.GetName(id) for id in (pair.id_A, pair.id_B))
-
-        simulator.set_monitor(look)
-        simulator.AdvanceTo(duration)
-        return touched - {"ball"}, self.plant.GetFreeBodyPose(context, self.ball).translation()
+def make_world(track, visible=True):
+    """A ball flying through the scenery of a track."""
+    return BallWorld(RADIUS, lambda plant: AddScenery(plant, track, visible=visible))
 
 
 @pytest.fixture(scope="module")
 def world():
-    return World(one_gate())  # pylons at x = 20, y = 5 and y = -5
+    return make_world(one_gate())  # pylons at x = 20, y = 5 and y = -5
 
 
 @pytest.mark.parametrize(
@@ -102,7 +67,7 @@ def test_flank_is_where_it_should_be(world):
 
 def test_geometry_names_and_roles():
     track = load_track("student-airrace")
-    world = World(track)
+    world = make_world(track)
     inspector = world.scene_graph.model_inspector()
     names = {
         role: {inspector.GetName(id) for id in inspector.GetAllGeometryIds(role)}
@@ -129,7 +94,7 @@ def test_geometry_names_and_roles():
 
 
 def test_what_nobody_looks_at_can_be_hit_all_the_same():
-    world = World(one_gate(), visible=False)
+    world = make_world(one_gate(), visible=False)
     inspector = world.scene_graph.model_inspector()
     for role in (Role.kPerception, Role.kIllustration):
         assert not inspector.GetAllGeometryIds(role)

@@ -2,64 +2,28 @@
 
 import numpy as np
 import pytest
-from pydrake.geometry import Role, Sphere
-from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
-from pydrake.multibody.tree import SpatialInertia
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.geometry import Role
 
 from airrace.rendering.scene.square_scenery import AddSquareScenery
 from airrace.track import Start
 from airrace.track.square_gate import SquareGate
 from airrace.track.square_track import SquareTrack
+from tests.worlds.ball import BallWorld
 
 RADIUS = 0.1
 GATES = [SquareGate([10.0, 0.0, 3.0], 0.0), SquareGate([20.0, 5.0, 4.0], 60.0, pitch_deg=-20.0)]
 TRACK = SquareTrack("two", gates=GATES, start=Start([0.0, 0.0, 0.0]))
 
 
-class World:
-    """A ball without weight that flies through the scenery."""
-
-    def __init__(self):
-        builder = DiagramBuilder()
-        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
-        self.plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
-        AddSquareScenery(self.plant, TRACK)
-        inertia = SpatialInertia.SolidSphereWithMass(1.0, RADIUS)
-        self.ball = self.plant.AddRigidBody("ball", inertia)
-        self.plant.RegisterCollisionGeometry(
-            self.ball, RigidTransform(), Sphere(RADIUS), "ball", CoulombFriction(0.5, 0.5)
-        )
-        self.plant.Finalize()
-        self.diagram = builder.Build()
-
-    def fly(self, start, velocity, duration):
-        """Returns the names that it touches."""
-        simulator = Simulator(self.diagram)
-        context = self.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-        self.plant.SetFreeBodyPose(context, self.ball, RigidTransform(start))
-        self.plant.SetFreeBodySpatialVelocity(
-            context, self.ball, SpatialVelocity(np.zeros(3), velocity)
-        )
-        inspector, touched = self.scene_graph.model_inspector(), set()
-
-        def look(_):
-            results = self.plant.get_contact_results_output_port().Eval(context)
-            for i in range(results.num_point_pair_contacts()):
-                pair = results.point_pair_contact_info(i).point_pair()
-                touched.update(inspector.GetName(each) for each in (pair.id_A, pair.id_B))
-
-        simulator.set_monitor(look)
-        simulator.AdvanceTo(duration)
-        return touched - {"ball"}
+def add_course(plant):
+    """Adds the course; the ball has no weight."""
+    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    AddSquareScenery(plant, TRACK)
 
 
 @pytest.fixture(scope="module")
 def world():
-    return World()
+    return BallWorld(RADIUS, add_course)
 
 
 @pytest.mark.parametrize("i", [0, 1])
@@ -81,7 +45,7 @@ def world():
 def test_a_ball_passes_the_opening_and_hits_the_frame(world, i, y, z, side):
     gate = GATES[i]
     start = gate.X_WG @ np.array([-1.0, y, z])
-    touched = world.fly(start, 4.0 * gate.forward, 0.5)
+    touched, _ = world.fly(start, 4.0 * gate.forward, 0.5)
     assert touched == ({f"gate_{i + 1}_{side}"} if side else set())
 
 
@@ -102,7 +66,8 @@ def test_the_hall_is_closed(world, direction, name):
     start = np.array([5.0, -4.0, 6.5])
     sizes = np.where(direction > 0, hall.high - start, start - hall.low)
     gap = np.abs(direction) @ sizes
-    assert world.fly(start, 20.0 * direction, gap / 20.0 + 0.05) == {name}
+    touched, _ = world.fly(start, 20.0 * direction, gap / 20.0 + 0.05)
+    assert touched == {name}
 
 
 def test_who_looks_from_above_sees_no_roof(world):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
@@ -19,12 +18,10 @@ from airrace.systems.control.setpoint import (
     setpoint_vector,
 )
 from airrace.systems.control.velocity_controller import VelocityController
-from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
-from airrace.systems.sensing.true_estimate import TrueEstimate
-from airrace.vehicle import DRONES, GRAVITY, load_vehicle
+from airrace.vehicle import DRONES
 from airrace.vehicle.state import as_plant_state
+from tests.worlds.hovering_plant import RATE, add_hovering_plant, hover
 
-RATE, DT = 500.0, 0.001
 each = pytest.mark.parametrize("drone", DRONES)
 
 
@@ -32,18 +29,11 @@ class Flight:
     """A drone in empty space that obeys a set-point, at first in a hover."""
 
     def __init__(self, drone):
-        self.vehicle, sdf = load_vehicle(drone)
         builder = DiagramBuilder()
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, DT)
-        plant.SetUseSampledOutputPorts(False)
-        AddMultirotorModel(plant, self.vehicle, sdf)
-        plant.Finalize()
-        rotors = AddMultirotor(builder, plant, scene_graph, self.vehicle, rate=RATE)
-        estimate = builder.AddSystem(TrueEstimate())
+        self.vehicle, rotors, estimate = add_hovering_plant(builder, drone)
         velocity = builder.AddSystem(VelocityController(vehicle=self.vehicle))
         attitude = builder.AddSystem(AttitudeController(vehicle=self.vehicle))
         rates = builder.AddSystem(RateController(vehicle=self.vehicle, rate=RATE))
-        builder.Connect(plant.get_state_output_port(), estimate.get_input_port())
         for source, sinks in (
             (estimate.get_output_port(), (velocity, attitude, rates)),
             (velocity.get_output_port(), (attitude,)),
@@ -55,15 +45,13 @@ class Flight:
                 builder.Connect(source, sink.GetInputPort(source.get_name()))
         builder.ExportInput(velocity.GetInputPort("watched_setpoint"), "setpoint")
         builder.ConnectInput("setpoint", attitude.GetInputPort("watched_setpoint"))
-        builder.ExportOutput(plant.get_state_output_port(), "state")
         builder.ExportOutput(attitude.get_output_port(), "rate_command")
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
         self.context = self.simulator.get_mutable_context()
         self.most = self.vehicle.max_thrusts.sum()
-        self.hover = self.vehicle.mass * GRAVITY / self.most
-        thrusts = np.linalg.pinv(self.vehicle.allocation)[:, 0] * self.vehicle.mass * GRAVITY
-        speeds = np.sqrt(thrusts / self.vehicle.thrust_coefficients)
+        weight, speeds = hover(self.vehicle)
+        self.hover = weight / self.most
         rotors.set_speeds(rotors.GetMyMutableContextFromRoot(self.context), speeds)
         rates.GetMyMutableContextFromRoot(self.context).SetDiscreteState(speeds)
 

@@ -2,41 +2,25 @@
 
 import numpy as np
 import pytest
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from airrace.math.quaternion import rotation_matrix
 from airrace.systems.control.rate_controller import RateController
-from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
-from airrace.systems.sensing.true_estimate import TrueEstimate
-from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import as_plant_state
+from tests.worlds.hovering_plant import DT, RATE, add_hovering_plant, hover
 
-RATE, DT = 500.0, 0.001
 VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}
 both_drones = pytest.mark.parametrize("drone", VEHICLES)
-
-
-def hover(vehicle):
-    """Returns the weight, and the rotor speeds that carry it."""
-    weight = vehicle.mass * GRAVITY
-    thrusts = np.linalg.pinv(vehicle.allocation)[:, 0] * weight
-    return weight, np.sqrt(thrusts / vehicle.thrust_coefficients)
 
 
 class Flight:
     """A drone in empty space with its rate controller, at first in a hover."""
 
     def __init__(self, drone):
-        self.vehicle, sdf = load_vehicle(drone)
         builder = DiagramBuilder()
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, DT)
-        plant.SetUseSampledOutputPorts(False)
-        AddMultirotorModel(plant, self.vehicle, sdf)
-        plant.Finalize()
-        rotors = AddMultirotor(builder, plant, scene_graph, self.vehicle, rate=RATE)
-        estimate = builder.AddSystem(TrueEstimate())
+        self.vehicle, rotors, estimate = add_hovering_plant(builder, drone)
         controller = builder.AddSystem(RateController(vehicle=self.vehicle, rate=RATE))
         for source, sink, port in (
             (estimate, controller, "filtered_estimate"),
@@ -44,9 +28,7 @@ class Flight:
             (controller, rotors, "rotor_speed_command"),
         ):
             builder.Connect(source.GetOutputPort(port), sink.GetInputPort(port))
-        builder.Connect(plant.get_state_output_port(), estimate.get_input_port())
         builder.ExportInput(controller.GetInputPort("rate_command"), "rate_command")
-        builder.ExportOutput(plant.get_state_output_port(), "state")
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
         self.context = self.simulator.get_mutable_context()

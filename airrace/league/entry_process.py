@@ -34,9 +34,9 @@ def main(descriptor: int, memory: float, folder: Path) -> int:
     set_limits(memory)
     own_tmp = memory > 0.0
     if own_tmp:
-        # Others may be compiling: what has gone before it was copied is compiled again here.
-        with contextlib.suppress(shutil.Error):
-            shutil.copytree(MACHINE_CODE, OWN_MACHINE_CODE, dirs_exist_ok=True)
+        shutil.copytree(
+            MACHINE_CODE, OWN_MACHINE_CODE, copy_function=copy_if_there, dirs_exist_ok=True
+        )
     os.chdir(folder)
     sys.path.insert(0, str(folder / ENTRY))
     try:
@@ -46,6 +46,12 @@ def main(descriptor: int, memory: float, folder: Path) -> int:
         traceback.print_exc()
         print(f"airrace: {reason_of(e)}", flush=True)
         return 2
+
+
+def copy_if_there(source: str, target: str) -> None:
+    """Copies a file, unless it has gone: others may be compiling, which makes temporary files."""
+    with contextlib.suppress(FileNotFoundError):
+        shutil.copy2(source, target)
 
 
 def set_limits(memory: float) -> None:

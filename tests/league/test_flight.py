@@ -56,7 +56,7 @@ CHEAT = textwrap.dedent(
 
     def fill(place):
         with open(place + "/big", "wb") as file:
-            for _ in range(40):
+            for _ in range(90):
                 file.write(bytes(1 << 20))
 
     def fork():
@@ -129,7 +129,7 @@ def cheat(tmp_path_factory):
     """The row of an entry that tries all."""
     folder = tmp_path_factory.mktemp("entries") / "cheat"
     text = "team: Cuckoos\nsystems: {explorer: 'mine:make'}\n"
-    return flown(make_entry(folder, text, mine=CHEAT), disk=0.02)
+    return flown(make_entry(folder, text, mine=CHEAT), disk=0.06)  # with the machine code
 
 
 def test_each_attempt_at_cheating_fails(cheat):

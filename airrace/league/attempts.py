@@ -30,7 +30,7 @@ class Allowed(NamedTuple):
     Attributes:
         read: from which it may read.
         write: which it may read and write.
-        hidden: within those of ``read``, from which it may not.
+        hidden: within those of ``read`` or ``write``, which it may not use.
     """
 
     read: tuple[str, ...]
@@ -86,11 +86,12 @@ def _opened(path: object, mode: str | None, flags: int, allowed: Allowed) -> str
         return None
     path = os.path.abspath(os.fsdecode(path))
     writes = bool(flags & (os.O_WRONLY | os.O_RDWR)) or any(c in (mode or "") for c in "wax+")
-    if _is_in(path, allowed.write) or path == "/dev/null":
+    is_hidden = _is_in(path, allowed.hidden)  # also in a folder that may be written to
+    if not is_hidden and (_is_in(path, allowed.write) or path == "/dev/null"):
         return None
     if writes:
         return f"wrote to {path}"
-    if _is_in(path, _HARMLESS) or _is_in(path, allowed.read) and not _is_in(path, allowed.hidden):
+    if not is_hidden and (_is_in(path, _HARMLESS) or _is_in(path, allowed.read)):
         return None
     return f"read {path}"
 

@@ -19,13 +19,13 @@ def quietly(do):
 
 def attempts(tmp_path, code):
     """The attempts of a process that may read tmp_path/race and write tmp_path/own."""
-    for name in ("race", "race/tracks", "race-2", "own"):
+    for name in ("race", "race/tracks", "race-2", "own", "own/tracks"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "file").write_text("x")
     begin = BEGIN.format(
         read=(str(tmp_path / "race"),),
         write=(str(tmp_path / "own"),),
-        hidden=(str(tmp_path / "race" / "tracks"),),
+        hidden=(str(tmp_path / "race" / "tracks"), str(tmp_path / "own" / "tracks")),
     )
     command = [sys.executable, "-c", begin + code]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
@@ -61,6 +61,18 @@ for _ in range(3):
         "started a process (os.system)",
         "started a process (os.fork)",
     ]
+
+
+def test_what_is_hidden_is_so_also_where_one_may_write(tmp_path):
+    found = attempts(
+        tmp_path,
+        """
+quietly(lambda: open("own/tracks/file"))
+quietly(lambda: os.listdir("own/tracks"))
+open("own/file").read()
+""",
+    )
+    assert found == ["read /own/tracks/file", "read /own/tracks"]
 
 
 def test_to_import_the_simulator(tmp_path):

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Tests: sets up .venv beside this file when needed, then runs pytest with the
-# options given, by default in three processes (-n 0 for one, to debug).
+# options given, by default in two processes (-n 0 for one, to debug).
 set -euo pipefail
 source "$(dirname "$(readlink -f "$0")")/tools/setup.bash"
 
@@ -25,14 +25,13 @@ export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1
 # Keeps out the packages, and pytest plugins, of whatever the shell has sourced.
 unset PYTHONPATH
 
-# One more than two cores: some tests wait, for a link or for real time, while others compute.
 # The debugger needs the terminal that xdist takes away.
 for option in "$@"; do
   case $option in
     -n* | --numprocesses* | --pdb | --trace) processes=chosen ;;
   esac
 done
-[ -n "${processes:-}" ] || set -- -n 3 --dist worksteal "$@"
+[ -n "${processes:-}" ] || set -- -n 2 --dist worksteal "$@"
 
 cd "$root"
 exec "$venv/bin/python" -m pytest "$@"

@@ -154,8 +154,16 @@ def serve_page(html: str, announce: Callable[[str], object]) -> None:
         def get(self):
             self.finish(html)
 
+    class NoIcon(tornado.web.RequestHandler):
+        """Browsers ask for one, and a 404 would stand in their console as an error."""
+
+        def get(self):
+            self.set_status(204)
+
     async def serve():
-        application = tornado.web.Application([(r"/", Handler)], log_function=lambda handler: None)
+        application = tornado.web.Application(
+            [(r"/", Handler), (r"/favicon\.ico", NoIcon)], log_function=lambda handler: None
+        )
         listener = _bind()
         tornado.httpserver.HTTPServer(application).add_socket(listener)
         announce(f"http://{_HOST}:{listener.getsockname()[1]}")

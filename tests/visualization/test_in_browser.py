@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 
 import cv2
 import numpy as np
@@ -416,8 +417,12 @@ def test_replay_that_is_served(browser, tmp_path):
     ) as program:
         try:
             line = next(line for line in program.stdout if line.startswith("Watch it at "))
-            open_page(browser, line.split()[3].rstrip(";"))
+            url = line.split()[3].rstrip(";")
+            open_page(browser, url)
             look(browser, tmp_path / "replay.png")
+            # Whether a browser asks for it, and when, is up to the browser.
+            with urllib.request.urlopen(f"{url}/favicon.ico") as answer:
+                assert answer.status == 204
         finally:
             program.terminate()
     assert browser.errors == []

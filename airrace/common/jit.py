@@ -10,6 +10,7 @@ which the compiled function makes the NamedTuple again.
 """
 
 import contextlib
+import fcntl
 import hashlib
 import math
 import re
@@ -86,6 +87,16 @@ def set_complete(what: str) -> None:
 
 def _mark(what: str) -> Path:
     return Path(numba.config.CACHE_DIR) / f"{what}.complete"
+
+
+@contextlib.contextmanager
+def locked() -> Iterator[None]:
+    """Lets one process at a time into the ``with`` block: two would compile the same."""
+    folder = Path(numba.config.CACHE_DIR)
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def remove_stale() -> None:

@@ -123,14 +123,21 @@ def compile_apart(scenario: Scenario) -> None:
 
     A compiler does not give back what it took, some 300 MB, and a race's own clock
     should not count the first one's minute. Simulation and autonomy are compiled at the same
-    time, which saves a third of the wait on two cores. If it fails, nothing is lost: what is
-    not on the disk is compiled when it is called.
+    time, which saves a third of the wait on two cores. Races that start at once wait for the one
+    that compiles. If it fails, nothing is lost: what is not on the disk is compiled when it is
+    called.
 
     Args:
         scenario: of the race.
     """
     if jit.is_complete(scenario.estimator):
         return
+    with Console(stderr=True).status("Compiling, once; it takes about a minute"), jit.locked():
+        if not jit.is_complete(scenario.estimator):  # by another race, which had the lock before
+            _compile_apart(scenario)
+
+
+def _compile_apart(scenario):
     jit.remove_stale()
     blind = scenario.camera.renderer == NO_CAMERA
     # A link is for races that explore.
@@ -138,23 +145,19 @@ def compile_apart(scenario: Scenario) -> None:
     # The other process has another __main__ than a script or notebook with systems of its own.
     systems = {n: path for n, path in scenario.systems.items() if not path.startswith("__main__:")}
     scenario = dc.replace(scenario, systems=systems)
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        Console(stderr=True).status("Compiling, once; it takes about a minute"),
-    ):
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         path = Path(folder) / "scenario.yaml"
         path.write_text(scenario_yaml(scenario), encoding="utf-8")
         command = [sys.executable, "-m", __name__, str(path)]
         silent: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        with contextlib.ExitStack() as stack:
-            compilers = []
-            for part in _PARTS:
-                compiler = subprocess.Popen([*command, part], env=child_environment(), **silent)
-                compilers.append(stack.enter_context(compiler))
-                stack.callback(compiler.kill)  # of no use any more, should this be interrupted
-            codes = [compiler.wait() for compiler in compilers]
-        if not any(codes):
-            jit.set_complete(scenario.estimator)
+        compilers = []
+        for part in _PARTS:
+            compiler = subprocess.Popen([*command, part], env=child_environment(), **silent)
+            compilers.append(stack.enter_context(compiler))
+            stack.callback(compiler.kill)  # of no use any more, should this be interrupted
+        codes = [compiler.wait() for compiler in compilers]
+    if not any(codes):
+        jit.set_complete(scenario.estimator)
 
 
 _PARTS = {"simulation": warm_up_simulation, "autonomy": warm_up_autonomy}

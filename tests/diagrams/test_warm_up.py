@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import threading
 
 import cv2
 import numba
@@ -121,6 +122,17 @@ def test_what_cannot_be_compiled_is_not_noted(started, monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
     warm_up.compile_apart(Scenario())
     assert [process.returncode for process in started] == [1, 1] and not jit.is_complete(TRUTH)
+
+
+def test_races_that_start_at_once_compile_once(started):
+    with jit.locked():
+        other = threading.Thread(target=warm_up.compile_apart, args=[Scenario()])
+        other.start()
+        other.join(0.2)
+        assert other.is_alive()  # it waits, while this race compiles:
+        jit.set_complete(TRUTH)
+    other.join()
+    assert started == []
 
 
 def make_tracker(scenario):

@@ -10,7 +10,7 @@ import time
 import types
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -31,8 +31,10 @@ from airrace.track.gate_map import GateMap
 from airrace.track.map_files import write_map
 from airrace.track.square_track import SquareTrack, load_course
 from airrace.visualization.controls import RaceControls
-from airrace.visualization.live_page import LivePage
 from airrace.visualization.race_view import AddVisualization
+
+if TYPE_CHECKING:  # to import a web server takes its time, and many a race has no page
+    from airrace.visualization.live_page import LivePage
 
 # What a race may leave in its folder.
 RESULTS = (
@@ -54,7 +56,7 @@ def run_race(
     scenario: Scenario,
     output_dir: Path,
     *,
-    page: LivePage | None = None,
+    page: "LivePage | None" = None,
     show: Callable[[Any, types.SimpleNamespace], None] = lambda result, outputs: None,
     transport: Transport | None = None,
     foxglove: FoxgloveServer | None = None,
@@ -101,7 +103,7 @@ def run_race(
 def MakeRace(
     scenario: Scenario,
     output_dir: Path | None = None,
-    page: LivePage | None = None,
+    page: "LivePage | None" = None,
     transport: Transport | None = None,
     foxglove: FoxgloveServer | None = None,
 ) -> Diagram:
@@ -162,7 +164,7 @@ class _Race:
         self,
         scenario: Scenario,
         output_dir: Path,
-        page: LivePage | None,
+        page: "LivePage | None",
         transport: Transport,
         diagram: Diagram,
     ):

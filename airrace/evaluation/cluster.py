@@ -27,6 +27,10 @@ _LOCAL = {
     # Nobody watches, so nothing but what the races need listens.
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
+    # For each process, to watch itself costs six hundredths of a core: more than a race's start.
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "10s",
 }
 _CONNECT_TIMEOUT = 10  # s
 _WORKERS_TIMEOUT = 20  # s

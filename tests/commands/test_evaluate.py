@@ -115,7 +115,7 @@ def check_same(folder, reference):
     assert reports(folder) == reports(reference)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")  # once a process: tests of a module move between them
 def reference(tmp_path_factory):
     """The folder of an evaluation that nothing disturbed, by one worker."""
     folder = tmp_path_factory.mktemp("reference")

@@ -56,7 +56,8 @@ def test_a_system_races(kind, folder, capsys):
     options = ["--no-meshcat", "--no-report", "--record", "none", "--output", "out"]
     if kind == "controller":  # which needs no pictures
         options += ["--map", "track", "--renderer", "none"]
-    else:  # whose pictures are few and small, to save time
+    else:  # on a short track, by few and small pictures, to save time
+        options += ["--track", "hexagon", "--laps", "1"]
         small = "{camera: {width: 640, height: 360, fps: 15}, systems"
         command = [word.replace("{systems", small) for word in command]
     assert main([*command, *options]) == 0

@@ -162,12 +162,13 @@ def short(time_limit=2.0, **fields):
     return scenario
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")  # once a process: tests of a module move between them
 def flown(hexagon, tmp_path_factory):
     """A whole race from pixels: its folder, and race.json as it was at every look."""
     folder = tmp_path_factory.mktemp("flown")
     scenario = Scenario(track=hexagon, laps=2, trajectory="4", seed=3)
     scenario.referee.time_limit = 120.0
+    scenario.camera.fps = 15.0  # half of the pictures: they take most of the time
     looks = []
 
     def show(record, look):

@@ -14,8 +14,10 @@ from airrace.vehicle.disturbances import RotorFailure
 from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure
 
 
-def make_scenario(**fields):
+def make_scenario(fps=15.0, **fields):
+    """Half of the usual pictures, unless a test says otherwise: they take most of the time."""
     scenario = Scenario(track="hexagon", laps=1, estimator="vio", **fields)
+    scenario.camera.fps = fps
     scenario.recording.content = "none"
     scenario.check()
     return scenario
@@ -44,7 +46,7 @@ def test_a_system_that_is_not_there():
 def test_a_race_from_pixels_and_an_imu(tmp_path):
     """It explores, maps and races, and its map is true to a few centimetres."""
     maps = []
-    scenario = make_scenario()
+    scenario = make_scenario(fps=30.0)
     result = run_race(scenario, tmp_path, show=lambda _, outputs: maps.append(outputs.gate_map))
     assert result["finished"], result
     gates = load_track("hexagon").gates

@@ -7,15 +7,34 @@ import pytest
 
 from tests.notebooks.lesson import NOTEBOOKS, ROOT, cells, exercises
 
+# Pictures take most of a race's time. Here these lessons' races have half of them, or none and a
+# given map; the others', those of lesson 3 for one, have all.
+FEWER = "_merge(options, {'camera': {'fps': 15}})"
+NONE = "_dc.replace(options, map='track', renderer='none')"
+PICTURES = {
+    "1_first_race": FEWER,
+    "5_your_own_box": FEWER,
+    "6_compare_and_evaluate": NONE,
+    "10_a_pilot_that_learns": NONE,
+}
 # Before a lesson: notes what it flies, and lets the races of an evaluation be short.
 NOTE = """
+import dataclasses as _dc
+import json as _json
+
 from airrace.commands import python_race
 from airrace.commands.race import RaceOptions, race_scenario
 
 _fly, _folders = python_race.fly, []
 
+def _merge(options, fields):
+    given = _json.loads(options.scenario_text or "{}")
+    for name, values in fields.items():
+        given[name] = {**given.get(name, {}), **values}
+    return _dc.replace(options, scenario_text=_json.dumps(given))
+
 def _note(options, quiet=False):
-    result, folder = _fly(options, quiet)
+    result, folder = _fly(PICTURES, quiet)
     _folders.append(folder)
     return result, folder
 
@@ -96,9 +115,13 @@ def test_a_notebook_and_its_solutions_run(path, tmp_path, monkeypatch):
     notebook = nbformat.read(path, as_version=4)
     new = nbformat.v4.new_code_cell
     solutions = [code for exercise in exercises(path) for code in exercise.code]
-    notebook.cells.insert(0, new(NOTE))
+    notebook.cells.insert(0, new(NOTE.replace("PICTURES", PICTURES.get(path.stem, "options"))))
     notebook.cells.append(new(STAND_IN))
-    notebook.cells += [new(code) for code in solutions if not EXPENSIVE.search(code)]
+    notebook.cells += [
+        new(re.sub(r"iterations=\d+", "iterations=3", code))  # of learning
+        for code in solutions
+        if not EXPENSIVE.search(code)
+    ]
     resources = {"metadata": {"path": str(tmp_path)}}
     # Raises with the cell and its traceback if one fails.
     nbclient.NotebookClient(notebook, timeout=600, resources=resources).execute()

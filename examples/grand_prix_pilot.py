@@ -1,0 +1,285 @@
+"""A client of the AI Grand Prix: finds orange gates in pictures, and flies through them.
+
+    .venv/bin/python examples/grand_prix_pilot.py     # and in another terminal: airrace grand-prix
+
+It knows the specification and nothing of the simulator. The IMU says how the drone moves, and the
+edges of orange squares where gates are. A gate that is seen again corrects its place, and the
+drone's velocity. Each sample of the IMU is answered with body rates and thrust. Frames: N is NED
+from the start; B the body, x forward, y right, z down; C the camera, x right, y down, z forward.
+"""
+
+import argparse
+import dataclasses as dc
+import socket
+import struct
+
+import cv2
+import numpy as np
+from pymavlink import mavutil
+
+GRAVITY = np.array([0.0, 0.0, 9.81])  # m/s^2, in N
+HOVER_THRUST = 0.26
+K = np.array([[320.0, 0.0, 320.0], [0.0, 320.0, 180.0], [0.0, 0.0, 1.0]])
+UP = np.deg2rad(20.0)  # the camera's tilt; its axes in B are the columns:
+R_BC = np.array([[0, np.sin(UP), np.cos(UP)], [1, 0, 0], [0, np.cos(UP), -np.sin(UP)]])
+OUTER, INNER = 2.7, 1.5  # m, sides of a gate's frame
+SQUARE = np.array([[-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0], [-0.5, -0.5, 0]])
+EDGE = 0.8  # px, from the middle of the outermost orange pixel to the edge
+LONGEST_LEG = 1.5 * 200 / 18  # m: courses have about 18 gates on 200 m
+
+
+def limited(v, most):
+    return v * min(1.0, most / max(np.linalg.norm(v), 1e-9))
+
+
+def unit(v):
+    return v / max(np.linalg.norm(v), 1e-9)
+
+
+def rotation(vector):
+    return cv2.Rodrigues(np.asarray(vector, float))[0]
+
+
+class Motion:
+    """How the drone moves, by its IMU: attitude R_NB, velocity v and position p in N."""
+
+    def __init__(self):
+        self.time, self.R, self.v, self.p, self.past = None, np.eye(3), np.zeros(3), np.zeros(3), []
+
+    def add(self, time, force, rates):
+        """Goes on by a sample: mean specific force and body rates since the one before."""
+        if self.time is None:  # at rest, the specific force points up
+            roll, pitch = np.arctan2(-force[1], -force[2]), np.arctan2(force[0], -force[2])
+            self.R, self.time = rotation([0, pitch, 0]) @ rotation([roll, 0, 0]), time
+        dt, a = time - self.time, self.R @ force + GRAVITY
+        self.p, self.v = self.p + self.v * dt + a * dt**2 / 2, self.v + a * dt
+        self.R, self.time = self.R @ rotation(rates * dt), time
+        self.past = [*self.past[-30:], (time, self.R, rates, self.p, self.v)]
+
+    def at(self, time):
+        """Returns R_NB and p at a time not long ago."""
+        then, R, rates, p, v = min(self.past, key=lambda past: abs(past[0] - time))
+        return R @ rotation(rates * (time - then)), p + v * (time - then)
+
+
+def pictures(stream, parts):
+    """Yields (time, picture) of what has come, complete; parts: of a picture that is not yet."""
+    while True:
+        try:
+            data = stream.recv(65535)
+        except BlockingIOError:
+            return
+        frame, chunk, total, _, size, time_ns = struct.unpack_from("<IHHIIQ", data)
+        if parts.get("frame") != frame:
+            parts.clear()
+            parts["frame"] = frame
+        new = chunk not in parts  # each may come twice
+        parts[chunk] = data[24 : 24 + size]
+        if new and len(parts) == total + 1:
+            jpeg = b"".join(parts[i] for i in range(total))
+            yield time_ns / 1e9, cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+
+
+def straight_lines(contour, shape):
+    """Returns the four longest sides of a contour as lines ax + by + c = 0, in order, (k, 3)."""
+    points = contour[:, 0].astype(float)
+    polygon = cv2.approxPolyDP(contour, 2.0, True)[:, 0].astype(float)
+    sides = np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
+    rims = np.array(shape[::-1]) - 3.0
+    found = {}
+    for i in np.argsort(-np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1), kind="stable"):
+        a, b = sides[i]
+        if np.any((np.maximum(a, b) < 3) | (np.minimum(a, b) > rims)):
+            continue  # the rim of the picture
+        if any(max(abs(line[:2] @ a + line[2]), abs(line[:2] @ b + line[2])) < 3 for line in found.values()):
+            continue  # the rest of a side that another gate hides in part
+        along = (points - a) @ unit(b - a)
+        off = (points - a) @ (unit(b - a)[::-1] * [-1, 1])
+        near = points[(along >= 0) & (along <= np.linalg.norm(b - a)) & (abs(off) < 2)]
+        dx, dy, x, y = cv2.fitLine(near.astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01).ravel()
+        found[i] = np.array([dy, -dx, dx * y - dy * x])
+        if len(found) == 4:
+            break
+    return np.array([found[i] for i in sorted(found)])
+
+
+def squares_in(picture):
+    """Yields corners (4, 2) of what may be squares, from the upper left clockwise, and their side.
+
+    Lines through what is seen of the four sides cross at the corners, also at those that other
+    gates hide.
+    """
+    hue, saturation, value = cv2.split(cv2.cvtColor(picture, cv2.COLOR_BGR2HSV))
+    orange = (5 < hue) & (hue < 22) & (saturation > 150) & (value > 90)
+    # The front of a gate is brighter than what is seen of its depth.
+    front = (orange & (value > 0.92 * value[orange].max(initial=90))).astype(np.uint8)
+    contours, family = cv2.findContours(front, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    for contour, (*_, parent) in zip(contours, family[0] if contours else []):
+        if min(cv2.boundingRect(contour)[2:]) < 12:
+            continue
+        lines = straight_lines(contour, front.shape)
+        crossings = np.array([np.cross(lines[i - 1], lines[i]) for i in range(len(lines))])
+        if len(lines) < 4 or np.abs(crossings[:, 2]).min() < 0.5:  # sines of their angles
+            continue
+        corners = crossings[:, :2] / crossings[:, 2:]
+        off = corners - corners.mean(axis=0)
+        # A contour runs through the outermost pixels that are orange.
+        corners += np.sign(off) * (EDGE if parent < 0 else -EDGE)
+        yield corners[np.argsort(np.arctan2(off[:, 1], off[:, 0]))], OUTER if parent < 0 else INNER
+
+
+def gates_in(picture, R_NC):
+    """Yields places from the drone (m), and directions of flight, of gates that stand upright."""
+    for corners, side in squares_in(picture):
+        _, turns, places, errors = cv2.solvePnPGeneric(
+            side * SQUARE, corners, K, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+        )
+        place, axes = places[0].ravel(), rotation(turns[0])
+        upright = abs((R_NC @ axes)[2, 0]) < 0.2 and abs((R_NC @ axes)[2, 2]) < 0.4
+        facing = -axes[:, 2] @ unit(place)
+        if errors[0, 0] < 1.5 and upright and facing > 0.5 and 1.0 < place[2] < 40.0:
+            yield R_NC @ place, -R_NC @ axes[:, 2]
+
+
+@dc.dataclass(eq=False)
+class Gate:
+    """A gate: its place and the direction of flight through it in N, and how often it was seen."""
+
+    place: np.ndarray
+    normal: np.ndarray
+    seen: int = 1
+    shunned: float = 0.0  # until this time
+
+
+class Pilot:
+    """Flies from gate to gate, or looks for the next one."""
+
+    def __init__(self, speed):
+        self.speed, self.motion, self.gates = speed, Motion(), []
+        self.last, self.target, self.count, self.lost = None, None, 0, 0.0
+
+    def look(self, time, picture):
+        """Corrects gates and velocity by what is in a picture."""
+        R, p = self.motion.at(time)
+        for way, normal in gates_in(picture, R @ R_BC):
+            place, distance = p + way, np.linalg.norm(way)
+            near = min(self.gates, key=lambda g: np.linalg.norm(g.place - place), default=None)
+            if near is None or np.linalg.norm(near.place - place) > 1.0 + 0.1 * distance:
+                self.gates.append(Gate(place, normal))
+                continue
+            near.seen += 1
+            trust = 1.0 / (1.0 + (distance / 6.0) ** 2)
+            error = limited(place - near.place, 3.0 / near.seen + 0.3)
+            near.place = near.place + max(1.0 / near.seen, 0.2 * trust) * error
+            near.normal = unit(near.normal + max(1.0 / near.seen, 0.1 * trust) * normal)
+            if near.seen > 5:
+                self.motion.v = self.motion.v - 0.3 * trust * error
+
+    def hear(self, count):
+        """Takes up how many gates count as passed."""
+        if count > self.count and self.target is not None:
+            self.last, self.count, self.target = self.target, count, None
+            self.gates.remove(self.last)
+
+    def choose(self):
+        """Sets the target: the nearest to the last gate, of those ahead of it."""
+        motion = self.motion
+        if self.last is None:
+            self.last = Gate(motion.p, unit(motion.R[:, 0] * [1, 1, 0]))
+        if self.target is not None:
+            self.lost = motion.time
+            way = self.target.place - motion.p
+            if way @ self.target.normal < -2.5:  # it did not count
+                self.target.shunned, self.target = motion.time + 5.0, None
+            elif np.linalg.norm(way) < 4.0:
+                return
+        leg = {g: np.linalg.norm(g.place - self.last.place) for g in self.gates}
+        ahead = [
+            g
+            for g in self.gates
+            if g.seen >= 4 and g.shunned < motion.time and 2.0 < leg[g] < LONGEST_LEG
+            and (g.place - self.last.place) @ self.last.normal > 0.5 * leg[g]
+        ]  # fmt: skip
+        self.target = min(ahead, key=leg.get, default=None)
+
+    def wish(self):
+        """Returns the velocity (m/s) that it wants, and where to look, in N."""
+        motion, last = self.motion, self.last
+        if self.target is not None:
+            way, normal = self.target.place - motion.p, self.target.normal
+            along = way @ normal
+            aim = way - along * normal + 0.6 * max(along, 1.0) * normal
+            return self.speed * unit(aim), way if along > 2.0 else normal
+        seconds = motion.time - self.lost
+        # What is below, or far aside, is out of sight.
+        place = last.place + 1.0 * last.normal + [0, 0, 1.6 * np.sin(0.8 * seconds)]
+        place[2] = min(place[2], -1.0)
+        turn = min(0.3 * seconds, 2.5) * np.sin(1.2 * seconds)
+        return limited(place - motion.p, 1.5), rotation([0, 0, turn]) @ last.normal
+
+    def command(self):
+        """Returns thrust (0 to 1) and body rates (rad/s)."""
+        self.choose()
+        motion, R = self.motion, self.motion.R
+        velocity, look = self.wish()
+        thrust = GRAVITY - limited(2.5 * (velocity - motion.v), 4.0)  # per mass, against z of B
+        z = unit(thrust)
+        y = unit(np.cross(z, [look[0], look[1], 0.0]))
+        wanted = np.column_stack([np.cross(y, z), y, z])
+        error = cv2.Rodrigues(R.T @ wanted)[0].ravel()
+        rates = np.clip([8.0, 8.0, 2.5] * error, [-6, -6, -2], [6, 6, 2])
+        share = HOVER_THRUST * (thrust @ R[:, 2]) / GRAVITY[2]
+        return float(np.clip(share, 0.02, 0.9)), rates
+
+
+def fly(pilot, link, stream):
+    """Flies until the race is over; returns its status."""
+    mav, armed, samples, parts = link.mav, False, 0, {}
+    while True:
+        message = link.recv_match(blocking=True, timeout=10.0 if samples else None)
+        if message is None:
+            raise SystemExit("Nothing has come for ten seconds: is the simulator there?")
+        kind = message.get_type()
+        if kind == "HEARTBEAT":
+            armed = bool(message.base_mode & mavutil.mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            if not samples:
+                mav.heartbeat_send(6, 8, 0, 0, 0)  # a ground station's: here is the client
+        elif kind == "ENCAPSULATED_DATA" and message.data[0] == 1:  # race status
+            _, _, _, finish, count, _ = struct.unpack_from("<BQqqIq", bytes(message.data))
+            if finish >= 0:
+                return count, finish / 1e9
+            pilot.hear(count)
+        elif kind == "HIGHRES_IMU":
+            samples += 1
+            force = np.array([message.xacc, message.yacc, message.zacc])
+            rates = np.array([message.xgyro, message.ygyro, message.zgyro])
+            pilot.motion.add(message.time_usec / 1e6, force, rates)
+            for time, picture in pictures(stream, parts):
+                pilot.look(time, picture)
+            if not armed:  # it stands still
+                pilot.motion.v, pilot.motion.p = np.zeros(3), np.zeros(3)
+            if not armed and samples % 10 == 1:
+                mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+                continue
+            thrust, rates = pilot.command() if armed else (0.0, np.zeros(3))
+            mav.set_attitude_target_send(0, 1, 1, 128, [1, 0, 0, 0], *rates, thrust)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--mavlink", type=int, default=14550, help="port (default: 14550)")
+    parser.add_argument("--pictures", type=int, default=5600, help="port (default: 5600)")
+    parser.add_argument("--speed", type=float, default=3.0, help="m/s (default: 3)")
+    args = parser.parse_args()
+    stream = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+    stream.bind(("127.0.0.1", args.pictures))
+    stream.setblocking(False)
+    link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{args.mavlink}", source_system=255)
+    print(f"Waiting for a simulator at port {args.mavlink}.", flush=True)
+    count, finish = fly(Pilot(args.speed), link, stream)
+    print(f"Finished: gate {count} at {finish:.2f} s of the simulator's clock.")
+
+
+if __name__ == "__main__":
+    main()

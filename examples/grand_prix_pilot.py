@@ -24,7 +24,7 @@ UP = np.deg2rad(20.0)  # the camera's tilt; its axes in B are the columns:
 R_BC = np.array([[0, np.sin(UP), np.cos(UP)], [1, 0, 0], [0, np.cos(UP), -np.sin(UP)]])
 OUTER, INNER = 2.7, 1.5  # m, sides of a gate's frame
 SQUARE = np.array([[-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0], [-0.5, -0.5, 0]])
-EDGE = 0.8  # px, from the middle of the outermost orange pixel to the edge
+EDGE = 1.0  # px, from the middle of the outermost orange pixel to the edge
 LONGEST_LEG = 1.5 * 200 / 18  # m: courses have about 18 gates on 200 m
 
 
@@ -112,7 +112,8 @@ def squares_in(picture):
     hue, saturation, value = cv2.split(cv2.cvtColor(picture, cv2.COLOR_BGR2HSV))
     orange = (5 < hue) & (hue < 22) & (saturation > 150) & (value > 90)
     # The front of a gate is brighter than what is seen of its depth.
-    front = (orange & (value > 0.92 * value[orange].max(initial=90))).astype(np.uint8)
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    front = (orange & (grey > 0.91 * grey[orange].max(initial=50))).astype(np.uint8)
     contours, family = cv2.findContours(front, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     for contour, (*_, parent) in zip(contours, family[0] if contours else []):
         if min(cv2.boundingRect(contour)[2:]) < 12:
@@ -123,6 +124,8 @@ def squares_in(picture):
             continue
         corners = crossings[:, :2] / crossings[:, 2:]
         off = corners - corners.mean(axis=0)
+        if not 0.6 < cv2.contourArea(contour) / cv2.contourArea(corners.astype(np.float32)) < 1.2:
+            continue
         # A contour runs through the outermost pixels that are orange.
         corners += np.sign(off) * (EDGE if parent < 0 else -EDGE)
         yield corners[np.argsort(np.arctan2(off[:, 1], off[:, 0]))], OUTER if parent < 0 else INNER
@@ -135,9 +138,9 @@ def gates_in(picture, R_NC):
             side * SQUARE, corners, K, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
         )
         place, axes = places[0].ravel(), rotation(turns[0])
-        upright = abs((R_NC @ axes)[2, 0]) < 0.2 and abs((R_NC @ axes)[2, 2]) < 0.4
+        upright = abs((R_NC @ axes)[2, 0]) < 0.1 and abs((R_NC @ axes)[2, 2]) < 0.3
         facing = -axes[:, 2] @ unit(place)
-        if errors[0, 0] < 1.5 and upright and facing > 0.5 and 1.0 < place[2] < 40.0:
+        if errors[0, 0] < 1.0 and upright and facing > 0.5 and 1.0 < place[2] < 40.0:
             yield R_NC @ place, -R_NC @ axes[:, 2]
 
 
@@ -147,6 +150,7 @@ class Gate:
 
     place: np.ndarray
     normal: np.ndarray
+    time: float  # of the last sighting
     seen: int = 1
     shunned: float = 0.0  # until this time
 
@@ -165,15 +169,15 @@ class Pilot:
             place, distance = p + way, np.linalg.norm(way)
             near = min(self.gates, key=lambda g: np.linalg.norm(g.place - place), default=None)
             if near is None or np.linalg.norm(near.place - place) > 1.0 + 0.1 * distance:
-                self.gates.append(Gate(place, normal))
+                self.gates.append(Gate(place, normal, time))
                 continue
-            near.seen += 1
+            near.seen, near.time = near.seen + 1, time
             trust = 1.0 / (1.0 + (distance / 6.0) ** 2)
-            error = limited(place - near.place, 3.0 / near.seen + 0.3)
+            error = limited(place - near.place, 3.0 / near.seen + 0.2)
             near.place = near.place + max(1.0 / near.seen, 0.2 * trust) * error
             near.normal = unit(near.normal + max(1.0 / near.seen, 0.1 * trust) * normal)
             if near.seen > 5:
-                self.motion.v = self.motion.v - 0.3 * trust * error
+                self.motion.v = self.motion.v - 0.15 * trust * error
 
     def hear(self, count):
         """Takes up how many gates count as passed."""
@@ -185,7 +189,7 @@ class Pilot:
         """Sets the target: the nearest to the last gate, of those ahead of it."""
         motion = self.motion
         if self.last is None:
-            self.last = Gate(motion.p, unit(motion.R[:, 0] * [1, 1, 0]))
+            self.last = Gate(motion.p, unit(motion.R[:, 0] * [1, 1, 0]), motion.time)
         if self.target is not None:
             self.lost = motion.time
             way = self.target.place - motion.p
@@ -193,6 +197,8 @@ class Pilot:
                 self.target.shunned, self.target = motion.time + 5.0, None
             elif np.linalg.norm(way) < 4.0:
                 return
+            elif motion.time - self.target.time > 2.0:  # it would be in sight if it were there
+                self.gates.remove(self.target)
         leg = {g: np.linalg.norm(g.place - self.last.place) for g in self.gates}
         ahead = [
             g

@@ -3,7 +3,7 @@
     .venv/bin/python examples/grand_prix_pilot.py     # and in another terminal: airrace grand-prix
 
 It knows the specification and nothing of the simulator. The IMU says how the drone moves, and the
-edges of orange squares where gates are. A gate that is seen again corrects its place, and the
+sides of orange squares where gates are. A gate that is seen again corrects its place, and the
 drone's velocity. Each sample of the IMU is answered with body rates and thrust. Frames: N is NED
 from the start; B the body, x forward, y right, z down; C the camera, x right, y down, z forward.
 """
@@ -17,23 +17,23 @@ import cv2
 import numpy as np
 from pymavlink import mavutil
 
-GRAVITY = np.array([0.0, 0.0, 9.81])  # m/s^2, in N
-HOVER_THRUST = 0.26
+GRAVITY, HOVER_THRUST = np.array([0.0, 0.0, 9.81]), 0.26  # m/s^2 in N, and a share of the greatest
 K = np.array([[320.0, 0.0, 320.0], [0.0, 320.0, 180.0], [0.0, 0.0, 1.0]])
+SIZE = np.array([640, 360])  # px
 UP = np.deg2rad(20.0)  # the camera's tilt; its axes in B are the columns:
 R_BC = np.array([[0, np.sin(UP), np.cos(UP)], [1, 0, 0], [0, np.cos(UP), -np.sin(UP)]])
 OUTER, INNER = 2.7, 1.5  # m, sides of a gate's frame
 SQUARE = np.array([[-0.5, 0.5, 0], [0.5, 0.5, 0], [0.5, -0.5, 0], [-0.5, -0.5, 0]])
-EDGE = 1.0  # px, from the middle of the outermost orange pixel to the edge
+EDGE = 1.0  # px, from the middle of the outermost orange pixels to the edge, as JPEG blurs it
 LONGEST_LEG = 1.5 * 200 / 18  # m: courses have about 18 gates on 200 m
-
-
-def limited(v, most):
-    return v * min(1.0, most / max(np.linalg.norm(v), 1e-9))
 
 
 def unit(v):
     return v / max(np.linalg.norm(v), 1e-9)
+
+
+def limited(v, most):
+    return v * min(1.0, most / max(np.linalg.norm(v), 1e-9))
 
 
 def rotation(vector):
@@ -63,7 +63,7 @@ class Motion:
 
 
 def pictures(stream, parts):
-    """Yields (time, picture) of what has come, complete; parts: of a picture that is not yet."""
+    """Yields (time, picture) of all that came; parts: of one that is not complete, a dict."""
     while True:
         try:
             data = stream.recv(65535)
@@ -72,85 +72,70 @@ def pictures(stream, parts):
         frame, chunk, total, _, size, time_ns = struct.unpack_from("<IHHIIQ", data)
         if parts.get("frame") != frame:
             parts.clear()
-            parts["frame"] = frame
-        new = chunk not in parts  # each may come twice
-        parts[chunk] = data[24 : 24 + size]
-        if new and len(parts) == total + 1:
+        elif chunk in parts:  # each may come twice
+            continue
+        parts.update({"frame": frame, chunk: data[24 : 24 + size]})
+        if len(parts) == total + 1:
             jpeg = b"".join(parts[i] for i in range(total))
             yield time_ns / 1e9, cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
 
 
-def straight_lines(contour, shape):
-    """Returns the four longest sides of a contour as lines ax + by + c = 0, in order, (k, 3)."""
-    points = contour[:, 0].astype(float)
-    polygon = cv2.approxPolyDP(contour, 2.0, True)[:, 0].astype(float)
-    sides = np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
-    rims = np.array(shape[::-1]) - 3.0
+def sides_of(contour):
+    """Returns lines (a, b, c), ax + by + c = 0, through its four longest sides, in their order."""
+    points, polygon = contour[:, 0], cv2.approxPolyDP(contour, 2.0, True)[:, 0]
+    ends = np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1).astype(float)
     found = {}
-    for i in np.argsort(-np.linalg.norm(sides[:, 1] - sides[:, 0], axis=1), kind="stable"):
-        a, b = sides[i]
-        if np.any((np.maximum(a, b) < 3) | (np.minimum(a, b) > rims)):
-            continue  # the rim of the picture
-        if any(max(abs(line[:2] @ a + line[2]), abs(line[:2] @ b + line[2])) < 3 for line in found.values()):
-            continue  # the rest of a side that another gate hides in part
-        along = (points - a) @ unit(b - a)
-        off = (points - a) @ (unit(b - a)[::-1] * [-1, 1])
-        near = points[(along >= 0) & (along <= np.linalg.norm(b - a)) & (abs(off) < 2)]
-        dx, dy, x, y = cv2.fitLine(near.astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01).ravel()
+    for i in np.argsort(-np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), kind="stable"):
+        (a, b), along = ends[i], unit(ends[i, 1] - ends[i, 0])
+        at_rim = np.any((ends[i].max(axis=0) < 3) | (ends[i].min(axis=0) > SIZE - 3))
+        # A side that another gate hides in part is seen in two pieces.
+        if at_rim or any(abs(ends[i] @ line[:2] + line[2]).max() < 3 for line in found.values()):
+            continue
+        x, y = (points - a) @ along, (points - a) @ [-along[1], along[0]]
+        near = points[(x >= 0) & (x <= (b - a) @ along) & (abs(y) < 2)]
+        dx, dy, x, y = cv2.fitLine(near, cv2.DIST_L2, 0, 0.01, 0.01).ravel().astype(float)
         found[i] = np.array([dy, -dx, dx * y - dy * x])
         if len(found) == 4:
             break
-    return np.array([found[i] for i in sorted(found)])
+    return [found[i] for i in sorted(found)]
 
 
-def squares_in(picture):
-    """Yields corners (4, 2) of what may be squares, from the upper left clockwise, and their side.
-
-    Lines through what is seen of the four sides cross at the corners, also at those that other
-    gates hide.
-    """
-    hue, saturation, value = cv2.split(cv2.cvtColor(picture, cv2.COLOR_BGR2HSV))
-    orange = (5 < hue) & (hue < 22) & (saturation > 150) & (value > 90)
-    # The front of a gate is brighter than what is seen of its depth.
+def gates_in(picture, R_NC):
+    """Yields places from the drone (m), and directions of flight, in N, of gates in a picture."""
+    hue, saturation, _ = cv2.split(cv2.cvtColor(picture, cv2.COLOR_BGR2HSV))
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    orange = (5 < hue) & (hue < 22) & (saturation > 150) & (grey > 50)
+    # The front of a gate is brighter than what is seen of its depth.
     front = (orange & (grey > 0.91 * grey[orange].max(initial=50))).astype(np.uint8)
     contours, family = cv2.findContours(front, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     for contour, (*_, parent) in zip(contours, family[0] if contours else []):
-        if min(cv2.boundingRect(contour)[2:]) < 12:
-            continue
-        lines = straight_lines(contour, front.shape)
+        lines = sides_of(contour) if min(cv2.boundingRect(contour)[2:]) >= 12 else []
         crossings = np.array([np.cross(lines[i - 1], lines[i]) for i in range(len(lines))])
         if len(lines) < 4 or np.abs(crossings[:, 2]).min() < 0.5:  # sines of their angles
             continue
         corners = crossings[:, :2] / crossings[:, 2:]
-        off = corners - corners.mean(axis=0)
         if not 0.6 < cv2.contourArea(contour) / cv2.contourArea(corners.astype(np.float32)) < 1.2:
             continue
-        # A contour runs through the outermost pixels that are orange.
-        corners += np.sign(off) * (EDGE if parent < 0 else -EDGE)
-        yield corners[np.argsort(np.arctan2(off[:, 1], off[:, 0]))], OUTER if parent < 0 else INNER
-
-
-def gates_in(picture, R_NC):
-    """Yields places from the drone (m), and directions of flight, of gates that stand upright."""
-    for corners, side in squares_in(picture):
+        off = corners - corners.mean(axis=0)
+        corners += np.sign(off) * (EDGE if parent < 0 else -EDGE)  # a hole has a parent
+        corners = corners[np.argsort(np.arctan2(off[:, 1], off[:, 0]))]  # upper left, clockwise
+        square = (OUTER if parent < 0 else INNER) * SQUARE
         _, turns, places, errors = cv2.solvePnPGeneric(
-            side * SQUARE, corners, K, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+            square, corners, K, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
         )
-        place, axes = places[0].ravel(), rotation(turns[0])
-        upright = abs((R_NC @ axes)[2, 0]) < 0.1 and abs((R_NC @ axes)[2, 2]) < 0.3
-        facing = -axes[:, 2] @ unit(place)
-        if errors[0, 0] < 1.0 and upright and facing > 0.5 and 1.0 < place[2] < 40.0:
-            yield R_NC @ place, -R_NC @ axes[:, 2]
+        place, across, normal = R_NC @ places[0].ravel(), *(R_NC @ rotation(turns[0])).T[[0, 2]]
+        upright = abs(across[2]) < 0.1 and abs(normal[2]) < 0.3
+        if upright and errors[0, 0] < 1.0 and -normal @ unit(place) > 0.5:
+            yield place, -normal
 
 
 @dc.dataclass(eq=False)
 class Gate:
-    """A gate: its place and the direction of flight through it in N, and how often it was seen."""
+    """A gate: place and direction of flight in N, when it was seen last, and how often."""
 
     place: np.ndarray
     normal: np.ndarray
-    time: float  # of the last sighting
+    time: float
     seen: int = 1
     shunned: float = 0.0  # until this time
 
@@ -167,16 +152,15 @@ class Pilot:
         R, p = self.motion.at(time)
         for way, normal in gates_in(picture, R @ R_BC):
             place, distance = p + way, np.linalg.norm(way)
-            near = min(self.gates, key=lambda g: np.linalg.norm(g.place - place), default=None)
-            if near is None or np.linalg.norm(near.place - place) > 1.0 + 0.1 * distance:
+            gate = min(self.gates, key=lambda g: np.linalg.norm(g.place - place), default=None)
+            if gate is None or np.linalg.norm(gate.place - place) > 1.0 + 0.1 * distance:
                 self.gates.append(Gate(place, normal, time))
                 continue
-            near.seen, near.time = near.seen + 1, time
-            trust = 1.0 / (1.0 + (distance / 6.0) ** 2)
-            error = limited(place - near.place, 3.0 / near.seen + 0.2)
-            near.place = near.place + max(1.0 / near.seen, 0.2 * trust) * error
-            near.normal = unit(near.normal + max(1.0 / near.seen, 0.1 * trust) * normal)
-            if near.seen > 5:
+            gate.seen, gate.time, trust = gate.seen + 1, time, 1.0 / (1.0 + (distance / 6.0) ** 2)
+            error = limited(place - gate.place, 3.0 / gate.seen + 0.2)
+            gate.place = gate.place + max(1.0 / gate.seen, 0.2 * trust) * error
+            gate.normal = unit(gate.normal + max(1.0 / gate.seen, 0.1 * trust) * normal)
+            if gate.seen > 5:
                 self.motion.v = self.motion.v - 0.15 * trust * error
 
     def hear(self, count):
@@ -228,7 +212,8 @@ class Pilot:
         self.choose()
         motion, R = self.motion, self.motion.R
         velocity, look = self.wish()
-        thrust = GRAVITY - limited(2.5 * (velocity - motion.v), 4.0)  # per mass, against z of B
+        a = 2.5 * (velocity - motion.v)
+        thrust = GRAVITY - limited(a, 4.0)  # per mass, against z of B
         z = unit(thrust)
         y = unit(np.cross(z, [look[0], look[1], 0.0]))
         wanted = np.column_stack([np.cross(y, z), y, z])

@@ -25,7 +25,7 @@ def main(words):
     return command(["race", *words])
 
 
-# A race of pixels takes half of its time, and sees as well.
+# Half of the usual, to save time.
 FEWER_PICTURES = ["--scenario_text", "camera: {fps: 15}"]
 SHORT = ["--no-meshcat", "--scenario_text", "referee: {time_limit: 0.2}"]
 

@@ -168,7 +168,7 @@ def flown(hexagon, tmp_path_factory):
     folder = tmp_path_factory.mktemp("flown")
     scenario = Scenario(track=hexagon, laps=2, trajectory="4", seed=3)
     scenario.referee.time_limit = 120.0
-    scenario.camera.fps = 15.0  # half of the pictures: they take most of the time
+    scenario.camera.fps = 15.0  # half of the usual pictures, to save time
     looks = []
 
     def show(record, look):

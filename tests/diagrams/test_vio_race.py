@@ -15,7 +15,7 @@ from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure
 
 
 def make_scenario(fps=15.0, **fields):
-    """Half of the usual pictures, unless a test says otherwise: they take most of the time."""
+    """It takes half of the usual pictures, to save time, unless a test says otherwise."""
     scenario = Scenario(track="hexagon", laps=1, estimator="vio", **fields)
     scenario.camera.fps = fps
     scenario.recording.content = "none"

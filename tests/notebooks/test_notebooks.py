@@ -7,9 +7,9 @@ import pytest
 
 from tests.notebooks.lesson import NOTEBOOKS, ROOT, cells, exercises
 
-# Pictures take most of a race's time. Here these lessons' races have half of them, or none and a
-# given map; the others', those of lesson 3 for one, have all.
-FEWER = "_merge(options, {'camera': {'fps': 15}})"
+# To save time, these lessons' races here have half of the usual pictures, or none and a given map;
+# the others', those of lesson 3 for one, have all.
+FEWER = "_fewer(options)"
 NONE = "_dc.replace(options, map='track', renderer='none')"
 PICTURES = {
     "1_first_race": FEWER,
@@ -27,11 +27,10 @@ from airrace.commands.race import RaceOptions, race_scenario
 
 _fly, _folders = python_race.fly, []
 
-def _merge(options, fields):
-    given = _json.loads(options.scenario_text or "{}")
-    for name, values in fields.items():
-        given[name] = {**given.get(name, {}), **values}
-    return _dc.replace(options, scenario_text=_json.dumps(given))
+def _fewer(options):
+    fields = _json.loads(options.scenario_text or "{}")
+    camera = {**fields.get("camera", {}), "fps": 15}
+    return _dc.replace(options, scenario_text=_json.dumps({**fields, "camera": camera}))
 
 def _note(options, quiet=False):
     result, folder = _fly(PICTURES, quiet)

@@ -55,7 +55,7 @@ def test_finds_all_gates_of_the_reference_track_in_order(reference_run):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step_length", [2.0, 25.0])
+@pytest.mark.parametrize("step_length", [2.0, 5.0, 10.0, 25.0])
 def test_steps_of_any_length_find_all_gates_of_the_reference_track(step_length):
     explorer = make_explorer(REFERENCE, Scenario(explorer=ExplorerConfig(step_length=step_length)))
     flown = explore(explorer, ExplorationWorld(REFERENCE), REFERENCE, 300.0)

@@ -1,5 +1,6 @@
-"""Camera pictures in messages, compressed, as Drake's lcmt_image_array."""
+"""Camera pictures in messages, as they are or as JPEG, in Drake's lcmt_image_array."""
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -16,6 +17,8 @@ from airrace.systems.sensing.camera_view import CameraView
 JPEG_QUALITY = 80
 # Names of the pictures in the messages: (h, w), and RGBA, (h, w, 4).
 GREY, COLOUR = "grey", "colour"
+_CHANNELS = {GREY: 1, COLOUR: 4}
+_PIXEL_FORMATS = {GREY: lcmt_image.PIXEL_FORMAT_GRAY, COLOUR: lcmt_image.PIXEL_FORMAT_RGBA}
 _LARGEST = 8192  # px, width and height
 
 
@@ -49,7 +52,8 @@ def encode_pictures(pictures: dict, time: float, lossless: bool) -> lcmt_picture
     Args:
         pictures: GREY to (h, w), COLOUR to (h, w, 4) as RGBA, uint8; one or both.
         time: when it was taken (s).
-        lossless: PNG in the place of JPEG.
+        lossless: pixels as they are in the place of JPEG. To compress noise without a loss takes
+            more time than a network of 1 Gbit/s needs to carry it.
     """
     message = lcmt_pictures()
     message.time = time
@@ -92,56 +96,59 @@ def _encoded(name: str, picture: np.ndarray, time: float, lossless: bool) -> lcm
     image.header.utime = round(time * 1e6)
     image.header.frame_name = name
     image.channel_type = lcmt_image.CHANNEL_TYPE_UINT8
-    image.pixel_format = lcmt_image.PIXEL_FORMAT_GRAY
-    pixels = picture
-    if name == COLOUR and lossless:  # OpenCV's order is BGR; in the file it is RGB
-        image.pixel_format = lcmt_image.PIXEL_FORMAT_RGBA
-        pixels = cv2.cvtColor(picture, cv2.COLOR_RGBA2BGRA)
-    elif name == COLOUR:
-        image.pixel_format = lcmt_image.PIXEL_FORMAT_RGB
-        pixels = cv2.cvtColor(picture, cv2.COLOR_RGBA2BGR)
+    image.row_stride = picture.shape[1] * _CHANNELS[name]
     if lossless:
-        image.compression_method = lcmt_image.COMPRESSION_METHOD_PNG
-        # OpenCV's default looks for run lengths only. More effort takes twice as long, and noise
-        # does not get smaller.
-        _, data = cv2.imencode(".png", pixels)
+        image.pixel_format = _PIXEL_FORMATS[name]
+        image.compression_method = lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED
+        image.data = picture.tobytes()
     else:
+        pixels = picture
+        image.pixel_format = lcmt_image.PIXEL_FORMAT_GRAY
+        if name == COLOUR:  # OpenCV's order is BGR; in the file it is RGB
+            pixels = cv2.cvtColor(picture, cv2.COLOR_RGBA2BGR)
+            image.pixel_format = lcmt_image.PIXEL_FORMAT_RGB
         image.compression_method = lcmt_image.COMPRESSION_METHOD_JPEG
         _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    image.row_stride = picture.shape[1] * (picture.shape[2] if picture.ndim == 3 else 1)
-    image.data = data.tobytes()
+        image.data = data.tobytes()
     image.size = len(image.data)
     return image
 
 
 def _decoded(image: lcmt_image, name: str) -> np.ndarray:
-    size = image.width, image.height
-    if not all(0 < each <= _LARGEST for each in size):
+    if not all(0 < each <= _LARGEST for each in (image.width, image.height)):
         raise Dropped(OVERSIZED)
-    methods = (lcmt_image.COMPRESSION_METHOD_PNG, lcmt_image.COMPRESSION_METHOD_JPEG)
-    if len(image.data) != image.size or image.compression_method not in methods:
+    if len(image.data) != image.size:
         raise Dropped(MALFORMED)
-    if _size_of_file(image.data) != size:  # which OpenCV would believe
+    if image.compression_method == lcmt_image.COMPRESSION_METHOD_NOT_COMPRESSED:
+        return _from_pixels(image, name)
+    if image.compression_method == lcmt_image.COMPRESSION_METHOD_JPEG:
+        return _from_jpeg(image, name)
+    raise Dropped(MALFORMED)
+
+
+def _from_pixels(image: lcmt_image, name: str) -> np.ndarray:
+    shape = (image.height, image.width, _CHANNELS[name])
+    if image.size != math.prod(shape):
         raise Dropped(MALFORMED)
-    flag = cv2.IMREAD_GRAYSCALE if name == GREY else cv2.IMREAD_UNCHANGED
+    return np.frombuffer(image.data, np.uint8).reshape(shape if name == COLOUR else shape[:2])
+
+
+def _from_jpeg(image: lcmt_image, name: str) -> np.ndarray:
+    size = image.width, image.height
+    if _size_of_jpeg(image.data) != size:  # which OpenCV would believe
+        raise Dropped(MALFORMED)
+    flag = cv2.IMREAD_GRAYSCALE if name == GREY else cv2.IMREAD_COLOR
     try:
         pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), flag)
     except cv2.error:
         pixels = None
-    if pixels is None or pixels.dtype != np.uint8 or pixels.shape[1::-1] != size:
+    if pixels is None or pixels.shape[1::-1] != size:
         raise Dropped(MALFORMED)
-    if name == GREY:
-        return pixels
-    channels = pixels.shape[2] if pixels.ndim == 3 else 1
-    if channels not in (3, 4):
-        raise Dropped(MALFORMED)
-    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGBA if channels == 3 else cv2.COLOR_BGRA2RGBA)
+    return pixels if name == GREY else cv2.cvtColor(pixels, cv2.COLOR_BGR2RGBA)
 
 
-def _size_of_file(data: bytes) -> tuple[int, int] | None:
-    """Returns width and height that a PNG or JPEG file says it has, None if neither."""
-    if data[:8] == b"\x89PNG\r\n\x1a\n" and data[12:16] == b"IHDR":
-        return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
+def _size_of_jpeg(data: bytes) -> tuple[int, int] | None:
+    """Returns width and height that a JPEG file says it has, None if it is none."""
     at = 2
     while data[:2] == b"\xff\xd8" and at + 9 < len(data) and data[at] == 0xFF:
         if data[at + 1] in (0xC0, 0xC1, 0xC2):  # start of frame

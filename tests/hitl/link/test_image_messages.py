@@ -69,7 +69,7 @@ def test_as_the_ports_have_them():
         {"height": 0},
         {"width": 100_000},
         {"size": 3},
-        {"compression_method": 0},
+        {"compression_method": 3},
         {"data": b"", "size": 0},
         {"data": b"\xff\xd8\xff\xc0", "size": 4},
     ],

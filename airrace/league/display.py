@@ -54,7 +54,7 @@ def words_of(row: dict) -> str:
     """Returns how a race ended; row: of worker.fly()."""
     result, conduct = row["result"], row["conduct"]
     if result["finished"]:
-        text = f"finished, mean lap {result['mean_lap_s']:.2f} s"
+        text = f"finished, mean lap {result['mean_lap_s']:.3f} s"
     else:
         text = f"did not finish: {result['dnf_reason']}"
     if missed := conduct.get("missed_deadlines", 0):
@@ -78,7 +78,7 @@ def print_ranking(league: dict, page: Path) -> None:
             each["entry"],
             f"{each['finished']} of {each['races']}",
             f"{100 * each['step']:.0f} %",
-            *("–" if lap is None else f"{lap:.2f} s" for lap in laps),
+            *("–" if lap is None else f"{lap:.3f} s" for lap in laps),
         )
     with contextlib.suppress(OSError):  # nobody reads; the files are there
         console = Console()

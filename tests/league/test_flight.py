@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import json
+import runpy
 import textwrap
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from airrace.commands.app import main
 from airrace.diagrams.race import run_race
 from airrace.evaluation.versions import versions
+from airrace.league import check
 from airrace.league.entry import load_entry
 from airrace.league.flight import WallConfig
 from airrace.league.sandbox import why_no_sandbox
@@ -16,6 +18,7 @@ from airrace.league.scenarios import race_scenario
 from airrace.league.season import Limits, Season, make_legs
 from airrace.league.worker import fly, make_flight
 from tests.league.entries import make_entry
+from tests.league.seasons import result
 
 # Long enough to take off and to see the first gate.
 SEASON = Season(
@@ -201,6 +204,20 @@ def test_a_new_entry_flies_as_the_shipped_systems_do(optimal, tmp_path, monkeypa
     assert main(["new", "entry", "herons"]) == 0
     assert flown(tmp_path / "herons")["result"] == optimal["result"]
     assert len(load_entry("herons").config.systems) == 6
+
+
+def test_the_lap_that_a_new_entry_tests(optimal, tmp_path, monkeypatch, capsys):
+    """With the short race of above in the place of its lap: does the file tell one from the other?"""
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "entry", "herons"]) == 0
+    unfinished, finished = optimal, {**optimal, "result": result((9.44,))}
+    monkeypatch.setattr(check, "fly_check", lambda entry, safe: finished)
+    runpy.run_path("herons/test_lap.py", run_name="__main__")
+    assert "finished, mean lap 9.440 s" in capsys.readouterr().out
+    monkeypatch.setattr(check, "fly_check", lambda entry, safe: unfinished)
+    with pytest.raises(AssertionError):
+        runpy.run_path("herons/test_lap.py", run_name="__main__")
+    assert "did not finish: ran out of time" in capsys.readouterr().out
 
 
 LOOP = "def make(scenario):\n    while True:\n        pass\n"

@@ -52,8 +52,8 @@ def encode_pictures(pictures: dict, time: float, lossless: bool) -> lcmt_picture
     Args:
         pictures: GREY to (h, w), COLOUR to (h, w, 4) as RGBA, uint8; one or both.
         time: when it was taken (s).
-        lossless: pixels as they are in the place of JPEG. To compress noise without a loss takes
-            more time than a network of 1 Gbit/s needs to carry it.
+        lossless: pixels as they are in the place of JPEG. As PNG, their noise takes a third of
+            the time of a race in lockstep.
     """
     message = lcmt_pictures()
     message.time = time
@@ -130,19 +130,20 @@ def _from_pixels(image: lcmt_image, name: str) -> np.ndarray:
     shape = (image.height, image.width, _CHANNELS[name])
     if image.size != math.prod(shape):
         raise Dropped(MALFORMED)
-    return np.frombuffer(image.data, np.uint8).reshape(shape if name == COLOUR else shape[:2])
+    pixels = np.frombuffer(bytearray(image.data), np.uint8)  # writable, see as_pixels()
+    return pixels.reshape(shape if name == COLOUR else shape[:2])
 
 
 def _from_jpeg(image: lcmt_image, name: str) -> np.ndarray:
-    size = image.width, image.height
-    if _size_of_jpeg(image.data) != size:  # which OpenCV would believe
+    if _size_of_jpeg(image.data) != (image.width, image.height):  # which OpenCV would believe
         raise Dropped(MALFORMED)
-    flag = cv2.IMREAD_GRAYSCALE if name == GREY else cv2.IMREAD_COLOR
+    shape = (image.height, image.width) if name == GREY else (image.height, image.width, 3)
+    flag = cv2.IMREAD_GRAYSCALE if name == GREY else cv2.IMREAD_UNCHANGED
     try:
         pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), flag)
     except cv2.error:
         pixels = None
-    if pixels is None or pixels.shape[1::-1] != size:
+    if pixels is None or pixels.dtype != np.uint8 or pixels.shape != shape:
         raise Dropped(MALFORMED)
     return pixels if name == GREY else cv2.cvtColor(pixels, cv2.COLOR_BGR2RGBA)
 

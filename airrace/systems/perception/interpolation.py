@@ -6,7 +6,10 @@ from airrace.common.jit import compiled
 
 
 def as_pixels(image: np.ndarray) -> np.ndarray:
-    """Returns a picture as compiled functions take it, (h, w), uint8; copied only if necessary."""
+    """Returns a picture as compiled functions take it, (h, w), uint8; copied only if necessary.
+
+    To Numba, what is read-only is of another type, which it would compile everything for again.
+    """
     return np.require(image, np.uint8, ["C", "W"])
 
 

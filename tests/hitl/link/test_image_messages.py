@@ -30,6 +30,14 @@ def test_lossless_is_exact(seed, time):
     assert when == time and set(again) == set(found)
     for name, picture in found.items():
         np.testing.assert_array_equal(again[name], picture)
+        assert again[name].flags.writeable  # or each compiled function that looks at it copies it
+
+
+def test_a_jpeg_in_grey_is_no_picture_in_colour():
+    message = image_messages.encode_pictures({image_messages.GREY: texture(*SHAPE)}, 0.0, False)
+    message.images.images[0].header.frame_name = image_messages.COLOUR
+    with pytest.raises(Dropped):
+        image_messages.decode_pictures(message)
 
 
 def test_jpeg_is_near_and_small():

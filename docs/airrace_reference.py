@@ -8,7 +8,8 @@ The directive ``airrace-reference`` writes, by its argument:
 - ``systems``: the systems of the autonomy and their ports;
 - ``options COMMAND``: the options of a subcommand of ``airrace``;
 - ``measurement NAME``: the tables of docs/measurements/NAME.json, which
-  ``python -m benchmarks.NAME --json docs/measurements/NAME.json`` wrote.
+  ``python -m benchmarks.NAME --json docs/measurements/NAME.json`` wrote;
+- ``season``: the ranking of docs/season/league.json, whose page is written beside the others.
 """
 
 import ast
@@ -26,11 +27,14 @@ from typing import NamedTuple
 
 from sphinx.util.docutils import SphinxDirective
 
+from airrace.league.page import PAGE, write_page
+from airrace.league.proof import read_league
 from airrace.scenario import Scenario, imu_config
 from airrace.scenario.camera_config import PRESETS, EffectsConfig
 from airrace.scenario.checks import RANGES
 
 _MEASUREMENTS = Path(__file__).parent / "measurements"
+_SEASON = "season"  # in docs/ and in what is built
 _DRAKE = "https://drake.mit.edu/doxygen_cxx/structdrake"
 _DRAKES = {
     "SimulatorConfig": f"{_DRAKE}_1_1systems_1_1_simulator_config.html",
@@ -324,7 +328,41 @@ def measurement(name: str) -> str:
     return "\n".join([*lines, f"Printed by `{written['command']}` {source}.", ""])
 
 
+def season() -> str:
+    """Returns Markdown with the ranking of the season that was flown, and a link to its page."""
+    league = _read_season()
+    teams = {entry["entry"]: entry["team"] for entry in league["settings"]["entries"]}
+    heads = ["place", "entry", "team", "finished", "step", "mean lap (s)", "best lap (s)"]
+    lines = [_row(*heads), "|---" * len(heads) + "|"]
+    for each in league["ranking"]:
+        laps = [each["mean_lap_s"], each["best_lap_s"]]
+        lines.append(
+            _row(
+                str(each["place"]),
+                f"`{each['entry']}`",
+                escape(teams[each["entry"]]),
+                f"{each['finished']} of {each['races']}",
+                f"{100 * each['step']:.0f} %",
+                *("–" if lap is None else f"{lap:.3f}" for lap in laps),
+            )
+        )
+    return "\n".join([*lines, "", f'<a href="{_SEASON}/{PAGE}">The page of this season</a>', ""])
+
+
+def write_season_page(app, error) -> None:
+    """Writes the page of the season, without replays, into what was built."""
+    if error is None:
+        folder = Path(app.outdir) / _SEASON
+        folder.mkdir(exist_ok=True)
+        write_page(folder, _read_season())
+
+
+def _read_season() -> dict:
+    return read_league(Path(__file__).parent / _SEASON / "league.json")
+
+
 _MAKERS = {
+    "season": season,
     "measurement": measurement,
     "scenario": scenario_reference,
     "presets": presets,
@@ -337,4 +375,5 @@ _MAKERS = {
 def setup(app):
     """Registers what is above; called by Sphinx."""
     app.add_directive("airrace-reference", AirraceReference)
+    app.connect("build-finished", write_season_page)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -74,6 +74,14 @@ def test_every_module_has_its_place(pages, extension):
 
 
 @pytest.mark.slow
+def test_the_season_has_its_ranking_and_its_page(pages):
+    text = (pages / "league.html").read_text()
+    assert '<a href="season/league.html">' in text and "<p>20 of 20</p>" in text
+    page = (pages / "season" / "league.html").read_text()
+    assert "4 entries, 20\nraces each, level 2" in page and "touched pylon_6_left" in page
+
+
+@pytest.mark.slow
 def test_systems_are_drawn_with_their_ports(pages):
     text = (pages / "api" / "airrace.systems.perception.html").read_text()
     assert '<th rowspan="3">ArucoDetector</th>' in text

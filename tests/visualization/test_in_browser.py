@@ -14,7 +14,7 @@ import pytest
 
 from airrace.commands.app import main as airrace
 from tests.visualization.browser import CHROMIUM, Browser
-from tests.worlds.made_up_run import LAP, estimator_sigmas, make_run
+from tests.worlds.made_up_run import FIRST, LAP, estimator_sigmas, make_run
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look with")
 CAMERAS = ("overview", "chase", "onboard", "gate", "free")
@@ -380,6 +380,10 @@ def test_replay(browser, count, tmp_path):
         assert re.search(
             r"run1, best lap 5.00 s: [+\u2212]0\.0\d s", browser.evaluate("text('others')")
         )
+        # While it explores there is no gap to tell.
+        browser.evaluate(f"airrace.player.jump({FIRST / 2})")
+        browser.evaluate("seconds(0.5)")
+        assert "run1, best lap 5.00 s: 0 gates so far" in browser.evaluate("text('others')")
     start = browser.evaluate("airrace.player.time")
     browser.evaluate("key('Space')")
     browser.wait_for(f"airrace.player.time > {start} + 0.5")

@@ -32,10 +32,11 @@ export class Ghost {
   }
 
   // Returns by how many seconds it is behind (positive) or ahead, where the other drone is now;
-  // shift: of the other drone, as ours. Null if it was not there on this lap.
+  // shift: of the other drone, as ours. Null if it was not there on this lap, and before the first
+  // gate, where it may have explored another way.
   gap(t, p, crossings) {
     const { timeline } = this, k = crossings.length;
-    const from = k ? timeline.crossings[k - 1]?.t : timeline.start;
+    const from = timeline.crossings[k - 1]?.t;
     const to = timeline.crossings[k]?.t ?? timeline.end;
     if (from === undefined) return null;
     let best = REACH, there = null;

@@ -39,13 +39,18 @@ class LeafSystem(framework.LeafSystem):
 def _holding(declare: Any) -> Any:
     """Returns a Declare... method that holds the callbacks among its arguments."""
 
-    @functools.wraps(declare)
     def declare_held(self, *args, **kwargs):
+        """Does what Drake's does.
+
+        :meta private:
+        """
+
         def held(each):
             return self.held(each) if isinstance(each, _CALLABLE) else each
 
         return declare(self, *map(held, args), **{k: held(v) for k, v in kwargs.items()})
 
+    declare_held.__name__ = declare.__name__
     return declare_held
 
 

@@ -21,7 +21,9 @@ KINDS = {
     "to the picture port": (),
 }
 _QUIET = 62  # messages of the IMU, before it begins
-_REMEMBERED = 100  # datagrams that may be replayed; numbers of messages wrap after 256
+# Numbers of messages, after which nothing is replayed: they wrap after 256, so that what is more
+# than 128 behind looks as if it were ahead.
+_REMEMBERED = 100
 _NAN = math.nan
 
 
@@ -37,7 +39,7 @@ class NoisyClient(Client):
         super().__init__(**options)
         self.noise = dict.fromkeys(KINDS, 0)
         self._left, self._per_step, self._random = datagrams, per_step, random.Random(seed)
-        self._sent: list[bytes] = []
+        self._sent: list[tuple[int, bytes]] = []  # how many were sent before, and the datagram
         self._stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._stranger.bind(("127.0.0.1", 0))
 
@@ -55,7 +57,7 @@ class NoisyClient(Client):
                 with_it += self._make_noise()
                 self._left -= 1
         data = b"".join(map(self.pack, good))
-        self._sent = [*self._sent[1 - _REMEMBERED :], data]
+        self._sent = [*self._sent[1 - _REMEMBERED :], (self.heard.sent, data)]
         # A refused command is an answer, too: alone, it would take the place of the good one.
         self.send(with_it + data)
 
@@ -80,7 +82,8 @@ class NoisyClient(Client):
     def _bad(self, kind):
         rng = self._random
         if kind == "replayed":
-            return rng.choice(self._sent)
+            oldest = self.heard.sent - _REMEMBERED
+            return rng.choice([data for number, data in self._sent if number > oldest])
         good = _packed(place(1.0, 2.0, -3.0), rng.randrange(256))
         if kind == "random bytes":
             return rng.randbytes(rng.randrange(1, 300))

@@ -8,6 +8,7 @@ from airrace.common.errors import UserError
 from airrace.diagrams.flight_controller import MakeFlightController
 from airrace.hitl.transport import POLL_PERIOD, Transport
 from airrace.mavlink.bridge import AFTER, MavlinkBridge, is_command
+from airrace.systems.control.setpoint_watchdog import FOLLOW, HOVER, LAND, OFF, SetpointWatchdog
 from airrace.systems.referee import OUT_OF_TIME
 from airrace.track.square_track import SquareTrack, load_course
 from airrace.vehicle import load_vehicle
@@ -24,6 +25,13 @@ _GREETING = 0.1  # s, between two heartbeats while nobody has answered yet
 _ANSWER = 2.0  # s, that a client may take to answer in steps, before the time goes on without
 _ROUNDING = 1e-6  # s, by which a step goes on after its message, whatever sums of periods round to
 _FAREWELL = 1.0  # s of simulated time after the end, in which the client learns of it
+# What is said when the watchdog takes over from a client that is silent, or hands back.
+_WATCHDOG_LINES = {
+    HOVER: "no set-points any more: the drone hovers",
+    LAND: "still no set-points: the drone is set down",
+    OFF: "no set-points: the motors have stopped",
+    FOLLOW: "set-points come again",
+}
 
 
 class ClientTransport(Transport):
@@ -48,6 +56,8 @@ class ClientTransport(Transport):
         self._waits = self._config.step or not scenario.simulator_config.target_realtime_rate
         self._idle, self._samples, self._silent = 0.0, 0, False
         self._bridge: MavlinkBridge | None = None
+        self._watchdog: SetpointWatchdog | None = None
+        self._phase, self._took_over = FOLLOW, {HOVER: 0, LAND: 0, OFF: 0}
         self._unanswered = self._commands = 0
 
     @property
@@ -76,6 +86,7 @@ class ClientTransport(Transport):
             )
         controller = builder.AddSystem(MakeFlightController(scenario, track, vehicle, self._link))
         self._bridge = controller.GetSubsystemByName("mavlink_bridge")
+        self._watchdog = controller.GetSubsystemByName("setpoint_watchdog")
         for source, sink in ((simulation, controller), (controller, simulation)):
             for i in range(sink.num_input_ports()):
                 port = sink.get_input_port(i)
@@ -96,6 +107,7 @@ class ClientTransport(Transport):
             simulator.AdvanceTo(end)
         if self.reset_wanted:
             return RESET_BY_CLIENT
+        self._tell_watchdog(simulator)
         context = self.bridge.GetMyContextFromRoot(simulator.get_context())
         started = self.bridge.started(context)
         if (
@@ -104,6 +116,18 @@ class ClientTransport(Transport):
         ):
             return OUT_OF_TIME
         return None
+
+    def _tell_watchdog(self, simulator):
+        """Counts and says that nobody flies the drone any more, or again."""
+        assert self._watchdog is not None
+        context = simulator.get_context()
+        phase = self._watchdog.phase(self._watchdog.GetMyContextFromRoot(context))
+        if phase == self._phase:
+            return
+        self._phase = phase
+        if phase != FOLLOW:
+            self._took_over[phase] += 1
+        self._link.note(f"[{context.get_time():7.1f} s] {_WATCHDOG_LINES[phase]}")
 
     def _advance_in_steps(self, simulator, end):
         """Advances, and waits for a command after each HIGHRES_IMU."""
@@ -144,4 +168,6 @@ class ClientTransport(Transport):
 
     def wall(self, simulator: "Simulator") -> dict:
         counts = dc.asdict(self._link.counts)
-        return {"link": {**counts, "unanswered": self._unanswered}}
+        hovers, landings, stops = (self._took_over[phase] for phase in (HOVER, LAND, OFF))
+        watchdog = {"hovers": hovers, "landings": landings, "stops": stops}
+        return {"link": {**counts, "unanswered": self._unanswered, "watchdog": watchdog}}

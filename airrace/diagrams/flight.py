@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource
 from scipy.spatial.transform import Rotation
 
 from airrace.diagrams.autonomy import make_system
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.scenario import Scenario
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.types import ExplorerStatus
 from airrace.trajopt.flat_trajectory import flat_outputs
 from airrace.trajopt.reference import REFERENCE_SIZE

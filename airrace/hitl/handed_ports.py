@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, Diagram, LeafSystem, PortDataType
+from pydrake.systems.framework import Context, Diagram, PortDataType
 
 from airrace.common.immutable import Immutable
+from airrace.systems.leaf_system import LeafSystem
 
 if TYPE_CHECKING:
     from airrace.hitl.handover import Handed

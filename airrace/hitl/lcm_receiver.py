@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import AbstractStateIndex, Context, LeafSystem
+from pydrake.systems.framework import AbstractStateIndex, Context
 
 from airrace.common.immutable import Immutable
+from airrace.systems.leaf_system import LeafSystem
 
 if TYPE_CHECKING:
     from airrace.hitl.channels import PortChannel

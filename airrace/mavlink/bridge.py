@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 from pydrake.systems.sensors import ImageRgba8U
+from pymavlink.dialects.v20 import common as mavlink
 
 from airrace.math.quaternion import rotation_matrix
 from airrace.math.random import make_generator
@@ -18,6 +19,7 @@ from airrace.mavlink.picture_stream import datagrams, encode
 from airrace.mavlink.telemetry import Clock
 from airrace.scenario.mavlink_config import MavlinkConfig
 from airrace.systems.control.setpoint import IDLE, NO_SETPOINT, as_setpoint, setpoint_vector
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.sensing.contact_sensor import CONTACTS_SIZE, GATE, as_contacts
 from airrace.systems.sensing.imu_samples import IMU_SIZE, as_samples
@@ -291,11 +293,19 @@ class MavlinkBridge(LeafSystem):
                 self._follow(context, discrete_state, message)
 
     def _command(self, context, discrete_state, message):
-        accepted = message.command in (ARM, RESET)
-        self._link.send(telemetry.acknowledgement(message.command, accepted))
+        result = mavlink.MAV_RESULT_ACCEPTED
+        if message.command not in (ARM, RESET):
+            result = mavlink.MAV_RESULT_UNSUPPORTED
+        elif message.command == ARM and message.param1 not in (0.0, 1.0):
+            # What is not a number must not disarm a drone that flies.
+            result = mavlink.MAV_RESULT_DENIED
+            self._link.counts.refused += 1
+        self._link.send(telemetry.acknowledgement(message.command, result))
+        if result != mavlink.MAV_RESULT_ACCEPTED:
+            return
         if message.command == RESET:
             self.reset_wanted = True
-        elif message.command == ARM:
+        else:
             setpoint = discrete_state.get_mutable_value(self._setpoint)
             wanted, arms = as_setpoint(setpoint), message.param1 == 1.0
             if arms and not wanted.armed:
@@ -331,4 +341,5 @@ def _racing(started: float) -> ExplorerStatus:
 
 def is_command(message: Any) -> bool:
     """Whether a message is one that `--step` waits for."""
-    return message.get_type() in (*SETPOINTS, "COMMAND_LONG")
+    kind = message.get_type()
+    return kind in SETPOINTS or (kind == "COMMAND_LONG" and message.command in (ARM, RESET))

@@ -70,6 +70,7 @@ class ClientLink:
     Attributes:
         counts: see Counts.
         messages: what came and was not taken yet, oldest first.
+        note: shows a line.
     """
 
     def __init__(self, addresses: Addresses, note: Callable[[str], object] = print):
@@ -83,7 +84,7 @@ class ClientLink:
             UserError: if an address cannot be used.
         """
         self.counts, self.messages = Counts(), []
-        self._note = note
+        self.note = note
         self._to, self._pictures_to = _resolved(addresses)
         try:
             self._socket = _udp(addresses.bind)
@@ -155,7 +156,7 @@ class ClientLink:
             if sender not in self._strangers and len(self._strangers) < 100:
                 self._strangers.add(sender)
                 client = self._client or self._to
-                self._note(
+                self.note(
                     f"Refused {_named(sender)}: {_named(client)} flies, and one client at a time."
                 )
         else:
@@ -186,7 +187,7 @@ class ClientLink:
         source = message.get_srcSystem(), message.get_srcComponent()
         if sender != self._client or now > self._heard_at + _RESTART:
             if sender != self._client:
-                self._note(f"Client at {_named(sender)}.")
+                self.note(f"Client at {_named(sender)}.")
             self._client, self._numbers = sender, {}
         number = message.get_seq()
         if source in self._numbers and not 0 < (number - self._numbers[source]) % 256 < 128:

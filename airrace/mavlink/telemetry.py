@@ -192,9 +192,8 @@ def track_messages(track: SquareTrack, origin: np.ndarray, hidden: bool) -> Iter
         yield mavlink.MAVLink_encapsulated_data_message(i, _padded(part))
 
 
-def acknowledgement(command: int, accepted: bool) -> mavlink.MAVLink_command_ack_message:
-    """Returns COMMAND_ACK."""
-    result = mavlink.MAV_RESULT_ACCEPTED if accepted else mavlink.MAV_RESULT_UNSUPPORTED
+def acknowledgement(command: int, result: int) -> mavlink.MAVLink_command_ack_message:
+    """Returns COMMAND_ACK; result: one of MAV_RESULT."""
     return mavlink.MAVLink_command_ack_message(command, result)
 
 

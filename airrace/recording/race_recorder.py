@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from airrace.common.resources import find_yaml
 from airrace.recording import foxglove_messages as messages
@@ -14,6 +14,7 @@ from airrace.recording.topics import SAMPLED
 from airrace.recording.writer import FILE, RaceLog
 from airrace.scenario import VIO, Scenario, scenario_yaml
 from airrace.scenario.lap_limits import parse_limits
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_SIZE
 from airrace.track.square_track import SquareTrack, load_course

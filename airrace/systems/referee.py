@@ -9,10 +9,11 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import QueryObject
 from pydrake.multibody.plant import ContactResults
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from airrace.common.jit import assign, compilable, compiled
 from airrace.math.vec3 import dot
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.types import LAND, ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.track.gate_opening import GateOpening, find

@@ -3,8 +3,8 @@
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import LeafSystem
 
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.trajopt.body_frames import body_frames
 from airrace.visualization.arrows import frame_arrows

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.math import RotationMatrix
-from pydrake.systems.framework import LeafSystem
 
 from airrace.recording.foxglove_messages import jpeg, raw_pixels
 from airrace.recording.json_topics import estimate_error
 from airrace.rendering.imaging.motion_blur import pose_of
 from airrace.systems.estimation.error_state import POSITION, VELOCITY
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.types import CameraInfo, Detections
 from airrace.track import Track

@@ -2,9 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from pydrake.systems.framework import LeafSystem
-
 from airrace.scenario.camera_config import NO_CAMERA
+from airrace.systems.leaf_system import LeafSystem
 from airrace.track.square_track import load_course
 from airrace.vehicle import load_vehicle
 from airrace.visualization.meshcat_page import Audience

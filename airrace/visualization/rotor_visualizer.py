@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydrake.geometry import Box, Convex, Ellipsoid, Mesh, Meshcat, Role, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.framework import LeafSystem
 
+from airrace.systems.leaf_system import LeafSystem
 from airrace.vehicle import Vehicle
 from airrace.visualization.meshcat_page import Audience
 

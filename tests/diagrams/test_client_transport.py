@@ -4,7 +4,12 @@ import contextlib
 import gc
 import itertools
 import json
+import signal
+import subprocess
+import sys
 import threading
+import weakref
+from pathlib import Path
 
 import numpy as np
 import psutil
@@ -17,6 +22,7 @@ from airrace.diagrams.grand_prix import fly_attempts
 from airrace.diagrams.race import run_race
 from airrace.mavlink.client_link import Addresses, ClientLink
 from airrace.systems.sensing.contact_sensor import as_contacts
+from tests.worlds import killed_client
 from tests.worlds.mavlink_client import (
     Earpiece,
     Session,
@@ -119,6 +125,16 @@ def test_a_client_that_sends_two_commands_a_step_is_obeyed():
     assert session.bridge_context.get_discrete_state(0).value()[3] == pytest.approx(0.2)
 
 
+def test_a_command_that_is_none_does_not_answer_a_step(monkeypatch):
+    """Such as one of those that ground stations ask for rates with."""
+    monkeypatch.setattr(client_transport, "_ANSWER", 0.0)
+    asks = mavlink.MAVLink_command_long_message(1, 1, 511, 0, 105, 1e4, *5 * [0.0])
+    link = Earpiece(lambda m: [asks] if m.get_type() == "HIGHRES_IMU" else [])
+    session = Session(grand_prix(step=True), link)
+    session.transport.advance(session.simulator, 0.5)
+    assert session.transport.wall(session.simulator)["link"]["unanswered"] == 30
+
+
 def test_steps_are_those_messages_that_were_sent():
     """Where load keeps messages of the IMU back, nobody waits for an answer to them."""
     link = Earpiece(lambda m: [rates(0.1)] if m.get_type() == "HIGHRES_IMU" else [])
@@ -145,6 +161,67 @@ def test_a_race_has_a_limit_of_time_from_arming():
     session.link.say(arm())
     assert session.transport.advance(session.simulator, 1.3) is None
     assert session.transport.advance(session.simulator, 1.6) == "ran out of time"
+
+
+@pytest.mark.slow
+def test_a_client_that_is_killed_in_flight_is_landed_for_and_a_line_says_so(tmp_path):
+    """A process of its own, which is killed two metres above its pad, over UDP."""
+    ports, notes, heights = [], [], []
+    with UdpClient() as free:
+        ports += free.ports
+    script = Path(killed_client.__file__)
+    client = subprocess.Popen([sys.executable, script, str(ports[0]), "2.0"])
+    link = ClientLink(Addresses(port=ports[0], picture_port=ports[1]), notes.append)
+    try:
+        scenario = grand_prix(step=True, time_limit=12.0)
+        data = run_race(
+            scenario,
+            tmp_path,
+            transport=ClientTransport(scenario, link),
+            show=lambda result, outputs: heights.append(outputs.state[6]),
+        )
+    finally:
+        client.kill()
+        link.close()
+    assert client.wait(10.0) == -signal.SIGKILL
+    assert max(heights) > 1.2 and heights[-1] < 0.3
+    # It is set down, at half a metre a second: never does it fall.
+    assert np.diff(heights).min() > -0.1
+    assert data["wall"]["link"]["watchdog"] == {"hovers": 1, "landings": 1, "stops": 1}
+    lines = [note.partition("] ")[2] for note in notes if note.startswith("[")]
+    assert lines == [
+        "no set-points any more: the drone hovers",
+        "still no set-points: the drone is set down",
+        "no set-points: the motors have stopped",
+    ]
+
+
+def test_a_client_that_speaks_again_flies_again():
+    session = Session(grand_prix())
+    advance = session.transport.advance
+    session.link.say(arm(), velocity(0.0, 0.0, -1.0))
+    for tick in range(1, 16):  # it climbs on what it was told last, for half a second
+        advance(session.simulator, 0.1 * tick)
+    session.link.say(velocity(0.0, 0.0, -1.0))
+    advance(session.simulator, 1.6)
+    assert [note.partition("] ")[2] for note in session.link.notes] == [
+        "no set-points any more: the drone hovers",
+        "set-points come again",
+    ]
+
+
+def test_nothing_of_a_race_is_left():
+    """Neither its diagram nor a system of it: who resets a thousand times has memory for it."""
+    session = Session(grand_prix(vq=1))
+    session.link.say(arm(), velocity(0.0, 0.0, -1.0))
+    session.fly(0.1)
+    diagrams = [session.diagram, *session.diagram.GetSystems()]
+    diagrams += [each for one in diagrams[1:] for each in one.GetSystems()]
+    left = [(type(each).__name__, weakref.ref(each)) for each in diagrams]
+    assert len(left) > 20
+    del session, diagrams
+    gc.collect()
+    assert [name for name, reference in left if reference() is not None] == []
 
 
 def test_resets_again_and_again_leave_nothing_open(tmp_path):

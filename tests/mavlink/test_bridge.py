@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from airrace.mavlink.picture_stream import HEADER
 from airrace.systems.control.setpoint import as_setpoint
+from airrace.track.square_gate import INNER, OUTER
 from tests.worlds.mavlink_client import (
     Session,
     arm,
@@ -191,6 +192,10 @@ class TestCommands:
         session.fly(0.01)
         assert link.counts.refused == 3
         np.testing.assert_array_equal(session.bridge_context.get_discrete_state(0).value(), wanted)
+        link.say(arm(np.nan), arm(2.0))
+        session.fly(0.01)
+        assert link.counts.refused == 5 and link.of("COMMAND_ACK")[-1].result == 2  # denied
+        assert session.bridge.armed(session.bridge_context)
         # Disarmed, it falls; and unknown commands are none.
         link.say(arm(0.0), command(999))
         session.fly(0.2)
@@ -236,6 +241,21 @@ def test_a_client_that_is_killed_in_flight_is_landed_for():
     assert max(session.link.of("ACTUATOR_OUTPUT_STATUS")[-1].actuator) < 0.01
     # It was set down, not dropped: from half a metre, 0.9 kg arrive with 2.8 kg m/s.
     assert all(message.horizontal_minimum_delta < 0.6 for message in session.link.of("COLLISION"))
+
+
+def test_a_collision_with_a_gate_names_the_gate():
+    """Onto the side beam of the first gate, which stands in the drone's way."""
+    session = Session(grand_prix())
+    session.link.say(arm())
+    session.fly(0.05)
+    gate = session.bridge._world.track.gates[0]
+    beam = gate.X_WG @ np.array([0.0, 0.5 * (INNER + OUTER) / 2, 0.0])
+    origin = session.bridge_context.get_discrete_state(1).value()[1:]
+    session.fly(6.0, position(*((beam - origin) * [1, -1, -1])))
+    told = session.link.of("COLLISION")
+    assert told and {message.id for message in told} == {1001}
+    # At most what 0.9 kg have at the speed of a position that is flown to.
+    assert 0.0 < max(message.horizontal_minimum_delta for message in told) < 10.0
 
 
 def test_a_collision_is_told_with_its_impulse():

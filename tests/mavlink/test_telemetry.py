@@ -154,8 +154,7 @@ def test_a_hidden_track_says_how_many_gates_there_are():
     assert all(gate[1:] == 9 * (0.0,) for gate in gates)
 
 
-@pytest.mark.parametrize("accepted", [True, False])
-def test_commands_are_acknowledged(accepted):
-    message = wire(telemetry.acknowledgement(400, accepted))
-    assert message.command == 400
-    assert (message.result == mavlink.MAV_RESULT_ACCEPTED) == accepted
+@pytest.mark.parametrize("result", [mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED])
+def test_commands_are_acknowledged(result):
+    message = wire(telemetry.acknowledgement(400, result))
+    assert (message.command, message.result) == (400, result)

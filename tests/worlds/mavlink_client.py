@@ -68,12 +68,14 @@ class Earpiece:
     Attributes:
         sent: messages, oldest first. pictures: datagrams.
         answer: is called with each message that is sent; what it returns is said.
+        notes: lines that were shown.
     """
 
     def __init__(self, answer=lambda message: ()):
         self.counts, self.messages = Counts(), []
         self.sent, self.pictures, self.answer = [], [], answer
-        self.client = ("here", 0)
+        self.client, self.notes = ("here", 0), []
+        self.note = self.notes.append
 
     def say(self, *messages):
         self.messages += messages

@@ -1,7 +1,6 @@
 """Control of attitude: from a set-point to total thrust and body rates."""
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compiled
 from airrace.math.quaternion import rotation_between, rotation_matrix
@@ -14,6 +13,7 @@ from airrace.systems.control.setpoint import (
     as_setpoint,
 )
 from airrace.systems.control.velocity_controller import ATTITUDE_COMMAND_SIZE
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state

@@ -4,7 +4,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from airrace.scenario import VIO
 from airrace.systems.control.geometric_controller import GeometricController
@@ -12,6 +12,7 @@ from airrace.systems.control.rotor_monitor import RotorMonitor
 from airrace.systems.control.state_filter import StateFilter
 from airrace.systems.estimation.of_scenario import make_strapdown_integrator
 from airrace.systems.exploring.exploration import hover_pose
+from airrace.systems.leaf_system import LeafSystem
 from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import load_vehicle

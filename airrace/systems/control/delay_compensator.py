@@ -4,11 +4,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from airrace.common.jit import all_finite, compiled
 from airrace.math.quaternion import integrate, rotation_matrix
 from airrace.math.vec3 import cross, rotate
+from airrace.systems.leaf_system import LeafSystem
 from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.rotors import RotorDynamics, make_rotor_dynamics, next_speeds
 from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector

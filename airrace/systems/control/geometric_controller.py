@@ -4,12 +4,12 @@ import functools
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import all_finite, assign, compiled
 from airrace.systems.control.control_law import as_parameters, lee_wrench, make_parameters
 from airrace.systems.control.reduced_attitude import ReducedAttitude
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import Vehicle

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from airrace.common.jit import all_finite
 from airrace.math.quaternion import heading
@@ -14,6 +14,7 @@ from airrace.systems.control.command_scale import ctbr_scale, scaled
 from airrace.systems.control.command_watchdog import BRAKE, HOVER, WatchdogMemory, stopping
 from airrace.systems.control.gates_observation import map_openings, write_gates_observation
 from airrace.systems.control.policy_network import ACTIONS, PolicyNetwork
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.types import LAND, ExplorerStatus, PilotStatus
 from airrace.track.gate_map import GateMap
 from airrace.track.gate_opening import find

@@ -1,9 +1,9 @@
 """The last word on the motors: off, commanded one by one, or by the rate controller."""
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from airrace.systems.control.setpoint import IDLE, MOTORS, SETPOINT_SIZE, as_setpoint
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle
 

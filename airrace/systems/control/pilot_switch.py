@@ -1,7 +1,6 @@
 """Who of two controllers is heard by the rotors."""
 
-from pydrake.systems.framework import LeafSystem
-
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 
 

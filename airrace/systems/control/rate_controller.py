@@ -1,12 +1,12 @@
 """Control of thrust and body rates, as policies and pilots of racing drones command them."""
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import all_finite, compiled
 from airrace.math.quaternion import rotation_matrix
 from airrace.math.vec3 import rotate
 from airrace.systems.control.rate_law import RateParameters, make_rate_parameters, rate_law
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state

@@ -1,9 +1,9 @@
 """Notices rotors that have stopped."""
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compiled
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle
 from airrace.vehicle.rotors import as_rotor_status

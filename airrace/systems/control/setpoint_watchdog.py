@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from airrace.common.immutable import read_only
 from airrace.math.quaternion import heading
@@ -15,6 +15,7 @@ from airrace.systems.control.setpoint import (
     as_setpoint,
     setpoint_vector,
 )
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle.state import STATE_SIZE, as_state
 

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import DiscreteAlgebraicRiccatiEquation
-from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.math.quaternion import integrate, rotation_matrix
 from airrace.math.vec3 import dot
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import GRAVITY, GRAVITY_W, Vehicle
 from airrace.vehicle.state import STATE_SIZE, State, as_state

@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compiled
 from airrace.math.quaternion import heading
 from airrace.math.vec3 import cross, dot
 from airrace.systems.control.setpoint import POSITION, SETPOINT_SIZE, VELOCITY, as_setpoint
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state

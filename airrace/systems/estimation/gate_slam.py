@@ -4,7 +4,7 @@ import dataclasses as dc
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, EventStatus
 
 from airrace.scenario import PerceptionConfig
 from airrace.systems.estimation.error_state import ImuNoise
@@ -12,6 +12,7 @@ from airrace.systems.estimation.lost_estimate import drift_sigma, why_lost
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE, SAMPLE_SIZE
 from airrace.systems.estimation.slam_filter import MapFrame, SlamFilter, SlamState
 from airrace.systems.estimation.strapdown_integrator import history_depth
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import GRAVITY, Vehicle

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.math.quaternion import rotation_matrix
@@ -16,6 +15,7 @@ from airrace.systems.estimation.navigation import (
     remember,
     write_state,
 )
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.sensing.imu_samples import IMU_SIZE
 from airrace.vehicle import GRAVITY, Vehicle

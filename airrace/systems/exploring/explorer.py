@@ -3,11 +3,12 @@
 from typing import TYPE_CHECKING
 
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from pydrake.systems.framework import Context, EventStatus
 
 from airrace.systems.exploring import exploration
 from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.systems.exploring.explorer_states import StateMachine
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.types import ExplorerStatus
 from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.reference import REFERENCE_SIZE

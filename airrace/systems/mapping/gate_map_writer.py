@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from pydrake.common.value import Value
-from pydrake.systems.framework import LeafSystem
 
+from airrace.systems.leaf_system import LeafSystem
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import write_map
 

@@ -4,9 +4,10 @@ import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from airrace.scenario import PerceptionConfig
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.mapping.observation import UNKNOWN_TIME
 from airrace.systems.perception.detection_checks import JUMP

@@ -1,8 +1,8 @@
 """A map that is known before the race, in place of camera and mapper."""
 
 from pydrake.common.value import Value
-from pydrake.systems.framework import LeafSystem
 
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.types import Detections
 from airrace.track.gate_map import GateMap
 

@@ -5,9 +5,10 @@ import math
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import LeafSystem, ValueProducer
+from pydrake.systems.framework import ValueProducer
 
 from airrace.common.immutable import Immutable
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.perception import detection_checks as checks
 from airrace.systems.perception.detector_config import DetectorConfig
 from airrace.systems.perception.marker_measurement import measure
@@ -83,21 +84,27 @@ class ArucoDetector(LeafSystem):
         self._time = self.DeclareVectorInputPort("camera_image_time", 1)
         self._info = self.DeclareAbstractInputPort("camera_info", Value[object]())
         self._state = self.DeclareAbstractState(Value[object](DetectorState()))
-        self._result = self.DeclareCacheEntry(
+        entry = self.DeclareCacheEntry(
             "result",
-            ValueProducer(allocate=lambda: Value[object](DetectorState()), calc=self._calc_result),
+            ValueProducer(
+                allocate=lambda: Value[object](DetectorState()), calc=self.held(self._calc_result)
+            ),
             {port.ticket() for port in (self._view, self._time, self._info)}
             | {self.abstract_state_ticket(self._state)},
         )
+        self._result = entry.cache_index()  # an entry would hold the system that holds it
         # An unrestricted update comes before the camera takes the next image at
         # the same time.
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / fps, 0.0, self._update_state)
         self.DeclareAbstractOutputPort(
             "detections",
             lambda: Value[object](Detections()),
-            lambda context, output: output.set_value(self._result.Eval(context).detections),
-            {self._result.ticket()},
+            lambda context, output: output.set_value(self._recall(context).detections),
+            {entry.ticket()},
         )
+
+    def _recall(self, context):
+        return self.get_cache_entry(self._result).Eval(context)
 
     def _calc_result(self, context, result):
         last = context.get_abstract_state(int(self._state)).get_value()
@@ -117,7 +124,7 @@ class ArucoDetector(LeafSystem):
         )
 
     def _update_state(self, context, state):
-        state.get_mutable_abstract_state(int(self._state)).set_value(self._result.Eval(context))
+        state.get_mutable_abstract_state(int(self._state)).set_value(self._recall(context))
 
 
 def detect(

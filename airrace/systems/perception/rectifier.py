@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.framework import LeafSystem
 from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.common.immutable import read_only
 from airrace.rendering.imaging.lens import PixelMap
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import CameraInfo
 

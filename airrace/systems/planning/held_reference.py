@@ -1,8 +1,7 @@
 """Carries the explorer's reference on to the present."""
 
-from pydrake.systems.framework import LeafSystem
-
 from airrace.common.jit import compiled
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 

@@ -1,8 +1,8 @@
 """Turns the plan in force into the controller's reference."""
 
 from pydrake.common.value import Value
-from pydrake.systems.framework import LeafSystem
 
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.ports import read_vector
 from airrace.systems.types import LAND

@@ -7,11 +7,11 @@ from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import compiled
 from airrace.math.quaternion import rotation_matrix
 from airrace.math.vec3 import dot, rotate
+from airrace.systems.leaf_system import LeafSystem
 from airrace.vehicle import Vehicle
 from airrace.vehicle.state import as_plant_state
 

@@ -4,9 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from airrace.math.random import make_generator
+from airrace.systems.leaf_system import LeafSystem
 from airrace.track import Track
 from airrace.track.gate_opening import GateOpening
 from airrace.vehicle.state import as_plant_state

@@ -3,9 +3,10 @@
 from collections.abc import Iterable
 
 import numpy as np
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 
 from airrace.common.jit import compiled
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import Vehicle
 from airrace.vehicle.rotors import RotorDynamics, as_rotor_status, make_rotor_dynamics, next_speed

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from airrace.math.random import NoiseSequence, make_generator
+from airrace.systems.leaf_system import LeafSystem
 from airrace.vehicle.disturbances import WindConfig
 
 PERIOD = 0.01  # s, between two values

@@ -10,11 +10,12 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
 from pydrake.geometry import QueryObject
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.rendering.imaging.camera_effects import ImagingChain
 from airrace.rendering.imaging.motion_blur import MeanPicture, moved
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.sensing.state_estimate import plant_lead
 from airrace.systems.types import CameraInfo

@@ -6,8 +6,8 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import QueryObject
 from pydrake.multibody.plant import ContactResults
-from pydrake.systems.framework import LeafSystem
 
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.referee import TAKE_OFF, nearest_name
 from airrace.vehicle.state import STATE_SIZE, as_plant_state

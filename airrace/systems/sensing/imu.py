@@ -5,12 +5,12 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
 
 from airrace.common.jit import assign, compilable, compiled
 from airrace.math.quaternion import integrate, rotation_between, rotation_matrix
 from airrace.math.random import NoiseSequence
 from airrace.math.vec3 import cross, dot, rotate
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.sensing.imu_samples import IMU_ROW, NO_SAMPLES
 from airrace.systems.sensing.state_estimate import plant_lead

@@ -2,10 +2,9 @@
 
 import math
 
-from pydrake.systems.framework import LeafSystem
-
 from airrace.common.jit import assign, compiled
 from airrace.math.random import NoiseSequence
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.sensing.pose_history import moved
 from airrace.vehicle.state import STATE_SIZE, as_state

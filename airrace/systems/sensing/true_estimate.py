@@ -1,7 +1,6 @@
 """The truth in the form of a state estimate."""
 
-from pydrake.systems.framework import LeafSystem
-
+from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle.state import STATE_SIZE
 

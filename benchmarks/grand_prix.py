@@ -1,0 +1,217 @@
+"""Holds `airrace grand-prix` to what its documentation promises, over UDP on this computer.
+
+    python -m benchmarks.grand_prix [--only rates soak ...] [--json FILE]
+
+rates       how often each message comes, of simulated time, beside docs/grand_prix.md
+soak        minutes with pictures: what got lost on the way, and whether memory grows
+malformed   20,000 bad datagrams around a good client: the race must be the same to the last bit
+courses     a client on generated courses: whether it finishes
+reset       a hundred resets in a row: whether memory grows
+mavsdk      whether MAVSDK connects, reads the IMU and arms
+
+The client hovers, but for courses, where --client names a program that is started with
+--mavlink PORT --pictures PORT. Where time is simulated step by step, the figures are the same on
+every machine; a soak in real time needs one without other work.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+from benchmarks import grand_prix_parts as parts
+from benchmarks import harness
+from benchmarks.peers import environments as env
+
+_RATE_ERROR = 0.02  # of the promised rate, at most
+_GROWTH = 10.0  # MB, by which memory may grow between the first minute and the last
+_GROWTH_PER_RESET = 0.1  # MB
+_UNREAD = 62  # commands that may come after the race has ended
+_PARTS = {
+    "rates": parts.rates,
+    "soak": parts.soak,
+    "malformed": parts.malformed,
+    "courses": parts.courses,
+    "reset": parts.reset,
+    "mavsdk": parts.mavsdk,
+}
+
+
+def main(argv=None) -> int:
+    """Runs the parts and prints their tables; exit code 1 if a promise is broken."""
+    parser = harness.make_parser(__doc__)
+    parser.add_argument(
+        "--only", nargs="+", choices=_PARTS, default=list(_PARTS), help="(default: all)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of noise and courses (default: 0)")
+    parser.add_argument(
+        "--record", choices=("none", "light", "full"), default="full", help="in soak and reset"
+    )
+    soak = parser.add_argument_group("soak")
+    soak.add_argument("--seconds", type=harness.count, default=600, help="(default: 600)")
+    soak.add_argument("--realtime_rate", type=float, default=1.0, help="(default: 1)")
+    soak.add_argument("--step", action="store_true", help="in the place of real time")
+    noise = parser.add_argument_group("malformed")
+    noise.add_argument("--datagrams", type=harness.count, default=20000, help="(default: 20000)")
+    courses = parser.add_argument_group("courses")
+    courses.add_argument("--tracks", type=harness.count, default=20, help="(default: 20)")
+    courses.add_argument(
+        "--client",
+        type=Path,
+        default=parts.ROOT / "examples" / "grand_prix_pilot.py",
+        help="program that flies (default: examples/grand_prix_pilot.py)",
+    )
+    courses.add_argument("--vq", type=int, choices=(1, 2), default=2, help="(default: 2)")
+    courses.add_argument("--time_limit", type=float, default=480.0, help="s (default: 480)")
+    courses.add_argument(
+        "--courses_rate", type=float, help="realtime rate (default: in steps, with --step)"
+    )
+    resets = parser.add_argument_group("reset")
+    resets.add_argument("--resets", type=harness.count, default=100, help="(default: 100)")
+    sdk = parser.add_argument_group("mavsdk")
+    sdk.add_argument("--install", action="store_true", help="install MAVSDK if need be")
+    env.add_folder(sdk)
+    return harness.run(parser, argv, measure, show)
+
+
+def measure(args: argparse.Namespace) -> dict:
+    """Returns what each part measured; of one that could not be measured, why."""
+    results: dict = {}
+    for name in args.only:
+        try:
+            results[name] = _PARTS[name](args)
+        except env.PeerError as e:
+            results[name] = {"failure": str(e)}
+    return results
+
+
+def show(results: dict) -> tuple[list, bool]:
+    """Returns the tables, and whether all promises are kept."""
+    tables, passed = [], True
+    for name, result in results.items():
+        if "failure" in result:
+            tables.append(f"{name}: {result['failure']}.")
+            passed = False
+            continue
+        more, kept = _SHOW[name](result)
+        tables += more
+        passed = passed and kept
+        if not kept:
+            tables.append(f"{name}: a promise is broken.")
+    return tables, passed
+
+
+def show_rates(rows):
+    """Returns the table of the rates, and whether they are those of the docs."""
+    for row in rows:
+        row["off"] = row["rate"] / row["promised"] - 1.0
+    columns = {
+        "message": "{kind}",
+        "promised (Hz)": "{promised:g}",
+        "measured (Hz)": "{rate:.2f}",
+        "off (%)": lambda row: f"{100 * row['off']:+.2f}",
+        "messages": "{count}",
+    }
+    title = "Rates, in simulated time (to be within 2 %)"
+    kept = all(abs(row["off"]) <= _RATE_ERROR for row in rows)  # False of NaN
+    return [harness.make_table(title, rows, columns)], bool(rows) and kept
+
+
+def show_soak(result):
+    """Returns the table of a soak, and whether nothing was lost and memory did not grow."""
+    (sent, heard, gaps), (out, came) = result["messages"], result["picture_datagrams"]
+    whole, missing, broken = result["pictures"]
+    told, read = result["commands"]
+    early, late = result["rss_mb"]
+    figures = {
+        "simulated (s)": result["simulated_s"],
+        "pace; speed, x real time": f"{result['pace']}; {result['speed']:.2f}",
+        "MAVLink messages sent, heard": f"{sent}, {heard}",
+        "missing by their numbers": gaps,
+        "datagrams of pictures sent, heard": f"{out}, {came}",
+        "pictures whole, missing, broken": f"{whole}, {missing}, {broken}",
+        "client's messages sent, read before the end": f"{told}, {read}",
+        "steps without an answer": result["unanswered"],
+        "memory after a minute, at the end (MB)": f"{early:.1f}, {late:.1f}",
+        f"recorded, {result['record']} (MB)": result["recorded_mb"],
+    }
+    lossless = sent == heard and out == came and not (gaps or missing or broken)
+    kept = lossless and 0 <= told - read <= _UNREAD and late - early <= _GROWTH
+    return [harness.make_list("Minutes with pictures", figures), f"end: {result['end']}"], kept
+
+
+def show_malformed(result):
+    """Returns the table of the noise, and whether it did nothing but count."""
+    rows = [
+        {"kind": kind, "sent": sent, "by": " or ".join(parts.KINDS[kind]) or "nobody reads it"}
+        for kind, sent in result["noise"].items()
+    ]
+    columns = {"datagrams": "{kind}", "sent": "{sent}", "counted as": "{by}"}
+    counted = ", ".join(f"{name} {count}" for name, count in result["counts"].items())
+    same = {
+        "race.json": result["same_race"],
+        "messages": result["same_messages"],
+        "pictures": result["same_pictures"],
+    }
+    words = ", ".join(f"{name} {'yes' if yes else 'no'}" for name, yes in same.items())
+    title = f"{result['datagrams']} bad datagrams around a client in steps"
+    lines = [f"counters: {counted}", f"the same to the last bit as without them: {words}"]
+    return [harness.make_table(title, rows, columns), *lines], (
+        all(same.values()) and result["counted"] and not result["unanswered"]
+    )
+
+
+def show_courses(rows):
+    """Returns the table of the courses; one that is not finished is a result, too."""
+    columns = {
+        "seed": "{seed}",
+        "finished": "{finished}",
+        "gates": "{gates_passed} of {gates}",
+        "time (s)": "{time_s:.2f}",
+        "top speed (m/s)": "{max_speed:.1f}",
+        "contacts": "{collisions}",
+        "wall (s)": "{wall_s:.0f}",
+        "unanswered": "{unanswered}",
+        "why not": lambda row: row["client"] or row["dnf_reason"] or "",
+    }
+    finished = sum(row["finished"] for row in rows)
+    title = f"Generated courses: finished {finished} of {len(rows)}"
+    return [harness.make_table(title, rows, columns)], True
+
+
+def show_reset(rows):
+    """Returns the table of the memory, and whether it does not grow with each reset."""
+    for before, row in zip([None, *rows], rows):
+        between = row["resets"] - before["resets"] if before else 0
+        row["each"] = (row["rss_mb"] - before["rss_mb"]) / between if between else None
+    columns = {
+        "resets": "{resets}",
+        "memory (MB)": "{rss_mb:.1f}",
+        "growth by a reset (MB)": "{each:.3f}",
+    }
+    # The first ones also have costs of the first time.
+    late = [row for row in rows if row["resets"] > 10]
+    kept = all(row["each"] <= _GROWTH_PER_RESET for row in late)
+    return [harness.make_table("Resets in a row", rows, columns)], kept
+
+
+def show_mavsdk(result):
+    """Returns the list of the steps, and whether it connected, read the IMU and armed."""
+    steps = result["steps"]
+    figures = {name: str(value) for name, value in steps.items()}
+    figures["the race has started"] = "yes" if result["started"] else "no"
+    kept = steps["connects"] and steps.get("imu_in_10_s", False) and result["started"]
+    return [harness.make_list("MAVSDK as it is", figures)], kept
+
+
+_SHOW = {
+    "rates": show_rates,
+    "soak": show_soak,
+    "malformed": show_malformed,
+    "courses": show_courses,
+    "reset": show_reset,
+    "mavsdk": show_mavsdk,
+}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,87 @@
+"""A client of `airrace grand-prix` on MAVSDK, in an environment that has it.
+
+    python benchmarks/grand_prix_mavsdk.py PORT
+
+It connects, reads the IMU, arms and takes off by its set-points, and prints what became of that
+as JSON, one line.
+"""
+
+import json
+import sys
+import threading
+import time
+
+import mavsdk
+from mavsdk.plugins.action import Action
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkMessage
+from mavsdk.plugins.offboard import Offboard, VelocityNedYaw
+from mavsdk.plugins.telemetry import Telemetry
+
+_PATIENCE = 120.0  # s, until the simulator is there
+
+
+def main(port: int) -> dict:
+    """Returns what became of each step."""
+    steps = {"version": mavsdk.__version__}
+    component = mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION)
+    with mavsdk.Mavsdk(component) as sdk:
+        result = sdk.add_any_connection(f"udpin://127.0.0.1:{port}")
+        steps["listens"] = result.name
+        began = time.monotonic()
+        system = sdk.first_autopilot(_PATIENCE)
+        if system is None:
+            # What there is, if it does not pass for an autopilot.
+            steps["systems"] = [each.component_ids() for each in sdk.get_systems()]
+            return steps | {"connects": False}
+        steps |= {"connects": True, "after_s": time.monotonic() - began}
+        steps["autopilot"] = system.autopilot_type().name
+        steps["vehicle"] = system.vehicle_type().name
+        _use(system, steps)
+    return steps
+
+
+def _use(system, steps):
+    telemetry, action = Telemetry(system), Action(system)
+    seen, enough = [], threading.Event()
+
+    def see(imu, _):
+        seen.append(imu)
+        if len(seen) >= 62:
+            enough.set()
+
+    telemetry.subscribe_imu(see)
+    steps["imu_in_10_s"] = enough.wait(10.0)
+    steps["imu_messages"] = len(seen)
+    if seen:
+        force = seen[-1].acceleration_frd
+        steps["imu_m_s2"] = [force.forward_m_s2, force.right_m_s2, force.down_m_s2]
+    steps["arms"] = _tried(action.arm)
+    time.sleep(1.0)
+    steps["armed_in_telemetry"] = bool(telemetry.armed())
+    offboard = Offboard(system)
+    climb = VelocityNedYaw(0.0, 0.0, -1.0, 0.0)
+    steps["offboard_setpoint"] = _tried(lambda: offboard.set_velocity_ned(climb))
+    steps["offboard_starts"] = _tried(offboard.start)
+    direct = MavlinkDirect(system)
+    fields = dict(
+        time_boot_ms=0, target_system=1, target_component=1, coordinate_frame=1, type_mask=3527,
+        x=0.0, y=0.0, z=0.0, vx=0.0, vy=0.0, vz=-1.0, afx=0.0, afy=0.0, afz=0.0,
+        yaw=0.0, yaw_rate=0.0,
+    )  # fmt: skip
+    message = MavlinkMessage("SET_POSITION_TARGET_LOCAL_NED", 245, 190, 1, 1, json.dumps(fields))
+    for _ in range(60):
+        steps["direct_setpoint"] = _tried(lambda: direct.send_message(message))
+        time.sleep(0.05)
+
+
+def _tried(call):
+    """Returns how a call ended, as words."""
+    try:
+        result = call()
+    except Exception as e:  # each plugin has errors of its own
+        return f"{type(e).__name__}: {e}"
+    return getattr(result, "name", "done")
+
+
+if __name__ == "__main__":
+    print(json.dumps(main(int(sys.argv[1]))))

@@ -73,7 +73,7 @@ class Job:
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("moves", [False, True])
 def test_a_planner_waits_without_blocking(late, moves):
-    bench = Bench("3")
+    bench = Bench("3", update="always")  # also on the same map
     jobs = []
 
     def submit(asked):

@@ -83,7 +83,7 @@ class LapPlanner(LeafSystem):
     that comes too late is not flown; the next one is asked for earlier.
 
     **When is there no new plan?** If the search finds none, or refuses it since the old plan is
-    quicker (see plan_lap()), or if the same problem was solved before. Then the old lap is
+    no slower (see plan_lap()), or if the same problem was solved before. Then the old lap is
     flown again. Before the first plan, the search is repeated when the map has changed. With the
     scenario's ``update: always``, nothing is refused: each lap that a plan is found for has
     one of its own.

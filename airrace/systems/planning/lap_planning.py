@@ -14,6 +14,7 @@ from airrace.trajopt.feasibility import check_flight, sample_times
 from airrace.trajopt.min_snap.circuit import Circuit
 
 _WORSE = 0.01  # of the bound, by which a plan from the lap before may fall behind that lap
+_LEAST_GAIN = 1e-6  # s: durations are no more exact, so less is no reason for another plan
 
 
 def plan_lap(problem: LapProblem) -> LapPlan | None:
@@ -21,7 +22,7 @@ def plan_lap(problem: LapProblem) -> LapPlan | None:
 
     The same problem gives the same plan, but for the time that it took. There is none
     if no lap, or no transition onto it, was found. Unless the problem says ``always``, a new
-    plan is refused if the old one is quicker and still leads through the gates as they are
+    plan is refused if the old one is no slower and still leads through the gates as they are
     known now.
     """
     clock = wall_clock.perf_counter()
@@ -81,7 +82,7 @@ def _best_lap(
         with contextlib.suppress(TrajectoryOptimizationError):
             found.append(laps.lap(None))
     best = min(found, key=lambda lap: lap.duration, default=None)
-    is_worse = best is not None and best.duration > old.circuit.duration
-    if is_worse and not always and laps.fits(old.circuit):
-        return None, bound
-    return best, bound
+    if best is None or always:
+        return best, bound
+    gain = old.circuit.duration - best.duration
+    return (None if gain < _LEAST_GAIN and laps.fits(old.circuit) else best), bound

@@ -119,14 +119,14 @@ def test_optimal_laps_are_faster_and_within_the_limits_and_followed_by_the_next(
 
 def test_ticks_at_which_nothing_happens_change_nothing():
     """To Drake, every other update changes all that any system computes."""
-    bench = Bench(laps=2)
+    bench = Bench(laps=2, update="always")
     plans, _ = bench.follow(until=100.0, every=0.5)
     # Each plan is found, and comes into force.
     assert bench.simulator.get_num_unrestricted_updates() == 2 * len(plans) == 4
 
 
 def test_no_plan_for_after_the_race():
-    bench = Bench(laps=2)
+    bench = Bench(laps=2, update="always")
     plans, _ = bench.follow(until=100.0, every=0.5)
     assert [plan.lap for plan in plans] == [1, 2] and len(bench.problems) == 2
 
@@ -146,7 +146,7 @@ def test_no_plan_before_the_exploration_is_done():
 @settings(max_examples=6)
 @given(st.floats(0.01, 2.0), st.floats(2.0, 50.0))
 def test_plans_come_into_force_exactly_one_latency_later(latency, rate):
-    bench = Bench(latency=latency, rate=rate)
+    bench = Bench(latency=latency, rate=rate, update="always")
     assert bench.plan_at(latency - 1e-6) is NO_PLAN
     first = bench.plan_at(latency + 1e-6)
     assert first.start_time == pytest.approx(latency, abs=1e-12)
@@ -203,7 +203,7 @@ def test_a_plan_a_lap_from_the_map_as_it_then_stands(dimensions):
 @pytest.mark.parametrize("x", [-30, -60, -100, -400])
 def test_an_entry_is_not_replanned(x):
     """Not even one longer than a lap: only the lap behind it has a last gate."""
-    bench = Bench()
+    bench = Bench(update="always")
     bench.planner.GetInputPort("exploration_reference").FixValue(
         bench.context, hold([x, 0, 5], 0.0)
     )

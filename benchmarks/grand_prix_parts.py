@@ -20,8 +20,6 @@ from benchmarks.peers import environments as env
 
 ROOT = Path(__file__).parents[1]
 MAVSDK = "mavsdk == 4.1.0"
-RATE_SECONDS = 30.0  # s, of simulated time
-NOISE_SECONDS = 25.0
 _QUIET_SECONDS = 2.0  # s, before the noise begins, with a margin
 _IMU_RATE = 62.0  # Hz
 _WARM = 60.0  # s of simulated time, after which memory must be flat
@@ -35,7 +33,7 @@ def rates(args) -> list:
     """Returns a row for each kind of message: its rate, and the one that the docs promise."""
     with tempfile.TemporaryDirectory() as folder, Client() as client:
         options = ("--step", "--vq", 1, "--record", "none")
-        with Simulation(Path(folder), client.ports, *options, time_limit=RATE_SECONDS) as sim:
+        with Simulation(Path(folder), client.ports, *options, time_limit=args.rate_seconds) as sim:
             serve(sim, client)
         kinds = client.end().kinds
     return [
@@ -93,14 +91,14 @@ def soak(args) -> dict:
 
 def malformed(args) -> dict:
     """Returns whether a race is the same beside bad datagrams, and what counted them."""
-    steps = _IMU_RATE * (NOISE_SECONDS - _QUIET_SECONDS)
+    steps = _IMU_RATE * max(args.noise_seconds - _QUIET_SECONDS, 1.0)
     per_step = math.ceil(args.datagrams / steps)
     races, hashes, counts, noise = [], [], {}, {}
     for datagrams in (0, args.datagrams):
-        client = NoisyClient(datagrams, per_step, args.seed, hash_until=NOISE_SECONDS)
+        client = NoisyClient(datagrams, per_step, args.seed, hash_until=args.noise_seconds)
         with tempfile.TemporaryDirectory() as folder, client:
             options = ("--step", "--vq", 1, "--record", "none", "--seed", args.seed)
-            limit = NOISE_SECONDS + 1.0
+            limit = args.noise_seconds + 1.0
             with Simulation(Path(folder), client.ports, *options, time_limit=limit) as sim:
                 serve(sim, client)
                 race = sim.result()
@@ -210,7 +208,7 @@ class Resetter(Client):
 
 def reset(args) -> list:
     """Returns the memory after so many resets, as rows."""
-    wanted = sorted({0, 1, 10, args.resets // 2, args.resets})
+    wanted = sorted({0, 1, min(10, args.resets), args.resets // 2, args.resets})
     rows: list = []
     with tempfile.TemporaryDirectory() as folder, Resetter() as client:
         options = ("--step", "--record", args.record, "--runs", 1)
@@ -240,7 +238,7 @@ def mavsdk(args) -> dict:
     with tempfile.TemporaryDirectory() as name, Client() as free:
         ports = free.ports
         free.__exit__()
-        with Simulation(Path(name), ports, "--record", "none", time_limit=60.0) as sim:
+        with Simulation(Path(name), ports, "--vq", 1, "--record", "none", time_limit=60.0) as sim:
             done = subprocess.run(
                 [python, str(Path(__file__).parent / "grand_prix_mavsdk.py"), str(ports[0])],
                 capture_output=True,

@@ -169,6 +169,32 @@ def test_speed_is_the_median_of_races(run):
 
 
 @pytest.mark.slow
+def test_the_interface_of_clients_is_held_to_its_promises(run):
+    """Seconds of what takes minutes, with a client that hovers."""
+    options = ("--only", "rates", "soak", "malformed", "courses", "reset", "--record", "none")
+    options += ("--rate_seconds", 4, "--step", "--seconds", 3)
+    options += ("--noise_seconds", 4, "--datagrams", 300, "--resets", 2, "--tracks", 1)
+    options += ("--client", "benchmarks/grand_prix_client.py", "--time_limit", 2)
+    table, figures, _ = run("grand_prix", *options)
+    assert [row[0] for row in rows_of(table, "HIGHRES_IMU")] == ["62"]
+    assert len(figures["rates"]) == 10
+    sent, heard, gaps = figures["soak"]["messages"]
+    assert sent == heard > 1000 and gaps == 0 and figures["soak"]["pictures"][1:] == [0, 0]
+    assert sum(figures["malformed"]["noise"].values()) == 300
+    (row,) = figures["courses"]
+    assert (row["dnf_reason"], row["gates_passed"], row["client"]) == ("ran out of time", 0, None)
+    assert rows_of(table, "0")[0][0] == "no"
+    assert [row["resets"] for row in figures["reset"]] == [0, 1, 2]
+
+
+@pytest.mark.slow
+def test_a_client_that_is_not_installed_is_named(run, tmp_path):
+    options = ("--only", "mavsdk", "--folder", tmp_path)
+    _, figures, text = run("grand_prix", *options, code=1)
+    assert "mavsdk == " in figures["mavsdk"]["failure"] and "add --install" in text
+
+
+@pytest.mark.slow
 def test_the_times_of_the_boxes_add_up(run):
     table, figures, _ = run("race_speed", "--scenario_text", SHORT, "--profile", code=1)
     phase = figures["runs"][0]["phases"]["exploration"]

@@ -13,7 +13,7 @@ from airrace.math.quaternion import rotation_matrix
 from airrace.math.random import make_generator
 from airrace.mavlink import telemetry
 from airrace.mavlink.client_link import ClientLink
-from airrace.mavlink.commands import ARM, RESET, SETPOINTS, RefusedError, setpoint_of
+from airrace.mavlink.commands import ARM, RESET, SET_MODE, SETPOINTS, RefusedError, setpoint_of
 from airrace.mavlink.frames import ned_state
 from airrace.mavlink.picture_stream import datagrams, encode
 from airrace.mavlink.telemetry import Clock
@@ -294,14 +294,14 @@ class MavlinkBridge(LeafSystem):
 
     def _command(self, context, discrete_state, message):
         result = mavlink.MAV_RESULT_ACCEPTED
-        if message.command not in (ARM, RESET):
+        if message.command not in (ARM, RESET, SET_MODE):
             result = mavlink.MAV_RESULT_UNSUPPORTED
         elif message.command == ARM and message.param1 not in (0.0, 1.0):
             # What is not a number must not disarm a drone that flies.
             result = mavlink.MAV_RESULT_DENIED
             self._link.counts.refused += 1
         self._link.send(telemetry.acknowledgement(message.command, result))
-        if result != mavlink.MAV_RESULT_ACCEPTED:
+        if result != mavlink.MAV_RESULT_ACCEPTED or message.command == SET_MODE:
             return
         if message.command == RESET:
             self.reset_wanted = True

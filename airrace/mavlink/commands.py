@@ -23,6 +23,7 @@ from airrace.systems.control.setpoint import (
 
 RESET = 31000  # MAV_CMD_USER_1: resets the simulation
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+SET_MODE = mavlink.MAV_CMD_DO_SET_MODE  # set-points are followed in every mode
 SETPOINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_ACTUATOR_CONTROL_TARGET")
 _IGNORE_ATTITUDE = mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
 _IGNORE_POSITION = (

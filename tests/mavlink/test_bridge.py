@@ -196,6 +196,13 @@ class TestCommands:
         session.fly(0.01)
         assert link.counts.refused == 5 and link.of("COMMAND_ACK")[-1].result == 2  # denied
         assert session.bridge.armed(session.bridge_context)
+        # A mode is one thing that libraries ask for; it changes nothing.
+        wanted = session.bridge_context.get_discrete_state(0).value().copy()
+        link.say(command(176))
+        session.fly(0.01)
+        ack = link.of("COMMAND_ACK")[-1]
+        assert (ack.command, ack.result) == (176, 0)
+        np.testing.assert_array_equal(session.bridge_context.get_discrete_state(0).value(), wanted)
         # Disarmed, it falls; and unknown commands are none.
         link.say(arm(0.0), command(999))
         session.fly(0.2)

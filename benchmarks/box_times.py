@@ -2,12 +2,15 @@
 
 import contextlib
 import functools
+import itertools
 import pkgutil
 import time
 from collections import Counter
 from unittest import mock
 
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems import framework
+
+from airrace.systems.leaf_system import LeafSystem
 
 # Every method of LeafSystem that takes callbacks.
 _DECLARATIONS = [
@@ -46,9 +49,10 @@ class BoxTimes:
             parts: more functions, "module.name" or "module.Class.name", to their rows.
         """
         with contextlib.ExitStack() as stack:
-            for name in _DECLARATIONS:
-                method = self._measured_declaration(getattr(LeafSystem, name))
-                stack.enter_context(mock.patch.object(LeafSystem, name, method))
+            # Boxes of airrace's LeafSystem, and others that are Drake's.
+            for kind, name in itertools.product((LeafSystem, framework.LeafSystem), _DECLARATIONS):
+                method = self._measured_declaration(getattr(kind, name))
+                stack.enter_context(mock.patch.object(kind, name, method))
             for path, row in parts.items():
                 function = self._measured(row, pkgutil.resolve_name(path))
                 stack.enter_context(mock.patch(path, function))

@@ -1,4 +1,7 @@
-"""Starts the tiny autonomy of fake_checkout.py, and follows what it prints."""
+"""Starts the tiny autonomy of fake_checkout.py, and follows what it prints.
+
+It takes a second or two; a machine that is busy may need more than ten.
+"""
 
 import time
 
@@ -9,11 +12,11 @@ from airrace.hitl.companion import READY
 class Log(list):
     """The lines of an autonomy that is polled."""
 
-    def wait(self, autonomy, line, timeout=10.0):
+    def wait(self, autonomy, line, timeout=60.0):
         """Polls until a line has come."""
         self.until(autonomy, lambda: line in self, timeout)
 
-    def end(self, autonomy, timeout=10.0):
+    def end(self, autonomy, timeout=60.0):
         """Polls until the autonomy has ended; returns its exit code."""
         self.until(autonomy, lambda: autonomy.poll() is not None, timeout)
         return autonomy.poll()

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Tests: sets up .venv beside this file when needed, then runs pytest with the
-# options given, by default in three processes (-n 0 for one, to debug).
+# options given, by default in two processes (-n 0 for one, to debug).
 set -euo pipefail
 source "$(dirname "$(readlink -f "$0")")/tools/setup.bash"
 
@@ -31,8 +31,7 @@ for option in "$@"; do
     -n* | --numprocesses* | --pdb | --trace) processes=chosen ;;
   esac
 done
-# Two cores have work for three: many tests wait for another process, or for the clock.
-[ -n "${processes:-}" ] || set -- -n 3 --dist worksteal "$@"
+[ -n "${processes:-}" ] || set -- -n 2 --dist worksteal "$@"
 
 cd "$root"
 exec "$venv/bin/python" -m pytest "$@"

@@ -1,5 +1,6 @@
 """Every script of examples/ does what its first lines say, wherever it is called."""
 
+import json
 import os
 import re
 import subprocess
@@ -10,14 +11,46 @@ import numpy as np
 import pytest
 
 import airrace
+from airrace.commands.track import to_yaml
 from airrace.common.resources import models_path
 from airrace.systems.control.policy_network import load_policy
+from airrace.track.square_generator import generate_square_track
 from airrace.vehicle import load_vehicle
+from tests.worlds.mavlink_client import UdpClient
 
 ROOT = models_path().parent
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
 NUMBER = r"(\d+\.\d+)"
+LINES = {"train_pilot": 250, "grand_prix_pilot": 200}  # at most; of all others, 80
 LAP_ERRORS = rf"(?m)^[1-9] +{NUMBER} +{NUMBER} +{NUMBER}$"
+
+
+def start(*words, folder) -> subprocess.Popen:
+    """Starts Python with arguments in a folder."""
+    return subprocess.Popen(
+        [sys.executable, *map(str, words)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def output_of(process) -> str:
+    """Waits for the end of a process, which must be a good one; returns its output."""
+    try:
+        out, err = process.communicate(timeout=600)
+    finally:
+        process.kill()
+    assert process.returncode == 0, err
+    assert "Traceback" not in err and "Warning" not in err
+    return out
+
+
+def script(name) -> Path:
+    """Returns a script of examples/; name: without .py."""
+    return ROOT / "examples" / f"{name}.py"
 
 
 def run(name, folder, *words) -> str:
@@ -28,20 +61,11 @@ def run(name, folder, *words) -> str:
         folder: the working directory.
         words: arguments of the script.
     """
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / f"{name}.py"), *map(str, words)],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr and "Warning" not in done.stderr
+    out = output_of(start(script(name), *words, folder=folder))
     picture = folder / f"{name}.png"
-    assert done.stdout.endswith(f"Picture: {picture}\n")
+    assert out.endswith(f"Picture: {picture}\n")
     assert picture.read_bytes().startswith(b"\x89PNG")
-    return done.stdout
+    return out
 
 
 def numbers(pattern: str, text: str) -> np.ndarray:
@@ -65,13 +89,13 @@ def folder(tmp_path):
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
 def test_a_script_is_short_and_says_how_it_is_run(path):
     lines = path.read_text(encoding="utf-8").splitlines()
-    assert len(lines) <= (250 if path.stem == "train_pilot" else 80)
+    assert len(lines) <= LINES.get(path.stem, 80)
     assert f"    .venv/bin/python examples/{path.name}" in "\n".join(lines[:4])
 
 
 def test_every_script_is_run_here():
     text = Path(__file__).read_text(encoding="utf-8")
-    assert {path.stem for path in SCRIPTS} == set(re.findall(r'run\("(\w+)", folder', text))
+    assert {path.stem for path in SCRIPTS} == set(re.findall(r'(?:run|script)\("(\w+)"', text))
 
 
 @pytest.mark.slow
@@ -160,3 +184,28 @@ def test_train_pilot(folder):
     second = load_policy(folder / "pilot.npz", load_vehicle("Default")[0])
     assert "--resume" in second.made_by
     assert 0.0 < np.abs(second.weights[0] - first.weights[0]).max() < 0.1
+
+
+@pytest.mark.slow
+def test_a_client_of_the_grand_prix(folder):
+    """It flies through a short course, step by step, and touches nothing."""
+    course = folder / "course.yaml"
+    course.write_text(to_yaml(generate_square_track(0, 3), "three gates"), encoding="utf-8")
+    with UdpClient() as client:
+        port, pictures = client.ports  # free ones, once it is closed
+    simulator = start(
+        "-m", "airrace", "grand-prix", "--step", "--track", course, "--output", "out",
+        "--client", f"127.0.0.1:{port}", "--picture_port", pictures, "--no-meshcat",
+        "--record", "none", folder=folder,
+    )  # fmt: skip
+    pilot = start(
+        script("grand_prix_pilot"), "--mavlink", port, "--pictures", pictures, folder=folder
+    )
+    try:
+        assert "3 of 3 gates" in output_of(simulator)
+        assert "Finished: gate 3 at " in output_of(pilot)
+    finally:
+        pilot.kill()
+    race = json.loads((folder / "out" / "race.json").read_text(encoding="utf-8"))
+    assert race["finished"] and race["collisions"] == {"gate": 0, "environment": 0}
+    assert max(race["gate_offsets_m"]) < 0.4

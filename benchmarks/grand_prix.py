@@ -18,6 +18,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from airrace.common.interrupts import sigterm_as_ctrl_c
 from benchmarks import grand_prix_parts as parts
 from benchmarks import harness
 from benchmarks.peers import environments as env
@@ -80,11 +81,12 @@ def main(argv=None) -> int:
 def measure(args: argparse.Namespace) -> dict:
     """Returns what each part measured; of one that could not be measured, why."""
     results: dict = {}
-    for name in args.only:
-        try:
-            results[name] = _PARTS[name](args)
-        except env.PeerError as e:
-            results[name] = {"failure": str(e)}
+    with sigterm_as_ctrl_c():  # no simulator is left behind
+        for name in args.only:
+            try:
+                results[name] = _PARTS[name](args)
+            except env.PeerError as e:
+                results[name] = {"failure": str(e)}
     return results
 
 

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 from airrace.commands.track import to_yaml
+from airrace.common.errors import UserError
 from airrace.common.processes import ONE_THREAD, child_environment
 from airrace.track.square_generator import generate_square_track
 from benchmarks import harness
@@ -121,7 +122,13 @@ def malformed(args) -> dict:
 
 
 def courses(args) -> list:
-    """Returns a row for each generated track that a client has flown, or not."""
+    """Returns a row for each generated track that a client has flown, or not.
+
+    Raises:
+        UserError: if there is no such client.
+    """
+    if not args.client.is_file():
+        raise UserError(f"--client: there is no program {args.client}; give the path of one.")
     seeds = range(args.seed, args.seed + args.tracks)
     return [fly_course(args, seed) for seed in harness.progress(seeds, "Courses")]
 

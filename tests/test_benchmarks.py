@@ -217,6 +217,7 @@ def test_the_times_of_the_boxes_add_up(run):
         (["race_speed", "--profile", "--runs", "2"], "--profile"),
         (["race_speed", "--scenario_text", "{laps: x}"], "laps"),
         (["race_speed", "--laps", "0"], "laps"),
+        (["grand_prix", "--only", "courses", "--client", "none.py"], "there is no program none.py"),
         (["tracks", "--json", "nowhere/figures.json"], "nowhere does not exist"),
     ],
     ids=lambda options: " ".join(options) if isinstance(options, list) else "",

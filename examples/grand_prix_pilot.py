@@ -2,7 +2,7 @@
 
     .venv/bin/python examples/grand_prix_pilot.py     # and in another terminal: airrace grand-prix
 
-It knows the specification, and nothing of the simulator. The IMU says how the drone moves, and
+It knows the specification, and nothing of the simulator. A good IMU says how the drone moves, and
 orange squares in pictures where gates are. Each message of the IMU is answered with body rates and
 thrust. Frames: N begins where the drone stands, x forward, y right, z down; B is the drone's, and
 begins as N, but tilted; C is the camera's, x right, y down, z forward. R_NB turns from B to N.

@@ -27,6 +27,7 @@ _WARM = 60.0  # s of simulated time, after which memory must be flat
 _SAMPLES = 10.0  # s of simulated time between two looks at the memory
 _RESET_AFTER = 0.3  # s of simulated time
 _FAREWELL = 10.0  # s, in which a client may end after its race
+_OF_A_COURSE = ("gates", "gates_passed", "finished", "dnf_reason", "time_s", "max_speed")
 _UNTIL_SAID = 30.0  # s, that a client may live on without a simulator
 
 
@@ -137,9 +138,8 @@ def fly_course(args, seed: int) -> dict:
     """Lets the client of --client fly the track of a seed; returns a row."""
     track = generate_square_track(seed, None)
     pace = ("--realtime_rate", args.courses_rate) if args.courses_rate else ("--step",)
-    with tempfile.TemporaryDirectory() as name, Client() as free:
-        folder, ports = Path(name), free.ports
-        free.__exit__()  # the ports are for the client
+    with tempfile.TemporaryDirectory() as name:
+        folder, ports = Path(name), _free_ports()
         (folder / "track.yaml").write_text(to_yaml(track, f"seed {seed}"))
         options = (*pace, "--track", folder / "track.yaml", "--vq", args.vq, "--record", "none")
         with (
@@ -175,7 +175,10 @@ def fly_course(args, seed: int) -> dict:
     }
 
 
-_OF_A_COURSE = ("gates", "gates_passed", "finished", "dnf_reason", "time_s", "max_speed")
+def _free_ports():
+    """Returns two ports of loopback, for a client in a process of its own."""
+    with Client() as client:
+        return client.ports
 
 
 def _await_end(sim, client):
@@ -242,9 +245,8 @@ def mavsdk(args) -> dict:
     if args.install:
         env.install(folder, "mavsdk", MAVSDK)
     python = env.python_of(folder, "mavsdk", MAVSDK)
-    with tempfile.TemporaryDirectory() as name, Client() as free:
-        ports = free.ports
-        free.__exit__()
+    ports = _free_ports()
+    with tempfile.TemporaryDirectory() as name:
         with Simulation(Path(name), ports, "--vq", 1, "--record", "none", time_limit=60.0) as sim:
             done = subprocess.run(
                 [python, str(Path(__file__).parent / "grand_prix_mavsdk.py"), str(ports[0])],

@@ -301,11 +301,11 @@ class MavlinkBridge(LeafSystem):
             result = mavlink.MAV_RESULT_DENIED
             self._link.counts.refused += 1
         self._link.send(telemetry.acknowledgement(message.command, result))
-        if result != mavlink.MAV_RESULT_ACCEPTED or message.command == SET_MODE:
+        if result != mavlink.MAV_RESULT_ACCEPTED:
             return
         if message.command == RESET:
             self.reset_wanted = True
-        else:
+        elif message.command == ARM:
             setpoint = discrete_state.get_mutable_value(self._setpoint)
             wanted, arms = as_setpoint(setpoint), message.param1 == 1.0
             if arms and not wanted.armed:

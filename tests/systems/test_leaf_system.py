@@ -17,7 +17,7 @@ class Counter(LeafSystem):
 
     def __init__(self):
         LeafSystem.__init__(self)
-        self.published, self._evaluated = 0, 0
+        self.published = 0
         self._count = self.DeclareDiscreteState(1)
         self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.0, self._update)
         self.DeclarePeriodicPublishEvent(period_sec=0.1, offset_sec=0.0, publish=self._publish)

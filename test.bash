@@ -22,6 +22,10 @@ fi
 # the numerical libraries would only wait for one another.
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1
 
+# Byte code is kept, whatever the shell has set: without it, each of the hundreds of processes that
+# tests start would compile all of airrace.
+unset PYTHONDONTWRITEBYTECODE
+
 # Keeps out the packages, and pytest plugins, of whatever the shell has sourced.
 unset PYTHONPATH
 

@@ -70,6 +70,9 @@ def main(argv=None) -> int:
     courses.add_argument(
         "--courses_rate", type=float, help="realtime rate (default: in steps, with --step)"
     )
+    courses.add_argument(
+        "--twice", action="store_true", help="fly each twice: in steps, both must be the same"
+    )
     resets = parser.add_argument_group("reset")
     resets.add_argument("--resets", type=harness.count, default=100, help="(default: 100)")
     sdk = parser.add_argument_group("mavsdk")
@@ -166,7 +169,10 @@ def show_malformed(result):
 
 
 def show_courses(rows):
-    """Returns the table of the courses; one that is not finished is a result, too."""
+    """Returns the table of the courses, and whether those flown twice were the same.
+
+    One that is not finished is a result, too.
+    """
     columns = {
         "seed": "{seed}",
         "finished": "{finished}",
@@ -176,11 +182,13 @@ def show_courses(rows):
         "contacts": "{collisions}",
         "wall (s)": "{wall_s:.0f}",
         "unanswered": "{unanswered}",
+        "twice the same": "{same}",
         "why not": lambda row: row["client"] or row["dnf_reason"] or "",
     }
     finished = sum(row["finished"] for row in rows)
     title = f"Generated courses: finished {finished} of {len(rows)}"
-    return [harness.make_table(title, rows, columns)], True
+    kept = all(row["same"] in (None, True) for row in rows)
+    return [harness.make_table(title, rows, columns)], kept
 
 
 def show_reset(rows):

@@ -135,44 +135,57 @@ def courses(args) -> list:
 
 
 def fly_course(args, seed: int) -> dict:
-    """Lets the client of --client fly the track of a seed; returns a row."""
+    """Lets the client of --client fly the track of a seed, twice with --twice; returns a row."""
     track = generate_square_track(seed, None)
     pace = ("--realtime_rate", args.courses_rate) if args.courses_rate else ("--step",)
-    with tempfile.TemporaryDirectory() as name:
-        folder, ports = Path(name), _free_ports()
-        (folder / "track.yaml").write_text(to_yaml(track, f"seed {seed}"))
-        options = (*pace, "--track", folder / "track.yaml", "--vq", args.vq, "--record", "none")
-        with (
-            (folder / "client.txt").open("w") as words,
-            Simulation(folder, ports, *options, time_limit=args.time_limit) as sim,
-        ):
-            pilot = [sys.executable, args.client.absolute()]
-            pilot += ["--mavlink", ports[0], "--pictures", ports[1]]
-            client = subprocess.Popen(
-                list(map(str, pilot)),
-                cwd=folder,
-                env=child_environment() | ONE_THREAD,
-                stdin=subprocess.DEVNULL,
-                stdout=words,
-                stderr=subprocess.STDOUT,
-            )
-            try:
-                _await_end(sim, client)
-            finally:
-                client.kill()
-                code = client.wait()
-            race = sim.result()
-        last = (folder / "client.txt").read_text().splitlines()[-1:] or ["no words"]
-    flown = {key: race[key] for key in _OF_A_COURSE}
-    left = None if race["finished"] or code in (0, -9) else f"client: exit code {code}, {last[0]}"
+    races, left = [], None
+    for _ in range(2 if args.twice else 1):
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            (folder / "track.yaml").write_text(to_yaml(track, f"seed {seed}"))
+            race, words = _fly_client(args, folder, *pace, "--track", folder / "track.yaml")
+        races.append(race)
+        left = left or words
+    race = races[0]
     return {
         "seed": seed,
-        **flown,
+        **{key: race[key] for key in _OF_A_COURSE},
         "collisions": sum(race["collisions"].values()),
         "client": left,
         "wall_s": race["wall"]["seconds"],
         "unanswered": race["wall"]["link"]["unanswered"],
+        "same": repeatable(race) == repeatable(races[1]) if args.twice else None,
     }
+
+
+def _fly_client(args, folder, *options):
+    """Flies a race with the client of --client; returns race.json, and how the client failed."""
+    ports = _free_ports()
+    options += ("--vq", args.vq, "--record", "none")
+    with (
+        (folder / "client.txt").open("w") as words,
+        Simulation(folder, ports, *options, time_limit=args.time_limit) as sim,
+    ):
+        pilot = [sys.executable, args.client.absolute()]
+        pilot += ["--mavlink", ports[0], "--pictures", ports[1]]
+        client = subprocess.Popen(
+            list(map(str, pilot)),
+            cwd=folder,
+            env=child_environment() | ONE_THREAD,
+            stdin=subprocess.DEVNULL,
+            stdout=words,
+            stderr=subprocess.STDOUT,
+        )
+        try:
+            _await_end(sim, client)
+        finally:
+            client.kill()
+            code = client.wait()
+        race = sim.result()
+    if race["finished"] or code in (0, -9):
+        return race, None
+    last = (folder / "client.txt").read_text().splitlines()[-1:] or ["no words"]
+    return race, f"client: exit code {code}, {last[0]}"
 
 
 def _free_ports():

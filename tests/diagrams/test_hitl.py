@@ -257,7 +257,7 @@ def test_bad_input_is_one_sentence(options, sentence, tmp_path):
 @pytest.mark.slow
 def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     """It is killed on its way to gate 1, and another process resumes with its checkpoint."""
-    text = "{camera: {width: 640, height: 360}, referee: {time_limit: 5.5}, link_delay: 0.2}"
+    text = "{camera: {width: 640, height: 360}, referee: {time_limit: 7.5}, link_delay: 0.2}"
     scenario = ["--scenario_text", text.replace("{camera", f"{{track: {hexagon}, laps: 1, camera")]
     first, second = (
         " ".join(
@@ -276,7 +276,7 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
             "--companion",
             "none",
             "--realtime_rate",
-            "0.1",  # so slowly that a busy machine starts the second one in time
+            "0.2",  # so slowly that a busy machine starts the second one in time
             text=text,
         )
     )
@@ -285,7 +285,7 @@ def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
         {first} & first=$!
         {simulation} | tee {tmp_path}/log & race=$!
         until grep -q FLY_TO_GATE {tmp_path}/log 2>/dev/null; do sleep 0.1; done
-        sleep 2; kill -KILL $first; sleep 3
+        sleep 2; kill -KILL $first; sleep 2
         {second}; echo second $?
         wait $race
     """)

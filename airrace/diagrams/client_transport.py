@@ -140,10 +140,13 @@ class ClientTransport(Transport):
             simulator.AdvanceTo(due)
             self._samples += 1
             if self.bridge.imu_messages > told:
-                self._await_command()
+                context = self.bridge.GetMyContextFromRoot(simulator.get_context())
+                # A client that hears of its finish may leave.
+                if not self._await_command() and not self.bridge.finished(context):
+                    self._unanswered += 1
 
     def _await_command(self):
-        """Waits until a command has come; a client that was silent is not waited for again."""
+        """Waits for a command, but not again for a client that was silent; returns if one came."""
         if self.bridge.commands > self._commands:
             self._silent = False
         self._commands = self.bridge.commands
@@ -152,12 +155,11 @@ class ClientTransport(Transport):
             self._link.drain()
             if any(is_command(message) for message in self._link.messages):
                 self._silent = False
-                return
+                return True
             left = limit - wall_clock.monotonic()
             if left <= 0.0:
-                self._unanswered += 1
                 self._silent = True
-                return
+                return False
             self._link.wait(left)
 
     def end(self, simulator: "Simulator") -> None:

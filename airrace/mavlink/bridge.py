@@ -164,6 +164,10 @@ class MavlinkBridge(LeafSystem):
         """Whether the drone is armed; context: of this system."""
         return bool(as_setpoint(self._wanted(context)).armed)
 
+    def finished(self, context: Context) -> bool:
+        """Returns whether the drone has passed its last gate, of which the client hears soon."""
+        return self._referee.Eval(context).finished
+
     def started(self, context: Context) -> float:
         """Returns when it was first armed (s), -1 before; context: of this system."""
         return float(context.get_discrete_state(self._flight).value()[0])

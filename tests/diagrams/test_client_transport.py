@@ -20,6 +20,7 @@ from airrace.diagrams import client_transport
 from airrace.diagrams.client_transport import RESET_BY_CLIENT, ClientTransport
 from airrace.diagrams.grand_prix import fly_attempts
 from airrace.diagrams.race import run_race
+from airrace.mavlink.bridge import MavlinkBridge
 from airrace.mavlink.client_link import Addresses, ClientLink
 from airrace.systems.sensing.contact_sensor import as_contacts
 from tests.worlds import killed_client
@@ -113,6 +114,14 @@ def test_a_client_that_does_not_answer_is_not_waited_for_for_ever(monkeypatch):
     link.say(rates(0.1))
     transport.advance(session.simulator, 3.0)
     assert len(waited) > first
+
+
+def test_a_client_may_leave_after_its_finish(monkeypatch):
+    monkeypatch.setattr(client_transport, "_ANSWER", 0.0)
+    monkeypatch.setattr(MavlinkBridge, "finished", lambda self, context: context.get_time() > 0.5)
+    session = Session(grand_prix(step=True))
+    session.transport.advance(session.simulator, 1.0)
+    assert session.transport.wall(session.simulator)["link"]["unanswered"] == 30
 
 
 def test_a_client_that_sends_two_commands_a_step_is_obeyed():

@@ -209,3 +209,4 @@ def test_a_client_of_the_grand_prix(folder):
     race = json.loads((folder / "out" / "race.json").read_text(encoding="utf-8"))
     assert race["finished"] and race["collisions"] == {"gate": 0, "environment": 0}
     assert max(race["gate_offsets_m"]) < 0.4
+    assert race["wall"]["link"]["unanswered"] == 0

@@ -30,7 +30,11 @@ async def serve(folder: str, home: str, path: str) -> None:
             start_new_session=True,
         )
         await process.redirect(stdin=child.stdin, stdout=child.stdout, stderr=child.stderr)
-        process.exit(await child.wait())
+        code = await child.wait()
+        # What it wrote may still be on its way, and must arrive before the exit code.
+        await process.stdout.drain()
+        await process.stderr.drain()
+        process.exit(code)
 
     await asyncssh.listen(
         "",

@@ -67,11 +67,12 @@ def main(argv=None) -> int:
     )
     courses.add_argument("--vq", type=int, choices=(1, 2), default=2, help="(default: 2)")
     courses.add_argument("--time_limit", type=float, default=480.0, help="s (default: 480)")
-    courses.add_argument(
+    pace = courses.add_mutually_exclusive_group()
+    pace.add_argument(
         "--courses_rate", type=float, help="realtime rate (default: in steps, with --step)"
     )
-    courses.add_argument(
-        "--twice", action="store_true", help="fly each twice: in steps, both must be the same"
+    pace.add_argument(
+        "--twice", action="store_true", help="fly each twice: both must be the same, in steps"
     )
     resets = parser.add_argument_group("reset")
     resets.add_argument("--resets", type=harness.count, default=100, help="(default: 100)")

@@ -26,6 +26,7 @@ HOLD_AFTER, HOVER_AFTER, LAND_AFTER = 0.1, 0.5, 2.0
 FOLLOW, HOLD, HOVER, LAND = range(4)  # modes
 BRAKE = 6.0  # m/s^2, before the hover
 _DESCENT, _LAST_DESCENT = 2.0, 0.5  # m/s, and over the last metre
+_QUICKENING = 0.1  # m/s^2, beneath the ground: whoever is still in the air has a wrong height
 _LOW = 1.0  # m over the ground; from there a landing is finished
 AIRBORNE = 0.4  # m over where it stood
 _BELOW = 3.0  # m under the pad: the rotors idle
@@ -160,7 +161,8 @@ def stopping(m: WatchdogMemory, time: float) -> np.ndarray:
     """Returns the reference of a drone that is left alone, (18,).
 
     It brakes evenly in the direction of flight, stays there, and descends if it is
-    to land.
+    to land. If the ground does not come where it should be, the estimate believes that the drone
+    sinks faster than it does, and more so with time: so it sinks ever faster.
 
     Args:
         m: where it was.
@@ -178,13 +180,17 @@ def stopping(m: WatchdogMemory, time: float) -> np.ndarray:
         reference.velocity[:] = (speed - BRAKE * t) * direction
         reference.acceleration[:] = -BRAKE * direction
     if m.mode == LAND:
-        # Fast down to the last metre, and slowly on, beneath the ground.
+        # Fast down to the last metre, slowly on, and beneath the ground ever faster.
         z, elapsed = reference.position[2], time - m.landing
-        fast = max(z - _LOW, 0.0) / _DESCENT
+        low = min(z, _LOW)
+        fast = (z - low) / _DESCENT
         if elapsed < fast:
             height, rate = z - _DESCENT * elapsed, _DESCENT
         else:
-            height, rate = min(z, _LOW) - _LAST_DESCENT * (elapsed - fast), _LAST_DESCENT
+            slow = elapsed - fast
+            beneath = max(slow - max(low, 0.0) / _LAST_DESCENT, 0.0)
+            height = low - _LAST_DESCENT * slow - _QUICKENING * beneath**2 / 2
+            rate = _LAST_DESCENT + _QUICKENING * beneath
         reference.position[2] = height
         reference.velocity[2] -= rate
     return result

@@ -10,7 +10,7 @@ from airrace.hitl.companion.local import LocalCompanion
 from tests.hitl.companion.test_board import living, wait_for
 
 STUBBORN = "trap '' TERM\nsleep 1000 &\necho worker $!\nwait\n"
-OBEDIENT = "sleep 1000 &\necho worker $!\ntrap 'exit 1' TERM\nwait\n"
+OBEDIENT = "trap 'exit 1' TERM\nsleep 1000 &\necho worker $!\nwait\n"
 
 
 @pytest.mark.parametrize("script, code", [(STUBBORN, -9), (OBEDIENT, 1)])

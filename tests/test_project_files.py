@@ -1,5 +1,6 @@
 """Files beside the code that tools and people read: they parse, and agree with the code."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -56,3 +57,18 @@ def test_what_is_named_is_there(name):
     named = [link for link in links if not link.startswith("https:")]
     named += [word for word in code if word.startswith(folders)]
     assert all((ROOT / path).exists() for path in named)
+
+
+def test_every_extra_that_is_named_is_there():
+    """What pip does not know, it only warns of, and installs nothing."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    folders = [ROOT / name for name in ("airrace", "benchmarks", "docs", "examples", "notebooks")]
+    files = [*ROOT.glob("*.md"), *(path for folder in folders for path in folder.rglob("*.*"))]
+    named = {
+        name
+        for path in files
+        if path.suffix in (".ipynb", ".md", ".py")
+        for names in re.findall(r"install [^\n]*\[([a-z,]+)\]", path.read_text(encoding="utf-8"))
+        for name in names.split(",")
+    }
+    assert {"train", "rl"} <= named <= extras["optional-dependencies"].keys()

@@ -14,6 +14,7 @@ from airrace.math.vec3 import rotate
 from airrace.systems.estimation.gate_projection import GATE, Camera
 from airrace.systems.estimation.kalman_update import (
     Belief,
+    Innovation,
     Sight,
     body_axes,
     relative_covariance,
@@ -25,7 +26,7 @@ from airrace.systems.perception.marker_pose import GATE_SPACING
 
 # What is known of any gate before it is seen: standard deviations about where it seems to be.
 _POSITION_SIGMA, _HEADING_SIGMA, _SPACING_SIGMA = 20.0, 1.0, 1.0  # m, rad, m
-_ITERATIONS = 15
+_FITS, _ITERATIONS = 3, 15
 _LEAST_ADVANTAGE = 9.0  # squared standard deviations by which the other heading must be worse
 _MOST_COST = 60.0  # of eight or sixteen coordinates of corners
 _SAME_HEADING = 0.05  # rad
@@ -148,12 +149,45 @@ def _with_gate(belief: Belief, gate: np.ndarray) -> Belief:
 
 
 @compiled
+def _as_before(fitted: Belief, belief: Belief) -> np.ndarray:
+    """Returns the state of a fit's newest gate that stands before the drone of a belief, (5,).
+
+    From there, the gate is where it is in the fit from the drone of the fit.
+    """
+    gate = fitted.gates[-1].copy()
+    turn = product(body_axes(belief), body_axes(fitted).T)
+    offset = gate[:3] - as_navigation(fitted.navigation).position
+    gate[:3] = as_navigation(belief.navigation).position + rotate(turn, offset)
+    normal = rotate(turn, np.array((math.cos(gate[3]), math.sin(gate[3]), 0.0)))
+    gate[3] = math.atan2(normal[1], normal[0])
+    return gate
+
+
+@compiled
+def _fitted(
+    belief: Belief, seed: np.ndarray, sight: Sight, camera: Camera
+) -> tuple[Belief, Innovation]:
+    """Returns the belief with a gate that was fitted to a sight, and how well it fits.
+
+    From the wrong one of two mirrored poses the attitude goes many degrees astray and comes back.
+    The heading of the world, which no corner shows, does not come back with it, as each
+    iteration carries it on. So the fit is done again from the drone as it was, and a last time
+    for the one in hundreds that goes astray twice.
+    """
+    result, fit = updated(_with_gate(belief, seed), sight, camera, 1.0, _ITERATIONS)
+    for _ in range(_FITS - 1):
+        again = _with_gate(belief, _as_before(result, belief))
+        result, fit = updated(again, sight, camera, 1.0, _ITERATIONS)
+    return result, fit
+
+
+@compiled
 def _best(belief: Belief, seeds: np.ndarray, sight: Sight, camera: Camera) -> tuple[Belief, bool]:
     """Returns the belief with the gate that fits best, and whether that is beyond doubt."""
-    best, fit = updated(_with_gate(belief, seeds[0]), sight, camera, 1.0, _ITERATIONS)
+    best, fit = _fitted(belief, seeds[0], sight, camera)
     cost, other = fit.cost, np.inf
     for k in range(1, len(seeds)):
-        trial, fit = updated(_with_gate(belief, seeds[k]), sight, camera, 1.0, _ITERATIONS)
+        trial, fit = _fitted(belief, seeds[k], sight, camera)
         turn = abs(wrap_angle(trial.gates[-1, 3] - best.gates[-1, 3]))
         if fit.cost < cost:
             best, cost, previous = trial, fit.cost, cost

@@ -155,11 +155,16 @@ class SlamFilter:
         return dc.replace(state, belief=belief, at_rest=False)
 
     def _aligned(self, state: SlamState, rest: Rest, time: float) -> SlamState:
+        """Returns the state of a drone at rest, without gates: each picture enters its own anew.
+
+        So all that was seen at rest counts as one picture. Its gates tell the heading of what
+        follows, which is known best on the pad.
+        """
         quaternion, gyro_bias, accel_bias, P = aligned(rest, self._frame.heading, self._turn_on)
         position = self._frame.position(rotation_matrix(quaternion))
         navigation = Navigation(time, quaternion, position, np.zeros(3), gyro_bias, accel_bias)
         belief = Belief(navigation_vector(navigation), np.zeros((0, GATE)), P)
-        return dc.replace(state, belief=belief, rest=rest)
+        return dc.replace(state, belief=belief, landmarks=(), rest=rest)
 
     def updated(self, state: SlamState, detections: Detections, info: CameraInfo) -> SlamState:
         """Returns the state with the markers of a picture, to whose time it was propagated."""
@@ -178,16 +183,14 @@ class SlamFilter:
                 by_gate.setdefault(marker.id // 4, []).append(marker)
             else:
                 refused[reason] += 1
-        # At rest the drone does not move, and what it sees there will be seen from the air.
-        if not state.at_rest:
-            camera = self._camera(info)
-            for number, markers in sorted(by_gate.items()):
-                index = state.index_of(number)
-                if index is None:
-                    state, why = self._with_new_gate(state, number, markers, camera)
-                else:
-                    state, why = self._with_markers(state, index, markers, camera)
-                refused.update(why)
+        camera = self._camera(info)
+        for number, markers in sorted(by_gate.items()):
+            index = state.index_of(number)
+            if index is None:
+                state, why = self._with_new_gate(state, number, markers, camera)
+            else:
+                state, why = self._with_markers(state, index, markers, camera)
+            refused.update(why)
         in_a_row = state.refused_in_a_row
         if state.innovations:
             fits = any(landmark.seen_at == state.image_time for landmark in state.landmarks)
@@ -210,13 +213,13 @@ class SlamFilter:
             return state, len(markers) * [UNCONFIRMED]
         time, before = state.image_time, state.candidates.get(number)
         candidate = landmarks.agreeing(before, time, belief.gates[-1])
+        candidates: dict[int, Candidate] = state.candidates | {number: candidate}
+        state = dc.replace(state, candidates=candidates)
         if not landmarks.is_confirmed(candidate):
-            candidates: dict[int, Candidate] = state.candidates | {number: candidate}
-            return dc.replace(state, candidates=candidates), len(markers) * [UNCONFIRMED]
+            return state, len(markers) * [UNCONFIRMED]
         counts = {marker.id: 1 for marker in markers}
         known = (*state.landmarks, Landmark(number, counts=counts, seen_at=time))
-        candidates = {k: v for k, v in state.candidates.items() if k != number}
-        return dc.replace(state, belief=belief, landmarks=known, candidates=candidates), []
+        return dc.replace(state, belief=belief, landmarks=known), []
 
     def _with_markers(self, state, index, markers, camera):
         """Returns the state after a sight of a gate that is in it, and reasons of refusals."""

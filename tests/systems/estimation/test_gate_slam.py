@@ -121,6 +121,20 @@ def test_at_rest_it_learns_attitude_and_biases():
     assert np.sqrt(P[0, 0]) == pytest.approx(NOISE.accel_turn_on / GRAVITY, rel=0.05)
 
 
+def test_a_gate_that_is_seen_at_rest_keeps_the_heading():
+    """On the pad the heading is known; in the air, it is that of the gyroscope, or of the gate."""
+    sigmas = []
+    for ids in ((), (0, 2)):
+        hover = Hover()
+        hover.wait(1.0, *ids)
+        hover.take_off()
+        hover.wait(3.0)
+        assert len(hover.read("slam_state").landmarks) == len(ids) // 2
+        hover.wait(1.0, 0, 2)
+        sigmas.append(np.sqrt(hover.read("slam_state").belief.covariance[2, 2]))
+    assert sigmas[1] < 0.7 * sigmas[0]
+
+
 def test_a_gate_in_sight_tells_tilt_and_biases(hover):
     hover.wait(2.0, 0, 2)
     state = as_navigation(hover.read("corrections"))

@@ -33,9 +33,11 @@ def draw(rng, scale=1.0):
 def look(rng, gate, *ids):
     """Returns what a camera sees of a gate's markers, with noise."""
     truth = as_navigation(navigation())
-    pixels = [predicted_corners(truth, GATES[gate], id, CAMERA)[0] for id in ids]
-    noise = ku.CORNER_SIGMA * rng.standard_normal((len(ids), 8))
-    return ku.Sight(gate, np.array(ids), np.array(pixels) + noise, np.zeros(len(ids)))
+    looks = [predicted_corners(truth, GATES[gate], id, CAMERA) for id in ids]
+    scales = np.array([max(1.0, depth / ku.SHARP_RANGE) for *_, depth in looks])
+    noise = ku.CORNER_SIGMA * scales[:, None] * rng.standard_normal((len(ids), 8))
+    pixels = np.array([pixels for pixels, *_ in looks])
+    return ku.Sight(gate, np.array(ids), pixels + noise, np.zeros(len(ids)))
 
 
 def errors(belief):

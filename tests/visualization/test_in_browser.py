@@ -87,7 +87,8 @@ def race(hexagon, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def folder(race):
-    """Of the race, when it is over."""
+    """Of the race, when it is over, whichever of these tests this process has run before."""
+    until(lambda: race.said("lap 1: "), patience=300.0)
     race.stop()
     return race.folder
 

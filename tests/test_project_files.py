@@ -16,8 +16,12 @@ def load(name):
     return yaml.safe_load((ROOT / name).read_text(encoding="utf-8"))
 
 
+def load_pyproject():
+    return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
 def test_there_is_one_version():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    project = load_pyproject()
     assert "version" in project["project"]["dynamic"] and "version" not in project["project"]
     assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "airrace.__version__"}
     assert load("CITATION.cff")["version"] == airrace.__version__
@@ -26,7 +30,7 @@ def test_there_is_one_version():
 
 def test_citation_has_what_its_format_wants():
     citation = load("CITATION.cff")
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    project = load_pyproject()["project"]
     assert citation["cff-version"] == "1.2.0"
     assert {"message", "title", "authors"} <= citation.keys()
     assert citation["authors"] == project["authors"]
@@ -61,7 +65,7 @@ def test_what_is_named_is_there(name):
 
 def test_every_extra_that_is_named_is_there():
     """What pip does not know, it only warns of, and installs nothing."""
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = load_pyproject()["project"]["optional-dependencies"]
     folders = [ROOT / name for name in ("airrace", "benchmarks", "docs", "examples", "notebooks")]
     files = [*ROOT.glob("*.md"), *(path for folder in folders for path in folder.rglob("*.*"))]
     named = {
@@ -71,4 +75,4 @@ def test_every_extra_that_is_named_is_there():
         for names in re.findall(r"install [^\n]*\[([a-z,]+)\]", path.read_text(encoding="utf-8"))
         for name in names.split(",")
     }
-    assert {"train", "rl"} <= named <= extras["optional-dependencies"].keys()
+    assert {"train", "rl"} <= named <= extras.keys()

@@ -66,7 +66,7 @@ class SlamState(Immutable):
     Attributes:
         belief: see Belief; its time is that of the newest picture's exposure.
         landmarks: tuple of Landmark, in the order of the belief's gates.
-        candidates: number of a gate that is not yet in the belief to its Candidate.
+        candidates: number of a gate to its Candidate, of all that were seen before they entered.
         rest: means of the samples at rest.
         at_rest: whether the rotors have not turned yet.
         image_time: of the newest picture (s).

@@ -13,14 +13,15 @@ from airrace.track import BOARD_SIZE, MARKER_SIZE
 # its first modules that may be white.
 _RIM = (BOARD_SIZE - MARKER_SIZE) / 2 / MARKER_SIZE
 _MODULE = 1 / 7
-_REACH = 0.17  # half a profile in widths: past rim and modules,
-_FARTHEST = 5.0  # and at most (px)
+_REACH = 0.2  # half a profile in widths: past rim and modules,
+_FARTHEST = 7.0  # and at most (px)
 _ITERATIONS = 2
 # Standard deviations of the parameters a, b, c, e (grey levels), d, s (px) before the fit,
 # if that of a sample is one grey level. They decide what a profile does not show.
 _PRIOR = np.array([200.0, 200.0, 200.0, 200.0, 0.7, 0.35])
 _SIGMA = 0.75  # px, the blur to begin with,
 _LEAST_SIGMA, _MOST_SIGMA = 0.3, 3.0  # and its limits
+_SHARP = 0.7  # px, blur that does not reach from the rim or the modules to an edge
 _MOST_OFFSET = 1.0  # px
 
 
@@ -37,30 +38,32 @@ def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
 
     Phi is the normal distribution function: a step blurred by a Gaussian of standard
     deviation s. Fitted are the levels a, b, c, e, the offset d and the blur s.
+    Where an edge turns out to be sharp, its centroid was undisturbed, and it stays where it is.
 
     Args:
         image: see grey_levels().
-        edges: of the square, to half a pixel.
+        edges: of the square, to half a pixel; sharp ones as well as they can be found.
 
     Returns:
         offset of the lines from the edges' middles, outwards (px), and their
         slopes against the edges, (4, 2).
     """
-    lines, half = np.empty((4, 2)), len(ALONG) // 2
+    lines, half = np.zeros((4, 2)), len(ALONG) // 2
     for i in range(4):
         reach = min(_REACH * edges.width[i], _FARTHEST)
         levels = profiles(image, edges, i, reach)
-        first = _fit_offset(levels[:half].sum(axis=0) / half, reach, edges.width[i])
-        second = _fit_offset(levels[half:].sum(axis=0) / half, reach, edges.width[i])
-        lines[i, 0] = (first + second) / 2
-        # The middles of the halves are half the profiles' extent apart.
-        lines[i, 1] = (second - first) / (EXTENT / 2 * edges.length[i])
+        first, s = _fit_profile(levels[:half].sum(axis=0) / half, reach, edges.width[i])
+        second, s_second = _fit_profile(levels[half:].sum(axis=0) / half, reach, edges.width[i])
+        if (s + s_second) / 2 > _SHARP:
+            lines[i, 0] = (first + second) / 2
+            # The middles of the halves are half the profiles' extent apart.
+            lines[i, 1] = (second - first) / (EXTENT / 2 * edges.length[i])
     return lines
 
 
 @compiled
-def _fit_offset(y, reach, width):
-    """Returns the offset d of the model that fits a profile (px).
+def _fit_profile(y, reach, width):
+    """Returns the offset d and the blur s of the model that fits a profile (px).
 
     Args:
         y: grey levels at ACROSS, (s,).
@@ -86,7 +89,7 @@ def _fit_offset(y, reach, width):
         q += solve_cholesky(cholesky(H), J.T @ error - weights * (q - prior))
         q[4] = min(max(q[4], -_MOST_OFFSET), _MOST_OFFSET)
         q[5] = min(max(q[5], _LEAST_SIGMA), _MOST_SIGMA)
-    return q[4]
+    return q[4], q[5]
 
 
 @compiled

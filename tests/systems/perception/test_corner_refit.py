@@ -70,6 +70,20 @@ def test_unbiased_and_as_sure_as_it_says(distance, blur):
     assert 1 / 6 < np.mean(misfits) < 3
 
 
+@pytest.mark.slow
+def test_small_squares_in_sharp_pictures():
+    # The model that mends blurred edges would turn these, which need no mending.
+    rng, squares = np.random.default_rng(5), []
+    for k in range(50):
+        X_CM = pose(
+            *rng.uniform(-2.5, 2.5, 2), 45.0, *rng.uniform(-0.6, 0.6, 2), rng.uniform(-3, 3)
+        )
+        image = picture({int(rng.integers(80)): X_CM}, noise=2.0, seed=k)
+        error = refit(image, [rough(project(X_CM), k)])[0][0] - project(X_CM)
+        squares.append((error**2).sum(axis=1).mean())
+    assert np.sqrt(np.mean(squares)) < 0.05
+
+
 def test_many_at_once_are_as_good_as_one_by_one():
     X_CMs = {1: pose(-2, 0, 9), 6: pose(2, 0, 15, yaw=0.5), 30: pose(0, 1, 30)}
     image = picture(X_CMs)

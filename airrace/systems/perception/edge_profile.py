@@ -21,7 +21,8 @@ _ITERATIONS = 2
 _PRIOR = np.array([200.0, 200.0, 200.0, 200.0, 0.7, 0.35])
 _SIGMA = 0.75  # px, the blur to begin with,
 _LEAST_SIGMA, _MOST_SIGMA = 0.3, 3.0  # and its limits
-_SHARP = 0.7  # px, blur that does not reach from the rim or the modules to an edge
+# Up to this blur s, in px and in widths, rim and modules do not reach the centroid of an edge.
+_SHARP, _APART = 0.7, 0.025
 _MOST_OFFSET = 1.0  # px
 
 
@@ -38,7 +39,7 @@ def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
 
     Phi is the normal distribution function: a step blurred by a Gaussian of standard
     deviation s. Fitted are the levels a, b, c, e, the offset d and the blur s.
-    Where an edge turns out to be sharp, its centroid was undisturbed, and it stays where it is.
+    Where an edge turns out to be sharp, nothing disturbed its centroid, and it stays where it is.
 
     Args:
         image: see grey_levels().
@@ -54,7 +55,7 @@ def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
         levels = profiles(image, edges, i, reach)
         first, s = _fit_profile(levels[:half].sum(axis=0) / half, reach, edges.width[i])
         second, s_second = _fit_profile(levels[half:].sum(axis=0) / half, reach, edges.width[i])
-        if (s + s_second) / 2 > _SHARP:
+        if (s + s_second) / 2 > max(_SHARP, _APART * edges.width[i]):
             lines[i, 0] = (first + second) / 2
             # The middles of the halves are half the profiles' extent apart.
             lines[i, 1] = (second - first) / (EXTENT / 2 * edges.length[i])

@@ -38,13 +38,13 @@ BENCHMARKS = {
         *("estimation", "--only", "kinds", "--seeds", "10", "--laps", "3"),
         *("--workers", "{workers}"),
     ),
-    "estimation_generated": (
-        *("estimation", "--only", "generated", "--tracks", "200", "--workers", "{workers}"),
-    ),
-    "estimation_level_4": (
-        *("estimation", "--only", "generated", "--levels", "4"),
-        *("--tracks", "20", "--workers", "{workers}"),
-    ),
+    **{
+        f"estimation_level_{level}": (
+            *("estimation", "--only", "generated", "--levels", str(level)),
+            *("--tracks", str(tracks), "--workers", "{workers}"),
+        )
+        for level, tracks in ((1, 200), (3, 200), (4, 20))
+    },
     "estimation_harsh": (
         *("estimation", "--only", "generated", "--levels", "1", "--preset", "harsh"),
         *("--tracks", "20", "--workers", "{workers}"),

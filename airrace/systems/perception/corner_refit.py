@@ -33,8 +33,8 @@ def refit(
 
     Along each edge's normals, the edge lies at the centroid of the brightness
     gradient, which no symmetric blur moves; a line through these points is the
-    edge, two lines are a corner. Blurred edges of small squares are then moved to where
-    a model of their surroundings puts them: see edge_profile.py.
+    edge, two lines are a corner. Edges of small squares are then moved to where
+    a model of their blurred surroundings puts them: see edge_profile.py.
 
     Args:
         image: grey levels, (h, w), uint8; pixel centres are integers.

@@ -13,16 +13,16 @@ from airrace.track import BOARD_SIZE, MARKER_SIZE
 # its first modules that may be white.
 _RIM = (BOARD_SIZE - MARKER_SIZE) / 2 / MARKER_SIZE
 _MODULE = 1 / 7
-_REACH = 0.2  # half a profile in widths: past rim and modules,
-_FARTHEST = 7.0  # and at most (px)
+# Half a profile in widths, past rim and modules, and at most (px): first, and once more
+# where the blur (px) turns out to be so much that this shows too little of what is around.
+_REACH, _FARTHEST, _FARTHEST_OF_BLURRED, _MUCH = 0.17, 5.0, 9.0, 1.2
 _ITERATIONS = 2
 # Standard deviations of the parameters a, b, c, e (grey levels), d, s (px) before the fit,
 # if that of a sample is one grey level. They decide what a profile does not show.
 _PRIOR = np.array([200.0, 200.0, 200.0, 200.0, 0.7, 0.35])
 _SIGMA = 0.75  # px, the blur to begin with,
 _LEAST_SIGMA, _MOST_SIGMA = 0.3, 3.0  # and its limits
-# Up to this blur s, in px and in widths, rim and modules do not reach the centroid of an edge.
-_SHARP, _APART = 0.7, 0.025
+_SHARP = 0.7  # px
 _MOST_OFFSET = 1.0  # px
 
 
@@ -39,27 +39,38 @@ def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
 
     Phi is the normal distribution function: a step blurred by a Gaussian of standard
     deviation s. Fitted are the levels a, b, c, e, the offset d and the blur s.
-    Where an edge turns out to be sharp, nothing disturbed its centroid, and it stays where it is.
+    Half an edge knows less of a slope than all of it, so only where an edge is not sharp is
+    it turned to the model's slope as well.
 
     Args:
         image: see grey_levels().
-        edges: of the square, to half a pixel; sharp ones as well as they can be found.
+        edges: of the square, to half a pixel; the slopes of sharp ones as well as they can be.
 
     Returns:
         offset of the lines from the edges' middles, outwards (px), and their
         slopes against the edges, (4, 2).
     """
-    lines, half = np.zeros((4, 2)), len(ALONG) // 2
+    lines = np.zeros((4, 2))
     for i in range(4):
-        reach = min(_REACH * edges.width[i], _FARTHEST)
-        levels = profiles(image, edges, i, reach)
-        first, s = _fit_profile(levels[:half].sum(axis=0) / half, reach, edges.width[i])
-        second, s_second = _fit_profile(levels[half:].sum(axis=0) / half, reach, edges.width[i])
-        if (s + s_second) / 2 > max(_SHARP, _APART * edges.width[i]):
-            lines[i, 0] = (first + second) / 2
+        first, second, s = _fit_halves(image, edges, i, _FARTHEST)
+        if s > _MUCH:
+            first, second, s = _fit_halves(image, edges, i, _FARTHEST_OF_BLURRED)
+        lines[i, 0] = (first + second) / 2
+        if s > _SHARP:
             # The middles of the halves are half the profiles' extent apart.
             lines[i, 1] = (second - first) / (EXTENT / 2 * edges.length[i])
     return lines
+
+
+@compiled
+def _fit_halves(image, edges, i, farthest):
+    """Returns the offsets of both halves of edge i, and their mean blur (px)."""
+    width, half = edges.width[i], len(ALONG) // 2
+    reach = min(_REACH * width, farthest)
+    levels = profiles(image, edges, i, reach)
+    first, s_first = _fit_profile(levels[:half].sum(axis=0) / half, reach, width)
+    second, s_second = _fit_profile(levels[half:].sum(axis=0) / half, reach, width)
+    return first, second, (s_first + s_second) / 2
 
 
 @compiled

@@ -39,12 +39,12 @@ def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
 
     Phi is the normal distribution function: a step blurred by a Gaussian of standard
     deviation s. Fitted are the levels a, b, c, e, the offset d and the blur s.
-    Half an edge knows less of a slope than all of it, so only where an edge is not sharp is
-    it turned to the model's slope as well.
+    The two offsets also say how an edge is turned, but less well than all its centroids do
+    where blur does not disturb them: a sharp edge is moved, and keeps its direction.
 
     Args:
         image: see grey_levels().
-        edges: of the square, to half a pixel; the slopes of sharp ones as well as they can be.
+        edges: of the square, to half a pixel, in the direction of their centroids.
 
     Returns:
         offset of the lines from the edges' middles, outwards (px), and their

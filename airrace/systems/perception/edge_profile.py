@@ -13,16 +13,17 @@ from airrace.track import BOARD_SIZE, MARKER_SIZE
 # its first modules that may be white.
 _RIM = (BOARD_SIZE - MARKER_SIZE) / 2 / MARKER_SIZE
 _MODULE = 1 / 7
-# Half a profile in widths, past rim and modules, and at most (px): first, and once more
-# where the blur (px) turns out to be so much that this shows too little of what is around.
-_REACH, _FARTHEST, _FARTHEST_OF_BLURRED, _MUCH = 0.17, 5.0, 9.0, 1.2
+_REACH = 0.17  # half a profile in widths: past rim and modules,
+_FARTHEST = 5.0  # and at most (px);
+_FARTHEST_OF_BLURRED = 9.0  # px, where 5 would show too little around an edge
+_BLURRED = 1.2  # px, blur s from which on that is so
 _ITERATIONS = 2
 # Standard deviations of the parameters a, b, c, e (grey levels), d, s (px) before the fit,
 # if that of a sample is one grey level. They decide what a profile does not show.
 _PRIOR = np.array([200.0, 200.0, 200.0, 200.0, 0.7, 0.35])
 _SIGMA = 0.75  # px, the blur to begin with,
 _LEAST_SIGMA, _MOST_SIGMA = 0.3, 3.0  # and its limits
-_SHARP = 0.7  # px
+_SHARP = 0.7  # px, blur s up to which an edge keeps its direction
 _MOST_OFFSET = 1.0  # px
 
 
@@ -52,9 +53,10 @@ def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
     """
     lines = np.zeros((4, 2))
     for i in range(4):
-        first, second, s = _fit_halves(image, edges, i, _FARTHEST)
-        if s > _MUCH:
-            first, second, s = _fit_halves(image, edges, i, _FARTHEST_OF_BLURRED)
+        reach = _REACH * edges.width[i]
+        first, second, s = _fit_halves(image, edges, i, min(reach, _FARTHEST))
+        if s > _BLURRED and reach > _FARTHEST:
+            first, second, s = _fit_halves(image, edges, i, min(reach, _FARTHEST_OF_BLURRED))
         lines[i, 0] = (first + second) / 2
         if s > _SHARP:
             # The middles of the halves are half the profiles' extent apart.
@@ -63,10 +65,9 @@ def model_lines(image: np.ndarray, edges: Edges) -> np.ndarray:
 
 
 @compiled
-def _fit_halves(image, edges, i, farthest):
-    """Returns the offsets of both halves of edge i, and their mean blur (px)."""
+def _fit_halves(image, edges, i, reach):
+    """Returns the offsets of both halves of edge i, and their mean blur (px); see profiles()."""
     width, half = edges.width[i], len(ALONG) // 2
-    reach = min(_REACH * width, farthest)
     levels = profiles(image, edges, i, reach)
     first, s_first = _fit_profile(levels[:half].sum(axis=0) / half, reach, width)
     second, s_second = _fit_profile(levels[half:].sum(axis=0) / half, reach, width)

@@ -25,6 +25,14 @@ def rough(corners, seed=0):
     return corners + 0.7 * inwards + np.random.default_rng(seed).uniform(-0.5, 0.5, (4, 2))
 
 
+def draw_marker(rng, distance):
+    """Returns an ID and X_CM of a marker at a distance (m), turned by up to 0.6 rad."""
+    X_CM = pose(
+        *rng.uniform(-2.5, 2.5, 2), distance, *rng.uniform(-0.6, 0.6, 2), rng.uniform(-3, 3)
+    )
+    return int(rng.integers(80)), X_CM
+
+
 @pytest.mark.slow
 @settings(max_examples=15)
 @given(poses, st.integers(0, 79))
@@ -53,11 +61,9 @@ def test_unbiased_and_as_sure_as_it_says(distance, blur):
     rng = np.random.default_rng(4)
     radial, errors, misfits = [], [], []
     for k in range(25):
-        X_CM = pose(
-            *rng.uniform(-2.5, 2.5, 2), distance, *rng.uniform(-0.6, 0.6, 2), rng.uniform(-3, 3)
-        )
+        id, X_CM = draw_marker(rng, distance)
         corners = project(X_CM)
-        image = picture({int(rng.integers(80)): X_CM}, blur, 3.0, seed=k)
+        image = picture({id: X_CM}, blur, 3.0, seed=k)
         found, covariance = refit(image, [rough(corners, k)])
         error = found[0] - corners
         outwards = corners - corners.mean(axis=0)
@@ -75,10 +81,8 @@ def test_small_squares_in_sharp_pictures():
     # The model that mends blurred edges would turn these, which need no mending.
     rng, squares = np.random.default_rng(5), []
     for k in range(50):
-        X_CM = pose(
-            *rng.uniform(-2.5, 2.5, 2), 45.0, *rng.uniform(-0.6, 0.6, 2), rng.uniform(-3, 3)
-        )
-        image = picture({int(rng.integers(80)): X_CM}, noise=2.0, seed=k)
+        id, X_CM = draw_marker(rng, 45.0)
+        image = picture({id: X_CM}, noise=2.0, seed=k)
         error = refit(image, [rough(project(X_CM), k)])[0][0] - project(X_CM)
         squares.append((error**2).sum(axis=1).mean())
     assert np.sqrt(np.mean(squares)) < 0.05

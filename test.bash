@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Tests: sets up .venv beside this file when needed, then runs pytest with the
-# options given, by default in two processes (-n 0 for one, to debug).
+# options given, by default in three processes (-n 0 for one, to debug).
 set -euo pipefail
 source "$(dirname "$(readlink -f "$0")")/tools/setup.bash"
 
@@ -35,7 +35,8 @@ for option in "$@"; do
     -n* | --numprocesses* | --pdb | --trace) processes=chosen ;;
   esac
 done
-[ -n "${processes:-}" ] || set -- -n 2 --dist worksteal "$@"
+# Three on two cores: tests of links, pages and clients mostly wait.
+[ -n "${processes:-}" ] || set -- -n 3 --dist worksteal "$@"
 
 cd "$root"
 exec "$venv/bin/python" -m pytest "$@"

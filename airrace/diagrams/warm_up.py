@@ -64,12 +64,6 @@ def warm_up_navigator(scenario: Scenario, briefly: bool = False) -> None:
     play_navigator(scenario, _BRIEF if briefly else _TIME)
 
 
-def warm_up_autonomy(scenario: Scenario) -> None:
-    """Flies both halves of the autonomy for a moment, one after the other; see there."""
-    warm_up_pilot(scenario)
-    warm_up_navigator(scenario)
-
-
 def play_pilot(scenario: Scenario, duration: float) -> np.ndarray:
     """Flies the pilot alone by made-up messages, and forgets it.
 
@@ -122,10 +116,10 @@ def compile_apart(scenario: Scenario) -> None:
     """Lets other processes compile what a race calls, if none has done so yet.
 
     A compiler does not give back what it took, some 300 MB, and a race's own clock
-    should not count the first one's minute. Simulation and autonomy are compiled at the same
-    time, which saves a third of the wait on two cores. Races that start at once wait for the one
-    that compiles. If it fails, nothing is lost: what is not on the disk is compiled when it is
-    called.
+    should not count the first one's minute. What flies and what navigates are compiled at the
+    same time, and take about as long, so that two cores are busy until the end. Races that start
+    at once wait for the one that compiles. If it fails, nothing is lost: what is not on the disk
+    is compiled when it is called.
 
     Args:
         scenario: of the race.
@@ -160,7 +154,12 @@ def _compile_apart(scenario):
         jit.set_complete(scenario.estimator)
 
 
-_PARTS = {"simulation": warm_up_simulation, "autonomy": warm_up_autonomy}
+def _warm_up_flight(scenario):
+    warm_up_simulation(scenario)
+    warm_up_pilot(scenario)
+
+
+_PARTS = {"flight": _warm_up_flight, "navigator": warm_up_navigator}
 
 if __name__ == "__main__":
     _PARTS[sys.argv[2]](load_scenario(filename=sys.argv[1]))

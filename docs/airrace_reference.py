@@ -7,8 +7,9 @@ The directive ``airrace-reference`` writes, by its argument:
 - ``imu_presets``: what the presets of the IMU mean;
 - ``systems``: the systems of the autonomy and their ports;
 - ``options COMMAND``: the options of a subcommand of ``airrace``;
-- ``measurement NAME``: the tables of docs/measurements/NAME.json, which
-  ``python -m benchmarks.NAME --json docs/measurements/NAME.json`` wrote;
+- ``measurement NAME [TITLE]``: the tables of docs/measurements/NAME.json, which
+  ``python -m benchmarks.NAME --json docs/measurements/NAME.json`` wrote, or only those whose
+  titles begin so;
 - ``season``: the ranking of docs/season/league.json, whose page is written beside the others.
 """
 
@@ -313,11 +314,15 @@ def _anchor(path: str) -> str:
     return path.replace(".", "-").replace("[]", "").replace("_", "-")
 
 
-def measurement(name: str) -> str:
+def measurement(arguments: str) -> str:
     """Returns Markdown with the tables that a benchmark printed, and where they come from."""
+    name, _, beginning = arguments.partition(" ")
     written = json.loads((_MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))
+    tables = [each for each in written["tables"] if each["title"].startswith(beginning)]
+    if not tables:
+        raise ValueError(f"no table of {name}.json begins with '{beginning}'")
     lines = []
-    for table in written["tables"]:
+    for table in tables:
         title, *notes = table["title"].splitlines()
         headings = table["headings"] or [" "] * len(table["rows"][0])
         lines += [f"**{escape(title)}**", "", *map(escape, notes), ""]

@@ -296,8 +296,8 @@ def test_two_at_once_set_up_once(sandbox):
 @pytest.mark.parametrize(
     "options, expected",
     [
-        ([], "-n 2 --dist worksteal"),
-        (["-k", "a or b"], "-n 2 --dist worksteal -k a or b"),
+        ([], "-n 3 --dist worksteal"),
+        (["-k", "a or b"], "-n 3 --dist worksteal -k a or b"),
         (["-n", "4"], "-n 4"),
         (["-n0", "-x"], "-n0 -x"),
         (["--pdb"], "--pdb"),

@@ -35,57 +35,65 @@ def reference():
     return load("airrace_reference")
 
 
-@pytest.fixture(scope="module")
-def pages(extension, tmp_path_factory):
-    """The built pages; nothing is written to the checkout.
+def build(folder):
+    """Builds the pages in a folder, and returns where they are; nothing is written to the checkout.
 
     Without functions and classes in the tables of contents, which furo would copy for each of the
     hundreds of pages, and which no test looks at: they take longer than all the rest.
     """
-    folder = tmp_path_factory.mktemp("docs")
     shutil.copytree(ROOT / "docs", folder / "docs", ignore=shutil.ignore_patterns("api"))
     (folder / "airrace").symlink_to(ROOT / "airrace")
-    build = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "sphinx",
-            "-W",
-            "--keep-going",
-            "-q",
-            "-D",
-            "toc_object_entries=0",
-            folder / "docs",
-            folder / "html",
-        ],
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert build.returncode == 0, build.stderr[-4000:]
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q"]
+    command += ["-D", "toc_object_entries=0", folder / "docs", folder / "html"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-4000:]
     return folder / "html"
 
 
+# One test: with more, several processes would each build the pages, which takes a minute.
 @pytest.mark.slow
-def test_every_module_has_its_place(pages, extension):
+def test_the_pages_are_built_and_show_what_they_should(extension, tmp_path):
+    pages = build(tmp_path)
+    every_module_has_its_place(pages, extension)
+    the_season_has_its_ranking_and_its_page(pages)
+    systems_are_drawn_with_their_ports(pages)
+    every_field_of_a_scenario_is_there(pages)
+
+
+def every_module_has_its_place(pages, extension):
     text = "".join(page.read_text() for page in (pages / "api").glob("*.html"))
     for name in extension.modules():
         assert f'id="module-{name}"' in text, name
 
 
-@pytest.mark.slow
-def test_the_season_has_its_ranking_and_its_page(pages):
+def the_season_has_its_ranking_and_its_page(pages):
     text = (pages / "league.html").read_text()
     assert '<a href="season/league.html">' in text and "<p>20 of 20</p>" in text
     page = (pages / "season" / "league.html").read_text()
     assert "4 entries, 20\nraces each, level 2" in page and "touched pylon_6_left" in page
 
 
-@pytest.mark.slow
-def test_systems_are_drawn_with_their_ports(pages):
+def systems_are_drawn_with_their_ports(pages):
     text = (pages / "api" / "airrace.systems.perception.html").read_text()
     assert '<th rowspan="3">ArucoDetector</th>' in text
     assert "<code>camera_view</code> &rarr;" in text and "&rarr; <code>detections</code>" in text
+
+
+def every_field_of_a_scenario_is_there(pages):
+    text = (pages / "scenario.html").read_text()
+    for path, name in fields_of_a_scenario(Scenario):
+        assert f">{name}</span></code>" in text, name
+        assert not path or f">{path}</span></code>" in text, path
+
+
+def fields_of_a_scenario(cls, path=""):
+    """Yields every part of a scenario, by its path, and the names of its fields."""
+    for name, hint in typing.get_type_hints(cls).items():
+        yield path, name
+        for part in (hint, *typing.get_args(hint)):
+            if dc.is_dataclass(part):
+                is_list = typing.get_origin(hint) is list
+                yield from fields_of_a_scenario(part, f"{path}.{name}".strip(".") + "[]" * is_list)
 
 
 def test_a_block_of_ports_is_read(extension):
@@ -120,24 +128,6 @@ def test_formulas_stay_as_they_are(extension):
     extension.plain_docstring(None, "function", "f", None, None, lines)
     assert lines[0] == r"thrust c_f w^2, \|v\| v and 2 \* x; ``a * b``"
     assert lines[4] == "    - a * b"
-
-
-@pytest.mark.slow
-def test_every_field_of_a_scenario_is_on_its_page(pages):
-    text = (pages / "scenario.html").read_text()
-    for path, name in fields_of_a_scenario(Scenario):
-        assert f">{name}</span></code>" in text, name
-        assert not path or f">{path}</span></code>" in text, path
-
-
-def fields_of_a_scenario(cls, path=""):
-    """Yields every part of a scenario, by its path, and the names of its fields."""
-    for name, hint in typing.get_type_hints(cls).items():
-        yield path, name
-        for part in (hint, *typing.get_args(hint)):
-            if dc.is_dataclass(part):
-                is_list = typing.get_origin(hint) is list
-                yield from fields_of_a_scenario(part, f"{path}.{name}".strip(".") + "[]" * is_list)
 
 
 def test_every_field_of_a_scenario_has_a_meaning(reference):

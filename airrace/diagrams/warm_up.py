@@ -117,9 +117,9 @@ def compile_apart(scenario: Scenario) -> None:
 
     A compiler does not give back what it took, some 300 MB, and a race's own clock
     should not count the first one's minute. What flies and what navigates are compiled at the
-    same time, and take about as long, so that two cores are busy until the end. Races that start
-    at once wait for the one that compiles. If it fails, nothing is lost: what is not on the disk
-    is compiled when it is called.
+    same time; the first takes two thirds as long as the second. Races that start at once wait for
+    the one that compiles. If it fails, nothing is lost: what is not on the disk is compiled when
+    it is called.
 
     Args:
         scenario: of the race.

@@ -13,6 +13,7 @@ import dataclasses as dc
 import itertools
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -23,6 +24,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from airrace.diagrams.race import run_race
 from airrace.diagrams.warm_up import compile_apart
 from airrace.evaluation.jobs import generated_track
+from airrace.evaluation.summary import dnf_class
 from airrace.recording.race_result import ORIGINAL_LAPS
 from airrace.scenario import Scenario, load_scenario
 from benchmarks import harness
@@ -198,9 +200,15 @@ def summary(name: str, rows: list[dict]) -> dict:
         "worst_gate_offset_m": max(offsets, default=None),
         "map_rms_cm": 100.0 * float(np.mean(maps)) if maps else None,
         "exploration_s": _span(times),
-        "reasons": "; ".join(sorted({row["dnf_reason"] for row in rows if row["dnf_reason"]})),
+        "reasons": _reasons(rows),
         "original_s": ORIGINAL_LAPS.get(rows[0]["trajectory"]),
     }
+
+
+def _reasons(rows: list[dict]) -> str:
+    """Returns why races did not finish; where several were alike, how many."""
+    counts = Counter(dnf_class(row["dnf_reason"]) for row in rows if row["dnf_reason"])
+    return "; ".join(f"{n} × {why}" if n > 1 else why for why, n in counts.most_common())
 
 
 def _span(values: list[float]) -> str:

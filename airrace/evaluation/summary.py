@@ -88,6 +88,7 @@ def summarize(lines: list[dict]) -> dict:
 def dnf_class(reason: str) -> str:
     """Returns a reason without numbers and what led to it: reasons to be counted."""
     reason = re.sub(r"^(ran out of time in state \w+):.*", r"\1", reason)
+    reason = re.sub(r" (at|by|after|in) [\d.]+ (s|m/s|m|degrees|pictures)\b", "", reason)
     return re.sub(r"\b(pylon|board)_\w+", r"a \1", reason)
 
 

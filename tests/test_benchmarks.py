@@ -12,6 +12,7 @@ import pytest
 from airrace.common.errors import UserError
 from airrace.common.processes import child_environment
 from airrace.rendering.vtk.vtk_renderer import check_vtk_available
+from airrace.vehicle import GRAVITY, load_vehicle
 
 ROOT = Path(__file__).parents[1]
 SHORT = "{referee: {time_limit: 1.0}}"  # the race runs out of time on the pad
@@ -88,6 +89,24 @@ def test_races_are_put_side_by_side(run):
     (row,) = rows_of(table, "6-D")
     assert row[0] == "0 of 1" and row[1] == "-" and row[-1] == "41.21"
     assert rows_of(table, "level 3")[0][0] == "0 of 1" and "ran out of time" in text
+
+
+def test_a_network_is_put_beside_the_planner(run):
+    """Without exploring: what it is about are the laps."""
+    options = ("--levels", 0, "--tracks", 1, "--scenario_text", "{map: track}")
+    table, figures, _ = run("pilots", *options)
+    planner, network = figures
+    assert planner["handed_back"] == ""
+    assert rows_of(table, "level 0, planner")[0][:2] == ["1 of 1", "-"]
+    assert rows_of(table, "level 0, network")[0][0] == "1 of 1"
+    vehicle = load_vehicle("Default")[0]
+    rotor, weight = vehicle.rotors[0], vehicle.mass * GRAVITY
+    speed = np.sqrt(weight / (len(vehicle.rotors) * rotor.thrust_coefficient))
+    hover_power = rotor.torque_ratio * weight * speed
+    for row in figures:
+        (lap,) = row["lap_times_s"]
+        assert 1.0 < row["margin_m"] < 5.0
+        assert 1.0 < row["energy_j"] / (hover_power * lap) < 10.0
 
 
 @pytest.mark.slow

@@ -54,20 +54,23 @@ class Shape(NamedTuple):
 
     Attributes:
         spheres: centres in B and radii, (s, 4) m.
-        reach: of the sphere around B's origin that holds all (m).
+        clearance: how near to a pylon or a board counts as touching it (m).
+        reach: of the sphere around B's origin that holds all, and the clearance (m).
         standing_height: of B's origin over level ground that the drone stands on (m).
     """
 
     spheres: np.ndarray
+    clearance: float
     reach: float
     standing_height: float
 
 
-def load_shape(vehicle: Vehicle, sdf: Path) -> Shape:
+def load_shape(vehicle: Vehicle, sdf: Path, clearance: float = 0.0) -> Shape:
     """Returns the collision geometry of a drone.
 
     Args:
         vehicle, sdf: see load_vehicle().
+        clearance: see Shape (m).
 
     Raises:
         UserError: if the model cannot be used, or has other shapes than spheres.
@@ -87,8 +90,8 @@ def load_shape(vehicle: Vehicle, sdf: Path) -> Shape:
         centre = inspector.GetPoseInFrame(geometry_id).translation()
         spheres.append([*centre, shape.radius()])
     table = np.array(spheres)
-    reach = (np.linalg.norm(table[:, :3], axis=1) + table[:, 3]).max()
-    return Shape(table, float(reach), ground_clearance(plant, scene_graph))
+    reach = (np.linalg.norm(table[:, :3], axis=1) + table[:, 3]).max() + clearance
+    return Shape(table, float(clearance), float(reach), ground_clearance(plant, scene_graph))
 
 
 @compilable
@@ -118,7 +121,7 @@ def touches_ground(motion: Motion, shape: Shape) -> bool:
 
 @compilable
 def touches_gate(motion: Motion, shape: Shape, track: int, courses: Courses) -> bool:
-    """Whether some part of the drone is in a pylon or a board."""
+    """Whether some part of the drone is in a pylon or a board, or within the clearance of it."""
     near = (shape.reach + _OBSTACLE_RADIUS) ** 2
     for k in range(courses.counts[track]):
         gate = courses.gates[track, k]
@@ -138,12 +141,12 @@ def _from_gate(position, gate):
 
 @compilable
 def _touches(motion, shape, gate):
-    """Whether some sphere of the drone is in a pylon or a board of a gate."""
+    """Whether some sphere of the drone touches a pylon or a board of a gate."""
     R_WB = rotation_rows(motion.quaternion)
     for s in range(len(shape.spheres)):
         p_BS = (shape.spheres[s, 0], shape.spheres[s, 1], shape.spheres[s, 2])
         p_WS = added(motion.position, 1.0, rotate(R_WB, p_BS))
-        radius = shape.spheres[s, 3]
+        radius = shape.spheres[s, 3] + shape.clearance
         along, side = _from_gate(p_WS, gate)
         hand = math.copysign(1.0, side)  # of the pylon on this side
         if _distance_to_board(along, abs(side) - gate[9], p_WS[2]) < radius:

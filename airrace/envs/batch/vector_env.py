@@ -55,6 +55,7 @@ class RaceVectorEnv(VectorEnv):
         num_envs: int = 1,
         *,
         tracks: Iterable[int] = MANY,
+        clearance: float = 0.0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         num_threads: int = 1,
         **options: Any,
@@ -64,6 +65,7 @@ class RaceVectorEnv(VectorEnv):
         Args:
             num_envs: how many drones.
             tracks: seeds of the tracks, if the option ``track`` is "generated".
+            clearance: how near to a pylon or a board is a collision (m).
             autoreset_mode: NEXT_STEP or SAME_STEP.
             num_threads: that fly the drones; the results are the same with any number.
             options: those of EnvOptions.
@@ -79,7 +81,9 @@ class RaceVectorEnv(VectorEnv):
         self.metadata = {"render_modes": [], "autoreset_mode": self._mode}
         self._disturbances, self._start = scenario.disturbances, STARTS.index(wanted.start)
         self._vehicle, sdf = load_vehicle(scenario.drone)
-        shape = load_shape(self._vehicle, sdf)
+        if not 0.0 <= clearance < math.inf:
+            raise UserError(f"clearance must be a number of metres from 0 on, not {clearance}.")
+        shape = load_shape(self._vehicle, sdf, clearance)
         generated = wanted.track == GENERATED
         courses = make_courses(
             _generate(tracks) if generated else [load_track(scenario.track)],

@@ -21,6 +21,7 @@ from airrace.vehicle import RACERS, load_vehicle
 
 TRACK = load_track("hexagon")
 UNSURE = 0.005  # m, within which the nearest facet's plane is taken for the facet
+CLEARANCE, WIDE_UNSURE = 0.4, 0.1  # m, the latter beside an edge, where planes are nearer
 
 
 class World:
@@ -36,6 +37,7 @@ class World:
         self.diagram = builder.Build()
         self.context = self.diagram.CreateDefaultContext()
         self.shape = load_shape(vehicle, sdf)
+        self.wide_shape = load_shape(vehicle, sdf, clearance=CLEARANCE)
         self.courses = make_courses(
             [TRACK],
             laps=1,
@@ -91,7 +93,12 @@ def test_what_is_touched_is_what_drake_says(name, seed):
     motion = Motion(tuple(quaternion), tuple(position), still, still)
     ground, others = world.distances(quaternion, position)
     on_ground, on_gate, near = touched(motion, world.shape, world.courses, 0.1)
-    assert on_ground == (ground < 0.0)
+    on_ground_too, near_gate, _ = touched(motion, world.wide_shape, world.courses, 0.1)
+    assert on_ground == on_ground_too == (ground < 0.0)
+    if others < CLEARANCE:
+        assert near_gate
+    elif others > CLEARANCE + WIDE_UNSURE:
+        assert not near_gate
     if abs(others) > UNSURE:
         assert on_gate == (others < 0.0)
     if min(ground, others) < 0.1:

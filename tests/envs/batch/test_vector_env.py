@@ -1,5 +1,7 @@
 """The batch as an environment: the same race as RaceEnv's, and Gymnasium's rules for many."""
 
+import math
+
 import gymnasium
 import numpy as np
 import pytest
@@ -164,6 +166,8 @@ def test_bad_actions_are_named_and_the_episode_goes_on(number):
         (dict(autoreset_mode=AutoresetMode.DISABLED), "NEXT_STEP or SAME_STEP"),
         (dict(reward=lambda step: 0.0), "RewardWeights"),
         (dict(strat="pad"), "strat"),
+        (dict(clearance=-0.1), "clearance"),
+        (dict(clearance=math.nan), "clearance"),
     ],
 )
 def test_what_a_batch_cannot_do_is_said(options, said):

@@ -33,7 +33,7 @@ HIDDEN, HORIZON = (128, 128), 64  # the last: steps of every drone between two u
 EPOCHS, MINIBATCHES, RATE = 3, 8, 5e-4  # the last: of learning, at first
 REWARD_SCALE = 0.1  # so that the values to be learned are about one
 LEAST_LOG_STD = -2.5  # of actions: without any noise, nothing is learned
-CLEARANCE = 0.4  # m, nearer to a pylon is a failure in training: what it learns keeps a distance
+CLEARANCE = 0.4  # m, nearer to anything is a failure in training: what it learns keeps a distance
 NEW = 0.03  # share in the running mean of the networks, which is what is judged and kept
 # First it learns to be quick, then, between two shares of the training, to be careful as well:
 CAREFUL, CAREFUL_SHARES = 60.0, (0.4, 0.7)  # what a failure costs more at last

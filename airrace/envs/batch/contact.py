@@ -54,13 +54,11 @@ class Shape(NamedTuple):
 
     Attributes:
         spheres: centres in B and radii, (s, 4) m.
-        clearance: how near to a pylon or a board counts as touching it (m).
-        reach: of the sphere around B's origin that holds all, and the clearance (m).
+        reach: of the sphere around B's origin that holds all (m).
         standing_height: of B's origin over level ground that the drone stands on (m).
     """
 
     spheres: np.ndarray
-    clearance: float
     reach: float
     standing_height: float
 
@@ -70,7 +68,7 @@ def load_shape(vehicle: Vehicle, sdf: Path, clearance: float = 0.0) -> Shape:
 
     Args:
         vehicle, sdf: see load_vehicle().
-        clearance: see Shape (m).
+        clearance: by which the spheres are larger, but for a drone that stands (m).
 
     Raises:
         UserError: if the model cannot be used, or has other shapes than spheres.
@@ -89,9 +87,9 @@ def load_shape(vehicle: Vehicle, sdf: Path, clearance: float = 0.0) -> Shape:
             )
         centre = inspector.GetPoseInFrame(geometry_id).translation()
         spheres.append([*centre, shape.radius()])
-    table = np.array(spheres)
-    reach = (np.linalg.norm(table[:, :3], axis=1) + table[:, 3]).max() + clearance
-    return Shape(table, float(clearance), float(reach), ground_clearance(plant, scene_graph))
+    table = np.array(spheres) + [0.0, 0.0, 0.0, clearance]
+    reach = (np.linalg.norm(table[:, :3], axis=1) + table[:, 3]).max()
+    return Shape(table, float(reach), ground_clearance(plant, scene_graph))
 
 
 @compilable
@@ -121,7 +119,7 @@ def touches_ground(motion: Motion, shape: Shape) -> bool:
 
 @compilable
 def touches_gate(motion: Motion, shape: Shape, track: int, courses: Courses) -> bool:
-    """Whether some part of the drone is in a pylon or a board, or within the clearance of it."""
+    """Whether some part of the drone is in a pylon or a board."""
     near = (shape.reach + _OBSTACLE_RADIUS) ** 2
     for k in range(courses.counts[track]):
         gate = courses.gates[track, k]
@@ -141,12 +139,12 @@ def _from_gate(position, gate):
 
 @compilable
 def _touches(motion, shape, gate):
-    """Whether some sphere of the drone touches a pylon or a board of a gate."""
+    """Whether some sphere of the drone is in a pylon or a board of a gate."""
     R_WB = rotation_rows(motion.quaternion)
     for s in range(len(shape.spheres)):
         p_BS = (shape.spheres[s, 0], shape.spheres[s, 1], shape.spheres[s, 2])
         p_WS = added(motion.position, 1.0, rotate(R_WB, p_BS))
-        radius = shape.spheres[s, 3] + shape.clearance
+        radius = shape.spheres[s, 3]
         along, side = _from_gate(p_WS, gate)
         hand = math.copysign(1.0, side)  # of the pylon on this side
         if _distance_to_board(along, abs(side) - gate[9], p_WS[2]) < radius:

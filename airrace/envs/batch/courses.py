@@ -41,6 +41,7 @@ def make_courses(
     arena_margin: float,
     radius: float,
     standing_height: float,
+    clearance: float = 0.0,
 ) -> Courses:
     """Returns tracks as arrays.
 
@@ -50,6 +51,7 @@ def make_courses(
         arena_margin: how far the arena reaches beyond the outermost pylons and upwards (m).
         radius: of the drone, see Vehicle (m).
         standing_height: of the body's origin when the drone stands (m).
+        clearance: how near to the ground is a collision, once the drone was higher (m).
     """
     courses, pads, hover = [], [], []
     for track in tracks:
@@ -62,7 +64,7 @@ def make_courses(
                 track,
                 goal=NEVER if laps is None else laps * len(track.gates) + 1,
                 arena_margin=arena_margin,
-                standing_height=float(X_WB.translation()[2]),
+                standing_height=float(X_WB.translation()[2]) + clearance,
             )
         )
     counts = np.array([len(course.gates) for course in courses])

@@ -65,7 +65,7 @@ class RaceVectorEnv(VectorEnv):
         Args:
             num_envs: how many drones.
             tracks: seeds of the tracks, if the option ``track`` is "generated".
-            clearance: how near to a pylon or a board is a collision (m).
+            clearance: how near to anything is a collision, in flight (m).
             autoreset_mode: NEXT_STEP or SAME_STEP.
             num_threads: that fly the drones; the results are the same with any number.
             options: those of EnvOptions.
@@ -91,6 +91,7 @@ class RaceVectorEnv(VectorEnv):
             arena_margin=scenario.referee.arena_margin,
             radius=self._vehicle.radius,
             standing_height=shape.standing_height,
+            clearance=clearance,
         )
         clock = _make_clock(scenario, wanted.step)
         wind, period = scenario.disturbances.wind, 1.0 / scenario.rotors.rate

@@ -182,6 +182,20 @@ def test_make_vec_finds_it():
     assert env.observation_space.contains(observations)
 
 
+def test_a_drone_that_is_to_keep_clear_may_take_off_but_not_come_down_again():
+    env = RaceVectorEnv(1, track="hexagon", clearance=0.6)
+    env.reset(seed=0)
+    up, down = (np.array([[thrust, 0.0, 0.0, 0.0]]) for thrust in (0.2, -0.8))
+    for _ in range(40):
+        _, _, terminated, _, _ = env.step(up)
+        assert not terminated[0]
+    while not terminated[0]:
+        _, _, terminated, _, info = env.step(down)
+    assert REASONS[info["outcome"][0]] == "collision"
+    lowest = env._fleet.state[0, 6] - env._world.shape.standing_height
+    assert 0.3 < lowest < 0.6
+
+
 def test_the_pad_holds_the_drone_until_it_lifts_off():
     env = RaceVectorEnv(2, track="hexagon")
     env.reset(seed=0)

@@ -39,7 +39,8 @@ _DOUBTFUL, REFUSED = 16.0, 60.0
 _COARSE_ATTITUDE = np.deg2rad(0.3)  # above, an update is iterated
 _ITERATIONS = 6
 _KNOWN_SIGMA = 0.3  # m, of a gate's position relative to the drone, before it is in the map
-# A gate that was refused in so many pictures in a row has moved, or was wrong: variances added.
+# A gate that was refused in so many pictures in a row has moved: variances added. Or it entered
+# wrongly, see _was_wrong().
 _MOST_REFUSED = 5
 _MOVED = np.array([1.0, 1.0, 0.01, 0.01, 0.0])  # m^2, rad^2
 # A gate in the filter is seen usefully from farther away than a new one: of the range.
@@ -239,8 +240,6 @@ class SlamFilter:
             counts[marker.id] += 1
             accepted += 1
         in_a_row = 0 if accepted else landmark.refused_in_a_row + 1
-        if in_a_row and in_a_row % _MOST_REFUSED == 0:
-            belief = _loosened(belief, index)
         landmark = dc.replace(
             landmark,
             counts=dict(counts),
@@ -248,12 +247,15 @@ class SlamFilter:
             refused_in_a_row=in_a_row,
             seen_at=state.image_time if accepted else landmark.seen_at,
         )
+        state = dc.replace(state, innovations=(*state.innovations, *innovations))
+        why = (len(markers) - accepted) * [OFF_MAP]
+        if _was_wrong(landmark):
+            return _without_gate(state, index), why
+        if in_a_row and in_a_row % _MOST_REFUSED == 0:
+            belief = _loosened(belief, index)
         belief, landmark = self._certain(belief, index, landmark)
         every = (*state.landmarks[:index], landmark, *state.landmarks[index + 1 :])
-        state = dc.replace(
-            state, belief=belief, landmarks=every, innovations=(*state.innovations, *innovations)
-        )
-        return state, (len(markers) - accepted) * [OFF_MAP]
+        return dc.replace(state, belief=belief, landmarks=every), why
 
     def _certain(self, belief, index, landmark):
         """Returns belief and landmark with what follows once enough is known of the gate."""
@@ -290,6 +292,29 @@ class SlamFilter:
             out_of_range=refused[FOREIGN_ID],
             refused=dict(sorted(refused.items())),
         )
+
+
+def _was_wrong(landmark: Landmark) -> bool:
+    """Whether a gate entered wrongly, as the mirrored pose of a marker: most markers are refused.
+
+    That of a gate that is known well enough to fly through means that it has moved.
+    """
+    refused, counted = (sum(each.values()) for each in (landmark.outliers, landmark.counts))
+    in_a_row = landmark.refused_in_a_row >= _MOST_REFUSED
+    return in_a_row and refused > counted and not landmark.is_known
+
+
+def _without_gate(state: SlamState, index: int) -> SlamState:
+    """Returns the state without a gate, which may enter anew; of all else the same is known."""
+    belief, number = state.belief, state.landmarks[index].number
+    at = DRONE + GATE * index + np.arange(GATE)
+    covariance = np.delete(np.delete(belief.covariance, at, axis=0), at, axis=1)
+    return dc.replace(
+        state,
+        belief=Belief(belief.navigation, np.delete(belief.gates, index, axis=0), covariance),
+        landmarks=(*state.landmarks[:index], *state.landmarks[index + 1 :]),
+        candidates={n: each for n, each in state.candidates.items() if n != number},
+    )
 
 
 def _loosened(belief: Belief, index: int) -> Belief:

@@ -193,6 +193,20 @@ def test_a_gate_that_moved_is_followed_and_stays_in_the_map(hover):
     assert sum(hover.read("gate_map").refused.values()) > 0
 
 
+def test_a_gate_that_entered_wrongly_enters_anew(hover):
+    """Its first sights were of another heading, as the mirrored pose of one marker has it."""
+    hover.wait(1.0, 0, 2)
+    turned = GATE + [2.0, -4.0, 0.0, 1.0, 0.0]
+    hover.wait(0.3, 0, gate=turned, number=1)
+    assert len(hover.read("slam_state").landmarks) == 2
+    right = GATE + [1.0, 1.0, 0.0, -0.1, 0.0]
+    hover.wait(1.5, 0, 2, gate=right, number=1)
+    gates = hover.read("gate_map").gates
+    np.testing.assert_allclose(gates[1].p_WG, right[:3], atol=0.1)
+    assert gates[1].heading == pytest.approx(right[3], abs=0.02)
+    assert hover.read("slam_state").refused_in_a_row == 0
+
+
 def test_broken_detections_change_nothing(hover):
     hover.wait(1.0, 0, 2)
     before = hover.read("gate_map").markers[0].count

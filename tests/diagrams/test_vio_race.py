@@ -89,12 +89,12 @@ def test_without_an_imu_for_good_it_lands_and_says_why(tmp_path, kind):
     """In flight at 8 m/s, the rotors' own speeds have to do for a landing."""
     speeds = []
     result = run_race(
-        make_scenario(imu_failures=[ImuFailure(kind, 6.0)]),
+        make_scenario(imu_failures=[ImuFailure(kind, 7.5)]),
         tmp_path,
         show=lambda _, outputs: speeds.append(np.linalg.norm(outputs.state[-3:])),
     )
     assert not result["finished"] and result["collisions"] == 0
-    lost = r"the drone lost itself at 6.\d s \(the IMU fell silent\), and came down"
+    lost = r"the drone lost itself at 7.\d s \(the IMU fell silent\), and came down"
     assert re.fullmatch(lost, result["dnf_reason"])
     assert max(speeds) > 5.0 and speeds[-2] < 4.0, "a fall from there ends at 11 m/s"
     assert result["exploration"]["events"][-1]["state"] == "LAND"

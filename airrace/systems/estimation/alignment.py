@@ -5,6 +5,7 @@ cannot tell apart is a tilt of the pad and a bias along it: the two errors are f
 The heading is not observed: the drone's own at the start defines the frame of the map.
 """
 
+import dataclasses as dc
 import math
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from airrace.systems.estimation.error_state import (
     VELOCITY,
     ImuNoise,
 )
+from airrace.systems.types import Detection
 from airrace.vehicle import GRAVITY
 
 _SCALE = 0.02  # m/s^2, of the specific force's length: scale errors of the sensor
@@ -46,6 +48,38 @@ class Rest(NamedTuple):
 
 
 NO_REST = Rest(0, 0.0, np.zeros(3), np.array((0.0, 0.0, GRAVITY)))
+
+
+class Still(NamedTuple):
+    """Means of a marker's corners at rest.
+
+    Attributes:
+        pictures: how many.
+        corners: mean (px), (4, 2).
+        variance: of a coordinate by a picture's noise, mean (px^2).
+    """
+
+    pictures: int
+    corners: np.ndarray
+    variance: float
+
+    def put_into(self, marker: Detection) -> Detection:
+        """Returns a marker with the means, and with the noise that these have."""
+        sigma = math.sqrt(self.variance / self.pictures)
+        return dc.replace(marker, corners=self.corners, corner_sigma=sigma)
+
+
+NOT_SEEN = Still(0, np.zeros((4, 2)), 0.0)
+
+
+def averaged(still: Still, marker: Detection) -> Still:
+    """Returns the means with the marker of one more picture."""
+    n = still.pictures + 1
+    return Still(
+        n,
+        still.corners + (marker.corners - still.corners) / n,
+        still.variance + (marker.corner_sigma**2 - still.variance) / n,
+    )
 
 
 @compiled

@@ -11,7 +11,7 @@ from airrace.common.immutable import Immutable
 from airrace.math.quaternion import rotation_matrix
 from airrace.scenario import PerceptionConfig
 from airrace.systems.estimation import landmarks
-from airrace.systems.estimation.alignment import NO_REST, Rest, aligned, rested
+from airrace.systems.estimation.alignment import NO_REST, NOT_SEEN, Rest, aligned, averaged, rested
 from airrace.systems.estimation.error_state import DRONE, ImuNoise, propagate
 from airrace.systems.estimation.gate_projection import GATE, Camera
 from airrace.systems.estimation.kalman_update import (
@@ -69,6 +69,7 @@ class SlamState(Immutable):
         landmarks: tuple of Landmark, in the order of the belief's gates.
         candidates: number of a gate to its Candidate, of all that were seen before they entered.
         rest: means of the samples at rest.
+        still: marker ID to the Still of its corners, of the markers that were seen at rest.
         at_rest: whether the rotors have not turned yet.
         image_time: of the newest picture (s).
         refused: reason to how many detections did not enter the map.
@@ -84,6 +85,7 @@ class SlamState(Immutable):
     landmarks: tuple = ()
     candidates: dict = dc.field(default_factory=dict)
     rest: Rest = NO_REST
+    still: dict = dc.field(default_factory=dict)
     at_rest: bool = True
     image_time: float = -1.0
     refused: dict = dc.field(default_factory=dict)
@@ -158,8 +160,8 @@ class SlamFilter:
     def _aligned(self, state: SlamState, rest: Rest, time: float) -> SlamState:
         """Returns the state of a drone at rest, without gates: each picture enters its own anew.
 
-        So all that was seen at rest counts as one picture. Its gates tell the heading of what
-        follows, which is known best on the pad.
+        That has the means of all corners at rest. Its gates tell the heading of what follows,
+        which is known best on the pad.
         """
         quaternion, gyro_bias, accel_bias, P = aligned(rest, self._frame.heading, self._turn_on)
         position = self._frame.position(rotation_matrix(quaternion))
@@ -175,15 +177,20 @@ class SlamFilter:
         refused.update(reason for reason, _ in detections.refused)
         state = dc.replace(state, image_time=detections.time, innovations=())
         by_gate: dict[int, list[Detection]] = {}
+        still = dict(state.still)
         max_id = 4 * self._config.max_gates - 1
         for marker in detections.markers:
             reason = refusal(marker, max_id, _BEYOND * self._config.max_range)
             if reason is None and state.time < 0.0:
                 reason = UNKNOWN_TIME
-            if reason is None:
-                by_gate.setdefault(marker.id // 4, []).append(marker)
-            else:
+            if reason is not None:
                 refused[reason] += 1
+                continue
+            if state.at_rest:
+                still[marker.id] = averaged(still.get(marker.id, NOT_SEEN), marker)
+                marker = still[marker.id].put_into(marker)
+            by_gate.setdefault(marker.id // 4, []).append(marker)
+        state = dc.replace(state, still=still)
         camera = self._camera(info)
         for number, markers in sorted(by_gate.items()):
             index = state.index_of(number)

@@ -87,9 +87,10 @@ class Explorer(LeafSystem):
             hover_height: of the first hover above the start (m).
             clearance: to keep from pylons' axes (m).
             map_is_known: whether there is nothing to explore: it takes off, and is done.
-            vio: whether the drone has to find out itself where it is. Then its map drifts until it
-                sees known gates again, so that it flies through gate 1 and looks at gate 2 before
-                it returns; it looks back when it is unsure, and lands when it has lost itself.
+            vio: whether the drone has to find out itself where it is. Then it rests longer on its
+                pad. Its map drifts until it sees known gates again, so that it flies through gate 1
+                and looks at gate 2 before it returns; it looks back when it is unsure, and lands
+                when it has lost itself.
         """
         LeafSystem.__init__(self)
         self._machine = StateMachine(
@@ -97,7 +98,7 @@ class Explorer(LeafSystem):
             hover_height=hover_height,
             clearance=clearance,
             map_is_known=map_is_known,
-            sees_first_gates_again=vio,
+            vio=vio,
         )
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())

@@ -32,6 +32,9 @@ _MOST_STEPS = 6  # of a search that are planned in one tick
 # them; with less, it knows its place again.
 _UNSURE, _SURE = 1.0, 0.3
 _AT_REST = "level and at rest now"
+# s, that a drone with `vio` rests on its pad: the longer, the better it knows the bias of its
+# gyroscope, and its heading once it flies.
+_REST = 2.0
 
 
 class StateMachine:
@@ -44,13 +47,13 @@ class StateMachine:
         hover_height: float,
         clearance: float,
         map_is_known: bool = False,
-        sees_first_gates_again: bool = False,
+        vio: bool = False,
     ):
         """Args: see Explorer."""
         self._config = config
         self._hover_height = hover_height
         self._map_is_known = map_is_known
-        self._sees_again = sees_first_gates_again
+        self._vio = vio
         self._legs = LegPlanner(config=config, clearance=clearance)
         self._states = {
             "CALIBRATE": self._calibrate,
@@ -89,7 +92,7 @@ class StateMachine:
             return memory if same else memory.entered(now.time, "CALIBRATE", fault)
         if len(status.events) > 1 and status.reason != _AT_REST:
             return memory.entered(now.time, "CALIBRATE", _AT_REST)
-        if now.time - status.since < self._config.hover_time:
+        if now.time - status.since < (_REST if self._vio else self._config.hover_time):
             return memory
         tilt = np.rad2deg(exploration.tilt(now.estimate))
         pose = exploration.hover_pose(now.estimate)
@@ -218,7 +221,7 @@ class StateMachine:
     def _return_home(self, now, reason):
         """Flies home through the gates ahead, for there are no others."""
         memory, gates = now.memory, self._gates_ahead(now)
-        if self._sees_again and {0, 1} <= now.gates.keys():
+        if self._vio and {0, 1} <= now.gates.keys():
             gates = [*gates, now.gates[0]]
         leg = self._plan_home(now, gates)
         if leg is None and len(gates) > len(memory.gates_ahead):
@@ -231,7 +234,7 @@ class StateMachine:
 
     def _plan_home(self, now, gates):
         """Returns the leg home; if gate 1 is to be passed on the way, gate 2 is looked at."""
-        looks = self._sees_again and gates and gates[-1].number == 0
+        looks = self._vio and gates and gates[-1].number == 0
         return self._legs.plan_home(now, gates, now.gates.get(1) if looks else None)
 
     def _look_back(self, now):

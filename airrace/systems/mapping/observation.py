@@ -70,7 +70,8 @@ def refusal(marker: Detection, max_id: int, max_range: float) -> str | None:
         return FOREIGN_ID
     X_CM = marker.X_CM.GetAsMatrix34()
     covariance = marker.covariance
-    if not np.isfinite(X_CM).all() or (covariance is not None and not _is_covariance(covariance)):
+    is_finite = np.isfinite(X_CM).all() and np.isfinite(marker.corners).all()
+    if not is_finite or (covariance is not None and not _is_covariance(covariance)):
         return BROKEN
     x, y, z = X_CM[:, 3].tolist()
     distance = math.hypot(x, y, z)

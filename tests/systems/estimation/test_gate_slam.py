@@ -135,6 +135,31 @@ def test_a_gate_that_is_seen_at_rest_keeps_the_heading():
     assert sigmas[1] < 0.7 * sigmas[0]
 
 
+def test_all_pictures_at_rest_tell_where_a_gate_is():
+    """Their noise averages out; without, it would count as one picture."""
+    sigmas, errors = [], []
+    for pictures in (5, 60):
+        hover = Hover()
+        hover.wait(pictures / FPS, 0, 2)
+        belief = hover.read("slam_state").belief
+        sigmas.append(np.sqrt(belief.covariance[18, 18]))
+        errors.append(abs(belief.gates[0, 3] - GATE[3]))
+    assert sigmas[1] < 0.7 * sigmas[0]
+    assert errors[1] < 3.0 * sigmas[1]
+
+
+def test_a_broken_picture_at_rest_is_not_averaged():
+    hover = Hover()
+
+    def broken(detections):
+        markers = [dc.replace(m, corners=np.full((4, 2), np.nan)) for m in detections.markers]
+        return dc.replace(detections, markers=tuple(markers))
+
+    hover.wait(0.1, 0, 2, fault=broken)
+    hover.wait(0.2, 0, 2)
+    assert len(hover.read("slam_state").landmarks) == 1
+
+
 def test_a_gate_in_sight_tells_tilt_and_biases(hover):
     hover.wait(2.0, 0, 2)
     state = as_navigation(hover.read("corrections"))

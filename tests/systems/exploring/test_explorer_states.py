@@ -138,6 +138,19 @@ def test_it_returns_through_the_gates_still_ahead():
     np.testing.assert_allclose(memory.goal, HOME, atol=1e-6)
 
 
+@pytest.mark.parametrize(("vio", "rest"), [(False, 0.5), (True, 2.0)])
+def test_on_its_pad_it_rests_the_longer_if_it_has_to_find_its_way(vio, rest):
+    machine = StateMachine(config=ExplorerConfig(), hover_height=5.0, clearance=2.0, vio=vio)
+    looking = situation({}, [])
+    memory, time = Memory(), 0.0
+    estimate = flat_state(FlatTrajectory.resting(np.zeros(4)).reference(0.0), 0.0)
+    while memory.status.state == "CALIBRATE":
+        time += TICK
+        now = Situation(memory, time, looking.detections, looking.gate_map, estimate)
+        memory = machine.next(now)
+    assert memory.status.state == "TAKE_OFF" and time == pytest.approx(rest, abs=1.1 * TICK)
+
+
 @pytest.mark.parametrize("state", ["CALIBRATE", "TAKE_OFF", "FLY_TO_GATE", "RETURN", "DONE"])
 def test_without_an_estimate_it_lands_for_good(state):
     """Also in a race, when its own work is done; a drone on its pad stays there."""

@@ -13,8 +13,8 @@ INFO = make_camera_info(width=1280, height=720, fov_y=1.0, X_BC=RigidTransform()
 FACING = RotationMatrix(np.diag([1.0, -1.0, -1.0]))  # a marker that faces the camera
 
 
-def detection(id=0, R=FACING, p=(1.0, 0.5, 10.0), **kwargs):
-    return Detection(id, np.zeros((4, 2)), RigidTransform(R, p), 0.1, **kwargs)
+def detection(id=0, R=FACING, p=(1.0, 0.5, 10.0), corner=0.0, **kwargs):
+    return Detection(id, np.full((4, 2), corner), RigidTransform(R, p), 0.1, **kwargs)
 
 
 @pytest.mark.parametrize(
@@ -30,6 +30,7 @@ def detection(id=0, R=FACING, p=(1.0, 0.5, 10.0), **kwargs):
         (detection(covariance=np.full((6, 6), np.nan)), "pose or covariance makes no sense"),
         (detection(covariance=-np.eye(6)), "pose or covariance makes no sense"),
         (detection(covariance=1e200 * np.eye(6)), "pose or covariance makes no sense"),
+        (detection(corner=np.nan), "pose or covariance makes no sense"),
         (detection(p=[0, 0, 31.0]), "beyond the range"),
         (detection(p=[0, 0, 1e300]), "beyond the range"),
         (detection(R=RotationMatrix()), "seen from behind"),

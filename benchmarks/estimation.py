@@ -182,7 +182,9 @@ def fly(scenario_text: str, track_seed: int | None = None) -> dict:
 
 def make_hasty_explorer(scenario: Scenario) -> System:
     """Returns an explorer that goes home when it sees gate 1 again, without closing the loop."""
-    return SYSTEMS["explorer"](dc.replace(scenario, estimator=TRUTH))
+    explorer = SYSTEMS["explorer"](scenario)
+    explorer._machine._closes_loop = False
+    return explorer
 
 
 def fly_without_robust_weights(*race) -> dict:

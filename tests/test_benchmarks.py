@@ -306,7 +306,8 @@ def test_another_simulator_is_compared_with_ours(run, tmp_path):
 @pytest.mark.slow
 def test_estimators_are_put_beside_the_truth(run):
     options = ("--seeds", 1, "--tracks", 1, "--levels", 1, "--laps", 1)
-    table, figures, _ = run("estimation", *options, "--scenario_text", SHORT, code=1)
+    short = "{referee: {time_limit: 2.5}}"  # the rotors turn for half a second
+    table, figures, _ = run("estimation", *options, "--scenario_text", short, code=1)
     vio, truth = figures["reference"]
     assert (vio["estimator"], truth["estimator"]) == ("vio", "truth")
     assert 0.0 < vio["nees_exploring"] < 20.0 and truth["nees_exploring"] is None

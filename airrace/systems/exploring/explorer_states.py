@@ -53,7 +53,8 @@ class StateMachine:
         self._config = config
         self._hover_height = hover_height
         self._map_is_known = map_is_known
-        self._vio = vio
+        self._rest = _REST if vio else config.hover_time
+        self._closes_loop = vio
         self._legs = LegPlanner(config=config, clearance=clearance)
         self._states = {
             "CALIBRATE": self._calibrate,
@@ -92,7 +93,7 @@ class StateMachine:
             return memory if same else memory.entered(now.time, "CALIBRATE", fault)
         if len(status.events) > 1 and status.reason != _AT_REST:
             return memory.entered(now.time, "CALIBRATE", _AT_REST)
-        if now.time - status.since < (_REST if self._vio else self._config.hover_time):
+        if now.time - status.since < self._rest:
             return memory
         tilt = np.rad2deg(exploration.tilt(now.estimate))
         pose = exploration.hover_pose(now.estimate)
@@ -221,7 +222,7 @@ class StateMachine:
     def _return_home(self, now, reason):
         """Flies home through the gates ahead, for there are no others."""
         memory, gates = now.memory, self._gates_ahead(now)
-        if self._vio and {0, 1} <= now.gates.keys():
+        if self._closes_loop and {0, 1} <= now.gates.keys():
             gates = [*gates, now.gates[0]]
         leg = self._plan_home(now, gates)
         if leg is None and len(gates) > len(memory.gates_ahead):
@@ -234,7 +235,7 @@ class StateMachine:
 
     def _plan_home(self, now, gates):
         """Returns the leg home; if gate 1 is to be passed on the way, gate 2 is looked at."""
-        looks = self._vio and gates and gates[-1].number == 0
+        looks = self._closes_loop and gates and gates[-1].number == 0
         return self._legs.plan_home(now, gates, now.gates.get(1) if looks else None)
 
     def _look_back(self, now):

@@ -175,7 +175,6 @@ class SlamFilter:
             return state
         refused = Counter(state.refused)
         refused.update(reason for reason, _ in detections.refused)
-        state = dc.replace(state, image_time=detections.time, innovations=())
         by_gate: dict[int, list[Detection]] = {}
         still = dict(state.still)
         max_id = 4 * self._config.max_gates - 1
@@ -190,7 +189,7 @@ class SlamFilter:
                 still[marker.id] = averaged(still.get(marker.id, NOT_SEEN), marker)
                 marker = still[marker.id].put_into(marker)
             by_gate.setdefault(marker.id // 4, []).append(marker)
-        state = dc.replace(state, still=still)
+        state = dc.replace(state, image_time=detections.time, innovations=(), still=still)
         camera = self._camera(info)
         for number, markers in sorted(by_gate.items()):
             index = state.index_of(number)

@@ -103,15 +103,20 @@ def measure(args) -> dict:
     return {name: races.fly_all(_MAKERS[name](args), args.workers) for name in args.only}
 
 
-def _scenario(args, **file) -> Scenario:
-    """Returns the scenario of the options, with the estimator ``vio``."""
-    scenario = load_scenario(scenario_text=args.scenario_text, **file)
+def _estimating(scenario: Scenario, args) -> Scenario:
+    """Returns a scenario with the estimator ``vio`` and the IMU of the options."""
     imu = scenario.imu if args.preset is None else dc.replace(scenario.imu, preset=args.preset)
     return dc.replace(scenario, estimator=VIO, imu=imu)
 
 
+def _reference_race(args) -> Scenario:
+    """Returns the scenario of the options on the reference track."""
+    scenario = load_scenario(scenario_text=args.scenario_text)
+    return dc.replace(_estimating(scenario, args), laps=args.laps)
+
+
 def _reference(args) -> list[Case]:
-    scenario = dc.replace(_scenario(args), laps=args.laps)
+    scenario = _reference_race(args)
     return [
         Case(name, dc.replace(scenario, estimator=name), range(args.seeds), fly=fly)
         for name in (VIO, TRUTH)
@@ -119,7 +124,7 @@ def _reference(args) -> list[Case]:
 
 
 def _kinds(args) -> list[Case]:
-    scenario = dc.replace(_scenario(args), laps=args.laps)
+    scenario = _reference_race(args)
     rotor = dc.replace(scenario.planner, limits="rotor")
     kinds = {
         "3-D": dc.replace(scenario, trajectory="3"),
@@ -130,18 +135,20 @@ def _kinds(args) -> list[Case]:
 
 
 def _generated(args) -> list[Case]:
-    levels = {
-        level: _scenario(args, filename="levels", scenario_name=f"Level{level}")
-        for level in args.levels
-    }
     return [
-        Case(f"level {level}", dc.replace(each, laps=1), range(args.tracks), True, fly)
-        for level, each in levels.items()
+        Case(
+            f"level {level}",
+            _estimating(races.lap_of_level(level, args), args),
+            range(args.tracks),
+            True,
+            fly,
+        )
+        for level in args.levels
     ]
 
 
 def _ablations(args) -> list[Case]:
-    scenario = dc.replace(_scenario(args), laps=args.laps)
+    scenario = _reference_race(args)
 
     def with_imu(**fields):
         return dc.replace(scenario, imu=dc.replace(scenario.imu, **fields))

@@ -18,9 +18,8 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from airrace.diagrams.in_process import InProcess
 from airrace.diagrams.race import run_race
-from airrace.scenario import LEARNED, PLANNED, load_scenario
+from airrace.scenario import LEARNED, PLANNED
 from airrace.track import load_track
 from airrace.trajopt.feasibility import pylon_distances
 from airrace.vehicle import Vehicle, load_vehicle
@@ -28,6 +27,7 @@ from airrace.vehicle.state import STATE_SIZE
 from benchmarks import harness, races
 from benchmarks.harness import groups
 from benchmarks.races import Case
+from tests.worlds.logged_race import LoggedInProcess
 
 _RATE = 100.0  # Hz, of the log
 _COLUMNS = {
@@ -65,14 +65,8 @@ def measure(args) -> list[dict]:
     """Returns rows of fly(), with the ``name`` of their case."""
     cases = []
     for level in args.levels:
-        scenario = dc.replace(
-            load_scenario(
-                filename="levels", scenario_name=f"Level{level}", scenario_text=args.scenario_text
-            ),
-            laps=1,
-        )
         for name, pilot in (("planner", PLANNED), ("network", args.pilot)):
-            by = dc.replace(scenario, pilot=pilot)
+            by = dc.replace(races.lap_of_level(level, args), pilot=pilot)
             cases.append(Case(f"level {level}, {name}", by, range(args.tracks), True, fly))
     return races.fly_all(cases, args.workers)
 
@@ -100,17 +94,6 @@ class _FlightLog(LeafSystem):
         self.rows.append(np.array([context.get_time(), *p_WB, *self._speeds.Eval(context)]))
 
 
-class _Logged(InProcess):
-    """SITL with a flight log."""
-
-    def AddToBuilder(self, builder, scenario, simulation):
-        autonomy = super().AddToBuilder(builder, scenario, simulation)
-        self.log = builder.AddSystem(_FlightLog(len(load_vehicle(scenario.drone)[0].rotors)))
-        for name in ("truth.state", "rotor_speeds"):
-            builder.Connect(simulation.GetOutputPort(name), self.log.GetInputPort(name))
-        return autonomy
-
-
 def fly(scenario_text: str, track_seed: int) -> dict:
     """Flies a race; returns its figures, see benchmarks.races.fly(), and those of its lap.
 
@@ -119,7 +102,8 @@ def fly(scenario_text: str, track_seed: int) -> dict:
     """
     with tempfile.TemporaryDirectory() as folder:
         scenario = races.scenario_of(scenario_text, track_seed, Path(folder))
-        transport = _Logged()
+        vehicle = load_vehicle(scenario.drone)[0]
+        transport = LoggedInProcess(lambda _: _FlightLog(len(vehicle.rotors)))
         race = run_race(scenario, Path(folder), transport=transport)
         pylons = load_track(scenario.track).pylons()
     events = race.get("pilot", {"events": []})["events"][1:]  # the first: it takes over
@@ -133,7 +117,7 @@ def fly(scenario_text: str, track_seed: int) -> dict:
         log = np.array(transport.log.rows)
         log = log[(lap["start_s"] <= log[:, 0]) & (log[:, 0] < lap["start_s"] + lap["time_s"])]
         result["margin_m"] = float(pylon_distances(log[:, 1:4].T, pylons[:, :2]).min())
-        result["energy_j"] = energy(log[:, 4:], load_vehicle(scenario.drone)[0])
+        result["energy_j"] = energy(log[:, 4:], vehicle)
     return result
 
 

@@ -97,16 +97,18 @@ def _reference(args) -> list[Case]:
 
 
 def _generated(args) -> list[Case]:
-    levels = {
-        level: load_scenario(
-            filename="levels", scenario_name=f"Level{level}", scenario_text=args.scenario_text
-        )
-        for level in _LEVELS
-    }
     return [
-        Case(f"level {level}", dc.replace(scenario, laps=1), range(args.tracks), generated=True)
-        for level, scenario in levels.items()
+        Case(f"level {level}", lap_of_level(level, args), range(args.tracks), generated=True)
+        for level in _LEVELS
     ]
+
+
+def lap_of_level(level: str, args) -> Scenario:
+    """Returns the scenario of one lap at a level, with what the option --scenario_text says."""
+    scenario = load_scenario(
+        filename="levels", scenario_name=f"Level{level}", scenario_text=args.scenario_text
+    )
+    return dc.replace(scenario, laps=1)
 
 
 _MAKERS = {"reference": _reference, "generated": _generated}

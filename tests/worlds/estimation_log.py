@@ -11,7 +11,6 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
-from airrace.diagrams.in_process import InProcess
 from airrace.diagrams.race import run_race
 from airrace.math.quaternion import rotation_between, rotation_matrix
 from airrace.scenario import Scenario
@@ -20,6 +19,7 @@ from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state
+from tests.worlds.logged_race import LoggedInProcess
 
 _TRUTH_RATE, _ESTIMATE_RATE = 500.0, 100.0  # Hz
 _AIRBORNE = 0.3  # m above the start
@@ -85,20 +85,6 @@ class EstimationLog(LeafSystem):
             self.sights.append(Sight(slam.belief.navigation, P, seen_at))
 
 
-class _Logged(InProcess):
-    """SITL with an EstimationLog."""
-
-    def AddToBuilder(self, builder, scenario, simulation):
-        autonomy = super().AddToBuilder(builder, scenario, simulation)
-        estimates = autonomy.HasOutputPort("slam_state")
-        self.log = builder.AddSystem(EstimationLog(scenario.camera.fps, estimates))
-        for i in range(self.log.num_input_ports()):
-            port = self.log.get_input_port(i)
-            source = simulation if port.get_name().startswith("truth.") else autonomy
-            builder.Connect(source.GetOutputPort(port.get_name()), port)
-        return autonomy
-
-
 def fly_logged(scenario: Scenario, folder: Path) -> tuple[dict, dict]:
     """Flies a race; returns what race.json holds, and figures of its estimator.
 
@@ -106,7 +92,10 @@ def fly_logged(scenario: Scenario, folder: Path) -> tuple[dict, dict]:
         scenario: the race.
         folder: for its files.
     """
-    transport, maps = _Logged(), []
+    transport = LoggedInProcess(
+        lambda autonomy: EstimationLog(scenario.camera.fps, autonomy.HasOutputPort("slam_state"))
+    )
+    maps: list = []
 
     def show(_, outputs):
         if not maps or outputs.gate_map is not maps[-1][1]:

@@ -31,7 +31,6 @@ _LEAST_ADVANTAGE = 9.0  # squared standard deviations by which the other heading
 _MOST_COST = 60.0  # of eight or sixteen coordinates of corners
 _SAME_HEADING = 0.05  # rad
 _MOST_HEADING_SIGMA = 0.15  # rad, of a new gate's heading to the drone's
-_FARTHEST = 32.0  # m
 # Sights of a new gate that have to agree before it enters, and how: m, rad, s.
 _CONFIRMATIONS = 3
 _NEAR, _TURN, _SOON = 2.0, 0.3, 0.5
@@ -195,12 +194,10 @@ def _best(belief: Belief, seeds: np.ndarray, sight: Sight, camera: Camera) -> tu
             previous = fit.cost
         if turn > _SAME_HEADING:
             other = min(other, previous)
-    offset = best.gates[-1, :3] - as_navigation(best.navigation).position
     accepted = (
         cost < _MOST_COST
         and other - cost > _LEAST_ADVANTAGE
         and relative_covariance(best, len(best.gates) - 1)[3, 3] < _MOST_HEADING_SIGMA**2
-        and np.sum(offset**2) < _FARTHEST**2
     )
     return best, accepted
 

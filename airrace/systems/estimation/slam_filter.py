@@ -43,8 +43,9 @@ _KNOWN_SIGMA = 0.3  # m, of a gate's position relative to the drone, before it i
 # wrongly, see _was_wrong().
 _MOST_REFUSED = 5
 _MOVED = np.array([1.0, 1.0, 0.01, 0.01, 0.0])  # m^2, rad^2
-# A gate in the filter is seen usefully from farther away than a new one: of the range.
-_BEYOND = 1.4
+# Markers are used from so many times the range of a mapper that is told its pose: who sees the next
+# gate while the last one is still in view carries his heading from gate to gate.
+_BEYOND = 1.5
 _PROCESS_NOISE = 1.3  # times that of the sensor
 
 
@@ -119,8 +120,8 @@ class SlamFilter:
             frame: of the map.
             noise: of the inertial sensor, as its data sheet says.
             p_BI: where that is in the body (m), (3,).
-            config: of which max_range, max_gates and min_observations matter; a gate that is known
-                is of use from somewhat farther away.
+            config: of which max_range, max_gates and min_observations matter; markers are used
+                from 1.5 times that range.
         """
         self._frame = frame
         self._turn_on = noise

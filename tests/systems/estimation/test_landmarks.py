@@ -60,9 +60,16 @@ def test_a_gate_that_is_near_enters_where_it_is(heading, ids):
     assert after is not None or len(ids) == 1
 
 
-def test_a_gate_far_away_has_to_wait():
-    rng = np.random.default_rng(0)
-    assert lm.new_gate(belief(), see([38.0, 3.0, 6.25, 0.3, 10.0], 0, rng=rng), CAMERA) is None
+def test_a_gate_far_away_enters_with_the_right_heading_or_waits():
+    errors = []  # standard deviations of the heading
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        x, y, heading = rng.uniform([32.0, -10.0, -0.9], [45.0, 10.0, 0.9])
+        after = lm.new_gate(belief(), see([x, y, 6.25, heading, 10.0], 0, rng=rng), CAMERA)
+        if after is not None:
+            errors.append((after.gates[0, 3] - heading) / np.sqrt(after.covariance[18, 18]))
+    assert np.abs(errors).max() < 4.0
+    assert 20 < len(errors) < 40
 
 
 def test_a_wrong_pose_of_the_two_is_found_out():

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
+from airrace.math.small_matrices import cholesky, solve_cholesky
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import piecewise_polynomial
 from airrace.trajopt.hermite import unit_segment
@@ -239,10 +239,9 @@ class MinSnapProblem:
         scale = 1.0 / np.sqrt(np.diag(hessian))[:, None]
         for part, place in self._free:
             s, b = scale[place[0][:, 0]], right[place]
-            scaled = s * hessian[part] * s.T
-            _, solved, failed = scipy.linalg.lapack.dposv(scaled, s * b.reshape(len(s), -1))
-            if failed:
-                raise TrajectoryOptimizationError(_NOT_UNIQUE)
+            L = cholesky(s * hessian[part] * s.T)  # of NaN if the minimum is not unique
+            columns = np.ascontiguousarray((s * b.reshape(len(s), -1)).T)
+            solved = np.array([solve_cholesky(L, column) for column in columns]).T
             y[place] = (s * solved).reshape(b.shape)
         if not np.isfinite(y).all():
             raise TrajectoryOptimizationError(_NOT_UNIQUE)

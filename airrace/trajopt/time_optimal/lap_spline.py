@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.interpolate import BSpline
+from pydrake.math import BsplineBasis
+from pydrake.trajectories import BsplineTrajectory
 
 DEGREE = 5
 ORDERS = 5  # value, velocity, acceleration, jerk and snap, all continuous
@@ -203,11 +204,11 @@ def basis(pieces: int, fractions: tuple) -> np.ndarray:
         derivatives with respect to normalised time.
     """
     to_control = np.eye(pieces + DEGREE)
-    spline = BSpline(_knots(pieces), to_control, DEGREE)
-    starts, ends = (np.array([spline(x, nu=k) for k in range(ORDERS)]) for x in (0.0, 1.0))
-    to_control = to_control.copy()
+    spline = BsplineTrajectory(BsplineBasis(DEGREE + 1, _knots(pieces)), to_control)
+    derivatives = [spline.MakeDerivative(k) for k in range(ORDERS)]
+    starts, ends = (np.array([each.value(x)[:, 0] for each in derivatives]) for x in (0.0, 1.0))
     to_control[:ORDERS, :ORDERS] = np.linalg.inv(starts[:, :ORDERS])
     to_control[-ORDERS:, -ORDERS:] = np.linalg.inv(ends[:, -ORDERS:])
-    result = np.array([spline(fractions, nu=k) for k in range(ORDERS)]) @ to_control
+    result = np.array([each.vector_values(fractions).T for each in derivatives]) @ to_control
     result.setflags(write=False)
     return result

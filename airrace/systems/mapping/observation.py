@@ -17,7 +17,7 @@ from airrace.track import MARKER_SIZE
 
 # Why a detection does not enter the map, beside the detector's own reasons.
 UNKNOWN_TIME = "no pose of the drone at that time"
-BROKEN = "pose or covariance makes no sense"
+BROKEN = "corners, pose or covariance make no sense"
 TOO_FAR = "beyond the range"
 INVALID = "at the origin of the world"  # the position in a message that nobody filled in
 OFF_MAP = "far from the map"

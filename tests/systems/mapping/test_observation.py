@@ -27,7 +27,10 @@ def detection(id=0, R=FACING, p=(1.0, 0.5, 10.0), corner=0.0, **kwargs):
         (detection(id=-1), "foreign ID"),
         (detection(p=[np.nan, 0, 5]), "corners, pose or covariance make no sense"),
         (detection(p=[0, 0, np.inf]), "corners, pose or covariance make no sense"),
-        (detection(covariance=np.full((6, 6), np.nan)), "corners, pose or covariance make no sense"),
+        (
+            detection(covariance=np.full((6, 6), np.nan)),
+            "corners, pose or covariance make no sense",
+        ),
         (detection(covariance=-np.eye(6)), "corners, pose or covariance make no sense"),
         (detection(covariance=1e200 * np.eye(6)), "corners, pose or covariance make no sense"),
         (detection(corner=np.nan), "corners, pose or covariance make no sense"),

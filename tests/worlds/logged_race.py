@@ -10,6 +10,8 @@ from airrace.diagrams.in_process import InProcess
 class LoggedInProcess(InProcess):
     """SITL with a log, whose input ports are named as those that they show.
 
+    Of a name that both have, such as ``state_estimate``, it shows the autonomy's.
+
     Attributes:
         log: that of the race.
     """
@@ -26,6 +28,6 @@ class LoggedInProcess(InProcess):
         for i in range(self.log.num_input_ports()):
             port = self.log.get_input_port(i)
             name = port.get_name()
-            source = simulation if simulation.HasOutputPort(name) else autonomy
+            source = autonomy if autonomy.HasOutputPort(name) else simulation
             builder.Connect(source.GetOutputPort(name), port)
         return autonomy

@@ -8,11 +8,11 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem
 
-from airrace.diagrams.in_process import InProcess
 from airrace.diagrams.race import run_race
 from airrace.scenario import VIO, Scenario
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_SIZE
 from airrace.systems.types import CameraInfo, Detections
+from tests.worlds.logged_race import LoggedInProcess
 
 _RATE = 500.0  # Hz
 
@@ -72,20 +72,6 @@ class _Tape(LeafSystem):
             self.states.append(state)
 
 
-class _Taped(InProcess):
-    """SITL with a tape."""
-
-    def AddToBuilder(self, builder, scenario, simulation):
-        autonomy = super().AddToBuilder(builder, scenario, simulation)
-        self.tape = builder.AddSystem(_Tape(scenario.camera.fps))
-        for i in range(self.tape.num_input_ports()):
-            port = self.tape.get_input_port(i)
-            name = port.get_name()
-            source = autonomy if autonomy.HasOutputPort(name) else simulation
-            builder.Connect(source.GetOutputPort(name), port)
-        return autonomy
-
-
 def record_flight(seconds: float, **fields) -> RecordedFlight:
     """Flies the beginning of a race with the estimator ``vio``.
 
@@ -96,10 +82,10 @@ def record_flight(seconds: float, **fields) -> RecordedFlight:
     scenario = Scenario(estimator=VIO, laps=1, **fields)
     scenario.referee.time_limit = seconds
     scenario.recording.content = "none"
-    transport = _Taped()
+    transport = LoggedInProcess(lambda _: _Tape(scenario.camera.fps))
     with tempfile.TemporaryDirectory() as folder:
         run_race(scenario, Path(folder), transport=transport)
-    tape = transport.tape
+    tape = transport.log
     return RecordedFlight(
         samples=np.array(tape.samples),
         detections=tape.detections,

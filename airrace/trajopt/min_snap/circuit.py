@@ -239,13 +239,13 @@ def _since_gate(path: PiecewisePolynomial, start: float, gate: np.ndarray) -> fl
     def ahead(time):
         return float(forward @ (path.value(time)[:, 0] - gate))
 
-    from scipy.optimize import brentq  # here, as few races need it: it takes 0.3 s
-
     end = path.end_time()
     times = np.linspace(start, end, _LEG_SAMPLES)
     behind = [k for k, time in enumerate(times) if ahead(time) < 0.0]
     if not behind:
         return 0.0  # at rest in the gate, it has not passed it forward
+    from scipy.optimize import brentq  # here, as few races need it: it takes 0.3 s
+
     return end - brentq(ahead, times[behind[-1]], times[behind[-1] + 1])
 
 

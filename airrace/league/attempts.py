@@ -31,11 +31,13 @@ class Allowed(NamedTuple):
         read: from which it may read.
         write: which it may read and write.
         hidden: within those of ``read`` or ``write``, which it may not use.
+        listed: which it may list, and no more.
     """
 
     read: tuple[str, ...]
     write: tuple[str, ...]
     hidden: tuple[str, ...] = ()
+    listed: tuple[str, ...] = ()
 
 
 def report_attempts(allowed: Allowed) -> None:
@@ -45,7 +47,9 @@ def report_attempts(allowed: Allowed) -> None:
         allowed: beside the system's libraries and this Python with its packages.
     """
     read = (sys.prefix, sys.base_prefix, *allowed.read, *_SYSTEM)
-    roots = allowed._replace(read=read)
+    # To import a module, Python lists the folders of its path anew when one of them has changed.
+    listed = (*allowed.listed, *map(os.path.abspath, sys.path))
+    roots = allowed._replace(read=read, listed=listed)
     out, seen = os.dup(1), set()
     is_busy = False
 
@@ -71,6 +75,8 @@ def _attempt(event: str, arguments: tuple, allowed: Allowed) -> str | None:
     if event == "open":
         return _opened(arguments[0], arguments[1], arguments[2], allowed)
     if event == "os.listdir" and arguments and isinstance(arguments[0], str):
+        if os.path.abspath(arguments[0]) in allowed.listed:
+            return None
         return _opened(arguments[0], "r", 0, allowed)
     if event == "socket.__new__":
         return "opened a socket"

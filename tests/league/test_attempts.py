@@ -75,6 +75,22 @@ open("own/file").read()
     assert found == ["read /own/tracks/file", "read /own/tracks"]
 
 
+def test_a_folder_of_modules_may_be_listed_and_not_read(tmp_path):
+    """The process begins in one; Python lists it to import, if a file came there meanwhile."""
+    (tmp_path / "secret").write_text("x")
+    found = attempts(
+        tmp_path,
+        """
+import importlib
+importlib.invalidate_caches()  # as if one had come
+quietly(lambda: importlib.import_module("there_is_no_such_module"))
+os.listdir(os.getcwd())
+open("secret").read()
+""",
+    )
+    assert found == ["read /secret"]
+
+
 def test_to_import_the_simulator(tmp_path):
     found = attempts(tmp_path, "quietly(lambda: __import__('airrace.diagrams.simulation'))")
     assert "imported airrace.diagrams.simulation, which knows nothing of this race" in found

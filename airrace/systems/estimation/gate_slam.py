@@ -136,7 +136,8 @@ class GateSlam(LeafSystem):
             return EventStatus.DidNothing()
         history = read_vector(self._history, context).reshape(-1, SAMPLE_SIZE)
         speeds = read_vector(self._speeds, context)
-        turning = self._thrust_coefficients @ np.nan_to_num(speeds) ** 2 > self._idle
+        speeds = np.where(np.isfinite(speeds), speeds, 0.0)
+        turning = self._thrust_coefficients @ speeds**2 > self._idle
         after = self._filter.propagated(before, np.array(history), time, bool(turning))
         if is_new:
             after = self._filter.updated(after, detections, self._info.Eval(context))

@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from airrace.systems.estimation.error_state import POSITION, THETA, VELOCITY
-from airrace.systems.estimation.kalman_update import Belief, relative_covariance
+from airrace.systems.estimation.kalman_update import Belief, relative_covariances
 
 if TYPE_CHECKING:
     from airrace.systems.estimation.slam_filter import SlamState
 
 # Standard deviations. A gate is 10 m wide: with more than the first, one flight through a gate in
 # three would be beside it. With more than the second, the drone cannot even come to rest.
-_MOST_POSITION, _MOST_VELOCITY, _MOST_ATTITUDE = 5.0, 2.0, np.deg2rad(15.0)  # m, m/s, rad
+_MOST_POSITION, _MOST_VELOCITY, _MOST_ATTITUDE = 5.0, 2.0, 15.0  # m, m/s, degrees
 _MOST_SILENCE = 0.2  # s, without a sample of the inertial sensor
 _MOST_REFUSED = 90  # pictures in a row of which every known marker was refused
 
@@ -35,17 +35,15 @@ def why_lost(state: "SlamState", imu_silence: float) -> str:
         return "the estimate is not finite"
     if state.refused_in_a_row >= _MOST_REFUSED:
         return f"no marker was where it should be in {state.refused_in_a_row} pictures"
-    attitude, velocity = (_worst_sigma(belief, at) for at in (THETA, VELOCITY))
-    position = drift_sigma(belief)
-    for what, sigma, most, amount in (
-        ("position", position, _MOST_POSITION, f"{position:.1f} m"),
-        ("velocity", velocity, _MOST_VELOCITY, f"{velocity:.1f} m/s"),
-        ("attitude", attitude, _MOST_ATTITUDE, f"{np.rad2deg(attitude):.0f} degrees"),
+    for what, sigma, most, words in (
+        ("position", drift_sigma(belief), _MOST_POSITION, "{:.1f} m"),
+        ("velocity", _worst_sigma(belief, VELOCITY), _MOST_VELOCITY, "{:.1f} m/s"),
+        ("attitude", np.rad2deg(_worst_sigma(belief, THETA)), _MOST_ATTITUDE, "{:.0f} degrees"),
     ):
         if sigma > most:
             seen = max((each.seen_at for each in state.landmarks), default=-1.0)
             since = f" after {state.time - seen:.1f} s without a marker" if seen >= 0.0 else ""
-            return f"{what} uncertain by {amount}{since}"
+            return f"{what} uncertain by {words.format(sigma)}{since}"
     return ""
 
 
@@ -55,12 +53,11 @@ def drift_sigma(belief: Belief) -> float:
     That is the greatest standard deviation of x, y and z of p_WG - p_WI in the drone's heading;
     without any gate, of p_WI.
     """
-    own = np.diag(belief.covariance)[POSITION:VELOCITY]
-    worst = [
-        np.max(np.diag(relative_covariance(belief, gate))[:3]) for gate in range(len(belief.gates))
-    ]
-    return float(np.sqrt(min(worst, default=np.max(own))))
+    if not len(belief.gates):
+        return _worst_sigma(belief, POSITION)
+    variances = np.diagonal(relative_covariances(belief), axis1=1, axis2=2)[:, :3]
+    return float(np.sqrt(np.min(np.max(variances, axis=1))))
 
 
 def _worst_sigma(belief: Belief, at: int) -> float:
-    return float(np.sqrt(np.max(np.diag(belief.covariance)[at : at + 3])))
+    return float(np.sqrt(np.max(np.diagonal(belief.covariance)[at : at + 3])))

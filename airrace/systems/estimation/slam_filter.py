@@ -18,13 +18,13 @@ from airrace.systems.estimation.kalman_update import (
     Belief,
     attitude_sigma,
     innovation,
-    relative_covariance,
+    relative_covariances,
     updated,
     with_spacing,
 )
 from airrace.systems.estimation.landmarks import Candidate, Landmark
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE, Navigation, navigation_vector
-from airrace.systems.estimation.slam_map import map_of_gate
+from airrace.systems.estimation.slam_map import estimates_of
 from airrace.systems.mapping.gate_filter import RULES_SIGMA, GateFilter, has_spacing_of_rules
 from airrace.systems.mapping.observation import OFF_MAP, UNCONFIRMED, UNKNOWN_TIME, refusal
 from airrace.systems.perception.detection_checks import FOREIGN_ID
@@ -277,7 +277,7 @@ class SlamFilter:
             sum(count for id, count in landmark.counts.items() if id & 2 == pylon)
             for pylon in (0, 2)
         )
-        relative = GateFilter(belief.gates[index], relative_covariance(belief, index), 0.0)
+        relative = GateFilter(belief.gates[index], relative_covariances(belief)[index], 0.0)
         is_known = (
             min(left, right) >= self._config.min_observations
             and relative.spacing > 2 * PYLON_BASE_RADIUS
@@ -286,15 +286,11 @@ class SlamFilter:
         return belief, dc.replace(landmark, is_known=is_known)
 
     def _map(self, state, detections, foreign, refused):
-        before = state.gate_map
-        parts = sorted(
-            (landmark.number, *map_of_gate(state.belief, index, landmark))
-            for index, landmark in enumerate(state.landmarks)
-        )
+        before, (markers, gates) = state.gate_map, estimates_of(state.belief, state.landmarks)
         return GateMap(
             time=detections.time,
-            markers=tuple(marker for _, markers, _ in parts for marker in markers),
-            gates=tuple(gate for _, _, gates in parts for gate in gates),
+            markers=markers,
+            gates=gates,
             detections=before.detections + len(detections.markers) + foreign,
             out_of_range=refused[FOREIGN_ID],
             refused=dict(sorted(refused.items())),

@@ -1,6 +1,7 @@
 """Carries pose and velocity forward with every sample of the inertial sensor."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -95,13 +96,15 @@ class StrapdownIntegrator(LeafSystem):
             link_delay: by which samples may come late, so that nothing has failed (s).
         """
         LeafSystem.__init__(self)
-        self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
-        self._p_BI = np.array(vehicle.imu.position, float)
-        self._wrench_by_squares = vehicle.allocation * vehicle.thrust_coefficients
-        self._inertia = np.array([vehicle.mass, *vehicle.inertia])
-        self._period = 1.0 / rate
-        self._ranges = np.array(ranges, float)
-        self._silent = _SILENT + link_delay
+        model = _Model(
+            np.array(vehicle.imu.position, float),
+            np.array(ranges, float),
+            1.0 / rate,
+            _SILENT + link_delay,
+            vehicle.allocation * vehicle.thrust_coefficients,
+            np.array([vehicle.mass, *vehicle.inertia]),
+        )
+        self._model = tuple(model)
         self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
         self._corrections = self.DeclareVectorInputPort("corrections", NAVIGATION_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
@@ -132,88 +135,121 @@ class StrapdownIntegrator(LeafSystem):
         )
 
     def _update(self, context, discrete_state):
-        history = discrete_state.get_mutable_value(self._history).reshape(-1, SAMPLE_SIZE)
-        samples = read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE)
-        speeds = read_vector(self._speeds, context)
-        heard = discrete_state.get_mutable_value(self._heard)
-        bridges = _bridges(history, heard)
-        stuck = _is_stuck(samples, speeds, self._thrust_per_mass, bridges)
-        count = 0 if stuck else remember(history, samples, self._ranges)
-        if count:
-            heard[0] = history[0, 0]
-            heard[4] = max(context.get_time() - heard[0], _FORGET * heard[4])
-        count = _replace_silence(
-            history,
-            heard,
-            count,
-            context.get_time(),
-            discrete_state.get_mutable_value(self._memory),
-            speeds,
-            self._wrench_by_squares,
-            self._inertia,
-            self._p_BI,
-            self._period,
-            self._silent,
-        )
-        _advance(
-            history,
-            discrete_state.get_mutable_value(self._memory),
-            discrete_state.get_mutable_value(self._estimate),
-            count,
-            read_vector(self._corrections, context),
-            self._p_BI,
-        )
-        _smooth(
-            discrete_state.get_mutable_value(self._disturbance),
-            context.get_discrete_state(self._history).value(),
+        _step(
             discrete_state.get_mutable_value(self._history).reshape(-1, SAMPLE_SIZE),
             discrete_state.get_mutable_value(self._memory),
-            speeds,
-            self._thrust_per_mass,
-            self._p_BI,
+            discrete_state.get_mutable_value(self._estimate),
+            discrete_state.get_mutable_value(self._disturbance),
+            discrete_state.get_mutable_value(self._heard),
+            read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE),
+            read_vector(self._corrections, context),
+            read_vector(self._speeds, context),
+            context.get_time(),
+            self._model,
         )
 
     def _calc_filtered(self, context, output):
-        history = context.get_discrete_state(self._history).value().reshape(-1, SAMPLE_SIZE)
-        samples = read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE)
-        bridges = _bridges(history, context.get_discrete_state(self._heard).value())
-        speeds = read_vector(self._speeds, context)
-        if _is_stuck(samples, speeds, self._thrust_per_mass, bridges):
-            samples = history[: len(samples)]  # nothing new
         _carry_forward(
             output.get_mutable_value(),
-            context.get_discrete_state(self._estimate).value(),
+            context.get_discrete_state(self._history).value().reshape(-1, SAMPLE_SIZE),
             context.get_discrete_state(self._memory).value(),
-            history,
-            samples,
+            context.get_discrete_state(self._estimate).value(),
+            context.get_discrete_state(self._heard).value(),
+            read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE),
+            read_vector(self._speeds, context),
             context.get_time(),
-            self._p_BI,
-            self._ranges,
+            self._model,
         )
 
 
-@compilable
-def _total(thrust_per_mass, speeds):
-    """Returns the rotors' thrust by the mass (m/s^2); a rotor without a speed has none."""
-    total = 0.0
-    for c, speed in zip(thrust_per_mass, speeds):
-        total += c * speed * speed if math.isfinite(speed) else 0.0
-    return total
+class _Model(NamedTuple):
+    """The integrator's constants.
+
+    Attributes:
+        p_BI: where the sensor is mounted (m), (3,).
+        ranges: of its angular velocity (rad/s) and specific force (m/s^2), (6,).
+        period: of its samples (s).
+        silent: time without a sample that is too long (s).
+        wrench_by_squares: matrix from the rotors' squared speeds to [T, Mx, My, Mz], (4, r).
+        inertia: mass (kg) and moments of inertia (kg m^2), (4,).
+    """
+
+    p_BI: np.ndarray
+    ranges: np.ndarray
+    period: float
+    silent: float
+    wrench_by_squares: np.ndarray
+    inertia: np.ndarray
 
 
 @compiled
+def _step(history, memory, estimate, disturbance, heard, samples, corrections, speeds, now, model):
+    """Takes up what the sensor has shown, and a correction; see StrapdownIntegrator.
+
+    Args:
+        history: samples, newest first, (n, 7); changed, as all states are.
+        memory: a Navigation and the time of the correction that it goes on from, (18,).
+        estimate: at the newest sample, (14,).
+        disturbance: (m/s^2, in W), (3,).
+        heard: time of the sensor's newest sound sample, the angular velocity since then, and how
+            old samples are when they come, (5,).
+        samples: of the sensor, newest first, (m, 7).
+        corrections: vector of a Navigation, (17,).
+        speeds: of the rotors (rad/s), (r,).
+        now: (s).
+        model: a _Model, as a tuple.
+    """
+    constants, last = _Model(*model), history[0, 0]
+    thrust, count = _thrust_per_mass(speeds, constants), 0
+    if not _is_stuck(samples, thrust, _bridges(history, heard)):
+        count = remember(history, samples, constants.ranges)
+    if count > 0:
+        heard[0] = history[0, 0]
+        heard[4] = max(now - heard[0], _FORGET * heard[4])
+    count = _replace_silence(history, heard, count, now, memory, speeds, constants)
+    _advance(history, memory, estimate, count, corrections, constants.p_BI)
+    _smooth(disturbance, last, history, memory, thrust, constants.p_BI)
+
+
+@compiled
+def _carry_forward(result, history, memory, estimate, heard, samples, speeds, time, model):
+    """Writes the estimate for a time (s), (14,), with the samples that are not in it yet.
+
+    Args: see _step(); only the result changes.
+    """
+    constants = _Model(*model)
+    assign(result, estimate)
+    recent = history[: len(samples)].copy()
+    if not _is_stuck(samples, _thrust_per_mass(speeds, constants), _bridges(history, heard)):
+        remember(recent, samples, constants.ranges)
+    if memory[0] >= 0.0 and recent[0, 0] > 0.0:
+        state = as_navigation(carried_to(memory[:-1], recent, time))
+        write_state(result, state, recent[0, 1:4] - state.gyro_bias, constants.p_BI)
+
+
+@compilable
+def _thrust_per_mass(speeds, constants):
+    """Returns the rotors' thrust by the mass (m/s^2); a rotor without a speed has none."""
+    total = 0.0
+    for c, speed in zip(constants.wrench_by_squares[0], speeds):
+        total += c / constants.inertia[0] * speed * speed if math.isfinite(speed) else 0.0
+    return total
+
+
+@compilable
 def _bridges(history, heard):
     """Whether the newest sample was made up, because the sensor is silent."""
     return history[0, 0] > heard[0]
 
 
-@compiled
-def _is_stuck(samples, speeds, thrust_per_mass, bridges):
+@compilable
+def _is_stuck(samples, thrust, bridges):
     """Whether a sensor in flight shows the same again and again, to the last bit.
 
-    With little thrust the drone may stand; but not while samples are made up (``bridges``).
+    With little thrust, by mass (m/s^2), the drone may stand; but not while samples are made up
+    (``bridges``).
     """
-    if not bridges and _total(thrust_per_mass, speeds) < _FLYING * GRAVITY:
+    if not bridges and thrust < _FLYING * GRAVITY:
         return False
     for k in range(1, len(samples)):
         for j in range(1, SAMPLE_SIZE):
@@ -222,10 +258,8 @@ def _is_stuck(samples, speeds, thrust_per_mass, bridges):
     return True
 
 
-@compiled
-def _replace_silence(
-    history, heard, count, now, memory, speeds, wrench_by_squares, inertia, p_BI, period, silent
-):
+@compilable
+def _replace_silence(history, heard, count, now, memory, speeds, constants):
     """Writes a sample as the rotors let it be expected, once the sensor is silent.
 
     With total thrust T and moments M of the rotors, mass m and moments of inertia J, Euler's
@@ -233,20 +267,8 @@ def _replace_silence(
 
         J dw/dt = M - w x J w,   f = [0, 0, T / m] + dw/dt x p_BI + w x (w x p_BI).
 
-    Args:
-        history: samples, newest first, (n, 7); changed.
-        heard: time of the sensor's newest sound sample, the angular velocity since then, and how
-            old samples are when they come, (5,); changed. What is made up here is as old, so that
-            the sensor's next sample is newer.
-        count: of the samples that are new.
-        now: (s).
-        memory: see StrapdownIntegrator, (18,).
-        speeds: of the rotors (rad/s), (r,).
-        wrench_by_squares: matrix from their squares to [T, Mx, My, Mz], (4, r).
-        inertia: m and the diagonal of J, (4,).
-        p_BI: where the sensor is mounted (m), (3,).
-        period: of the sensor (s).
-        silent: time without a sample that is too long (s).
+    What is made up is as old as the sensor's samples are when they come, so that its next one is
+    newer. ``count`` samples are new; for the rest see _step().
 
     Returns:
         how many samples are new; none are written before anything is known, and on the ground.
@@ -258,16 +280,16 @@ def _replace_silence(
     wrench = np.zeros(4)
     for i in range(4):
         for j in range(len(speeds)):
-            wrench[i] += wrench_by_squares[i, j] * speeds[j] * speeds[j]
-    mass, J = inertia[0], inertia[1:]
+            wrench[i] += constants.wrench_by_squares[i, j] * speeds[j] * speeds[j]
+    mass, J, p_BI = constants.inertia[0], constants.inertia[1:], constants.p_BI
     if not memory[0] >= 0.0 or not all_finite(wrench):
         return 0
     turning = (wrench[1:] - cross(expected, J * expected)) / J
-    expected += period * turning
+    expected += constants.period * turning
     # Once it has begun it goes on, with however little thrust.
     flies = _bridges(history, heard) or wrench[0] > _FLYING * GRAVITY * mass
     time = now - heard[4]
-    if not flies or not now - heard[0] > silent or not time > history[0, 0]:
+    if not flies or not now - heard[0] > constants.silent or not time > history[0, 0]:
         return 0
     f = cross(turning, p_BI) + cross(expected, cross(expected, p_BI))
     f[2] += wrench[0] / mass
@@ -278,24 +300,15 @@ def _replace_silence(
     return remember(history, sample, _UNLIMITED)
 
 
-@compiled
+@compilable
 def _advance(history, memory, estimate, count, corrections, p_BI):
-    """Takes up new samples and a new correction.
-
-    Args:
-        history: samples, newest first, (n, 7).
-        memory: see StrapdownIntegrator, (18,); changed.
-        estimate: state at the newest sample, (14,); changed.
-        count: of the samples that are new.
-        corrections: vector of a Navigation, (17,).
-        p_BI: where the sensor is mounted (m), (3,).
-    """
+    """Takes up new samples, ``count`` of them, and a new correction; for the rest see _step()."""
     newest = history[0, 0]
     if all_finite(corrections) and corrections[0] > memory[-1]:
-        memory[:-1] = carried_to(corrections, history, max(newest, corrections[0]))
+        assign(memory[:-1], carried_to(corrections, history, max(newest, corrections[0])))
         memory[-1] = corrections[0]
     elif count > 0 and memory[0] >= 0.0:
-        memory[:-1] = carried_to(memory[:-1], history, newest)
+        assign(memory[:-1], carried_to(memory[:-1], history, newest))
     else:
         return
     state, w, averaged = as_navigation(memory), np.zeros(3), min(_AVERAGED, len(history))
@@ -313,31 +326,21 @@ def _unexplained(state, sample, thrust, p_BI):
     return rotate(rotation_matrix(state.quaternion), f)
 
 
-@compiled
-def _smooth(disturbance, before, history, memory, speeds, thrust_per_mass, p_BI):
-    """Smooths the disturbance, (3,), with the samples that are new since `before`, (7 n,)."""
-    if not memory[0] >= 0.0 or before[0] < 0.0:
+@compilable
+def _smooth(disturbance, last, history, memory, thrust, p_BI):
+    """Smooths the disturbance, (3,), with the samples since the last step's newest one.
+
+    Args: see _step(); the time of that sample (s), and the rotors' thrust by mass (m/s^2).
+    """
+    if not memory[0] >= 0.0 or last < 0.0 or thrust < _FLYING * GRAVITY:
         return
-    thrust = _total(thrust_per_mass, speeds)
-    state, last = as_navigation(memory), before[0]
+    state = as_navigation(memory)
     for k in range(len(history) - 1, -1, -1):
         dt = history[k, 0] - last
-        if history[k, 0] <= before[0] or thrust < _FLYING * GRAVITY:
+        if dt <= 0.0:
             continue
         last = history[k, 0]
         share = 1.0 - math.exp(-dt / _TIME_CONSTANT)
         disturbance += share * (_unexplained(state, history[k], thrust, p_BI) - disturbance)
     length = math.sqrt(dot(disturbance, disturbance))
     disturbance *= min(1.0, _MAX_DISTURBANCE / max(length, 1e-9))
-
-
-@compiled
-def _carry_forward(result, estimate, memory, history, samples, time, p_BI, ranges):
-    """Writes the estimate for a time (s), (14,), with the samples that are not in it yet."""
-    for i in range(STATE_SIZE):
-        result[i] = estimate[i]
-    recent = history[: len(samples)].copy()
-    remember(recent, samples, ranges)
-    if memory[0] >= 0.0 and recent[0, 0] > 0.0:
-        state = as_navigation(carried_to(memory[:-1], recent, time))
-        write_state(result, state, recent[0, 1:4] - state.gyro_bias, p_BI)

@@ -59,11 +59,16 @@ BENCHMARKS = {
     "grand_prix": ("grand_prix", "--only", "rates", "soak", "malformed", "reset"),
     "grand_prix_courses": ("grand_prix", "--only", "courses", "--tracks", "20", "--twice"),
     "race_speed": ("race_speed", "--laps", "3", "--runs", "5"),
+    "race_speed_estimators": (
+        *("race_speed", "--laps", "3", "--runs", "5"),
+        *("--estimators", "truth", "vio"),
+    ),
     "race_speed_on_a_map": ("race_speed", "--renderer", "none", "--laps", "10", "--runs", "5"),
     "race_speed_vtk": ("race_speed", "--renderer", "vtk", "--laps", "1"),
     "growth": ("growth", "--runs", "3"),
     "vtk_frame": ("vtk_frame",),
     "peers": ("peers", "--install"),
+    "pilots": ("pilots", "--tracks", "200", "--workers", "{workers}"),
     "envs": ("envs", "--peers"),
 }
 

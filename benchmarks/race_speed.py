@@ -1,16 +1,18 @@
 """How fast a race is, and what takes its time.
 
     python -m benchmarks.race_speed [--profile] [--laps 2] [--runs 1] [--drone NAME]
-        [--renderer planar|vtk|none] [--record none|light|full]
+        [--estimators truth|vio ...] [--renderer planar|vtk|none] [--record none|light|full]
 
 A race is flown from pixels on one core; each of several runs in a process of its own.
 Wall time and CPU time differ when the machine has other work, too; ratios to the simulated
 time are given for both. With --profile, a second table shows the CPU time of every box; a
 box counts without the boxes whose outputs it asks for. Measuring the boxes makes the race
-some percent slower. With --renderer vtk, a last table compares a frame with one of Drake's
-own camera: see vtk_frame.py.
+some percent slower. With two --estimators, races with the one and the other take turns, and a
+table says how much slower the second is. With --renderer vtk, a last table compares a frame with
+one of Drake's own camera: see vtk_frame.py.
 """
 
+import dataclasses as dc
 import sys
 import tempfile
 import time
@@ -24,7 +26,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from airrace.common.errors import UserError
 from airrace.diagrams.race import run_race
 from airrace.diagrams.warm_up import compile_apart
-from airrace.scenario import CONTENTS, Scenario, load_scenario
+from airrace.scenario import CONTENTS, TRUTH, VIO, Scenario, load_scenario
 from airrace.scenario.camera_config import NO_CAMERA, RENDERERS
 from airrace.track.map_files import TRACK
 from benchmarks import harness, vtk_frame
@@ -64,6 +66,9 @@ def main(argv=None) -> int:
     parser.add_argument("--laps", type=int, default=2, help="after exploring (default: 2)")
     parser.add_argument("--drone", default="Default", help="a shipped drone, or a folder")
     parser.add_argument(
+        "--estimators", nargs="+", choices=(TRUTH, VIO), help="(default: the scenario's)"
+    )
+    parser.add_argument(
         "--renderer",
         choices=(*RENDERERS, NO_CAMERA),
         help=f"(default: {RENDERERS[0]}); {NO_CAMERA} = laps without a camera, "
@@ -81,7 +86,7 @@ def main(argv=None) -> int:
 
 
 def measure(args) -> dict:
-    """Returns ``runs``, of fly(), and with vtk ``frame_ms``, of vtk_frame.measure()."""
+    """Returns ``runs``, estimator to those of fly(), and with vtk ``frame_ms``: see vtk_frame."""
     if args.profile and args.runs > 1:
         raise UserError("--profile is of one race; leave out --runs.")
     scenario = load_scenario(scenario_text=args.scenario_text)
@@ -90,10 +95,16 @@ def measure(args) -> dict:
     if scenario.camera.renderer == NO_CAMERA:
         scenario.map = scenario.map or TRACK
     scenario.recording.content = args.record
-    scenario.check()
-    compile_apart(scenario)
-    text = yaml_dump_typed(scenario, schema=Scenario)
-    results = {"runs": harness.in_processes(args.runs * [(fly, (text, args.profile))], "Racing")}
+    estimators = args.estimators or [scenario.estimator]
+    texts = []
+    for estimator in estimators:
+        each = dc.replace(scenario, estimator=estimator)
+        each.check()
+        compile_apart(each)
+        texts.append(yaml_dump_typed(each, schema=Scenario))
+    jobs = args.runs * [(fly, (text, args.profile)) for text in texts]
+    runs = harness.in_processes(jobs, "Racing")
+    results = {"runs": {name: runs[i :: len(texts)] for i, name in enumerate(estimators)}}
     if scenario.camera.renderer == "vtk":
         results["frame_ms"] = vtk_frame.measure()
     return results
@@ -157,16 +168,48 @@ def _phase(start: Instant, end: Instant, profile: bool) -> dict:
 
 def show(results: dict) -> tuple[list, bool]:
     """Returns the tables, and whether all races finished."""
-    runs = results["runs"]
-    tables = [speed_table(runs)]
-    if runs[0]["phases"][SET_UP]["boxes"]:
-        tables.append(box_table(runs[0]["phases"]))
+    tables = []
+    for estimator, runs in results["runs"].items():
+        tables.append(speed_table(runs, estimator))
+        if runs[0]["phases"][SET_UP]["boxes"]:
+            tables.append(box_table(runs[0]["phases"]))
+    if len(results["runs"]) > 1:
+        tables.append(ratio_table(results["runs"]))
     if "frame_ms" in results:
         tables.append(vtk_frame.make_table(results["frame_ms"]))
-    return tables, all(run["race"]["finished"] for run in runs)
+    flown = [run["race"] for runs in results["runs"].values() for run in runs]
+    return tables, all(race["finished"] for race in flown)
 
 
-def speed_table(runs: list):
+def ratio_table(runs: dict):
+    """Returns the table of the speed of later estimators by that of the first, turn by turn."""
+    (first, reference), *others = runs.items()
+    rows = []
+    for name, each in others:
+        for phase in (EXPLORATION, LAPS):
+            pairs = [
+                (a["phases"][phase], b["phases"][phase])
+                for a, b in zip(reference, each)
+                if phase in a["phases"] and phase in b["phases"]
+            ]
+            ratios = [
+                (b["simulated_s"] / b["cpu_s"]) / (a["simulated_s"] / a["cpu_s"]) for a, b in pairs
+            ]
+            if ratios:
+                least, most = min(ratios), max(ratios)
+                row = {"name": name, "phase": phase, "ratio": np.median(ratios)}
+                rows.append(row | {"least": least, "most": most})
+    columns = {
+        "": "{name}",
+        "phase": "{phase}",
+        f"speed, by that with {first}": "{ratio:.2f}",
+        "least": "{least:.2f}",
+        "most": "{most:.2f}",
+    }
+    return harness.make_table("What the estimator costs, of CPU time", rows, columns)
+
+
+def speed_table(runs: list, estimator: str):
     """Returns the table of speeds of one race, or the medians of several."""
     times = {}  # of each phase, and of all together, (runs, 3)
     for run in runs:
@@ -190,7 +233,7 @@ def speed_table(runs: list):
         "x real time": "{speed:.2f}",
         "x real time, CPU": "{cpu_speed:.2f}",
     }
-    title = f"{runs[0]['race']['drone']} on {runs[0]['race']['track']}"
+    title = f"{runs[0]['race']['drone']} on {runs[0]['race']['track']}, {estimator}"
     if len(runs) > 1:
         columns |= {"least": "{slowest:.2f}", "most": "{fastest:.2f}"}
         title += f", medians of {len(runs)} races"

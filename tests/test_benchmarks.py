@@ -176,10 +176,11 @@ def test_speed_is_the_median_of_races(run):
     options = ("--renderer", "none", "--scenario_text", SHORT)
     table, figures, text = run("race_speed", *options, "--runs", 2, code=1)  # out of time
     assert "medians of 2 races" in text
-    first, second = (each["race"] for each in figures["runs"])
+    (runs,) = figures["runs"].values()
+    first, second = (each["race"] for each in runs)
     assert first.pop("wall") != second.pop("wall")
     assert first == second
-    phases = [each["phases"]["exploration"] for each in figures["runs"]]
+    phases = [each["phases"]["exploration"] for each in runs]
     assert phases[0]["simulated_s"] == pytest.approx(0.9, abs=0.2)
     speeds = [phase["simulated_s"] / phase["wall_s"] for phase in phases]
     (numbers,) = rows_of(table, "exploration")
@@ -214,9 +215,18 @@ def test_a_client_that_is_not_installed_is_named(run, tmp_path):
 
 
 @pytest.mark.slow
+def test_the_cost_of_an_estimator_is_a_ratio(run):
+    options = ("--estimators", "truth", "vio", "--scenario_text", SHORT)
+    table, figures, _ = run("race_speed", *options, code=1)
+    phases = [runs[0]["phases"]["exploration"] for runs in figures["runs"].values()]
+    truth, vio = (phase["simulated_s"] / phase["cpu_s"] for phase in phases)
+    assert rows_of(table, "vio") == [["exploration", *3 * [f"{vio / truth:.2f}"]]]
+
+
+@pytest.mark.slow
 def test_the_times_of_the_boxes_add_up(run):
     table, figures, _ = run("race_speed", "--scenario_text", SHORT, "--profile", code=1)
-    phase = figures["runs"][0]["phases"]["exploration"]
+    phase = figures["runs"]["truth"][0]["phases"]["exploration"]
     boxes = phase["boxes"]
     seconds = {name: box["seconds"] for name, box in boxes.items()}
     assert sum(seconds.values()) == pytest.approx(phase["cpu_s"], rel=0.05)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from airrace.common.jit import all_finite, compilable, compiled
 from airrace.systems.estimation.error_state import POSITION, THETA, VELOCITY
 from airrace.systems.estimation.kalman_update import Belief, relative_covariances
 
@@ -24,21 +25,21 @@ def why_lost(state: "SlamState", imu_silence: float) -> str:
         state: of the filter.
         imu_silence: time since the newest sound sample of the inertial sensor (s).
     """
-    belief = state.belief
     if state.at_rest:
         return ""
     if state.time < 0.0:
         return "the attitude was not known at take-off"
     if imu_silence > _MOST_SILENCE:
         return "the IMU fell silent"
-    if not (np.isfinite(belief.navigation).all() and np.isfinite(belief.covariance).all()):
+    position, velocity, attitude = _worst_sigmas(state.belief)
+    if not np.isfinite(position):
         return "the estimate is not finite"
     if state.refused_in_a_row >= _MOST_REFUSED:
         return f"no marker was where it should be in {state.refused_in_a_row} pictures"
     for what, sigma, most, words in (
-        ("position", drift_sigma(belief), _MOST_POSITION, "{:.1f} m"),
-        ("velocity", _worst_sigma(belief, VELOCITY), _MOST_VELOCITY, "{:.1f} m/s"),
-        ("attitude", np.rad2deg(_worst_sigma(belief, THETA)), _MOST_ATTITUDE, "{:.0f} degrees"),
+        ("position", position, _MOST_POSITION, "{:.1f} m"),
+        ("velocity", velocity, _MOST_VELOCITY, "{:.1f} m/s"),
+        ("attitude", np.rad2deg(attitude), _MOST_ATTITUDE, "{:.0f} degrees"),
     ):
         if sigma > most:
             seen = max((each.seen_at for each in state.landmarks), default=-1.0)
@@ -53,11 +54,27 @@ def drift_sigma(belief: Belief) -> float:
     That is the greatest standard deviation of x, y and z of p_WG - p_WI in the drone's heading;
     without any gate, of p_WI.
     """
-    if not len(belief.gates):
-        return _worst_sigma(belief, POSITION)
-    variances = np.diagonal(relative_covariances(belief), axis1=1, axis2=2)[:, :3]
-    return float(np.sqrt(np.min(np.max(variances, axis=1))))
+    return float(_worst_sigmas(belief)[0])
 
 
-def _worst_sigma(belief: Belief, at: int) -> float:
-    return float(np.sqrt(np.max(np.diagonal(belief.covariance)[at : at + 3])))
+@compiled
+def _worst_sigmas(belief):
+    """Returns drift_sigma(), and those of velocity (m/s) and attitude (rad), (3,).
+
+    They are NaN if anything in the belief is not finite.
+    """
+    P = belief.covariance
+    if not (all_finite(belief.navigation) and all_finite(P.ravel())):
+        return np.full(3, np.nan)
+    relative = relative_covariances(belief)
+    position = _largest_variance(P, POSITION) if len(relative) == 0 else np.inf
+    for covariance in relative:
+        position = min(position, _largest_variance(covariance, 0))
+    others = _largest_variance(P, VELOCITY), _largest_variance(P, THETA)
+    return np.sqrt(np.array((position, *others)))
+
+
+@compilable
+def _largest_variance(covariance, at):
+    """Returns the greatest of the three variances that begin at an index."""
+    return max(covariance[at, at], covariance[at + 1, at + 1], covariance[at + 2, at + 2])

@@ -1,6 +1,7 @@
 """The filter of drone and gates, from one picture to the next, without Drake."""
 
 import dataclasses as dc
+import functools
 from collections import Counter
 from collections.abc import Callable
 from typing import NamedTuple
@@ -24,7 +25,7 @@ from airrace.systems.estimation.kalman_update import (
 )
 from airrace.systems.estimation.landmarks import Candidate, Landmark
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE, Navigation, navigation_vector
-from airrace.systems.estimation.slam_map import estimates_of
+from airrace.systems.estimation.slam_map import map_of
 from airrace.systems.mapping.gate_filter import RULES_SIGMA, GateFilter, has_spacing_of_rules
 from airrace.systems.mapping.observation import OFF_MAP, UNCONFIRMED, UNKNOWN_TIME, refusal
 from airrace.systems.perception.detection_checks import FOREIGN_ID
@@ -74,7 +75,7 @@ class SlamState(Immutable):
         at_rest: whether the rotors have not turned yet.
         image_time: of the newest picture (s).
         refused: reason to how many detections did not enter the map.
-        gate_map: the map that follows.
+        detections: how many markers have been detected, foreign ones among them.
         innovations: tuple of (marker ID, normalised innovation squared) of the newest picture.
         refused_in_a_row: pictures up to now in which known markers were seen, and all refused.
         fault: why the drone cannot go by this any more, see why_lost(); empty if it can.
@@ -90,7 +91,7 @@ class SlamState(Immutable):
     at_rest: bool = True
     image_time: float = -1.0
     refused: dict = dc.field(default_factory=dict)
-    gate_map: GateMap = GateMap()
+    detections: int = 0
     innovations: tuple = ()
     refused_in_a_row: int = 0
     fault: str = ""
@@ -99,6 +100,11 @@ class SlamState(Immutable):
     def time(self) -> float:
         """That the belief is of (s), negative before there is one."""
         return float(self.belief.navigation[0])
+
+    @functools.cached_property
+    def gate_map(self) -> GateMap:
+        """The map that follows, made once somebody asks for it."""
+        return map_of(self)
 
     def index_of(self, number: int) -> int | None:
         """Returns where a gate is in the belief, None if it is not."""
@@ -133,8 +139,15 @@ class SlamFilter:
             noise.accel_turn_on,
             noise.period,
         )
-        self._p_BI = np.array(p_BI, float)
         self._config = config
+
+        @functools.lru_cache(maxsize=1)  # it is the same for a whole race
+        def camera(info):
+            R_CB = np.ascontiguousarray(info.X_BC.rotation().matrix().T)
+            intrinsics = np.array([*info.K[[0, 1, 0, 1], [0, 1, 2, 2]], *info.D])
+            return Camera(intrinsics, R_CB, info.X_BC.translation() - p_BI)
+
+        self._camera = camera
 
     def propagated(
         self, state: SlamState, history: np.ndarray, time: float, rotors_turn: bool
@@ -204,15 +217,12 @@ class SlamFilter:
             fits = any(landmark.seen_at == state.image_time for landmark in state.landmarks)
             in_a_row = 0 if fits else in_a_row + 1
         foreign = sum(reason == FOREIGN_ID for reason, _ in detections.refused)
-        gate_map = self._map(state, detections, foreign, refused)
         return dc.replace(
-            state, refused=dict(refused), gate_map=gate_map, refused_in_a_row=in_a_row
+            state,
+            refused=dict(refused),
+            detections=state.detections + len(detections.markers) + foreign,
+            refused_in_a_row=in_a_row,
         )
-
-    def _camera(self, info: CameraInfo) -> Camera:
-        R_CB = np.ascontiguousarray(info.X_BC.rotation().matrix().T)
-        intrinsics = np.array([*info.K[[0, 1, 0, 1], [0, 1, 2, 2]], *info.D])
-        return Camera(intrinsics, R_CB, info.X_BC.translation() - self._p_BI)
 
     def _with_new_gate(self, state, number, markers, camera):
         """Returns the state after a sight of an unknown gate, and reasons of refused markers."""
@@ -284,17 +294,6 @@ class SlamFilter:
             and relative.is_certain(_KNOWN_SIGMA)
         )
         return belief, dc.replace(landmark, is_known=is_known)
-
-    def _map(self, state, detections, foreign, refused):
-        before, (markers, gates) = state.gate_map, estimates_of(state.belief, state.landmarks)
-        return GateMap(
-            time=detections.time,
-            markers=markers,
-            gates=gates,
-            detections=before.detections + len(detections.markers) + foreign,
-            out_of_range=refused[FOREIGN_ID],
-            refused=dict(sorted(refused.items())),
-        )
 
 
 def _was_wrong(landmark: Landmark) -> bool:

@@ -1,30 +1,32 @@
 """The map for explorer and planner, from what the filter believes."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from airrace.common.immutable import read_only
 from airrace.common.jit import compiled
 from airrace.math.angles import wrap_angle
-from airrace.systems.estimation.kalman_update import Belief, relative_covariances
-from airrace.systems.estimation.landmarks import Landmark
+from airrace.systems.estimation.kalman_update import relative_covariances
 from airrace.systems.mapping import gate_filter
-from airrace.track.gate_map import GateEstimate, MarkerEstimate
+from airrace.systems.perception.detection_checks import FOREIGN_ID
+from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
+
+if TYPE_CHECKING:
+    from airrace.systems.estimation.slam_filter import SlamState
 
 
-def estimates_of(belief: Belief, landmarks: tuple[Landmark, ...]) -> tuple[tuple, tuple]:
-    """Returns MarkerEstimates and GateEstimates, by the numbers of the gates.
+def map_of(state: "SlamState") -> GateMap:
+    """Returns the map that follows from what the filter knows.
 
-    Their variances are those of the position relative to the drone and its heading: what counts
+    Its variances are those of the position relative to the drone and its heading: what counts
     when the drone has to pass a pylon. Where both are in the world matters to nobody in flight.
-
-    Args:
-        belief: of the filter.
-        landmarks: what else is known of its gates.
     """
+    belief = state.belief
     states, headings = read_only(belief.gates), wrap_angle(belief.gates[:, 3]).tolist()
     boards = read_only(_boards(belief.gates, relative_covariances(belief)))
     markers, gates = [], []
-    for index, landmark in sorted(enumerate(landmarks), key=lambda each: each[1].number):
+    for index, landmark in sorted(enumerate(state.landmarks), key=lambda each: each[1].number):
         number, counts, outliers = landmark.number, landmark.counts, landmark.outliers
         markers += [
             MarkerEstimate(id, counts.get(id, 0), outliers.get(id, 0), *board)
@@ -32,9 +34,16 @@ def estimates_of(belief: Belief, landmarks: tuple[Landmark, ...]) -> tuple[tuple
             if landmark.is_known or id in counts
         ]
         if landmark.is_known:
-            state = states[index]
-            gates.append(GateEstimate(number, state[:3], headings[index], float(state[4])))
-    return tuple(markers), tuple(gates)
+            gate = states[index]
+            gates.append(GateEstimate(number, gate[:3], headings[index], float(gate[4])))
+    return GateMap(
+        time=state.image_time,
+        markers=tuple(markers),
+        gates=tuple(gates),
+        detections=state.detections,
+        out_of_range=state.refused.get(FOREIGN_ID, 0),
+        refused=dict(sorted(state.refused.items())),
+    )
 
 
 @compiled

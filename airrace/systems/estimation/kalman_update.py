@@ -156,19 +156,6 @@ def _gains(covariance, columns, H, variances):
     return PHt, cholesky(S)
 
 
-@compiled
-def innovation(belief: Belief, sight: Sight, camera: Camera) -> Innovation:
-    """Returns how well markers fit a belief; changes nothing."""
-    state, gate = as_navigation(belief.navigation), belief.gates[sight.gate]
-    residual, H, variances, nearest = _linearized(state, gate, sight, camera)
-    if not nearest > 0.0:
-        return Innovation(np.inf, np.inf)
-    _, L = _gains(belief.covariance, _columns(sight.gate), H, variances)
-    y = _solve_lower(L, residual)
-    squared = np.sum(y * y)
-    return Innovation(squared, squared)
-
-
 @compilable
 def _columns(gate):
     """Returns where the errors are that a gate's picture depends on, (11,)."""

@@ -18,7 +18,6 @@ from airrace.systems.estimation.gate_projection import GATE, Camera
 from airrace.systems.estimation.kalman_update import (
     Belief,
     attitude_sigma,
-    innovation,
     relative_covariances,
     updated,
     with_spacing,
@@ -246,14 +245,17 @@ class SlamFilter:
         innovations, accepted = [], 0
         for marker in markers:
             sight = landmarks.make_sight(index, [marker])
-            squared = innovation(belief, sight, camera).squared
-            innovations.append((marker.id, squared))
-            if not squared <= REFUSED:
+            coarse = attitude_sigma(belief) > _COARSE_ATTITUDE or landmark.refused_in_a_row
+            iterations = _ITERATIONS if coarse else 1
+            after, fit = updated(belief, sight, camera, 1.0, iterations)
+            innovations.append((marker.id, fit.squared))
+            if not fit.squared <= REFUSED:
                 outliers[marker.id] += 1
                 continue
-            coarse = attitude_sigma(belief) > _COARSE_ATTITUDE or landmark.refused_in_a_row
-            inflation = max(1.0, squared / _DOUBTFUL)
-            belief, _ = updated(belief, sight, camera, inflation, _ITERATIONS if coarse else 1)
+            if fit.squared > _DOUBTFUL:
+                inflation = fit.squared / _DOUBTFUL
+                after, _ = updated(belief, sight, camera, inflation, iterations)
+            belief = after
             counts[marker.id] += 1
             accepted += 1
         in_a_row = 0 if accepted else landmark.refused_in_a_row + 1

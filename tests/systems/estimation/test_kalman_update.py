@@ -86,14 +86,6 @@ def test_a_doubtful_sight_counts_less():
     assert np.all(np.diag(less.covariance) >= np.diag(full.covariance))
 
 
-def test_an_innovation_says_what_an_update_would():
-    rng = np.random.default_rng(0)
-    belief, sight = draw(rng), look(rng, 0, 0)
-    assert ku.innovation(belief, sight, CAMERA).squared == pytest.approx(
-        ku.updated(belief, sight, CAMERA, 1.0, 1)[1].squared
-    )
-
-
 def test_nothing_behind_the_camera_changes_anything():
     rng = np.random.default_rng(0)
     belief, sight = draw(rng), look(rng, 0, 0)

@@ -10,7 +10,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.common.immutable import Immutable
 from airrace.common.jit import assign, compilable, compiled
-from airrace.trajopt.reference import REFERENCE_SIZE, Reference, as_reference
+from airrace.trajopt.reference import NO_LIFT, REFERENCE_SIZE, Reference, as_reference
 
 
 class FlatTrajectory(Immutable):
@@ -151,3 +151,14 @@ def hold(p_WB: Sequence[float] | np.ndarray, yaw: float) -> np.ndarray:
     """Returns the reference of hovering at a point p_WB (m) with a yaw (rad), (18,)."""
     rest = np.zeros(3)
     return np.hstack(Reference(p_WB, rest, rest, rest, rest, yaw, 0.0, 0.0))  # type: ignore[arg-type]
+
+
+def idle(p_WB: Sequence[float] | np.ndarray, yaw: float) -> np.ndarray:
+    """Returns the reference of a drone that stands, at a point p_WB (m) with a yaw (rad), (18,).
+
+    The rotors stand still. With any thrust, and an attitude to hold, a drone would slide on a
+    tilted pad, and one that is wrong about its attitude would turn over.
+    """
+    reference = hold(p_WB, yaw)
+    as_reference(reference).acceleration[2] = 2.0 * NO_LIFT
+    return reference

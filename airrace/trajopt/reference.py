@@ -5,8 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import compilable
+from airrace.vehicle import GRAVITY
 
 REFERENCE_SIZE = 18
+# m/s^2. No rotor, and no disturbance of a race, lets a drone accelerate downwards like that: who
+# asks for it wants nothing of the rotors, see idle().
+NO_LIFT = -2.0 * GRAVITY
 
 
 class Reference(NamedTuple):

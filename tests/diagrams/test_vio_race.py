@@ -4,12 +4,14 @@ import re
 
 import numpy as np
 import pytest
+from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.analysis import Simulator
 
 from airrace.common.errors import UserError
 from airrace.diagrams.race import MakeRace, run_race
 from airrace.scenario import Scenario, load_scenario
-from airrace.track import load_track
+from airrace.track import Track, load_track
+from airrace.track.generator import generate_track
 from airrace.vehicle.disturbances import RotorFailure
 from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure
 
@@ -53,6 +55,17 @@ def test_a_race_from_pixels_and_an_imu(tmp_path):
     assert [gate.number for gate in maps[-1].gates] == list(range(len(gates)))
     for estimate, gate in zip(maps[-1].gates, gates):
         assert np.linalg.norm(estimate.p_WG - gate.p_WG) < 0.2
+
+
+@pytest.mark.slow
+def test_on_its_pad_a_drone_with_a_wrong_attitude_does_not_stir(tmp_path):
+    """With any thrust, the controller would make it dance; the gate in sight is misleading."""
+    track, scenario, states = tmp_path / "track.yaml", make_scenario(fps=30.0, seed=6), []
+    track.write_text(yaml_dump_typed(generate_track(6), schema=Track))
+    scenario.track, scenario.imu.preset, scenario.referee.time_limit = str(track), "harsh", 1.5
+    run_race(scenario, tmp_path, show=lambda _, outputs: states.append(outputs.state[:7]))
+    assert len(states) > 10
+    np.testing.assert_allclose(states, np.tile(states[0], (len(states), 1)), atol=1e-3)
 
 
 @pytest.mark.slow
@@ -103,7 +116,7 @@ def test_without_an_imu_for_good_it_lands_and_says_why(tmp_path, kind):
 @pytest.mark.slow
 def test_after_seven_seconds_in_the_dark_it_looks_at_known_gates_and_goes_on(tmp_path):
     """It is exploring, and would find the next gate too late to know where it is."""
-    result = run_race(make_scenario(camera_failures=[CameraFailure("dark", 25.0, 7.0)]), tmp_path)
+    result = run_race(make_scenario(camera_failures=[CameraFailure("dark", 26.0, 7.0)]), tmp_path)
     assert result["finished"] and result["collisions"] == 0
     assert "LOOK_BACK" in [event["state"] for event in result["exploration"]["events"]]
 

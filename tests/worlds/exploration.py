@@ -26,7 +26,7 @@ from airrace.track import (
 )
 from airrace.track.gate_map import GateMap
 from airrace.trajopt.feasibility import clearance_of
-from airrace.trajopt.reference import REFERENCE_SIZE
+from airrace.trajopt.reference import NO_LIFT, REFERENCE_SIZE, as_reference
 from airrace.vehicle import CameraMount, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state
 from tests.worlds.kinematic_flight import flat_state, noisy
@@ -114,7 +114,8 @@ class ExplorationWorld(LeafSystem):
     def _publish_observations(self, context):
         time = context.get_time()
         f = self._reference.Eval(context)
-        standing = f[2] < as_state(self._pad).position[2] + 0.01
+        idles = as_reference(f).acceleration[2] < NO_LIFT
+        standing = idles or f[2] < as_state(self._pad).position[2] + 0.01
         state = self._pad.copy() if standing else flat_state(f, time)
         state[0] = time
         self._state = state

@@ -13,7 +13,7 @@ from airrace.systems.control.state_filter import StateFilter
 from airrace.systems.estimation.of_scenario import make_strapdown_integrator
 from airrace.systems.exploring.exploration import hover_pose
 from airrace.systems.leaf_system import LeafSystem
-from airrace.trajopt.flat_trajectory import hold
+from airrace.trajopt.flat_trajectory import hold, idle
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state
@@ -29,7 +29,6 @@ _DESCENT, _LAST_DESCENT = 2.0, 0.5  # m/s, and over the last metre
 _QUICKENING = 0.1  # m/s^2, beneath the ground: whoever is still in the air has a wrong height
 _LOW = 1.0  # m over the ground; from there a landing is finished
 AIRBORNE = 0.4  # m over where it stood
-_BELOW = 3.0  # m under the pad: the rotors idle
 _NOTHING = np.full(REFERENCE_SIZE, np.nan)
 
 
@@ -169,7 +168,7 @@ def stopping(m: WatchdogMemory, time: float) -> np.ndarray:
         time: now (s).
     """
     if not m.airborne:
-        return hold([m.x, m.y, m.z - _BELOW], m.yaw)
+        return idle([m.x, m.y, m.z], m.yaw)
     p, v = np.array([m.x, m.y, m.z]), np.array([m.vx, m.vy, m.vz])
     speed = math.hypot(*v)
     direction = v / max(speed, 1e-9)

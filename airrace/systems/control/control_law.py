@@ -12,7 +12,7 @@ from airrace.math.vec3 import cross, dot, from_columns, rotate
 from airrace.systems.control.attitude_error import lead_moment, lee_error, reduced_error
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors
-from airrace.trajopt.reference import Reference
+from airrace.trajopt.reference import NO_LIFT, Reference
 from airrace.vehicle import GRAVITY, GRAVITY_W, Vehicle
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import State
@@ -110,7 +110,8 @@ def lee_wrench(reference: Reference, state: State, parameters: ControlParameters
 
     They are equations (15) and (16) of Lee, Leok, McClamroch (CDC 2010), z upwards and with
     gains per mass and inertia. What the rotors cannot give is not asked for: the force is
-    limited(), and the thrust not negative.
+    limited(), and the thrust not negative. A reference without any lift, see idle(), asks for
+    nothing at all.
 
     With ``reduced``, there are three changes: e_R is reduced_error() and not the paper's,
     equation (10); the damping of roll and pitch does not turn with a spin that is yet to be
@@ -119,6 +120,8 @@ def lee_wrench(reference: Reference, state: State, parameters: ControlParameters
     Args:
         reference: D, the desired motion. state: of the body B. parameters: of the vehicle.
     """
+    if reference.acceleration[2] < NO_LIFT:
+        return np.zeros(4)
     mass, J, k_x, k_v, k_R, k_w, max_force, reduced = parameters
     force = limited(
         k_x * (reference.position - state.position)

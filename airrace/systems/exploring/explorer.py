@@ -10,14 +10,12 @@ from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.systems.exploring.explorer_states import StateMachine
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.types import ExplorerStatus
-from airrace.trajopt.flat_trajectory import hold
+from airrace.trajopt.flat_trajectory import idle
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle.state import STATE_SIZE
 
 if TYPE_CHECKING:
     from airrace.scenario import ExplorerConfig
-
-_BELOW = 3.0  # m
 
 
 class Explorer(LeafSystem):
@@ -129,10 +127,8 @@ class Explorer(LeafSystem):
     def _calc_reference(self, context, output):
         memory = self._read_memory(context)
         if memory.leg is None:
-            # Far below the pad, so that the rotors idle: with more thrust, the drone
-            # would slide on a tilted pad.
-            x, y, z, yaw = exploration.hover_pose(self._estimate.Eval(context))
-            output.set_value(hold([x, y, z - _BELOW], yaw))
+            *position, yaw = exploration.hover_pose(self._estimate.Eval(context))
+            output.set_value(idle(position, yaw))
         else:
             output.set_value(memory.leg.reference(context.get_time() - memory.leg_start))
 

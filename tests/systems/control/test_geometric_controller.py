@@ -15,7 +15,7 @@ from airrace.systems.control.attitude_error import lead_moment
 from airrace.systems.control.control_law import lee_wrench, make_parameters
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.reduced_attitude import ROTOR_DELAY
-from airrace.trajopt.flat_trajectory import hold
+from airrace.trajopt.flat_trajectory import hold, idle
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, inverse_dynamics
 from airrace.trajopt.reference import Reference, as_reference
 from airrace.vehicle import GRAVITY, Rotor, Vehicle, load_vehicle
@@ -82,6 +82,16 @@ def test_hovers_at_the_reference(drone):
     wrench = CONTROLLERS[drone].calc_wrench(hold(P, 0.0), estimate())
     np.testing.assert_allclose(wrench, [vehicle.mass * GRAVITY, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(Bench(vehicle).update(), hover_speeds(vehicle), rtol=1e-9)
+
+
+@both_drones
+def test_asks_for_nothing_while_it_stands(drone):
+    """Whatever the drone believes of itself, and leans against."""
+    reference = idle(P, 0.0)
+    as_reference(reference).acceleration[:] += 8.0
+    tilted = RotationMatrix(RollPitchYaw(0.3, -0.2, 1.0))
+    state = estimate(P + [0.1, 0.0, 1.0], tilted, v=[0.0, 1.0, 0.0], w=[1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(CONTROLLERS[drone].calc_wrench(reference, state), np.zeros(4))
 
 
 @both_drones

@@ -68,7 +68,12 @@ BENCHMARKS = {
     "growth": ("growth", "--runs", "3"),
     "vtk_frame": ("vtk_frame",),
     "peers": ("peers", "--install"),
-    "pilots": ("pilots", "--tracks", "200", "--workers", "{workers}"),
+    **{
+        f"pilots_level_{level}": (
+            *("pilots", "--levels", str(level), "--tracks", "200", "--workers", "{workers}"),
+        )
+        for level in (1, 3)
+    },
     "envs": ("envs", "--peers"),
 }
 

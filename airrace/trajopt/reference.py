@@ -17,7 +17,8 @@ class Reference(NamedTuple):
     """The flat outputs of a multirotor, and their derivatives, at one time or at N.
 
     Compiled functions can make and read it. ``np.hstack(reference)`` is its vector (18,);
-    ``np.vstack(reference)`` that of N samples, (18, N).
+    ``np.vstack(reference)`` that of N samples, (18, N). With a vertical acceleration below NO_LIFT,
+    it asks for nothing: rotors stand still, see flat_trajectory.idle().
 
     Attributes:
         position: in the world, p_WB (m), (3,).

@@ -22,6 +22,7 @@ from airrace.diagrams.simulated_link import SimulatedRemote
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.scenario import LINK_DELAY, Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
+from airrace.systems.control.rotor_commands import set_speeds
 from airrace.systems.types import ExplorerStatus
 
 _TIME = 0.6  # s: it has seen, measured and mapped, and takes off by then
@@ -44,6 +45,9 @@ def warm_up(scenario: Scenario) -> None:
         simulator.Initialize()
         transport.begin(simulator)
         transport.advance(simulator, _TIME)
+    # So early no rotor is at a limit: then this is called for what the controller wants otherwise.
+    one = np.zeros(1)
+    set_speeds(one, one, one, one, one, one, 1.0)
 
 
 def warm_up_pilot(scenario: Scenario, briefly: bool = False) -> None:

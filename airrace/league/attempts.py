@@ -31,13 +31,11 @@ class Allowed(NamedTuple):
         read: from which it may read.
         write: which it may read and write.
         hidden: within those of ``read`` or ``write``, which it may not use.
-        listed: which it may list, and no more.
     """
 
     read: tuple[str, ...]
     write: tuple[str, ...]
     hidden: tuple[str, ...] = ()
-    listed: tuple[str, ...] = ()
 
 
 def report_attempts(allowed: Allowed) -> None:
@@ -48,8 +46,8 @@ def report_attempts(allowed: Allowed) -> None:
     """
     read = (sys.prefix, sys.base_prefix, *allowed.read, *_SYSTEM)
     # To import a module, Python lists the folders of its path anew when one of them has changed.
-    listed = (*allowed.listed, *map(os.path.abspath, sys.path))
-    roots = allowed._replace(read=read, listed=listed)
+    listed = frozenset(map(os.path.abspath, sys.path))
+    roots = allowed._replace(read=read)
     out, seen = os.dup(1), set()
     is_busy = False
 
@@ -57,7 +55,7 @@ def report_attempts(allowed: Allowed) -> None:
         nonlocal is_busy
         if is_busy or len(seen) >= _MOST:
             return
-        attempt = _attempt(event, arguments, roots)
+        attempt = _attempt(event, arguments, roots, listed)
         if attempt is None or attempt in seen:
             return
         seen.add(attempt)
@@ -70,12 +68,12 @@ def report_attempts(allowed: Allowed) -> None:
     sys.addaudithook(hook)
 
 
-def _attempt(event: str, arguments: tuple, allowed: Allowed) -> str | None:
+def _attempt(event: str, arguments: tuple, allowed: Allowed, listed: frozenset[str]) -> str | None:
     """Returns what was tried, or None if an autonomy may well do that."""
     if event == "open":
         return _opened(arguments[0], arguments[1], arguments[2], allowed)
     if event == "os.listdir" and arguments and isinstance(arguments[0], str):
-        if os.path.abspath(arguments[0]) in allowed.listed:
+        if os.path.abspath(arguments[0]) in listed:
             return None
         return _opened(arguments[0], "r", 0, allowed)
     if event == "socket.__new__":

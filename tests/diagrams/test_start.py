@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 from airrace.diagrams.flight import MakeFlight
 from airrace.scenario import Scenario
 from airrace.track import Track, load_track
-from airrace.trajopt.flat_trajectory import hold
+from airrace.trajopt.flat_trajectory import hold, idle
 from airrace.vehicle import RACERS
 
 TAKE_OFF = 0.5  # s
@@ -36,8 +36,9 @@ def test_takes_off_from_a_tilted_pad_and_levels(tmp_path, drone, direction_deg):
     pad = []
 
     def reference(time):
-        idle, climb = np.array([0.0, 0.0, -3.0]), np.array([0.0, 0.0, 1.5 * (time - TAKE_OFF)])
-        return hold(pad[0] + (idle if time < TAKE_OFF else climb), 0.0)
+        if time < TAKE_OFF:
+            return idle(pad[0], 0.0)
+        return hold(pad[0] + [0.0, 0.0, 1.5 * (time - TAKE_OFF)], 0.0)
 
     pad.append(np.zeros(3))
     flight = MakeFlight(scenario, reference)

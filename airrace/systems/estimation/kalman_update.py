@@ -266,8 +266,8 @@ def with_spacing(belief: Belief, gate: int, spacing: float, sigma: float) -> Bel
 
 
 @compiled
-def relative_covariances(belief: Belief) -> np.ndarray:
-    """Returns the covariance of each gate's state as the drone has it before itself, (n, 5, 5).
+def relative_covariance(belief: Belief, gate: int) -> np.ndarray:
+    """Returns the covariance of a gate's state as the drone has it before itself, (5, 5).
 
     It is that of (p_WG - p_WI, heading, spacing), both turned back by the error of the drone's
     heading, which turns the world as a whole:
@@ -275,27 +275,23 @@ def relative_covariances(belief: Belief) -> np.ndarray:
         dp_G - dp_I - e_z x (p_G - p_I) w^T theta,   dpsi_G - w^T theta.
     """
     state = as_navigation(belief.navigation)
-    w = heading_gradient(state)
-    result = np.empty((len(belief.gates), GATE, GATE))
-    for gate in range(len(result)):
-        offset = belief.gates[gate, :3] - state.position
-        columns = _columns(gate)
-        J = np.zeros((GATE, ACTIVE))
-        for i in range(GATE):
-            J[i, POSE + i] = 1.0
-        for i in range(3):
-            J[i, POSITION + i] = -1.0
-            J[0, THETA + i], J[1, THETA + i], J[3, THETA + i] = (
-                offset[1] * w[i],
-                -offset[0] * w[i],
-                -w[i],
-            )
-        own = np.empty((ACTIVE, ACTIVE))
-        for i in range(ACTIVE):
-            for j in range(ACTIVE):
-                own[i, j] = belief.covariance[columns[i], columns[j]]
-        result[gate] = propagated(J, own)
-    return result
+    w, offset = heading_gradient(state), belief.gates[gate, :3] - state.position
+    columns = _columns(gate)
+    J = np.zeros((GATE, ACTIVE))
+    for i in range(GATE):
+        J[i, POSE + i] = 1.0
+    for i in range(3):
+        J[i, POSITION + i] = -1.0
+        J[0, THETA + i], J[1, THETA + i], J[3, THETA + i] = (
+            offset[1] * w[i],
+            -offset[0] * w[i],
+            -w[i],
+        )
+    own = np.empty((ACTIVE, ACTIVE))
+    for i in range(ACTIVE):
+        for j in range(ACTIVE):
+            own[i, j] = belief.covariance[columns[i], columns[j]]
+    return propagated(J, own)
 
 
 @compilable

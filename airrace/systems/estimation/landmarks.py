@@ -17,7 +17,7 @@ from airrace.systems.estimation.kalman_update import (
     Innovation,
     Sight,
     body_axes,
-    relative_covariances,
+    relative_covariance,
     updated,
 )
 from airrace.systems.estimation.navigation import as_navigation
@@ -197,7 +197,7 @@ def _best(belief: Belief, seeds: np.ndarray, sight: Sight, camera: Camera) -> tu
     accepted = (
         cost < _MOST_COST
         and other - cost > _LEAST_ADVANTAGE
-        and relative_covariances(best)[-1][3, 3] < _MOST_HEADING_SIGMA**2
+        and relative_covariance(best, len(best.gates) - 1)[3, 3] < _MOST_HEADING_SIGMA**2
     )
     return best, accepted
 

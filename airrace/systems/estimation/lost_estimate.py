@@ -6,7 +6,7 @@ import numpy as np
 
 from airrace.common.jit import all_finite, compilable, compiled
 from airrace.systems.estimation.error_state import POSITION, THETA, VELOCITY
-from airrace.systems.estimation.kalman_update import Belief, relative_covariances
+from airrace.systems.estimation.kalman_update import Belief, relative_covariance
 
 if TYPE_CHECKING:
     from airrace.systems.estimation.slam_filter import SlamState
@@ -66,10 +66,9 @@ def _worst_sigmas(belief):
     P = belief.covariance
     if not (all_finite(belief.navigation) and all_finite(P.ravel())):
         return np.full(3, np.nan)
-    relative = relative_covariances(belief)
-    position = _largest_variance(P, POSITION) if len(relative) == 0 else np.inf
-    for covariance in relative:
-        position = min(position, _largest_variance(covariance, 0))
+    position = _largest_variance(P, POSITION) if len(belief.gates) == 0 else np.inf
+    for gate in range(len(belief.gates)):
+        position = min(position, _largest_variance(relative_covariance(belief, gate), 0))
     others = _largest_variance(P, VELOCITY), _largest_variance(P, THETA)
     return np.sqrt(np.array((position, *others)))
 

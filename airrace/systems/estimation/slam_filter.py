@@ -18,7 +18,7 @@ from airrace.systems.estimation.gate_projection import GATE, Camera
 from airrace.systems.estimation.kalman_update import (
     Belief,
     attitude_sigma,
-    relative_covariances,
+    relative_covariance,
     updated,
     with_spacing,
 )
@@ -289,7 +289,7 @@ class SlamFilter:
             sum(count for id, count in landmark.counts.items() if id & 2 == pylon)
             for pylon in (0, 2)
         )
-        relative = GateFilter(belief.gates[index], relative_covariances(belief)[index], 0.0)
+        relative = GateFilter(belief.gates[index], relative_covariance(belief, index), 0.0)
         is_known = (
             min(left, right) >= self._config.min_observations
             and relative.spacing > 2 * PYLON_BASE_RADIUS

@@ -7,7 +7,7 @@ import numpy as np
 from airrace.common.immutable import read_only
 from airrace.common.jit import compiled
 from airrace.math.angles import wrap_angle
-from airrace.systems.estimation.kalman_update import relative_covariances
+from airrace.systems.estimation.kalman_update import Belief, relative_covariance
 from airrace.systems.mapping import gate_filter
 from airrace.systems.perception.detection_checks import FOREIGN_ID
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
@@ -24,7 +24,7 @@ def map_of(state: "SlamState") -> GateMap:
     """
     belief = state.belief
     states, headings = read_only(belief.gates), wrap_angle(belief.gates[:, 3]).tolist()
-    boards = read_only(_boards(belief.gates, relative_covariances(belief)))
+    boards = read_only(_boards(belief))
     markers, gates = [], []
     for index, landmark in sorted(enumerate(state.landmarks), key=lambda each: each[1].number):
         number, counts, outliers = landmark.number, landmark.counts, landmark.outliers
@@ -47,9 +47,9 @@ def map_of(state: "SlamState") -> GateMap:
 
 
 @compiled
-def _boards(gates, covariances):
-    """Returns gate_filter.boards() of each gate, (n, 4, 3, 3); (n, 5) and (n, 5, 5)."""
-    result = np.empty((len(gates), 4, 3, 3))
-    for n in range(len(gates)):
-        result[n] = gate_filter.boards(gates[n], covariances[n])
+def _boards(belief: Belief) -> np.ndarray:
+    """Returns gate_filter.boards() of each gate, (n, 4, 3, 3)."""
+    result = np.empty((len(belief.gates), 4, 3, 3))
+    for n in range(len(result)):
+        result[n] = gate_filter.boards(belief.gates[n], relative_covariance(belief, n))
     return result

@@ -122,7 +122,7 @@ def test_a_relative_covariance_is_that_of_what_the_drone_has_before_itself():
 
     J = numerical(before_the_drone, len(belief.covariance))
     np.testing.assert_allclose(
-        ku.relative_covariances(belief)[1], J @ belief.covariance @ J.T, atol=1e-8
+        ku.relative_covariance(belief, 1), J @ belief.covariance @ J.T, atol=1e-8
     )
     # A turn of the world is nothing to the drone.
     np.testing.assert_allclose(J @ turn_of_the_world(start, belief.gates), 0.0, atol=1e-7)

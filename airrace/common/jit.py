@@ -3,10 +3,11 @@
 Where Python's own time counts (control loops, pixels), a function is marked
 ``@compiled``. The first call compiles it, which takes seconds; the result is kept on disk
 beside the byte code of this package. Functions marked ``@compilable`` may be called by
-compiled ones, and stay Python otherwise: with numbers or arrays alike. What has parts is a
-NamedTuple of numbers and arrays. To hand one over from Python takes Numba longer than a
-controller computes; so loops of hundreds of hertz hand over a plain tuple or a vector, of
-which the compiled function makes the NamedTuple again.
+compiled ones, and stay Python otherwise: with numbers or arrays alike; those marked
+``@inlined`` too, and they are for innermost loops. What has parts is a NamedTuple of numbers
+and arrays. To hand one over from Python takes Numba longer than a controller computes; so
+loops of hundreds of hertz hand over a plain tuple or a vector, of which the compiled function
+makes the NamedTuple again.
 """
 
 import contextlib
@@ -129,6 +130,16 @@ def watched(show: Callable[[int], object]) -> Iterator[None]:
 
 
 compilable = numba.extending.register_jitable
+
+
+def inlined[F: Callable](function: F) -> F:
+    """Returns a function that is compilable, and whose machine code stands in that of its callers.
+
+    A loop with a call in it is not computed for several numbers at once (SIMD), and at each call
+    the references to all arrays of a NamedTuple are counted; in the innermost loops of many drones
+    the two took half of the time. Elsewhere it only makes longer machine code.
+    """
+    return numba.extending.register_jitable(forceinline=True)(function)
 
 
 def compiled[F: Callable](function: F) -> F:

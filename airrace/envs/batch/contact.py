@@ -13,7 +13,7 @@ from pydrake.geometry import SceneGraph, Sphere
 from pydrake.multibody.plant import MultibodyPlant
 
 from airrace.common.errors import UserError
-from airrace.common.jit import compilable
+from airrace.common.jit import inlined
 from airrace.envs.batch.courses import Courses
 from airrace.envs.batch.dynamics import Motion
 from airrace.math.triples import Triple, added, rotate, rotation_rows
@@ -92,7 +92,7 @@ def load_shape(vehicle: Vehicle, sdf: Path, clearance: float = 0.0) -> Shape:
     return Shape(table, float(reach), ground_clearance(plant, scene_graph))
 
 
-@compilable
+@inlined
 def is_near_something(position: Triple, margin: float, track: int, courses: Courses) -> bool:
     """Whether ground, a pylon or a board may be within a margin (m) of a position."""
     if position[2] < margin:
@@ -106,7 +106,7 @@ def is_near_something(position: Triple, margin: float, track: int, courses: Cour
     return False
 
 
-@compilable
+@inlined
 def touches_ground(motion: Motion, shape: Shape) -> bool:
     """Whether some part of the drone is in the ground, which is at z = 0."""
     R_WB = rotation_rows(motion.quaternion)
@@ -117,7 +117,7 @@ def touches_ground(motion: Motion, shape: Shape) -> bool:
     return False
 
 
-@compilable
+@inlined
 def touches_gate(motion: Motion, shape: Shape, track: int, courses: Courses) -> bool:
     """Whether some part of the drone is in a pylon or a board."""
     near = (shape.reach + _OBSTACLE_RADIUS) ** 2
@@ -130,14 +130,14 @@ def touches_gate(motion: Motion, shape: Shape, track: int, courses: Courses) -> 
     return False
 
 
-@compilable
+@inlined
 def _from_gate(position, gate):
     """Returns where a position is, horizontally: forward of the gate's midpoint and right of it."""
     x, y = position[0] - gate[0], position[1] - gate[1]
     return x * gate[3] + y * gate[4], x * gate[6] + y * gate[7]
 
 
-@compilable
+@inlined
 def _touches(motion, shape, gate):
     """Whether some sphere of the drone is in a pylon or a board of a gate."""
     R_WB = rotation_rows(motion.quaternion)
@@ -156,7 +156,7 @@ def _touches(motion, shape, gate):
     return False
 
 
-@compilable
+@inlined
 def _distance_to_board(along, beside, z):
     """Returns the distance from the nearest board of a pylon (m), 0 in it.
 
@@ -171,7 +171,7 @@ def _distance_to_board(along, beside, z):
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@compilable
+@inlined
 def _distance_to_pylon(x, y, z):
     """Returns the distance from the nearest plane of a pylon (m), see above; negative inside.
 

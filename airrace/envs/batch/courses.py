@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable
+from airrace.common.jit import inlined
 from airrace.envs.reward import NEVER, Course, make_course
 from airrace.rendering.scene.pad import start_pose
 from airrace.track import Track
@@ -83,7 +83,7 @@ def make_courses(
     )
 
 
-@compilable
+@inlined
 def course_of(courses: Courses, track: int, first_gate: int) -> Course:
     """Returns one track as judge() takes it, as views, for an episode from a gate on."""
     return Course(

@@ -10,7 +10,7 @@ A test compares both over a second of flight.
 import math
 from typing import NamedTuple
 
-from airrace.common.jit import compilable
+from airrace.common.jit import inlined
 from airrace.math.triples import (
     Quaternion,
     Triple,
@@ -65,7 +65,7 @@ class Body(NamedTuple):
     angular: Triple
 
 
-@compilable
+@inlined
 def next_motion(motion: Motion, wrench: Wrench, wind: Triple, body: Body, dt: float) -> Motion:
     """Returns the motion after a step of the plant.
 
@@ -91,7 +91,7 @@ def next_motion(motion: Motion, wrench: Wrench, wind: Triple, body: Body, dt: fl
     return Motion(quaternion_added(q, dt, w), added(p, dt, v), w, v)
 
 
-@compilable
+@inlined
 def _drag(v_B, w_B, body):
     """Returns force (N) and moment (N m) in B of the air that the body moves through, see Drag."""
     speed = math.sqrt(dot(v_B, v_B))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable, compiled
+from airrace.common.jit import compiled, inlined
 from airrace.envs.batch.courses import Courses
 from airrace.envs.batch.dynamics import Motion
 from airrace.envs.start import DISTANCE, HEIGHT, RATE, SIDE, SPEED, STARTS, TILT, YAW
@@ -131,7 +131,7 @@ def hover_speeds(vehicle: Vehicle) -> np.ndarray:
     return np.sqrt(np.maximum(thrusts, 0.0) / vehicle.thrust_coefficients)
 
 
-@compilable
+@inlined
 def keep_motion(state: np.ndarray, i: int, motion: Motion) -> None:
     """Writes a motion into row i of states, (N, 13)."""
     q, p, w, v = motion
@@ -191,7 +191,7 @@ def restart(
         fleet.lap_began[i] = fleet.lap_time[i] = math.nan
 
 
-@compilable
+@inlined
 def _in_front(numbers, gate):
     """Returns a hover in front of a gate that was disturbed, see envs/start.py.
 
@@ -214,7 +214,7 @@ def _in_front(numbers, gate):
     )
 
 
-@compilable
+@inlined
 def _from_angles(roll, pitch, yaw):
     """Returns the quaternion of R_z(yaw) R_y(pitch) R_x(roll), as RollPitchYaw of Drake."""
     c_x, s_x = math.cos(0.5 * roll), math.sin(0.5 * roll)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable, compiled_in_threads
+from airrace.common.jit import compiled_in_threads, inlined
 from airrace.envs.batch.contact import Shape, is_near_something, touches_gate, touches_ground
 from airrace.envs.batch.courses import Courses, course_of
 from airrace.envs.batch.dynamics import Motion
@@ -147,7 +147,7 @@ def advance(
                 _judge(i + lane, touched[lane], world, fleet, results)
 
 
-@compilable
+@inlined
 def _judge(i, touched, world, fleet, results):
     """Writes what the step of drone i comes to."""
     passed, course = fleet.passed[i], course_of(world.courses, fleet.track[i], fleet.first_gate[i])
@@ -175,7 +175,7 @@ def observe_all(drones: np.ndarray, world: World, fleet: Fleet, results: Results
         _observe(i, course.gates, fleet, results.observations)
 
 
-@compilable
+@inlined
 def _observe(i, gates, fleet, observations):
     """Writes the observation of drone i, on a track with these gates."""
     write_gates_observation(
@@ -183,7 +183,7 @@ def _observe(i, gates, fleet, observations):
     )
 
 
-@compilable
+@inlined
 def _note_passage(i, gates, passed, clock, fleet):
     """Notes when a gate was passed in the step that is over, if it is gate 1."""
     if passed % len(gates) == 0:
@@ -194,7 +194,7 @@ def _note_passage(i, gates, passed, clock, fleet):
         fleet.lap_began[i] = time
 
 
-@compilable
+@inlined
 def _fly(first, count, block, touched, gusts, world, fleet):
     """Flies a block of drones, from number first on, to the next action.
 
@@ -237,7 +237,7 @@ def _fly(first, count, block, touched, gusts, world, fleet):
             _blow(first, count, step, block, gusts, world, fleet)
 
 
-@compilable
+@inlined
 def _touches(i, motion, world, fleet):
     """Whether drone i is in something: on its pad, only in gates."""
     if touches_gate(motion, world.shape, fleet.track[i], world.courses):
@@ -245,7 +245,7 @@ def _touches(i, motion, world, fleet):
     return fleet.airborne[i] and touches_ground(motion, world.shape)
 
 
-@compilable
+@inlined
 def _hold(first, count, before, block, courses, fleet):
     """Holds those that stand on their pads where they were before the step, and still."""
     for lane in range(count):
@@ -256,7 +256,7 @@ def _hold(first, count, before, block, courses, fleet):
             set_motion(block.rows, lane, Motion(was.quaternion, was.position, still, still))
 
 
-@compilable
+@inlined
 def _is_near(motion, clock, shape, track, courses):
     """Whether a drone may touch something until its next action."""
     v = motion.velocity
@@ -264,7 +264,7 @@ def _is_near(motion, clock, shape, track, courses):
     return is_near_something(motion.position, way + shape.reach, track, courses)
 
 
-@compilable
+@inlined
 def _blow(first, count, step, block, gusts, world, fleet):
     """Advances the wind at a block, if a step of the plant ends one of its periods.
 

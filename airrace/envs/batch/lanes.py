@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable
+from airrace.common.jit import inlined
 from airrace.envs.batch.dynamics import Body, Motion, Wrench, next_motion
 from airrace.envs.batch.fleet import Bodies, Fleet
 from airrace.math.triples import rotate_back, rotation_rows
@@ -55,7 +55,7 @@ class Block(NamedTuple):
     new: np.ndarray
 
 
-@compilable
+@inlined
 def make_block(rotors: int, queue: int) -> Block:
     """Returns a block, in each lane a body at the origin without wind.
 
@@ -74,7 +74,7 @@ def make_block(rotors: int, queue: int) -> Block:
     )
 
 
-@compilable
+@inlined
 def load(block: Block, first: int, count: int, fleet: Fleet, bodies: Bodies) -> None:
     """Puts drones first to first + count - 1 into the lanes of a block; others stay as they are."""
     n, queue = fleet.speeds.shape[1], fleet.commands.shape[1]
@@ -94,7 +94,7 @@ def load(block: Block, first: int, count: int, fleet: Fleet, bodies: Bodies) -> 
                 block.commands[(j * n + k) * LANES + lane] = fleet.commands[i, j, k]
 
 
-@compilable
+@inlined
 def store(block: Block, lane: int, i: int, fleet: Fleet) -> None:
     """Puts a lane back to drone i of the fleet."""
     n, queue = fleet.speeds.shape[1], fleet.commands.shape[1]
@@ -109,7 +109,7 @@ def store(block: Block, lane: int, i: int, fleet: Fleet) -> None:
             fleet.commands[i, j, k] = block.commands[(j * n + k) * LANES + lane]
 
 
-@compilable
+@inlined
 def motion_in(rows: np.ndarray, lane: int) -> Motion:
     """Returns the motion of a lane, of Block.rows."""
     quaternion = (rows[lane], rows[LANES + lane], rows[2 * LANES + lane], rows[3 * LANES + lane])
@@ -118,13 +118,13 @@ def motion_in(rows: np.ndarray, lane: int) -> Motion:
     )
 
 
-@compilable
+@inlined
 def _triple(rows, k, lane):
     """Returns rows k to k + 2 of a lane."""
     return (rows[k * LANES + lane], rows[(k + 1) * LANES + lane], rows[(k + 2) * LANES + lane])
 
 
-@compilable
+@inlined
 def set_motion(rows: np.ndarray, lane: int, new: Motion) -> None:
     """Sets the motion of a lane, in Block.rows."""
     q = new.quaternion
@@ -135,14 +135,14 @@ def set_motion(rows: np.ndarray, lane: int, new: Motion) -> None:
     _set_triple(rows, 10, lane, new.velocity)
 
 
-@compilable
+@inlined
 def _set_triple(rows, k, lane, v):
     """Sets rows k to k + 2 of a lane."""
     rows[k * LANES + lane], rows[(k + 1) * LANES + lane] = v[0], v[1]
     rows[(k + 2) * LANES + lane] = v[2]
 
 
-@compilable
+@inlined
 def step_plant(block: Block, drag: np.ndarray, dt: float) -> None:
     """Advances the motion of all lanes by a step of the plant (s); drag: see Bodies."""
     linear = (drag[0, 0], drag[0, 1], drag[0, 2])
@@ -157,7 +157,7 @@ def step_plant(block: Block, drag: np.ndarray, dt: float) -> None:
         set_motion(rows, lane, next_motion(motion_in(rows, lane), wrench, wind, body, dt))
 
 
-@compilable
+@inlined
 def sum_thrusts(block: Block, levers: np.ndarray) -> None:
     """Sets the wrench to that of the rotors' thrusts; levers: see Bodies."""
     rows, thrusts = block.rows, block.thrusts
@@ -170,7 +170,7 @@ def sum_thrusts(block: Block, levers: np.ndarray) -> None:
                 rows[(WRENCH + k) * LANES + lane] += lever * thrusts[i * LANES + lane]
 
 
-@compilable
+@inlined
 def follow_commands(block: Block, bodies: Bodies) -> None:
     """Advances the rotors by one of their periods, see systems/plant/rotor_bank.py."""
     speeds, thrusts, commands = block.speeds, block.thrusts, block.commands
@@ -185,7 +185,7 @@ def follow_commands(block: Block, bodies: Bodies) -> None:
             thrusts[i * LANES + lane] = coefficient * speed * speed
 
 
-@compilable
+@inlined
 def queue_command(block: Block) -> None:
     """Puts the new command behind those that are on their way to the rotors."""
     size, last = len(block.new), len(block.commands) - len(block.new)
@@ -195,7 +195,7 @@ def queue_command(block: Block) -> None:
         block.commands[last + k] = block.new[k]
 
 
-@compilable
+@inlined
 def control_rates(block: Block, rates: RateParameters) -> None:
     """Sets the new command to that of rate_law() for the wanted thrust and body rates."""
     rows, new, speeds, n = block.rows, block.new, block.speeds, len(rates.max_speeds)
@@ -227,7 +227,7 @@ def control_rates(block: Block, rates: RateParameters) -> None:
             new[i * LANES + lane] = speed_command(thrust, speed, rotor, overdrive)
 
 
-@compilable
+@inlined
 def _limit_thrusts(block, lane, rates):
     """Brings the thrusts of a lane within their limits."""
     thrusts, rows = np.empty(len(rates.max_thrusts)), block.rows

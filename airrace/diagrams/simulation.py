@@ -45,10 +45,10 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
     Output ports for the autonomy: ``camera_image`` (ImageRgba8U),
     ``camera_grey`` (the same picture, ImageGrey8U), ``camera_view`` (the same once more,
     drawn only where it is read, CameraView),
-    ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``state_estimate``
-    (see vehicle/state.py), ``rotor_speeds`` (rad/s) and ``rotor_status`` (see RotorBank) of
-    the motor controllers, and with the estimator ``vio`` ``imu`` (see ImuSamples), which costs
-    a little time. Truth, for judges and spectators only: ``truth.state`` (13),
+    ``camera_image_time`` (s), ``camera_info`` (CameraInfo), ``rotor_speeds`` (rad/s) and
+    ``rotor_status`` (see RotorBank) of the motor controllers; and ``state_estimate`` (see
+    vehicle/state.py), or with the estimator ``vio`` ``imu`` (see ImuSamples) in its place.
+    Truth, for judges and spectators only: ``truth.state`` (13),
     ``truth.referee_status`` (RefereeStatus), and if gates move, ``truth.gate_shifts`` (see
     GateMover), which the plant's bodies follow when follow_gates() is called; and if contacts do
     not end the race, ``truth.contacts`` (see ContactSensor).
@@ -70,7 +70,8 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
         _add_camera(builder, world)
     if scenario.estimator == VIO:
         _add_imu(builder, world)
-    _add_state_estimate(builder, world)
+    else:
+        _add_state_estimate(builder, world)
     _add_referee(builder, world)
     if world.gates_move:
         _add_gate_mover(builder, world)

@@ -30,6 +30,7 @@ _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _SPARE = 0.1  # s, of samples, should pictures come late
 _UNLIMITED = np.full(6, np.inf)
 _AVERAGED = 10  # samples, of the angular velocity in `state_estimate`
+_REST = NAVIGATION_SIZE + 1 + STATE_SIZE + 3 + 5  # of a _Memory, behind the history
 
 
 def history_depth(fps: float, latency: float, imu_rate: float) -> int:
@@ -108,40 +109,30 @@ class StrapdownIntegrator(LeafSystem):
         self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
         self._corrections = self.DeclareVectorInputPort("corrections", NAVIGATION_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
-        history = np.zeros((depth, SAMPLE_SIZE))
-        history[:, 0] = -1.0
-        # The Navigation, and the time of the correction that it goes on from.
-        memory = np.zeros(NAVIGATION_SIZE + 1)
-        memory[0] = memory[-1] = -1.0
-        self._history = self.DeclareDiscreteState(history.ravel())
-        self._memory = self.DeclareDiscreteState(memory)
-        self._disturbance = self.DeclareDiscreteState(3)
-        self._estimate = self.DeclareDiscreteState(start)
-        # The time of the sensor's newest sound sample (s), the angular velocity since (rad/s), and
-        # how old the newest sample has been of late when it came (s).
-        self._heard = self.DeclareDiscreteState(5)
+        # All in one vector: to get several from the Context takes longer than a step.
+        self._memory = self.DeclareDiscreteState(_initial_memory(depth, start))
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
-        self.DeclareStateOutputPort("state_estimate", self._estimate)
         self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_filtered)
-        self.DeclareStateOutputPort("disturbance", self._disturbance)
-        self.DeclareStateOutputPort("imu_history", self._history)
-        self.DeclareVectorOutputPort(
-            "imu_silence",
-            1,
-            lambda context, output: output.set_value(
-                [context.get_time() - context.get_discrete_state(self._heard).value()[0]]
-            ),
-            {self.discrete_state_ticket(self._heard), self.time_ticket()},
-        )
+        self._declare_part("state_estimate", STATE_SIZE, lambda memory: memory.estimate)
+        self._declare_part("disturbance", 3, lambda memory: memory.disturbance)
+        self._declare_part("imu_history", depth * SAMPLE_SIZE, lambda memory: memory.history)
+        self.DeclareVectorOutputPort("imu_silence", 1, self._calc_silence)
+
+    def _declare_part(self, name, size, part):
+        """Declares an output port of a part of the memory, (size,)."""
+
+        def calc(context, output):
+            output.set_value(part(self._read(context)).ravel())
+
+        self.DeclareVectorOutputPort(name, size, calc, {self.discrete_state_ticket(self._memory)})
+
+    def _read(self, context):
+        return _as_memory(context.get_discrete_state(self._memory).value())
 
     def _update(self, context, discrete_state):
         _step(
-            discrete_state.get_mutable_value(self._history).reshape(-1, SAMPLE_SIZE),
             discrete_state.get_mutable_value(self._memory),
-            discrete_state.get_mutable_value(self._estimate),
-            discrete_state.get_mutable_value(self._disturbance),
-            discrete_state.get_mutable_value(self._heard),
-            read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE),
+            read_vector(self._imu, context),
             read_vector(self._corrections, context),
             read_vector(self._speeds, context),
             context.get_time(),
@@ -151,15 +142,15 @@ class StrapdownIntegrator(LeafSystem):
     def _calc_filtered(self, context, output):
         _carry_forward(
             output.get_mutable_value(),
-            context.get_discrete_state(self._history).value().reshape(-1, SAMPLE_SIZE),
             context.get_discrete_state(self._memory).value(),
-            context.get_discrete_state(self._estimate).value(),
-            context.get_discrete_state(self._heard).value(),
-            read_vector(self._imu, context).reshape(-1, SAMPLE_SIZE),
+            read_vector(self._imu, context),
             read_vector(self._speeds, context),
             context.get_time(),
             self._model,
         )
+
+    def _calc_silence(self, context, output):
+        output.set_value([context.get_time() - self._read(context).heard[0]])
 
 
 class _Model(NamedTuple):
@@ -182,48 +173,90 @@ class _Model(NamedTuple):
     inertia: np.ndarray
 
 
+class _Memory(NamedTuple):
+    """What the integrator remembers, as views of a vector.
+
+    Attributes:
+        history: samples, newest first, (n, 7).
+        navigation: vector of a Navigation, (17,).
+        corrected: the time of the correction that it goes on from (s), (1,).
+        estimate: at the newest sample, (14,).
+        disturbance: (m/s^2, in W), (3,).
+        heard: time of the sensor's newest sound sample (s), the angular velocity since (rad/s), and
+            how old the newest sample has been of late when it came (s), (5,).
+    """
+
+    history: np.ndarray
+    navigation: np.ndarray
+    corrected: np.ndarray
+    estimate: np.ndarray
+    disturbance: np.ndarray
+    heard: np.ndarray
+
+
+@compilable
+def _as_memory(vector):
+    """Returns the parts of a vector, (7 n + _REST,), as views of it."""
+    history, rest = vector[:-_REST], vector[-_REST:]
+    return _Memory(
+        history.reshape((-1, SAMPLE_SIZE)),
+        rest[:17],
+        rest[17:18],
+        rest[18:32],
+        rest[32:35],
+        rest[35:],
+    )
+
+
+def _initial_memory(depth, start):
+    """Returns the vector of a _Memory before anything is known; see StrapdownIntegrator."""
+    vector = np.zeros(depth * SAMPLE_SIZE + _REST)
+    memory = _as_memory(vector)
+    memory.history[:, 0] = memory.navigation[0] = memory.corrected[0] = -1.0
+    memory.estimate[:] = start
+    return vector
+
+
 @compiled
-def _step(history, memory, estimate, disturbance, heard, samples, corrections, speeds, now, model):
+def _step(vector, samples, corrections, speeds, now, model):
     """Takes up what the sensor has shown, and a correction; see StrapdownIntegrator.
 
     Args:
-        history: samples, newest first, (n, 7); changed, as all states are.
-        memory: a Navigation and the time of the correction that it goes on from, (18,).
-        estimate: at the newest sample, (14,).
-        disturbance: (m/s^2, in W), (3,).
-        heard: time of the sensor's newest sound sample, the angular velocity since then, and how
-            old samples are when they come, (5,).
-        samples: of the sensor, newest first, (m, 7).
+        vector: of the _Memory; is changed.
+        samples: of the sensor, newest first, (7 m,).
         corrections: vector of a Navigation, (17,).
         speeds: of the rotors (rad/s), (r,).
         now: (s).
         model: a _Model, as a tuple.
     """
-    constants, last = _Model(*model), history[0, 0]
+    memory, constants = _as_memory(vector), _Model(*model)
+    history, heard, last = memory.history, memory.heard, memory.history[0, 0]
+    samples = samples.reshape((-1, SAMPLE_SIZE))
     thrust, count = _thrust_per_mass(speeds, constants), 0
-    if not _is_stuck(samples, thrust, _bridges(history, heard)):
+    if not _is_stuck(samples, thrust, _bridges(memory)):
         count = remember(history, samples, constants.ranges)
     if count > 0:
         heard[0] = history[0, 0]
         heard[4] = max(now - heard[0], _FORGET * heard[4])
-    count = _replace_silence(history, heard, count, now, memory, speeds, constants)
-    _advance(history, memory, estimate, count, corrections, constants.p_BI)
-    _smooth(disturbance, last, history, memory, thrust, constants.p_BI)
+    count = _replace_silence(memory, count, now, speeds, constants)
+    _advance(memory, count, corrections, constants.p_BI)
+    _smooth(memory, last, thrust, constants.p_BI)
 
 
 @compiled
-def _carry_forward(result, history, memory, estimate, heard, samples, speeds, time, model):
+def _carry_forward(result, vector, samples, speeds, time, model):
     """Writes the estimate for a time (s), (14,), with the samples that are not in it yet.
 
     Args: see _step(); only the result changes.
     """
-    constants = _Model(*model)
-    assign(result, estimate)
-    recent = history[: len(samples)].copy()
-    if not _is_stuck(samples, _thrust_per_mass(speeds, constants), _bridges(history, heard)):
+    memory, constants = _as_memory(vector), _Model(*model)
+    samples = samples.reshape((-1, SAMPLE_SIZE))
+    assign(result, memory.estimate)
+    recent = memory.history[: len(samples)].copy()
+    if not _is_stuck(samples, _thrust_per_mass(speeds, constants), _bridges(memory)):
         remember(recent, samples, constants.ranges)
-    if memory[0] >= 0.0 and recent[0, 0] > 0.0:
-        state = as_navigation(carried_to(memory[:-1], recent, time))
+    if memory.navigation[0] >= 0.0 and recent[0, 0] > 0.0:
+        state = as_navigation(carried_to(memory.navigation, recent, time))
         write_state(result, state, recent[0, 1:4] - state.gyro_bias, constants.p_BI)
 
 
@@ -237,9 +270,9 @@ def _thrust_per_mass(speeds, constants):
 
 
 @compilable
-def _bridges(history, heard):
+def _bridges(memory):
     """Whether the newest sample was made up, because the sensor is silent."""
-    return history[0, 0] > heard[0]
+    return memory.history[0, 0] > memory.heard[0]
 
 
 @compilable
@@ -259,7 +292,7 @@ def _is_stuck(samples, thrust, bridges):
 
 
 @compilable
-def _replace_silence(history, heard, count, now, memory, speeds, constants):
+def _replace_silence(memory, count, now, speeds, constants):
     """Writes a sample as the rotors let it be expected, once the sensor is silent.
 
     With total thrust T and moments M of the rotors, mass m and moments of inertia J, Euler's
@@ -273,7 +306,8 @@ def _replace_silence(history, heard, count, now, memory, speeds, constants):
     Returns:
         how many samples are new; none are written before anything is known, and on the ground.
     """
-    state, expected = as_navigation(memory), heard[1:4]
+    history, heard = memory.history, memory.heard
+    state, expected = as_navigation(memory.navigation), heard[1:4]
     if count > 0:
         assign(expected, history[0, 1:4] - state.gyro_bias)
         return count
@@ -282,12 +316,12 @@ def _replace_silence(history, heard, count, now, memory, speeds, constants):
         for j in range(len(speeds)):
             wrench[i] += constants.wrench_by_squares[i, j] * speeds[j] * speeds[j]
     mass, J, p_BI = constants.inertia[0], constants.inertia[1:], constants.p_BI
-    if not memory[0] >= 0.0 or not all_finite(wrench):
+    if not state.time >= 0.0 or not all_finite(wrench):
         return 0
     turning = (wrench[1:] - cross(expected, J * expected)) / J
     expected += constants.period * turning
     # Once it has begun it goes on, with however little thrust.
-    flies = _bridges(history, heard) or wrench[0] > _FLYING * GRAVITY * mass
+    flies = _bridges(memory) or wrench[0] > _FLYING * GRAVITY * mass
     time = now - heard[4]
     if not flies or not now - heard[0] > constants.silent or not time > history[0, 0]:
         return 0
@@ -301,20 +335,21 @@ def _replace_silence(history, heard, count, now, memory, speeds, constants):
 
 
 @compilable
-def _advance(history, memory, estimate, count, corrections, p_BI):
+def _advance(memory, count, corrections, p_BI):
     """Takes up new samples, ``count`` of them, and a new correction; for the rest see _step()."""
+    history, navigation = memory.history, memory.navigation
     newest = history[0, 0]
-    if all_finite(corrections) and corrections[0] > memory[-1]:
-        assign(memory[:-1], carried_to(corrections, history, max(newest, corrections[0])))
-        memory[-1] = corrections[0]
-    elif count > 0 and memory[0] >= 0.0:
-        assign(memory[:-1], carried_to(memory[:-1], history, newest))
+    if all_finite(corrections) and corrections[0] > memory.corrected[0]:
+        assign(navigation, carried_to(corrections, history, max(newest, corrections[0])))
+        memory.corrected[0] = corrections[0]
+    elif count > 0 and navigation[0] >= 0.0:
+        assign(navigation, carried_to(navigation, history, newest))
     else:
         return
-    state, w, averaged = as_navigation(memory), np.zeros(3), min(_AVERAGED, len(history))
+    state, w, averaged = as_navigation(navigation), np.zeros(3), min(_AVERAGED, len(history))
     for k in range(averaged):
         w += history[k, 1:4] / averaged
-    write_state(estimate, state, w - state.gyro_bias, p_BI)
+    write_state(memory.estimate, state, w - state.gyro_bias, p_BI)
 
 
 @compilable
@@ -327,14 +362,15 @@ def _unexplained(state, sample, thrust, p_BI):
 
 
 @compilable
-def _smooth(disturbance, last, history, memory, thrust, p_BI):
+def _smooth(memory, last, thrust, p_BI):
     """Smooths the disturbance, (3,), with the samples since the last step's newest one.
 
     Args: see _step(); the time of that sample (s), and the rotors' thrust by mass (m/s^2).
     """
-    if not memory[0] >= 0.0 or last < 0.0 or thrust < _FLYING * GRAVITY:
+    history, disturbance = memory.history, memory.disturbance
+    state = as_navigation(memory.navigation)
+    if not state.time >= 0.0 or last < 0.0 or thrust < _FLYING * GRAVITY:
         return
-    state = as_navigation(memory)
     for k in range(len(history) - 1, -1, -1):
         dt = history[k, 0] - last
         if dt <= 0.0:

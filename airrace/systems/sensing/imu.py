@@ -121,15 +121,17 @@ class Imu(LeafSystem):
         period = 1.0 / rate
         self._rate, self._state_period = rate, state_period
         self._failures = tuple(failures)
-        self._model = ImuModel(
+        self._position = np.array(position, float)
+        model = ImuModel(
             period,
-            np.array(position, float),
+            self._position,
             axis_matrices(errors, seed),
             np.repeat([errors.gyro_noise, errors.accelerometer_noise], 3) / math.sqrt(period),
             np.repeat([errors.gyro_walk, errors.accelerometer_walk], 3) * math.sqrt(period),
             np.repeat([errors.gyro_range, errors.accelerometer_range], 3),
             errors.time_offset,
         )
+        self._model = tuple(model)
         self._noise = NoiseSequence(seed, "imu", 12)
         self._state = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
         late = round(errors.latency * rate)
@@ -146,7 +148,7 @@ class Imu(LeafSystem):
     def _start(self, context, discrete_state):
         memory = discrete_state.get_mutable_value(self._memory)
         lead = plant_lead(context.get_time(), self._state_period)
-        _remember(memory, read_vector(self._state, context), lead, self._model.position)
+        _remember(memory, read_vector(self._state, context), lead, self._position)
 
     def _sample(self, context, discrete_state):
         time = context.get_time()
@@ -161,7 +163,7 @@ class Imu(LeafSystem):
             plant_lead(time, self._state_period),
             self._noise[round(time * self._rate)],
             self._failure(time),
-            tuple(self._model),
+            self._model,
         )
 
     def _failure(self, time):
@@ -217,9 +219,17 @@ def _sample(shown, late, memory, plant_state, time, lead, noise, failure, model)
     if len(late):
         newest = row
         row = late[-IMU_ROW:].copy()
-        assign(late, np.concatenate((newest, late[:-IMU_ROW])))
+        _insert(late, newest)
     if row[0] >= 0.0:
-        assign(shown, np.concatenate((row, shown[:-IMU_ROW])))
+        _insert(shown, row)
+
+
+@compilable
+def _insert(rows, row):
+    """Writes a sample, (7,), in front of others, (7 n,); the last one falls off."""
+    for i in range(len(rows) - 1, IMU_ROW - 1, -1):
+        rows[i] = rows[i - IMU_ROW]
+    assign(rows[:IMU_ROW], row)
 
 
 @compilable

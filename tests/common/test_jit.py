@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from airrace.common import jit
-from airrace.common.jit import all_finite, compilable, compiled
+from airrace.common.jit import all_finite, compilable, compiled, inlined
 
 
 @compilable
@@ -18,11 +18,16 @@ def square(x):
     return x * x
 
 
+@inlined
+def added(x, y):
+    return x + y
+
+
 @compiled
 def sum_of_squares(vector):
     total = 0.0
     for x in vector:
-        total += square(x)
+        total = added(total, square(x))
     return total
 
 
@@ -34,6 +39,7 @@ def quotient(a, b):
 def test_compilable_functions_stay_python():
     assert sum_of_squares(np.array([1.0, 2.0, 3.0])) == 14.0
     np.testing.assert_array_equal(square(np.array([1.0, 2.0])), [1.0, 4.0])
+    np.testing.assert_array_equal(added(np.array([1.0, 2.0]), 1.0), [2.0, 3.0])
 
 
 def test_a_division_by_zero_is_as_with_arrays():

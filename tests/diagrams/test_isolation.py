@@ -100,6 +100,7 @@ def test_the_race_is_isolated(tmp_path):
 def test_with_vio_not_even_the_noisy_state_reaches_autonomy(tmp_path):
     race = MakeRace(Scenario(estimator="vio"), tmp_path)
     inputs = frozenset(INPUTS - {"state_estimate"} | {"imu"})
+    assert not race.GetSubsystemByName("simulation").HasOutputPort("state_estimate")
     check_isolation(race, inputs, frozenset({"camera", "imu", "rotor_bank"}))
     # What systems inside read as state_estimate is what one of them integrates.
     autonomy = race.GetSubsystemByName("autonomy")

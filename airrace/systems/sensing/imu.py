@@ -30,16 +30,18 @@ class ImuMemory(NamedTuple):
         quaternion: of R_WB at the end of the last sample, of length 1, (4,).
         velocity: of the sensor in W then (m/s), (3,).
         biases: of gyroscope (rad/s) and accelerometer (m/s^2), (6,).
+        late: samples that cannot be read yet, newest first, (7 n,).
     """
 
     quaternion: np.ndarray
     velocity: np.ndarray
     biases: np.ndarray
+    late: np.ndarray
 
 
 @compilable
 def _as_memory(vector: np.ndarray) -> ImuMemory:
-    return ImuMemory(vector[0:4], vector[4:7], vector[7:13])
+    return ImuMemory(vector[0:4], vector[4:7], vector[7:13], vector[13:])
 
 
 class ImuModel(NamedTuple):
@@ -134,11 +136,13 @@ class Imu(LeafSystem):
         self._model = tuple(model)
         self._noise = NoiseSequence(seed, "imu", 12)
         self._state = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
-        late = round(errors.latency * rate)
         self._shown = self.DeclareDiscreteState(NO_SAMPLES)
-        # Samples that cannot be read yet.
-        self._late = self.DeclareDiscreteState(np.tile(NO_SAMPLES[:IMU_ROW], late))
-        memory = ImuMemory(np.array([1.0, 0, 0, 0]), np.zeros(3), turn_on_biases(errors, seed))
+        memory = ImuMemory(
+            quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+            velocity=np.zeros(3),
+            biases=turn_on_biases(errors, seed),
+            late=np.tile(NO_SAMPLES[:IMU_ROW], round(errors.latency * rate)),
+        )
         self._memory = self.DeclareDiscreteState(np.concatenate(memory))
         self.DeclareStateOutputPort("imu", self._shown)
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
@@ -156,7 +160,6 @@ class Imu(LeafSystem):
             return self._start(context, discrete_state)
         _sample(
             discrete_state.get_mutable_value(self._shown),
-            discrete_state.get_mutable_value(self._late),
             discrete_state.get_mutable_value(self._memory),
             read_vector(self._state, context),
             time,
@@ -182,13 +185,12 @@ def _remember(memory, plant_state, lead, position):
 
 
 @compiled
-def _sample(shown, late, memory, plant_state, time, lead, noise, failure, model):
+def _sample(shown, memory, plant_state, time, lead, noise, failure, model):
     """Takes a sample.
 
     Args:
         shown: the samples that can be read, newest first, (70,); changed.
-        late: those that cannot be read yet, likewise, (7 n,); changed.
-        memory: an ImuMemory, (13,); changed.
+        memory: vector of an ImuMemory, (13 + 7 n,); changed.
         plant_state: (13,), and by how much it is ahead of the time: lead (s).
         time: of the end of the sample (s).
         noise: standard normal numbers, (12,), of the sample and of the biases.
@@ -199,7 +201,7 @@ def _sample(shown, late, memory, plant_state, time, lead, noise, failure, model)
     before = memory.copy()
     _remember(memory, plant_state, lead, position)
     motion = _motion(_as_memory(before), _as_memory(memory), period)
-    biases = _as_memory(memory).biases
+    biases, late = _as_memory(memory).biases, _as_memory(memory).late
     row = np.empty(IMU_ROW)
     row[0] = time + time_offset
     for i in range(6):

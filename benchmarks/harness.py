@@ -7,7 +7,6 @@ is not and infinity for what never happened; the other makes tables of that.
 import argparse
 import contextlib
 import datetime
-import itertools
 import math
 import multiprocessing
 import os
@@ -16,7 +15,8 @@ import re
 import string
 import subprocess
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import threading
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -166,24 +166,27 @@ def in_processes(jobs, what: str, *, workers: int = 1, jobs_each: int = 1) -> li
     for name, one in ONE_THREAD.items():
         os.environ.setdefault(name, one)
     jobs = list(jobs)
-    batches = itertools.batched(jobs, workers * jobs_each)
-    return list(progress(_results(batches, workers), what, total=len(jobs)))
+    return list(progress(_results(jobs, workers, jobs_each), what, total=len(jobs)))
 
 
-def _results(batches, workers):
+def _results(jobs, workers, jobs_each):
     # Forked from one that has imported what takes seconds, and has done nothing else.
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["airrace.diagrams.race"])
-    for batch in batches:
-        with ProcessPoolExecutor(workers, context) as pool:
-            futures = [pool.submit(function, *arguments) for function, arguments in batch]
-            try:
-                for future in as_completed(futures):
-                    future.result()
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
-        yield from (future.result() for future in futures)
+    own = threading.local()  # each thread has a process, and waits for no other one
+
+    def call(function, arguments):
+        if not getattr(own, "jobs_left", 0):
+            if hasattr(own, "process"):
+                own.process.shutdown()
+            own.process = stack.enter_context(ProcessPoolExecutor(1, context))
+            own.jobs_left = jobs_each
+        own.jobs_left -= 1
+        return own.process.submit(function, *arguments).result()
+
+    with contextlib.ExitStack() as stack:
+        threads = stack.enter_context(ThreadPoolExecutor(workers))
+        yield from threads.map(call, *zip(*jobs))
 
 
 def groups(rows, *keys) -> list:

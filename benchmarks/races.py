@@ -135,7 +135,8 @@ def fly_all(cases: Sequence[Case], workers: int = 1) -> list[dict]:
             scenario.check()
             jobs.append((case.fly or fly, (_text(scenario), seed if case.generated else None)))
             names.append(case.name)
-    compile_apart(Scenario())
+    for estimator in sorted({case.scenario.estimator for case in cases}):
+        compile_apart(Scenario(estimator=estimator))
     rows = harness.in_processes(jobs, "Racing", workers=workers, jobs_each=4)
     return [{"name": name, **row} for name, row in zip(names, rows, strict=True)]
 

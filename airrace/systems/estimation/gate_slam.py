@@ -127,6 +127,12 @@ class GateSlam(LeafSystem):
     def _recall(self, context: Context) -> SlamState:
         return context.get_abstract_state(int(self._state)).get_value()
 
+    def _rotors_turn(self, context):
+        """Whether they give more thrust than at rest; a rotor without a speed gives none."""
+        speeds = read_vector(self._speeds, context)
+        speeds = np.where(np.isfinite(speeds), speeds, 0.0)
+        return bool(self._thrust_coefficients @ speeds**2 > self._idle)
+
     def _update(self, context, state):
         before, detections = self._recall(context), self._detections.Eval(context)
         oldest = context.get_time() - self._longest_wait
@@ -135,10 +141,8 @@ class GateSlam(LeafSystem):
         if time <= before.time or before.fault:
             return EventStatus.DidNothing()
         history = read_vector(self._history, context).reshape(-1, SAMPLE_SIZE)
-        speeds = read_vector(self._speeds, context)
-        speeds = np.where(np.isfinite(speeds), speeds, 0.0)
-        turning = self._thrust_coefficients @ speeds**2 > self._idle
-        after = self._filter.propagated(before, np.array(history), time, bool(turning))
+        turn = not before.at_rest or self._rotors_turn(context)
+        after = self._filter.propagated(before, np.array(history), time, turn)
         if is_new:
             after = self._filter.updated(after, detections, self._info.Eval(context))
         fault = why_lost(after, float(self._silence.Eval(context)[0]) - self._link_delay)

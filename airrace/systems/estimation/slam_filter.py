@@ -157,7 +157,7 @@ class SlamFilter:
             state: before.
             history: samples, newest first, (n, 7).
             time: (s).
-            rotors_turn: whether they do now.
+            rotors_turn: whether they do now, or did before.
         """
         if state.at_rest and not rotors_turn:
             rest = rested(state.rest, history, state.time, time)

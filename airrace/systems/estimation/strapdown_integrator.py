@@ -30,7 +30,7 @@ _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _SPARE = 0.1  # s, of samples, should pictures come late
 _UNLIMITED = np.full(6, np.inf)
 _AVERAGED = 10  # samples, of the angular velocity in `state_estimate`
-_REST = NAVIGATION_SIZE + 1 + STATE_SIZE + 3 + 5  # of a _Memory, behind the history
+_REST = NAVIGATION_SIZE + 1 + STATE_SIZE + 5  # of a _Memory, behind the history
 
 
 def history_depth(fps: float, latency: float, imu_rate: float) -> int:
@@ -109,12 +109,14 @@ class StrapdownIntegrator(LeafSystem):
         self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
         self._corrections = self.DeclareVectorInputPort("corrections", NAVIGATION_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
-        # All in one vector: to get several from the Context takes longer than a step.
+        # One vector: to get several from the Context takes longer than a step. But the disturbance
+        # is read as often as it changes, and of a state of its own that calls no Python.
         self._memory = self.DeclareDiscreteState(_initial_memory(depth, start))
+        self._disturbance = self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
-        self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_filtered)
         self._declare_part("state_estimate", STATE_SIZE, lambda memory: memory.estimate)
-        self._declare_part("disturbance", 3, lambda memory: memory.disturbance)
+        self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_filtered)
+        self.DeclareStateOutputPort("disturbance", self._disturbance)
         self._declare_part("imu_history", depth * SAMPLE_SIZE, lambda memory: memory.history)
         self.DeclareVectorOutputPort("imu_silence", 1, self._calc_silence)
 
@@ -132,6 +134,7 @@ class StrapdownIntegrator(LeafSystem):
     def _update(self, context, discrete_state):
         _step(
             discrete_state.get_mutable_value(self._memory),
+            discrete_state.get_mutable_value(self._disturbance),
             read_vector(self._imu, context),
             read_vector(self._corrections, context),
             read_vector(self._speeds, context),
@@ -181,7 +184,6 @@ class _Memory(NamedTuple):
         navigation: vector of a Navigation, (17,).
         corrected: the time of the correction that it goes on from (s), (1,).
         estimate: at the newest sample, (14,).
-        disturbance: (m/s^2, in W), (3,).
         heard: time of the sensor's newest sound sample (s), the angular velocity since (rad/s), and
             how old the newest sample has been of late when it came (s), (5,).
     """
@@ -190,7 +192,6 @@ class _Memory(NamedTuple):
     navigation: np.ndarray
     corrected: np.ndarray
     estimate: np.ndarray
-    disturbance: np.ndarray
     heard: np.ndarray
 
 
@@ -199,12 +200,7 @@ def _as_memory(vector):
     """Returns the parts of a vector, (7 n + _REST,), as views of it."""
     history, rest = vector[:-_REST], vector[-_REST:]
     return _Memory(
-        history.reshape((-1, SAMPLE_SIZE)),
-        rest[:17],
-        rest[17:18],
-        rest[18:32],
-        rest[32:35],
-        rest[35:],
+        history.reshape((-1, SAMPLE_SIZE)), rest[:17], rest[17:18], rest[18:32], rest[32:]
     )
 
 
@@ -218,11 +214,12 @@ def _initial_memory(depth, start):
 
 
 @compiled
-def _step(vector, samples, corrections, speeds, now, model):
+def _step(vector, disturbance, samples, corrections, speeds, now, model):
     """Takes up what the sensor has shown, and a correction; see StrapdownIntegrator.
 
     Args:
         vector: of the _Memory; is changed.
+        disturbance: (m/s^2, in W), (3,); is changed.
         samples: of the sensor, newest first, (7 m,).
         corrections: vector of a Navigation, (17,).
         speeds: of the rotors (rad/s), (r,).
@@ -240,7 +237,7 @@ def _step(vector, samples, corrections, speeds, now, model):
         heard[4] = max(now - heard[0], _FORGET * heard[4])
     count = _replace_silence(memory, count, now, speeds, constants)
     _advance(memory, count, corrections, constants.p_BI)
-    _smooth(memory, last, thrust, constants.p_BI)
+    _smooth(disturbance, last, memory, thrust, constants.p_BI)
 
 
 @compiled
@@ -362,13 +359,12 @@ def _unexplained(state, sample, thrust, p_BI):
 
 
 @compilable
-def _smooth(memory, last, thrust, p_BI):
+def _smooth(disturbance, last, memory, thrust, p_BI):
     """Smooths the disturbance, (3,), with the samples since the last step's newest one.
 
     Args: see _step(); the time of that sample (s), and the rotors' thrust by mass (m/s^2).
     """
-    history, disturbance = memory.history, memory.disturbance
-    state = as_navigation(memory.navigation)
+    history, state = memory.history, as_navigation(memory.navigation)
     if not state.time >= 0.0 or last < 0.0 or thrust < _FLYING * GRAVITY:
         return
     for k in range(len(history) - 1, -1, -1):

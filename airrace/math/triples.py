@@ -1,9 +1,11 @@
 """Vectors as tuples of three numbers, for compiled functions that run millions of times a second.
 
-They do what vec3.py does for arrays. A new array takes memory from the heap, which costs more
-than all the arithmetic on its three numbers; a tuple stays in the processor's registers. A
-matrix is a tuple of its rows. Sums have a fixed order, as in vec3.py.
+They do what vec3.py and quaternion.py do for arrays. A new array takes memory from the heap, which
+costs more than all the arithmetic on its three numbers; a tuple stays in the processor's registers.
+A matrix is a tuple of its rows. Sums have a fixed order, as in vec3.py. Arguments may be arrays.
 """
+
+import math
 
 from airrace.common.jit import compilable
 
@@ -34,6 +36,12 @@ def times(a: Triple, b: Triple) -> Triple:
 def difference(a: Triple, b: Triple) -> Triple:
     """Returns a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@compilable
+def scaled(factor: float, a: Triple) -> Triple:
+    """Returns factor a."""
+    return (factor * a[0], factor * a[1], factor * a[2])
 
 
 @compilable
@@ -87,3 +95,56 @@ def quaternion_added(q: Quaternion, factor: float, w_W: Triple) -> Quaternion:
         y + c * w + d * x - b * z,
         z + d * w + b * y - c * x,
     )
+
+
+@compilable
+def quaternion_product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Returns the quaternion of R(a) R(b)."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
+
+
+@compilable
+def exp_quaternion(vector: Triple) -> Quaternion:
+    """Returns the unit quaternion of a rotation vector (rad); Sola 2017, eq. 101."""
+    x, y, z = vector
+    half = 0.5 * math.sqrt(x * x + y * y + z * z)
+    s = 0.5 * (math.sin(half) / half if half > 1e-8 else 1.0)
+    return (math.cos(half), s * x, s * y, s * z)
+
+
+@compilable
+def normalized(q: Quaternion) -> Quaternion:
+    """Returns a quaternion made one long."""
+    w, x, y, z = q
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    return (w / length, x / length, y / length, z / length)
+
+
+@compilable
+def turned(q: Quaternion, vector: Triple) -> Quaternion:
+    """Returns the unit quaternion of R exp(vector): a rotation in axes of the body (rad)."""
+    return normalized(quaternion_product(q, exp_quaternion(vector)))
+
+
+@compilable
+def rotation_between(q_1: Quaternion, q_2: Quaternion) -> Triple:
+    """Returns the rotation vector of R_1^T R_2 (rad), no longer than pi; see quaternion.py."""
+    a, b, c, d = q_1
+    w, x, y, z = q_2
+    v = (
+        a * x - b * w - c * z + d * y,
+        a * y + b * z - c * w - d * x,
+        a * z - b * y + c * x - d * w,
+    )
+    real = a * w + b * x + c * y + d * z
+    if real < 0.0:  # q and -q are the same rotation
+        real, v = -real, (-v[0], -v[1], -v[2])
+    length = math.sqrt(dot(v, v))
+    if length < 1e-12 * real:  # the angle is the sine
+        return scaled(2.0 / real, v)
+    return scaled(2.0 * math.atan2(length, real) / length, v)

@@ -14,14 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import compilable, compiled
-from airrace.math.quaternion import exp_quaternion, rotation_matrix, turned
-from airrace.systems.estimation.navigation import (
-    Navigation,
-    as_navigation,
-    first_after,
-    moved_by,
-    navigation_vector,
-)
+from airrace.math.quaternion import turned
+from airrace.math.triples import difference, exp_quaternion, rotation_rows, scaled
+from airrace.systems.estimation.navigation import Navigation, as_navigation, first_after, move
 
 DRONE = 15  # errors of the drone
 # How much the motion may differ from that of the next sample while there is none (sigma).
@@ -71,21 +66,21 @@ def transition(state: Navigation, sample: np.ndarray, dt: float) -> np.ndarray:
         dv+    = dv - dt R [f]x theta - dt R db_a
         dp+    = dp + dt dv - dt^2/2 R [f]x theta - dt^2/2 R db_a
 
-    Args: see moved_by().
+    Args: state: at the beginning. sample, dt: see move().
     """
-    w, f = sample[1:4] - state.gyro_bias, sample[4:7] - state.accel_bias
-    R, back = rotation_matrix(state.quaternion), rotation_matrix(exp_quaternion(-dt * w))
+    w, f = difference(sample[1:4], state.gyro_bias), difference(sample[4:7], state.accel_bias)
+    R, back = rotation_rows(state.quaternion), rotation_rows(exp_quaternion(scaled(-dt, w)))
     F = np.eye(DRONE)
     for i in range(3):
         for j in range(3):
-            F[THETA + i, THETA + j] = back[i, j]
+            F[THETA + i, THETA + j] = back[i][j]
             # Row i of R, crossed with f: (R [f]x)_ij.
             a, b = (j + 1) % 3, (j + 2) % 3
-            turning = R[i, a] * f[b] - R[i, b] * f[a]
+            turning = R[i][a] * f[b] - R[i][b] * f[a]
             F[VELOCITY + i, THETA + j] = -dt * turning
             F[POSITION + i, THETA + j] = -0.5 * dt * dt * turning
-            F[VELOCITY + i, ACCEL_BIAS + j] = -dt * R[i, j]
-            F[POSITION + i, ACCEL_BIAS + j] = -0.5 * dt * dt * R[i, j]
+            F[VELOCITY + i, ACCEL_BIAS + j] = -dt * R[i][j]
+            F[POSITION + i, ACCEL_BIAS + j] = -0.5 * dt * dt * R[i][j]
         F[THETA + i, GYRO_BIAS + i] = -dt
         F[POSITION + i, VELOCITY + i] = dt
     return F
@@ -117,21 +112,21 @@ def propagate(
         time: (s).
         noise: of the sensor.
     """
-    state = as_navigation(vector.copy())
+    moved = vector.copy()
     own, total = covariance[:DRONE, :DRONE].copy(), np.eye(DRONE)
     densities = np.zeros(DRONE)
     densities[THETA:POSITION] = noise.gyro**2
     densities[VELOCITY:GYRO_BIAS] = noise.accel**2
     densities[GYRO_BIAS:ACCEL_BIAS] = noise.gyro_walk**2
     densities[ACCEL_BIAS:] = noise.accel_walk**2
-    oldest = first_after(history, state.time)
+    oldest = first_after(history, moved[0])
     for k in range(oldest, -2, -1):  # and the newest once more, up to the time
         sample = history[max(k, 0)]
         until = min(sample[0], time) if k >= 0 else time
-        dt = until - state.time
+        dt = until - moved[0]
         if not dt > 1e-9 or sample[0] <= 0.0:
             continue
-        F = transition(state, sample, dt)
+        F = transition(as_navigation(moved), sample, dt)
         own = _times(F, _times(F, own).T)
         gap = dt - 1.5 * noise.period
         for i in range(DRONE):
@@ -141,7 +136,7 @@ def propagate(
             elif gap > 0.0 and VELOCITY <= i < GYRO_BIAS:
                 own[i, i] += (_MISSED_ACCELERATION * gap) ** 2
         total = _times(F, total)
-        state = moved_by(state, sample, dt)
+        move(moved, sample, dt)
     result = covariance.copy()
     cross = _times(total, np.ascontiguousarray(covariance[:DRONE, DRONE:]))
     for i in range(DRONE):
@@ -149,4 +144,4 @@ def propagate(
             result[i, j] = 0.5 * (own[i, j] + own[j, i])
         for j in range(cross.shape[1]):
             result[i, DRONE + j] = result[DRONE + j, i] = cross[i, j]
-    return navigation_vector(state), result
+    return moved, result

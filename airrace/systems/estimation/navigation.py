@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable, compiled
-from airrace.math.quaternion import rotation_matrix, turned
-from airrace.math.vec3 import cross, rotate
-from airrace.vehicle import GRAVITY_W
+from airrace.common.jit import assign, compilable, compiled
+from airrace.math.triples import cross, difference, rotate, rotation_rows, scaled, turned
+from airrace.vehicle import GRAVITY
 from airrace.vehicle.state import as_state
 
 NAVIGATION_SIZE = 17
@@ -55,27 +54,26 @@ def navigation_vector(state: Navigation) -> np.ndarray:
 
 
 @compilable
-def moved_by(state: Navigation, sample: np.ndarray, dt: float) -> Navigation:
-    """Returns the nominal state after a time at the mean rates of a sample.
+def move(vector: np.ndarray, sample: np.ndarray, dt: float) -> None:
+    """Carries a nominal state, (17,), on by a time at the mean rates of a sample.
 
     With the angular velocity w and the specific force f, less their biases,
         R+ = R exp(w dt),  v+ = v + (R f + g) dt,  p+ = p + v dt + (R f + g) dt^2 / 2.
 
     Args:
-        state: at the beginning.
+        vector: at the beginning; is changed.
         sample: time, w and f, (7,); f in the axes of the beginning.
         dt: (s).
     """
-    w, f = sample[1:4] - state.gyro_bias, sample[4:7] - state.accel_bias
-    a = rotate(rotation_matrix(state.quaternion), f) + GRAVITY_W
-    return Navigation(
-        state.time + dt,
-        turned(state.quaternion, dt * w),
-        state.position + dt * (state.velocity + 0.5 * dt * a),
-        state.velocity + dt * a,
-        state.gyro_bias,
-        state.accel_bias,
-    )
+    _, q, p, v, gyro_bias, accel_bias = as_navigation(vector)
+    w, f = difference(sample[1:4], gyro_bias), difference(sample[4:7], accel_bias)
+    a = rotate(rotation_rows(q), f)
+    a = (a[0], a[1], a[2] - GRAVITY)
+    vector[0] += dt
+    assign(q, turned(q, scaled(dt, w)))
+    for i in range(3):
+        p[i] += dt * (v[i] + 0.5 * dt * a[i])
+        v[i] += dt * a[i]
 
 
 @compilable
@@ -93,25 +91,31 @@ def first_after(history: np.ndarray, time: float) -> int:
 
 
 @compiled
-def carried_to(vector: np.ndarray, history: np.ndarray, time: float) -> np.ndarray:
-    """Returns a nominal state, (17,), carried forward to a time (s) by the samples since.
+def carry(vector: np.ndarray, history: np.ndarray, time: float) -> None:
+    """Carries a nominal state, (17,), forward to a time (s) by the samples since.
 
     A sample counts from the end of the one before it, so that one that was lost is bridged; the
     newest one counts to the time if that is later.
 
     Args:
-        vector: the state before, (17,).
+        vector: the state; is changed.
         history: samples, newest first, (n, 7).
         time: (s).
     """
-    state = as_navigation(vector.copy())
-    for k in range(first_after(history, state.time), -1, -1):
-        dt = min(history[k, 0], time) - state.time
+    for k in range(first_after(history, vector[0]), -1, -1):
+        dt = min(history[k, 0], time) - vector[0]
         if dt > 0.0:
-            state = moved_by(state, history[k], dt)
-    if time > state.time and history[0, 0] > 0.0:
-        state = moved_by(state, history[0], time - state.time)
-    return navigation_vector(state)
+            move(vector, history[k], dt)
+    if time > vector[0] and history[0, 0] > 0.0:
+        move(vector, history[0], time - vector[0])
+
+
+@compilable
+def carried_to(vector: np.ndarray, history: np.ndarray, time: float) -> np.ndarray:
+    """Returns what carry() makes of a nominal state, (17,); see there."""
+    result = vector.copy()
+    carry(result, history, time)
+    return result
 
 
 @compilable
@@ -126,7 +130,7 @@ def write_state(
         angular_velocity: w_WB less its bias, in axes of B (rad/s), (3,).
         p_BI: where the sensor is mounted (m), (3,).
     """
-    R = rotation_matrix(state.quaternion)
+    R = rotation_rows(state.quaternion)
     body = as_state(result)
     result[0] = state.time
     w, r = rotate(R, angular_velocity), rotate(R, p_BI)

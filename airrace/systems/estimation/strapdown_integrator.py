@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import all_finite, assign, compilable, compiled
-from airrace.math.quaternion import rotation_matrix
-from airrace.math.vec3 import cross, dot, rotate
+from airrace.math.triples import added, cross, difference, dot, rotate, rotation_rows, scaled, times
 from airrace.systems.estimation.navigation import (
     NAVIGATION_SIZE,
     SAMPLE_SIZE,
     as_navigation,
     carried_to,
+    carry,
     remember,
     write_state,
 )
@@ -254,7 +254,7 @@ def _carry_forward(result, vector, samples, speeds, time, model):
         remember(recent, samples, constants.ranges)
     if memory.navigation[0] >= 0.0 and recent[0, 0] > 0.0:
         state = as_navigation(carried_to(memory.navigation, recent, time))
-        write_state(result, state, recent[0, 1:4] - state.gyro_bias, constants.p_BI)
+        write_state(result, state, difference(recent[0, 1:4], state.gyro_bias), constants.p_BI)
 
 
 @compilable
@@ -306,7 +306,7 @@ def _replace_silence(memory, count, now, speeds, constants):
     history, heard = memory.history, memory.heard
     state, expected = as_navigation(memory.navigation), heard[1:4]
     if count > 0:
-        assign(expected, history[0, 1:4] - state.gyro_bias)
+        assign(expected, difference(history[0, 1:4], state.gyro_bias))
         return count
     wrench = np.zeros(4)
     for i in range(4):
@@ -315,19 +315,20 @@ def _replace_silence(memory, count, now, speeds, constants):
     mass, J, p_BI = constants.inertia[0], constants.inertia[1:], constants.p_BI
     if not state.time >= 0.0 or not all_finite(wrench):
         return 0
-    turning = (wrench[1:] - cross(expected, J * expected)) / J
-    expected += constants.period * turning
+    moment = difference(wrench[1:], cross(expected, times(J, expected)))
+    turning = (moment[0] / J[0], moment[1] / J[1], moment[2] / J[2])
+    assign(expected, added(expected, constants.period, turning))
     # Once it has begun it goes on, with however little thrust.
     flies = _bridges(memory) or wrench[0] > _FLYING * GRAVITY * mass
     time = now - heard[4]
     if not flies or not now - heard[0] > constants.silent or not time > history[0, 0]:
         return 0
-    f = cross(turning, p_BI) + cross(expected, cross(expected, p_BI))
-    f[2] += wrench[0] / mass
+    f = added(cross(turning, p_BI), 1.0, cross(expected, cross(expected, p_BI)))
+    f = (f[0], f[1], f[2] + wrench[0] / mass)
     sample = np.empty((1, SAMPLE_SIZE))
     sample[0, 0] = time
-    sample[0, 1:4] = expected + state.gyro_bias
-    sample[0, 4:7] = f + state.accel_bias
+    assign(sample[0, 1:4], added(expected, 1.0, state.gyro_bias))
+    assign(sample[0, 4:7], added(f, 1.0, state.accel_bias))
     return remember(history, sample, _UNLIMITED)
 
 
@@ -337,25 +338,26 @@ def _advance(memory, count, corrections, p_BI):
     history, navigation = memory.history, memory.navigation
     newest = history[0, 0]
     if all_finite(corrections) and corrections[0] > memory.corrected[0]:
-        assign(navigation, carried_to(corrections, history, max(newest, corrections[0])))
+        assign(navigation, corrections)
+        carry(navigation, history, max(newest, corrections[0]))
         memory.corrected[0] = corrections[0]
     elif count > 0 and navigation[0] >= 0.0:
-        assign(navigation, carried_to(navigation, history, newest))
+        carry(navigation, history, newest)
     else:
         return
     state, w, averaged = as_navigation(navigation), np.zeros(3), min(_AVERAGED, len(history))
     for k in range(averaged):
-        w += history[k, 1:4] / averaged
-    write_state(memory.estimate, state, w - state.gyro_bias, p_BI)
+        for i in range(3):
+            w[i] += history[k, 1 + i] / averaged
+    write_state(memory.estimate, state, difference(w, state.gyro_bias), p_BI)
 
 
 @compilable
 def _unexplained(state, sample, thrust, p_BI):
     """Returns the acceleration (m/s^2, in W) that a thrust per mass (m/s^2) does not explain."""
-    w = sample[1:4] - state.gyro_bias
-    f = sample[4:7] - state.accel_bias - cross(w, cross(w, p_BI))
-    f[2] -= thrust
-    return rotate(rotation_matrix(state.quaternion), f)
+    w = difference(sample[1:4], state.gyro_bias)
+    f = difference(difference(sample[4:7], state.accel_bias), cross(w, cross(w, p_BI)))
+    return rotate(rotation_rows(state.quaternion), (f[0], f[1], f[2] - thrust))
 
 
 @compilable
@@ -373,6 +375,7 @@ def _smooth(disturbance, last, memory, thrust, p_BI):
             continue
         last = history[k, 0]
         share = 1.0 - math.exp(-dt / _TIME_CONSTANT)
-        disturbance += share * (_unexplained(state, history[k], thrust, p_BI) - disturbance)
+        change = difference(_unexplained(state, history[k], thrust, p_BI), disturbance)
+        assign(disturbance, added(disturbance, share, change))
     length = math.sqrt(dot(disturbance, disturbance))
-    disturbance *= min(1.0, _MAX_DISTURBANCE / max(length, 1e-9))
+    assign(disturbance, scaled(min(1.0, _MAX_DISTURBANCE / max(length, 1e-9)), disturbance))

@@ -7,9 +7,19 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import assign, compilable, compiled
-from airrace.math.quaternion import integrate, rotation_between, rotation_matrix
 from airrace.math.random import NoiseSequence
-from airrace.math.vec3 import cross, dot, rotate
+from airrace.math.triples import (
+    added,
+    cross,
+    difference,
+    dot,
+    normalized,
+    quaternion_added,
+    rotate,
+    rotate_back,
+    rotation_between,
+    rotation_rows,
+)
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.sensing.imu_samples import IMU_ROW, NO_SAMPLES
@@ -179,9 +189,9 @@ def _remember(memory, plant_state, lead, position):
     """Writes attitude and velocity of the sensor into its memory; see _sample()."""
     memory = _as_memory(memory)
     _, q, _, w, v = as_plant_state(plant_state)
-    q = integrate(q, w, -lead)
+    q = normalized(quaternion_added(q, -lead, w))
     assign(memory.quaternion, q)
-    assign(memory.velocity, v + cross(w, rotate(rotation_matrix(q), position)))
+    assign(memory.velocity, added(v, 1.0, cross(w, rotate(rotation_rows(q), position))))
 
 
 @compiled
@@ -205,8 +215,7 @@ def _sample(shown, memory, plant_state, time, lead, noise, failure, model):
     row = np.empty(IMU_ROW)
     row[0] = time + time_offset
     for i in range(6):
-        true = motion[:3] if i < 3 else motion[3:]
-        value = dot(axes[i // 3, i % 3], true) + biases[i] + sigmas[i] * noise[i]
+        value = dot(axes[i // 3, i % 3], motion[i // 3]) + biases[i] + sigmas[i] * noise[i]
         row[1 + i] = min(max(value, -ranges[i]), ranges[i])
         biases[i] += walk[i] * noise[6 + i]
     last = late if len(late) else shown
@@ -236,13 +245,13 @@ def _insert(rows, row):
 
 @compilable
 def _motion(before, after, period):
-    """Returns mean angular velocity (rad/s) and specific force (m/s^2) of an ideal IMU, (6,).
+    """Returns mean angular velocity (rad/s) and specific force (m/s^2) of an ideal IMU.
 
     Args:
         before, after: ImuMemory at the ends of the period (s).
     """
-    angular_velocity = rotation_between(before.quaternion, after.quaternion) / period
-    acceleration = (after.velocity - before.velocity) / period
-    acceleration[2] += GRAVITY
-    force = rotate(rotation_matrix(before.quaternion).T, acceleration)
-    return np.concatenate((angular_velocity, force))
+    x, y, z = rotation_between(before.quaternion, after.quaternion)
+    dv = difference(after.velocity, before.velocity)
+    a = (dv[0] / period, dv[1] / period, dv[2] / period + GRAVITY)
+    force = rotate_back(rotation_rows(before.quaternion), a)
+    return (x / period, y / period, z / period), force

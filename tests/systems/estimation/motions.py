@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from airrace.math.quaternion import exp_quaternion
 from airrace.systems.estimation.error_state import DRONE, ImuNoise
 from airrace.systems.estimation.gate_projection import Camera
-from airrace.systems.estimation.navigation import Navigation, navigation_vector
+from airrace.systems.estimation.navigation import Navigation, as_navigation, move, navigation_vector
 from airrace.systems.types import make_camera_info
 from airrace.vehicle import GRAVITY_W
 
@@ -32,6 +32,13 @@ def navigation(turn=(0.0, 0.0, 0.0), p=(0.0, 0.0, 5.0), v=(0.0, 0.0, 0.0), time=
     return navigation_vector(
         Navigation(time, q, np.array(p, float), np.array(v, float), np.zeros(3), np.zeros(3))
     )
+
+
+def moved_by(state, sample, dt):
+    """Returns the Navigation that move() makes of one."""
+    vector = navigation_vector(state)
+    move(vector, sample, dt)
+    return as_navigation(vector)
 
 
 def as_history(samples):

@@ -4,12 +4,13 @@ from hypothesis import strategies as st
 
 from airrace.systems.estimation import error_state as es
 from airrace.systems.estimation.kalman_update import error_between
-from airrace.systems.estimation.navigation import as_navigation, carried_to, moved_by
+from airrace.systems.estimation.navigation import as_navigation, carried_to
 from tests.systems.estimation.motions import (
     NOISE,
     PERIOD,
     as_history,
     drone_covariance,
+    moved_by,
     navigation,
     numerical,
     vectors,

@@ -11,7 +11,14 @@ from airrace.math.quaternion import (
 )
 from airrace.systems.estimation import navigation as nav
 from airrace.vehicle.state import as_state
-from tests.systems.estimation.motions import PERIOD, as_history, navigation, true_sample, vectors
+from tests.systems.estimation.motions import (
+    PERIOD,
+    as_history,
+    moved_by,
+    navigation,
+    true_sample,
+    vectors,
+)
 
 
 @given(vectors, vectors)
@@ -34,7 +41,7 @@ def test_a_constant_turn_and_acceleration_are_integrated_exactly(turn, w, a):
         time += PERIOD
         R = rotation_matrix(state.quaternion)
         samples.append(true_sample(time, w, a, R))
-        state = nav.moved_by(state, samples[-1], PERIOD)
+        state = moved_by(state, samples[-1], PERIOD)
     result = nav.as_navigation(nav.carried_to(vector, as_history(samples), time))
     T = time - 1.0
     np.testing.assert_allclose(result.velocity, [1, 2, 3] + a * T, atol=1e-9)

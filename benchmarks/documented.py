@@ -60,7 +60,7 @@ BENCHMARKS = {
     "grand_prix_courses": ("grand_prix", "--only", "courses", "--tracks", "20", "--twice"),
     "race_speed": ("race_speed", "--laps", "3", "--runs", "5"),
     "race_speed_estimators": (
-        *("race_speed", "--laps", "3", "--runs", "4"),
+        *("race_speed", "--laps", "3", "--runs", "7"),
         *("--estimators", "truth", "vio"),
     ),
     "race_speed_on_a_map": ("race_speed", "--renderer", "none", "--laps", "10", "--runs", "5"),

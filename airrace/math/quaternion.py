@@ -9,15 +9,7 @@ from airrace.math import triples
 @compilable
 def rotation_matrix(q: np.ndarray) -> np.ndarray:
     """Returns the rotation matrix, (3, 3), of a quaternion of any length, (4,)."""
-    w, x, y, z = q
-    s = 2.0 / (w * w + x * x + y * y + z * z)
-    return np.array(
-        (
-            (1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)),
-            (s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)),
-            (s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)),
-        )
-    )
+    return np.array(triples.rotation_rows(q))
 
 
 def heading(q: np.ndarray) -> float:
@@ -53,7 +45,7 @@ def integrate(q: np.ndarray, w_W: np.ndarray, dt: float) -> np.ndarray:
         w_W: angular velocity in the world (rad/s), (3,).
         dt: may be negative (s).
     """
-    return np.array(triples.normalized(triples.quaternion_added(q, dt, w_W)))
+    return np.array(triples.integrate(q, w_W, dt))
 
 
 @compilable

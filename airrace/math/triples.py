@@ -126,6 +126,12 @@ def normalized(q: Quaternion) -> Quaternion:
 
 
 @compilable
+def integrate(q: Quaternion, w_W: Triple, dt: float) -> Quaternion:
+    """Returns the unit quaternion after a short time (s) at w_W (rad/s); see quaternion.py."""
+    return normalized(quaternion_added(q, dt, w_W))
+
+
+@compilable
 def turned(q: Quaternion, vector: Triple) -> Quaternion:
     """Returns the unit quaternion of R exp(vector): a rotation in axes of the body (rad)."""
     return normalized(quaternion_product(q, exp_quaternion(vector)))

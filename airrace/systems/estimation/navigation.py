@@ -11,6 +11,7 @@ import numpy as np
 
 from airrace.common.jit import assign, compilable, compiled
 from airrace.math.triples import cross, difference, rotate, rotation_rows, scaled, turned
+from airrace.systems.sensing.imu_samples import insert
 from airrace.vehicle import GRAVITY
 from airrace.vehicle.state import as_state
 
@@ -167,10 +168,6 @@ def remember(history: np.ndarray, samples: np.ndarray, ranges: np.ndarray) -> in
     for k in range(len(samples) - 1, -1, -1):
         is_new = samples[k, 0] > history[0, 0] and samples[k, 0] > 0.0
         if is_new and _is_sound(samples[k], ranges):
-            for i in range(len(history) - 1, 0, -1):
-                for j in range(SAMPLE_SIZE):
-                    history[i, j] = history[i - 1, j]
-            for j in range(SAMPLE_SIZE):
-                history[0, j] = samples[k, j]
+            insert(history, samples[k])
             count += 1
     return count

@@ -13,8 +13,7 @@ from airrace.math.triples import (
     cross,
     difference,
     dot,
-    normalized,
-    quaternion_added,
+    integrate,
     rotate,
     rotate_back,
     rotation_between,
@@ -22,7 +21,7 @@ from airrace.math.triples import (
 )
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.systems.sensing.imu_samples import IMU_ROW, NO_SAMPLES
+from airrace.systems.sensing.imu_samples import IMU_ROW, NO_SAMPLES, insert
 from airrace.systems.sensing.state_estimate import plant_lead
 from airrace.vehicle import GRAVITY
 from airrace.vehicle.imu_errors import ImuErrors, axis_matrices, turn_on_biases
@@ -189,7 +188,7 @@ def _remember(memory, plant_state, lead, position):
     """Writes attitude and velocity of the sensor into its memory; see _sample()."""
     memory = _as_memory(memory)
     _, q, _, w, v = as_plant_state(plant_state)
-    q = normalized(quaternion_added(q, -lead, w))
+    q = integrate(q, w, -lead)
     assign(memory.quaternion, q)
     assign(memory.velocity, added(v, 1.0, cross(w, rotate(rotation_rows(q), position))))
 
@@ -210,8 +209,8 @@ def _sample(shown, memory, plant_state, time, lead, noise, failure, model):
     period, position, axes, sigmas, walk, ranges, time_offset = model
     before = memory.copy()
     _remember(memory, plant_state, lead, position)
-    motion = _motion(_as_memory(before), _as_memory(memory), period)
-    biases, late = _as_memory(memory).biases, _as_memory(memory).late
+    after = _as_memory(memory)
+    motion, biases, late = _motion(_as_memory(before), after, period), after.biases, after.late
     row = np.empty(IMU_ROW)
     row[0] = time + time_offset
     for i in range(6):
@@ -230,17 +229,9 @@ def _sample(shown, memory, plant_state, time, lead, noise, failure, model):
     if len(late):
         newest = row
         row = late[-IMU_ROW:].copy()
-        _insert(late, newest)
+        insert(late.reshape((-1, IMU_ROW)), newest)
     if row[0] >= 0.0:
-        _insert(shown, row)
-
-
-@compilable
-def _insert(rows, row):
-    """Writes a sample, (7,), in front of others, (7 n,); the last one falls off."""
-    for i in range(len(rows) - 1, IMU_ROW - 1, -1):
-        rows[i] = rows[i - IMU_ROW]
-    assign(rows[:IMU_ROW], row)
+        insert(shown.reshape((-1, IMU_ROW)), row)
 
 
 @compilable

@@ -37,3 +37,13 @@ def as_samples(vector: np.ndarray) -> ImuSamples:
     """Returns the parts of a vector of n samples, (7 n,), as views of it."""
     rows = vector.reshape((-1, IMU_ROW))
     return ImuSamples(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+
+
+@compilable
+def insert(samples: np.ndarray, newest: np.ndarray) -> None:
+    """Writes a sample, (7,), in front of others, newest first, (n, 7); the last one falls off."""
+    for i in range(len(samples) - 1, 0, -1):
+        for j in range(IMU_ROW):
+            samples[i, j] = samples[i - 1, j]
+    for j in range(IMU_ROW):
+        samples[0, j] = newest[j]

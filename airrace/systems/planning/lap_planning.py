@@ -4,6 +4,7 @@ import contextlib
 import time as wall_clock
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
 from airrace.systems.planning.laps import LapProblem, Laps
@@ -15,8 +16,12 @@ from airrace.trajopt.min_snap.circuit import Circuit
 
 _WORSE = 0.01  # of the bound, by which a plan from the lap before may fall behind that lap
 _LEAST_GAIN = 1e-6  # s: durations are no more exact, so less is no reason for another plan
+_NUMPY = ThreadpoolController()
 
 
+# Threads share the terms of a sum among them, so its last digits would depend on how many
+# cores a computer has.
+@_NUMPY.wrap(limits=1, user_api="blas")
 def plan_lap(problem: LapProblem) -> LapPlan | None:
     """Returns the plan from the problem's start on, or None to go on with the old one.
 

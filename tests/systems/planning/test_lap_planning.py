@@ -7,6 +7,7 @@ import types
 
 import numpy as np
 import pytest
+from threadpoolctl import ThreadpoolController
 
 from airrace.evaluation.jobs import generated_track
 from airrace.scenario.lap_limits import parse_limits
@@ -101,6 +102,14 @@ def test_another_process_would_find_the_same_plan(trajectory, style):
     copy = pickle.loads(pickle.dumps(given))
     assert copy.old is not given.old
     assert_same(pickle.loads(pickle.dumps(plan_lap(copy))), plan_lap(given))
+
+
+def test_a_plan_is_the_same_however_many_cores_there_are():
+    plans = []
+    for cores in (1, 2):
+        with ThreadpoolController().limit(limits=cores, user_api="blas"):
+            plans.append(plan_lap(problem()))
+    assert_same(*plans)
 
 
 @pytest.mark.slow

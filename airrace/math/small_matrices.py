@@ -61,6 +61,30 @@ def cholesky(A: np.ndarray) -> np.ndarray:
 
 
 @compiled
+def solve_lower(L: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns L^-1 b, (n,), of a lower triangular matrix (n, n)."""
+    x = np.empty(len(L))
+    for i in range(len(L)):
+        rest = b[i]
+        for k in range(i):
+            rest -= L[i, k] * x[k]
+        x[i] = rest / L[i, i]
+    return x
+
+
+@compiled
+def solve_upper(L: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns L^-T b, (n,), of a lower triangular matrix (n, n)."""
+    x = np.empty(len(L))
+    for i in range(len(L) - 1, -1, -1):
+        rest = b[i]
+        for k in range(i + 1, len(L)):
+            rest -= L[k, i] * x[k]
+        x[i] = rest / L[i, i]
+    return x
+
+
+@compiled
 def solve_cholesky(L: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Returns x with L L^T x = b, (n,).
 
@@ -68,19 +92,7 @@ def solve_cholesky(L: np.ndarray, b: np.ndarray) -> np.ndarray:
         L: see cholesky().
         b: (n,).
     """
-    n = len(L)
-    x = np.empty(n)
-    for i in range(n):
-        rest = b[i]
-        for k in range(i):
-            rest -= L[i, k] * x[k]
-        x[i] = rest / L[i, i]
-    for i in range(n - 1, -1, -1):
-        rest = x[i]
-        for k in range(i + 1, n):
-            rest -= L[k, i] * x[k]
-        x[i] = rest / L[i, i]
-    return x
+    return solve_upper(L, solve_lower(L, b))
 
 
 @compiled

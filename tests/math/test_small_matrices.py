@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airrace.math.small_matrices import cholesky, inverse, solve_cholesky
+from airrace.math.small_matrices import cholesky, inverse, solve_cholesky, solve_lower, solve_upper
 
 
 def make(n, seed):
@@ -20,6 +20,8 @@ def test_as_numpy_does_it(n, seed):
     L = cholesky(A)
     np.testing.assert_allclose(L, np.linalg.cholesky(A), atol=1e-9 * np.abs(A).max())
     np.testing.assert_allclose(A @ solve_cholesky(L, b), b, atol=1e-6)
+    np.testing.assert_allclose(L @ solve_lower(L, b), b, atol=1e-9)
+    np.testing.assert_allclose(L.T @ solve_upper(L, b), b, atol=1e-6)
     np.testing.assert_allclose(inverse(A) @ A, np.eye(n), atol=1e-6)
     np.testing.assert_array_equal(inverse(A), inverse(A).T)
 

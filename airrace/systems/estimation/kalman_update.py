@@ -8,7 +8,7 @@ import numpy as np
 from airrace.common.jit import compilable, compiled
 from airrace.math.angles import wrap_angle
 from airrace.math.quaternion import rotation_between, rotation_matrix
-from airrace.math.small_matrices import cholesky, propagated
+from airrace.math.small_matrices import cholesky, propagated, solve_lower, solve_upper
 from airrace.systems.estimation.error_state import DRONE, POSITION, THETA, corrected
 from airrace.systems.estimation.gate_projection import GATE, POSE, Camera, predicted_corners
 from airrace.systems.estimation.navigation import Navigation, as_navigation, navigation_vector
@@ -114,30 +114,6 @@ def _linearized(state, gate, sight, camera):
 
 
 @compilable
-def _solve_lower(L, b):
-    """Returns L^-1 b, (n,), of a lower triangular matrix."""
-    x = np.empty(len(L))
-    for i in range(len(L)):
-        rest = b[i]
-        for k in range(i):
-            rest -= L[i, k] * x[k]
-        x[i] = rest / L[i, i]
-    return x
-
-
-@compilable
-def _solve_upper(L, b):
-    """Returns L^-T b, (n,)."""
-    x = np.empty(len(L))
-    for i in range(len(L) - 1, -1, -1):
-        rest = b[i]
-        for k in range(i + 1, len(L)):
-            rest -= L[k, i] * x[k]
-        x[i] = rest / L[i, i]
-    return x
-
-
-@compilable
 def _gains(covariance, columns, H, variances):
     """Returns P H^T, (n, 8 m), and the Cholesky factor of S = H P H^T + R, (8 m, 8 m)."""
     size, rows = len(covariance), len(H)
@@ -201,11 +177,11 @@ def updated(
             for k in range(ACTIVE):
                 residual[i] += H[i, k] * error[columns[k], 0]
         PHt, L = _gains(P, columns, H, variances)
-        y = _solve_lower(L, residual)
+        y = solve_lower(L, residual)
         cost = np.sum(y * y)
         if iteration == 0:
             squared = cost
-        gain_input = _solve_upper(L, y)
+        gain_input = solve_upper(L, y)
         step = -error[:, 0]
         for i in range(len(step)):
             for j in range(len(gain_input)):
@@ -236,7 +212,7 @@ def _reduced(covariance, PHt, L):
     size, rows = PHt.shape
     W = np.empty((size, rows))
     for i in range(size):
-        W[i] = _solve_lower(L, PHt[i])
+        W[i] = solve_lower(L, PHt[i])
     result = np.empty((size, size))
     for i in range(size):
         for j in range(i + 1):

@@ -29,6 +29,19 @@ class Exercise(NamedTuple):
     hint: str
     solution: str
 
+    @classmethod
+    def of(cls, text: str) -> "Exercise | None":
+        """Returns the exercise that a cell of text is, None if it is none.
+
+        Raises:
+            AssertionError: if it has no hint or no solution.
+        """
+        if not re.match(r"\*\*\d+\.", text):
+            return None
+        match = _EXERCISE.fullmatch(text)
+        assert match, f"This exercise lacks a hint or a solution:\n{text}"
+        return cls(int(match["number"]), match["hint"], match["solution"])
+
     @property
     def code(self) -> list[str]:
         """The Python of the solution, block by block."""
@@ -47,10 +60,5 @@ def exercises(path: Path) -> list[Exercise]:
     Raises:
         AssertionError: if one of them has no hint or no solution.
     """
-    found = []
-    for cell in cells(path, "markdown"):
-        if re.match(r"\*\*\d+\.", cell):
-            match = _EXERCISE.fullmatch(cell)
-            assert match, f"This exercise lacks a hint or a solution:\n{cell}"
-            found.append(Exercise(int(match["number"]), match["hint"], match["solution"]))
-    return found
+    found = map(Exercise.of, cells(path, "markdown"))
+    return [exercise for exercise in found if exercise is not None]

@@ -86,12 +86,17 @@ def _closes_loop(now: Situation, closing_range: float, is_lost: bool) -> bool:
     gate 1 must stand where the layout rule has the gate after the last one. If it does
     not, both its front markers must be in the image, it must be ahead of the last gate,
     and other gates must break the rule as well, or the search must have found nothing.
+    What was seen while the last gate was being passed still counts behind it.
     """
     last, first = now.last, now.gates.get(0)
     if now.next_number < _FEWEST_GATES or first is None:
         return False
+    if presumed_gate(now.gate_map, now.next_number):
+        return False
+    if now.memory.closing:
+        return True
     in_image = front_markers(now, 0)
-    if presumed_gate(now.gate_map, now.next_number) or not in_image:
+    if not in_image:
         return False
     if np.linalg.norm(first.p_WG - as_state(now.estimate).position) > closing_range:
         return False

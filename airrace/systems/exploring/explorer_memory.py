@@ -24,6 +24,8 @@ class Memory(Immutable):
         home: hover pose over the start: x, y, z and yaw, (4,).
         aligned: whether the heading was checked against gate 1.
         last: newest gate of the list, None before the first.
+        closing: whether gate 1 was seen to close the loop while it was too late to turn home: it
+            may be out of sight behind the gate that was being passed.
         gates_ahead: pairs of a gate on the leg, as it was when the leg was planned, and the
             time on the leg at which it is passed (s).
         steps, steps_around: of the search for the next gate so far, see search.py.
@@ -37,6 +39,7 @@ class Memory(Immutable):
     home: np.ndarray | None = None
     aligned: bool = False
     last: GateEstimate | None = None
+    closing: bool = False
     gates_ahead: tuple = ()
     steps: int = 0
     steps_around: int = 0

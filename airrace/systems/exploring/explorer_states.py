@@ -198,12 +198,15 @@ class StateMachine:
         all_found = found == self._config.expected_gates
         lost = is_lost(now, self._config)
         gate = exploration.next_gate(now, self._config.closing_range, lost)
+        closes = memory.last is not None and gate is not None and gate.number == 0
         nothing_new = gate is None and not all_found
-        if nothing_new or now.time < memory.blocked_at + _PERIOD or self._is_at_gate(now):
+        if nothing_new or now.time < memory.blocked_at + _PERIOD:
             return None
+        if self._is_at_gate(now):
+            return dc.replace(memory, closing=True) if closes and not memory.closing else None
         if all_found:
             return self._return_home(now, f"all {found} gates that are expected were found")
-        if memory.last is not None and gate.number == 0:
+        if closes:
             return self._return_home(now, f"gate 1 again after {found} gates: the loop is closed")
         gates = [*self._gates_ahead(now), gate]
         leg = self._legs.plan_through(now, gates)
@@ -215,7 +218,7 @@ class StateMachine:
         both = len(exploration.front_markers(now, gate.number)) == 2
         how = "both front markers in one image" if both else "in the map already"
         status = dc.replace(memory.status, gates=(*memory.status.gates, gate.number))
-        now = now.remembering(last=gate, steps=0, steps_around=0, status=status)
+        now = now.remembering(last=gate, closing=False, steps=0, steps_around=0, status=status)
         reason = f"gate {gate.number + 1}: {how}"
         return self._follow(now, leg, "FLY_TO_GATE", reason, gates)
 

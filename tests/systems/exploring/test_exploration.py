@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring import exploration
-from airrace.systems.exploring.explorer_memory import Situation
+from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.systems.mapping.report_estimator import EMPTY, ReportEstimator
 from airrace.systems.types import Detection, Detections, ExplorerStatus
 from airrace.track import load_track
@@ -37,7 +37,7 @@ def situation(counts, in_image, last=None, p=(0.0, 0.0, 5.0), track=TRACK):
     """What the explorer knows with some markers mapped and some in the image."""
     gate_map = mapped(counts, track)
     gates = {gate.number: gate for gate in gate_map.gates}
-    memory = types.SimpleNamespace(
+    memory = Memory(
         last=None if last is None else gates[last],
         status=ExplorerStatus(gates=() if last is None else tuple(range(last + 1))),
     )
@@ -119,7 +119,7 @@ def test_off_the_rule_gate_1_closes_the_loop_if_it_is_ahead(y, heading_deg, clos
         for k, (x, y, h) in gates.items()
     )
     now = situation({}, [0, 2], p=(15.0, 0.0, 6.0))
-    memory = types.SimpleNamespace(last=made[2], status=ExplorerStatus(gates=(0, 1, 2)))
+    memory = Memory(last=made[2], status=ExplorerStatus(gates=(0, 1, 2)))
     looking = types.SimpleNamespace(gates=made, markers=())
     now = Situation(memory, 1.0, now.detections, looking, now.estimate)
     assert exploration.next_gate(now, 40.0) is (made[0] if closes else None)

@@ -138,6 +138,31 @@ def test_it_returns_through_the_gates_still_ahead():
     np.testing.assert_allclose(memory.goal, HOME, atol=1e-6)
 
 
+def test_gate_1_closes_the_loop_behind_the_gate_at_which_it_was_seen():
+    """Seen too late to plan around that gate, and out of sight behind it."""
+    counts = front(*range(10))
+    gate = mapped(counts).gates[-1]
+    start = np.zeros((5, 4))
+    start[0], start[1, :3] = gate_pose(gate, -2.0), 8.0 * gate.forward
+    leg = plan_leg(start, gate_pose(gate, 9.0)[None], max_speed=8.0, max_acceleration=6.0)
+    memory = dc.replace(
+        memory_at(HOME, 10, "FLY_TO_GATE").flying(leg, 0.0), gates_ahead=((gate, 0.25),)
+    )
+    machine = StateMachine(
+        config=ExplorerConfig(closing_range=60.0), hover_height=5.0, clearance=2.0
+    )
+    states = []
+    for time, in_image in ((0.1, [0, 2]), (0.2, []), (0.3, [])):
+        looking = situation(counts, in_image)
+        estimate = flat_state(leg.reference(time), time)
+        memory = machine.next(
+            Situation(memory, time, looking.detections, looking.gate_map, estimate)
+        )
+        states.append(memory.status.state)
+    assert states == ["FLY_TO_GATE", "FLY_TO_GATE", "RETURN"]
+    assert memory.status.reason == "gate 1 again after 10 gates: the loop is closed"
+
+
 @pytest.mark.parametrize(("vio", "rest"), [(False, 0.5), (True, 2.0)])
 def test_on_its_pad_it_rests_the_longer_if_it_has_to_find_its_way(vio, rest):
     machine = StateMachine(config=ExplorerConfig(), hover_height=5.0, clearance=2.0, vio=vio)

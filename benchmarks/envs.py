@@ -1,13 +1,14 @@
-"""How many steps a second the batch of drones makes, and another simulator's environment beside it.
+"""How many steps a second the batch of drones makes, and batches of other simulators beside it.
 
     python -m benchmarks.envs [--envs 1 16 256 4096] [--drone NAME] [--level 0] [--peers]
 
 A step is 20 ms of every drone, with observation, reward, and new episodes for those that end. The
 drones hover in front of gates of the reference track, by noisy actions of thrust and body rates;
 the plant makes 20 steps at 1 kHz meanwhile, and the rate controller 10. On one core, and on all
-that there are; each in a process of its own, the median of some blocks. --peers adds crazyflow's
-environment on one core, if `python -m benchmarks.peers --install` has put it where that says. It
-makes 10 steps at 500 Hz, with a simpler model.
+that there are; each in a process of its own, the median of some blocks. --peers adds two others on
+one core, if `python -m benchmarks.peers --install` has put them where that says: crazyflow's
+environment, which makes 10 steps at 500 Hz with a simpler model; and rotorpy's batch of drones,
+which makes 2 at 100 Hz, and has neither observation nor reward.
 """
 
 import os
@@ -22,7 +23,7 @@ from benchmarks.peers import circle, steps
 from benchmarks.peers import environments as env
 
 PHYSICS = 20  # steps of the plant in one of an environment
-_PEER = "crazyflow"
+_PEERS = "crazyflow", "rotorpy"
 
 
 def main(argv=None) -> int:
@@ -33,7 +34,7 @@ def main(argv=None) -> int:
     )
     parser.add_argument("--drone", default="Default", help="a shipped drone, or a folder")
     parser.add_argument("--level", type=int, default=0, help="of difficulty, 0 to 3")
-    parser.add_argument("--peers", action="store_true", help="crazyflow beside it")
+    parser.add_argument("--peers", action="store_true", help="crazyflow and rotorpy beside it")
     env.add_folder(parser)
     return harness.run(parser, argv, measure, show)
 
@@ -43,7 +44,7 @@ def measure(args) -> dict:
 
     Returns:
         ``rows``: a batch size each, with steps a second of ``one`` core, of ``all``, and of the
-        ``peer`` on one, None without; ``cores``; ``failure``: why the peer did not fly, or None.
+        ``peers`` that flew on one, by name; ``cores``; ``failures``: why the others did not.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     jobs = [
@@ -52,23 +53,23 @@ def measure(args) -> dict:
         for threads in dict.fromkeys((1, cores))
     ]
     rates = dict(zip((job[1][:2] for job in jobs), harness.in_processes(jobs, "Flying")))
-    peer, failure = {}, None
-    if args.peers:
+    peers, failures = {}, []
+    for name in _PEERS if args.peers else ():
         try:
-            python = env.python_of(args.folder.absolute(), _PEER, env.requirements()[_PEER])
-            peer = env.fly(python, f"step_{_PEER}", *args.envs)["rates"]
+            python = env.python_of(args.folder.absolute(), name, env.requirements()[name])
+            peers[name] = env.fly(python, f"step_{name}", *args.envs)["rates"]
         except env.PeerError as e:
-            failure = f"{_PEER}: {e}"
+            failures.append(f"{name}: {e}")
     rows = [
         {
             "envs": count,
             "one": rates[count, 1],
             "all": rates[count, cores],
-            "peer": peer.get(str(count)),
+            "peers": {name: steps_of[str(count)] for name, steps_of in peers.items()},
         }
         for count in args.envs
     ]
-    return {"rows": rows, "cores": cores, "failure": failure}
+    return {"rows": rows, "cores": cores, "failures": failures}
 
 
 def show(results: dict) -> tuple[list, bool]:
@@ -79,14 +80,15 @@ def show(results: dict) -> tuple[list, bool]:
         "plant's steps,\none core": lambda row: f"{PHYSICS * row['one']:,.0f}",
         f"steps a second,\n{results['cores']} cores": "{all:,.0f}",
     }
-    if any(row["peer"] for row in results["rows"]):
-        columns[f"{_PEER},\none core"] = "{peer:,.0f}"
-        columns["airrace,\ntimes"] = lambda row: f"{row['one'] / row['peer']:.1f}"
+    for name in results["rows"][0]["peers"]:
+        columns[f"{name},\none core"] = f"{{peers[{name}]:,.0f}}"
+        columns[f"airrace\nto {name}"] = lambda row, name=name: (
+            f"{row['one'] / row['peers'][name]:.1f}"
+        )
     table = harness.make_table(
         "Steps of 20 ms in a second, all drones together", results["rows"], columns
     )
-    failure = results["failure"]
-    return [table, *([failure] if failure else [])], not failure
+    return [table, *results["failures"]], not results["failures"]
 
 
 def _fly(count: int, threads: int, drone: str, level: int) -> float:

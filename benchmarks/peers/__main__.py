@@ -5,7 +5,7 @@
 Every simulator flies its own drone under its own controller on the same circle, in a
 process of its own on one core, one after the other, run by run. Start-up, compiling and
 the first laps do not count. --install puts the peers into environments of their own,
-from the package index that pip is configured for (about 2 GB). gym-pybullet-drones is not
+from the package index that pip is configured for (about 7 GB). gym-pybullet-drones is not
 among them: it is installed from a clone of its repository, not from a package index.
 """
 

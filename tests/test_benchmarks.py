@@ -1,6 +1,7 @@
 """The commands below benchmarks/: each runs, and its table shows what it measured."""
 
 import json
+import re
 import subprocess
 import sys
 import tomllib
@@ -296,7 +297,7 @@ def test_another_simulator_is_compared_with_ours(run, tmp_path):
     requirements = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
         "optional-dependencies"
     ]["peers"]
-    missing, other = (requirement.split(" ")[0] for requirement in requirements)
+    missing, other = (re.match(r"[\w-]+", requirement)[0] for requirement in requirements)
     row = {"controller": "PID", "besides": "wind", "position_hz": 100, "attitude_hz": 500}
     row |= {"physics_hz": 240, "integrator": "Euler", "simulated_s": 10.0, "rms_m": 0.05}
     row |= {"cpu_s": 4.0, "wall_s": 8.0}

@@ -161,9 +161,9 @@ def test_planning_a_lap_of_another_track_with_other_limits(folder):
 
 @pytest.mark.slow
 def test_comparing_planners(folder):
-    text = run("compare_planners", folder, 1)
+    text = run("compare_planners", folder, 2)
     rates = re.findall(r"finished (\d) of (\d)", text)
-    assert rates == [("1", "1")] * 2
+    assert rates == [("2", "2")] * 2
     slow, quick = numbers(rf"mean lap {NUMBER} s", text)
     assert 0.7 * slow < quick < 0.95 * slow
     assert (folder / "runs").is_dir()

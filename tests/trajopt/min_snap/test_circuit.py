@@ -1,6 +1,7 @@
 """The lap through the gates: closed, forward, within the limits, and fair."""
 
 import functools
+import time
 
 import numpy as np
 import pytest
@@ -198,7 +199,7 @@ def test_full_turns_of_a_heading_do_not_matter(turns):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(10))
 def test_moved_gates(seed):
     midpoints, headings = moved(seed)
     for dimensions, longest in ((3, 23.0), (6, 32.5)):
@@ -212,9 +213,12 @@ def test_moved_gates(seed):
 
 @each
 def test_a_lap_from_itself_is_as_short(dimensions):
-    again = plan(MIDPOINTS, HEADINGS, dimensions, previous=reference(dimensions))
-    assert again.duration <= reference(dimensions).duration * (1 + 1e-6)
-    assert again.approach == reference(dimensions).approach
+    previous = reference(dimensions)  # not by the clock: the first test that asks for it plans it
+    clock = time.process_time()
+    again = plan(MIDPOINTS, HEADINGS, dimensions, previous=previous)
+    assert again.duration <= previous.duration * (1 + 1e-6)
+    assert again.approach == previous.approach
+    assert time.process_time() - clock < 1.0
 
 
 def test_a_lap_from_one_of_another_track_is_as_short():
@@ -308,10 +312,12 @@ def impossible():
 
 @pytest.mark.parametrize("case", impossible())
 @pytest.mark.parametrize("dimensions", [3, 6])
-def test_impossible_laps_are_refused(case, dimensions):
+def test_impossible_laps_are_refused_in_time(case, dimensions):
+    clock = time.process_time()
     with pytest.raises(TrajectoryOptimizationError):
         midpoints, headings, pylons = impossible()[case]
         plan_circuit(midpoints, headings, dimensions, FlightConstraints(pylons, **LIMITS))
+    assert time.process_time() - clock < 20.0
 
 
 @few

@@ -255,7 +255,7 @@ def test_the_replay_scrubs_and_jumps(browser, folder, tmp_path):
 
 @pytest.mark.slow
 def test_splits_are_compared_with_the_best_lap(browser, folder):
-    """On three gates: laps of 10 s, 9 s, 12 s, and a fourth that has begun."""
+    """On three gates: laps of 10 s, 9 s, 12 s, and a fourth that has begun; and before any."""
     open_replay(browser, folder / "race.html")
     seen = browser.evaluate("""(async () => {
         const { standing } = await import("airrace/standing.js");
@@ -277,6 +277,30 @@ def test_splits_are_compared_with_the_best_lap(browser, folder):
         [3, 1, 9, 1.25, "slower"],
         [4, 3, 4, 0, "slower"],
         [4, 1, 8, 0.25, "better"],
+    ]
+    # Who explores says so before gate 1; a client's drone waits, and races.
+    said = browser.evaluate("""(async () => {
+        const { phase, standing, words } = await import("airrace/standing.js");
+        const { Timeline } = await import("airrace/timeline.js");
+        const timeline = new Timeline(), config = { gates: [1, 2, 3], laps: 5 };
+        const [gates, racing] = [0, false];
+        timeline.add({ status: [
+            { t: 0, state: "FLY_TO_GATE", gates, done: false, racing },
+            { t: 1, state: "DONE", gates, done: true, racing: true },
+            { t: 2, state: "ON_PAD", gates, done: false, racing },
+            { t: 3, state: "RACE", gates, done: true, racing },
+        ] });
+        return [0, 1, 2, 3].map((t) => {
+            const stands = standing(timeline, config, t + 0.5);
+            return [phase(stands), words(stands, config)];
+        });
+    })()""")
+    to_gate_1 = "Flying to gate 1 to start the first lap"
+    assert said == [
+        ["exploring the track", "Flying to gate 1"],
+        ["before gate 1", to_gate_1],
+        ["before the start", "On the pad, waiting for the client to arm"],
+        ["before gate 1", to_gate_1],
     ]
 
 

@@ -1,5 +1,5 @@
 // The lap clock, the split at the last gate, and the table of laps.
-import { seconds, signed, words } from "airrace/standing.js";
+import { phase, seconds, signed, words } from "airrace/standing.js";
 
 const ROWS = 6; // laps shown, the newest first
 const SPLIT_TIME = 4; // s, for which a split is shown
@@ -11,7 +11,7 @@ export function drawClock(standing, config) {
   element("doing").textContent = words(standing, config);
   const lastLap = laps.at(-1);
   let time = lapTime ?? lastLap?.time ?? null;
-  let what = laps.length ? `lap ${lap} of ${config.laps}` : "exploring the track";
+  let what = laps.length ? `lap ${lap} of ${config.laps}` : phase(standing);
   if (time === null) time = t;
   else if (over) what = `last lap of ${laps.length}`;
   const runs = lapTime !== null || !laps.length;

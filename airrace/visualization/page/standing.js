@@ -78,7 +78,9 @@ function planOf(timeline, lap, t) {
   return first && first < lap ? first : null;
 }
 
-// What the drone does, in words.
+const TO_GATE_1 = "Flying to gate 1 to start the first lap";
+
+// What the drone does, in words; a client's drone is on the pad, and then races.
 const DOING = {
   CALIBRATE: "On the pad, waiting until it is level and at rest",
   TAKE_OFF: "Taking off",
@@ -87,15 +89,23 @@ const DOING = {
   AVOID: "Flying around an obstacle",
   RETURN: "All gates are found: flying back to the start",
   DONE: "The map is ready: planning the first lap",
+  ON_PAD: "On the pad, waiting for the client to arm",
+  RACE: TO_GATE_1,
 };
 
 export function words({ over, status, crossings, lap, nextGate }, config) {
   if (over?.finished) return `Finished ${config.laps} ${config.laps === 1 ? "lap" : "laps"}`;
   if (over) return `Did not finish: ${over.reason}`;
   if (crossings.length) return `Racing lap ${lap} of ${config.laps}, next gate ${nextGate}`;
-  if (status.done && status.racing) return "Flying to gate 1 to start the first lap";
+  if (status.done && status.racing) return TO_GATE_1;
   if (status.state === "FLY_TO_GATE") return `Flying to gate ${Math.max(status.gates, 1)}`;
   return DOING[status.state] ?? "Looking for the next gate";
+}
+
+// Returns what goes on before the first lap, in words.
+export function phase({ status }) {
+  if (status.state === "ON_PAD") return "before the start";
+  return status.done ? "before gate 1" : "exploring the track";
 }
 
 export const seconds = (time, digits = 2) => (time == null ? "-" : time.toFixed(digits));

@@ -255,7 +255,7 @@ def test_the_replay_scrubs_and_jumps(browser, folder, tmp_path):
 
 @pytest.mark.slow
 def test_splits_are_compared_with_the_best_lap(browser, folder):
-    """On three gates: laps of 10 s, 9 s, 12 s, and a fourth that has begun; and before any."""
+    """On three gates: laps of 10 s, 9 s, 12 s, and a fourth that has begun."""
     open_replay(browser, folder / "race.html")
     seen = browser.evaluate("""(async () => {
         const { standing } = await import("airrace/standing.js");
@@ -278,7 +278,12 @@ def test_splits_are_compared_with_the_best_lap(browser, folder):
         [4, 3, 4, 0, "slower"],
         [4, 1, 8, 0.25, "better"],
     ]
-    # Who explores says so before gate 1; a client's drone waits, and races.
+
+
+@pytest.mark.slow
+def test_before_gate_1_it_says_what_goes_on(browser, folder):
+    """Of who explores, and of a client's drone, which waits, and races."""
+    open_replay(browser, folder / "race.html")
     said = browser.evaluate("""(async () => {
         const { phase, standing, words } = await import("airrace/standing.js");
         const { Timeline } = await import("airrace/timeline.js");

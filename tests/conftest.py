@@ -43,6 +43,9 @@ def pytest_collection_modifyitems(items):
         for marker, places in _MARKED.items():
             if any(path.is_relative_to(place) for place in places):
                 item.add_marker(marker)
+    # First, so that one process runs them all, and no other takes some over at the end: each that
+    # runs one flies a race in real time to look at.
+    items.sort(key=lambda item: item.get_closest_marker("browser") is None)
 
 
 @pytest.fixture

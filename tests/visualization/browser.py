@@ -43,8 +43,7 @@ _OPTIONS = (
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE localhost, EXCLUDE 127.0.0.1",
 )
 # Without a graphics card, the processor takes about a tenth of a second for a picture of a scene: a
-# page that draws as many as it can would keep the cores from all other tests. Here it draws three
-# a second.
+# page that draws as many as it can keeps the cores from all else.
 _SLOWLY = """
 window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 330);
 window.cancelAnimationFrame = clearTimeout;
@@ -60,9 +59,9 @@ class Browser:
         requests: addresses of all that it has asked for.
     """
 
-    def __init__(self, width: int = 640, height: int = 400):
-        """Args: width, height: of the window (px)."""
-        self._size = width, height
+    def __init__(self, width: int = 640, height: int = 400, *, slowly: bool = False):
+        """Args: width, height: of the window (px). slowly: to draw but three pictures a second."""
+        self._size, self._slowly = (width, height), slowly
         self.errors, self.requests = [], []
         self._number, self._session, self._buffer = 0, None, b""
 
@@ -96,7 +95,8 @@ class Browser:
         ]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._call(f"{domain}.enable")
-        self._call("Page.addScriptToEvaluateOnNewDocument", source=_SLOWLY)
+        if self._slowly:
+            self._call("Page.addScriptToEvaluateOnNewDocument", source=_SLOWLY)
         return self
 
     def __exit__(self, *_):

@@ -15,6 +15,7 @@ import pytest
 from airrace.commands.app import main as airrace
 from tests.visualization.browser import CHROMIUM, Browser
 from tests.worlds.made_up_run import FIRST, LAP, estimator_sigmas, make_run
+from tests.worlds.pictures import count_colours
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look with")
 CAMERAS = ("overview", "chase", "onboard", "gate", "free")
@@ -35,7 +36,7 @@ var seconds = s => new Promise(done => setTimeout(done, 1000 * s));
 
 @pytest.fixture(scope="module")
 def window():
-    with Browser() as browser:
+    with Browser(slowly=True) as browser:
         yield browser
 
 
@@ -119,7 +120,7 @@ def look(browser, name):
     picture = browser.screenshot()
     cv2.imwrite(str(name), picture)
     assert picture.std() > 10.0
-    assert len(np.unique(picture.astype(int) @ [1 << 16, 1 << 8, 1])) > 100  # colours
+    assert count_colours(picture) > 100
     return picture
 
 

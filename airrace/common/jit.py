@@ -14,10 +14,15 @@ import contextlib
 import fcntl
 import hashlib
 import math
+import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+
+# Of LLVM's optimization; Numba reads it when it is imported. Level 3, its default, takes a third
+# longer to compile, for code that is no faster and computes the same bits.
+os.environ.setdefault("NUMBA_OPT", "2")
 
 import numba
 import numba.core.event

@@ -46,6 +46,10 @@ def test_a_division_by_zero_is_as_with_arrays():
     assert quotient(1.0, 0.0) == math.inf and math.isnan(quotient(0.0, 0.0))
 
 
+def test_the_level_of_optimization_is_ours_unless_the_user_sets_one():
+    assert numba.config.OPT == int(os.environ["NUMBA_OPT"])
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_all_finite(bad):
     assert all_finite(np.zeros(0)) and all_finite(np.array([1e300, -1.0]))

@@ -134,7 +134,7 @@ def _limit(axes: "Axes", size: "pd.Series") -> None:
 
 def _draw_innovations(axes: "Axes", squared: np.ndarray) -> None:
     """Draws how large innovations were, beside what they should be: chi-squared, of 8 numbers."""
-    from scipy.stats import chi2
+    from scipy.special import chdtr
 
     from airrace.systems.estimation.slam_filter import REFUSED
 
@@ -143,7 +143,7 @@ def _draw_innovations(axes: "Axes", squared: np.ndarray) -> None:
     share = 100 * counts / max(len(squared), 1)
     bars = axes.stairs(share, levels, fill=True, color=SHADE, label="innovations")
     add_tip(bars, f"{len(squared)} markers")
-    expected = 100 * np.diff(chi2.cdf(levels, _COORDINATES))
+    expected = 100 * np.diff(chdtr(_COORDINATES, levels))
     axes.plot(levels[:-1] + 0.5, expected, color=INK, lw=1, ls="--")
     refused = 100 * np.mean(squared > REFUSED) if len(squared) else 0.0
     axes.set(xlabel="normalised innovation squared", ylabel="markers (%)")

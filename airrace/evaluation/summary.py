@@ -3,7 +3,6 @@
 import re
 
 import pandas as pd
-from scipy.stats import binomtest
 
 _COLUMNS = (
     *("seed", "gates", "length_m", "finished", "dnf_reason", "explored", "exploration_s"),
@@ -21,6 +20,8 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     Args:
         successes, trials: numbers; 0 <= successes <= trials.
     """
+    from scipy.stats import binomtest  # here, as few processes need it: it takes half a second
+
     if trials == 0:
         return 0.0, 1.0
     interval = binomtest(successes, trials).proportion_ci(method="wilson")

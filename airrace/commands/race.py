@@ -179,7 +179,7 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
         contextlib.ExitStack() as pages,
         results_folder(folder, numbered=numbered, refuse=RESULTS + EVALUATION) as output_dir,
     ):
-        page = pages.enter_context(LivePage(track)) if options.meshcat else None
+        page = pages.enter_context(LivePage(track, options.report)) if options.meshcat else None
         foxglove = pages.enter_context(FoxgloveServer()) if options.foxglove else None
         compile_apart(scenario)  # after the cheap checks: it may take a minute
         with contextlib.ExitStack() as stack:

@@ -28,11 +28,12 @@ class LivePage:
         url: of the page.
     """
 
-    def __init__(self, track: "AnyTrack"):
+    def __init__(self, track: "AnyTrack", report: bool = False):
         """Starts to serve, on loopback.
 
         Args:
             track: that is shown.
+            report: whether report.html will stand beside the replay, which then links to it.
 
         Raises:
             UserError: if no port is free.
@@ -40,6 +41,7 @@ class LivePage:
         self.meshcat = MakeMeshcat(track)
         self.record, self.wishes = RaceRecord(), Wishes()
         self._config: dict = {}
+        self._beside = ("report.html", "race.json") if report else ("race.json",)
         # The server's thread must not hold the Meshcat, so it is given only its port.
         pages = self._config
         self._server = PageServer(
@@ -76,7 +78,7 @@ class LivePage:
         config = {
             **self._config[LIVE],
             "mode": REPLAY,
-            "links": [[text, name] for name, text in FILES.items() if name != "race.html"],
+            "links": [[FILES[name], name] for name in self._beside],
         }
         return make_page(self.meshcat.StaticHtml(), config, self.record.whole())
 

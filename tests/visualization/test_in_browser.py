@@ -318,6 +318,26 @@ def test_before_gate_1_it_says_what_goes_on(browser, folder):
 
 
 @pytest.mark.slow
+def test_what_a_client_knows_of_the_track_is_not_told(browser, folder):
+    open_replay(browser, folder / "race.html")
+    said = browser.evaluate("""(async () => {
+        const { drawFacts } = await import("airrace/facts.js");
+        const { Timeline } = await import("airrace/timeline.js");
+        const timeline = new Timeline(), config = { gates: [1, 2, 3] };
+        timeline.add({ status: [
+            { t: 0, state: "TAKE_OFF", gates: 2, done: false, racing: false },
+            { t: 1, state: "ON_PAD", gates: 0, done: false, racing: false },
+            { t: 2, state: "RACE", gates: 0, done: true, racing: false },
+        ] });
+        return [0, 1, 2].map((t) => {
+            drawFacts(timeline, config, t + 0.5, { p: [0, 0, 1.5], error: 0 });
+            return document.getElementById("facts").textContent;
+        });
+    })()""")
+    assert said == ["gates known2 of 3height1.5 m", "height1.5 m", "height1.5 m"]
+
+
+@pytest.mark.slow
 def test_every_camera_and_every_size(browser, folder, tmp_path):
     """Nothing is covered, nothing leaves the window, and a frame is not too much to draw."""
     open_replay(browser, folder / "race.html")

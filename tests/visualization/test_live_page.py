@@ -14,16 +14,27 @@ from airrace.visualization.page_html import LIVE, page_config
 def page():
     track = load_track("student-airrace")
     with LivePage(track) as page:
-        vehicle, _ = load_vehicle("Default")
-        page.begin(page_config(Scenario(), track, vehicle, "visualizer/drone/body", mode=LIVE))
+        begin(page, track)
         yield page
+
+
+def begin(page, track):
+    vehicle, _ = load_vehicle("Default")
+    page.begin(page_config(Scenario(), track, vehicle, "visualizer/drone/body", mode=LIVE))
 
 
 def test_the_replay_is_the_record_without_a_server(page):
     page.record.add("events", 1.0, text="something")
     html = page.replay()
     assert '"mode":"replay"' in html and "something" in html and "localhost:" not in html
-    assert '["report","report.html"]' in html
+    assert '"links":[["race.json","race.json"]]' in html
+
+
+def test_the_replay_links_to_a_report_if_there_will_be_one():
+    track = load_track("student-airrace")
+    with LivePage(track, report=True) as page:
+        begin(page, track)
+        assert '"links":[["report","report.html"],["race.json","race.json"]]' in page.replay()
 
 
 @pytest.fixture

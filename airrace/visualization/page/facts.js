@@ -1,12 +1,13 @@
 // What the drone knows, in numbers, and what has happened lately, in words.
 import { countUntil, last } from "airrace/timeline.js";
-import { minutes } from "airrace/standing.js";
+import { isClients, minutes } from "airrace/standing.js";
 
 const EVENTS = 14;
 
 export function drawFacts(timeline, config, t, now) {
   const map = last(timeline.maps, t), status = last(timeline.status, t);
-  const facts = [["gates known", `${status?.gates ?? 0} of ${config.gates.length}`]];
+  const known = ["gates known", `${status?.gates ?? 0} of ${config.gates.length}`];
+  const facts = isClients(status) ? [] : [known];
   if (map?.sigma != null) facts.push(["map, 1 \u03c3", `${(100 * map.sigma).toFixed(1)} cm`]);
   // An exact estimate has nothing to tell.
   if (now && now.error > 1e-4) {

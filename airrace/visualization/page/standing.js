@@ -78,6 +78,9 @@ function planOf(timeline, lap, t) {
   return first && first < lap ? first : null;
 }
 
+// Whether a client flies, which tells nobody what it knows of the track.
+export const isClients = (status) => ["ON_PAD", "RACE"].includes(status?.state);
+
 const TO_GATE_1 = "Flying to gate 1 to start the first lap";
 
 // What the drone does, in words; a client's drone is on the pad, and then races.

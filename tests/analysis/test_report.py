@@ -144,6 +144,7 @@ def test_the_original_system_is_no_comparison_for_other_races(tmp_path, field):
     assert "original, 3-D" not in make_report(run)
 
 
+@pytest.mark.slow
 def test_a_race_that_did_not_finish(tmp_path):
     folder = make_run(tmp_path / "run", laps=0, finished=False)
     text = write_report(folder).read_text()
@@ -179,6 +180,7 @@ def test_a_folder_without_a_race(tmp_path, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_drone_that_finds_out_where_it_is_has_sections_of_its_own(tmp_path):
     """The run's errors are as large as the estimator says."""
     run = load_run(make_run(tmp_path / "run", laps=3, estimator="vio"))

@@ -127,6 +127,7 @@ def test_without_pymavlink_it_says_what_to_install(monkeypatch, capsys):
     assert "pip install 'airrace[mavlink]'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_race_leaves_its_results(tmp_path, monkeypatch, capsys):
     """A client that is there, but never flies: it runs out of time."""
     monkeypatch.chdir(tmp_path)

@@ -81,6 +81,7 @@ def pilot(i, imu):
     return [rates(0.32, wave - 0.1 * imu.xgyro, 0.05 - 0.1 * imu.ygyro, -0.1 * imu.zgyro)]
 
 
+@pytest.mark.slow
 def test_in_steps_a_flight_is_the_same_twice_to_the_bit(tmp_path):
     flights = []
     for name in "ab":
@@ -233,6 +234,7 @@ def test_nothing_of_a_race_is_left():
     assert [name for name, reference in left if reference() is not None] == []
 
 
+@pytest.mark.slow
 def test_resets_again_and_again_leave_nothing_open(tmp_path):
     """Each begins on the pad, with all as at first, and no file or socket stays open."""
     link = Earpiece()
@@ -270,6 +272,7 @@ def test_resets_again_and_again_leave_nothing_open(tmp_path):
     assert open_files[-1] <= open_files[2]
 
 
+@pytest.mark.slow
 def test_a_client_that_hits_the_floor_goes_on():
     """Contacts are told and counted; they do not end the race."""
     session = Session(grand_prix())

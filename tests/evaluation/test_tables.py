@@ -1,6 +1,8 @@
 import json
 import re
 
+import pytest
+
 from airrace.evaluation.overview_plot import draw_picture
 from airrace.evaluation.page import write_page
 from airrace.evaluation.tables import write_report
@@ -31,6 +33,7 @@ def test_markdown_tables_are_whole(tmp_path):
         assert len(cells) == 1
 
 
+@pytest.mark.slow
 def test_the_same_races_in_any_order_and_at_any_speed(tmp_path):
     files = []
     for name, seconds in (("a", 1.0), ("b", 2.0)):

@@ -156,6 +156,7 @@ def test_vq_2_tells_neither_pose_nor_places():
 class TestCommands:
     """One after the other in one flight; each test of what it does is a step of it."""
 
+    @pytest.mark.slow
     def test_what_they_do(self):
         session = Session(grand_prix(vq=1))
         link = session.link
@@ -233,6 +234,7 @@ def test_a_silent_client_on_the_ground_stops_its_motors():
     assert max(session.link.of("ACTUATOR_OUTPUT_STATUS")[-1].actuator) < 0.01
 
 
+@pytest.mark.slow
 def test_a_client_that_is_killed_in_flight_is_landed_for():
     """It hovers where it was, and is set down without a hard contact."""
     session = Session(grand_prix())
@@ -250,6 +252,7 @@ def test_a_client_that_is_killed_in_flight_is_landed_for():
     assert all(message.horizontal_minimum_delta < 0.6 for message in session.link.of("COLLISION"))
 
 
+@pytest.mark.slow
 def test_a_collision_with_a_gate_names_the_gate():
     """Onto the side beam of the first gate, which stands in the drone's way."""
     session = Session(grand_prix())
@@ -309,6 +312,7 @@ class TestQuirks:
         repeated = sum(a == b for a, b in zip(jpegs, jpegs[1:]))
         assert 0.1 * len(jpegs) < repeated < 0.6 * len(jpegs)
 
+    @pytest.mark.slow
     def test_the_imus_rate_varies_with_load(self):
         session = Session(grand_prix("{mavlink: {quirks: {imu_drop: 0.5}}}"))
         session.fly(6.0)

@@ -122,6 +122,7 @@ def vtk():
     return render
 
 
+@pytest.mark.slow
 def test_renderers_show_the_same_gates(vtk):
     """In the same pixels, in about the same colours; lights and walls, too."""
     for X_WC in views(COURSE, 6):

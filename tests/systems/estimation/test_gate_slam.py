@@ -220,6 +220,7 @@ def test_a_gate_that_moved_is_followed_and_stays_in_the_map(hover):
     assert sum(hover.read("gate_map").refused.values()) > 0
 
 
+@pytest.mark.slow
 def test_a_gate_that_entered_wrongly_enters_anew(hover):
     """Its first sights were of another heading, as the mirrored pose of one marker has it."""
     hover.wait(1.0, 0, 2)

@@ -68,6 +68,7 @@ def test_a_gate_at_the_end_of_a_long_leg_is_found_with_steps_of_any_length(step_
     assert time < 16.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step_length", [5.0, 15.0])
 def test_it_can_hover_before_each_step_forward(step_length):
     config = ExplorerConfig(step_length=step_length, hover_before_step=True, hover_time=1.0)

@@ -99,6 +99,7 @@ def test_every_metre_ahead_is_searched_whatever_the_length_of_a_step(step_length
     assert np.max(np.diff(looks)) <= FARTHEST_VIEW
 
 
+@pytest.mark.slow
 @given(STEP_LENGTHS)
 def test_no_step_leads_beyond_the_longest_leg(step_length):
     config = dc.replace(CONFIG, step_length=step_length)

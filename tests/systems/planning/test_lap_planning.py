@@ -104,6 +104,7 @@ def test_another_process_would_find_the_same_plan(trajectory, style):
     assert_same(pickle.loads(pickle.dumps(plan_lap(copy))), plan_lap(given))
 
 
+@pytest.mark.slow
 def test_a_plan_is_the_same_however_many_cores_there_are():
     plans = []
     for cores in (1, 2):

@@ -136,6 +136,7 @@ def test_the_numbers_behind_the_pictures(folder):
     assert states(run) == [("CALIBRATE", 0.0, 0.5), ("TAKE_OFF", 0.5, FIRST)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("field", [{"limits": "rotor"}, {"track": "hexagon"}])
 def test_the_original_system_is_no_comparison_for_other_races(tmp_path, field):
     run = load_run(make_run(tmp_path / "run", recorded=False))

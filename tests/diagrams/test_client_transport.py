@@ -95,6 +95,7 @@ def test_in_steps_a_flight_is_the_same_twice_to_the_bit(tmp_path):
     assert data.pop("wall") and again.pop("wall") and data == again
 
 
+@pytest.mark.slow
 def test_a_client_that_does_not_answer_is_not_waited_for_for_ever(monkeypatch):
     """It is once, and again only after its next command."""
     monkeypatch.setattr(client_transport, "_ANSWER", 0.05)

@@ -179,8 +179,8 @@ def flown(hexagon, tmp_path_factory):
     return folder, result, looks
 
 
+@pytest.mark.slow
 class TestWholeRace:
-    # One test without `slow`: with more, both processes of the fast lane would fly the race.
     def test_it_is_finished(self, flown):
         folder, result, _ = flown
         data = read_race(folder)
@@ -192,7 +192,6 @@ class TestWholeRace:
         assert data["exploration"]["success"] and data["exploration"]["gates_found"] == 6
         assert 10 < data["exploration"]["time_s"] < 100
 
-    @pytest.mark.slow
     def test_its_laps_are_plausible(self, flown):
         for lap in flown[1]["laps"]:
             assert lap["gate_times_s"][0] == 0.0
@@ -204,7 +203,6 @@ class TestWholeRace:
             assert lap["time_s"] == pytest.approx(plan["duration_s"], rel=0.1)
             assert lap["max_speed"] == pytest.approx(plan["max_speed"], rel=0.1)
 
-    @pytest.mark.slow
     def test_laps_are_on_disk_as_they_end(self, flown):
         for look in flown[2]:
             crossings = len(look.referee_status.crossings)
@@ -215,7 +213,6 @@ class TestWholeRace:
         assert first.on_disk["laps"] == flown[1]["laps"][:1]
         assert first.on_disk["dnf_reason"] == "not over yet"
 
-    @pytest.mark.slow
     def test_the_map_is_on_disk(self, flown):
         folder, _, looks = flown
         gates = json.loads((folder / "map.json").read_text())["gates"]
@@ -224,7 +221,6 @@ class TestWholeRace:
         statistics = json.loads((folder / "map_statistics.json").read_text())
         assert statistics["detections"] > 500 and statistics["error_rate"] < 0.01
 
-    @pytest.mark.slow
     def test_its_scenario_gives_the_same_race_again(self, flown, tmp_path, monkeypatch, capsys):
         """By the command line, from another folder, and with a spectator."""
         folder, result, _ = flown

@@ -88,6 +88,7 @@ class TestFly:
         assert row["result"]["dnf_reason"] == "crashed (SIGSEGV)"
         assert not row["result"]["finished"] and row["wall"] is None
 
+    @pytest.mark.slow
     def test_errors_of_a_box(self, folder):
         (folder / "my_boxes.py").write_text(
             "from airrace.systems.planning.trajectory_tracker import TrajectoryTracker\n"
@@ -140,6 +141,7 @@ def kill_the_race(name):
     process.send_signal(getattr(signal, name))
 
 
+@pytest.mark.slow
 def test_a_race_dies_with_who_waits_for_it(tmp_path):
     folder = tmp_path / "race"
     folder.mkdir()

@@ -300,6 +300,7 @@ class TestQuirks:
         assert header[5] == pytest.approx(101e9, abs=1e8)
         assert statuses(session.link)[-1][1] == pytest.approx(101000, abs=260)
 
+    @pytest.mark.slow
     def test_pictures_are_lost_or_repeated(self):
         text = "{mavlink: {quirks: {lost_pictures: 0.3, repeated_pictures: 0.3}}}"
         session = Session(grand_prix(text))
@@ -321,6 +322,7 @@ class TestQuirks:
         assert counts.min() >= 20 and counts.max() - counts.min() >= 5
         assert session.bridge.imu_messages == len(times) < 0.95 * 62 * 6
 
+    @pytest.mark.slow
     def test_rates_and_signs_are_inverted_both_ways(self):
         quirks = "{mavlink: {vq: 1, quirks: {inverted_rates: true, wrong_signs: true}}}"
         flights = [Session(grand_prix(text)) for text in ("{mavlink: {vq: 1}}", quirks)]

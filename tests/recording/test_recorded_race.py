@@ -46,6 +46,7 @@ def test_recording_changes_nothing(races):
             assert (races[content][0] / name).read_bytes() == (races["none"][0] / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_none_leaves_no_log(races):
     assert not (races["none"][0] / "race.mcap").exists()
 
@@ -81,6 +82,7 @@ def test_a_real_race_has_every_signal(races):
     assert "did not finish" in write_report(folder).read_text().lower()
 
 
+@pytest.mark.slow
 def test_the_log_says_what_was_raced(races):
     from mcap.reader import make_reader
 

@@ -377,6 +377,7 @@ def test_every_number_of_ours_but_noise_and_errors_must_be_positive():
         assert refusal(scenario_text=changed(path, -1)).startswith(f"{name} must be ")
 
 
+@pytest.mark.slow
 def test_switches_are_no_numbers():
     switches = [
         path

@@ -86,6 +86,7 @@ def fly(fleet, commands, bodies):
     store(block, 0, 0, fleet)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RACERS)
 @settings(max_examples=25, deadline=None)
 @given(st.data())

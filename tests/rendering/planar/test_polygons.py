@@ -91,6 +91,7 @@ def test_what_is_covered_is_the_area_wherever_it_lies(x, y, side, angle):
             assert (axis * picture).sum() / picture.sum() == pytest.approx(expected, abs=0.1)
 
 
+@pytest.mark.slow
 @given(coordinates, coordinates, st.floats(2.0, 16.0), angles)
 def test_either_way_round(x, y, side, angle):
     corners = square(x, y, side, angle)

@@ -227,6 +227,7 @@ def fly_unsure(readable):
     return memory.status.events[1:]
 
 
+@pytest.mark.slow
 def test_a_drone_that_is_unsure_looks_at_a_known_gate_until_it_is_sure_again():
     """It turns, flies nearer, and then searches from that gate: not so far away again."""
     events = fly_unsure(readable=True)
@@ -236,6 +237,7 @@ def test_a_drone_that_is_unsure_looks_at_a_known_gate_until_it_is_sure_again():
     assert events[4].time - events[3].time < 3.0  # as soon as the gate is in sight, not there
 
 
+@pytest.mark.slow
 def test_unsure_in_vain_it_searches_on():
     """The gate is not where it should be: it looks for it there once, not for ever."""
     states = [event.state for event in fly_unsure(readable=False)]

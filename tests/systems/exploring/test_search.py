@@ -80,6 +80,7 @@ def searched_ahead(step_length):
     return list(itertools.takewhile(lambda step: step.state != "GO_BACK", found))
 
 
+@pytest.mark.slow
 @given(STEP_LENGTHS)
 def test_every_metre_ahead_is_searched_whatever_the_length_of_a_step(step_length):
     """As far beyond the gate as the rules allow the next, and there is no gap in between."""

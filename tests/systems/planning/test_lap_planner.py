@@ -485,6 +485,7 @@ def test_a_plan_has_no_seams(plan):
             np.testing.assert_allclose(jump[4], 0.0, atol=1e-4)
 
 
+@pytest.mark.slow
 @few
 @given(plans, times, st.integers(1, 3))
 def test_a_plan_repeats_its_lap(plan, t, laps):

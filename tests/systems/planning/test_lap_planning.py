@@ -167,6 +167,7 @@ def test_laps_get_faster_as_the_map_gets_better():
     assert durations[0] > durations[1] + 0.05 > durations[2] + 0.1
 
 
+@pytest.mark.slow
 def test_the_next_lap_goes_on_from_the_last():
     old = first()
     new = plan_lap(problem(gates=moved(0.2), old=old))

@@ -87,7 +87,7 @@ def test_each_lap_says_which_plan_it_flew(hexagon, tmp_path, planner, numbers):
     assert np.abs(behind - behind[0]).max() < 0.1
 
 
-def test_with_a_camera_nobody_looks(hexagon):  # noqa: F811
+def test_with_a_camera_nobody_looks(hexagon):
     race = MakeRace(Scenario(track=hexagon, map="track"))
     autonomy = race.GetSubsystemByName("autonomy")
     assert not [

@@ -43,9 +43,17 @@ def pytest_collection_modifyitems(items):
         for marker, places in _MARKED.items():
             if any(path.is_relative_to(place) for place in places):
                 item.add_marker(marker)
-    # First, so that one process runs them all, and no other takes some over at the end: each that
-    # runs one flies a race in real time to look at.
-    items.sort(key=lambda item: item.get_closest_marker("browser") is None)
+    items.sort(key=_turn)
+
+
+def _turn(item):
+    """Returns whether a test comes first (0), second or last (2)."""
+    # One process runs all in the browser, and no other takes some over at the end: each that runs
+    # one flies a race in real time to look at.
+    if item.get_closest_marker("browser"):
+        return 0
+    # These take a minute: at the end, the other processes would wait for them.
+    return 1 if item.path.name in ("test_docs.py", "test_style.py") else 2
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+from scipy.special import chdtr
 
 from airrace.analysis.figure_style import INK, MUTED, SHADE, add_legend, add_tip, make_figure
 
@@ -134,8 +135,6 @@ def _limit(axes: "Axes", size: "pd.Series") -> None:
 
 def _draw_innovations(axes: "Axes", squared: np.ndarray) -> None:
     """Draws how large innovations were, beside what they should be: chi-squared, of 8 numbers."""
-    from scipy.special import chdtr
-
     from airrace.systems.estimation.slam_filter import REFUSED
 
     levels = np.linspace(0.0, 40.0, 41)

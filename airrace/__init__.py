@@ -9,8 +9,6 @@ import importlib
 import sys
 import typing
 
-__version__ = "0.1.0"
-
 # pip refuses an older Python, a checkout on its path does not; so that it can read this file,
 # there are no f-strings.
 if sys.version_info < (3, 12):  # noqa: UP036
@@ -19,6 +17,8 @@ if sys.version_info < (3, 12):  # noqa: UP036
         "newer: ./run.bash of a checkout finds or installs one.\n"
     )
     sys.exit(2)
+
+from airrace.common.version import VERSION as __version__  # noqa: E402
 
 if typing.TYPE_CHECKING:
     from airrace.analysis import load_run

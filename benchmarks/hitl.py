@@ -20,11 +20,11 @@ import tempfile
 from pathlib import Path
 
 from airrace.common.errors import UserError
-from airrace.diagrams.autonomy_process import PILOT_TICKS
-from airrace.diagrams.navigator_process import NAVIGATOR_TICKS
 from airrace.diagrams.race import run_race
-from airrace.diagrams.simulated_link import SimulatedRemote
+from airrace.hitl.autonomy_process import PILOT_TICKS
 from airrace.hitl.link.simulated_bus import LinkConfig
+from airrace.hitl.navigator_process import NAVIGATOR_TICKS
+from airrace.hitl.simulated_link import SimulatedRemote
 from airrace.scenario import LINK_DELAY, TRAJECTORIES, Scenario
 from benchmarks import harness
 

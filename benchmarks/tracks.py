@@ -10,10 +10,10 @@ import time
 
 import numpy as np
 
-from airrace.commands.track import to_yaml
 from airrace.common.errors import UserError
 from airrace.common.resources import load_yaml
 from airrace.track import Track
+from airrace.track.command import to_yaml
 from airrace.track.generator import DIRECTIONS, generate_track
 from airrace.track.layout import Layout
 from airrace.track.rules import check_rules

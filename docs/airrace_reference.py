@@ -152,12 +152,16 @@ def _presets(head: str, presets: dict, config: type, text: Callable[[typing.Any]
 
 def systems() -> str:
     """Returns Markdown with a table of the autonomy's systems and their ports."""
-    from airrace.diagrams.autonomy import SYSTEMS, VIO_SYSTEMS, make_system
+    from airrace.diagrams.variants import ESTIMATORS
 
     lines = ["| system | inputs | outputs |", "|---|---|---|"]
-    for name in (*SYSTEMS, *VIO_SYSTEMS):
-        scenario = Scenario(estimator="vio" if name in VIO_SYSTEMS else "truth")
-        system = make_system(name, scenario)
+    makers = {
+        name: (make, Scenario(estimator=estimator))
+        for estimator, variant in reversed(ESTIMATORS.items())
+        for name, make in variant.systems.items()
+    }
+    for name, (make, scenario) in makers.items():
+        system = make(scenario)
         inputs = (system.get_input_port(k) for k in range(system.num_input_ports()))
         outputs = (system.get_output_port(k) for k in range(system.num_output_ports()))
         ports = [", ".join(f"`{port.get_name()}`" for port in each) for each in (inputs, outputs)]

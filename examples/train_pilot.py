@@ -25,7 +25,7 @@ import numpy as np
 import optax
 from rich.progress import track
 
-from airrace.systems.control.policy_network import PolicyNetwork
+from airrace.systems.policy.policy_network import PolicyNetwork
 from airrace.vehicle import load_vehicle
 
 GAMMA, LAMBDA, CLIP = 0.99, 0.95, 0.2  # of a step of 20 ms; the last: of the ratio, see loss()

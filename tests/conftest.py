@@ -25,7 +25,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # Markers that follow from where a test is, by the path below tests/. `slow` stands at each test.
 _MARKED = {
     "browser": ["evaluation/test_page_in_browser.py", "visualization/test_in_browser.py"],
-    "hitl": ["hitl", "diagrams/test_hitl.py", "diagrams/test_simulated_link.py"],
+    "hitl": ["hitl"],
 }
 
 

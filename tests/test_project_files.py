@@ -23,7 +23,9 @@ def load_pyproject():
 def test_there_is_one_version():
     project = load_pyproject()
     assert "version" in project["project"]["dynamic"] and "version" not in project["project"]
-    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "airrace.__version__"}
+    assert project["tool"]["setuptools"]["dynamic"]["version"] == {
+        "attr": "airrace.common.version.VERSION"
+    }
     assert load("CITATION.cff")["version"] == airrace.__version__
     assert f"## [{airrace.__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 

@@ -4,13 +4,12 @@ import importlib
 import os
 import platform
 import shutil
-from pathlib import Path
 
-from airrace import __file__ as package
-from airrace import __version__
 from airrace.common import jit
 from airrace.common.errors import UserError, words
 from airrace.common.processes import real_time_priority
+from airrace.common.resources import PACKAGE
+from airrace.common.version import VERSION
 from airrace.hitl.link.doctor import BAD, GOOD, WEAK, Row
 
 _FREE = 1.0  # GB, for results; ten laps take 22 MB
@@ -22,7 +21,7 @@ _PACKAGES = ("pydrake", "cv2", "numba", "scipy", "pandas", "lcm", "distributed",
 def check_computer() -> list[Row]:
     """Returns the rows of the doctor's table."""
     return [
-        Row("airrace", f"{__version__}, in {Path(package).parent}", "any", GOOD, ""),
+        Row("airrace", f"{VERSION}, in {PACKAGE}", "any", GOOD, ""),
         Row("Python", platform.python_version(), "3.12 or newer", GOOD, ""),
         *(_package(name) for name in _PACKAGES),
         _vtk(),

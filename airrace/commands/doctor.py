@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from airrace.commands.options import ScenarioOptions
+from airrace.scenario.options import ScenarioOptions
 
 if TYPE_CHECKING:
     import lcm
@@ -48,8 +48,8 @@ def doctor(
     from rich.console import Console
 
     from airrace.commands.computer_checks import check_computer
-    from airrace.commands.hitl import checked_scenario, scenario_and_bus
     from airrace.common.errors import UserError
+    from airrace.hitl.command import checked_scenario, scenario_and_bus
     from airrace.hitl.link.doctor import BAD, make_table
 
     if lcm_url is not None and not link:
@@ -82,9 +82,9 @@ def measure_board(scenario: "Scenario", duration: float) -> bool:
 
     from rich.console import Console
 
-    from airrace.diagrams.budget import make_table, prepare_halves
-    from airrace.diagrams.navigator_process import NavigatorProcess
+    from airrace.hitl.budget import make_table, prepare_halves
     from airrace.hitl.link.endpoint import DEFAULT_URL
+    from airrace.hitl.navigator_process import NavigatorProcess
 
     console = Console()
     with (

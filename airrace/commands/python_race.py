@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from airrace.analysis.run import Run, load_run
-from airrace.commands.race import RaceOptions, fly
+from airrace.commands.race import AnyRaceOptions, fly_any
 from airrace.common.errors import UserError
 
 
@@ -20,7 +20,7 @@ def race(*, fields: dict | None = None, quiet: bool = False, **options: Any) -> 
     Args:
         fields: of the scenario, those that no option is for; as of --scenario_text.
         quiet: whether to print nothing while it flies.
-        **options: those of the command ``airrace race``, see RaceOptions; here, ``meshcat``
+        **options: those of the command ``airrace race``, see AnyRaceOptions; here, ``meshcat``
             and ``report`` are False, and ``linger`` is 0, unless you say otherwise.
 
     Returns:
@@ -29,7 +29,7 @@ def race(*, fields: dict | None = None, quiet: bool = False, **options: Any) -> 
     Raises:
         UserError: on bad input, with the remedy.
     """
-    names = [field.name for field in dc.fields(RaceOptions)]
+    names = [field.name for field in dc.fields(AnyRaceOptions)]
     for name in options:
         if name not in names:
             near = difflib.get_close_matches(name, names, 1)
@@ -45,5 +45,5 @@ def race(*, fields: dict | None = None, quiet: bool = False, **options: Any) -> 
     if options.get("trajectory") is not None:
         options["trajectory"] = str(options["trajectory"])
     defaults = {"meshcat": False, "report": False, "linger": 0.0}
-    _, folder = fly(RaceOptions(**{**defaults, **options}), quiet=quiet)
+    _, folder = fly_any(AnyRaceOptions(**{**defaults, **options}), quiet=quiet)
     return load_run(folder)

@@ -15,6 +15,15 @@ from typing import Any
 
 from airrace.common.errors import UserError
 
+# What an evaluation leaves in its folder, where no race may be kept.
+EVALUATION = (
+    "races.jsonl",
+    "evaluation.json",
+    "evaluation.md",
+    "evaluation.png",
+    "evaluation.html",
+)
+
 
 def write_text(path: Path, text: str) -> None:
     """Replaces a file at once: readers see the old text or the new one.

@@ -11,6 +11,8 @@ from pydrake.common.yaml import yaml_load, yaml_load_typed
 
 from airrace.common.errors import UserError
 
+PACKAGE = Path(__file__).resolve().parents[1]  # the folder of airrace's code
+
 
 @functools.cache
 def models_path() -> Path:
@@ -19,12 +21,11 @@ def models_path() -> Path:
     It lies inside the package in an installed airrace and beside it in a
     checkout.
     """
-    package = Path(__file__).resolve().parents[1]
-    for candidate in (package / "models", package.parent / "models"):
+    for candidate in (PACKAGE / "models", PACKAGE.parent / "models"):
         if (candidate / "package.xml").is_file():
             return candidate
     raise UserError(
-        f"airrace's models folder is missing beside {package}; clone or install airrace again."
+        f"airrace's models folder is missing beside {PACKAGE}; clone or install airrace again."
     )
 
 

@@ -11,8 +11,9 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource
 from scipy.spatial.transform import Rotation
 
-from airrace.diagrams.autonomy import make_system
+from airrace.diagrams.autonomy import make_systems
 from airrace.diagrams.simulation import MakeSimulation
+from airrace.diagrams.wiring import connect_by_name, export_outputs, outputs_of
 from airrace.scenario import Scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.types import ExplorerStatus
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from pydrake.math import RigidTransform
 
 CONTROL = ("rotor_monitor", "state_filter", "geometric_controller")
+OUTPUTS = ("truth.state", "truth.referee_status", "rotor_speeds", "rotor_losses")
 _STEP = 0.01  # s, between two samples of a flight
 
 
@@ -79,8 +81,7 @@ def MakeFlight(scenario: Scenario, reference: Callable[[float], np.ndarray]) -> 
     """Builds a flight along a reference, in the scenario's world.
 
     It consists of the Simulation, whose camera is not read, and of the systems of
-    CONTROL, as in the Autonomy. Its outputs are ``truth.state``,
-    ``truth.referee_status``, ``rotor_speeds`` and ``rotor_losses``.
+    CONTROL, as in the Autonomy; OUTPUTS are its outputs.
 
     Args:
         scenario: of which track, drone, disturbances, failures, noise, and
@@ -89,23 +90,16 @@ def MakeFlight(scenario: Scenario, reference: Callable[[float], np.ndarray]) -> 
     """
     builder = DiagramBuilder()
     simulation = builder.AddSystem(MakeSimulation(scenario))
-    systems = [builder.AddNamedSystem(name, make_system(name, scenario)) for name in CONTROL]
+    systems = [
+        builder.AddNamedSystem(name, system)
+        for name, system in make_systems(scenario, CONTROL).items()
+    ]
     source = builder.AddNamedSystem("reference_source", ReferenceSource(reference))
     status = builder.AddSystem(ConstantValueSource(Value[object](ExplorerStatus(done=True))))
-    builder.Connect(status.get_output_port(), simulation.GetInputPort("explorer_status"))
-    for system in (simulation, *systems):
-        for i in range(system.num_input_ports()):
-            name = system.get_input_port(i).get_name()
-            for producer in (simulation, source, *systems):
-                if producer.HasOutputPort(name) and not name.startswith("truth."):
-                    builder.Connect(producer.GetOutputPort(name), system.get_input_port(i))
-    for system, name in (
-        (simulation, "truth.state"),
-        (simulation, "truth.referee_status"),
-        (simulation, "rotor_speeds"),
-        (systems[0], "rotor_losses"),
-    ):
-        builder.ExportOutput(system.GetOutputPort(name), name)
+    sources = outputs_of(simulation, source, *systems)
+    sources["explorer_status"] = status.get_output_port()
+    connect_by_name(builder, (simulation, *systems), sources)
+    export_outputs(builder, sources, OUTPUTS)
     diagram = builder.Build()
     diagram.set_name("flight")
     return diagram
@@ -156,8 +150,7 @@ def fly_reference(
     context = simulator.get_mutable_context()
     start_in_flight(flight, scenario, context, **start)
     simulator.Initialize()
-    names = ("truth.state", "rotor_speeds", "rotor_losses", "truth.referee_status")
-    state, rotors, losses, referee = (flight.GetOutputPort(name) for name in names)
+    state, referee, rotors, losses = (flight.GetOutputPort(name) for name in OUTPUTS)
     states, rotor_speeds = [], []
     for k in range(1, round(seconds / _STEP) + 1):
         simulator.AdvanceTo(k * _STEP)

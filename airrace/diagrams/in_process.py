@@ -3,7 +3,8 @@
 from typing import TYPE_CHECKING
 
 from airrace.diagrams.autonomy import MakeAutonomy
-from airrace.hitl.transport import Transport
+from airrace.diagrams.transport import Transport
+from airrace.diagrams.wiring import connect_by_name, outputs_of
 
 if TYPE_CHECKING:
     from pydrake.systems.analysis import Simulator
@@ -21,10 +22,8 @@ class InProcess(Transport):
         self, builder: "DiagramBuilder", scenario: "Scenario", simulation: "Diagram"
     ) -> "System":
         autonomy = builder.AddSystem(MakeAutonomy(scenario))
-        for source, sink in ((simulation, autonomy), (autonomy, simulation)):
-            for i in range(sink.num_input_ports()):
-                port = sink.get_input_port(i)
-                builder.Connect(source.GetOutputPort(port.get_name()), port)
+        connect_by_name(builder, [autonomy], outputs_of(simulation))
+        connect_by_name(builder, [simulation], outputs_of(autonomy))
         return autonomy
 
     def advance(self, simulator: "Simulator", time: float) -> None:

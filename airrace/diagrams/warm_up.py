@@ -1,4 +1,4 @@
-"""Compiles what a race calls before it starts: in real time there is no time for it."""
+"""Compiles what a race calls before it starts: its own clock should not count that."""
 
 import contextlib
 import dataclasses as dc
@@ -11,90 +11,22 @@ from typing import Any
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
 from rich.console import Console
 
 from airrace.common import jit
 from airrace.common.processes import child_environment
-from airrace.diagrams.made_up_messages import handed_over, standing
-from airrace.diagrams.playback import LINK, NavigatorPlayback, PilotPlayback, Playback
-from airrace.diagrams.race import MakeRace
-from airrace.diagrams.simulated_link import SimulatedRemote
+from airrace.diagrams.autonomy import MakeNavigator, MakePilot
 from airrace.diagrams.simulation import MakeSimulation
-from airrace.scenario import LINK_DELAY, Scenario, load_scenario, scenario_yaml
+from airrace.diagrams.standing_drone import Standing, StandingDrone
+from airrace.diagrams.wiring import connect_by_name, initial_values, outputs_of
+from airrace.scenario import Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
-from airrace.systems.control.rotor_commands import set_speeds
 from airrace.systems.types import ExplorerStatus
 
 _TIME = 0.6  # s: it has seen, measured and mapped, and takes off by then
 _BRIEF = 0.3  # s: it has seen by then
-
-
-def warm_up(scenario: Scenario) -> None:
-    """Flies the first moment of a race over a link, all in this process, and forgets it.
-
-    The machine code of the inner loops is compiled, or read from the disk, when it is
-    first called (see airrace/common/jit.py).
-
-    Args:
-        scenario: of the race.
-    """
-    scenario = dc.replace(scenario, link_delay=LINK_DELAY)
-    with tempfile.TemporaryDirectory() as folder:
-        transport = SimulatedRemote(scenario, LINK, Path(folder))
-        simulator = Simulator(MakeRace(scenario, transport=transport))
-        simulator.Initialize()
-        transport.begin(simulator)
-        transport.advance(simulator, _TIME)
-    # So early no rotor is at a limit: then this is called for what the controller wants otherwise.
-    one = np.zeros(1)
-    set_speeds(one, one, one, one, one, one, 1.0)
-
-
-def warm_up_pilot(scenario: Scenario, briefly: bool = False) -> None:
-    """Flies the pilot alone for a moment, and forgets it.
-
-    What simulates and draws is not called, nor what the navigator runs: a companion does not need
-    the one, and compiles the other in the navigator's process. A board takes minutes to compile.
-
-    Args:
-        scenario: of the race.
-        briefly: to go on with a race: the code is on the disk, and a drone is hovering.
-    """
-    play_pilot(scenario, _BRIEF if briefly else _TIME)
-
-
-def warm_up_navigator(scenario: Scenario, briefly: bool = False) -> None:
-    """Flies the navigator alone for a moment, and forgets it; see warm_up_pilot()."""
-    play_navigator(scenario, _BRIEF if briefly else _TIME)
-
-
-def play_pilot(scenario: Scenario, duration: float) -> np.ndarray:
-    """Flies the pilot alone by made-up messages, and forgets it.
-
-    Args:
-        scenario: of the race.
-        duration: (s).
-
-    Returns:
-        how long it took for each millisecond (s), (n,).
-    """
-    scenario = dc.replace(scenario, link_delay=LINK_DELAY)
-    return _play(PilotPlayback(scenario), scenario, duration)
-
-
-def play_navigator(scenario: Scenario, duration: float) -> np.ndarray:
-    """Flies the navigator alone by made-up messages, and forgets it; see play_pilot()."""
-    scenario = dc.replace(scenario, link_delay=LINK_DELAY)
-    with tempfile.TemporaryDirectory() as folder:
-        return _play(NavigatorPlayback(scenario, Path(folder)), scenario, duration)
-
-
-def _play(playback: Playback, scenario: Scenario, duration: float) -> np.ndarray:
-    return playback.play(
-        standing(scenario, playback.channels, duration),
-        handed_over(scenario, playback.told, duration),
-        duration,
-    )
+_TICK = 0.01  # s, between two looks at what it answers
 
 
 def warm_up_simulation(scenario: Scenario) -> None:
@@ -114,6 +46,41 @@ def warm_up_simulation(scenario: Scenario) -> None:
         simulator.AdvanceTo(time)
         for i in range(simulation.num_output_ports()):
             simulation.get_output_port(i).Eval(context)
+
+
+def warm_up_half(scenario: Scenario, which: str) -> None:
+    """Flies one half of the autonomy alone for a moment, and forgets it.
+
+    Args:
+        scenario: of the race.
+        which: "pilot" or "navigator".
+    """
+    halves = {"pilot": MakePilot(scenario), "navigator": MakeNavigator(scenario)}
+    part = halves.pop(which)
+    (other,) = halves.values()
+    simulator = Simulator(_before_gate(scenario, part, other))
+    context = simulator.get_mutable_context()
+    for time in np.arange(0.0, _TIME, _TICK).tolist():
+        simulator.AdvanceTo(time)
+        for port in outputs_of(part).values():
+            port.Eval(part.GetMyContextFromRoot(context))
+
+
+def _before_gate(scenario: Scenario, part: Diagram, other: Diagram) -> Diagram:
+    """Returns a half of the autonomy with what it gets where a drone stands before a gate."""
+    names = [part.get_input_port(i).get_name() for i in range(part.num_input_ports())]
+    told = [name for name in names if other.HasOutputPort(name)]
+    drone = StandingDrone(
+        Standing(scenario, _TIME),
+        initial_values(other, part, told),
+        [name for name in names if name not in told],
+        scenario.camera.fps,
+    )
+    builder = DiagramBuilder()
+    builder.AddSystem(part)
+    builder.AddSystem(drone)
+    connect_by_name(builder, [part], outputs_of(drone))
+    return builder.Build()
 
 
 def compile_apart(scenario: Scenario) -> None:
@@ -138,7 +105,6 @@ def compile_apart(scenario: Scenario) -> None:
 def _compile_apart(scenario):
     jit.remove_stale()
     blind = scenario.camera.renderer == NO_CAMERA
-    # A link is for races that explore.
     scenario = dc.replace(scenario, map="", camera=CameraConfig() if blind else scenario.camera)
     # The other process has another __main__ than a script or notebook with systems of its own.
     systems = {n: path for n, path in scenario.systems.items() if not path.startswith("__main__:")}
@@ -158,12 +124,15 @@ def _compile_apart(scenario):
         jit.set_complete(scenario.estimator)
 
 
-def _warm_up_flight(scenario):
+def _warm_up_flight(scenario: Scenario) -> None:
     warm_up_simulation(scenario)
-    warm_up_pilot(scenario)
+    warm_up_half(scenario, "pilot")
 
 
-_PARTS = {"flight": _warm_up_flight, "navigator": warm_up_navigator}
+_PARTS = {
+    "flight": _warm_up_flight,
+    "navigator": lambda scenario: warm_up_half(scenario, "navigator"),
+}
 
 if __name__ == "__main__":
     _PARTS[sys.argv[2]](load_scenario(filename=sys.argv[1]))

@@ -12,7 +12,7 @@
 import numpy as np
 
 from airrace.common.errors import UserError
-from airrace.systems.control.command_scale import CommandScale, ctbr_scale, make_scale
+from airrace.systems.policy.command_scale import CommandScale, ctbr_scale, make_scale
 from airrace.vehicle import Vehicle
 
 KINDS = ("ctbr", "rotors", "reference")

@@ -3,17 +3,17 @@
 from typing import TYPE_CHECKING
 
 from pydrake.common.value import Value
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource
 
-from airrace.diagrams.autonomy import make_system, systems_of
+from airrace.diagrams.autonomy import make_systems
 from airrace.diagrams.simulation import MakeSimulation
+from airrace.diagrams.wiring import connect_by_name, export_inputs, export_outputs, outputs_of
 from airrace.scenario import Scenario
 from airrace.systems.control.rate_controller import RateController
 from airrace.systems.planning.held_reference import HeldReference
 from airrace.systems.sensing.true_estimate import TrueEstimate
 from airrace.systems.types import ExplorerStatus
-from airrace.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
@@ -58,54 +58,23 @@ def MakeEnvDiagram(
     names = [*_ESTIMATION] if observation == "estimate" else []
     if action == "reference":
         names += [*_GEOMETRIC, *([] if names else ["state_filter"])]
-    every = systems_of(scenario)
-    systems: dict[str, System] = {
-        name: make_system(name, scenario) for name in names if name in every
-    }
+    systems = make_systems(scenario, names)
     if action == "ctbr":
         if observation != "estimate":
             systems["true_estimate"] = TrueEstimate()
-        systems["rate_controller"] = RateController(
-            vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate
-        )
+        systems["rate_controller"] = RateController.from_scenario(scenario)
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
     status = builder.AddSystem(ConstantValueSource(Value[object](ExplorerStatus(done=True))))
-    held = {}
+    sources = outputs_of(*systems.values(), simulation)
+    sources["explorer_status"] = status.get_output_port()
     if action == "reference":
         reference = builder.AddNamedSystem("held_reference", HeldReference())
         for name in REFERENCE_PORTS:
             builder.ExportInput(reference.GetInputPort(name), name)
-        held["reference"] = reference.GetOutputPort("exploration_reference")
-    held["explorer_status"] = status.get_output_port()
-    _join(builder, simulation, list(systems.values()), held)
-    for name in _OUTPUTS:
-        for source in (simulation, *systems.values()):
-            if source.HasOutputPort(name):
-                builder.ExportOutput(source.GetOutputPort(name), name)
-                break
+        sources["reference"] = reference.GetOutputPort("exploration_reference")
+    export_inputs(builder, connect_by_name(builder, [simulation, *systems.values()], sources))
+    export_outputs(builder, outputs_of(simulation, *systems.values()), _OUTPUTS)
     diagram = builder.Build()
     diagram.set_name("environment")
     return diagram
-
-
-def _join(builder: DiagramBuilder, simulation: Diagram, systems: list[System], given: dict) -> None:
-    """Connects inputs with the outputs of their name; what nobody has is an input of the diagram.
-
-    Args: given: output ports that go by another name.
-    """
-    for sink in (simulation, *systems):
-        for i in range(sink.num_input_ports()):
-            port = sink.get_input_port(i)
-            name = port.get_name()
-            sources = [
-                system.GetOutputPort(name)
-                for system in (*systems, simulation)
-                if system.HasOutputPort(name)
-            ]
-            if name in given:
-                builder.Connect(given[name], port)
-            elif sources:
-                builder.Connect(sources[0], port)
-            else:
-                builder.ExportInput(port, name)

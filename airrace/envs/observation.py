@@ -11,7 +11,7 @@ Numbers are in SI units and not scaled: who trains knows best how.
 
 import numpy as np
 
-from airrace.systems.control.gates_observation import (
+from airrace.systems.policy.gates_observation import (
     map_openings,
     observation_size,
     opening_numbers,

@@ -30,8 +30,8 @@ from airrace.envs.reward import NEVER, REASONS, RUNNING, RewardWeights, judge, m
 from airrace.envs.spectator import Spectator
 from airrace.envs.start import draw_start, hover_start
 from airrace.scenario import Scenario, scenario_yaml
-from airrace.systems.control.command_scale import scaled
-from airrace.systems.control.gates_observation import GATE_SIZE, MOTION_SIZE, observation_size
+from airrace.systems.policy.command_scale import scaled
+from airrace.systems.policy.gates_observation import GATE_SIZE, MOTION_SIZE, observation_size
 from airrace.track import Track, load_track
 from airrace.track.generator import generate_track
 from airrace.trajopt.reference import REFERENCE_SIZE

@@ -7,16 +7,10 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from airrace.common.errors import UserError
-from airrace.common.files import write_json
+from airrace.common.files import EVALUATION, write_json
 
 # What an evaluation leaves in its folder.
-RACES, SUMMARY, TABLE, PICTURE, PAGE = FILES = (
-    "races.jsonl",
-    "evaluation.json",
-    "evaluation.md",
-    "evaluation.png",
-    "evaluation.html",
-)
+RACES, SUMMARY, TABLE, PICTURE, PAGE = FILES = EVALUATION
 
 
 class RaceStore:

@@ -6,9 +6,8 @@ import sys
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-import airrace
 from airrace.common.files import digest
-from airrace.common.resources import models_path
+from airrace.common.resources import PACKAGE, models_path
 
 _MISSING = "missing"
 
@@ -26,7 +25,7 @@ def versions(systems: dict) -> dict:
     import numpy
 
     result = {
-        "airrace": digest(Path(airrace.__file__).parent, models_path()),
+        "airrace": digest(PACKAGE, models_path()),
         "drake": _distribution("drake"),
         "numpy": numpy.__version__,
         "opencv": cv2.__version__,

@@ -18,7 +18,7 @@ from pathlib import Path
 from airrace.common.processes import ONE_THREAD, child_environment
 from airrace.evaluation.versions import mismatch, versions
 
-# What is in the folder of one race; commands/race_process.py flies it.
+# What is in the folder of one race; evaluation/race_process.py flies it.
 SCENARIO, TRACK, DRONE, RESULTS = "scenario.yaml", "track.yaml", "drone", "results"
 _KILLS = ("SIGHUP", "SIGINT", "SIGKILL", "SIGTERM")
 _TAIL = 4000  # characters kept of what a crashed race wrote
@@ -107,7 +107,7 @@ def fly(job: RaceJob, evaluation: str) -> dict:
             path = folder / DRONE / file
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        code = run_process("airrace.commands.race_process", folder, evaluation)
+        code = run_process("airrace.evaluation.race_process", folder, evaluation)
         stderr = (folder / "stderr").read_text("utf-8", errors="replace").strip()
         return _row(job, code, stderr, folder / RESULTS / "race.json")
 

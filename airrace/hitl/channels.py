@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.common.immutable import read_only
+from airrace.diagrams.variants import variant_of
 from airrace.hitl.link import image_messages, messages
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Channel
-from airrace.hitl.link.image_messages import PICTURE_PORTS
 from airrace.hitl.link.packets import MALFORMED, Dropped
 from airrace.hitl.link.plan_messages import LAP_PLAN
 from airrace.lcmtypes import lcmt_pictures
-from airrace.scenario import PLANNED, VIO, Scenario
-from airrace.systems.control.learned_pilot import PERIOD as PILOT_PERIOD
+from airrace.scenario import Scenario
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE
 from airrace.systems.planning.lap_plan import NO_PLAN
+from airrace.systems.policy.learned_pilot import PERIOD as PILOT_PERIOD
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, NO_SAMPLES
+from airrace.systems.sensing.picture_ports import IMAGE_TYPES, PICTURE_PORTS
 from airrace.systems.types import ExplorerStatus, PilotStatus, RefereeStatus
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 # Of the simulation, which not every autonomy needs; the others always cross the link.
 OPTIONAL_PORTS = (*PICTURE_PORTS, "state_estimate", "imu")
+_ALWAYS = ("camera_info", "truth.referee_status")  # of the simulation
 _UNKNOWN = np.array([-1.0, 1.0, *[0.0] * (NAVIGATION_SIZE - 2)])  # before the first correction
-_IMAGES = {"camera_grey": ImageGrey8U, "camera_image": ImageRgba8U}  # C++ values
 
 
 @dc.dataclass(frozen=True, kw_only=True)
@@ -63,7 +63,7 @@ class PortChannel(Channel):
         initial = self.initial[port]
         if isinstance(initial, np.ndarray):
             return initial.size
-        return Value[_IMAGES.get(port, object)]()
+        return Value[IMAGE_TYPES.get(port, object)]()
 
 
 def make_channels(
@@ -95,15 +95,12 @@ def make_channels(
         ("explorer_status", AUTONOMY, messages.EXPLORER_STATUS, ExplorerStatus(), events),
         ("gate_map", AUTONOMY, messages.GATE_MAP, GateMap(), 10.0),
         ("lap_plan", AUTONOMY, LAP_PLAN, NO_PLAN, scenario.planner.rate),
+        # The flight controller has an estimator of its own, where the drone has to have one.
+        ("corrections", AUTONOMY, messages.NAVIGATION, _UNKNOWN, scenario.camera.fps),
+        ("pilot_status", AUTONOMY, messages.PILOT_STATUS, PilotStatus(), 1.0 / PILOT_PERIOD),
     )
-    if scenario.estimator == VIO:  # the flight controller has an estimator of its own, see there
-        corrections = ("corrections", AUTONOMY, messages.NAVIGATION, _UNKNOWN, scenario.camera.fps)
-        table = (*table, corrections)
-    if scenario.pilot != PLANNED:
-        events = 1.0 / PILOT_PERIOD
-        status = ("pilot_status", AUTONOMY, messages.PILOT_STATUS, PilotStatus(), events)
-        table = (*table, status)
-    rows = [row for row in table if row[0] in wanted or row[0] not in OPTIONAL_PORTS]
+    made = variant_of(scenario).outputs.keys() - OPTIONAL_PORTS
+    rows = [row for row in table if row[0] in {*_ALWAYS, *made, *wanted}]
     pictures = [port for port in wanted if port in PICTURE_PORTS]
     return (_camera(scenario, pictures), _rotor_status(scenario, n), *starmap(_channel, rows))
 

@@ -1,11 +1,10 @@
 """Ports whose values come from the other half of the autonomy."""
 
-from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.systems.framework import Context, Diagram, PortDataType
+from pydrake.systems.framework import Context
 
 from airrace.common.immutable import Immutable
 from airrace.systems.leaf_system import LeafSystem
@@ -31,7 +30,7 @@ class HandedPorts(LeafSystem):
     """
 
     def __init__(self, models: "dict[str, Any]"):
-        """Args: models: name of a port to its value before the first, see models_of()."""
+        """Args: models: name of a port to its value before the first, see initial_values()."""
         LeafSystem.__init__(self)
         every = {**models, "handed_time": np.zeros(1)}
         self._state = self.DeclareAbstractState(Value[object](_Values(every)))
@@ -70,23 +69,3 @@ class _Values(Immutable):
 
     def __init__(self, by_port: dict):
         self.by_port = by_port
-
-
-def models_of(source: Diagram, sink: Diagram, names: Collection[str]) -> "dict[str, Any]":
-    """Returns for HandedPorts what ports hold at first.
-
-    Args:
-        source: the diagram that has them as outputs, or that has what is made of them.
-        sink: the diagram that has them as inputs.
-        names: of the ports.
-    """
-    return {name: _model(source, sink, name) for name in names}
-
-
-def _model(source, sink, name):
-    if not source.HasOutputPort(name):
-        return np.zeros(sink.GetInputPort(name).size())
-    port = source.GetOutputPort(name)
-    if port.get_data_type() == PortDataType.kVectorValued:
-        return np.zeros(port.size())
-    return port.Allocate().get_value()

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
+from airrace.diagrams.variants import variant_of
+from airrace.diagrams.wiring import connect_by_name, initial_values, outputs_of
 from airrace.hitl.channels import OPTIONAL_PORTS
-from airrace.hitl.handed_ports import HandedPorts, models_of
+from airrace.hitl.handed_ports import HandedPorts
 from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
-from airrace.scenario import VIO
-from airrace.systems.control.delay_compensator import DelayCompensator
+from airrace.systems.estimation.delay_compensator import DelayCompensator
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
 from airrace.systems.planning.held_reference import HeldReference
 from airrace.vehicle import load_vehicle
@@ -94,7 +95,7 @@ def MakeLockstepSide(
     builder = DiagramBuilder()
     builder.AddSystem(autonomy)
     simulation = builder.AddNamedSystem(SIMULATION, LcmReceiver(channels, AUTONOMY))
-    _join(builder, autonomy, [simulation])
+    connect_by_name(builder, [autonomy], outputs_of(simulation))
     sender = LcmSender(autonomy, channels, AUTONOMY, endpoint, lossless=True)
     _add_writer(builder, scenario, autonomy, output_dir)
     return Side(builder.Build(), autonomy, simulation, sender)
@@ -123,22 +124,24 @@ def MakePilotSide(
     simulation = builder.AddNamedSystem(
         SIMULATION, LcmReceiver(channels_with(channels, wanted), AUTONOMY)
     )
-    handed = builder.AddNamedSystem("navigator", HandedPorts(models_of(navigator, pilot, told)))
+    handed = builder.AddNamedSystem(
+        "navigator", HandedPorts(initial_values(navigator, pilot, told))
+    )
     compensator = builder.AddNamedSystem(
         "delay_compensator",
         DelayCompensator(
             vehicle=load_vehicle(scenario.drone)[0],
             rate=scenario.controller.rate,
-            to_present=scenario.estimator == VIO,
+            to_present=variant_of(scenario).localizes,
         ),
     )
-    _join(builder, compensator, [pilot, simulation])
+    connect_by_name(builder, [compensator], outputs_of(pilot, simulation))
     sources: list[System] = [compensator, handed, simulation]
     if _REFERENCE in told:
         reference = builder.AddNamedSystem("held_reference", HeldReference())
-        _join(builder, reference, [handed])
+        connect_by_name(builder, [reference], outputs_of(handed))
         sources.insert(0, reference)
-    _join(builder, pilot, sources)
+    connect_by_name(builder, [pilot], outputs_of(*sources))
     if pilot.HasInputPort(PREDICTED):
         builder.Connect(compensator.GetOutputPort("state_estimate"), pilot.GetInputPort(PREDICTED))
     hands_over = told_to_navigator(pilot, navigator)
@@ -171,8 +174,8 @@ def MakeNavigatorSide(
     simulation = builder.AddNamedSystem(
         SIMULATION, LcmReceiver(channels_with(channels, wanted), AUTONOMY)
     )
-    handed = builder.AddNamedSystem("pilot", HandedPorts(models_of(pilot, navigator, told)))
-    _join(builder, navigator, [handed, simulation])
+    handed = builder.AddNamedSystem("pilot", HandedPorts(initial_values(pilot, navigator, told)))
+    connect_by_name(builder, [navigator], outputs_of(handed, simulation))
     hands_over = told_to_pilot(pilot, navigator)
     for name in hands_over:
         builder.ExportOutput(navigator.GetOutputPort(name), name)
@@ -210,15 +213,6 @@ def channels_with(
 def _made_by(part: Diagram, channels: "Sequence[PortChannel]") -> "tuple[PortChannel, ...]":
     """Returns the channels of what a diagram makes."""
     return tuple(channel for channel in channels if part.HasOutputPort(channel.ports[0]))
-
-
-def _join(builder: DiagramBuilder, sink: System, sources: Sequence[System]) -> None:
-    """Connects inputs with the first source that has an output of their name, if one has."""
-    for i in range(sink.num_input_ports()):
-        port = sink.get_input_port(i)
-        source = next((each for each in sources if each.HasOutputPort(port.get_name())), None)
-        if source is not None:
-            builder.Connect(source.GetOutputPort(port.get_name()), port)
 
 
 def _add_writer(

@@ -5,13 +5,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from airrace.diagrams.command_watchdog import AddCommandWatchdog
+from airrace.diagrams.transport import POLL_PERIOD, Transport
 from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import HEARTBEAT_PERIOD, SIMULATION, Endpoint
 from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
-from airrace.hitl.transport import POLL_PERIOD, Transport
-from airrace.systems.control.command_watchdog import HOVER, LAND, AddCommandWatchdog
+from airrace.systems.failsafe.command_watchdog import HOVER, LAND
 
 if TYPE_CHECKING:
     from pydrake.systems.analysis import Simulator

@@ -10,7 +10,7 @@ from pathlib import Path
 from airrace.common.errors import UserError
 from airrace.common.files import digest, files_in
 from airrace.common.resources import load_yaml, models_path
-from airrace.diagrams.autonomy import LEARNED_SYSTEMS, SYSTEMS, VIO_SYSTEMS
+from airrace.diagrams.variants import SYSTEM_NAMES
 from airrace.scenario import (
     LEARNED,
     PLANNED,
@@ -184,12 +184,11 @@ def _is_inside(folder: Path, name: str) -> bool:
 
 
 def _check_systems(folder: Path, config: EntryConfig) -> None:
-    known = {**SYSTEMS, **VIO_SYSTEMS, **LEARNED_SYSTEMS}
     for name, path in config.systems.items():
-        if name not in known:
+        if name not in SYSTEM_NAMES:
             raise UserError(
                 f"{folder / ENTRY_FILE}: systems.{name} is not a system of the autonomy; there "
-                f"are: {', '.join(known)}."
+                f"are: {', '.join(SYSTEM_NAMES)}."
             )
         module, colon, attribute = path.partition(":")
         top = module.partition(".")[0]

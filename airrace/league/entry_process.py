@@ -20,8 +20,7 @@ from pathlib import Path
 
 import numba
 
-import airrace
-from airrace.common.resources import models_path
+from airrace.common.resources import PACKAGE, models_path
 from airrace.league.attempts import Allowed, report_attempts
 from airrace.league.sandbox import HIDDEN, MACHINE_CODE, OWN_MACHINE_CODE
 from airrace.league.scenarios import ENTRY, SCENARIO
@@ -72,18 +71,18 @@ def fly(end: socket.socket, scratch: Path, own_tmp: bool) -> int:
         own_tmp: whether /tmp is this process' alone.
     """
     from airrace.diagrams.autonomy import MakeAutonomy
-    from airrace.diagrams.lockstep_autonomy import race_in_lockstep
     from airrace.hitl.channels import make_channels
     from airrace.hitl.lcm_bridge import MakeLockstepSide, ports_wanted
     from airrace.hitl.link import phases
     from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
     from airrace.hitl.link.lockstep import await_peer
     from airrace.hitl.link.socket_bus import SocketBus
+    from airrace.hitl.lockstep_autonomy import race_in_lockstep
     from airrace.league.entry_remote import PORTS_WANTED
     from airrace.scenario import load_scenario
 
     scenario = load_scenario(filename=SCENARIO)
-    models, package = models_path(), Path(airrace.__file__).resolve().parent
+    models, package = models_path(), PACKAGE
     allowed = Allowed(
         read=(str(Path.cwd()), str(package), str(models), MACHINE_CODE),
         write=("/tmp",) if own_tmp else (str(scratch), numba.config.CACHE_DIR),

@@ -21,11 +21,10 @@ from typing import NamedTuple
 
 import numba
 
-import airrace
 from airrace.common.errors import UserError
 from airrace.common.patience import patient
 from airrace.common.processes import ONE_THREAD, child_environment
-from airrace.common.resources import models_path
+from airrace.common.resources import PACKAGE, models_path
 from airrace.league.entry_log import EntryLog
 from airrace.league.season import Limits
 from airrace.league.system_calls import make_filter
@@ -198,7 +197,7 @@ def _mounts(folder: Path, limits: Limits) -> list[str]:
         folder: of the race.
         limits: of the season.
     """
-    package, models = Path(airrace.__file__).resolve().parent, models_path()
+    package, models = PACKAGE, models_path()
     mounts = []
     for path in _SYSTEM:
         mounts += ["--ro-bind-try", path, path]

@@ -3,14 +3,14 @@
 Folders follow the block diagram, from the plant to the controller.
 """
 
-from airrace.systems.control.command_watchdog import CommandWatchdog
-from airrace.systems.control.delay_compensator import DelayCompensator
 from airrace.systems.control.geometric_controller import GeometricController
-from airrace.systems.control.rotor_monitor import RotorMonitor
-from airrace.systems.control.state_filter import StateFilter
+from airrace.systems.estimation.delay_compensator import DelayCompensator
 from airrace.systems.estimation.gate_slam import GateSlam
+from airrace.systems.estimation.state_filter import StateFilter
 from airrace.systems.estimation.strapdown_integrator import StrapdownIntegrator
 from airrace.systems.exploring.explorer import Explorer
+from airrace.systems.failsafe.command_watchdog import CommandWatchdog
+from airrace.systems.failsafe.rotor_monitor import RotorMonitor
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
 from airrace.systems.mapping.gate_mapper import GateMapper
 from airrace.systems.mapping.known_map import KnownMap, NoDetector

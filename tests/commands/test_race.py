@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from airrace.commands import race as race_command
 from airrace.commands.app import main as command
-from airrace.commands.race import EPILOG, race_scenario
 from airrace.common import files
 from airrace.common.resources import models_path
 from airrace.diagrams import race, warm_up
+from airrace.diagrams.race import command as race_command
+from airrace.diagrams.race.command import EPILOG, race_scenario
 from airrace.scenario import load_scenario, scenario_yaml
 from tests.worlds.command_line import parse
 

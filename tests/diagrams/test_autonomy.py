@@ -6,15 +6,15 @@ import pytest
 from pydrake.systems.framework import InputPortIndex
 
 from airrace.common.errors import UserError
-from airrace.diagrams.autonomy import INPUTS, OUTPUTS, MakeAutonomy
+from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.race import MakeRace, run_race
+from airrace.diagrams.variants import variant_of
 from airrace.scenario import Scenario
-from airrace.systems.control.state_filter import UnfilteredState
+from airrace.systems.estimation.state_filter import UnfilteredState
 from airrace.vehicle import find_vehicle
 
 STUDENT = """
     from pydrake.systems.framework import DiagramBuilder, LeafSystem
-    from airrace.diagrams.autonomy import SYSTEMS
     from airrace.systems.control.geometric_controller import GeometricController
     from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
     from airrace.vehicle import load_vehicle
@@ -33,7 +33,7 @@ STUDENT = """
     def as_diagram(scenario):
         "A box may be a diagram of its own."
         builder = DiagramBuilder()
-        box = builder.AddSystem(SYSTEMS["trajectory_tracker"](scenario))
+        box = builder.AddSystem(TrajectoryTracker())
         for name in ("lap_plan", "exploration_reference"):
             builder.ExportInput(box.GetInputPort(name), name)
         builder.ExportOutput(box.GetOutputPort("reference"), "reference")
@@ -105,11 +105,12 @@ def port_names(count, get):
 
 
 def test_ports():
-    autonomy = MakeAutonomy(Scenario())
+    autonomy, variant = MakeAutonomy(Scenario()), variant_of(Scenario())
     inputs = port_names(autonomy.num_input_ports(), autonomy.get_input_port)
     outputs = port_names(autonomy.num_output_ports(), autonomy.get_output_port)
-    assert set(inputs) == set(INPUTS) - {"camera_image", "camera_grey"}  # for systems of your own
-    assert outputs == list(OUTPUTS)
+    own = {"camera_image", "camera_grey"}  # for systems of your own
+    assert set(inputs) == set(variant.inputs) - own
+    assert outputs == list(variant.outputs)
     # A rotor speed must not depend on this very instant's picture.
     command = autonomy.GetOutputPort("rotor_speed_command").get_index()
     assert not any(
@@ -148,9 +149,13 @@ def test_every_input_of_every_box_is_fed():
     for i in range(autonomy.num_input_ports()):
         for box, port in autonomy.GetInputPortLocators(InputPortIndex(i)):
             fed.add((box.get_name(), int(port)))
-    assert fed == {
-        (box.get_name(), i) for box in autonomy.GetSystems() for i in range(box.num_input_ports())
+    every = {
+        (box.get_name(), i): box.get_input_port(i).get_name()
+        for box in autonomy.GetSystems()
+        for i in range(box.num_input_ports())
     }
+    left = {name for port, name in every.items() if port not in fed}
+    assert left == variant_of(Scenario()).optional
 
 
 @pytest.mark.slow

@@ -75,7 +75,7 @@ def test_what_controls_never_sees_the_truth():
 def test_a_box_cannot_ask_for_the_truth(tmp_path, monkeypatch):
     (tmp_path / "curious_box.py").write_text(
         textwrap.dedent("""
-        from airrace.systems.control.state_filter import StateFilter
+        from airrace.systems.estimation.state_filter import StateFilter
         from airrace.vehicle import load_vehicle
 
         class Curious(StateFilter):

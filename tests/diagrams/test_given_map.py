@@ -10,8 +10,8 @@ from airrace.analysis import load_run
 from airrace.analysis.along_lap import gate_times
 from airrace.commands.app import main as command
 from airrace.common.errors import UserError
-from airrace.diagrams.hitl_race import prepared
 from airrace.diagrams.race import MakeRace, run_race
+from airrace.hitl.hitl_race import prepared
 from airrace.scenario import PlannerConfig, Scenario, load_scenario
 from airrace.scenario.camera_config import CameraConfig
 

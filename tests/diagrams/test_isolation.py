@@ -7,9 +7,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Multiplexer
 
 from airrace.common.errors import UserError
-from airrace.diagrams import autonomy as autonomy_module
 from airrace.diagrams import race as race_module
 from airrace.diagrams.race import MakeRace
+from airrace.diagrams.variants import Variant, variant_of
 from airrace.scenario import Scenario
 from airrace.track import load_track
 from airrace.visualization.live_page import LivePage
@@ -87,7 +87,9 @@ def test_the_race_is_isolated(tmp_path):
         INPUTS | {"camera_image", "camera_grey"}
     )  # for systems of one's own
     assert {"truth.state", "truth.referee_status"} <= outputs
-    assert len(list(leaves(race.GetSubsystemByName("autonomy")))) == len(autonomy_module.SYSTEMS)
+    assert len(list(leaves(race.GetSubsystemByName("autonomy")))) == len(
+        variant_of(Scenario()).systems
+    )
     # What comes back is rotor speeds, and the team's word that it races.
     back = {
         sink.get_name()
@@ -146,7 +148,8 @@ def test_a_box_cannot_ask_for_the_truth(cheat):
 
 def test_the_check_finds_a_leak(cheat, monkeypatch):
     """If MakeAutonomy let truth.state in, MakeRace would join it by its name."""
-    monkeypatch.setattr(autonomy_module, "INPUTS", (*autonomy_module.INPUTS, "truth.state"))
+    leaky = variant_of(Scenario()) | Variant(systems={}, inputs=("truth.state",))
+    monkeypatch.setattr("airrace.diagrams.autonomy.variant_of", lambda scenario: leaky)
     race = MakeRace(cheat)
     with pytest.raises(AssertionError, match="truth.state"):
         check_isolation(race)

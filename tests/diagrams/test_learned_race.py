@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from airrace.common.errors import UserError
-from airrace.diagrams.autonomy import LEARNED_SYSTEMS, PILOT, MakeAutonomy
-from airrace.diagrams.pilot import make_halves
+from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.diagrams.race import run_race
-from airrace.diagrams.simulated_link import SimulatedRemote
-from airrace.diagrams.warm_up import play_pilot
+from airrace.diagrams.variants import variant_of
 from airrace.hitl.lcm_bridge import told_to_navigator, told_to_pilot
 from airrace.hitl.link.simulated_bus import LinkConfig
+from airrace.hitl.pilot import make_halves
+from airrace.hitl.simulated_link import SimulatedRemote
+from airrace.hitl.warm_up import play_pilot
 from airrace.scenario import LEARNED, LINK_DELAY, VIO, Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 from airrace.systems.exploring.explorer import Explorer
@@ -140,11 +141,12 @@ def test_a_network_flies_over_a_link(hexagon, tmp_path):
 
 
 def test_its_systems_are_the_pilots_half(tmp_path):
-    assert set(LEARNED_SYSTEMS) <= set(PILOT)
     scenario = Scenario(pilot=pilot_file(tmp_path))
+    added = variant_of(scenario).systems.keys() - variant_of(Scenario()).systems.keys()
+    assert added == {"learned_pilot", "rate_controller", "pilot_switch"}
     pilot, navigator = make_halves(scenario)
     names = {system.get_name() for system in pilot.GetSystems()}
-    assert set(LEARNED_SYSTEMS) <= names
+    assert added <= names
     assert {"gate_map", "explorer_status", "exploration_reference"} <= {
         *told_to_pilot(pilot, navigator)
     }

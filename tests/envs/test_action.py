@@ -7,7 +7,7 @@ import pytest
 
 from airrace.common.errors import UserError
 from airrace.envs.action import KINDS, action_scale, check_action
-from airrace.systems.control.command_scale import scaled
+from airrace.systems.policy.command_scale import scaled
 from airrace.vehicle import load_vehicle
 
 VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}

@@ -2,11 +2,11 @@ import dataclasses as dc
 import re
 import shlex
 
-from airrace.commands.options import resolve_scenario
 from airrace.evaluation.jobs import generated_track, given_track, make_jobs, settings
 from airrace.evaluation.page import COLUMNS, race_commands, write_page
 from airrace.evaluation.tables import write_report
 from airrace.scenario import Scenario, load_scenario, scenario_yaml
+from airrace.scenario.options import resolve_scenario
 from tests.evaluation.rows import SETTINGS, row
 from tests.evaluation.test_tables import ROWS
 from tests.worlds.command_line import parse

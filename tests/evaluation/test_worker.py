@@ -149,7 +149,7 @@ def test_a_race_dies_with_who_waits_for_it(tmp_path):
     (folder / "track.yaml").write_text(given.track)
     (folder / "scenario.yaml").write_text(given.scenario)
     process = subprocess.Popen(
-        [sys.executable, "-m", "airrace.commands.race_process", folder],
+        [sys.executable, "-m", "airrace.evaluation.race_process", folder],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         cwd=tmp_path,

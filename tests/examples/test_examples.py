@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import airrace
-from airrace.commands.track import to_yaml
 from airrace.common.resources import models_path
-from airrace.systems.control.policy_network import load_policy
+from airrace.systems.policy.policy_network import load_policy
+from airrace.track.command import to_yaml
 from airrace.track.square_generator import generate_square_track
 from airrace.vehicle import load_vehicle
 from tests.worlds.mavlink_client import UdpClient

@@ -6,8 +6,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from airrace.common.errors import UserError
 from airrace.diagrams.autonomy import MakeAutonomy
-from airrace.diagrams.pilot import make_halves
 from airrace.hitl.checkpoint import CHECKPOINT, restore, save, states_of
+from airrace.hitl.pilot import make_halves
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.planning.lap_planner import _Memory

@@ -3,9 +3,10 @@
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.diagrams.pilot import make_halves
-from airrace.hitl.handed_ports import HandedPorts, models_of
+from airrace.diagrams.wiring import initial_values
+from airrace.hitl.handed_ports import HandedPorts
 from airrace.hitl.handover import Handed
+from airrace.hitl.pilot import make_halves
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
 from tests.hitl.link.messages import lap_plan
@@ -13,7 +14,7 @@ from tests.hitl.link.messages import lap_plan
 
 def test_values_stay_until_there_are_others():
     halves = make_halves(Scenario())
-    models = models_of(halves.navigator, halves.pilot, ["lap_plan", "exploration_reference"])
+    models = initial_values(halves.navigator, halves.pilot, ["lap_plan", "exploration_reference"])
     builder = DiagramBuilder()
     ports = builder.AddSystem(HandedPorts(models))
     root = builder.Build().CreateDefaultContext()
@@ -31,5 +32,5 @@ def test_values_stay_until_there_are_others():
 
 def test_what_the_pilots_side_makes_of_a_sensor_has_its_size():
     halves = make_halves(Scenario())
-    models = models_of(halves.pilot, halves.navigator, ["state_estimate", "filtered_estimate"])
+    models = initial_values(halves.pilot, halves.navigator, ["state_estimate", "filtered_estimate"])
     assert {name: len(model) for name, model in models.items()} == dict.fromkeys(models, 14)

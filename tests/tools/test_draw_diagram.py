@@ -5,7 +5,8 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, Integrator
 
-from airrace.diagrams.autonomy import OUTPUTS, SYSTEMS, MakeAutonomy
+from airrace.diagrams.autonomy import MakeAutonomy
+from airrace.diagrams.variants import variant_of
 from airrace.scenario import Scenario
 from tools.draw_diagram import connections, dot, main
 
@@ -32,8 +33,8 @@ def test_all_connections_of_a_loop_are_found():
 
 def test_the_autonomy_is_drawn_with_all_its_systems_and_ports():
     text = dot([MakeAutonomy(Scenario())])
-    assert all(f"<b>{name}</b>" in text for name in SYSTEMS)
-    assert all(f'"out_{name}"' in text for name in OUTPUTS)
+    assert all(f"<b>{name}</b>" in text for name in variant_of(Scenario()).systems)
+    assert all(f'"out_{name}"' in text for name in variant_of(Scenario()).outputs)
 
 
 def test_graphviz_draws_it(tmp_path, capsys):
@@ -43,4 +44,4 @@ def test_graphviz_draws_it(tmp_path, capsys):
         pytest.skip("Graphviz is not installed")
     assert main(["--output", str(tmp_path / "a.svg")]) == 0
     words = {text.text for text in ET.parse(tmp_path / "a.svg").findall(".//{*}text")}
-    assert {"simulation", "autonomy", *SYSTEMS} <= words
+    assert {"simulation", "autonomy", *variant_of(Scenario()).systems} <= words

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.math import RotationMatrix
 
 from airrace.math.random import make_generator
-from airrace.systems.control.state_filter import StateFilter
+from airrace.systems.estimation.state_filter import StateFilter
 from airrace.track import Track
 from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from airrace.systems.control.command_scale import ctbr_scale
-from airrace.systems.control.gates_observation import observation_size
-from airrace.systems.control.policy_network import ACTIONS, PolicyNetwork
+from airrace.systems.policy.command_scale import ctbr_scale
+from airrace.systems.policy.gates_observation import observation_size
+from airrace.systems.policy.policy_network import ACTIONS, PolicyNetwork
 from airrace.vehicle import GRAVITY, Vehicle
 
 _GATES = 2

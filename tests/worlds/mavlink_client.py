@@ -5,9 +5,9 @@ import socket
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pymavlink.dialects.v20 import common as mavlink
 
-from airrace.diagrams.client_transport import ClientTransport
 from airrace.diagrams.race import MakeRace
 from airrace.mavlink.client_link import Counts
+from airrace.mavlink.client_transport import ClientTransport
 from airrace.mavlink.commands import ARM
 from airrace.scenario import load_scenario
 from airrace.vehicle.state import as_plant_state

@@ -31,9 +31,9 @@ from airrace.envs.batch.lanes import (
 )
 from airrace.envs.reward import RUNNING, RewardWeights, judge
 from airrace.math.triples import dot
-from airrace.systems.control.command_scale import CommandScale
-from airrace.systems.control.gates_observation import write_gates_observation
 from airrace.systems.control.rate_law import RateParameters
+from airrace.systems.policy.command_scale import CommandScale
+from airrace.systems.policy.gates_observation import write_gates_observation
 from airrace.track.gate_opening import find
 from airrace.vehicle.state import as_plant_state
 

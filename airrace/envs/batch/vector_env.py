@@ -24,11 +24,11 @@ from airrace.envs.start import STARTS
 from airrace.math.random import make_generator
 from airrace.scenario import Scenario
 from airrace.scenario.checks import check_choice
-from airrace.systems.control.command_scale import unscaled
-from airrace.systems.control.gates_observation import observation_size
 from airrace.systems.control.rate_law import make_rate_parameters
 from airrace.systems.plant.wind import PERIOD as WIND_PERIOD
 from airrace.systems.plant.wind import gust_factors
+from airrace.systems.policy.command_scale import unscaled
+from airrace.systems.policy.gates_observation import observation_size
 from airrace.track import Track, load_track
 from airrace.track.generator import generate_track
 from airrace.vehicle import GRAVITY, load_vehicle

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-import airrace
 from airrace.common.errors import UserError
 from airrace.common.files import digest, files_in
+from airrace.common.resources import PACKAGE
 
 LOCK = "requirements-run.lock"  # what running takes, without what developing takes
 _FOLDERS = ("airrace", "models")
@@ -16,7 +16,7 @@ def checkout_path() -> Path:
     Raises:
         UserError: if it runs from an installed package.
     """
-    root = Path(airrace.__file__).resolve().parent.parent
+    root = PACKAGE.parent
     if not all((root / name).is_file() for name in ("pyproject.toml", LOCK)):
         raise UserError(
             f"airrace runs from {root}, which is no checkout of it, so that it cannot "

@@ -58,7 +58,7 @@ class LocalAutonomy(Autonomy):
         # A file, not a pipe: neither side waits for the other.
         with open(folder / "log", "wb") as written:
             self._process = subprocess.Popen(
-                [sys.executable, "-u", "-m", "airrace", "hitl", "autonomy", *arguments],
+                [sys.executable, "-u", "-m", "airrace.hitl", "autonomy", *arguments],
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=written,

@@ -1,49 +1,21 @@
 """Camera pictures in messages, as they are or as JPEG, in Drake's lcmt_image_array."""
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 from drake import lcmt_image
-from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 
 from airrace.hitl.link.codec import check_finite
 from airrace.hitl.link.packets import MALFORMED, OVERSIZED, Dropped
 from airrace.lcmtypes import lcmt_pictures
-from airrace.systems.sensing.camera_view import CameraView
+from airrace.systems.sensing.picture_ports import COLOUR, GREY, PICTURE_PORTS
 
 JPEG_QUALITY = 80
-# Names of the pictures in the messages: (h, w), and RGBA, (h, w, 4).
-GREY, COLOUR = "grey", "colour"
 _CHANNELS = {GREY: 1, COLOUR: 4}
 _PIXEL_FORMATS = {GREY: lcmt_image.PIXEL_FORMAT_GRAY, COLOUR: lcmt_image.PIXEL_FORMAT_RGBA}
 _LARGEST = 8192  # px, width and height
-
-
-class PicturePort(NamedTuple):
-    """A port of pictures: which picture it shows, and its values from pixels and back."""
-
-    picture: str
-    pixels_of: Callable
-    value_of: Callable
-
-
-def _image_of(kind):
-    def value_of(pixels):
-        image = kind(pixels.shape[1], pixels.shape[0])
-        image.mutable_data[:] = pixels.reshape(image.data.shape)
-        return image
-
-    return value_of
-
-
-PICTURE_PORTS = {
-    "camera_view": PicturePort(GREY, lambda view: view.whole(), CameraView.of),
-    "camera_grey": PicturePort(GREY, lambda image: image.data[..., 0], _image_of(ImageGrey8U)),
-    "camera_image": PicturePort(COLOUR, lambda image: image.data, _image_of(ImageRgba8U)),
-}
 
 
 def encode_pictures(pictures: dict, time: float, lossless: bool) -> lcmt_pictures:

@@ -1,4 +1,5 @@
-"""From a reference and a state estimate to rotor speeds.
+"""From a reference, or what a client sets, to rotor speeds: laws, and the systems that apply them.
 
-GeometricController is the controller; the others estimate, monitor, or take over.
+GeometricController flies references; VelocityController, AttitudeController and RateController are
+a cascade, each of which hands on to the next.
 """

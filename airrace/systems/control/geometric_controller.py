@@ -1,7 +1,7 @@
 """Geometric tracking control on SE(3)."""
 
 import functools
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,10 +12,15 @@ from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
-from airrace.vehicle import Vehicle
+from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.allocation import by_inverse
 from airrace.vehicle.rotor_loss import Remaining
 from airrace.vehicle.state import STATE_SIZE, as_state
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from airrace.scenario import Scenario
 
 _NONE = np.zeros(3)  # no disturbance, and no motion
 
@@ -105,6 +110,11 @@ class GeometricController(LeafSystem):
         state = self.DeclareDiscreteState(n)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update_command)
         self.DeclareStateOutputPort("rotor_speed_command", state)
+
+    @classmethod
+    def from_scenario(cls, scenario: "Scenario") -> "Self":
+        """Returns the controller of a scenario."""
+        return cls(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
 
     def _update_command(self, context, discrete_state):
         remaining = self._remaining(read_vector(self._losses, context).tobytes())

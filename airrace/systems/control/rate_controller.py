@@ -1,5 +1,7 @@
 """Control of thrust and body rates, as policies and pilots of racing drones command them."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from airrace.common.jit import all_finite, compiled
@@ -8,8 +10,13 @@ from airrace.math.vec3 import rotate
 from airrace.systems.control.rate_law import RateParameters, make_rate_parameters, rate_law
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.vehicle import Vehicle
+from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from airrace.scenario import Scenario
 
 
 class RateController(LeafSystem):
@@ -42,6 +49,11 @@ class RateController(LeafSystem):
         state = self.DeclareDiscreteState(n)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update_command)
         self.DeclareStateOutputPort("rotor_speed_command", state)
+
+    @classmethod
+    def from_scenario(cls, scenario: "Scenario") -> "Self":
+        """Returns the controller of a scenario."""
+        return cls(vehicle=load_vehicle(scenario.drone)[0], rate=scenario.controller.rate)
 
     def _update_command(self, context, discrete_state):
         control_rates(

@@ -10,12 +10,17 @@ from airrace.systems.exploring.explorer_memory import Memory, Situation
 from airrace.systems.exploring.explorer_states import StateMachine
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.types import ExplorerStatus
+from airrace.track import load_track
+from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.flat_trajectory import idle
 from airrace.trajopt.reference import REFERENCE_SIZE
+from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import STATE_SIZE
 
 if TYPE_CHECKING:
-    from airrace.scenario import ExplorerConfig
+    from typing import Self
+
+    from airrace.scenario import ExplorerConfig, Scenario
 
 
 class Explorer(LeafSystem):
@@ -28,8 +33,8 @@ class Explorer(LeafSystem):
         - detections
         - gate_map
         - state_estimate
-        - estimate_fault (only with vio)
-        - estimate_drift (only with vio)
+        - estimate_fault (may be left open: there is none)
+        - estimate_drift (may be left open: there is none)
         output_ports:
         - exploration_reference
         - explorer_status
@@ -60,7 +65,7 @@ class Explorer(LeafSystem):
       meanwhile extend the leg without a stop; after the last, the search goes on.
     - AVOID: a pylon that was just found is in the way, so stop.
     - RETURN: gate 1 was found again, or as many gates as are expected, so through the
-      gates still ahead, with ``vio`` also gate 1, and home.
+      gates still ahead, if the estimate drifts also gate 1, and home.
     - DONE: hovering there, ready to race.
     - LAND: the estimate is of no use any more, in the race, too; so down on the spot, for good.
 
@@ -76,7 +81,7 @@ class Explorer(LeafSystem):
         hover_height: float,
         clearance: float,
         map_is_known: bool = False,
-        vio: bool = False,
+        drifts: bool = False,
     ):
         """Constructs the explorer.
 
@@ -85,10 +90,9 @@ class Explorer(LeafSystem):
             hover_height: of the first hover above the start (m).
             clearance: to keep from pylons' axes (m).
             map_is_known: whether there is nothing to explore: it takes off, and is done.
-            vio: whether the drone has to find out itself where it is. Then it rests longer on its
-                pad. Its map drifts until it sees known gates again, so that it flies through gate 1
-                and looks at gate 2 before it returns; it looks back when it is unsure, and lands
-                when it has lost itself.
+            drifts: whether the drone has to find out itself where it is, so that its estimate
+                drifts until it sees known gates again. Then it rests longer on its pad, and flies
+                through gate 1 and looks at gate 2 before it returns.
         """
         LeafSystem.__init__(self)
         self._machine = StateMachine(
@@ -96,15 +100,13 @@ class Explorer(LeafSystem):
             hover_height=hover_height,
             clearance=clearance,
             map_is_known=map_is_known,
-            vio=vio,
+            drifts=drifts,
         )
         self._detections = self.DeclareAbstractInputPort("detections", Value[object]())
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
-        self._fault = self._drift = None
-        if vio:
-            self._fault = self.DeclareAbstractInputPort("estimate_fault", Value[object]())
-            self._drift = self.DeclareVectorInputPort("estimate_drift", 1)
+        self._fault = self.DeclareAbstractInputPort("estimate_fault", Value[object]())
+        self._drift = self.DeclareVectorInputPort("estimate_drift", 1)
         self._memory = self.DeclareAbstractState(Value[object](Memory()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / config.rate, 0.0, self._update)
         ticket = self.abstract_state_ticket(self._memory)
@@ -121,6 +123,18 @@ class Explorer(LeafSystem):
             {ticket},
         )
 
+    @classmethod
+    def from_scenario(cls, scenario: "Scenario", drifts: bool = False) -> "Self":
+        """Returns the explorer of a scenario; drifts: see the constructor."""
+        return cls(
+            config=scenario.explorer,
+            # The hover height is a rule of the race; nothing else of the track is read.
+            hover_height=load_track(scenario.track).hover_height,
+            clearance=clearance_of(load_vehicle(scenario.drone)[0].radius),  # type: ignore[arg-type]
+            map_is_known=bool(scenario.map),
+            drifts=drifts,
+        )
+
     def _read_memory(self, context: Context) -> Memory:
         return context.get_abstract_state(int(self._memory)).get_value()
 
@@ -134,7 +148,8 @@ class Explorer(LeafSystem):
 
     def _update(self, context, state):
         memory = self._read_memory(context)
-        fault = "" if self._fault is None else self._fault.Eval(context)
+        fault = self._fault.Eval(context) if self._fault.HasValue(context) else ""
+        drift = self._drift.Eval(context)[0] if self._drift.HasValue(context) else 0.0
         if memory.status.done and not fault:
             return EventStatus.DidNothing()
         after = self._machine.next(
@@ -145,7 +160,7 @@ class Explorer(LeafSystem):
                 gate_map=self._map.Eval(context),
                 estimate=self._estimate.Eval(context),
                 fault=fault,
-                drift=0.0 if self._drift is None else float(self._drift.Eval(context)[0]),
+                drift=float(drift),
             )
         )
         if after is memory:

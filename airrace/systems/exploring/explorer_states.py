@@ -20,6 +20,7 @@ from airrace.systems.exploring.landing import Landing
 from airrace.systems.exploring.search import is_far, is_lost, leads_to, next_steps, step_back
 from airrace.systems.types import LAND
 from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.trajopt.stop import Stop
 from airrace.vehicle.state import as_state
 
 if TYPE_CHECKING:
@@ -47,14 +48,14 @@ class StateMachine:
         hover_height: float,
         clearance: float,
         map_is_known: bool = False,
-        vio: bool = False,
+        drifts: bool = False,
     ):
         """Args: see Explorer."""
         self._config = config
         self._hover_height = hover_height
         self._map_is_known = map_is_known
-        self._rest = _REST if vio else config.hover_time
-        self._closes_loop = vio
+        self._rest = _REST if drifts else config.hover_time
+        self._closes_loop = drifts
         self._legs = LegPlanner(config=config, clearance=clearance)
         self._states = {
             "CALIBRATE": self._calibrate,
@@ -72,7 +73,7 @@ class StateMachine:
             return memory
         if now.fault:
             pad = -np.inf if memory.home is None else memory.home[2] - self._hover_height
-            landing = Landing.of(now.estimate, pad)
+            landing = Landing(Stop.of(now.estimate, pad))
             # From here on, nothing is asked of a leg but its reference.
             memory = memory.flying(landing, now.time)  # type: ignore[arg-type]
             return memory.entered(now.time, LAND, now.fault)

@@ -1,5 +1,7 @@
 """Builds the map of the track from detections."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
@@ -15,6 +17,11 @@ from airrace.systems.ports import read_vector
 from airrace.systems.sensing.pose_history import jumps, last_two, moved, remember
 from airrace.track.gate_map import GateMap
 from airrace.vehicle.state import STATE_SIZE, as_state
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from airrace.scenario import Scenario
 
 _LONGEST_GAP = 2.0  # periods of the estimate: an older one says nothing about the pose
 
@@ -79,6 +86,18 @@ class GateMapper(LeafSystem):
             lambda: Value[object](GateMap()),
             self._calc_map,
             {self.abstract_state_ticket(self._state)},
+        )
+
+    @classmethod
+    def from_scenario(cls, scenario: "Scenario") -> "Self":
+        """Returns the mapper of a scenario."""
+        return cls(
+            fps=scenario.camera.fps,
+            # The mapper counts from the exposure.
+            latency=scenario.perception.latency + scenario.camera.resolved().latency,
+            state_rate=scenario.state_estimate.rate,
+            link_delay=scenario.link_delay,
+            config=scenario.perception,
         )
 
     def _update_history(self, context, discrete_state):

@@ -1,10 +1,18 @@
 """A map that is known before the race, in place of camera and mapper."""
 
+from typing import TYPE_CHECKING
+
 from pydrake.common.value import Value
 
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.types import Detections
 from airrace.track.gate_map import GateMap
+from airrace.track.map_files import read_map
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from airrace.scenario import Scenario
 
 
 class KnownMap(LeafSystem):
@@ -28,6 +36,11 @@ class KnownMap(LeafSystem):
             lambda context, output: output.set_value(gate_map),
             {self.nothing_ticket()},
         )
+
+    @classmethod
+    def from_scenario(cls, scenario: "Scenario") -> "Self":
+        """Returns the map that a scenario names."""
+        return cls(read_map(scenario.map, scenario.track))
 
 
 class NoDetector(LeafSystem):

@@ -2,6 +2,7 @@
 
 import dataclasses as dc
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common.value import Value
@@ -15,6 +16,11 @@ from airrace.systems.perception.marker_measurement import measure
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import CameraInfo, Detections
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from airrace.scenario import Scenario
 
 _LONGEST_GAP = 0.1  # s, between images, over which motion can be predicted
 _AT_REST = np.zeros(2)  # px/s
@@ -102,6 +108,15 @@ class ArucoDetector(LeafSystem):
             lambda context, output: output.set_value(self._recall(context).detections),
             {entry.ticket()},
         )
+
+    @classmethod
+    def from_scenario(cls, scenario: "Scenario") -> "Self":
+        """Returns the detector of a scenario."""
+        perception = scenario.perception
+        config = DetectorConfig(
+            corners=perception.corners, poses=perception.poses, jump_filter=perception.jump_filter
+        )
+        return cls(fps=scenario.camera.fps, config=config)
 
     def _recall(self, context):
         return self.get_cache_entry(self._result).Eval(context)

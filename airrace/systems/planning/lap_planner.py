@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, EventStatus, State
 
+from airrace.common.errors import UserError
 from airrace.common.immutable import Immutable
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.leaf_system import LeafSystem
@@ -15,14 +16,17 @@ from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
+from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import unpack_flat_outputs
 from airrace.trajopt.flight_limits import FlightLimits
 from airrace.trajopt.min_snap.circuit import LapStyle
 from airrace.trajopt.reference import REFERENCE_SIZE
-from airrace.vehicle import Vehicle
+from airrace.vehicle import Vehicle, load_vehicle
 
 if TYPE_CHECKING:
-    from airrace.scenario import PlannerConfig
+    from typing import Self
+
+    from airrace.scenario import PlannerConfig, Scenario
 
 _RETRY_PERIOD = 1.0  # s, while there is no plan at all
 _LATENCY_FACTOR = 1.5  # of the time of a search that took too long
@@ -64,8 +68,8 @@ class LapPlanner(LeafSystem):
         input_ports:
         - gate_map
         - explorer_status
-        - exploration_reference (with a learned pilot: safe_reference)
-        - pilot_status (only with a learned pilot)
+        - exploration_reference
+        - pilot_status (may be left open: nobody else flies)
         output_ports:
         - lap_plan
 
@@ -103,7 +107,6 @@ class LapPlanner(LeafSystem):
         config: "PlannerConfig",
         laps: float = np.inf,
         solve: Callable[[LapProblem], LapPlan | None] = plan_lap,
-        learned: bool = False,
     ):
         """Constructs the planner.
 
@@ -113,7 +116,6 @@ class LapPlanner(LeafSystem):
             config: a PlannerConfig.
             laps: of the race; none is planned for after its end.
             solve: a function from a LapProblem to a LapPlan or None.
-            learned: whether there is a LearnedPilot.
 
         Raises:
             TrajectoryOptimizationError: if the vehicle cannot hover within these limits.
@@ -138,12 +140,8 @@ class LapPlanner(LeafSystem):
         self._submit: Callable | None = None
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
-        self._reference = self.DeclareVectorInputPort(
-            "safe_reference" if learned else "exploration_reference", REFERENCE_SIZE
-        )
-        self._pilot = None
-        if learned:
-            self._pilot = self.DeclareAbstractInputPort("pilot_status", Value[object]())
+        self._reference = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
+        self._pilot = self.DeclareAbstractInputPort("pilot_status", Value[object]())
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self._period = 1.0 / config.rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._update)
@@ -160,6 +158,26 @@ class LapPlanner(LeafSystem):
             lambda context, output: output.set_value(self._recall(context).plan),
             {self.abstract_state_ticket(self._memory)},
         )
+
+    @classmethod
+    def from_scenario(
+        cls, scenario: "Scenario", solve: Callable[[LapProblem], LapPlan | None] = plan_lap
+    ) -> "Self":
+        """Returns the planner of a scenario; solve: see the constructor.
+
+        Raises:
+            UserError: if the drone cannot hover within the limits.
+        """
+        try:
+            return cls(
+                vehicle=load_vehicle(scenario.drone)[0],
+                trajectory=scenario.trajectory,
+                config=scenario.planner,
+                laps=scenario.laps,
+                solve=solve,
+            )
+        except TrajectoryOptimizationError as e:
+            raise UserError(f"The lap planner cannot be: {e} Raise planner.thrust_share.") from None
 
     def solve_elsewhere(self, submit: Callable) -> None:
         """From now on, submit makes a job of a LapProblem: see PlanningWorker."""
@@ -232,7 +250,8 @@ class LapPlanner(LeafSystem):
         if memory.plan is NO_PLAN:
             if not self._explorer.Eval(context).done:
                 return False
-            if self._pilot is not None and not self._pilot.Eval(context).planner_may_plan:
+            pilot = self._pilot
+            if pilot.HasValue(context) and not pilot.Eval(context).planner_may_plan:
                 return False
             # The same map would give no plan again.
             waited = now >= memory.tried_at + _RETRY_PERIOD - 1e-9

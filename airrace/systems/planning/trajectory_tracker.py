@@ -17,8 +17,8 @@ class TrajectoryTracker(LeafSystem):
         name: TrajectoryTracker
         input_ports:
         - lap_plan
-        - exploration_reference (with a learned pilot: safe_reference)
-        - explorer_status (only with vio)
+        - exploration_reference
+        - explorer_status (may be left open: it never lands)
         output_ports:
         - reference
 
@@ -28,26 +28,18 @@ class TrajectoryTracker(LeafSystem):
     its first two derivatives.
     """
 
-    def __init__(self, *, vio: bool = False, learned: bool = False) -> None:
-        """Constructs the tracker.
-
-        Args:
-            vio: whether the drone has to find out itself where it is, so that it may have to land.
-            learned: whether there is a LearnedPilot, which passes the explorer's reference on.
-        """
+    def __init__(self) -> None:
+        """Constructs the tracker."""
         LeafSystem.__init__(self)
         self._plan = self.DeclareAbstractInputPort("lap_plan", Value[object](NO_PLAN))
-        self._exploration = self.DeclareVectorInputPort(
-            "safe_reference" if learned else "exploration_reference", REFERENCE_SIZE
-        )
-        self._explorer = None
-        if vio:
-            self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
+        self._exploration = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
+        self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self.DeclareVectorOutputPort("reference", REFERENCE_SIZE, self._calc_reference)
 
     def _calc_reference(self, context, output):
         plan = self._plan.Eval(context)
-        lands = self._explorer is not None and self._explorer.Eval(context).state == LAND
+        explorer = self._explorer
+        lands = explorer.HasValue(context) and explorer.Eval(context).state == LAND
         if plan is NO_PLAN or lands:
             output.set_value(read_vector(self._exploration, context))
         else:

@@ -1,7 +1,6 @@
 """From the reference to rotor speeds. It flies as it is."""
 
 from airrace.systems.control.geometric_controller import GeometricController
-from airrace.vehicle import load_vehicle
 
 
 class MyController(GeometricController):
@@ -32,4 +31,4 @@ class MyController(GeometricController):
 
 def make(scenario):
     """Returns the system; called once before a race."""
-    return MyController(vehicle=load_vehicle(scenario.drone)[0], **vars(scenario.controller))
+    return MyController.from_scenario(scenario)

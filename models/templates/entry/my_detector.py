@@ -1,7 +1,6 @@
 """From a picture to markers. It flies as it is."""
 
 from airrace.systems.perception.aruco_detector import ArucoDetector
-from airrace.systems.perception.detector_config import DetectorConfig
 
 
 class MyDetector(ArucoDetector):
@@ -23,4 +22,4 @@ class MyDetector(ArucoDetector):
 
 def make(scenario):
     """Returns the system; called once before a race."""
-    return MyDetector(fps=scenario.camera.fps, config=DetectorConfig())
+    return MyDetector.from_scenario(scenario)

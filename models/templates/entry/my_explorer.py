@@ -1,9 +1,6 @@
 """How to find the gates of an unknown track. It flies as it is."""
 
 from airrace.systems.exploring.explorer import Explorer
-from airrace.track import load_track
-from airrace.trajopt.feasibility import clearance_of
-from airrace.vehicle import load_vehicle
 
 
 class MyExplorer(Explorer):
@@ -31,10 +28,4 @@ class MyExplorer(Explorer):
 
 def make(scenario):
     """Returns the system; called once before a race."""
-    vehicle, _ = load_vehicle(scenario.drone)
-    return MyExplorer(
-        config=scenario.explorer,
-        # All that the track's file tells: its gates are not those of the race.
-        hover_height=load_track(scenario.track).hover_height,
-        clearance=clearance_of(vehicle.radius),
-    )
+    return MyExplorer.from_scenario(scenario)

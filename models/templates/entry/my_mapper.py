@@ -26,9 +26,4 @@ class MyMapper(GateMapper):
 
 def make(scenario):
     """Returns the system; called once before a race."""
-    return MyMapper(
-        fps=scenario.camera.fps,
-        latency=scenario.perception.latency + scenario.camera.resolved().latency,
-        state_rate=scenario.state_estimate.rate,
-        config=scenario.perception,
-    )
+    return MyMapper.from_scenario(scenario)

@@ -2,7 +2,6 @@
 
 from airrace.systems.planning.lap_planner import LapPlanner
 from airrace.systems.planning.lap_planning import plan_lap
-from airrace.vehicle import load_vehicle
 
 # LapPlanner decides when to plan, and when a plan comes into force. Its ports:
 #   in:  gate_map, explorer_status, exploration_reference
@@ -21,10 +20,4 @@ def solve(problem):
 
 def make(scenario):
     """Returns the system; called once before a race."""
-    return LapPlanner(
-        vehicle=load_vehicle(scenario.drone)[0],
-        trajectory=scenario.trajectory,
-        config=scenario.planner,
-        laps=scenario.laps,
-        solve=solve,
-    )
+    return LapPlanner.from_scenario(scenario, solve)

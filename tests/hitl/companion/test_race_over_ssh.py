@@ -19,9 +19,9 @@ import pytest
 from airrace.common.files import digest
 from airrace.common.patience import patient
 from airrace.common.resources import models_path
-from airrace.diagrams.hitl_race import default_url
 from airrace.hitl.channels import make_channels
 from airrace.hitl.companion.checkout import LOCK, source_digest
+from airrace.hitl.hitl_race import default_url
 from airrace.hitl.link.endpoint import HEARTBEAT
 from airrace.scenario import Scenario
 from tests.hitl.companion.conftest import ADDRESS

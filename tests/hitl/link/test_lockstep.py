@@ -9,11 +9,11 @@ from pydrake.systems.analysis import Simulator
 from airrace import lcmtypes
 from airrace.common.errors import UserError
 from airrace.diagrams.race import MakeRace
+from airrace.diagrams.transport import POLL_PERIOD
 from airrace.hitl.link import lockstep
 from airrace.hitl.link.endpoint import Channel, Endpoint
 from airrace.hitl.link.lockstep import Exchange, PeerLost, await_peer, lockstep_times
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
-from airrace.hitl.transport import POLL_PERIOD
 from airrace.scenario import Scenario
 
 

@@ -164,9 +164,9 @@ def test_gate_1_closes_the_loop_behind_the_gate_at_which_it_was_seen():
     assert memory.status.reason == "gate 1 again after 10 gates: the loop is closed"
 
 
-@pytest.mark.parametrize(("vio", "rest"), [(False, 0.5), (True, 2.0)])
-def test_on_its_pad_it_rests_the_longer_if_it_has_to_find_its_way(vio, rest):
-    machine = StateMachine(config=ExplorerConfig(), hover_height=5.0, clearance=2.0, vio=vio)
+@pytest.mark.parametrize(("drifts", "rest"), [(False, 0.5), (True, 2.0)])
+def test_on_its_pad_it_rests_the_longer_if_it_has_to_find_its_way(drifts, rest):
+    machine = StateMachine(config=ExplorerConfig(), hover_height=5.0, clearance=2.0, drifts=drifts)
     looking = situation({}, [])
     memory, time = Memory(), 0.0
     estimate = flat_state(FlatTrajectory.resting(np.zeros(4)).reference(0.0), 0.0)

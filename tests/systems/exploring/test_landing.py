@@ -5,6 +5,7 @@ import pytest
 
 from airrace.systems.exploring.landing import Landing
 from airrace.trajopt.reference import as_reference
+from airrace.trajopt.stop import Stop
 from airrace.vehicle.state import STATE_SIZE, as_state
 
 PERIOD = 0.01  # s
@@ -18,7 +19,7 @@ def descend(height, velocity=(0.0, 0.0, 0.0), error=0.0):
     estimate = np.zeros(STATE_SIZE)
     state = as_state(estimate)
     state.quaternion[0], state.position[2], state.velocity[:] = 1.0, height, velocity
-    landing = Landing.of(estimate, pad=0.0)
+    landing = Landing(Stop.of(estimate, pad=0.0))
     told, heights = [], [height]
     while heights[-1] > 0.0 and len(told) < 10_000:
         time = len(told) * PERIOD

@@ -76,7 +76,7 @@ def test_it_forgets_nothing_since_it_remembers_nothing():
 
 
 def test_a_drone_that_does_not_know_where_it_is_follows_the_explorer_down():
-    tracker = TrajectoryTracker(vio=True)
+    tracker = TrajectoryTracker()
     context = tracker.CreateDefaultContext()
     down = hold([1, 2, 3], 4)
     tracker.GetInputPort("exploration_reference").FixValue(context, down)

@@ -1,0 +1,3 @@
+"""The version of airrace."""
+
+VERSION = "0.1.0"

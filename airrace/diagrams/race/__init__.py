@@ -1,0 +1,268 @@
+"""A race, from its scenario to the files that it leaves: built, flown, saved.
+
+`python -m airrace.diagrams.race` flies one, see command.py.
+"""
+
+import contextlib
+import gc
+import time
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from airrace.common.errors import UserError
+from airrace.common.files import write_json, write_text
+from airrace.common.interrupts import interrupt_flag
+from airrace.diagrams.in_process import InProcess
+from airrace.diagrams.simulation import MakeSimulation, follow_gates
+from airrace.diagrams.transport import POLL_PERIOD, Transport
+from airrace.recording.course_result import CourseResult
+from airrace.recording.foxglove_server import FoxgloveServer
+from airrace.recording.race_recorder import AddRecorder, close_recording
+from airrace.recording.race_result import RaceResult
+from airrace.scenario import Scenario, scenario_yaml
+from airrace.systems.mapping.gate_map_writer import GateMapWriter
+from airrace.track.gate_map import GateMap
+from airrace.track.map_files import write_map
+from airrace.track.square_track import SquareTrack, load_course
+from airrace.visualization.controls import RaceControls
+from airrace.visualization.race_view import AddVisualization
+
+if TYPE_CHECKING:  # to import a web server takes its time, and many a race has no page
+    from airrace.visualization.live_page import LivePage
+
+# What a race may leave in its folder.
+RESULTS = (
+    "scenario.yaml",
+    "map.json",
+    "map_statistics.json",
+    "race.json",
+    "race.mcap",
+    "race.html",
+    "report.html",
+)
+INTERRUPTED = "interrupted"  # why a race has ended, after Ctrl-C or SIGTERM
+# Outputs of the race, for its result and for spectators.
+_SIMULATION_OUTPUTS = ("truth.referee_status", "truth.state", "truth.gate_shifts", "truth.contacts")
+_AUTONOMY_OUTPUTS = ("explorer_status", "gate_map", "lap_plan", "rotor_losses", "pilot_status")
+
+
+def run_race(
+    scenario: Scenario,
+    output_dir: Path,
+    *,
+    page: "LivePage | None" = None,
+    show: Callable[[Any, types.SimpleNamespace], None] = lambda result, outputs: None,
+    transport: Transport | None = None,
+    foxglove: FoxgloveServer | None = None,
+) -> dict:
+    """Flies a race and leaves its files.
+
+    Ctrl-C and SIGTERM end the race within 0.1 s of simulated time; they and an exception
+    in any system still leave every file, with what was flown.
+
+    Args:
+        scenario: the race.
+        output_dir: an existing folder.
+        page: to show the race on, or None.
+        show: called every 0.1 s of simulated time with the RaceResult so far and a
+            namespace of ``time`` (s), ``laps_ended`` and the values of the race's outputs.
+        transport: joins simulation and autonomy; by default, both are in one diagram.
+        foxglove: a server that gets what race.mcap gets, or None.
+
+    Returns:
+        what race.json holds.
+
+    Raises:
+        UserError: if something the scenario names cannot be had, or a file
+            cannot be written.
+    """
+    transport = transport or InProcess()
+    diagram = MakeRace(scenario, output_dir, page, transport, foxglove)
+    race = _Race(scenario, output_dir, page, transport, diagram)
+    with interrupt_flag() as interrupted:
+        race.begin_files()
+        try:
+            race.start()
+            # What is built is kept to the end: no need to look through it for garbage.
+            gc.freeze()
+            reason = race.fly(show, interrupted)
+        except BaseException:
+            race.rescue(INTERRUPTED if interrupted.is_set else "stopped by an error")
+            raise
+        finally:
+            gc.unfreeze()
+        return race.finish(reason or INTERRUPTED)
+
+
+def MakeRace(
+    scenario: Scenario,
+    output_dir: Path | None = None,
+    page: "LivePage | None" = None,
+    transport: Transport | None = None,
+    foxglove: FoxgloveServer | None = None,
+) -> Diagram:
+    """Builds a whole race: two subsystems, ``simulation`` and ``autonomy``.
+
+    The two are joined by the names of their ports; the race has the outputs that its
+    result is made of.
+
+    Args:
+        scenario: the race.
+        output_dir: where the map and the recording are kept on disk; None: nowhere.
+        page: to show the race on, or None.
+        transport: where the autonomy is; by default, in the diagram.
+        foxglove: a server that gets what the recording gets, or None.
+
+    Raises:
+        UserError: if something the scenario names cannot be had, or the recording
+            cannot be written.
+    """
+    builder = DiagramBuilder()
+    simulation = builder.AddSystem(MakeSimulation(scenario, page and page.meshcat))
+    try:
+        autonomy = (transport or InProcess()).AddToBuilder(builder, scenario, simulation)
+    except RuntimeError as e:  # only systems of the scenario's own can have such ports
+        message = " ".join(str(e).split())
+        raise UserError(f"The ports of the systems do not fit: {message}") from None
+    if output_dir is not None and autonomy.HasOutputPort("gate_map"):
+        writer = builder.AddNamedSystem(
+            "gate_map_writer",
+            GateMapWriter(directory=output_dir, period=scenario.perception.map_period),
+        )
+        builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
+    if output_dir is not None:
+        AddRecorder(builder, scenario, simulation, autonomy, output_dir, foxglove)
+    if page is not None:
+        AddVisualization(builder, scenario, simulation, autonomy, page)
+    for source, names in ((simulation, _SIMULATION_OUTPUTS), (autonomy, _AUTONOMY_OUTPUTS)):
+        for name in names:
+            if source.HasOutputPort(name):  # gates may stand still
+                builder.ExportOutput(source.GetOutputPort(name), name)
+    diagram = builder.Build()
+    diagram.set_name("race")
+    return diagram
+
+
+def make_result(scenario: Scenario, simulation: str) -> RaceResult | CourseResult:
+    """Returns what collects the results of a race; simulation: SITL, HITL or MAVLINK."""
+    track = load_course(scenario.track)
+    if isinstance(track, SquareTrack):
+        return CourseResult(scenario, track, simulation)
+    return RaceResult(scenario, track, simulation)
+
+
+class _Race:
+    """A race that is being flown, and the files that it leaves."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        output_dir: Path,
+        page: "LivePage | None",
+        transport: Transport,
+        diagram: Diagram,
+    ):
+        self._scenario, self._folder, self._page = scenario, output_dir, page
+        self._transport = transport
+        self._diagram = diagram
+        self._simulator = Simulator(self._diagram)
+        ApplySimulatorConfig(scenario.simulator_config, self._simulator)
+        self._result = make_result(scenario, transport.simulation)
+        self._controls = None
+        if page is not None and isinstance(transport, InProcess):  # others keep their own time
+            self._controls = RaceControls(page.wishes, self._simulator)
+        self._clock = time.perf_counter()
+
+    def begin_files(self):
+        """Writes every file: from here on, whatever happens, each is there and valid."""
+        write_text(self._folder / "scenario.yaml", scenario_yaml(self._scenario))
+        if self._diagram.HasOutputPort("gate_map"):
+            write_map(self._folder, GateMap())
+        self._save_result("not over yet")
+
+    def start(self):
+        """Initializes simulation and autonomy."""
+        self._simulator.Initialize()
+        self._transport.begin(self._simulator)
+
+    def fly(self, show: Callable, interrupted: types.SimpleNamespace) -> str | None:
+        """Flies until the referee ends the race; returns why it ended before, or None."""
+        steps, reason = 0, None
+        while not (self._result.referee_status.over or interrupted.is_set or reason):
+            steps += 1
+            reason = self._transport.advance(self._simulator, steps * POLL_PERIOD)
+            simulation = self._diagram.GetSubsystemByName("simulation")
+            follow_gates(simulation, self._simulator.get_mutable_context())
+            outputs = self._observe()
+            if outputs.laps_ended:
+                self._save_result("not over yet")
+            show(self._result, outputs)
+            if self._controls is not None:
+                self._controls.steer(lambda: interrupted.is_set)
+        return reason
+
+    def _observe(self) -> types.SimpleNamespace:
+        """Adds what the race's outputs say now to its result; returns their values by name."""
+        context = self._simulator.get_context()
+        outputs = types.SimpleNamespace(time=context.get_time(), gate_shifts=None)
+        for i in range(self._diagram.num_output_ports()):
+            port = self._diagram.get_output_port(i)
+            setattr(outputs, port.get_name().removeprefix("truth."), port.Eval(context))
+        outputs.referee_status = self._transport.judged(outputs.referee_status, self._simulator)
+        outputs.laps_ended = self._result.observe(outputs)
+        return outputs
+
+    def finish(self, reason: str) -> dict:
+        """Ends the autonomy and brings every file up to date; returns race.json.
+
+        Args:
+            reason: why the race ended, if the referee did not end it.
+        """
+        self._transport.end(self._simulator)
+        data = self._save_result(reason)
+        self._tell_end(data)
+        self._diagram.ForcedPublish(self._simulator.get_context())
+        close_recording(self._diagram)
+        self._save_replay()
+        return data
+
+    def rescue(self, reason: str) -> None:
+        """Does what it can of finish() after an error, and raises nothing.
+
+        The caller must learn of the first error, even if its cause also keeps a file from
+        being written.
+        """
+        for step in (
+            lambda: self._tell_end(self._save_result(reason)),
+            lambda: self._diagram.ForcedPublish(self._simulator.get_context()),
+            lambda: close_recording(self._diagram),
+            self._save_replay,
+            lambda: self._transport.end(self._simulator),
+        ):
+            with contextlib.suppress(Exception):
+                step()
+
+    def _save_result(self, reason: str) -> dict:
+        wall = self._transport.wall(self._simulator)
+        data = self._result.data(time.perf_counter() - self._clock, reason, wall)
+        write_json(self._folder / "race.json", data)
+        return data
+
+    def _tell_end(self, data):
+        """Tells the page how the race ended."""
+        if self._page is not None:
+            self._page.record.end(
+                self._simulator.get_context().get_time(),
+                data["finished"],
+                data["dnf_reason"],
+                data["exploration"]["time_s"] if "exploration" in data else data["start_s"],
+            )
+
+    def _save_replay(self):
+        if self._page is not None:
+            write_text(self._folder / "race.html", self._page.replay())

@@ -1,0 +1,247 @@
+"""The autonomy's end of a race: in lockstep as one, in real time as a pilot and a navigator."""
+
+import contextlib
+import gc
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from airrace.common.patience import patient
+from airrace.common.processes import real_time_priority
+from airrace.common.tick_times import LoopTimes
+from airrace.diagrams.autonomy import MakeAutonomy
+from airrace.hitl.budget import Budget, prepare_halves
+from airrace.hitl.handover import ENDED
+from airrace.hitl.lcm_bridge import MakeLockstepSide
+from airrace.hitl.link import phases
+from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
+from airrace.hitl.link.lockstep import await_peer
+from airrace.hitl.link.probe import CHANNELS, Responder
+from airrace.hitl.lockstep_autonomy import LEFT, LOST, STOPPED, race_in_lockstep
+from airrace.hitl.navigator_process import NavigatorProcess
+from airrace.hitl.pilot import Pilot, make_halves
+from airrace.hitl.remote_autonomy import LOCKSTEP
+
+if TYPE_CHECKING:
+    import lcm
+
+    from airrace.hitl.link.simulated_bus import SimulatedBus
+    from airrace.scenario import Scenario
+
+BLIND = 4  # exit code; the others are lockstep_autonomy's
+PILOT_TICKS = "pilot_ticks.json"
+_PATIENCE = 5.0  # s without a heartbeat in a race
+_NEWS = 5.0  # s from one line about compiling to the next
+_TICK = 0.001  # s, that it waits for a message at most
+_TIDY = 1.0  # s from one look for garbage to the next
+_FAREWELLS = 5
+_TRIAL, _BRIEFEST = 1.5, 0.1  # s of made-up messages, by which it says whether it is fast enough
+
+
+class AutonomyProcess:
+    """Runs the autonomy of a scenario until the simulation ends the race.
+
+    In real time it is the pilot, and starts the navigator as a second process.
+    """
+
+    def __init__(
+        self,
+        scenario: "Scenario",
+        bus: "lcm.LCM | SimulatedBus",
+        output_dir: Path,
+        log: Callable[[str], object] = print,
+        stop: Callable[[], bool] = lambda: False,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """Constructs it; it listens from now on.
+
+        Args:
+            scenario: the race.
+            bus: from open_lcm().
+            output_dir: where the checkpoint and the map go.
+            log: takes lines.
+            stop: asked now and then; whether to end.
+            clock: of the Endpoint (s).
+
+        Raises:
+            UserError: if the variable of patient() is no number.
+        """
+        self._scenario, self._output_dir = scenario, output_dir
+        self._log, self._stop = log, stop
+        self._halves = make_halves(scenario)
+        self.channels = self._halves.channels(scenario)
+        self._endpoint = Endpoint(AUTONOMY, [*self.channels, *CHANNELS], bus, clock)
+        self._responder = Responder(self._endpoint)
+        self._navigator: NavigatorProcess | None = None
+        self._budget: Budget | None = None
+        self._patience = patient(_PATIENCE)
+        self._said = float("-inf")  # when the log was last told that it compiles, s
+
+    def prepare(self, lcm_url: str, briefly: bool = False) -> None:
+        """Starts the navigator; pilot and navigator compile what they run, each its own.
+
+        Args:
+            lcm_url: of the bus.
+            briefly: see warm_up_pilot().
+
+        Raises:
+            UserError: if the navigator cannot begin.
+        """
+        duration = _BRIEFEST if briefly else _TRIAL
+        self._navigator = NavigatorProcess(
+            self._scenario,
+            lcm_url,
+            self._output_dir,
+            session=self._endpoint.session,
+            briefly=briefly,
+            duration=duration,
+        )
+        self._budget = prepare_halves(
+            self._scenario,
+            self._navigator,
+            duration,
+            briefly,
+            self.show_compiling,
+            self._endpoint.drain,
+        )
+
+    def close(self) -> None:
+        """Ends the navigator, if there is one."""
+        if self._navigator is not None:
+            self._navigator.close()
+
+    def run(self, resume: Path | None = None, patience: float = 60.0) -> int:
+        """Waits for a simulation and races; returns the exit code.
+
+        Args:
+            resume: folder with the checkpoint of an autonomy that has ended, to
+                go on where it was; None: a new race.
+            patience: how long to wait for the simulation (s).
+
+        Raises:
+            UserError: if there is none, or nothing to resume.
+        """
+        expected = phases.RACING if resume else phases.READY
+        await_peer(
+            self._endpoint, phases.WAITING, expected=expected, timeout=patience, poll=self._poll
+        )
+        mode, _, rate = self._endpoint.peer_heartbeat.value.text.partition(" ")
+        if mode == LOCKSTEP:
+            self.close()
+            autonomy = MakeAutonomy(self._scenario)
+            side = MakeLockstepSide(
+                self._scenario, autonomy, self.channels, self._endpoint, self._output_dir
+            )
+            return race_in_lockstep(self._scenario, side, self._endpoint, self._log, self._stop)
+        self._endpoint.clock.rate = float(rate or 1.0)
+        self._log(f"airrace: {self._budget.verdict(self._endpoint.clock.rate)}")
+        return self._race(resume)
+
+    def show_compiling(self, count: int) -> None:
+        """Tells the simulation, and now and then whoever reads the log, that it goes on.
+
+        Args:
+            count: of the functions that have been compiled.
+        """
+        self._endpoint.drain()
+        self._endpoint.beat(phases.COMPILING, 0.0)
+        now = self._endpoint.now()
+        if now - self._said > _NEWS:
+            self._said = now
+            self._log(f"airrace: compiling, once; {count} functions are done")
+
+    def _poll(self):
+        self._responder.respond()
+        if self._stop():
+            raise KeyboardInterrupt
+
+    def _race(self, resume: Path | None) -> int:
+        navigator = self._navigator
+        pilot = Pilot(self._scenario, self._halves, self._endpoint, navigator.handover)
+        while not pilot.is_ready():
+            self._wait_and_poll(phases.WAITING)
+            pilot.prepare(resume)
+            if self._has_lost_navigator():
+                return BLIND
+            if self._endpoint.silence > self._patience:
+                return self._lost()
+        pilot.start()
+        while self._phase() == phases.READY and not self._ended():
+            pilot.wait_for_start()
+            self._wait_and_poll(phases.READY)
+        self._endpoint.clock.restart()
+        with _without_garbage_collection(), real_time_priority():
+            code = self._fly(pilot)
+        return code
+
+    def _fly(self, pilot: Pilot) -> int:
+        """Flies the race; returns the exit code."""
+        ticks, tidied = LoopTimes(), self._endpoint.now()
+        while not self._ended():
+            if self._has_lost_navigator(pilot.time):
+                return BLIND
+            self._endpoint.wait(_TICK)
+            ticks.start()
+            self._endpoint.drain()
+            self._endpoint.beat(phases.RACING, pilot.time)
+            has_controlled = pilot.step()
+            if self._endpoint.now() - tidied > _TIDY:
+                tidied = self._endpoint.now()
+                gc.collect(0)  # a tenth of a millisecond: all that is old is frozen
+            if has_controlled:
+                ticks.stop()
+        ticks.save(self._output_dir / PILOT_TICKS)
+        if self._stop():
+            return STOPPED
+        return LEFT if self._phase() == phases.OVER else self._lost()
+
+    def _has_lost_navigator(self, sim_time: float = 0.0) -> bool:
+        """Whether the navigator has ended; then it says so, also to the simulation.
+
+        The drone is left to its flight controller, as if the link had failed: without a map it
+        does not know where to fly.
+        """
+        if (code := self._navigator.poll()) is None:
+            return False
+        reason = f"its navigator ended with exit code {code}"
+        for message in self._navigator.handover.receive():
+            if message.says is not None and message.says[0] == ENDED:
+                reason = message.says[1]
+        self._log(f"airrace: the autonomy gives up: {reason}")
+        for _ in range(_FAREWELLS):
+            self._endpoint.send_heartbeat(phases.RACING, sim_time, reason)
+        return True
+
+    def _phase(self) -> str:
+        return self._endpoint.peer_heartbeat.value.phase
+
+    def _ended(self) -> bool:
+        if self._endpoint.silence > self._patience:
+            self._endpoint.drain()  # a pause of this process is no silence of the simulation
+        return (
+            self._phase() == phases.OVER or self._stop() or self._endpoint.silence > self._patience
+        )
+
+    def _lost(self) -> int:
+        self._log(f"airrace: the simulation fell silent for {self._patience:.0f} s")
+        return LOST
+
+    def _wait_and_poll(self, phase):
+        """Waits a moment, takes in what has come, and shows that it is alive."""
+        self._endpoint.wait(_TICK)
+        self._endpoint.drain()
+        self._endpoint.beat(phase, 0.0)
+
+
+@contextlib.contextmanager
+def _without_garbage_collection():
+    """Lets Python look for garbage only when it is asked to: it takes up to 100 ms at a time."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()

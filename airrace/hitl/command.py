@@ -1,0 +1,164 @@
+"""airrace hitl: either side of a race with hardware in the loop, started by hand."""
+
+import contextlib
+import dataclasses as dc
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, Group, Parameter
+
+from airrace.diagrams.race.command import RaceOptions, fly
+from airrace.hitl.companion import READY
+from airrace.scenario.options import ScenarioOptions, resolve_scenario
+
+if TYPE_CHECKING:
+    import lcm
+
+    from airrace.scenario import Scenario
+
+EPILOG = """\
+examples, on two computers on one cable:
+  airrace hitl autonomy --lcm_url 'udpm://239.255.76.67:7667?ttl=1'
+  airrace hitl simulation --lcm_url 'udpm://239.255.76.67:7667?ttl=1'
+  airrace doctor --link --lcm_url 'udpm://239.255.76.67:7667?ttl=1'
+
+The autonomy is started first, and ends with the race: 0 after it, 3 if the
+simulation falls silent, 4 if its navigator dies, 1 on Ctrl-C, 2 on bad input.
+Both sides need the same scenario. The simulation takes all options of airrace race.
+
+AIRRACE_PATIENCE=10 multiplies all waits by 10, for a slow computer."""
+
+
+LINK = Group("Hardware in the loop", sort_key=3)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class HitlOptions(RaceOptions):
+    """What a race with hardware in the loop may be told."""
+
+    companion: Annotated[
+        str | None, Parameter(group=LINK, metavar="local|none|USER@HOST[:PORT]")
+    ] = None
+    (
+        "where the autonomy runs in HITL: local = another process here; none = you start it "
+        "yourself, see airrace hitl --help (default: local)"
+    )
+    identity: Annotated[Path | None, Parameter(group=LINK, metavar="FILE")] = None
+    "the private key for --companion USER@HOST (default: those that ssh would try)"
+    wheels: Annotated[Path | None, Parameter(group=LINK, metavar="DIR")] = None
+    (
+        "for a companion without the internet, a folder with a wheel of every locked package; "
+        "the documentation of a companion board says how to fill it"
+    )
+    lcm_url: Annotated[str | None, Parameter(group=LINK, metavar="URL")] = None
+    (
+        "of LCM (default: udpm://239.255.76.67:7667?ttl=0, with a free port for --companion local, "
+        "and ttl=1 for USER@HOST)"
+    )
+    lockstep: Annotated[bool, Parameter(group=LINK, negative=())] = False
+    "tick by tick in the place of real time; the same race as SITL"
+
+
+def add_to(app: App) -> None:
+    """Adds the subcommand to the command line."""
+    hitl = App(name="hitl", help="Run one side of a race whose autonomy is at the end of a cable.")
+    hitl.help_epilogue = EPILOG
+    hitl.command(autonomy)
+    hitl.command(simulation)
+    app.command(hitl)
+
+
+def scenario_and_bus(options: ScenarioOptions, lcm_url: str | None) -> tuple["Scenario", "lcm.LCM"]:
+    """Returns the checked Scenario and the LCM that options name.
+
+    Raises:
+        UserError: if one cannot be had.
+    """
+    from airrace.hitl.link.endpoint import DEFAULT_URL, open_lcm
+
+    return checked_scenario(options), open_lcm(lcm_url or DEFAULT_URL)
+
+
+def checked_scenario(options: ScenarioOptions) -> "Scenario":
+    """Returns the Scenario that options name, or raises UserError if it is none."""
+    from airrace.scenario import load_scenario
+
+    scenario = load_scenario(
+        filename=options.scenario_file,
+        scenario_name=options.scenario_name,
+        scenario_text=options.scenario_text,
+    )
+    scenario.check()
+    return scenario
+
+
+def autonomy(
+    *,
+    options: ScenarioOptions = ScenarioOptions(),
+    lcm_url: Annotated[str | None, Parameter(metavar="URL")] = None,
+    output: Annotated[Path, Parameter(metavar="DIR")] = Path("autonomy"),
+    resume: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    patience: Annotated[float, Parameter(metavar="S")] = 60.0,
+) -> int:
+    """Run the autonomy, for a simulation at the other end.
+
+    Args:
+        lcm_url: of LCM; ttl=0 stays on this computer, ttl=1 leaves it
+            (default: udpm://239.255.76.67:7667?ttl=0)
+        output: where its map and its checkpoint go (default: autonomy)
+        resume: go on in a race that is on, with the checkpoint in the --output folder of the
+            one that has ended; only of a folder that you trust, it can hold code
+        patience: how long to wait for the simulation (default: 60 s)
+    """
+    from airrace.common.files import results_folder
+    from airrace.common.interrupts import interrupt_flag
+    from airrace.hitl.autonomy_process import AutonomyProcess
+    from airrace.hitl.link.endpoint import DEFAULT_URL
+
+    scenario, bus = scenario_and_bus(options, lcm_url)
+    with interrupt_flag() as interrupted:
+        with results_folder(output) as folder:
+            process = AutonomyProcess(scenario, bus, folder, stop=lambda: interrupted.is_set)
+            with contextlib.closing(process):
+                process.prepare(lcm_url or DEFAULT_URL, briefly=resume is not None)
+                print(READY, flush=True)
+                return process.run(resume=resume, patience=patience)
+
+
+def simulation(*, options: HitlOptions = HitlOptions()) -> int:
+    """Run the simulation, for an autonomy that waits at the other end."""
+    from airrace.hitl.hitl_race import BY_HAND
+
+    result, _ = fly_hitl(dc.replace(options, companion=BY_HAND))
+    return 0 if result["finished"] else 1
+
+
+def hitl_scenario(options: HitlOptions) -> "Scenario":
+    """Returns the checked Scenario that options ask for, as both sides of the link get it.
+
+    Raises:
+        UserError: naming the option or the field and the remedy.
+    """
+    from airrace.hitl.hitl_race import prepared
+
+    scenario = prepared(resolve_scenario(options), options.lockstep)
+    scenario.check()
+    return scenario
+
+
+def fly_hitl(options: HitlOptions, quiet: bool = False) -> tuple[dict, Path]:
+    """Flies a race whose autonomy is at the other end of a link; see fly() of a race's command."""
+    from airrace.hitl.hitl_race import remote_transport
+    from airrace.hitl.ssh_options import ssh_companions
+
+    if options.companion is None:
+        options = dc.replace(options, companion="local")
+    scenario = hitl_scenario(options)
+    make_companion = ssh_companions(options)
+
+    def transport(scenario, output_dir, note):
+        return remote_transport(options, scenario, output_dir, make_companion, note)
+
+    return fly(options, quiet, scenario=scenario, transport=transport)

@@ -1,0 +1,158 @@
+"""The navigator as a process beside the pilot's, at a lower priority: control comes first."""
+
+import contextlib
+import gc
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+from airrace.common import jit
+from airrace.common.errors import UserError
+from airrace.common.patience import patient
+from airrace.common.processes import child_environment
+from airrace.common.resources import load_yaml
+from airrace.common.tick_times import LoopTimes
+from airrace.hitl.handover import COMPILING, ENDED, PLAYING, SETUP, WARM, Handed, SocketHandover
+from airrace.scenario import Scenario, scenario_yaml
+
+NAVIGATOR_TICKS = "navigator_ticks.json"
+_NICE = 5  # the planner's is greater still
+_IDLE = 0.5  # s, after which it looks whether the pilot is still there
+_FAREWELL = 10.0  # s, that it has to write the map
+
+
+class Setup(NamedTuple):
+    """What it has to know to begin.
+
+    Attributes:
+        scenario: as YAML.
+        lcm_url: of the link to the simulation.
+        output_dir: where the checkpoint and the map go.
+        session: of the pilot's Endpoint.
+        briefly: see warm_up_navigator().
+        duration: of the flight by made-up messages, see Budget (s).
+    """
+
+    scenario: str
+    lcm_url: str
+    output_dir: str
+    session: int
+    briefly: bool
+    duration: float
+
+
+class NavigatorProcess:
+    """The navigator, as the pilot's process has it.
+
+    Attributes:
+        handover: to it.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        lcm_url: str,
+        output_dir: Path,
+        *,
+        session: int = 0,
+        briefly: bool = False,
+        duration: float,
+    ):
+        """Starts it. Args: scenario: the race. The others: see Setup."""
+        setup = Setup(
+            scenario_yaml(scenario), lcm_url, str(output_dir.absolute()), session, briefly, duration
+        )
+        here, there = socket.socketpair()
+        with there:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", __name__, str(there.fileno())],
+                stdin=subprocess.DEVNULL,
+                pass_fds=[there.fileno()],
+                env=child_environment(),
+            )
+        self.handover = SocketHandover(here)
+        self.handover.send(Handed(0.0, {}, (SETUP, setup)))
+
+    def receive(self, timeout: float = 0.01) -> list[Handed]:
+        """Returns what it has said, after a while at most (s)."""
+        if self.handover.is_open:
+            select.select([self.handover.socket], [], [], timeout)
+        return self.handover.receive()
+
+    def poll(self) -> int | None:
+        """Returns its exit code, None while it runs."""
+        return self._process.poll()
+
+    def close(self) -> None:
+        """Ends it; it writes the map before."""
+        self.handover.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(patient(_FAREWELL))
+        self._process.kill()
+        self._process.wait()
+
+
+def navigate(setup: Setup, handover: SocketHandover) -> None:
+    """Warms up, and navigates until the other end of the handover is closed."""
+    # Imported at a low priority: this takes seconds of a processor.
+    from airrace.hitl.link.endpoint import open_lcm
+    from airrace.hitl.navigator import Navigator
+    from airrace.hitl.pilot import make_halves
+    from airrace.hitl.planning_worker import PlanningWorker
+    from airrace.hitl.warm_up import play_navigator, warm_up_navigator
+
+    scenario = load_yaml(Scenario, data=setup.scenario, child_name="Defaults")
+    # The worker starts now, so that it is there when the first lap is to be planned.
+    with contextlib.closing(PlanningWorker()) as worker:
+        with jit.watched(lambda count: handover.send(Handed(0.0, {}, (COMPILING, count)))):
+            warm_up_navigator(scenario, setup.briefly)
+        handover.send(Handed(0.0, {}, (PLAYING, None)))
+        share = play_navigator(scenario, setup.duration).sum() / setup.duration
+        bus, output_dir = open_lcm(setup.lcm_url), Path(setup.output_dir)
+        navigator = Navigator(
+            scenario,
+            make_halves(scenario),
+            bus,
+            handover,
+            output_dir=output_dir,
+            session=setup.session,
+        )
+        navigator.plan_elsewhere(worker.submit)
+        handover.send(Handed(0.0, {}, (WARM, float(share))))
+        gc.freeze()
+        ticks = LoopTimes()
+        while handover.is_open:
+            select.select([handover.socket, bus], [], [], _IDLE)  # type: ignore[type-var]
+            ticks.start()
+            if navigator.step():
+                ticks.stop()
+        navigator.end()
+        ticks.save(output_dir / NAVIGATOR_TICKS)
+
+
+def main(fileno: int) -> int:
+    """Navigates for the process at the other end of a socket; returns the exit code."""
+    os.nice(_NICE)
+    for signum in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(signum, signal.SIG_IGN)  # it ends with the pilot
+    handover = SocketHandover(socket.socket(fileno=fileno))
+    messages: list[Handed] = []
+    while not messages and handover.is_open:
+        select.select([handover.socket], [], [])
+        messages = handover.receive()
+    if messages:
+        try:
+            navigate(messages[0].says[1], handover)  # type: ignore[index]
+        except UserError as e:
+            handover.send(Handed(0.0, {}, (ENDED, str(e))))
+            return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1])))

@@ -1,0 +1,172 @@
+"""Half an autonomy that flies by messages of a race that nobody flies: recorded, or made up."""
+
+import abc
+import time
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from airrace.diagrams.wiring import initial_values
+from airrace.hitl.handover import Handed, queue_pair
+from airrace.hitl.lcm_bridge import told_to_navigator, told_to_pilot
+from airrace.hitl.link import phases
+from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
+from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
+from airrace.hitl.navigator import Navigator
+from airrace.hitl.pilot import Halves, Pilot, make_halves
+
+if TYPE_CHECKING:
+    from airrace.scenario import Scenario
+
+LINK = LinkConfig(delay=0.01, jitter=0.0, loss=0.0, seed=0)  # long enough to compensate for
+_TICK = 0.001  # s
+
+
+class Message(NamedTuple):
+    """A message of the simulation's.
+
+    Attributes:
+        time: simulated, at which it is sent (s).
+        channel: its name.
+        message: of airrace.lcmtypes.
+    """
+
+    time: float
+    channel: str
+    message: Any
+
+
+class Playback(abc.ABC):
+    """Has half of the real autonomy fly by given messages, in real time but for the waiting.
+
+    It decodes them, computes, and sends, to nobody.
+
+    Attributes:
+        channels: PortChannels of the race.
+        told: name of each port that the other half hands over to what it holds at first.
+    """
+
+    def __init__(self, scenario: "Scenario", halves: Halves, told: dict):
+        self.channels, self.told = halves.channels(scenario), told
+        self._link = SimulatedLink(LINK)
+        bus, clock = self._link.bus(), self._link.clock
+        self._own = Endpoint(AUTONOMY, self.channels, bus, clock)
+        self._simulation = Endpoint(SIMULATION, (), self._link.bus(), clock)
+        self._here, self._other = queue_pair()
+
+    @abc.abstractmethod
+    def _prepare(self) -> bool:
+        """Takes in what has come before the start; returns whether it is ready."""
+
+    @abc.abstractmethod
+    def _start(self) -> None:
+        """Starts."""
+
+    @abc.abstractmethod
+    def _step(self) -> object:
+        """Works on what has come."""
+
+    def play(
+        self, messages: Sequence[Message], handed: Sequence[Handed], duration: float
+    ) -> np.ndarray:
+        """Flies for a while from the start.
+
+        Args:
+            messages: of the simulation, in the order of their times, at least one of each channel.
+            handed: what the other half says, in the order of the times, at least once.
+            duration: (s).
+
+        Returns:
+            how long this half took for each millisecond (s), (n,).
+        """
+        first = {each.channel: each for each in reversed(messages)}
+        is_ready = False
+        while not is_ready:
+            self._link.time += _TICK
+            if self._simulation.beat(phases.READY, 0.0):
+                for each in first.values():
+                    self._send(each)
+                self._other.send(handed[0])
+            self._listen(phases.WAITING)
+            is_ready = self._prepare()
+        self._start()
+        start, waiting, words = self._link.time, deque(messages), deque(handed)
+        spent = np.zeros(round(duration / _TICK))
+        for i in range(len(spent)):
+            now = (i + 1) * _TICK
+            self._link.time = start + now
+            while waiting and waiting[0].time <= now:
+                self._send(waiting.popleft())
+            while words and words[0].time <= now:
+                self._other.send(words.popleft())
+            self._other.receive()
+            self._simulation.beat(phases.RACING, now)
+            self._simulation.drain()
+            clock = time.perf_counter()
+            self._own.drain()
+            self._own.beat(phases.RACING, now)
+            self._step()
+            spent[i] = time.perf_counter() - clock
+        return spent
+
+    def _listen(self, phase):
+        self._simulation.drain()
+        self._own.drain()
+        self._own.beat(phase, 0.0)
+
+    def _send(self, each):
+        self._simulation.publish(each.channel, each.message, each.time)
+
+
+class PilotPlayback(Playback):
+    """Plays to a Pilot."""
+
+    def __init__(self, scenario: "Scenario"):
+        """Args: scenario: the race."""
+        halves = make_halves(scenario)
+        told = told_to_pilot(*halves)
+        super().__init__(scenario, halves, initial_values(halves.navigator, halves.pilot, told))
+        self._pilot = Pilot(scenario, halves, self._own, self._here)
+
+    def _prepare(self):
+        self._pilot.prepare()
+        return self._pilot.is_ready()
+
+    def _start(self):
+        self._pilot.start()
+
+    def _step(self):
+        self._pilot.step()
+
+
+class NavigatorPlayback(Playback):
+    """Plays to a Navigator."""
+
+    def __init__(self, scenario: "Scenario", output_dir: Path):
+        """Args: scenario: the race. output_dir: of the navigator."""
+        halves = make_halves(scenario)
+        told = told_to_navigator(*halves)
+        super().__init__(scenario, halves, initial_values(halves.pilot, halves.navigator, told))
+        self._own.only(())  # it beats for the navigator, which listens itself
+        self._navigator = Navigator(
+            scenario,
+            halves,
+            self._link.bus(),
+            self._here,
+            output_dir=output_dir,
+            session=self._own.session,
+            clock=self._link.clock,
+        )
+
+    def _prepare(self):
+        self._navigator.step()
+        return self._navigator.is_started
+
+    def _start(self):
+        pass
+
+    def _step(self):
+        self._navigator.step()

@@ -1,0 +1,241 @@
+"""airrace league: entries of a class race on hidden tracks, each in a sandbox of its own."""
+
+import functools
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, Parameter
+
+from airrace.common.command_line import Whole
+from airrace.common.errors import UserError
+from airrace.common.interrupts import sigterm_as_ctrl_c
+
+if TYPE_CHECKING:
+    from rich.status import Status
+
+    from airrace.league.season_files import LeagueStore
+    from airrace.league.season_run import Plan
+
+EPILOG = """\
+examples:
+  airrace new entry herons                          an entry to begin with
+  airrace league check herons                       would it be accepted? fly one lap
+  airrace new season spring                         spring.yaml, and its secret seed
+  airrace league run spring.yaml entries/* --output runs/spring
+  airrace league run spring.yaml entries/* --output runs/spring --resume
+  airrace league verify runs/spring/league.json --seed_file spring.seed
+
+An entry's code runs in a process of its own in a sandbox (bubblewrap): without a
+network, without the tracks, with nothing but the messages that a drone's computer
+gets. `airrace league run --help` says what it leaves."""
+RUN_EPILOG = """\
+examples:
+  airrace league run spring.yaml original optimal   two of the shipped entries
+  airrace league run spring.yaml entries/* --output runs/spring --workers 2
+
+The output folder:
+  league.html      ranking, every race with its replay, what entries tried
+  league.json      the same for programs, with hashes for `airrace league verify`
+  flights.jsonl    one line a race, written when it ends
+  races/ duels/    race.json and replay of each race; the best two of each together
+  entries/ season.yaml   copies of what was flown; the secret seed is not among them
+
+Exit codes: 0 all races have ended, finished or not; 1 the season was ended early,
+by Ctrl-C or a lost scheduler, and --resume goes on with it; 2 bad input."""
+VERIFY_EPILOG = """\
+examples:
+  airrace league verify runs/spring/league.json --seed_file spring.seed
+  airrace league verify runs/spring/league.json --seed_file spring.seed --all
+  airrace league verify runs/spring/league.json --entry herons --race 3
+
+All files are compared with the hashes; then races are flown again, and must be equal
+to the last bit. Exit codes: 0 nothing is wrong; 1 something is; 2 bad input."""
+
+Unsafe = Annotated[bool, Parameter(negative=())]
+_SEED_FILE = Annotated[Path | None, Parameter(metavar="FILE")]
+
+
+def add_to(app: App) -> None:
+    """Adds the subcommand to the command line."""
+    league = App(name="league", help="Let the entries of a class race on hidden tracks.")
+    league.help_epilogue = EPILOG
+    league.command(check)
+    league.command(run, help_epilogue=RUN_EPILOG)
+    league.command(verify, help_epilogue=VERIFY_EPILOG)
+    app.command(league)
+
+
+@sigterm_as_ctrl_c()
+def check(
+    entry: Annotated[str, Parameter(metavar="FOLDER")],
+    /,
+    *,
+    unsafe: Unsafe = False,
+    flight: bool = True,
+) -> int:
+    """Say whether an entry would be accepted, and fly one lap with it.
+
+    Exit codes: 0 it would, and finished the lap; 1 it did not finish; 2 it would not.
+
+    Args:
+        entry: its folder, or the name of a shipped one
+        unsafe: fly without a sandbox, where this computer offers none
+        flight: fly the lap (default: yes)
+    """
+    from rich.console import Console
+
+    from airrace.league.check import fly_check, show_entry, show_flight
+    from airrace.league.display import print_line
+    from airrace.league.entry import load_entry
+    from airrace.league.sandbox import check_sandbox, why_no_sandbox
+
+    accepted = load_entry(entry)
+    console = Console()
+    show = functools.partial(print_line, console)
+    show_entry(accepted, why_no_sandbox(), show)
+    if not flight:
+        return 0
+    check_sandbox(unsafe)
+    with Console(stderr=True).status("Flying one lap of the hexagon; about half a minute"):
+        row = fly_check(accepted, safe=why_no_sandbox() is None)
+    show_flight(row, show)
+    return 0 if row["result"]["finished"] else 1
+
+
+@sigterm_as_ctrl_c()
+def run(
+    season: Annotated[Path, Parameter(metavar="SEASON")],
+    first: Annotated[str, Parameter(metavar="ENTRY")],
+    /,
+    *others: Annotated[str, Parameter(metavar="ENTRY")],
+    output: Annotated[Path | None, Parameter(metavar="DIR")] = None,
+    resume: Annotated[bool, Parameter(negative=())] = False,
+    workers: Whole | None = None,
+    scheduler: Annotated[str | None, Parameter(metavar="tcp://HOST:PORT")] = None,
+    unsafe: Unsafe = False,
+) -> int:
+    """Fly a season: every entry on every track, and rank them.
+
+    Args:
+        season: its YAML file
+        first: folder of an entry, or the name of a shipped one
+        others: more of them
+        output: where the results go (default: runs/<UTC time>-league-<season>)
+        resume: go on with the season in --output: only races that it lacks are flown
+        workers: processes on this computer (default: one a processor)
+        scheduler: a running Dask cluster instead of --workers
+        unsafe: fly entries without a sandbox, where this computer offers none
+    """
+    from airrace.common.files import results_folder, run_path
+    from airrace.diagrams.race import RESULTS
+    from airrace.league.result import settings
+    from airrace.league.sandbox import check_sandbox, why_no_sandbox
+    from airrace.league.season_files import LeagueStore, keep_sources
+    from airrace.league.season_run import make_plan
+
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers must be at least 1, not {workers}.")
+    if workers is not None and scheduler is not None:
+        raise UserError("--workers and --scheduler exclude each other: leave one out.")
+    if resume and output is None:
+        raise UserError("--resume needs --output, the folder of the season to go on with.")
+    check_sandbox(unsafe)
+    safe = why_no_sandbox() is None
+    with _status("Making tracks"):
+        plan = make_plan(season, [first, *others], safe)
+    flown = {"versions": plan.flights[0].versions, "safe": safe}
+    told = settings(plan.season, plan.secret, plan.entries, plan.refused, flown)
+    path = output or run_path("league", plan.season.name)
+    with results_folder(path, numbered=output is None, refuse=RESULTS) as folder:
+        with LeagueStore(folder, told, resume=resume) as store:
+            keep_sources(folder, season, plan.entries)
+            return _fly(plan, told, folder, store, (workers, scheduler))
+
+
+def _fly(
+    plan: "Plan",
+    settings: dict,
+    folder: Path,
+    store: "LeagueStore",
+    cluster_options: tuple[int | None, str | None],
+) -> int:
+    """Flies what a store lacks, and reports; returns the exit code."""
+    from airrace.evaluation import cluster
+    from airrace.league.display import LeagueDisplay
+    from airrace.league.season_run import fly_season
+
+    workers, scheduler = cluster_options
+    if scheduler is not None:
+        connection = cluster.running_cluster(scheduler)
+    else:
+        connection = cluster.local_cluster(workers or os.cpu_count() or 1)
+    stopped = None
+    display = LeagueDisplay(plan, store.rows)
+    try:
+        with display:
+            fly_season(connection, plan.flights, folder, store, display.show)
+    except KeyboardInterrupt:
+        stopped = "interrupted"
+    except cluster.EvaluationStopped as e:
+        stopped = str(e)
+    _report(plan, settings, folder, store.rows)
+    if stopped:
+        print(
+            f"airrace: {stopped}; {len(store.rows)} of {len(plan.flights)} races are in {folder}: "
+            "the same command with --resume flies the others.",
+            file=sys.stderr,
+        )
+    return 1 if stopped else 0
+
+
+def _report(plan: "Plan", settings: dict, folder: Path, rows: list) -> None:
+    """Writes league.json and league.html, and prints the ranking."""
+    from airrace.league.display import print_ranking
+    from airrace.league.duels import make_duels
+    from airrace.league.page import write_page
+    from airrace.league.result import write_league
+
+    league = write_league(folder, settings, plan.legs, rows)
+    duels: list[dict] = []
+    if plan.season.replays and league["complete"]:
+        with _status("Drawing the best against the second") as status:
+            duels = make_duels(
+                folder, league, lambda leg: status.update(f"Drawing the best of race {leg}")
+            )
+    page = write_page(folder, league, duels)
+    print_ranking(league, page)
+
+
+@sigterm_as_ctrl_c()
+def verify(
+    league: Annotated[Path, Parameter(metavar="LEAGUE.JSON")],
+    /,
+    *,
+    seed_file: _SEED_FILE = None,
+    entry: Annotated[str | None, Parameter(metavar="NAME")] = None,
+    race: Whole | None = None,
+    all: Annotated[bool, Parameter(negative=())] = False,
+    unsafe: Unsafe = False,
+) -> int:
+    """Check a season's result: compare its files, and fly races again.
+
+    Args:
+        league: the league.json in a season's folder
+        seed_file: with the season's secret seed (default: the season's, beside league.json or
+            in the working folder)
+        entry: fly only this one's races again
+        race: fly only the race with this number again
+        all: fly all races again (default: of each entry the one with the quickest mean lap)
+        unsafe: fly entries without a sandbox, where this computer offers none
+    """
+    from airrace.league.verify import verify_league
+
+    return verify_league(league, seed_file, (entry, race, all), unsafe)
+
+
+def _status(text: str) -> "Status":
+    from rich.console import Console
+
+    return Console(stderr=True).status(text)

@@ -1,0 +1,1 @@
+"""What happens when a part fails: watchdogs over commands and set-points, and lost rotors."""

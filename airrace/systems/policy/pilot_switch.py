@@ -1,0 +1,47 @@
+"""Who of two controllers is heard by the rotors."""
+
+from typing import TYPE_CHECKING
+
+from airrace.systems.leaf_system import LeafSystem
+from airrace.systems.ports import read_vector
+from airrace.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from airrace.scenario import Scenario
+
+
+class PilotSwitch(LeafSystem):
+    """Passes the command of the planner's controller on, or that of the network's.
+
+    .. pydrake_system::
+
+        name: PilotSwitch
+        input_ports:
+        - planned_command
+        - learned_command
+        - network_flies
+        output_ports:
+        - rotor_speed_command
+
+    ``planned_command`` is the GeometricController's, ``learned_command`` the RateController's: one
+    speed a rotor (rad/s); ``network_flies``, of the LearnedPilot, is 1 if the second counts.
+    """
+
+    def __init__(self, *, rotors: int):
+        """Args: rotors: how many there are."""
+        LeafSystem.__init__(self)
+        self._planned = self.DeclareVectorInputPort("planned_command", rotors)
+        self._learned = self.DeclareVectorInputPort("learned_command", rotors)
+        self._flies = self.DeclareVectorInputPort("network_flies", 1)
+        self.DeclareVectorOutputPort("rotor_speed_command", rotors, self._calc_command)
+
+    @classmethod
+    def from_scenario(cls, scenario: "Scenario") -> "Self":
+        """Returns the switch of a scenario."""
+        return cls(rotors=len(load_vehicle(scenario.drone)[0].rotors))
+
+    def _calc_command(self, context, output):
+        flies = read_vector(self._flies, context)[0] > 0.5
+        output.set_value(read_vector(self._learned if flies else self._planned, context))

@@ -14,7 +14,8 @@ from airrace.systems.perception.detector_config import DetectorConfig
 from airrace.systems.perception.marker_measurement import measure
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
-from airrace.systems.types import CameraInfo, Detections
+from airrace.systems.types import Detections
+from airrace.vehicle.camera_info import CameraInfo
 
 _LONGEST_GAP = 0.1  # s, between images, over which motion can be predicted
 _AT_REST = np.zeros(2)  # px/s

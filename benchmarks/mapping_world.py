@@ -18,9 +18,10 @@ from airrace.systems.perception.detector_config import DetectorConfig
 from airrace.systems.perception.marker_measurement import measure
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
-from airrace.systems.types import Detections, make_camera_info
+from airrace.systems.types import Detections
 from airrace.track import load_track
 from airrace.vehicle import CameraMount
+from airrace.vehicle.camera_info import make_camera_info
 from airrace.vehicle.state import as_state
 from benchmarks import harness
 from tests.worlds.kinematic_flight import Flight, filtered, fly_laps

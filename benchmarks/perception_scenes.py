@@ -14,9 +14,9 @@ from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
-from airrace.systems.types import make_camera_info
 from airrace.track import Board, Gate, Track
 from airrace.vehicle import CameraMount
+from airrace.vehicle.camera_info import make_camera_info
 from tests.worlds.pictures import CORNERS_M, look_at, one_gate
 
 INFO = make_camera_info(width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=CameraMount().X_BC)

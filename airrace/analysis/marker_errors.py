@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.math import RigidTransform
 
-from airrace.systems.types import CameraInfo, Detection
+from airrace.systems.types import Detection
 from airrace.track import MARKER_SIZE
+from airrace.vehicle.camera_info import CameraInfo
 
 # The black square's corners in M, its z axis out of the board; top left first, clockwise.
 _CORNERS = MARKER_SIZE / 2 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0.0]])

@@ -7,13 +7,12 @@ import numpy as np
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.rendering.scene.pad import start_pose
 from airrace.systems.estimation.error_state import ImuNoise
 from airrace.systems.estimation.gate_slam import GateSlam
 from airrace.systems.estimation.slam_filter import MapFrame
 from airrace.systems.estimation.strapdown_integrator import StrapdownIntegrator, history_depth
 from airrace.systems.plant.multirotor import AddMultirotorModel, ground_clearance
-from airrace.track import Start, load_track
+from airrace.track import Start, load_track, start_pose
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_state
 

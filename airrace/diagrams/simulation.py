@@ -14,7 +14,7 @@ from airrace.common.errors import UserError
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.planar.solids_renderer import SolidsRenderer
-from airrace.rendering.scene.pad import AddPad, start_pose
+from airrace.rendering.scene.pad import AddPad
 from airrace.rendering.scene.scenery import AddScenery, move_gates
 from airrace.rendering.scene.square_scenery import AddSquareScenery
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
@@ -29,9 +29,10 @@ from airrace.systems.sensing.camera import Camera
 from airrace.systems.sensing.contact_sensor import ContactSensor
 from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.state_estimate import StateEstimate
-from airrace.systems.types import make_camera_info
+from airrace.track import start_pose
 from airrace.track.square_track import AnyTrack, SquareTrack, load_course
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
+from airrace.vehicle.camera_info import make_camera_info
 from airrace.vehicle.disturbances import check_rotors_exist, true_vehicle
 
 CONTACT_RATE = 120.0  # Hz, of the contact sensor

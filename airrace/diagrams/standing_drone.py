@@ -21,11 +21,11 @@ from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import LapPlan
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_ROW, NO_SAMPLES
 from airrace.systems.sensing.picture_ports import COLOUR, IMAGE_TYPES, PICTURE_PORTS
-from airrace.systems.types import CameraInfo, make_camera_info
 from airrace.track.track import BOARD_SIZE, MARKER_SIZE, Gate
 from airrace.trajopt.flat_trajectory import FlatTrajectory, hold
 from airrace.trajopt.min_snap.circuit import Circuit
 from airrace.vehicle import load_vehicle
+from airrace.vehicle.camera_info import CameraInfo, make_camera_info
 from airrace.vehicle.state import State, state_vector
 from airrace.vehicle.vehicle import GRAVITY
 

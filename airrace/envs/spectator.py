@@ -6,9 +6,9 @@ from pydrake.geometry import Meshcat
 from airrace.math.quaternion import rotation_matrix
 from airrace.rendering.imaging.motion_blur import pose_of
 from airrace.rendering.planar.renderer import PlanarRenderer
-from airrace.systems.types import make_camera_info
 from airrace.track import Track
 from airrace.vehicle import Vehicle
+from airrace.vehicle.camera_info import make_camera_info
 from airrace.vehicle.state import as_plant_state
 from airrace.visualization.meshcat_page import MakeMeshcat
 

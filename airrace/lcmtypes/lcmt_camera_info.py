@@ -10,7 +10,7 @@ import struct
 import airrace.lcmtypes
 
 class lcmt_camera_info(object):
-    """ As ROS's sensor_msgs/CameraInfo; see CameraInfo in airrace/systems/types.py. """
+    """ As ROS's sensor_msgs/CameraInfo; see CameraInfo in airrace/vehicle/camera_info.py. """
 
     __slots__ = ["header", "width", "height", "K", "D", "R", "P", "X_BC"]
 

@@ -7,7 +7,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from airrace.diagrams.simulation import CONTACT_RATE
 from airrace.diagrams.wiring import connect_by_name, export_inputs, outputs_of
 from airrace.mavlink.bridge import MavlinkBridge, World
-from airrace.rendering.scene.pad import start_pose
 from airrace.scenario import Scenario
 from airrace.systems.control.attitude_controller import AttitudeController
 from airrace.systems.control.motor_switch import MotorSwitch
@@ -15,6 +14,7 @@ from airrace.systems.control.rate_controller import RateController
 from airrace.systems.control.velocity_controller import VelocityController
 from airrace.systems.failsafe.setpoint_watchdog import SetpointWatchdog
 from airrace.systems.sensing.true_estimate import TrueEstimate
+from airrace.track import start_pose
 from airrace.track.square_track import SquareTrack
 from airrace.vehicle import Vehicle
 

@@ -12,8 +12,9 @@ import numpy as np
 from foxglove import messages as fg
 
 from airrace.math.quaternion import rotation_matrix
-from airrace.systems.types import CameraInfo, Detections
+from airrace.systems.types import Detections
 from airrace.trajopt.reference import Reference
+from airrace.vehicle.camera_info import CameraInfo
 from airrace.vehicle.state import State
 
 if TYPE_CHECKING:

@@ -3,59 +3,9 @@
 import dataclasses as dc
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 
-from airrace.common.immutable import Immutable, read_only
-
-
-@dc.dataclass(frozen=True, eq=False)
-class CameraInfo(Immutable):
-    """Calibration of a camera, as in ROS's sensor_msgs/CameraInfo.
-
-    Pixel coordinates follow OpenCV: (0, 0) is the centre of the top left
-    pixel. Camera frame C: z forward, x right, y down.
-
-    Attributes:
-        width, height: image size (px).
-        K: intrinsics, (3, 3).
-        D: plumb-bob distortion k1, k2, p1, p2, k3, (5,).
-        R: rectification, (3, 3).
-        P: projection of the rectified image, (3, 4).
-        X_BC: pose of the camera in the body frame.
-    """
-
-    width: int
-    height: int
-    K: np.ndarray
-    D: np.ndarray
-    R: np.ndarray
-    P: np.ndarray
-    X_BC: RigidTransform
-
-
-def make_camera_info(
-    *, width: int, height: int, fov_y: float, X_BC: RigidTransform, D: ArrayLike = (0.0,) * 5
-) -> CameraInfo:
-    """Returns the calibration of a camera with square pixels.
-
-    Args:
-        width, height: image size (px).
-        fov_y: vertical field of view without distortion (rad).
-        X_BC: pose of the camera in the body frame.
-        D: plumb-bob distortion, (5,).
-    """
-    f = height / 2 / np.tan(fov_y / 2)
-    K = np.array([[f, 0.0, width / 2], [0.0, f, height / 2], [0.0, 0.0, 1.0]])
-    return CameraInfo(
-        width=width,
-        height=height,
-        K=read_only(K),
-        D=read_only(D),
-        R=read_only(np.eye(3)),
-        P=read_only(np.column_stack([K, np.zeros(3)])),
-        X_BC=X_BC,
-    )
+from airrace.common.immutable import Immutable
 
 
 @dc.dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@
 
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.track.layout import Layout
+from airrace.track.start import Start, start_pose
 from airrace.track.track import (
     BOARD_HEIGHT,
     BOARD_OFFSET,
@@ -15,7 +16,6 @@ from airrace.track.track import (
     PYLON_TIP_RADIUS,
     Board,
     Gate,
-    Start,
     Track,
     load_track,
 )

@@ -21,7 +21,8 @@ from airrace.track.rules import (
     check_start,
     check_visibility,
 )
-from airrace.track.track import Gate, Start, Track
+from airrace.track.start import Start
+from airrace.track.track import Gate, Track
 
 DIRECTIONS = {"left": 1, "right": -1}  # to the sign of the turns' sum
 SPACING = 10.0  # m, between the pylons of a gate

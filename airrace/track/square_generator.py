@@ -25,7 +25,7 @@ from airrace.track.square_rules import (
     check_square_rules,
 )
 from airrace.track.square_track import HALL, SquareTrack
-from airrace.track.track import Start
+from airrace.track.start import Start
 
 _MEAN_LENGTH = 200.0  # m, of a course of GATE_COUNTS
 _SPREAD = 0.15  # of a leg's length

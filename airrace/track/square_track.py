@@ -10,7 +10,8 @@ from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, load_yaml
 from airrace.track.hall import Hall, hall_around
 from airrace.track.square_gate import MAX_PITCH_DEG, OUTER, SquareGate
-from airrace.track.track import MAX_GATES, SQUARE, Board, Start, Track, is_square, load_track
+from airrace.track.start import Start
+from airrace.track.track import MAX_GATES, SQUARE, Board, Track, is_square, load_track
 
 LAWN, HALL = "lawn", "hall"
 MAX_PAD_TILT_DEG = 25.0  # of the start; a drone slips off a steeper one

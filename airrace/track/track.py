@@ -13,6 +13,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, load_yaml
 from airrace.track.geometry import segment_distances
+from airrace.track.start import Start
 
 # What every pylon looks like (metres).
 PYLON_HEIGHT = 12.0
@@ -98,24 +99,6 @@ class Gate:
                 p_WM = foot + BOARD_OFFSET * out + BOARD_HEIGHT * up
                 result.append(Board(4 * n + 2 * pylon + back, RigidTransform(R_WM, p_WM)))
         return result
-
-
-@dc.dataclass
-class Start:
-    """The pad on which the drone stands before take-off.
-
-    Attributes:
-        position: [x, y, z] of its centre (m, world).
-        heading_deg: of the drone (degrees from +x).
-        pad_tilt_deg: angle between the pad and the horizontal (degrees).
-        pad_tilt_direction_deg: horizontal direction in which the pad descends
-            (degrees from +x, world).
-    """
-
-    position: list[float] = dc.field(default_factory=list)
-    heading_deg: float = float("nan")
-    pad_tilt_deg: float = 0.0
-    pad_tilt_direction_deg: float = 0.0
 
 
 @dc.dataclass

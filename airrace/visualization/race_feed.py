@@ -12,9 +12,10 @@ from airrace.rendering.imaging.motion_blur import pose_of
 from airrace.systems.estimation.error_state import POSITION, VELOCITY
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.types import CameraInfo, Detections
+from airrace.systems.types import Detections
 from airrace.track import Track
 from airrace.vehicle import GRAVITY
+from airrace.vehicle.camera_info import CameraInfo
 from airrace.vehicle.state import STATE_SIZE, as_plant_state, as_state
 from airrace.visualization.meshcat_page import Audience
 from airrace.visualization.race_record import (

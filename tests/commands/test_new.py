@@ -15,7 +15,7 @@ from airrace.league.entry import load_entry
 from airrace.league.season import Season, load_season, read_secret
 from airrace.scenario import load_scenario
 from airrace.systems.sensing.camera_view import CameraView
-from airrace.systems.types import make_camera_info
+from airrace.vehicle.camera_info import make_camera_info
 
 BRIEFLY = "referee: {time_limit: 0.3}"
 

@@ -8,8 +8,9 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 
 from airrace.recording import foxglove_messages
-from airrace.systems.types import Detection, Detections, make_camera_info
+from airrace.systems.types import Detection, Detections
 from airrace.trajopt.reference import as_reference
+from airrace.vehicle.camera_info import make_camera_info
 from airrace.vehicle.state import as_state
 from tests.recording.decoding import decoded, vector
 

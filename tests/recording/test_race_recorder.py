@@ -22,10 +22,10 @@ from airrace.systems.types import (
     ExplorerStatus,
     GateCrossing,
     RefereeStatus,
-    make_camera_info,
 )
 from airrace.track.gate_map import GateMap
 from airrace.trajopt.flat_trajectory import FlatTrajectory
+from airrace.vehicle.camera_info import make_camera_info
 
 STATE = np.array([1.0, 0, 0, 0, 1, 2, 3, 0, 0, 0, 4, 0, 0])
 

@@ -6,7 +6,6 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.systems.perception.marker_search import MarkerSearch
-from airrace.systems.types import make_camera_info
 from airrace.track import BOARD_HEIGHT, Gate, Start, Track, load_track, rules
 from airrace.track.generator import generate_track
 from airrace.track.layout import Layout, directions
@@ -20,6 +19,7 @@ from airrace.track.rules import (
     gate_in_view,
 )
 from airrace.vehicle import CameraMount
+from airrace.vehicle.camera_info import make_camera_info
 
 
 def octagon(length, sign):

@@ -22,11 +22,11 @@ from airrace.systems.types import (
     ExplorerStatus,
     GateCrossing,
     RefereeStatus,
-    make_camera_info,
 )
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.vehicle import GRAVITY, load_vehicle
+from airrace.vehicle.camera_info import make_camera_info
 from airrace.visualization.race_feed import (
     MapNews,
     RaceFeed,

@@ -14,7 +14,7 @@ from airrace.scenario import PerceptionConfig, Scenario, StateEstimateConfig
 from airrace.systems.exploring.explorer import Explorer
 from airrace.systems.mapping.gate_mapper import extrapolate
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
-from airrace.systems.types import Detection, Detections, ExplorerStatus, make_camera_info
+from airrace.systems.types import Detection, Detections, ExplorerStatus
 from airrace.track import (
     BOARD_HEIGHT,
     BOARD_OFFSET,
@@ -28,6 +28,7 @@ from airrace.track.gate_map import GateMap
 from airrace.trajopt.feasibility import clearance_of
 from airrace.trajopt.reference import NO_LIFT, REFERENCE_SIZE, as_reference
 from airrace.vehicle import CameraMount, load_vehicle
+from airrace.vehicle.camera_info import make_camera_info
 from airrace.vehicle.state import STATE_SIZE, as_state
 from tests.worlds.kinematic_flight import flat_state, noisy
 

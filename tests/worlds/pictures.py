@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
-from airrace.systems.types import make_camera_info
 from airrace.track import MARKER_SIZE, Gate, Track
+from airrace.vehicle.camera_info import make_camera_info
 
 # C in the body: z forward, x right, y down.
 R_BC = RotationMatrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))

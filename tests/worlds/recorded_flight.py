@@ -11,7 +11,8 @@ from pydrake.systems.framework import LeafSystem
 from airrace.diagrams.race import run_race
 from airrace.scenario import VIO, Scenario
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_SIZE
-from airrace.systems.types import CameraInfo, Detections
+from airrace.systems.types import Detections
+from airrace.vehicle.camera_info import CameraInfo
 from tests.worlds.logged_race import LoggedInProcess
 
 _RATE = 500.0  # Hz

@@ -6,8 +6,7 @@ import numpy as np
 
 from airrace.common.jit import inlined
 from airrace.envs.reward import NEVER, Course, make_course
-from airrace.rendering.scene.pad import start_pose
-from airrace.track import Track
+from airrace.track import Track, start_pose
 
 
 class Courses(NamedTuple):

@@ -11,7 +11,6 @@ from airrace.hitl.link.packets import MALFORMED, Dropped
 from airrace.systems.estimation.navigation import Navigation, as_navigation, navigation_vector
 from airrace.systems.sensing.imu_samples import ImuSamples, as_samples
 from airrace.systems.types import (
-    CameraInfo,
     ExplorerEvent,
     ExplorerStatus,
     GateCrossing,
@@ -19,6 +18,7 @@ from airrace.systems.types import (
     RefereeStatus,
 )
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
+from airrace.vehicle.camera_info import CameraInfo
 from airrace.vehicle.state import State, as_state, state_vector
 
 _LARGEST_PICTURE = 8192  # px, width and height

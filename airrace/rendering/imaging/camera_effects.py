@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pydrake.math import RigidTransform
 
     from airrace.rendering.planar.renderer import Exposure
-    from airrace.systems.types import CameraInfo
+    from airrace.vehicle.camera_info import CameraInfo
 
 
 @dc.dataclass(frozen=True)

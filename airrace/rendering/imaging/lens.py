@@ -12,7 +12,7 @@ from airrace.common.jit import compiled
 from airrace.rendering.images import Box, crop, whole_box
 
 if TYPE_CHECKING:
-    from airrace.systems.types import CameraInfo
+    from airrace.vehicle.camera_info import CameraInfo
 
 
 class PixelMap:

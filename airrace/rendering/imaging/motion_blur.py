@@ -16,7 +16,7 @@ from airrace.math.vec3 import rotate
 from airrace.vehicle.state import State
 
 if TYPE_CHECKING:
-    from airrace.systems.types import CameraInfo
+    from airrace.vehicle.camera_info import CameraInfo
 
 _DISTANCE = 10.0  # how far away a thing is whose blur decides on the effort (m)
 _SHARP = 1.0  # blur up to here is not drawn (px)

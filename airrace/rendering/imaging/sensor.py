@@ -11,7 +11,7 @@ from airrace.math.random import make_generator
 from airrace.rendering.images import LUMA, as_boxes, with_channels
 
 if TYPE_CHECKING:
-    from airrace.systems.types import CameraInfo
+    from airrace.vehicle.camera_info import CameraInfo
 
 _LUMA = np.float32(LUMA)
 _MARGIN = 256  # of the sheet of noise beyond a picture (px)

@@ -15,7 +15,7 @@ from airrace.rendering.images import Box, colors_for, to_grey
 from airrace.rendering.scene.textures import GRASS, HORIZON, grass_detail, haze, sky_color
 
 if TYPE_CHECKING:
-    from airrace.systems.types import CameraInfo
+    from airrace.vehicle.camera_info import CameraInfo
 
 _SHRINK = 4
 _HALF = 1024  # entries of the look-up tables on either side of the horizon

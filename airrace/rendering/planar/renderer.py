@@ -30,8 +30,8 @@ from airrace.track import BOARD_SIZE
 if TYPE_CHECKING:
     from pydrake.math import RigidTransform
 
-    from airrace.systems.types import CameraInfo
     from airrace.track import Track
+    from airrace.vehicle.camera_info import CameraInfo
 
 # Corners (x, y, 1) of a board in its plane.
 _CORNERS = np.array([[-1.0, 1.0, 0], [1.0, 1.0, 0], [1.0, -1.0, 0], [-1.0, -1.0, 0]])

@@ -28,8 +28,8 @@ from airrace.rendering.scene.solids import Faces, solids_of
 if TYPE_CHECKING:
     from pydrake.math import RigidTransform
 
-    from airrace.systems.types import CameraInfo
     from airrace.track.square_track import SquareTrack
+    from airrace.vehicle.camera_info import CameraInfo
 
 _NUMBERS = np.arange(4)
 

@@ -12,7 +12,7 @@ from airrace.rendering.scene.textures import HAZE_LENGTH, HORIZON, haze
 if TYPE_CHECKING:
     from pydrake.math import RigidTransform
 
-    from airrace.systems.types import CameraInfo
+    from airrace.vehicle.camera_info import CameraInfo
 
 _MOST = 10.0  # lengths of the haze, beyond which it is as thick as it gets
 _ENTRIES = 8192  # of the look-up tables over the distance

@@ -28,7 +28,7 @@ from airrace.rendering.scene.textures import HORIZON, SUN_W
 from airrace.rendering.vtk.atmosphere import Atmosphere
 
 if TYPE_CHECKING:
-    from airrace.systems.types import CameraInfo
+    from airrace.vehicle.camera_info import CameraInfo
 
 _NAME = "vtk"
 _CLIPPING = ClippingRange(0.05, 2000.0)

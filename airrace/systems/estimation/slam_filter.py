@@ -29,9 +29,10 @@ from airrace.systems.mapping.gate_filter import RULES_SIGMA, GateFilter, has_spa
 from airrace.systems.mapping.observation import OFF_MAP, UNCONFIRMED, UNKNOWN_TIME, refusal
 from airrace.systems.perception.detection_checks import FOREIGN_ID
 from airrace.systems.perception.marker_pose import GATE_SPACING
-from airrace.systems.types import CameraInfo, Detection, Detections
+from airrace.systems.types import Detection, Detections
 from airrace.track import PYLON_BASE_RADIUS
 from airrace.track.gate_map import GateMap
+from airrace.vehicle.camera_info import CameraInfo
 
 # Normalised innovation squared of a marker's eight coordinates: above the first, its weight
 # falls; above the second it is refused.

@@ -12,8 +12,9 @@ from airrace.systems.mapping.observation import UNKNOWN_TIME, make_observation, 
 from airrace.systems.mapping.report_estimator import ReportEstimator
 from airrace.systems.mapping.robust_estimator import RobustEstimator
 from airrace.systems.perception.detection_checks import FOREIGN_ID
-from airrace.systems.types import CameraInfo, Detections
+from airrace.systems.types import Detections
 from airrace.track.gate_map import GateMap
+from airrace.vehicle.camera_info import CameraInfo
 
 
 @dc.dataclass(frozen=True, eq=False)

@@ -12,8 +12,9 @@ from airrace.math.small_matrices import cholesky, propagated
 from airrace.math.vec3 import dot, rotate
 from airrace.systems.perception.detection_checks import FOREIGN_ID, FROM_BEHIND
 from airrace.systems.perception.marker_pose import GATE_SPACING, assumed_covariance
-from airrace.systems.types import CameraInfo, Detection
+from airrace.systems.types import Detection
 from airrace.track import MARKER_SIZE
+from airrace.vehicle.camera_info import CameraInfo
 
 # Why a detection does not enter the map, beside the detector's own reasons.
 UNKNOWN_TIME = "no pose of the drone at that time"

@@ -15,7 +15,8 @@ from airrace.systems.perception.detector_config import DetectorConfig
 from airrace.systems.perception.marker_measurement import measure
 from airrace.systems.perception.marker_search import MarkerSearch
 from airrace.systems.sensing.camera_view import CameraView
-from airrace.systems.types import CameraInfo, Detections
+from airrace.systems.types import Detections
+from airrace.vehicle.camera_info import CameraInfo
 
 if TYPE_CHECKING:
     from typing import Self

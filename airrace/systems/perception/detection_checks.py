@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 
 from airrace.systems.perception.marker_modules import misread_modules
-from airrace.systems.types import CameraInfo, Detection
+from airrace.systems.types import Detection
+from airrace.vehicle.camera_info import CameraInfo
 
 WRONG_IMAGE = "wrong size or type of image"
 NO_TIME = "no time stamp"

@@ -10,7 +10,7 @@ from airrace.systems.perception.corner_refit import FARTHEST_SAMPLE, refit
 from airrace.systems.perception.detector_config import DetectorConfig
 from airrace.systems.perception.marker_pose import CORNER_SIGMA, locate, locate_alone, locate_gate
 from airrace.systems.sensing.camera_view import CameraView
-from airrace.systems.types import CameraInfo
+from airrace.vehicle.camera_info import CameraInfo
 
 _OPENCV_COVARIANCE = CORNER_SIGMA**2 * np.eye(8)  # px^2, of one marker's corners
 

@@ -10,8 +10,9 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from airrace.common.immutable import read_only
 from airrace.systems.perception.pose_refinement import Pose, best_pose, pose_at
-from airrace.systems.types import CameraInfo, Detection
+from airrace.systems.types import Detection
 from airrace.track import MARKER_SIZE
+from airrace.vehicle.camera_info import CameraInfo
 
 GATE_SPACING = 10.0  # m, between the axes of a gate's pylons, by the rules
 CORNER_SIGMA = 0.3  # px, of corners whose covariance is not known

@@ -13,7 +13,7 @@ from airrace.common.immutable import read_only
 from airrace.rendering.imaging.lens import PixelMap
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.sensing.camera_view import CameraView
-from airrace.systems.types import CameraInfo
+from airrace.vehicle.camera_info import CameraInfo
 
 
 class Rectifier(LeafSystem):

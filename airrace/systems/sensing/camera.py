@@ -18,7 +18,7 @@ from airrace.rendering.imaging.motion_blur import MeanPicture, moved
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.sensing.state_estimate import plant_lead
-from airrace.systems.types import CameraInfo
+from airrace.vehicle.camera_info import CameraInfo
 from airrace.vehicle.sensor_failures import CameraFailure, failure_at
 from airrace.vehicle.state import STATE_SIZE, as_state
 

@@ -16,11 +16,11 @@ from airrace.systems.types import (
     GateCrossing,
     PilotStatus,
     RefereeStatus,
-    make_camera_info,
 )
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 from airrace.trajopt.min_snap.circuit import Circuit
+from airrace.vehicle.camera_info import make_camera_info
 
 STAMP = Stamp(session=7, sequence=3, time=1 / 3)
 _noise = np.random.Generator(np.random.PCG64(1))

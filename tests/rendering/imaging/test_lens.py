@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
 from airrace.rendering.imaging.lens import Lens, PixelMap
-from airrace.systems.types import make_camera_info
+from airrace.vehicle.camera_info import make_camera_info
 from tests.worlds.pictures import CAMERA_INFO, new_picture
 
 BARREL = (-0.25, 0.08, 0.001, -0.001, 0.0)

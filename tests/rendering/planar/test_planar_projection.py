@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from airrace.rendering.planar.renderer import PlanarRenderer
-from airrace.systems.types import make_camera_info
+from airrace.vehicle.camera_info import make_camera_info
 from tests.worlds.pictures import (
     CAMERA_INFO,
     CORNERS_M,

@@ -11,10 +11,10 @@ from airrace.rendering.planar.solids_renderer import SolidsRenderer
 from airrace.rendering.scene.solids import GATE_COLOR
 from airrace.rendering.scene.square_scenery import AddSquareScenery
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer, check_vtk_available
-from airrace.systems.types import make_camera_info
 from airrace.track import Start
 from airrace.track.square_gate import SquareGate
 from airrace.track.square_track import LAWN, SquareTrack, load_course
+from airrace.vehicle.camera_info import make_camera_info
 from tests.worlds.pictures import R_BC, look_at, project
 
 INFO = make_camera_info(

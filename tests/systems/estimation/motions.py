@@ -8,8 +8,8 @@ from airrace.math.quaternion import exp_quaternion
 from airrace.systems.estimation.error_state import DRONE, ImuNoise
 from airrace.systems.estimation.gate_projection import Camera
 from airrace.systems.estimation.navigation import Navigation, as_navigation, move, navigation_vector
-from airrace.systems.types import make_camera_info
 from airrace.vehicle import GRAVITY_W
+from airrace.vehicle.camera_info import make_camera_info
 
 PERIOD = 0.002  # s
 NOISE = ImuNoise(8.7e-4, 0.02, 4e-5, 2e-3, 0.3)

@@ -4,11 +4,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.math.quaternion import rotation_matrix
-from airrace.rendering.scene.pad import pad_rotation, start_pose
 from airrace.systems.estimation import alignment
 from airrace.systems.estimation.kalman_update import error_between
 from airrace.systems.estimation.navigation import Navigation
 from airrace.track import Start
+from airrace.track.start import pad_rotation, start_pose
 from airrace.vehicle import GRAVITY
 from tests.systems.estimation.motions import NOISE
 

@@ -8,9 +8,10 @@ from pydrake.systems.analysis import Simulator
 
 from airrace.scenario import ESTIMATORS, PerceptionConfig
 from airrace.systems.mapping.gate_mapper import GateMapper, extrapolate
-from airrace.systems.types import Detection, Detections, make_camera_info
+from airrace.systems.types import Detection, Detections
 from airrace.track import load_track
 from airrace.vehicle import CameraMount
+from airrace.vehicle.camera_info import make_camera_info
 
 TRACK = load_track("student-airrace")
 CAMERA = CameraMount(position=[0.1, 0.0, 0.0])

@@ -6,9 +6,10 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from airrace.scenario import ESTIMATORS, PerceptionConfig
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
-from airrace.systems.types import Detection, Detections, make_camera_info
+from airrace.systems.types import Detection, Detections
 from airrace.track.map_files import map_data, statistics_data
 from airrace.vehicle import CameraMount
+from airrace.vehicle.camera_info import make_camera_info
 
 INFO = make_camera_info(width=1280, height=720, fov_y=1.0, X_BC=CameraMount().X_BC)
 

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from airrace.systems.mapping.observation import make_observation, refusal
-from airrace.systems.types import Detection, make_camera_info
+from airrace.systems.types import Detection
+from airrace.vehicle.camera_info import make_camera_info
 
 INFO = make_camera_info(width=1280, height=720, fov_y=1.0, X_BC=RigidTransform())
 FACING = RotationMatrix(np.diag([1.0, -1.0, -1.0]))  # a marker that faces the camera

@@ -14,9 +14,10 @@ from airrace.systems.mapping.report_estimator import (
     estimate_position,
     make_gate,
 )
-from airrace.systems.types import Detection, Detections, make_camera_info
+from airrace.systems.types import Detection, Detections
 from airrace.track import load_track
 from airrace.track.map_files import statistics_data
+from airrace.vehicle.camera_info import make_camera_info
 
 TRACK = load_track("student-airrace")
 INFO = make_camera_info(width=1280, height=720, fov_y=1.0, X_BC=RigidTransform())

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from airrace.systems.types import make_camera_info
 from airrace.track import BOARD_SIZE, MARKER_SIZE
+from airrace.vehicle.camera_info import make_camera_info
 
 INFO = make_camera_info(width=1280, height=720, fov_y=np.deg2rad(55.95), X_BC=RigidTransform())
 FACING = RotationMatrix(np.diag([1.0, -1.0, -1.0]))  # a marker that faces the camera

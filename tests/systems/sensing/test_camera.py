@@ -12,8 +12,8 @@ from pydrake.systems.primitives import VectorLogSink
 
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.systems.sensing.camera import Camera
-from airrace.systems.types import CameraInfo, make_camera_info
 from airrace.track import Gate, Track
+from airrace.vehicle.camera_info import CameraInfo, make_camera_info
 from airrace.vehicle.sensor_failures import CameraFailure
 
 X_BC = RigidTransform(RotationMatrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])), [0.1, 0, 0])

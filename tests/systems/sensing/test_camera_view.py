@@ -15,8 +15,8 @@ from airrace.scenario.camera_config import PRESETS
 from airrace.systems.perception.rectifier import Rectifier
 from airrace.systems.sensing.camera import Camera
 from airrace.systems.sensing.camera_view import CameraView
-from airrace.systems.types import make_camera_info
 from airrace.track import load_track
+from airrace.vehicle.camera_info import make_camera_info
 from tests.worlds.pictures import CAMERA_INFO
 
 TRACK = load_track("student-airrace")

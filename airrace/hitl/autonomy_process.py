@@ -12,7 +12,7 @@ from airrace.common.processes import real_time_priority
 from airrace.common.tick_times import LoopTimes
 from airrace.diagrams.autonomy import MakeAutonomy
 from airrace.hitl.budget import Budget, prepare_halves
-from airrace.hitl.handover import ENDED
+from airrace.hitl.handover import Ended
 from airrace.hitl.lcm_bridge import MakeLockstepSide
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
@@ -206,8 +206,8 @@ class AutonomyProcess:
             return False
         reason = f"its navigator ended with exit code {code}"
         for message in self._navigator.handover.receive():
-            if message.says is not None and message.says[0] == ENDED:
-                reason = message.says[1]
+            if isinstance(message, Ended):
+                reason = message.reason
         self._log(f"airrace: the autonomy gives up: {reason}")
         for _ in range(_FAREWELLS):
             self._endpoint.send_heartbeat(phases.RACING, sim_time, reason)

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from airrace.common import jit
 from airrace.common.errors import UserError
-from airrace.hitl.handover import COMPILING, ENDED, PLAYING, WARM
+from airrace.hitl.handover import Compiling, Ended, Message, Playing, Warm
 from airrace.hitl.warm_up import play_pilot, warm_up_pilot
 
 if TYPE_CHECKING:
@@ -103,9 +103,9 @@ def prepare_halves(
     """
     with jit.watched(show):
         warm_up_pilot(scenario, briefly)
-    _wait_for(navigator, PLAYING, show, poll)
+    _wait_for(navigator, Playing, show, poll)
     spent = play_pilot(scenario, duration)
-    share = _wait_for(navigator, WARM, show, poll)
+    share = _wait_for(navigator, Warm, show, poll).share
     return Budget(spent.sum() / duration, share, float(np.quantile(spent, 0.999)), _processors())
 
 
@@ -116,17 +116,21 @@ def _processors() -> int:
     return os.cpu_count() or 1
 
 
-def _wait_for(navigator, word, show, poll):
-    """Waits until the navigator says a word; returns what it says with it."""
+def _wait_for[M: Message](
+    navigator: "NavigatorProcess",
+    kind: type[M],
+    show: Callable[[int], object],
+    poll: Callable[[], object],
+) -> M:
+    """Waits until the navigator sends a message of a kind; returns it."""
     while True:
         for message in navigator.receive():
-            what, it = message.says
-            if what == COMPILING:
-                show(it)
-            elif what == ENDED:
-                raise UserError(it)
-            elif what == word:
-                return it
+            if isinstance(message, kind):
+                return message
+            if isinstance(message, Compiling):
+                show(message.count)
+            elif isinstance(message, Ended):
+                raise UserError(message.reason)
         if (code := navigator.poll()) is not None:
             raise UserError(f"The navigator ended with exit code {code} before the race.")
         poll()

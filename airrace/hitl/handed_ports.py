@@ -10,7 +10,7 @@ from airrace.common.immutable import Immutable
 from airrace.systems.leaf_system import LeafSystem
 
 if TYPE_CHECKING:
-    from airrace.hitl.handover import Handed
+    from airrace.hitl.handover import PortValues
 
 
 class HandedPorts(LeafSystem):
@@ -50,7 +50,7 @@ class HandedPorts(LeafSystem):
     def _values(self, context: Context) -> "_Values":
         return context.get_abstract_state(int(self._state)).get_value()
 
-    def show(self, root_context: Context, message: "Handed") -> None:
+    def show(self, root_context: Context, message: "PortValues") -> None:
         """Shows the values of a message.
 
         Args: root_context: of the diagram that is simulated. message: that has come.
@@ -58,7 +58,7 @@ class HandedPorts(LeafSystem):
         context = self.GetMyMutableContextFromRoot(root_context)
         values = {
             **self._values(context).by_port,
-            **message.values,
+            **message.by_port,
             "handed_time": np.array([message.time]),
         }
         context.SetAbstractState(int(self._state), _Values(values))

@@ -12,43 +12,103 @@ import socket
 import struct
 from typing import Any, NamedTuple, Protocol
 
+from airrace.hitl.link.messages import EXPLORER_STATUS, GATE_MAP, PILOT_STATUS
+from airrace.hitl.link.plan_messages import LAP_PLAN
+
 _BUFFER = 1 << 20  # bytes; the kernel may give less
 _CHUNK = 1 << 16  # bytes that are taken at a time
 _LENGTH = struct.Struct("=I")  # of a message, before it
 
-# What a message can say, beside the values.
-SETUP = "setup"  # (SETUP, what the navigator needs to know to begin)
-COMPILING = "compiling"  # (COMPILING, how many functions are done)
-PLAYING = "playing"  # (PLAYING, None): the navigator flies by made-up messages, see Budget
-WARM = "warm"  # (WARM, time that it takes for a second of them, s): it listens from now on
-RESUME = "resume"  # (RESUME, folder of a checkpoint)
-READY = "ready"  # (READY, None): the navigator's values are sound from now on
-STATES = "states"  # (STATES, what the pilot knows), for the checkpoint
-ENDED = "ended"  # (ENDED, what went wrong)
+# How values of ports cross, which are no vectors; those of a user's own systems are pickled.
+_CODECS = {
+    "explorer_status": EXPLORER_STATUS,
+    "gate_map": GATE_MAP,
+    "lap_plan": LAP_PLAN,
+    "pilot_status": PILOT_STATUS,
+}
 
 
-class Handed(NamedTuple):
-    """A message from one to the other.
+class Setup(NamedTuple):
+    """What the navigator has to know to begin.
 
     Attributes:
-        time: simulated, of the values (s).
-        values: name of a port to its value; a port that is missing has the value it had.
-        says: one of the pairs above, or None.
+        scenario: as YAML.
+        lcm_url: of the link to the simulation.
+        output_dir: where the checkpoint and the map go.
+        session: of the pilot's Endpoint.
+        briefly: see warm_up_navigator().
+        duration: of the flight by made-up messages, see Budget (s).
+    """
+
+    scenario: str
+    lcm_url: str
+    output_dir: str
+    session: int
+    briefly: bool
+    duration: float
+
+
+class Compiling(NamedTuple):
+    """The navigator has compiled so many functions."""
+
+    count: int
+
+
+class Playing(NamedTuple):
+    """The navigator flies by made-up messages, see Budget."""
+
+
+class Warm(NamedTuple):
+    """The navigator listens; a second of made-up messages took it a time (s)."""
+
+    share: float
+
+
+class Ended(NamedTuple):
+    """The navigator has ended, and why."""
+
+    reason: str
+
+
+class Resume(NamedTuple):
+    """The navigator is to go on with the checkpoint in a folder."""
+
+    folder: str
+
+
+class Ready(NamedTuple):
+    """The navigator's values are sound from now on."""
+
+
+class States(NamedTuple):
+    """What the pilot knows, for the checkpoint: see states_of()."""
+
+    by_system: dict[str, tuple[list, list]]
+
+
+class PortValues(NamedTuple):
+    """What ports hold.
+
+    Attributes:
+        time: simulated (s).
+        by_port: name of a port to its value; a port that is missing has the value it had.
     """
 
     time: float
-    values: dict[str, Any]
-    says: tuple[str, Any] | None = None
+    by_port: dict[str, Any]
+
+
+Message = Setup | Compiling | Playing | Warm | Ended | Resume | Ready | States | PortValues
 
 
 class Handover(Protocol):
     """One end."""
 
-    def send(self, message: Handed) -> bool:
+    def send(self, message: Message) -> bool:
         """Sends a message; returns whether it will arrive."""
         ...
 
-    def receive(self) -> list[Handed]:
+    def receive(self) -> list[Message]:
         """Returns what has come, the oldest first."""
         ...
 
@@ -59,11 +119,11 @@ class QueueHandover(Handover):
     def __init__(self, incoming: collections.deque, outgoing: collections.deque):
         self._incoming, self._outgoing = incoming, outgoing
 
-    def send(self, message: Handed) -> bool:
+    def send(self, message: Message) -> bool:
         self._outgoing.append(message)
         return True
 
-    def receive(self) -> list[Handed]:
+    def receive(self) -> list[Message]:
         return [self._incoming.popleft() for _ in range(len(self._incoming))]
 
 
@@ -91,12 +151,12 @@ class SocketHandover(Handover):
         self._unsent = b""  # the rest of a message that did not fit into the buffer
         self._incoming = bytearray()
 
-    def send(self, message: Handed) -> bool:
+    def send(self, message: Message) -> bool:
         if self._unsent:
             self._push(b"")
         if self._unsent or not self.is_open:
             return False
-        data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+        data = pickle.dumps(_encoded(message), pickle.HIGHEST_PROTOCOL)
         self._push(_LENGTH.pack(len(data)) + data)
         return self.is_open
 
@@ -110,7 +170,7 @@ class SocketHandover(Handover):
         except OSError:
             self.is_open = False
 
-    def receive(self) -> list[Handed]:
+    def receive(self) -> list[Message]:
         with contextlib.suppress(BlockingIOError):
             while self.is_open:
                 try:
@@ -124,7 +184,7 @@ class SocketHandover(Handover):
             end = _LENGTH.size + _LENGTH.unpack_from(self._incoming)[0]
             if len(self._incoming) < end:
                 break
-            messages.append(pickle.loads(self._incoming[_LENGTH.size : end]))
+            messages.append(_decoded(pickle.loads(self._incoming[_LENGTH.size : end])))
             del self._incoming[:end]
         return messages
 
@@ -132,3 +192,26 @@ class SocketHandover(Handover):
         """Lets the other end know that there will be no more."""
         self.socket.close()
         self.is_open = False
+
+
+def _encoded(message: Message) -> Message:
+    """Returns a message with the values of known ports as those of the link."""
+    if not isinstance(message, PortValues):
+        return message
+    return message._replace(
+        by_port={
+            name: _CODECS[name].encode(value).encode() if name in _CODECS else value
+            for name, value in message.by_port.items()
+        }
+    )
+
+
+def _decoded(message: Message) -> Message:
+    """Returns what _encoded() was given."""
+    if not isinstance(message, PortValues):
+        return message
+    values = dict(message.by_port)
+    for name, codec in _CODECS.items():
+        if name in values:
+            values[name] = codec.decode(codec.message_type.decode(values[name]))
+    return message._replace(by_port=values)

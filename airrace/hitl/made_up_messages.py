@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airrace.diagrams.standing_drone import Standing
-from airrace.hitl.handover import READY, Handed
+from airrace.hitl.handover import PortValues
 from airrace.hitl.link.endpoint import SIMULATION
 from airrace.hitl.playback import Message
 
@@ -41,7 +41,7 @@ def standing(
     return sorted(messages, key=lambda each: each.time)
 
 
-def handed_over(scenario: "Scenario", told: dict[str, Any], duration: float) -> list[Handed]:
+def handed_over(scenario: "Scenario", told: dict[str, Any], duration: float) -> list[PortValues]:
     """Returns what the other half of the autonomy of a drone that stands there would say.
 
     Args:
@@ -52,10 +52,6 @@ def handed_over(scenario: "Scenario", told: dict[str, Any], duration: float) -> 
     values, rate = Standing(scenario, duration), scenario.state_estimate.rate
     times = np.arange(0.0, duration, 1.0 / rate).tolist()
     return [
-        Handed(
-            time,
-            {port: values.told(port, first, time) for port, first in told.items()},
-            (READY, None),
-        )
+        PortValues(time, {port: values.told(port, first, time) for port, first in told.items()})
         for time in times
     ]

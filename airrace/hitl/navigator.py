@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from pydrake.systems.analysis import InitializeParams, Simulator
 
 from airrace.hitl.checkpoint import restore, save, states_of
-from airrace.hitl.handover import READY, RESUME, STATES, Handed, Handover
+from airrace.hitl.handover import Handover, PortValues, Ready, Resume, States
 from airrace.hitl.lcm_bridge import MakeNavigatorSide
 from airrace.hitl.link.endpoint import AUTONOMY, Endpoint
 from airrace.systems.planning.lap_planner import LapPlanner
@@ -61,6 +61,7 @@ class Navigator:
         self._context = self._simulator.get_mutable_context()
         self._outputs = {n: self._side.diagram.GetOutputPort(n) for n in self._side.hands_over}
         self._handed: dict = {}  # what was handed over last
+        self._resume = ""  # the folder of a checkpoint to go on with
         self.is_started = False
 
     def plan_elsewhere(self, submit: Callable) -> None:
@@ -77,21 +78,29 @@ class Navigator:
         """
         self._endpoint.drain()  # first: no picture is newer than the last message of the pilot's
         messages = self._handover.receive()
-        if not messages:
-            return False
         for message in messages:
             if message is messages[-1]:
                 self._side.receiver.receive(self._context, self._endpoint)
             self._take(message)
-        return True
+        return bool(messages)
 
     def _take(self, message):
+        match message:
+            case Resume(folder):
+                self._resume = folder
+            case States(by_system) if self.is_started:
+                states = states_of(self._side.part, self._context)
+                save(self._output_dir, {**by_system, **states})
+            case PortValues():
+                self._go_on(message)
+
+    def _go_on(self, message):
+        """Advances to the time of the pilot's values, and answers."""
         side, context = self._side, self._context
         side.handed.show(context, message)
-        what, it = message.says or (None, None)
         if not self.is_started:
             if side.receiver.is_complete(self._endpoint):
-                self._start(message.time, it if what == RESUME else None)
+                self._start(message.time)
             return
         if message.time > context.get_time() + _GAP:
             context.SetTime(message.time)
@@ -100,23 +109,22 @@ class Navigator:
             self._simulator.AdvanceTo(message.time)
         side.sender.send(context)
         self._answer()
-        if what == STATES:
-            save(self._output_dir, {**it, **states_of(side.part, context)})
 
-    def _start(self, now, resume):
+    def _start(self, now):
         self._side.receiver.receive(self._context, self._endpoint)
         self._context.SetTime(now)
-        if resume:
-            restore(Path(resume), self._side.part, self._context)
-        self._initialize(fresh=not resume)
+        if self._resume:
+            restore(Path(self._resume), self._side.part, self._context)
+        self._initialize(fresh=not self._resume)
         self.is_started = True
-        self._answer((READY, None))
+        self._answer()
+        self._handover.send(Ready())
 
-    def _answer(self, says=None):
+    def _answer(self):
         """Hands over what has changed."""
         now = {name: port.Eval(self._context) for name, port in self._outputs.items()}
         new = {name: v for name, v in now.items() if v is not self._handed.get(name)}
-        if self._handover.send(Handed(self._context.get_time(), new, says)):
+        if self._handover.send(PortValues(self._context.get_time(), new)):
             self._handed = now
 
     def end(self) -> None:

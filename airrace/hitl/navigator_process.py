@@ -9,7 +9,6 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 from airrace.common import jit
 from airrace.common.errors import UserError
@@ -17,33 +16,13 @@ from airrace.common.patience import patient
 from airrace.common.processes import child_environment
 from airrace.common.resources import load_yaml
 from airrace.common.tick_times import LoopTimes
-from airrace.hitl.handover import COMPILING, ENDED, PLAYING, SETUP, WARM, Handed, SocketHandover
+from airrace.hitl.handover import Compiling, Ended, Message, Playing, Setup, SocketHandover, Warm
 from airrace.scenario import Scenario, scenario_yaml
 
 NAVIGATOR_TICKS = "navigator_ticks.json"
 _NICE = 5  # the planner's is greater still
 _IDLE = 0.5  # s, after which it looks whether the pilot is still there
 _FAREWELL = 10.0  # s, that it has to write the map
-
-
-class Setup(NamedTuple):
-    """What it has to know to begin.
-
-    Attributes:
-        scenario: as YAML.
-        lcm_url: of the link to the simulation.
-        output_dir: where the checkpoint and the map go.
-        session: of the pilot's Endpoint.
-        briefly: see warm_up_navigator().
-        duration: of the flight by made-up messages, see Budget (s).
-    """
-
-    scenario: str
-    lcm_url: str
-    output_dir: str
-    session: int
-    briefly: bool
-    duration: float
 
 
 class NavigatorProcess:
@@ -76,9 +55,9 @@ class NavigatorProcess:
                 env=child_environment(),
             )
         self.handover = SocketHandover(here)
-        self.handover.send(Handed(0.0, {}, (SETUP, setup)))
+        self.handover.send(setup)
 
-    def receive(self, timeout: float = 0.01) -> list[Handed]:
+    def receive(self, timeout: float = 0.01) -> list[Message]:
         """Returns what it has said, after a while at most (s)."""
         if self.handover.is_open:
             select.select([self.handover.socket], [], [], timeout)
@@ -108,10 +87,10 @@ def navigate(setup: Setup, handover: SocketHandover) -> None:
 
     scenario = load_yaml(Scenario, data=setup.scenario, child_name="Defaults")
     # The worker starts now, so that it is there when the first lap is to be planned.
-    with contextlib.closing(PlanningWorker()) as worker:
-        with jit.watched(lambda count: handover.send(Handed(0.0, {}, (COMPILING, count)))):
+    with contextlib.closing(PlanningWorker(scenario)) as worker:
+        with jit.watched(lambda count: handover.send(Compiling(count))):
             warm_up_navigator(scenario, setup.briefly)
-        handover.send(Handed(0.0, {}, (PLAYING, None)))
+        handover.send(Playing())
         share = play_navigator(scenario, setup.duration).sum() / setup.duration
         bus, output_dir = open_lcm(setup.lcm_url), Path(setup.output_dir)
         navigator = Navigator(
@@ -123,7 +102,7 @@ def navigate(setup: Setup, handover: SocketHandover) -> None:
             session=setup.session,
         )
         navigator.plan_elsewhere(worker.submit)
-        handover.send(Handed(0.0, {}, (WARM, float(share))))
+        handover.send(Warm(float(share)))
         gc.freeze()
         ticks = LoopTimes()
         while handover.is_open:
@@ -141,15 +120,15 @@ def main(fileno: int) -> int:
     for signum in (signal.SIGINT, signal.SIGTERM):
         signal.signal(signum, signal.SIG_IGN)  # it ends with the pilot
     handover = SocketHandover(socket.socket(fileno=fileno))
-    messages: list[Handed] = []
+    messages: list[Message] = []
     while not messages and handover.is_open:
         select.select([handover.socket], [], [])
         messages = handover.receive()
     if messages:
         try:
-            navigate(messages[0].says[1], handover)  # type: ignore[index]
+            navigate(messages[0], handover)  # type: ignore[arg-type]
         except UserError as e:
-            handover.send(Handed(0.0, {}, (ENDED, str(e))))
+            handover.send(Ended(str(e)))
             return 2
     return 0
 

@@ -10,7 +10,7 @@ from airrace.diagrams.autonomy import MakeNavigator, MakePilot
 from airrace.diagrams.variants import variant_of
 from airrace.hitl.channels import make_channels
 from airrace.hitl.checkpoint import CHECKPOINT_PERIOD, restore, states_of
-from airrace.hitl.handover import READY, RESUME, STATES, Handed, Handover
+from airrace.hitl.handover import Handover, PortValues, Ready, Resume, States
 from airrace.hitl.lcm_bridge import PREDICTED, MakePilotSide, ports_wanted
 
 if TYPE_CHECKING:
@@ -110,7 +110,8 @@ class Pilot:
             restore(resume, self._side.part, self._context)
         if resume:
             self._context.SetTime(self._sim_time())
-        self._hand_over((RESUME, str(resume.absolute())) if resume else None)
+            self._handover.send(Resume(str(resume.absolute())))
+        self._hand_over()
 
     def start(self) -> None:
         """Initializes the Simulator, at the time of the values that were handed over last."""
@@ -149,30 +150,31 @@ class Pilot:
         if self.is_led:
             side.sender.send(context)
         if context.get_time() - self._handed >= self._period:
-            self._hand_over(self._what_to_keep())
+            self._hand_over()
+            self._hand_over_states()
         rate = self._scenario.controller.rate
         return int(rate * context.get_time()) > int(rate * before)
 
     def _hear(self):
         for message in self._handover.receive():
             self._heard = self._endpoint.now()
-            if message.says is not None and message.says[0] == READY:
-                self._navigator_is_ready = True
-            if message.values:
-                self._side.handed.show(self._context, message)
+            match message:
+                case Ready():
+                    self._navigator_is_ready = True
+                case PortValues(by_port=by_port) if by_port:
+                    self._side.handed.show(self._context, message)
 
-    def _hand_over(self, says=None):
+    def _hand_over(self):
         self._handed = self._context.get_time()
         values = {name: port.Eval(self._context) for name, port in self._outputs.items()}
-        self._handover.send(Handed(self._handed, values, says))
+        self._handover.send(PortValues(self._handed, values))
 
-    def _what_to_keep(self):
-        """Returns what the pilot knows, once in a while, for the navigator to write it down."""
+    def _hand_over_states(self):
+        """Hands over what the pilot knows, once in a while, for the navigator to write it down."""
         now = self._endpoint.now()
-        if now - self._kept < CHECKPOINT_PERIOD:
-            return None
-        self._kept = now
-        return STATES, states_of(self._side.part, self._context)
+        if now - self._kept >= CHECKPOINT_PERIOD:
+            self._kept = now
+            self._handover.send(States(states_of(self._side.part, self._context)))
 
     def _initialize(self, fresh):
         """Initializes at the context's time; what is known stays unless it is a fresh start."""

@@ -1,33 +1,47 @@
-"""Plans laps in a process of its own, so that control goes on meanwhile."""
+"""Plans laps in another process, so that nothing else of the autonomy waits for a solver.
+
+The process is told the scenario, and then of each problem what is new; what it answers is a lap
+plan. All are the messages of the link, each after its length.
+"""
 
 import contextlib
 import os
-import pickle
 import select
+import struct
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 from airrace.common.immutable import Immutable
 from airrace.common.processes import child_environment
+from airrace.common.resources import load_yaml
+from airrace.hitl.link.plan_messages import LAP_PLAN, PLAN_REQUEST
+from airrace.scenario import Scenario, scenario_yaml
+from airrace.systems.planning.lap_plan import NO_PLAN
 
 if TYPE_CHECKING:
     from airrace.systems.planning.lap_plan import LapPlan
-    from airrace.systems.planning.laps import LapProblem
+    from airrace.systems.planning.lap_planner import LapPlanner
+    from airrace.systems.planning.laps import LapProblem, PlanRequest
 
 _NICE = 15  # control comes first
+_LENGTH = struct.Struct("=I")
+_KEPT = 4  # plans that the next search may start from
 
 
 class PlanningWorker:
     """Solves one LapProblem after the other, in another process that has started already."""
 
-    def __init__(self) -> None:
+    def __init__(self, scenario: Scenario) -> None:
+        """Args: scenario: of the race; its planner solves them."""
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "airrace.hitl.planning_worker"],
+            [sys.executable, "-m", __name__],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=child_environment(),
         )
+        with contextlib.suppress(OSError):
+            _write(self._process.stdin, scenario_yaml(scenario).encode())
 
     def submit(self, problem: "LapProblem") -> "PlanningJob":
         """Starts to solve a LapProblem; the job before, if any, is done or given up."""
@@ -48,7 +62,7 @@ class PlanningJob(Immutable):
     def __init__(self, process: subprocess.Popen, problem: "LapProblem"):
         self._answers, self._plan, self._is_done = process.stdout, None, False
         try:
-            _write(process.stdin, problem)
+            _write(process.stdin, PLAN_REQUEST.encode(problem.request).encode())
         except OSError:
             self._is_done = True  # without a worker there is no plan
 
@@ -59,8 +73,9 @@ class PlanningJob(Immutable):
         """Whether there is a result."""
         if not self._is_done and select.select([self._answers], [], [], 0.0)[0]:
             self._is_done = True
-            with contextlib.suppress(EOFError, pickle.UnpicklingError):  # the worker has died
-                self._plan = pickle.load(self._answers)
+            with contextlib.suppress(EOFError):  # the worker has died
+                plan = LAP_PLAN.decode(LAP_PLAN.message_type.decode(_read(self._answers)))
+                self._plan = None if plan is NO_PLAN else plan
         return self._is_done
 
     def result(self) -> "LapPlan | None":
@@ -68,21 +83,60 @@ class PlanningJob(Immutable):
         return self._plan
 
 
-def _write(pipe, value):
-    pipe.write(pickle.dumps(value))
+def _write(pipe: IO[bytes], data: bytes) -> None:
+    pipe.write(_LENGTH.pack(len(data)) + data)
     pipe.flush()
+
+
+def _read(pipe: IO[bytes]) -> bytes:
+    """Returns the next message; raises EOFError if there is none, or not all of it."""
+    head = pipe.read(_LENGTH.size)
+    data = pipe.read(_LENGTH.unpack(head)[0]) if len(head) == _LENGTH.size else b""
+    if not data:
+        raise EOFError
+    return data
+
+
+class _Solver:
+    """Solves problems by the planner of a scenario.
+
+    A plan says less than what its search found, from which the next one may start: so plans are
+    kept here as they were found.
+    """
+
+    def __init__(self, planner: "LapPlanner"):
+        self._planner, self._found = planner, {}  # the latter by what _name() says
+
+    def solve(self, request: "PlanRequest") -> "LapPlan | None":
+        if request.old is not NO_PLAN:
+            old = self._found.get(_name(request.old), request.old)
+            request = request._replace(old=old)
+        plan = self._planner.solve(self._planner.problem_of(request))
+        if plan is not None:
+            newest = list(self._found.items())[1 - _KEPT :]
+            self._found = dict([*newest, (_name(plan), plan)])
+        return plan
+
+
+def _name(plan):
+    return plan.lap, plan.circuit.duration  # it may have been put off
 
 
 def main() -> None:
     """Solves what comes on standard input, until it ends."""
     os.nice(_NICE)  # before the imports: they take seconds of a processor
-    from airrace.systems.planning.lap_planning import plan_lap
+    from airrace.diagrams.autonomy import make_systems
 
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what solvers print
     with contextlib.suppress(KeyboardInterrupt, EOFError):
+        text = _read(sys.stdin.buffer).decode()
+        scenario = load_yaml(Scenario, data=text, child_name="Defaults")
+        solver = _Solver(make_systems(scenario, ["lap_planner"])["lap_planner"])
         while True:
-            _write(answers, plan_lap(pickle.load(sys.stdin.buffer)))
+            message = PLAN_REQUEST.message_type.decode(_read(sys.stdin.buffer))
+            plan = solver.solve(PLAN_REQUEST.decode(message)) or NO_PLAN
+            _write(answers, LAP_PLAN.encode(plan).encode())
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from airrace.diagrams.wiring import initial_values
-from airrace.hitl.handover import Handed, queue_pair
+from airrace.hitl.handover import PortValues, Ready, queue_pair
 from airrace.hitl.lcm_bridge import told_to_navigator, told_to_pilot
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
@@ -70,7 +70,7 @@ class Playback(abc.ABC):
         """Works on what has come."""
 
     def play(
-        self, messages: Sequence[Message], handed: Sequence[Handed], duration: float
+        self, messages: Sequence[Message], handed: Sequence[PortValues], duration: float
     ) -> np.ndarray:
         """Flies for a while from the start.
 
@@ -89,6 +89,7 @@ class Playback(abc.ABC):
             if self._simulation.beat(phases.READY, 0.0):
                 for each in first.values():
                     self._send(each)
+                self._other.send(Ready())
                 self._other.send(handed[0])
             self._listen(phases.WAITING)
             is_ready = self._prepare()

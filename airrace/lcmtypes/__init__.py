@@ -16,6 +16,7 @@ from .lcmt_header import lcmt_header as lcmt_header
 from .lcmt_heartbeat import lcmt_heartbeat as lcmt_heartbeat
 from .lcmt_imu import lcmt_imu as lcmt_imu
 from .lcmt_lap_plan import lcmt_lap_plan as lcmt_lap_plan
+from .lcmt_lap_problem import lcmt_lap_problem as lcmt_lap_problem
 from .lcmt_link_status import lcmt_link_status as lcmt_link_status
 from .lcmt_marker_estimate import lcmt_marker_estimate as lcmt_marker_estimate
 from .lcmt_navigation import lcmt_navigation as lcmt_navigation

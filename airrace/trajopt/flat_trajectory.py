@@ -28,13 +28,33 @@ class FlatTrajectory(Immutable):
     def __init__(self, polynomial: PiecewisePolynomial):
         """Args: polynomial: with four rows, starting at time 0."""
         self.__dict__["polynomial"] = polynomial
-        self.breaks = tuple(polynomial.get_segment_times())
+        self._set_segments(
+            np.array(polynomial.get_segment_times()), segment_coefficients(polynomial)
+        )
+
+    def _set_segments(self, breaks: np.ndarray, coefficients: np.ndarray) -> None:
+        self.breaks = tuple(breaks.tolist())
         self.duration = self.breaks[-1]
-        self._breaks, self._coefficients = np.array(self.breaks), segment_coefficients(polynomial)
+        self._breaks, self._coefficients = breaks, coefficients
+
+    @classmethod
+    def of_segments(cls, breaks: np.ndarray, coefficients: np.ndarray) -> "FlatTrajectory":
+        """Returns the trajectory with breaks, (n + 1,) s, and segment_coefficients(), (n, 4, m).
+
+        Drake's polynomial, which takes milliseconds to make, is made if it is asked for.
+        """
+        trajectory = cls.__new__(cls)
+        trajectory._set_segments(breaks, coefficients)
+        return trajectory
+
+    @property
+    def segments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Breaks, (n + 1,) s, and segment_coefficients(), (n, 4, m)."""
+        return self._breaks, self._coefficients
 
     @functools.cached_property
     def polynomial(self) -> PiecewisePolynomial:
-        """See the attributes; made of the coefficients again where the trajectory was unpickled."""
+        """See the attributes."""
         return piecewise_polynomial(self._coefficients, self._breaks)
 
     def __getstate__(self) -> dict:

@@ -5,7 +5,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from airrace.diagrams.wiring import initial_values
 from airrace.hitl.handed_ports import HandedPorts
-from airrace.hitl.handover import Handed
+from airrace.hitl.handover import PortValues
 from airrace.hitl.pilot import make_halves
 from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
@@ -24,8 +24,8 @@ def test_values_stay_until_there_are_others():
 
     assert shown("lap_plan") is NO_PLAN and shown("exploration_reference").shape == (18,)
     plan = lap_plan()
-    ports.show(root, Handed(2.0, {"lap_plan": plan}))
-    ports.show(root, Handed(3.0, {"exploration_reference": np.arange(18.0)}))
+    ports.show(root, PortValues(2.0, {"lap_plan": plan}))
+    ports.show(root, PortValues(3.0, {"exploration_reference": np.arange(18.0)}))
     assert shown("lap_plan") is plan and shown("exploration_reference")[17] == 17.0
     assert shown("handed_time")[0] == 3.0
 

@@ -10,17 +10,22 @@ import numpy as np
 import pytest
 
 from airrace.hitl.planning_worker import PlanningWorker
+from airrace.scenario import Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.track.gate_map import GateMap
 from tests.systems.planning.test_lap_planner import Bench, moved
 
 
-def problem(**config):
+def problem_and_scenario(**config):
     """Returns what a planner wants solved first."""
     asked = []
-    Bench("3", solve=lambda it: asked.append(it), **config).plan_at(0.01)
-    return asked[0]
+    bench = Bench("3", solve=lambda it: asked.append(it), **config)
+    bench.plan_at(0.01)
+    scenario = Scenario(trajectory="3")
+    for name, value in config.items():
+        setattr(scenario.planner, name, value)
+    return asked[0], scenario
 
 
 def solved(job, timeout=60.0):
@@ -34,9 +39,9 @@ def solved(job, timeout=60.0):
 @pytest.mark.slow
 @pytest.mark.parametrize("config", [{}, dict(lap="rest_to_rest", time_allocation="report")])
 def test_the_same_plan_as_here_and_another_one_after_it(config):
-    asked = problem(**config)
+    asked, scenario = problem_and_scenario(**config)
     here = plan_lap(asked)
-    with contextlib.closing(PlanningWorker()) as worker:
+    with contextlib.closing(PlanningWorker(scenario)) as worker:
         for _ in range(2):
             there = solved(worker.submit(asked))
             summary = dc.replace(there.summary, solve_time=here.summary.solve_time)
@@ -49,12 +54,13 @@ def test_the_same_plan_as_here_and_another_one_after_it(config):
 
 
 def test_a_worker_that_dies_finds_no_plan():
-    worker = PlanningWorker()
+    asked, scenario = problem_and_scenario()
+    worker = PlanningWorker(scenario)
     with contextlib.closing(worker):
-        job = worker.submit(problem())
+        job = worker.submit(asked)
         os.kill(worker._process.pid, signal.SIGKILL)
         assert solved(job) is None
-        assert solved(worker.submit(problem())) is None
+        assert solved(worker.submit(asked)) is None
 
 
 class Job:

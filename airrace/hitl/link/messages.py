@@ -23,6 +23,7 @@ from airrace.vehicle.state import State, as_state, state_vector
 
 _LARGEST_PICTURE = 8192  # px, width and height
 
+GATE = field_codec(GateEstimate, lcmtypes.lcmt_gate_estimate)
 GATE_MAP = field_codec(
     GateMap,
     lcmtypes.lcmt_gate_map,
@@ -30,7 +31,7 @@ GATE_MAP = field_codec(
         "markers": field_codec(
             MarkerEstimate, lcmtypes.lcmt_marker_estimate, infinite=("variance",)
         ),
-        "gates": field_codec(GateEstimate, lcmtypes.lcmt_gate_estimate),
+        "gates": GATE,
     },
 )
 EXPLORER_STATUS = field_codec(

@@ -14,7 +14,7 @@ from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.lap_planning import plan_lap
-from airrace.systems.planning.laps import LapProblem
+from airrace.systems.planning.laps import LapProblem, PlanRequest
 from airrace.systems.planning.map_margins import has_changed, largest_move, pylon_margins
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.flat_trajectory import unpack_flat_outputs
@@ -179,6 +179,10 @@ class LapPlanner(LeafSystem):
         except TrajectoryOptimizationError as e:
             raise UserError(f"The lap planner cannot be: {e} Raise planner.thrust_share.") from None
 
+    def solve(self, problem: LapProblem) -> LapPlan | None:
+        """Returns the plan for a problem, or None: see plan_lap(), or what was given."""
+        return self._solve(problem)
+
     def solve_elsewhere(self, submit: Callable) -> None:
         """From now on, submit makes a job of a LapProblem: see PlanningWorker."""
         self._submit = submit
@@ -233,7 +237,7 @@ class LapPlanner(LeafSystem):
         elsewhere = problem is not None and self._submit is not None
         return dc.replace(
             memory,
-            pending=None if problem is None or elsewhere else self._solve(problem),
+            pending=None if problem is None or elsewhere else self.solve(problem),
             job=self._submit(problem) if elsewhere else None,
             tried_at=now,
             tried_lap=0 if memory.plan is NO_PLAN else memory.plan.lap_at(start_time),
@@ -278,20 +282,28 @@ class LapPlanner(LeafSystem):
         gates = tuple(known.pop(number) for number in found)
         every = (*gates, *known.values())
         if old is NO_PLAN:
-            old, moved = None, self._first_lap_move
+            moved = self._first_lap_move
             start = unpack_flat_outputs(self._reference.Eval(context))
         else:
             moved = largest_move(every, memory.tried_gates)
             start = old.derivatives(start_time)
+        return self.problem_of(
+            PlanRequest(
+                start_time=start_time,
+                gates=gates,
+                pylons=np.array([gate.pylons for gate in every]).reshape(-1, 2),
+                margins=pylon_margins(every, gate_map.markers, moved),
+                start=start,
+                old=old,
+            )
+        )
+
+    def problem_of(self, request: PlanRequest) -> LapProblem:
+        """Returns the problem that this planner makes of what is new."""
         return LapProblem(
+            **{**request._asdict(), "old": None if request.old is NO_PLAN else request.old},
             trajectory=self._trajectory,
             limits=self._limits,
-            gates=gates,
-            pylons=np.array([gate.pylons for gate in every]).reshape(-1, 2),
-            margins=pylon_margins(every, gate_map.markers, moved),
-            start_time=start_time,
-            start=start,
-            old=old,
             style=self._style,
             always=self._always,
         )

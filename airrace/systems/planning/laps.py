@@ -3,11 +3,12 @@
 import abc
 import dataclasses as dc
 import functools
+from typing import NamedTuple
 
 import numpy as np
 
 from airrace.common.immutable import Immutable
-from airrace.systems.planning.lap_plan import LapPlan
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.planning.map_margins import largest_move
 from airrace.trajopt.feasibility import clearance_of, pylon_distances, sample_times
 from airrace.trajopt.flat_trajectory import FlatTrajectory
@@ -17,6 +18,17 @@ from airrace.trajopt.min_snap.circuit import Circuit, LapStyle
 from airrace.trajopt.time_optimal.point_mass import PointMassBound, point_mass_bound
 
 _SLACK = 0.05  # m, by which an old lap may miss what is asked of a new one
+
+
+class PlanRequest(NamedTuple):
+    """What is new from one LapProblem of a race to the next; see there."""
+
+    start_time: float
+    gates: tuple
+    pylons: np.ndarray
+    margins: np.ndarray
+    start: np.ndarray
+    old: LapPlan
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -49,6 +61,12 @@ class LapProblem(Immutable):
     old: LapPlan | None
     style: LapStyle = LapStyle()
     always: bool = False
+
+    @property
+    def request(self) -> PlanRequest:
+        """What a planner of the same race makes this problem of."""
+        gates, pylons, margins = self.gates, self.pylons, self.margins
+        return PlanRequest(self.start_time, gates, pylons, margins, self.start, self.old or NO_PLAN)
 
     def has_same_lap(self, other: "LapProblem") -> bool:
         """Whether the lap of another problem leads through the very same gates."""

@@ -69,9 +69,28 @@ class Circuit(FlatTrajectory):
     ):
         """Args: polynomial: with four rows. The others: see above."""
         super().__init__(polynomial)
+        self._set_gates(gate_times, headings, approach)
+
+    def _set_gates(
+        self, gate_times: Sequence[float], headings: Sequence[float] | np.ndarray, approach: dict
+    ) -> None:
         self.gate_times = tuple(gate_times)
         self.headings = tuple(headings)
         self.approach = approach
+
+    @classmethod
+    def of_path(
+        cls,
+        path: FlatTrajectory,
+        gate_times: Sequence[float],
+        headings: Sequence[float],
+        approach: dict,
+    ) -> "Circuit":
+        """Returns the lap along a trajectory. Args: the others: see above."""
+        circuit = cls.__new__(cls)
+        circuit._set_segments(*path.segments)
+        circuit._set_gates(gate_times, headings, approach)
+        return circuit
 
     @property
     def waypoint_times(self) -> tuple:

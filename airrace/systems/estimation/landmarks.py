@@ -24,8 +24,8 @@ from airrace.systems.estimation.navigation import as_navigation
 from airrace.systems.mapping.gate_filter import board_position, facing
 from airrace.systems.perception.marker_pose import GATE_SPACING
 
-# What is known of any gate before it is seen: standard deviations about where it seems to be.
-_POSITION_SIGMA, _HEADING_SIGMA, _SPACING_SIGMA = 20.0, 1.0, 1.0  # m, rad, m
+# Variances of any gate before it is seen, about where it seems to be: m^2, rad^2, m^2.
+_UNKNOWN = np.array((20.0, 20.0, 20.0, 1.0, 1.0)) ** 2
 _FITS, _ITERATIONS = 3, 15
 _LEAST_ADVANTAGE = 9.0  # squared standard deviations by which the other heading must be worse
 _MOST_COST = 60.0  # of eight or sixteen coordinates of corners
@@ -137,13 +137,8 @@ def _with_gate(belief: Belief, gate: np.ndarray) -> Belief:
     size = len(belief.covariance)
     covariance = np.zeros((size + GATE, size + GATE))
     covariance[:size, :size] = belief.covariance
-    for i in range(3):
-        covariance[size + i, size + i] = _POSITION_SIGMA**2
-    covariance[size + 3, size + 3] = _HEADING_SIGMA**2
-    covariance[size + 4, size + 4] = _SPACING_SIGMA**2
-    gates = np.empty((len(belief.gates) + 1, GATE))
-    gates[:-1] = belief.gates
-    gates[-1] = gate
+    covariance[size:, size:] = np.diag(_UNKNOWN)
+    gates = np.concatenate((belief.gates, gate.reshape((1, GATE))))
     return Belief(belief.navigation.copy(), gates, covariance)
 
 

@@ -4,6 +4,7 @@ Ports and discrete states are vectors, and what is in them has parts. A Packing 
 part is, once; nobody else counts indices.
 """
 
+import zlib
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from airrace.common.jit import compilable
 
-type _Shape = int | tuple[int, ...]
+type _Shape = int | tuple[int, ...] | None
 
 
 class Packing[Parts]:
@@ -41,7 +42,8 @@ class Packing[Parts]:
         Args:
             parts: the NamedTuple.
             shapes: of its arrays by name; its other fields are numbers. One may be of any length:
-                -1, or a tuple that begins with -1, takes what the others leave.
+                -1, or a tuple that begins with -1, takes what the others leave. A field of shape
+                None is not in the vector; it is NaN.
 
         Raises:
             ValueError: if one of the names is not a field.
@@ -49,13 +51,13 @@ class Packing[Parts]:
         names: tuple[str, ...] = parts._fields  # type: ignore[attr-defined]
         if not shapes.keys() <= set(names):
             raise ValueError(f"{parts.__name__} has not all the fields {sorted(shapes)}")
-        sizes = [int(np.prod(shapes.get(name, 1))) for name in names]
+        every = [shapes.get(name, ()) for name in names]
+        sizes = [0 if shape is None else int(np.prod(shape)) for shape in every]
         self.size = sum(size for size in sizes if size > 0)
-        slices = _slices(sizes)
-        where = [s if name in shapes else s.start for name, s in zip(names, slices)]
+        where = [s if shape != () else s.start for shape, s in zip(every, _slices(sizes))]
         self.at = parts(*where)
-        self.parts = _parts_function(parts, self.at, shapes)
-        self.vector = _vector_function(parts, self.at, shapes, self.size)
+        self.parts = _parts_function(parts, where, every)
+        self.vector = _vector_function(parts, where, every, self.size)
 
 
 def _slices(sizes: list[int]) -> list[slice]:
@@ -74,24 +76,29 @@ def _slices(sizes: list[int]) -> list[slice]:
 # dataclass are: each as somebody would by hand.
 
 
-def _parts_function(parts, at, shapes):
+def _parts_function(parts, where, shapes):
     """Returns Packing.parts, such as: return Ball(vector[0], vector[1:4])."""
     views = [
-        f"vector[{_text(where)}]" + (f".reshape({shape})" if isinstance(shape, tuple) else "")
-        for where, shape in zip(at, map(shapes.get, parts._fields))
+        "np.nan" if shape is None else f"vector[{_text(at)}]{_call('reshape', shape, shape)}"
+        for at, shape in zip(where, shapes)
     ]
     return _defined(parts, f"as_{parts.__name__}(vector): return Parts({', '.join(views)})")
 
 
-def _vector_function(parts, at, shapes, size):
+def _vector_function(parts, where, shapes, size):
     """Returns Packing.vector."""
-    rest = [f" + parts.{name}.size" for name, shape in shapes.items() if np.prod(shape) < 0]
+    fields = [each for each in zip(parts._fields, where, shapes) if each[2] is not None]
+    rest = [f" + parts.{name}.size" for name, _, shape in fields if np.prod(shape) < 0]
     lines = [
-        f"result[{_text(where)}] = parts.{name}" + (".ravel()" if isinstance(shape, tuple) else "")
-        for name, where, shape in zip(parts._fields, at, map(shapes.get, parts._fields))
+        f"result[{_text(at)}] = parts.{name}{_call('ravel', shape)}" for name, at, shape in fields
     ]
     body = [f"result = np.empty({size}{''.join(rest)})", *lines, "return result"]
     return _defined(parts, f"{parts.__name__}_vector(parts):\n  " + "\n  ".join(body))
+
+
+def _call(method, shape, argument=""):
+    """Returns the text of a call, for what is a tuple with numbers."""
+    return f".{method}({argument})" if isinstance(shape, tuple) and shape else ""
 
 
 def _text(where: int | slice) -> str:
@@ -102,4 +109,7 @@ def _defined(parts, source):
     """Returns the function of a text that follows "def"; where it stands, Parts is the class."""
     names = {"__name__": parts.__module__, "Parts": parts, "np": np}
     exec(f"def {source}", names)
-    return compilable(names[source.split("(")[0]])
+    function = names[source.split("(")[0]]
+    # Numba keeps machine code by this name: it must be no other function's.
+    function.__qualname__ = f"{function.__name__}_{zlib.crc32(source.encode()):x}"
+    return compilable(function)

@@ -75,6 +75,25 @@ def test_a_number_fills_a_vector():
     assert packing.vector(Ball(1.0, 2.0, np.arange(2))).tolist() == [1.0, *3 * [2.0], 0.0, 1.0]
 
 
+def test_a_field_that_is_not_in_the_vector_is_nan():
+    packing = Packing(Ball, radius=None, centre=3, spin=2)
+    ball = packing.parts(np.arange(5.0))
+    assert (packing.size, ball.centre[0]) == (5, 0.0)
+    assert np.isnan(ball.radius)
+    assert packing.vector(ball).tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+
+
+def test_no_two_packings_have_functions_of_one_name():
+    """By which Numba would take the machine code of one for the other's."""
+    names = [
+        function.__qualname__
+        for spin in (2, (2, 2), None)
+        for packing in (Packing(Ball, centre=3, spin=spin),)
+        for function in (packing.parts, packing.vector)
+    ]
+    assert len(set(names)) == 6
+
+
 def test_what_is_no_field_is_an_error():
     with pytest.raises(ValueError, match="Ball has not all the fields"):
         Packing(Ball, center=3)

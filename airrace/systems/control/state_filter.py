@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.math import DiscreteAlgebraicRiccatiEquation
 
 from airrace.common.jit import all_finite, assign, compilable, compiled
+from airrace.common.packing import Packing
 from airrace.math.quaternion import integrate, rotation_matrix
 from airrace.math.vec3 import dot
 from airrace.systems.leaf_system import LeafSystem
@@ -45,9 +46,8 @@ class FilterMemory(NamedTuple):
 _NOTHING = FilterMemory(-1.0, -1.0, 0.0, np.zeros(3), np.zeros(3))
 
 
-@compilable
-def _as_memory(vector: np.ndarray) -> FilterMemory:
-    return FilterMemory(vector[0], vector[1], vector[2], vector[3:6], vector[6:9])
+_PACKING = Packing(FilterMemory, position=3, velocity=3)
+_as_memory, _memory_vector = _PACKING.parts, _PACKING.vector
 
 
 class StateFilter(LeafSystem):
@@ -89,7 +89,7 @@ class StateFilter(LeafSystem):
         self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
-        self._memory = self.DeclareDiscreteState(np.hstack(_NOTHING))
+        self._memory = self.DeclareDiscreteState(_memory_vector(_NOTHING))
         self._disturbance = self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
         self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_estimate)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import assign, compilable, compiled
+from airrace.common.packing import Packing
 from airrace.math.random import NoiseSequence
 from airrace.math.triples import (
     added,
@@ -48,9 +49,8 @@ class ImuMemory(NamedTuple):
     late: np.ndarray
 
 
-@compilable
-def _as_memory(vector: np.ndarray) -> ImuMemory:
-    return ImuMemory(vector[0:4], vector[4:7], vector[7:13], vector[13:])
+_PACKING = Packing(ImuMemory, quaternion=4, velocity=3, biases=6, late=-1)
+_as_memory, _memory_vector = _PACKING.parts, _PACKING.vector
 
 
 class ImuModel(NamedTuple):
@@ -152,7 +152,7 @@ class Imu(LeafSystem):
             biases=turn_on_biases(errors, seed),
             late=np.tile(NO_SAMPLES[:SAMPLE_SIZE], round(errors.latency * rate)),
         )
-        self._memory = self.DeclareDiscreteState(np.concatenate(memory))
+        self._memory = self.DeclareDiscreteState(_memory_vector(memory))
         self.DeclareStateOutputPort("imu", self._shown)
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         # Without an offset, its times are those of other systems of its rate to the last bit.

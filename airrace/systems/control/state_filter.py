@@ -8,11 +8,13 @@ from pydrake.math import DiscreteAlgebraicRiccatiEquation
 
 from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.common.packing import Packing
-from airrace.math.quaternion import integrate, rotation_matrix
+from airrace.math.quaternion import integrate
+from airrace.math.triples import rotation_rows
 from airrace.math.vec3 import dot
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.vehicle import GRAVITY, GRAVITY_W, Vehicle
+from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.free_body import at_constant_acceleration, linear_acceleration
 from airrace.vehicle.state import STATE_SIZE, State, as_state
 
 # What the filter is tuned for; the first two are the reference system's noise.
@@ -159,9 +161,9 @@ def _predict(
         quaternion: of R_WB, (4,).
         thrust: per mass (m/s^2). disturbance: see StateFilter.
     """
-    p, v, dt = memory.position, memory.velocity, time - memory.time
-    a = thrust * rotation_matrix(quaternion)[:, 2] + disturbance + GRAVITY_W
-    return p + dt * (v + 0.5 * dt * a), v + dt * a
+    a = linear_acceleration(rotation_rows(quaternion), (0.0, 0.0, thrust), disturbance)
+    p, v = at_constant_acceleration(memory.position, memory.velocity, a, time - memory.time)
+    return np.array(p), np.array(v)
 
 
 @compilable

@@ -11,9 +11,9 @@ import numpy as np
 
 from airrace.common.jit import assign, compilable, compiled
 from airrace.common.packing import Packing
-from airrace.math.triples import added, cross, difference, rotate, rotation_rows, scaled, turned
+from airrace.math.triples import cross, difference, rotate, rotation_rows, scaled, turned
 from airrace.systems.sensing.imu_samples import as_sample, insert
-from airrace.vehicle import GRAVITY
+from airrace.vehicle.free_body import at_constant_acceleration, linear_acceleration
 from airrace.vehicle.state import as_state
 
 
@@ -56,12 +56,12 @@ def move(vector: np.ndarray, sample: np.ndarray, dt: float) -> None:
     _, q, p, v, gyro_bias, accel_bias = as_navigation(vector)
     _, angular_velocity, specific_force = as_sample(sample)
     w, f = difference(angular_velocity, gyro_bias), difference(specific_force, accel_bias)
-    a = rotate(rotation_rows(q), f)
-    a = (a[0], a[1], a[2] - GRAVITY)
+    a = linear_acceleration(rotation_rows(q), f)
     vector[0] += dt
     assign(q, turned(q, scaled(dt, w)))
-    assign(p, added(p, dt, added(v, 0.5 * dt, a)))
-    assign(v, added(v, dt, a))
+    p_after, v_after = at_constant_acceleration(p, v, a, dt)
+    assign(p, p_after)
+    assign(v, v_after)
 
 
 @compilable

@@ -8,7 +8,7 @@ import numpy as np
 from airrace.common.jit import all_finite, assign, compilable, compiled
 from airrace.common.packing import Packing
 from airrace.math.small_matrices import apply
-from airrace.math.triples import added, cross, difference, dot, rotate, rotation_rows, scaled, times
+from airrace.math.triples import added, cross, difference, dot, rotate, rotation_rows, scaled
 from airrace.systems.estimation.navigation import (
     NAVIGATION_SIZE,
     as_navigation,
@@ -27,6 +27,7 @@ from airrace.systems.sensing.imu_samples import (
     sample_vector,
 )
 from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.free_body import angular_acceleration
 from airrace.vehicle.state import STATE_SIZE
 
 _TIME_CONSTANT = 0.15  # s, of the disturbance
@@ -326,8 +327,7 @@ def _replace_silence(memory, count, now, speeds, constants):
     mass, J, p_BI = constants.inertia[0], constants.inertia[1:], constants.p_BI
     if not state.time >= 0.0 or not all_finite(wrench):
         return 0
-    moment = difference(wrench[1:], cross(expected, times(J, expected)))
-    turning = (moment[0] / J[0], moment[1] / J[1], moment[2] / J[2])
+    turning = angular_acceleration(wrench[1:], expected, J)
     assign(expected, added(expected, constants.period, turning))
     # Once it has begun it goes on, with however little thrust.
     flies = _bridges(memory) or wrench[0] > _FLYING * GRAVITY * mass

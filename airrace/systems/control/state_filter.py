@@ -15,7 +15,7 @@ from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.vehicle import GRAVITY, Vehicle
 from airrace.vehicle.free_body import at_constant_acceleration, linear_acceleration
-from airrace.vehicle.state import STATE_SIZE, State, as_state
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 # What the filter is tuned for; the first two are the reference system's noise.
 _POSITION_SIGMA = 0.005  # m
@@ -166,19 +166,13 @@ def _predict(
     return np.array(p), np.array(v)
 
 
-@compilable
-def _quaternion_at(state: State, time: float) -> np.ndarray:
-    """Returns the unit quaternion of R_WB a short time after a state estimate, (4,)."""
-    return integrate(state.quaternion, state.angular_velocity, time - state.time)
-
-
 @compiled
 def _carry_forward(result, estimate, memory, disturbance, time):
     """Writes the estimate for a time (s), (14,); the newest one if that is not finite."""
     assign(result, estimate)
     m, state = _as_memory(memory), as_state(result)
     if m.newest >= 0.0 and all_finite(estimate):
-        quaternion = _quaternion_at(state, time)
+        quaternion = integrate(state.quaternion, state.angular_velocity, time - state.time)
         position, velocity = _predict(m, quaternion, m.thrust, disturbance, time)
         result[0] = time
         assign(state.quaternion, quaternion)
@@ -209,7 +203,8 @@ def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now):
     is_new, begins = time > m.newest, m.newest < 0.0 or time > m.newest + _GAP
     if not begins:
         until = time if is_new else now
-        p, v = _predict(m, _quaternion_at(state, until), thrust, disturbance, until)
+        quaternion = integrate(state.quaternion, state.angular_velocity, until - time)
+        p, v = _predict(m, quaternion, thrust, disturbance, until)
         if is_new:
             e_p, e_v = state.position - p, state.velocity - v
             p, v = p + gain[0, 0] * e_p + gain[0, 1] * e_v, v + gain[1, 0] * e_p + gain[1, 1] * e_v

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable, compiled
 from airrace.math.quaternion import quaternion_product, rotation_between
 from airrace.math.small_matrices import product, propagated
+from airrace.math.vec3 import dot
 from airrace.systems.estimation.error_state import (
     AT,
     DRONE,
@@ -82,7 +82,6 @@ def averaged(still: Still, marker: Detection) -> Still:
     )
 
 
-@compiled
 def attitude_from(up: np.ndarray, heading: float) -> np.ndarray:
     """Returns the unit quaternion of R_WB of a drone on a pad, (4,).
 
@@ -93,7 +92,7 @@ def attitude_from(up: np.ndarray, heading: float) -> np.ndarray:
         heading: (rad).
     """
     c, s = math.cos(heading), math.sin(heading)
-    length = math.sqrt(up[0] ** 2 + up[1] ** 2 + up[2] ** 2)
+    length = math.sqrt(dot(up, up))
     # `up` as it would be if the body were turned by the heading alone.
     x, y, z = (c * up[0] - s * up[1]) / length, (s * up[0] + c * up[1]) / length, up[2] / length
     w = math.sqrt(max(0.5 * (1.0 + z), 1e-12))
@@ -102,7 +101,6 @@ def attitude_from(up: np.ndarray, heading: float) -> np.ndarray:
     return quaternion_product(tilt, turn)
 
 
-@compilable
 def _attitude_by_force(force, heading):
     """Returns the derivative of the attitude's error by the specific force, (3, 3)."""
     q = attitude_from(force, heading)
@@ -117,7 +115,6 @@ def _attitude_by_force(force, heading):
     return result
 
 
-@compiled
 def aligned(rest: Rest, heading: float, noise: ImuNoise) -> tuple:
     """Returns what is known of a drone after some time at rest.
 
@@ -135,7 +132,7 @@ def aligned(rest: Rest, heading: float, noise: ImuNoise) -> tuple:
         errors, (15, 15).
     """
     f, duration = rest.specific_force, max(rest.duration, 1e-3)
-    length = math.sqrt(f[0] ** 2 + f[1] ** 2 + f[2] ** 2)
+    length = math.sqrt(dot(f, f))
     up = f / length
     prior, mean_noise = noise.accel_turn_on**2, noise.accel**2 / duration
     along = prior * (mean_noise + _SCALE**2) / (prior + mean_noise + _SCALE**2)
@@ -162,7 +159,6 @@ def aligned(rest: Rest, heading: float, noise: ImuNoise) -> tuple:
     return quaternion, rest.angular_velocity, accel_bias, P
 
 
-@compiled
 def rested(rest: Rest, history: np.ndarray, after: float, until: float) -> Rest:
     """Returns the means with the samples that end after a time and not after another.
 
@@ -173,10 +169,10 @@ def rested(rest: Rest, history: np.ndarray, after: float, until: float) -> Rest:
     """
     count, duration = rest.samples, rest.duration
     w, f = rest.angular_velocity.copy(), rest.specific_force.copy()
-    for sample in history[::-1]:
-        time, angular_velocity, specific_force = as_sample(sample)
-        if 0.0 < time <= until and time > after:
-            count += 1
-            w += (angular_velocity - w) / count
-            f += (specific_force - f) / count
+    time = history[:, 0]
+    for sample in history[(time > max(after, 0.0)) & (time <= until)][::-1]:
+        _, angular_velocity, specific_force = as_sample(sample)
+        count += 1
+        w += (angular_velocity - w) / count
+        f += (specific_force - f) / count
     return Rest(count, duration + max(until - max(after, 0.0), 0.0), w, f)

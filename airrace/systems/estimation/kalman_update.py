@@ -93,7 +93,6 @@ def _corrected_gates(gates, error):
     return result
 
 
-@compilable
 def error_between(state: Navigation, start: Navigation) -> np.ndarray:
     """Returns the error, (15,), that a start has if the truth is a state."""
     return drone_error_vector(
@@ -220,13 +219,11 @@ def relative_covariance(belief: Belief, gate: int) -> np.ndarray:
     return propagated(J, belief.covariance[columns][:, columns])
 
 
-@compilable
 def attitude_sigma(belief: Belief) -> float:
     """Returns the greatest standard deviation of the attitude about an axis of B (rad)."""
     return math.sqrt(np.diag(belief.covariance)[AT.theta].max())
 
 
-@compiled
 def body_axes(belief: Belief) -> np.ndarray:
     """Returns R_WB of a belief, (3, 3)."""
     return rotation_matrix(as_navigation(belief.navigation).quaternion)

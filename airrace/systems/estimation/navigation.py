@@ -79,30 +79,24 @@ def first_after(history: np.ndarray, time: float) -> int:
 
 
 @compiled
-def carry(vector: np.ndarray, history: np.ndarray, time: float) -> None:
-    """Carries a nominal state, (17,), forward to a time (s) by the samples since.
+def carried_to(vector: np.ndarray, history: np.ndarray, time: float) -> np.ndarray:
+    """Returns a nominal state, (17,), carried forward to a time (s) by the samples since.
 
     A sample counts from the end of the one before it, so that one that was lost is bridged; the
     newest one counts to the time if that is later.
 
     Args:
-        vector: the state; is changed.
+        vector: the state before.
         history: samples, newest first, (n, 7).
         time: (s).
     """
-    for k in range(first_after(history, vector[0]), -1, -1):
-        dt = min(history[k, 0], time) - vector[0]
-        if dt > 0.0:
-            move(vector, history[k], dt)
-    if time > vector[0] and history[0, 0] > 0.0:
-        move(vector, history[0], time - vector[0])
-
-
-@compilable
-def carried_to(vector: np.ndarray, history: np.ndarray, time: float) -> np.ndarray:
-    """Returns what carry() makes of a nominal state, (17,); see there."""
     result = vector.copy()
-    carry(result, history, time)
+    for k in range(first_after(history, result[0]), -1, -1):
+        dt = min(history[k, 0], time) - result[0]
+        if dt > 0.0:
+            move(result, history[k], dt)
+    if time > result[0] and history[0, 0] > 0.0:
+        move(result, history[0], time - result[0])
     return result
 
 
@@ -128,15 +122,6 @@ def write_state(
     assign(body.velocity, difference(state.velocity, cross(w, r)))
 
 
-@compilable
-def _is_sound(sample, ranges):
-    """Whether a sample is finite, and no axis of it at the end of its range."""
-    for value, limit in zip(sample[1:], ranges):
-        if not abs(value) < limit:  # nor is NaN
-            return False
-    return True
-
-
 @compiled
 def remember(history: np.ndarray, samples: np.ndarray, ranges: np.ndarray) -> int:
     """Writes the samples that are new and sound into a history; returns how many were.
@@ -151,7 +136,7 @@ def remember(history: np.ndarray, samples: np.ndarray, ranges: np.ndarray) -> in
     count = 0
     for sample in samples[::-1]:
         is_new = sample[0] > history[0, 0] and sample[0] > 0.0
-        if is_new and _is_sound(sample, ranges):
+        if is_new and np.all(np.abs(sample[1:]) < ranges):  # NaN is not
             insert(history, sample)
             count += 1
     return count

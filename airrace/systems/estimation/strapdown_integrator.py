@@ -13,7 +13,6 @@ from airrace.systems.estimation.navigation import (
     NAVIGATION_SIZE,
     as_navigation,
     carried_to,
-    carry,
     remember,
     write_state,
 )
@@ -348,26 +347,17 @@ def _advance(memory, count, corrections, p_BI):
     history, navigation = memory.history, memory.navigation
     newest = history[0, 0]
     if all_finite(corrections) and corrections[0] > memory.corrected[0]:
-        assign(navigation, corrections)
-        carry(navigation, history, max(newest, corrections[0]))
+        time = max(newest, corrections[0])
+        assign(navigation, carried_to(corrections, history, time))
         memory.corrected[0] = corrections[0]
     elif count > 0 and navigation[0] >= 0.0:
-        carry(navigation, history, newest)
+        assign(navigation, carried_to(navigation, history, newest))
     else:
         return
     state, recent, w = as_navigation(navigation), history[:_AVERAGED], np.zeros(3)
     for sample in recent:
         w += as_sample(sample).angular_velocity / len(recent)
     write_state(memory.estimate, state, difference(w, state.gyro_bias), p_BI)
-
-
-@compilable
-def _unexplained(state, sample, thrust, p_BI):
-    """Returns the acceleration (m/s^2, in W) that a thrust per mass (m/s^2) does not explain."""
-    _, angular_velocity, specific_force = as_sample(sample)
-    w = difference(angular_velocity, state.gyro_bias)
-    f = difference(difference(specific_force, state.accel_bias), cross(w, cross(w, p_BI)))
-    return rotate(rotation_rows(state.quaternion), (f[0], f[1], f[2] - thrust))
 
 
 @compilable
@@ -379,13 +369,17 @@ def _smooth(disturbance, last, memory, thrust, p_BI):
     history, state = memory.history, as_navigation(memory.navigation)
     if not state.time >= 0.0 or last < 0.0 or thrust < _FLYING * GRAVITY:
         return
+    R_WB = rotation_rows(state.quaternion)
     for sample in history[::-1]:
-        dt = sample[0] - last
+        time, angular_velocity, specific_force = as_sample(sample)
+        dt = time - last
         if dt <= 0.0:
             continue
-        last = sample[0]
+        last = time
+        w = difference(angular_velocity, state.gyro_bias)
+        f = difference(difference(specific_force, state.accel_bias), cross(w, cross(w, p_BI)))
+        unexplained = rotate(R_WB, (f[0], f[1], f[2] - thrust))
         share = 1.0 - math.exp(-dt / _TIME_CONSTANT)
-        change = difference(_unexplained(state, sample, thrust, p_BI), disturbance)
-        assign(disturbance, added(disturbance, share, change))
+        assign(disturbance, added(disturbance, share, difference(unexplained, disturbance)))
     length = math.sqrt(dot(disturbance, disturbance))
     assign(disturbance, scaled(min(1.0, _MAX_DISTURBANCE / max(length, 1e-9)), disturbance))

@@ -31,7 +31,7 @@ from airrace.diagrams.autonomy import SYSTEMS
 from airrace.scenario import TRUTH, VIO, Scenario, load_scenario
 from airrace.scenario.imu_config import PRESETS
 from airrace.systems.estimation import slam_filter
-from airrace.systems.estimation.error_state import ACCEL_BIAS, GYRO_BIAS
+from airrace.systems.estimation.error_state import AT
 from benchmarks import harness, races
 from benchmarks.harness import groups
 from benchmarks.races import Case
@@ -207,7 +207,7 @@ def fly_without_gyro_bias(*race) -> dict:
     def aligned(*arguments):
         quaternion, gyro_bias, accel_bias, P = align(*arguments)
         P = P.copy()
-        P[GYRO_BIAS:ACCEL_BIAS] = P[:, GYRO_BIAS:ACCEL_BIAS] = 0.0
+        P[AT.gyro_bias] = P[:, AT.gyro_bias] = 0.0
         return quaternion, np.zeros_like(gyro_bias), accel_bias, P
 
     def propagated(*arguments):

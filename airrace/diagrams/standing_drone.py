@@ -19,7 +19,7 @@ from airrace.rendering.scene.textures import BLACK, WHITE, marker_modules
 from airrace.systems.estimation.navigation import Navigation, navigation_vector
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import LapPlan
-from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_ROW, NO_SAMPLES
+from airrace.systems.sensing.imu_samples import IMU_DEPTH, NO_SAMPLES, SAMPLE_SIZE
 from airrace.systems.sensing.picture_ports import COLOUR, IMAGE_TYPES, PICTURE_PORTS
 from airrace.track.track import BOARD_SIZE, MARKER_SIZE, Gate
 from airrace.trajopt.flat_trajectory import FlatTrajectory, hold
@@ -102,7 +102,7 @@ class Standing:
             case "state_estimate" | "filtered_estimate" | "rotor_speeds":
                 return self.of(port.replace("filtered", "state"), time)
             case "imu_history":
-                return self._samples(time, np.zeros(3), len(first) // IMU_ROW)
+                return self._samples(time, np.zeros(3), len(first) // SAMPLE_SIZE)
             case "corrections":
                 state = Navigation(time, np.eye(4)[0], *np.zeros((4, 3)))
                 return navigation_vector(state)
@@ -114,7 +114,7 @@ class Standing:
 
     def _samples(self, time: float, w_WB: np.ndarray, depth: int = IMU_DEPTH) -> np.ndarray:
         """Returns what the IMU shows at a time (s), see sensing/imu_samples.py."""
-        rows = np.tile(NO_SAMPLES.reshape(IMU_DEPTH, IMU_ROW)[0], (depth, 1))
+        rows = np.tile(NO_SAMPLES.reshape(IMU_DEPTH, SAMPLE_SIZE)[0], (depth, 1))
         times = time - np.arange(depth) / self._imu_rate
         rows[times > 0.0] = [0.0, *w_WB, 0.0, 0.0, GRAVITY]
         rows[times > 0.0, 0] = times[times > 0.0]

@@ -34,7 +34,7 @@ from airrace.systems.policy.command_scale import scaled
 from airrace.systems.policy.gates_observation import GATE_SIZE, MOTION_SIZE, observation_size
 from airrace.track import Track, load_track
 from airrace.track.generator import generate_track
-from airrace.trajopt.reference import REFERENCE_SIZE
+from airrace.trajopt.reference import Reference, reference_vector
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import as_plant_state, as_state
 
@@ -239,10 +239,10 @@ class RaceEnv(gymnasium.Env):
         elif self._options.action == "rotors":
             self._fix("rotor_speed_command", command)
         else:
-            reference = np.zeros(REFERENCE_SIZE)
-            reference[:3] = command[:3] + self._known_state().position
-            reference[3:6], reference[15] = command[3:6], command[6]
-            self._fix("exploration_reference", reference)
+            offset, velocity, yaw = command[:3], command[3:6], command[6]
+            position = offset + self._known_state().position
+            wanted = Reference(position, velocity, 0.0, 0.0, 0.0, yaw, 0.0, 0.0)
+            self._fix("exploration_reference", reference_vector(wanted))
             self._fix("handed_time", [self._context.get_time()])
 
     def _fix(self, port, value):

@@ -128,7 +128,7 @@ def _wait_for[M: Message](
             if isinstance(message, kind):
                 return message
             if isinstance(message, Compiling):
-                show(message.count)
+                show(message.functions)
             elif isinstance(message, Ended):
                 raise UserError(message.reason)
         if (code := navigator.poll()) is not None:

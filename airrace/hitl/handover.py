@@ -51,7 +51,7 @@ class Setup(NamedTuple):
 class Compiling(NamedTuple):
     """The navigator has compiled so many functions."""
 
-    count: int
+    functions: int
 
 
 class Playing(NamedTuple):

@@ -13,14 +13,14 @@ from airrace.common.jit import compiled
 
 @compiled
 def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """Returns A B, (n, m), of matrices (n, k) and (k, m)."""
-    result = np.empty((len(A), B.shape[1]))
+    """Returns A B, (n, m), of matrices (n, k) and (k, m). Zeros in A take next to no time."""
+    result = np.zeros((len(A), B.shape[1]))
     for i in range(len(A)):
-        for j in range(B.shape[1]):
-            total = 0.0
-            for k in range(len(B)):
-                total += A[i, k] * B[k, j]
-            result[i, j] = total
+        for k in range(len(B)):
+            factor = A[i, k]
+            if factor != 0.0:
+                for j in range(B.shape[1]):
+                    result[i, j] += factor * B[k, j]
     return result
 
 
@@ -31,15 +31,51 @@ def propagated(J: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def apply(A: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Returns A x, (n,), of a matrix (n, k) and a vector (k,)."""
+def affine(A: np.ndarray, x: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns A x + b, (n,), of a matrix (n, k) and vectors (k,) and (n,); b comes first."""
     result = np.empty(len(A))
     for i in range(len(A)):
-        total = 0.0
+        total = b[i]
         for k in range(len(x)):
             total += A[i, k] * x[k]
         result[i] = total
     return result
+
+
+@compiled
+def apply(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Returns A x, (n,), of a matrix (n, k) and a vector (k,)."""
+    return affine(A, x, np.zeros(len(A)))
+
+
+@compiled
+def reduced(P: np.ndarray, W: np.ndarray) -> np.ndarray:
+    """Returns P - W W^T, (n, n), symmetric to the last digit; P: (n, n), W: (n, k)."""
+    result = np.empty(P.shape)
+    for i in range(len(P)):
+        for j in range(i + 1):
+            rest = P[i, j]
+            for k in range(W.shape[1]):
+                rest -= W[i, k] * W[j, k]
+            result[i, j] = result[j, i] = rest
+    return result
+
+
+@compiled
+def mirrored(A: np.ndarray) -> np.ndarray:
+    """Returns the symmetric matrix whose lower triangle is that of A, (n, n)."""
+    result = A.copy()
+    for i in range(len(A)):
+        for j in range(i):
+            result[j, i] = A[i, j]
+    return result
+
+
+@compiled
+def skew(v: np.ndarray) -> np.ndarray:
+    """Returns [v]x, (3, 3), the matrix of the cross product with v: [v]x w is v x w."""
+    x, y, z = v
+    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
 
 
 @compiled
@@ -70,6 +106,15 @@ def solve_lower(L: np.ndarray, b: np.ndarray) -> np.ndarray:
             rest -= L[i, k] * x[k]
         x[i] = rest / L[i, i]
     return x
+
+
+@compiled
+def solve_lower_each(L: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """Returns B L^-T, (m, n): solve_lower() of every row of B, (m, n)."""
+    X = np.empty(B.shape)
+    for m in range(len(B)):
+        X[m] = solve_lower(L, B[m])
+    return X
 
 
 @compiled

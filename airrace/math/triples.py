@@ -80,7 +80,7 @@ def rotation_rows(q: Quaternion) -> Rows:
 
 @compilable
 def quaternion_added(q: Quaternion, factor: float, w_W: Triple) -> Quaternion:
-    """Returns q + factor N(q) w_W, where N(q) w_W is the derivative of q, see quaternion.py.
+    """Returns q + factor N(q) w_W, where N(q) w_W is the derivative of q.
 
     Args:
         q: of R_WB, [w, x, y, z], of any length.
@@ -127,7 +127,15 @@ def normalized(q: Quaternion) -> Quaternion:
 
 @compilable
 def integrate(q: Quaternion, w_W: Triple, dt: float) -> Quaternion:
-    """Returns the unit quaternion after a short time (s) at w_W (rad/s); see quaternion.py."""
+    """Returns the unit quaternion of R_WB after a short time at constant angular velocity.
+
+    It is the product of [1, w dt / 2] and q, normalised: exact to second order.
+
+    Args:
+        q: before, of any length.
+        w_W: angular velocity in the world (rad/s).
+        dt: may be negative (s).
+    """
     return normalized(quaternion_added(q, dt, w_W))
 
 
@@ -139,7 +147,13 @@ def turned(q: Quaternion, vector: Triple) -> Quaternion:
 
 @compilable
 def rotation_between(q_1: Quaternion, q_2: Quaternion) -> Triple:
-    """Returns the rotation vector of R_1^T R_2 (rad), no longer than pi; see quaternion.py."""
+    """Returns the rotation vector of R_1^T R_2 (rad), no longer than pi.
+
+    It is twice the angle of the quaternion conj(q_1) q_2, along its axis (Sola, "Quaternion
+    kinematics for the error-state Kalman filter", 2017, equation 105).
+
+    Args: q_1, q_2: of R_1 and R_2, of any length.
+    """
     a, b, c, d = q_1
     w, x, y, z = q_2
     v = (

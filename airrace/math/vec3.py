@@ -1,32 +1,32 @@
 """Products of vectors in three dimensions, for compiled functions, numbers and samples.
 
 A vector is an array (3,), or (3, N) for N vectors at once. Sums have a fixed order: the last
-digits of ``@``, and with them a race, depend on the processor that BLAS finds.
+digits of ``@``, and with them a race, depend on the processor that BLAS finds. The products are
+those of triples.py, but what is a tuple there is an array here.
 """
+
+from collections.abc import Callable
 
 import numpy as np
 
 from airrace.common.jit import compilable
+from airrace.math import triples
+from airrace.math.triples import dot
 
 
-@compilable
-def dot(a: np.ndarray, b: np.ndarray) -> float | np.ndarray:
-    """Returns a . b, a number or (N,)."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def array_of(function: Callable[..., tuple]) -> Callable[..., np.ndarray]:
+    """Returns a compilable function whose result is an array in place of a tuple."""
+
+    def result_as_array(*arguments):
+        return np.array(function(*arguments))
+
+    # Numba keeps machine code by this name: it must be no other function's.
+    result_as_array.__qualname__ = f"array_of_{function.__name__}"
+    return compilable(result_as_array)
 
 
-@compilable
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Returns a x b, (3,) or (3, N)."""
-    return np.array(
-        (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    )
-
-
-@compilable
-def rotate(R: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Returns R v, (3,), of a matrix (3, 3) and one vector."""
-    return np.array((dot(R[0], v), dot(R[1], v), dot(R[2], v)))
+cross = array_of(triples.cross)  # a x b, (3,) or (3, N)
+rotate = array_of(triples.rotate)  # R v, (3,), of a matrix (3, 3) and one vector
 
 
 @compilable

@@ -9,6 +9,7 @@ from pydrake.systems.framework import Context
 from pydrake.systems.sensors import ImageRgba8U
 from pymavlink.dialects.v20 import common as mavlink
 
+from airrace.common.packing import Packing
 from airrace.math.quaternion import rotation_matrix
 from airrace.math.random import make_generator
 from airrace.mavlink import telemetry
@@ -47,6 +48,10 @@ class Flight(NamedTuple):
 
     started: float
     origin: np.ndarray
+
+
+_PACKING = Packing(Flight, origin=3)
+_as_flight, _flight_vector = _PACKING.parts, _PACKING.vector
 
 
 class World(NamedTuple):
@@ -133,7 +138,7 @@ class MavlinkBridge(LeafSystem):
             "truth.referee_status", Value[object](RefereeStatus((), False, None, None, 0))
         )
         self._setpoint = self.DeclareDiscreteState(setpoint_vector(NO_SETPOINT))
-        self._flight = self.DeclareDiscreteState(np.hstack(Flight(-1.0, self._world.start)))
+        self._flight = self.DeclareDiscreteState(_flight_vector(Flight(-1.0, self._world.start)))
         self.DeclareStateOutputPort("setpoint", self._setpoint)
         self.DeclareAbstractOutputPort(
             "explorer_status",
@@ -170,7 +175,7 @@ class MavlinkBridge(LeafSystem):
 
     def started(self, context: Context) -> float:
         """Returns when it was first armed (s), -1 before; context: of this system."""
-        return float(context.get_discrete_state(self._flight).value()[0])
+        return float(_as_flight(context.get_discrete_state(self._flight).value()).started)
 
     def greet(self) -> None:
         """Sends a HEARTBEAT while the time does not go on yet."""
@@ -232,7 +237,7 @@ class MavlinkBridge(LeafSystem):
 
     def _send_track(self, context):
         hidden = self._config.vq != 1
-        origin = context.get_discrete_state(self._flight).value()[1:]
+        origin = _as_flight(context.get_discrete_state(self._flight).value()).origin
         for message in telemetry.track_messages(self._world.track, origin, hidden):
             self._link.send(message)
 
@@ -247,7 +252,7 @@ class MavlinkBridge(LeafSystem):
 
     def _ned(self, context):
         state = as_plant_state(read_vector(self._state, context))
-        origin = context.get_discrete_state(self._flight).value()[1:]
+        origin = _as_flight(context.get_discrete_state(self._flight).value()).origin
         return ned_state(state, rotation_matrix(np.array(state.quaternion)), origin)
 
     def _send_attitude(self, context):
@@ -316,7 +321,8 @@ class MavlinkBridge(LeafSystem):
                 flight = discrete_state.get_mutable_value(self._flight)
                 position = as_plant_state(read_vector(self._state, context)).position
                 time = context.get_time()
-                flight[:] = time if flight[0] < 0.0 else flight[0], *position
+                started = _as_flight(flight).started
+                flight[:] = _flight_vector(Flight(time if started < 0.0 else started, position))
                 changed = NO_SETPOINT._replace(kind=IDLE, time=time, armed=1.0)
                 setpoint[:] = setpoint_vector(changed)
             elif not arms:
@@ -324,7 +330,7 @@ class MavlinkBridge(LeafSystem):
 
     def _follow(self, context, discrete_state, message):
         setpoint = discrete_state.get_mutable_value(self._setpoint)
-        origin = discrete_state.value(self._flight)[1:]
+        origin = _as_flight(discrete_state.value(self._flight)).origin
         try:
             wanted = setpoint_of(message, origin, self._quirks.inverted_rates)
         except RefusedError:

@@ -10,17 +10,10 @@ import yaml
 from airrace.common.files import finite
 from airrace.common.resources import models_path
 from airrace.math.quaternion import rotation_between
-from airrace.systems.estimation.error_state import (
-    ACCEL_BIAS,
-    DRONE,
-    GYRO_BIAS,
-    POSITION,
-    THETA,
-    VELOCITY,
-)
+from airrace.systems.estimation.error_state import AT, as_drone_error
 from airrace.systems.estimation.navigation import as_navigation
 from airrace.systems.planning.lap_plan import LapPlan
-from airrace.systems.sensing.imu_samples import IMU_ROW, as_samples
+from airrace.systems.sensing.imu_samples import SAMPLE_SIZE, as_samples
 from airrace.systems.types import Detections, GateCrossing
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import map_data, rounded, statistics_data
@@ -28,7 +21,7 @@ from airrace.trajopt.reference import as_reference
 from airrace.vehicle.state import State
 
 if TYPE_CHECKING:
-    from airrace.systems.estimation.slam_filter import SlamState
+    from airrace.systems.estimation.slam_state import SlamState
     from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 PLAN_STEP = 0.02  # s between two samples of a plan
@@ -73,7 +66,7 @@ def imu_samples_data(vector: np.ndarray, after: float) -> tuple[dict | None, flo
     Returns:
         None for the message if there is no new sample.
     """
-    rows = vector.reshape(-1, IMU_ROW)
+    rows = vector.reshape(-1, SAMPLE_SIZE)
     new = rows[rows[:, 0] > max(after, 0.0)][::-1]
     if not len(new):
         return None, after
@@ -88,21 +81,21 @@ def estimator_data(state: "SlamState", error: np.ndarray) -> dict:
         error: of attitude (rad), position (m) and velocity (m/s), see estimate_error(), (9,).
     """
     belief = state.belief
-    sigmas = np.sqrt(np.diag(belief.covariance)[:DRONE])
+    sigma = as_drone_error(np.sqrt(np.diag(belief.covariance)))
     navigation = as_navigation(belief.navigation)
     vectors = {
-        "attitude_error": error[THETA:POSITION],
-        "position_error": error[POSITION:VELOCITY],
-        "velocity_error": error[VELOCITY:GYRO_BIAS],
-        "attitude_sigma": sigmas[THETA:POSITION],
-        "position_sigma": sigmas[POSITION:VELOCITY],
-        "velocity_sigma": sigmas[VELOCITY:GYRO_BIAS],
+        "attitude_error": error[AT.theta],
+        "position_error": error[AT.position],
+        "velocity_error": error[AT.velocity],
+        "attitude_sigma": sigma.theta,
+        "position_sigma": sigma.position,
+        "velocity_sigma": sigma.velocity,
         "gyro_bias": navigation.gyro_bias,
         "accelerometer_bias": navigation.accel_bias,
-        "gyro_bias_sigma": sigmas[GYRO_BIAS:ACCEL_BIAS],
-        "accelerometer_bias_sigma": sigmas[ACCEL_BIAS:],
+        "gyro_bias_sigma": sigma.gyro_bias,
+        "accelerometer_bias_sigma": sigma.accel_bias,
     }
-    covariance = belief.covariance[:GYRO_BIAS, :GYRO_BIAS].astype("<f4").tobytes()
+    covariance = belief.covariance[: len(error), : len(error)].astype("<f4").tobytes()
     return finite(
         {
             "time": state.time,

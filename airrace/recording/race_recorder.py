@@ -170,7 +170,7 @@ class RaceRecorder(LeafSystem):
     def _write_poses(self, context):
         state, info = self._value(context, "truth.state"), self._value(context, "camera_info")
         if state is not None and info is not None:
-            pose = as_plant_state(state, context.get_time())
+            pose = as_plant_state(state)._replace(time=context.get_time())
             self._log.write("/tf", pose.time, messages.transforms(pose, info.X_BC))
 
     def _extend_path(self, context):

@@ -16,7 +16,7 @@ from airrace.vehicle.state import as_plant_state, as_state
 
 
 def _truth(time, vector, vehicle):
-    return messages.odometry(as_plant_state(vector, time))
+    return messages.odometry(as_plant_state(vector)._replace(time=time))
 
 
 def _estimate(time, vector, vehicle):

@@ -12,6 +12,7 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import Context
 
 from airrace.common.jit import assign, compilable, compiled
+from airrace.common.packing import Packing
 from airrace.math.vec3 import dot
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
@@ -94,9 +95,8 @@ class RefereeMemory(NamedTuple):
 _START = RefereeMemory(*7 * [0.0], np.full(3, np.nan), np.zeros(6))  # type: ignore[arg-type, call-arg]
 
 
-@compilable
-def _as_memory(v: np.ndarray) -> RefereeMemory:
-    return RefereeMemory(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7:10], v[10:16])
+_PACKING = Packing(RefereeMemory, position=3, impulse=6)
+_as_memory, _memory_vector = _PACKING.parts, _PACKING.vector
 
 
 class Referee(LeafSystem):
@@ -189,7 +189,7 @@ class Referee(LeafSystem):
         self._shifts, self._stay = None, np.zeros(2 * len(track.gates))
         if moving_gates:
             self._shifts = self.DeclareVectorInputPort("gate_shifts", 2 * len(track.gates))
-        self._memory = self.DeclareDiscreteState(np.hstack(_START))
+        self._memory = self.DeclareDiscreteState(_memory_vector(_START))
         self._table = self.DeclareDiscreteState(3 * self._total)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._judge)
         self.DeclareAbstractOutputPort(
@@ -234,7 +234,7 @@ class Referee(LeafSystem):
             return
         if m.verdict == UNDECIDED:
             m = m._replace(verdict=verdict)
-        memory[:] = np.hstack(m)
+        memory[:] = _memory_vector(m)
 
     def _touched(self, context: Context, airborne: bool) -> str | None:
         """Returns the name of what pushed the drone, now or between two updates."""
@@ -349,8 +349,8 @@ def _observe(memory, time, state, impulse, shifts, course):
             crossing = m.time + share * (time - m.time)
     pushed = np.any(impulse != m.impulse)
     max_speed = max(m.max_speed, math.sqrt(dot(v, v)))
-    numbers = (time, airborne, m.crossings, max_speed, UNDECIDED, time, 0.0)
-    assign(memory, np.concatenate((np.array(numbers), p, impulse)))
+    after = RefereeMemory(time, airborne, m.crossings, max_speed, UNDECIDED, time, 0.0, p, impulse)
+    assign(memory, _memory_vector(after))
     return crossing, offset, pushed, _verdict(p, time, course)
 
 

@@ -10,7 +10,13 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from airrace.common.immutable import Immutable
 from airrace.common.jit import assign, compilable, compiled
-from airrace.trajopt.reference import NO_LIFT, REFERENCE_SIZE, Reference, as_reference
+from airrace.trajopt.reference import (
+    NO_LIFT,
+    REFERENCE_SIZE,
+    Reference,
+    as_reference,
+    reference_vector,
+)
 
 
 class FlatTrajectory(Immutable):
@@ -169,8 +175,7 @@ def unpack_flat_outputs(reference: np.ndarray) -> np.ndarray:
 
 def hold(p_WB: Sequence[float] | np.ndarray, yaw: float) -> np.ndarray:
     """Returns the reference of hovering at a point p_WB (m) with a yaw (rad), (18,)."""
-    rest = np.zeros(3)
-    return np.hstack(Reference(p_WB, rest, rest, rest, rest, yaw, 0.0, 0.0))  # type: ignore[arg-type]
+    return reference_vector(Reference(p_WB, 0.0, 0.0, 0.0, 0.0, yaw, 0.0, 0.0))  # type: ignore[arg-type]
 
 
 def idle(p_WB: Sequence[float] | np.ndarray, yaw: float) -> np.ndarray:

@@ -4,9 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable
-
-STATE_SIZE = 14  # of a vector: the time, then Drake's floating-base state (13)
+from airrace.common.packing import Packing
 
 
 class State(NamedTuple):
@@ -30,20 +28,9 @@ class State(NamedTuple):
     velocity: np.ndarray
 
 
-@compilable
-def as_state(vector: np.ndarray) -> State:
-    """Returns the parts of a state estimate, (14,), or of N, (14, N), as views of it."""
-    return as_plant_state(vector[1:], vector[0])
-
-
-@compilable
-def as_plant_state(vector: np.ndarray, time: float = np.nan) -> State:
-    """Returns the parts of Drake's floating-base state, (13,) or (13, N), as views of it."""
-    return State(time, vector[0:4], vector[4:7], vector[7:10], vector[10:13])
-
-
-@compilable
-def state_vector(state: State) -> np.ndarray:
-    """Returns the vector of a state, (14,)."""
-    time, quaternion, position, angular_velocity, velocity = state
-    return np.concatenate((np.array((time,)), quaternion, position, angular_velocity, velocity))
+_SHAPES = {"quaternion": 4, "position": 3, "angular_velocity": 3, "velocity": 3}
+# A state estimate, (14,).
+_PACKING = Packing(State, **_SHAPES)
+as_state, state_vector, STATE_SIZE = _PACKING.parts, _PACKING.vector, _PACKING.size
+# Drake's floating-base state, (13,): all but the time.
+as_plant_state = Packing(State, time=None, **_SHAPES).parts

@@ -9,7 +9,7 @@ from pydrake.math import RotationMatrix
 from airrace.recording.foxglove_messages import jpeg, raw_pixels
 from airrace.recording.json_topics import estimate_error
 from airrace.rendering.imaging.motion_blur import pose_of
-from airrace.systems.estimation.error_state import POSITION, VELOCITY
+from airrace.systems.estimation.error_state import AT
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.types import Detections
@@ -196,7 +196,7 @@ class RaceFeed(LeafSystem):
         if truth is None or estimate is None or slam is None or slam.time < 0.0:
             return
         error = estimate_error(as_plant_state(truth), as_state(estimate))
-        covariance = slam.belief.covariance[POSITION:VELOCITY, POSITION:VELOCITY]
+        covariance = slam.belief.covariance[AT.position, AT.position]
         if np.isfinite(error).all() and np.isfinite(covariance).all():
             self._record.add(ESTIMATES, time, **estimate_data(error, covariance))
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from airrace.recording.foxglove_messages import raw_pixels
 from airrace.systems.estimation.kalman_update import Belief
-from airrace.systems.estimation.slam_filter import SlamState
+from airrace.systems.estimation.slam_state import SlamState
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.types import (

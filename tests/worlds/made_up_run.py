@@ -11,7 +11,7 @@ from airrace.recording.writer import FILE, RaceLog
 from airrace.scenario import VIO, Scenario, scenario_yaml
 from airrace.systems.estimation.kalman_update import Belief
 from airrace.systems.estimation.landmarks import Landmark
-from airrace.systems.estimation.slam_filter import SlamState
+from airrace.systems.estimation.slam_state import SlamState
 from airrace.systems.types import Detection, Detections, GateCrossing
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap, MarkerEstimate

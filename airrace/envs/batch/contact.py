@@ -15,13 +15,13 @@ from pydrake.multibody.plant import MultibodyPlant
 from airrace.common.errors import UserError
 from airrace.common.jit import inlined
 from airrace.envs.batch.courses import Courses
-from airrace.envs.batch.dynamics import Motion
 from airrace.math.triples import Triple, added, rotate, rotation_rows
 from airrace.rendering.scene.meshes import BOARD_THICKNESS
 from airrace.rendering.scene.pylon_shape import make_pylon_shape
 from airrace.systems.plant.multirotor import AddMultirotorModel, ground_clearance
 from airrace.track import BOARD_HEIGHT, BOARD_OFFSET, BOARD_SIZE
 from airrace.vehicle import Vehicle
+from airrace.vehicle.free_body import Motion
 
 _SIDES = 16  # of a pylon, see AddScenery
 

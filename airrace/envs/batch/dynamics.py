@@ -1,10 +1,7 @@
 """One step of a multirotor in the air, as Drake's plant makes it, in machine code.
 
-The discrete MultibodyPlant of the race (see diagrams/simulation.py) advances a free body by
-semi-implicit Euler: forces and the gyroscopic moment are those of the start of the step, the
-velocity of its end then moves the pose, and the quaternion is not normalised (Castro et al.,
-"An unconstrained convex formulation of compliant contact", 2022, where there is no contact).
-A test compares both over a second of flight.
+It is that of vehicle/free_body.py, with rotors and drag. A test compares it with the discrete
+MultibodyPlant of the race (see diagrams/simulation.py) over a second of flight.
 """
 
 import math
@@ -12,35 +9,17 @@ from typing import NamedTuple
 
 from airrace.common.jit import inlined
 from airrace.math.triples import (
-    Quaternion,
     Triple,
     added,
-    cross,
     difference,
     dot,
-    quaternion_added,
-    rotate,
     rotate_back,
     rotation_rows,
+    scaled,
     times,
 )
-from airrace.vehicle import GRAVITY
-
-
-class Motion(NamedTuple):
-    """Pose and velocity of the body B in the world W, as in vehicle/state.py, but as tuples.
-
-    Attributes:
-        quaternion: of R_WB, [w, x, y, z].
-        position: p_WB (m).
-        angular_velocity: w_WB, in the axes of W (rad/s).
-        velocity: v_WB, in the axes of W (m/s).
-    """
-
-    quaternion: Quaternion
-    position: Triple
-    angular_velocity: Triple
-    velocity: Triple
+from airrace.vehicle import free_body
+from airrace.vehicle.free_body import Motion
 
 
 class Wrench(NamedTuple):
@@ -76,19 +55,12 @@ def next_motion(motion: Motion, wrench: Wrench, wind: Triple, body: Body, dt: fl
         body: that moves.
         dt: of the step (s).
     """
-    q, p, w, v = motion
-    J, R_WB = body.inertia, rotation_rows(q)
-    w_B = rotate_back(R_WB, w)
-    force_B, drag_moment = _drag(rotate_back(R_WB, difference(v, wind)), w_B, body)
+    R_WB = rotation_rows(motion.quaternion)
+    v_B = rotate_back(R_WB, difference(motion.velocity, wind))
+    drag, drag_moment = _drag(v_B, rotate_back(R_WB, motion.angular_velocity), body)
+    specific_force = scaled(1.0 / body.mass, (drag[0], drag[1], drag[2] + wrench.thrust))
     moment = added(wrench.moment, 1.0, drag_moment)
-    # Euler's equation of rotation, and Newton's law.
-    M = difference(moment, cross(w_B, times(J, w_B)))
-    alpha_B = (M[0] / J[0], M[1] / J[1], M[2] / J[2])
-    a = rotate(R_WB, (force_B[0], force_B[1], force_B[2] + wrench.thrust))
-    w = added(w, dt, rotate(R_WB, alpha_B))
-    v = added(v, dt / body.mass, a)
-    v = (v[0], v[1], v[2] - dt * GRAVITY)
-    return Motion(quaternion_added(q, dt, w), added(p, dt, v), w, v)
+    return free_body.next_motion(motion, specific_force, moment, body.inertia, dt)
 
 
 @inlined

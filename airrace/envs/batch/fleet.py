@@ -7,9 +7,9 @@ import numpy as np
 
 from airrace.common.jit import compiled, inlined
 from airrace.envs.batch.courses import Courses
-from airrace.envs.batch.dynamics import Motion
 from airrace.envs.start import DISTANCE, HEIGHT, RATE, SIDE, SPEED, STARTS, TILT, YAW
 from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.free_body import Motion
 from airrace.vehicle.rotors import make_rotor_dynamics
 
 _PAD, _HOVER = map(STARTS.index, ("pad", "hover"))

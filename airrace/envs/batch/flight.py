@@ -12,7 +12,6 @@ import numpy as np
 from airrace.common.jit import compiled_in_threads, inlined
 from airrace.envs.batch.contact import Shape, is_near_something, touches_gate, touches_ground
 from airrace.envs.batch.courses import Courses, course_of
-from airrace.envs.batch.dynamics import Motion
 from airrace.envs.batch.fleet import Bodies, Fleet
 from airrace.envs.batch.lanes import (
     LANES,
@@ -35,6 +34,7 @@ from airrace.systems.control.rate_law import RateParameters
 from airrace.systems.policy.command_scale import CommandScale
 from airrace.systems.policy.gates_observation import write_gates_observation
 from airrace.track.gate_opening import find
+from airrace.vehicle.free_body import Motion
 from airrace.vehicle.state import as_plant_state
 
 _FASTER = 5.0  # m/s, by which a drone may get faster within a step, and more than it does

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import inlined
-from airrace.envs.batch.dynamics import Body, Motion, Wrench, next_motion
+from airrace.envs.batch.dynamics import Body, Wrench, next_motion
 from airrace.envs.batch.fleet import Bodies, Fleet
 from airrace.math.triples import rotate_back, rotation_rows
 from airrace.systems.control.rate_law import (
@@ -21,6 +21,7 @@ from airrace.systems.control.rate_law import (
     wanted_moment,
 )
 from airrace.systems.control.rotor_commands import speed_command
+from airrace.vehicle.free_body import Motion
 from airrace.vehicle.rotors import next_speed
 
 LANES = 16

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from airrace.common.jit import compiled
 from airrace.math.quaternion import rotation_between, rotation_matrix
 from airrace.systems.control.setpoint import (
     ATTITUDE,
@@ -71,7 +70,6 @@ class AttitudeController(LeafSystem):
             np.clip(command[1:], -MOST_RATES, MOST_RATES, out=command[1:])
 
 
-@compiled
 def _rates(q, wanted, yaw_rate, gains):
     """Returns rates in B (rad/s), (3,), for quaternions of R_WB and a rate about the vertical."""
     return gains * rotation_between(q, wanted) + yaw_rate * rotation_matrix(q)[2]

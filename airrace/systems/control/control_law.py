@@ -7,6 +7,7 @@ import numpy as np
 
 from airrace.common.errors import UserError
 from airrace.common.jit import compilable
+from airrace.common.packing import Packing
 from airrace.math.quaternion import rotation_matrix
 from airrace.math.vec3 import cross, dot, from_columns, rotate
 from airrace.systems.control.attitude_error import lead_moment, lee_error, reduced_error
@@ -44,11 +45,8 @@ class ControlParameters(NamedTuple):
     reduced: bool
 
 
-@compilable
-def as_parameters(vector: np.ndarray) -> ControlParameters:
-    """Returns the parts of ``np.hstack(parameters)``, (14,)."""
-    v = vector
-    return ControlParameters(v[0], v[1:4], v[4], v[5], v[6:9], v[9:12], v[12], v[13] > 0.0)
+_PACKING = Packing(ControlParameters, inertia=3, k_R=3, k_w=3)
+as_parameters, parameters_vector = _PACKING.parts, _PACKING.vector
 
 
 def make_parameters(vehicle: Vehicle, attitude_error: str, gains: str) -> ControlParameters:

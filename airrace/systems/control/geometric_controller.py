@@ -6,7 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from airrace.common.jit import all_finite, assign, compiled
-from airrace.systems.control.control_law import as_parameters, lee_wrench, make_parameters
+from airrace.systems.control.control_law import (
+    as_parameters,
+    lee_wrench,
+    make_parameters,
+    parameters_vector,
+)
 from airrace.systems.control.reduced_attitude import ReducedAttitude
 from airrace.systems.control.rotor_commands import overdrive_of, set_speeds
 from airrace.systems.leaf_system import LeafSystem
@@ -97,7 +102,7 @@ class GeometricController(LeafSystem):
             lambda losses: Remaining(vehicle, np.isinf(np.frombuffer(losses)))
         )
         # One vector is quicker to hand over, see common/jit.py.
-        self._parameters = np.hstack(make_parameters(vehicle, attitude_error, gains))
+        self._parameters = parameters_vector(make_parameters(vehicle, attitude_error, gains))
         self._thrust_coefficients = vehicle.thrust_coefficients
         self._max_speeds = vehicle.max_speeds
         self._overdrive = overdrive_of(vehicle, rate) if rotor_overdrive else 1.0

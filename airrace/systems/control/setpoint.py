@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable
+from airrace.common.packing import Packing
 
 # What a set-point is about.
 IDLE, RATES, ATTITUDE, VELOCITY, POSITION, MOTORS = range(6)
@@ -44,17 +44,5 @@ class Setpoint(NamedTuple):
 
 _LEVEL, _ZERO, _STILL = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(4)
 NO_SETPOINT = Setpoint(*7 * [0.0], _ZERO, _LEVEL, _ZERO, _ZERO, _STILL)  # type: ignore[arg-type, call-arg]
-SETPOINT_SIZE = len(np.hstack(NO_SETPOINT))
-
-
-def setpoint_vector(setpoint: Setpoint) -> np.ndarray:
-    """Returns the vector of a set-point, (24,)."""
-    return np.hstack(setpoint)
-
-
-@compilable
-def as_setpoint(v: np.ndarray) -> Setpoint:
-    """Returns the parts of a vector, (24,), as views of it."""
-    return Setpoint(
-        v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7:10], v[10:14], v[14:17], v[17:20], v[20:24]
-    )
+_PACKING = Packing(Setpoint, rates=3, quaternion=4, position=3, velocity=3, motors=4)
+as_setpoint, setpoint_vector, SETPOINT_SIZE = _PACKING.parts, _PACKING.vector, _PACKING.size

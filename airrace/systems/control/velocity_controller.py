@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from airrace.common.jit import compiled
 from airrace.math.quaternion import heading
 from airrace.math.vec3 import cross, dot
 from airrace.systems.control.setpoint import POSITION, SETPOINT_SIZE, VELOCITY, as_setpoint
@@ -66,7 +65,6 @@ class VelocityController(LeafSystem):
         _set_attitude(command, a, float(yaw), float(rate), self._limits)
 
 
-@compiled
 def _towards(wanted, position):
     """Returns the velocity that leads to a position (m/s), (3,)."""
     v = _POSITION_GAIN * (wanted - position)
@@ -74,7 +72,6 @@ def _towards(wanted, position):
     return v * min(1.0, _FASTEST / max(speed, 1e-9))
 
 
-@compiled
 def _acceleration(wanted, velocity):
     """Returns the acceleration for velocities in the world, limited (m/s^2), (3,)."""
     a = _VELOCITY_GAIN * (wanted - velocity)
@@ -84,7 +81,6 @@ def _acceleration(wanted, velocity):
     return a
 
 
-@compiled
 def _set_attitude(command, a, yaw, yaw_rate, limits):
     """Writes thrust (N), quaternion and yaw rate for an acceleration a (m/s^2) and a yaw (rad)."""
     mass, most = limits

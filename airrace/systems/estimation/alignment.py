@@ -11,23 +11,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable, compiled
 from airrace.math.quaternion import quaternion_product, rotation_between
+from airrace.math.small_matrices import product, propagated
+from airrace.math.vec3 import dot
 from airrace.systems.estimation.error_state import (
-    ACCEL_BIAS,
+    AT,
     DRONE,
-    GYRO_BIAS,
-    POSITION,
-    THETA,
-    VELOCITY,
+    DroneError,
     ImuNoise,
+    drone_error_vector,
 )
+from airrace.systems.sensing.imu_samples import as_sample
 from airrace.systems.types import Detection
 from airrace.vehicle import GRAVITY
 
 _SCALE = 0.02  # m/s^2, of the specific force's length: scale errors of the sensor
 _HEADING_SIGMA = 1e-4  # rad
-_POSITION_SIGMA, _HEIGHT_SIGMA, _VELOCITY_SIGMA = 2e-3, 0.02, 5e-3  # m, m, m/s
+_POSITION_SIGMAS, _VELOCITY_SIGMA = np.array((2e-3, 2e-3, 0.02)), 5e-3  # m, m/s
 _STEP = 1e-4  # of the numerical derivative, relative
 
 
@@ -82,7 +82,6 @@ def averaged(still: Still, marker: Detection) -> Still:
     )
 
 
-@compiled
 def attitude_from(up: np.ndarray, heading: float) -> np.ndarray:
     """Returns the unit quaternion of R_WB of a drone on a pad, (4,).
 
@@ -93,7 +92,7 @@ def attitude_from(up: np.ndarray, heading: float) -> np.ndarray:
         heading: (rad).
     """
     c, s = math.cos(heading), math.sin(heading)
-    length = math.sqrt(up[0] ** 2 + up[1] ** 2 + up[2] ** 2)
+    length = math.sqrt(dot(up, up))
     # `up` as it would be if the body were turned by the heading alone.
     x, y, z = (c * up[0] - s * up[1]) / length, (s * up[0] + c * up[1]) / length, up[2] / length
     w = math.sqrt(max(0.5 * (1.0 + z), 1e-12))
@@ -102,7 +101,6 @@ def attitude_from(up: np.ndarray, heading: float) -> np.ndarray:
     return quaternion_product(tilt, turn)
 
 
-@compilable
 def _attitude_by_force(force, heading):
     """Returns the derivative of the attitude's error by the specific force, (3, 3)."""
     q = attitude_from(force, heading)
@@ -117,7 +115,6 @@ def _attitude_by_force(force, heading):
     return result
 
 
-@compiled
 def aligned(rest: Rest, heading: float, noise: ImuNoise) -> tuple:
     """Returns what is known of a drone after some time at rest.
 
@@ -135,37 +132,33 @@ def aligned(rest: Rest, heading: float, noise: ImuNoise) -> tuple:
         errors, (15, 15).
     """
     f, duration = rest.specific_force, max(rest.duration, 1e-3)
-    length = math.sqrt(f[0] ** 2 + f[1] ** 2 + f[2] ** 2)
+    length = math.sqrt(dot(f, f))
     up = f / length
     prior, mean_noise = noise.accel_turn_on**2, noise.accel**2 / duration
     along = prior * (mean_noise + _SCALE**2) / (prior + mean_noise + _SCALE**2)
     accel_bias = up * ((length - GRAVITY) * along / (mean_noise + _SCALE**2))
-    bias = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            bias[i, j] = up[i] * up[j] * (along - prior) + (prior if i == j else 0.0)
+    bias = np.outer(up, up) * (along - prior) + prior * np.eye(3)
     quaternion = attitude_from(f - accel_bias, heading)
     J = _attitude_by_force(f, heading)
     P = np.zeros((DRONE, DRONE))
-    for i in range(3):
-        for j in range(3):
-            total, tilt_and_bias = 0.0, 0.0
-            for k in range(3):
-                tilt_and_bias -= J[i, k] * bias[k, j]
-                for m in range(3):
-                    total += J[i, k] * (bias[k, m] + (mean_noise if k == m else 0.0)) * J[j, m]
-            P[THETA + i, THETA + j] = total
-            P[THETA + i, ACCEL_BIAS + j] = P[ACCEL_BIAS + j, THETA + i] = tilt_and_bias
-            P[ACCEL_BIAS + i, ACCEL_BIAS + j] = bias[i, j]
-        P[THETA + i, THETA + i] += _HEADING_SIGMA**2
-        P[POSITION + i, POSITION + i] = (_HEIGHT_SIGMA if i == 2 else _POSITION_SIGMA) ** 2
-        P[VELOCITY + i, VELOCITY + i] = _VELOCITY_SIGMA**2
-        P[GYRO_BIAS + i, GYRO_BIAS + i] = noise.gyro**2 / duration + 1e-10
-        P[ACCEL_BIAS + i, ACCEL_BIAS + i] += 1e-8
+    P[AT.theta, AT.theta] = propagated(J, bias + mean_noise * np.eye(3))
+    P[AT.theta, AT.accel_bias] = -product(J, bias)
+    P[AT.accel_bias, AT.theta] = P[AT.theta, AT.accel_bias].T
+    P[AT.accel_bias, AT.accel_bias] = bias
+    P += np.diag(
+        drone_error_vector(
+            DroneError(
+                _HEADING_SIGMA**2,
+                _POSITION_SIGMAS**2,
+                _VELOCITY_SIGMA**2,
+                noise.gyro**2 / duration + 1e-10,
+                1e-8,
+            )
+        )
+    )
     return quaternion, rest.angular_velocity, accel_bias, P
 
 
-@compiled
 def rested(rest: Rest, history: np.ndarray, after: float, until: float) -> Rest:
     """Returns the means with the samples that end after a time and not after another.
 
@@ -176,9 +169,10 @@ def rested(rest: Rest, history: np.ndarray, after: float, until: float) -> Rest:
     """
     count, duration = rest.samples, rest.duration
     w, f = rest.angular_velocity.copy(), rest.specific_force.copy()
-    for k in range(len(history) - 1, -1, -1):
-        if 0.0 < history[k, 0] <= until and history[k, 0] > after:
-            count += 1
-            w += (history[k, 1:4] - w) / count
-            f += (history[k, 4:7] - f) / count
+    time = history[:, 0]
+    for sample in history[(time > max(after, 0.0)) & (time <= until)][::-1]:
+        _, angular_velocity, specific_force = as_sample(sample)
+        count += 1
+        w += (angular_velocity - w) / count
+        f += (specific_force - f) / count
     return Rest(count, duration + max(until - max(after, 0.0), 0.0), w, f)

@@ -7,15 +7,15 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from airrace.common.jit import all_finite, compiled
-from airrace.math.quaternion import integrate, rotation_matrix
-from airrace.math.vec3 import cross, rotate
+from airrace.math.small_matrices import apply
+from airrace.math.triples import added, integrate
 from airrace.systems.leaf_system import LeafSystem
 from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.free_body import motion_of, next_motion
 from airrace.vehicle.rotors import RotorDynamics, make_rotor_dynamics, next_speeds
 from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
 
 _LEAST = 0.004  # s; shorter delays are ignored
-_MOMENT = 1e-9  # s, that only rounding makes
 _MOST = 0.25  # s; the model is not good enough for longer ones
 _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _FOLLOWS = 0.6  # of the least speed commanded in a while: a rotor below has stopped
@@ -162,13 +162,11 @@ def _predict(estimate, speeds, commands, since, delay, model):
         since: when the newest was made (s).
         model: a RigidBodyModel.
     """
-    state, mass, J, h = as_state(estimate), model.mass, model.inertia, model.period
+    state, h = as_state(estimate), model.period
     c_f = model.rotors.thrust_coefficients
-    p, v, quaternion = state.position.copy(), state.velocity.copy(), state.quaternion.copy()
-    R_WB = rotation_matrix(quaternion)
-    w = rotate(R_WB.T, state.angular_velocity)
-    g_W = np.array((0.0, 0.0, GRAVITY))
-    turning, flying = speeds.copy(), np.sum(c_f * speeds**2) > _FLYING * mass * GRAVITY
+    motion = motion_of(state)
+    turning = speeds.copy()
+    flying = np.sum(c_f * speeds * speeds) > _FLYING * model.mass * GRAVITY
     # The command in force at the time of the estimate, and those after it.
     first = int(math.floor((since - state.time) / h)) + 1
     first = min(max(first, 0), len(commands) - 1)
@@ -176,18 +174,15 @@ def _predict(estimate, speeds, commands, since, delay, model):
     for k in range(steps):
         turning = next_speeds(turning, commands[max(first - k, 0)], model.rotors)
         if flying:
-            wrench = model.allocation @ (c_f * turning**2)
-            w = w + h * (wrench[1:] - cross(w, J * w)) / J
-            quaternion = integrate(quaternion, rotate(R_WB, w), h)
-            R_WB = rotation_matrix(quaternion)
-            p = p + h * v
-            v = v + h * (wrench[0] / mass * R_WB[:, 2] - g_W)
-    rest = delay - steps * h
-    if flying and abs(rest) > _MOMENT:
-        quaternion = integrate(quaternion, rotate(R_WB, w), rest)
-        p = p + rest * v
+            thrust, x, y, z = apply(model.allocation, c_f * turning * turning)
+            specific_force = (0.0, 0.0, thrust / model.mass)
+            motion = next_motion(motion, specific_force, (x, y, z), model.inertia, h)
+    q, p, w, v = motion
+    if flying:  # and the part of a period that is left
+        rest = delay - steps * h
+        q, p = integrate(q, w, rest), added(p, rest, v)
     after = speeds.copy()
     for i in range(len(speeds)):
         if not speeds[i] < _FOLLOWS * np.min(commands[first : first + _WHILE, i]):
             after[i] = turning[i]
-    return state_vector(State(state.time + delay, quaternion, p, rotate(R_WB, w), v)), after
+    return state_vector(State(state.time + delay, q, p, w, v)), after

@@ -14,14 +14,38 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import compilable, compiled
-from airrace.math.quaternion import turned
-from airrace.math.triples import difference, exp_quaternion, rotation_rows, scaled
+from airrace.common.packing import Packing
+from airrace.math.quaternion import exp_quaternion, rotation_matrix, turned
+from airrace.math.small_matrices import product, skew
 from airrace.systems.estimation.navigation import Navigation, as_navigation, first_after, move
+from airrace.systems.sensing.imu_samples import as_sample
 
-DRONE = 15  # errors of the drone
+
+class DroneError(NamedTuple):
+    """The error of the drone, in the order of the covariance's rows.
+
+    Attributes:
+        theta: of the attitude, a rotation vector in axes of the body (rad), (3,).
+        position: dp (m), (3,).
+        velocity: dv (m/s), (3,).
+        gyro_bias: db_g (rad/s), (3,).
+        accel_bias: db_a (m/s^2), (3,).
+    """
+
+    theta: np.ndarray | float
+    position: np.ndarray | float
+    velocity: np.ndarray | float
+    gyro_bias: np.ndarray | float
+    accel_bias: np.ndarray | float
+
+
+_PACKING = Packing(DroneError, theta=3, position=3, velocity=3, gyro_bias=3, accel_bias=3)
+as_drone_error, drone_error_vector, DRONE = _PACKING.parts, _PACKING.vector, _PACKING.size
+AT = _PACKING.at  # where each begins and ends
 # How much the motion may differ from that of the next sample while there is none (sigma).
-_MISSED_TURN, _MISSED_ACCELERATION = 2.0, 10.0  # rad/s, m/s^2
-THETA, POSITION, VELOCITY, GYRO_BIAS, ACCEL_BIAS = 0, 3, 6, 9, 12  # where each begins
+_MISSED = drone_error_vector(
+    DroneError(theta=2.0, position=0.0, velocity=10.0, gyro_bias=0.0, accel_bias=0.0)
+)  # rad/s, m/s^2
 
 
 class ImuNoise(NamedTuple):
@@ -47,13 +71,14 @@ class ImuNoise(NamedTuple):
 @compilable
 def corrected(state: Navigation, error: np.ndarray) -> Navigation:
     """Returns the state that a nominal one is, if that has an error, (15,) or longer."""
+    e = as_drone_error(error)
     return Navigation(
         state.time,
-        turned(state.quaternion, error[0:3]),
-        state.position + error[3:6],
-        state.velocity + error[6:9],
-        state.gyro_bias + error[9:12],
-        state.accel_bias + error[12:15],
+        turned(state.quaternion, e.theta),
+        state.position + e.position,
+        state.velocity + e.velocity,
+        state.gyro_bias + e.gyro_bias,
+        state.accel_bias + e.accel_bias,
     )
 
 
@@ -68,35 +93,18 @@ def transition(state: Navigation, sample: np.ndarray, dt: float) -> np.ndarray:
 
     Args: state: at the beginning. sample, dt: see move().
     """
-    w, f = difference(sample[1:4], state.gyro_bias), difference(sample[4:7], state.accel_bias)
-    R, back = rotation_rows(state.quaternion), rotation_rows(exp_quaternion(scaled(-dt, w)))
+    imu, R = as_sample(sample), rotation_matrix(state.quaternion)
+    w, f = imu.angular_velocity - state.gyro_bias, imu.specific_force - state.accel_bias
+    turning = product(R, skew(f))
     F = np.eye(DRONE)
-    for i in range(3):
-        for j in range(3):
-            F[THETA + i, THETA + j] = back[i][j]
-            # Row i of R, crossed with f: (R [f]x)_ij.
-            a, b = (j + 1) % 3, (j + 2) % 3
-            turning = R[i][a] * f[b] - R[i][b] * f[a]
-            F[VELOCITY + i, THETA + j] = -dt * turning
-            F[POSITION + i, THETA + j] = -0.5 * dt * dt * turning
-            F[VELOCITY + i, ACCEL_BIAS + j] = -dt * R[i][j]
-            F[POSITION + i, ACCEL_BIAS + j] = -0.5 * dt * dt * R[i][j]
-        F[THETA + i, GYRO_BIAS + i] = -dt
-        F[POSITION + i, VELOCITY + i] = dt
+    F[AT.theta, AT.theta] = rotation_matrix(exp_quaternion(-dt * w))
+    F[AT.theta, AT.gyro_bias] = -dt * np.eye(3)
+    F[AT.velocity, AT.theta] = -dt * turning
+    F[AT.velocity, AT.accel_bias] = -dt * R
+    F[AT.position, AT.velocity] = dt * np.eye(3)
+    F[AT.position, AT.theta] = -0.5 * dt * dt * turning
+    F[AT.position, AT.accel_bias] = -0.5 * dt * dt * R
     return F
-
-
-@compilable
-def _times(F, B):
-    """Returns F B of a matrix with many zeros, (n, n), and one of (n, m)."""
-    result = np.zeros((len(F), B.shape[1]))
-    for i in range(len(F)):
-        for k in range(len(B)):
-            factor = F[i, k]
-            if factor != 0.0:
-                for j in range(B.shape[1]):
-                    result[i, j] += factor * B[k, j]
-    return result
 
 
 @compiled
@@ -104,6 +112,9 @@ def propagate(
     vector: np.ndarray, covariance: np.ndarray, history: np.ndarray, time: float, noise: ImuNoise
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns nominal state, (17,), and covariance, (n, n), carried forward to a time.
+
+    Each step adds its noise to F P F^T. The gates stand still, so that their part of P remains,
+    and its correlation with the drone is multiplied by the product of all F.
 
     Args:
         vector: the nominal state before, (17,).
@@ -113,35 +124,23 @@ def propagate(
         noise: of the sensor.
     """
     moved = vector.copy()
-    own, total = covariance[:DRONE, :DRONE].copy(), np.eye(DRONE)
-    densities = np.zeros(DRONE)
-    densities[THETA:POSITION] = noise.gyro**2
-    densities[VELOCITY:GYRO_BIAS] = noise.accel**2
-    densities[GYRO_BIAS:ACCEL_BIAS] = noise.gyro_walk**2
-    densities[ACCEL_BIAS:] = noise.accel_walk**2
-    oldest = first_after(history, moved[0])
-    for k in range(oldest, -2, -1):  # and the newest once more, up to the time
+    P, total = covariance[:DRONE, :DRONE].copy(), np.eye(DRONE)
+    densities = drone_error_vector(
+        DroneError(noise.gyro**2, 0.0, noise.accel**2, noise.gyro_walk**2, noise.accel_walk**2)
+    )
+    for k in range(first_after(history, moved[0]), -2, -1):  # and the newest once more
         sample = history[max(k, 0)]
         until = min(sample[0], time) if k >= 0 else time
         dt = until - moved[0]
         if not dt > 1e-9 or sample[0] <= 0.0:
             continue
         F = transition(as_navigation(moved), sample, dt)
-        own = _times(F, _times(F, own).T)
-        gap = dt - 1.5 * noise.period
-        for i in range(DRONE):
-            own[i, i] += dt * densities[i]
-            if gap > 0.0 and i < POSITION:
-                own[i, i] += (_MISSED_TURN * gap) ** 2
-            elif gap > 0.0 and VELOCITY <= i < GYRO_BIAS:
-                own[i, i] += (_MISSED_ACCELERATION * gap) ** 2
-        total = _times(F, total)
+        missed = max(dt - 1.5 * noise.period, 0.0) * _MISSED
+        P = product(F, product(F, P).T) + np.diag(dt * densities) + np.diag(missed * missed)
+        total = product(F, total)
         move(moved, sample, dt)
     result = covariance.copy()
-    cross = _times(total, np.ascontiguousarray(covariance[:DRONE, DRONE:]))
-    for i in range(DRONE):
-        for j in range(DRONE):
-            result[i, j] = 0.5 * (own[i, j] + own[j, i])
-        for j in range(cross.shape[1]):
-            result[i, DRONE + j] = result[DRONE + j, i] = cross[i, j]
+    result[:DRONE, :DRONE] = 0.5 * (P + P.T)
+    result[:DRONE, DRONE:] = product(total, covariance[:DRONE, DRONE:])
+    result[DRONE:, :DRONE] = result[:DRONE, DRONE:].T
     return moved, result

@@ -10,7 +10,8 @@ import numpy as np
 
 from airrace.common.jit import compilable, compiled
 from airrace.math.quaternion import rotation_matrix
-from airrace.math.vec3 import cross, dot, rotate
+from airrace.math.small_matrices import product, skew
+from airrace.math.vec3 import rotate
 from airrace.systems.estimation.navigation import Navigation
 from airrace.systems.mapping.gate_filter import board_position, facing
 from airrace.systems.perception.pose_refinement import project
@@ -93,14 +94,10 @@ def predicted_corners(
         if p_C[2] < _LEAST_DEPTH:
             nearest = -1.0
             p_C[2] = _LEAST_DEPTH
-        pixel, by_camera = project(p_C, camera.intrinsics)
-        for i in range(2):
-            row = 2 * k + i
-            pixels[row] = pixel[i]
-            in_body = rotate(camera.R_CB.T, by_camera[i])
-            by_theta, by_position = cross(in_body, p_B), rotate(R_BW.T, in_body)
-            for j in range(3):
-                by_pose[row, j], by_pose[row, 3 + j] = by_theta[j], -by_position[j]
-            for j in range(GATE):
-                by_state[row, j] = dot(by_position, by_gate[k, :, j])
+        rows = slice(2 * k, 2 * k + 2)
+        pixels[rows], by_camera = project(p_C, camera.intrinsics)
+        by_body = product(by_camera, camera.R_CB)
+        by_position = product(by_body, R_BW)
+        by_pose[rows, :3], by_pose[rows, 3:] = product(by_body, skew(p_B)), -by_position
+        by_state[rows] = product(by_position, by_gate[k])
     return pixels, by_pose, by_state, nearest

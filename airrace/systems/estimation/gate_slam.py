@@ -9,11 +9,14 @@ from pydrake.systems.framework import Context, EventStatus
 from airrace.scenario import PerceptionConfig
 from airrace.systems.estimation.error_state import ImuNoise
 from airrace.systems.estimation.lost_estimate import drift_sigma, why_lost
-from airrace.systems.estimation.navigation import NAVIGATION_SIZE, SAMPLE_SIZE
-from airrace.systems.estimation.slam_filter import MapFrame, SlamFilter, SlamState
+from airrace.systems.estimation.navigation import NAVIGATION_SIZE
+from airrace.systems.estimation.slam_filter import MapFrame, SlamFilter
+from airrace.systems.estimation.slam_map import map_of
+from airrace.systems.estimation.slam_state import SlamState
 from airrace.systems.estimation.strapdown_integrator import history_depth
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
+from airrace.systems.sensing.imu_samples import SAMPLE_SIZE
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import GRAVITY, Vehicle
 
@@ -102,7 +105,7 @@ class GateSlam(LeafSystem):
         self.DeclareAbstractOutputPort(
             "gate_map",
             lambda: Value[object](GateMap()),
-            lambda context, output: output.set_value(self._recall(context).gate_map),
+            lambda context, output: output.set_value(map_of(self._recall(context))),
             ticket,
         )
         self.DeclareAbstractOutputPort(

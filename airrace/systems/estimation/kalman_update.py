@@ -8,13 +8,29 @@ import numpy as np
 from airrace.common.jit import compilable, compiled
 from airrace.math.angles import wrap_angle
 from airrace.math.quaternion import rotation_between, rotation_matrix
-from airrace.math.small_matrices import cholesky, propagated, solve_lower, solve_upper
-from airrace.systems.estimation.error_state import DRONE, POSITION, THETA, corrected
+from airrace.math.small_matrices import (
+    affine,
+    cholesky,
+    mirrored,
+    product,
+    propagated,
+    reduced,
+    solve_lower,
+    solve_lower_each,
+    solve_upper,
+)
+from airrace.systems.estimation.error_state import (
+    AT,
+    DRONE,
+    DroneError,
+    corrected,
+    drone_error_vector,
+)
 from airrace.systems.estimation.gate_projection import GATE, POSE, Camera, predicted_corners
 from airrace.systems.estimation.navigation import Navigation, as_navigation, navigation_vector
 from airrace.systems.estimation.world_heading import (
-    carry_covariance_over,
-    carry_over,
+    carried_covariance,
+    carried_over,
     heading_gradient,
     turn_of_the_world,
 )
@@ -72,17 +88,15 @@ class Innovation(NamedTuple):
 @compilable
 def _corrected_gates(gates, error):
     """Returns the gates that nominal ones are, if those have an error, (15 + 5 k,)."""
-    result = gates + error[DRONE:].copy().reshape(gates.shape)
-    for k in range(len(result)):
-        result[k, 3] = wrap_angle(result[k, 3])
+    result = gates + error[DRONE:].reshape(gates.shape)
+    result[:, 3] = wrap_angle(result[:, 3])
     return result
 
 
-@compilable
 def error_between(state: Navigation, start: Navigation) -> np.ndarray:
     """Returns the error, (15,), that a start has if the truth is a state."""
-    return np.concatenate(
-        (
+    return drone_error_vector(
+        DroneError(
             rotation_between(start.quaternion, state.quaternion),
             state.position - start.position,
             state.velocity - start.velocity,
@@ -95,52 +109,24 @@ def error_between(state: Navigation, start: Navigation) -> np.ndarray:
 @compilable
 def _linearized(state, gate, sight, camera):
     """Returns innovation, (8 m,), its matrix H, (8 m, 11), variances, (8 m,), and least depth."""
-    n = len(sight.ids)
-    residual, H, variances = np.empty(8 * n), np.empty((8 * n, ACTIVE)), np.empty(8 * n)
+    n = sight.corners.size
+    residual, H, variances = np.empty(n), np.empty((n, ACTIVE)), np.empty(n)
     nearest = np.inf
-    for m in range(n):
+    for m in range(len(sight.ids)):
         pixels, by_pose, by_gate, depth = predicted_corners(state, gate, sight.ids[m], camera)
         nearest = min(nearest, depth)
         sigma = CORNER_SIGMA * max(1.0, depth / SHARP_RANGE)
-        for i in range(8):
-            row = 8 * m + i
-            residual[row] = sight.corners[m, i] - pixels[i]
-            variances[row] = sigma * sigma + sight.noise[m]
-            for j in range(POSE):
-                H[row, j] = by_pose[i, j]
-            for j in range(GATE):
-                H[row, POSE + j] = by_gate[i, j]
+        rows = slice(8 * m, 8 * m + 8)
+        residual[rows] = sight.corners[m] - pixels
+        variances[rows] = sigma * sigma + sight.noise[m]
+        H[rows, :POSE], H[rows, POSE:] = by_pose, by_gate
     return residual, H, variances, nearest
-
-
-@compilable
-def _gains(covariance, columns, H, variances):
-    """Returns P H^T, (n, 8 m), and the Cholesky factor of S = H P H^T + R, (8 m, 8 m)."""
-    size, rows = len(covariance), len(H)
-    PHt = np.zeros((size, rows))
-    for i in range(size):
-        for k in range(ACTIVE):
-            value = covariance[i, columns[k]]
-            for j in range(rows):
-                PHt[i, j] += value * H[j, k]
-    S = np.zeros((rows, rows))
-    for i in range(rows):
-        for k in range(ACTIVE):
-            for j in range(rows):
-                S[i, j] += H[i, k] * PHt[columns[k], j]
-        S[i, i] += variances[i]
-    return PHt, cholesky(S)
 
 
 @compilable
 def _columns(gate):
     """Returns where the errors are that a gate's picture depends on, (11,)."""
-    columns = np.empty(ACTIVE, np.int64)
-    for k in range(POSE):
-        columns[k] = k
-    for k in range(GATE):
-        columns[POSE + k] = DRONE + GATE * gate + k
-    return columns
+    return np.concatenate((np.arange(POSE), DRONE + GATE * gate + np.arange(GATE)))
 
 
 @compiled
@@ -155,7 +141,8 @@ def updated(
         e+ = K (z - h(x) + H e),   K = P H^T (H P H^T + R)^-1,   x+ = x + (e+ - e).
 
     At x+, errors and covariance are those of before, carried over so that the heading of the
-    world remains unknown, see world_heading.py. In the end the covariance is P - K S K^T.
+    world remains unknown, see world_heading.py. In the end the covariance is P - K S K^T, as
+    P - W W^T with W = P H^T L^-T and the Cholesky factor L of S, so that it is symmetric.
 
     Args:
         belief: before.
@@ -166,61 +153,36 @@ def updated(
     """
     state, gates = as_navigation(belief.navigation.copy()), belief.gates.copy()
     P, columns = belief.covariance.copy(), _columns(sight.gate)
-    error = np.zeros((len(P), 1))
+    e = np.zeros((len(P), 1))
     PHt, L, squared, cost = np.zeros((len(P), 0)), np.zeros((0, 0)), 0.0, np.inf
     for iteration in range(iterations):
-        residual, H, variances, nearest = _linearized(state, gates[sight.gate], sight, camera)
+        innovation, H, variances, nearest = _linearized(state, gates[sight.gate], sight, camera)
         if not nearest > 0.0:
             return _unchanged(belief), Innovation(np.inf, np.inf)
-        for i in range(len(residual)):
-            variances[i] *= inflation
-            for k in range(ACTIVE):
-                residual[i] += H[i, k] * error[columns[k], 0]
-        PHt, L = _gains(P, columns, H, variances)
-        y = solve_lower(L, residual)
+        PHt = product(P[:, columns], H.T)
+        L = cholesky(product(H, PHt[columns]) + np.diag(inflation * variances))
+        y = solve_lower(L, affine(H, e[columns, 0], innovation))
         cost = np.sum(y * y)
         if iteration == 0:
             squared = cost
-        gain_input = solve_upper(L, y)
-        step = -error[:, 0]
-        for i in range(len(step)):
-            for j in range(len(gain_input)):
-                step[i] += PHt[i, j] * gain_input[j]
-            error[i, 0] += step[i]
+        step = affine(PHt, solve_upper(L, y), -e[:, 0])
+        e[:, 0] += step
         w, n = heading_gradient(state), turn_of_the_world(state, gates)
         state, gates = corrected(state, step), _corrected_gates(gates, step)
         change = turn_of_the_world(state, gates) - n
-        carry_over(error, change, w)
-        carry_over(PHt, change, w)
-        carry_covariance_over(P, change, w)
+        e, PHt = carried_over(e, change, w), carried_over(PHt, change, w)
+        P = carried_covariance(P, change, w)
         if np.max(np.abs(step)) < 1e-6:
             break
     if not math.isfinite(cost):
         return _unchanged(belief), Innovation(np.inf, np.inf)
-    result = Belief(navigation_vector(state), gates, _reduced(P, PHt, L))
-    return result, Innovation(squared, cost)
+    after = reduced(P, solve_lower_each(L, PHt))
+    return Belief(navigation_vector(state), gates, after), Innovation(squared, cost)
 
 
 @compilable
 def _unchanged(belief):
     return Belief(belief.navigation.copy(), belief.gates.copy(), belief.covariance.copy())
-
-
-@compilable
-def _reduced(covariance, PHt, L):
-    """Returns P - P H^T S^-1 H P, as P - W W^T with W = P H^T L^-T, so that it is symmetric."""
-    size, rows = PHt.shape
-    W = np.empty((size, rows))
-    for i in range(size):
-        W[i] = solve_lower(L, PHt[i])
-    result = np.empty((size, size))
-    for i in range(size):
-        for j in range(i + 1):
-            total = covariance[i, j]
-            for k in range(rows):
-                total -= W[i, k] * W[j, k]
-            result[i, j] = result[j, i] = total
-    return result
 
 
 @compiled
@@ -232,13 +194,10 @@ def with_spacing(belief: Belief, gate: int, spacing: float, sigma: float) -> Bel
     column = P[:, index].copy()
     error = column * (scale * (spacing - belief.gates[gate, 4]))
     state, gates = corrected(before, error), _corrected_gates(belief.gates, error)
-    result = np.empty_like(P)
-    for i in range(len(column)):
-        for j in range(i + 1):
-            result[i, j] = result[j, i] = P[i, j] - scale * column[i] * column[j]
     change = turn_of_the_world(state, gates) - turn_of_the_world(before, belief.gates)
-    carry_covariance_over(result, change, heading_gradient(before))
-    return Belief(navigation_vector(state), gates, result)
+    after = mirrored(P - np.outer(scale * column, column))
+    after = carried_covariance(after, change, heading_gradient(before))
+    return Belief(navigation_vector(state), gates, after)
 
 
 @compiled
@@ -254,30 +213,17 @@ def relative_covariance(belief: Belief, gate: int) -> np.ndarray:
     w, offset = heading_gradient(state), belief.gates[gate, :3] - state.position
     columns = _columns(gate)
     J = np.zeros((GATE, ACTIVE))
-    for i in range(GATE):
-        J[i, POSE + i] = 1.0
-    for i in range(3):
-        J[i, POSITION + i] = -1.0
-        J[0, THETA + i], J[1, THETA + i], J[3, THETA + i] = (
-            offset[1] * w[i],
-            -offset[0] * w[i],
-            -w[i],
-        )
-    own = np.empty((ACTIVE, ACTIVE))
-    for i in range(ACTIVE):
-        for j in range(ACTIVE):
-            own[i, j] = belief.covariance[columns[i], columns[j]]
-    return propagated(J, own)
+    J[:, POSE:] = np.eye(GATE)
+    J[:3, AT.position] = -np.eye(3)
+    J[0, AT.theta], J[1, AT.theta], J[3, AT.theta] = offset[1] * w, -offset[0] * w, -w
+    return propagated(J, belief.covariance[columns][:, columns])
 
 
-@compilable
 def attitude_sigma(belief: Belief) -> float:
     """Returns the greatest standard deviation of the attitude about an axis of B (rad)."""
-    P = belief.covariance
-    return math.sqrt(max(P[0, 0], P[1, 1], P[2, 2]))
+    return math.sqrt(np.diag(belief.covariance)[AT.theta].max())
 
 
-@compiled
 def body_axes(belief: Belief) -> np.ndarray:
     """Returns R_WB of a belief, (3, 3)."""
     return rotation_matrix(as_navigation(belief.navigation).quaternion)

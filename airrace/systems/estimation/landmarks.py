@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.immutable import Immutable
-from airrace.common.jit import compiled
 from airrace.math.angles import wrap_angle
 from airrace.math.small_matrices import product
 from airrace.math.vec3 import rotate
@@ -23,9 +22,10 @@ from airrace.systems.estimation.kalman_update import (
 from airrace.systems.estimation.navigation import as_navigation
 from airrace.systems.mapping.gate_filter import board_position, facing
 from airrace.systems.perception.marker_pose import GATE_SPACING
+from airrace.systems.types import Detection
 
-# What is known of any gate before it is seen: standard deviations about where it seems to be.
-_POSITION_SIGMA, _HEADING_SIGMA, _SPACING_SIGMA = 20.0, 1.0, 1.0  # m, rad, m
+# Variances of any gate before it is seen, about where it seems to be: m^2, rad^2, m^2.
+_UNKNOWN = np.array((20.0, 20.0, 20.0, 1.0, 1.0)) ** 2
 _FITS, _ITERATIONS = 3, 15
 _LEAST_ADVANTAGE = 9.0  # squared standard deviations by which the other heading must be worse
 _MOST_COST = 60.0  # of eight or sixteen coordinates of corners
@@ -97,57 +97,36 @@ def make_sight(gate: int, markers: list) -> Sight:
     )
 
 
-@compiled
-def _seed(
-    belief: Belief, id: int, R_CM: np.ndarray, p_CM: np.ndarray, camera: Camera
-) -> np.ndarray:
+def _seeds(belief: Belief, marker: Detection, camera: Camera) -> list[np.ndarray]:
     """Returns where the pose of one marker puts its gate, and the other pose of that picture.
 
     A square has two poses in a picture, whose normals are mirrored at the line of sight
     (Collins and Bartoli, "Infinitesimal plane-based pose estimation", 2014).
-
-    Args:
-        belief: of the filter.
-        id: of the marker.
-        R_CM, p_CM: its pose in the camera, (3, 3), (3,).
-        camera: see Camera.
-
-    Returns:
-        two states of the gate, (2, 5).
     """
-    R_WC = product(body_axes(belief), camera.R_CB.T)
-    p_WC = as_navigation(belief.navigation).position + rotate(body_axes(belief), camera.p_IC)
-    ray, normal = rotate(R_WC, p_CM), rotate(R_WC, np.ascontiguousarray(R_CM[:, 2]))
+    X_CM = marker.X_CM.GetAsMatrix34()
+    R_WB, position = body_axes(belief), as_navigation(belief.navigation).position
+    R_WC, p_WC = product(R_WB, camera.R_CB.T), position + rotate(R_WB, camera.p_IC)
+    ray, normal = rotate(R_WC, X_CM[:, 3]), rotate(R_WC, X_CM[:, 2])
     sight, face = math.atan2(ray[1], ray[0]), math.atan2(normal[1], normal[0])
-    gates = np.empty((2, GATE))
-    for k in range(2):
-        outwards = face if k == 0 else 2.0 * sight - face
-        gate = np.array((0.0, 0.0, 0.0, outwards, GATE_SPACING))
-        if facing(id) < 0.0:
-            gate[3] += math.pi
-        gate[3] = wrap_angle(gate[3])
-        gate[:3] = p_WC + ray - board_position(gate, id)[0]
-        gates[k] = gate
-    return gates
+    seeds = []
+    for outwards in (face, 2.0 * sight - face):
+        heading = wrap_angle(outwards if facing(marker.id) > 0.0 else outwards + math.pi)
+        gate = np.array((0.0, 0.0, 0.0, heading, GATE_SPACING))
+        gate[:3] = p_WC + ray - board_position(gate, marker.id)[0]
+        seeds.append(gate)
+    return seeds
 
 
-@compiled
 def _with_gate(belief: Belief, gate: np.ndarray) -> Belief:
     """Returns the belief with one more gate, of which next to nothing is known."""
     size = len(belief.covariance)
     covariance = np.zeros((size + GATE, size + GATE))
     covariance[:size, :size] = belief.covariance
-    for i in range(3):
-        covariance[size + i, size + i] = _POSITION_SIGMA**2
-    covariance[size + 3, size + 3] = _HEADING_SIGMA**2
-    covariance[size + 4, size + 4] = _SPACING_SIGMA**2
-    gates = np.empty((len(belief.gates) + 1, GATE))
-    gates[:-1] = belief.gates
-    gates[-1] = gate
+    covariance[size:, size:] = np.diag(_UNKNOWN)
+    gates = np.concatenate((belief.gates, gate.reshape((1, GATE))))
     return Belief(belief.navigation.copy(), gates, covariance)
 
 
-@compiled
 def _as_before(fitted: Belief, belief: Belief) -> np.ndarray:
     """Returns the state of a fit's newest gate that stands before the drone of a belief, (5,).
 
@@ -162,7 +141,6 @@ def _as_before(fitted: Belief, belief: Belief) -> np.ndarray:
     return gate
 
 
-@compiled
 def _fitted(
     belief: Belief, seed: np.ndarray, sight: Sight, camera: Camera
 ) -> tuple[Belief, Innovation]:
@@ -180,28 +158,6 @@ def _fitted(
     return result, fit
 
 
-@compiled
-def _best(belief: Belief, seeds: np.ndarray, sight: Sight, camera: Camera) -> tuple[Belief, bool]:
-    """Returns the belief with the gate that fits best, and whether that is beyond doubt."""
-    best, fit = _fitted(belief, seeds[0], sight, camera)
-    cost, other = fit.cost, np.inf
-    for k in range(1, len(seeds)):
-        trial, fit = _fitted(belief, seeds[k], sight, camera)
-        turn = abs(wrap_angle(trial.gates[-1, 3] - best.gates[-1, 3]))
-        if fit.cost < cost:
-            best, cost, previous = trial, fit.cost, cost
-        else:
-            previous = fit.cost
-        if turn > _SAME_HEADING:
-            other = min(other, previous)
-    accepted = (
-        cost < _MOST_COST
-        and other - cost > _LEAST_ADVANTAGE
-        and relative_covariance(best, len(best.gates) - 1)[3, 3] < _MOST_HEADING_SIGMA**2
-    )
-    return best, accepted
-
-
 def new_gate(belief: Belief, markers: list, camera: Camera) -> Belief | None:
     """Returns the belief with a gate that is not yet in it, None if its sight is ambiguous.
 
@@ -213,9 +169,12 @@ def new_gate(belief: Belief, markers: list, camera: Camera) -> Belief | None:
         markers: Detections of the gate's markers in one picture.
         camera: see Camera.
     """
-    marker = markers[0]
-    X_CM = marker.X_CM.GetAsMatrix34()
-    R_CM, p_CM = np.ascontiguousarray(X_CM[:, :3]), np.ascontiguousarray(X_CM[:, 3])
-    seeds = _seed(belief, marker.id, R_CM, p_CM, camera)
-    result, accepted = _best(belief, seeds, make_sight(len(belief.gates), markers), camera)
-    return result if accepted else None
+    sight = make_sight(len(belief.gates), markers)
+    fits = [_fitted(belief, seed, sight, camera) for seed in _seeds(belief, markers[0], camera)]
+    (best, fit), (other, other_fit) = sorted(fits, key=lambda each: each[1].cost)
+    turn = abs(wrap_angle(other.gates[-1, 3] - best.gates[-1, 3]))
+    is_clear = turn <= _SAME_HEADING or other_fit.cost - fit.cost > _LEAST_ADVANTAGE
+    if not (fit.cost < _MOST_COST and is_clear):
+        return None
+    heading_variance = relative_covariance(best, len(best.gates) - 1)[3, 3]
+    return best if heading_variance < _MOST_HEADING_SIGMA**2 else None

@@ -1,15 +1,11 @@
 """When an estimate is too uncertain to be flown by."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from airrace.common.jit import all_finite, compilable, compiled
-from airrace.systems.estimation.error_state import POSITION, THETA, VELOCITY
+from airrace.common.jit import all_finite, compiled
+from airrace.systems.estimation.error_state import as_drone_error
 from airrace.systems.estimation.kalman_update import Belief, relative_covariance
-
-if TYPE_CHECKING:
-    from airrace.systems.estimation.slam_filter import SlamState
+from airrace.systems.estimation.slam_state import SlamState
 
 # Standard deviations. A gate is 10 m wide: with more than the first, one flight through a gate in
 # three would be beside it. With more than the second, the drone cannot even come to rest.
@@ -18,7 +14,7 @@ _MOST_SILENCE = 0.2  # s, without a sample of the inertial sensor
 _MOST_REFUSED = 90  # pictures in a row of which every known marker was refused
 
 
-def why_lost(state: "SlamState", imu_silence: float) -> str:
+def why_lost(state: SlamState, imu_silence: float) -> str:
     """Returns why a drone in flight cannot go by its estimate any more, empty if it can.
 
     Args:
@@ -66,14 +62,8 @@ def _worst_sigmas(belief):
     P = belief.covariance
     if not (all_finite(belief.navigation) and all_finite(P.ravel())):
         return np.full(3, np.nan)
-    position = _largest_variance(P, POSITION) if len(belief.gates) == 0 else np.inf
+    variances = as_drone_error(np.diag(P))
+    position = np.max(variances.position) if len(belief.gates) == 0 else np.inf
     for gate in range(len(belief.gates)):
-        position = min(position, _largest_variance(relative_covariance(belief, gate), 0))
-    others = _largest_variance(P, VELOCITY), _largest_variance(P, THETA)
-    return np.sqrt(np.array((position, *others)))
-
-
-@compilable
-def _largest_variance(covariance, at):
-    """Returns the greatest of the three variances that begin at an index."""
-    return max(covariance[at, at], covariance[at + 1, at + 1], covariance[at + 2, at + 2])
+        position = min(position, np.diag(relative_covariance(belief, gate))[:3].max())
+    return np.sqrt(np.array((position, np.max(variances.velocity), np.max(variances.theta))))

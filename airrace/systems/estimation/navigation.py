@@ -10,13 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import assign, compilable, compiled
+from airrace.common.packing import Packing
 from airrace.math.triples import cross, difference, rotate, rotation_rows, scaled, turned
-from airrace.systems.sensing.imu_samples import insert
-from airrace.vehicle import GRAVITY
+from airrace.systems.sensing.imu_samples import as_sample, insert
+from airrace.vehicle.free_body import at_constant_acceleration, linear_acceleration
 from airrace.vehicle.state import as_state
-
-NAVIGATION_SIZE = 17
-SAMPLE_SIZE = 7  # of a sample: its time (s), angular velocity (rad/s), specific force (m/s^2)
 
 
 class Navigation(NamedTuple):
@@ -39,19 +37,8 @@ class Navigation(NamedTuple):
     accel_bias: np.ndarray
 
 
-@compilable
-def as_navigation(vector: np.ndarray) -> Navigation:
-    """Returns the parts of a vector, (17,), as views of it."""
-    return Navigation(
-        vector[0], vector[1:5], vector[5:8], vector[8:11], vector[11:14], vector[14:17]
-    )
-
-
-@compilable
-def navigation_vector(state: Navigation) -> np.ndarray:
-    """Returns the vector of a nominal state, (17,)."""
-    time, q, p, v, b_g, b_a = state
-    return np.concatenate((np.array((time,)), q, p, v, b_g, b_a))
+_PACKING = Packing(Navigation, quaternion=4, position=3, velocity=3, gyro_bias=3, accel_bias=3)
+as_navigation, navigation_vector, NAVIGATION_SIZE = (_PACKING.parts, _PACKING.vector, _PACKING.size)
 
 
 @compilable
@@ -67,14 +54,14 @@ def move(vector: np.ndarray, sample: np.ndarray, dt: float) -> None:
         dt: (s).
     """
     _, q, p, v, gyro_bias, accel_bias = as_navigation(vector)
-    w, f = difference(sample[1:4], gyro_bias), difference(sample[4:7], accel_bias)
-    a = rotate(rotation_rows(q), f)
-    a = (a[0], a[1], a[2] - GRAVITY)
+    _, angular_velocity, specific_force = as_sample(sample)
+    w, f = difference(angular_velocity, gyro_bias), difference(specific_force, accel_bias)
+    a = linear_acceleration(rotation_rows(q), f)
     vector[0] += dt
     assign(q, turned(q, scaled(dt, w)))
-    for i in range(3):
-        p[i] += dt * (v[i] + 0.5 * dt * a[i])
-        v[i] += dt * a[i]
+    p_after, v_after = at_constant_acceleration(p, v, a, dt)
+    assign(p, p_after)
+    assign(v, v_after)
 
 
 @compilable
@@ -92,30 +79,24 @@ def first_after(history: np.ndarray, time: float) -> int:
 
 
 @compiled
-def carry(vector: np.ndarray, history: np.ndarray, time: float) -> None:
-    """Carries a nominal state, (17,), forward to a time (s) by the samples since.
+def carried_to(vector: np.ndarray, history: np.ndarray, time: float) -> np.ndarray:
+    """Returns a nominal state, (17,), carried forward to a time (s) by the samples since.
 
     A sample counts from the end of the one before it, so that one that was lost is bridged; the
     newest one counts to the time if that is later.
 
     Args:
-        vector: the state; is changed.
+        vector: the state before.
         history: samples, newest first, (n, 7).
         time: (s).
     """
-    for k in range(first_after(history, vector[0]), -1, -1):
-        dt = min(history[k, 0], time) - vector[0]
-        if dt > 0.0:
-            move(vector, history[k], dt)
-    if time > vector[0] and history[0, 0] > 0.0:
-        move(vector, history[0], time - vector[0])
-
-
-@compilable
-def carried_to(vector: np.ndarray, history: np.ndarray, time: float) -> np.ndarray:
-    """Returns what carry() makes of a nominal state, (17,); see there."""
     result = vector.copy()
-    carry(result, history, time)
+    for k in range(first_after(history, result[0]), -1, -1):
+        dt = min(history[k, 0], time) - result[0]
+        if dt > 0.0:
+            move(result, history[k], dt)
+    if time > result[0] and history[0, 0] > 0.0:
+        move(result, history[0], time - result[0])
     return result
 
 
@@ -132,25 +113,13 @@ def write_state(
         p_BI: where the sensor is mounted (m), (3,).
     """
     R = rotation_rows(state.quaternion)
-    body = as_state(result)
-    result[0] = state.time
     w, r = rotate(R, angular_velocity), rotate(R, p_BI)
-    turning = cross(w, r)
-    for i in range(4):
-        body.quaternion[i] = state.quaternion[i]
-    for i in range(3):
-        body.position[i] = state.position[i] - r[i]
-        body.angular_velocity[i] = w[i]
-        body.velocity[i] = state.velocity[i] - turning[i]
-
-
-@compilable
-def _is_sound(sample, ranges):
-    """Whether a sample is finite, and no axis of it at the end of its range."""
-    for j in range(1, SAMPLE_SIZE):
-        if not abs(sample[j]) < ranges[j - 1]:  # nor is NaN
-            return False
-    return True
+    result[0] = state.time
+    body = as_state(result)
+    assign(body.quaternion, state.quaternion)
+    assign(body.position, difference(state.position, r))
+    assign(body.angular_velocity, w)
+    assign(body.velocity, difference(state.velocity, cross(w, r)))
 
 
 @compiled
@@ -165,9 +134,9 @@ def remember(history: np.ndarray, samples: np.ndarray, ranges: np.ndarray) -> in
         ranges: of the angular velocity (rad/s) and the specific force (m/s^2), (6,).
     """
     count = 0
-    for k in range(len(samples) - 1, -1, -1):
-        is_new = samples[k, 0] > history[0, 0] and samples[k, 0] > 0.0
-        if is_new and _is_sound(samples[k], ranges):
-            insert(history, samples[k])
+    for sample in samples[::-1]:
+        is_new = sample[0] > history[0, 0] and sample[0] > 0.0
+        if is_new and np.all(np.abs(sample[1:]) < ranges):  # NaN is not
+            insert(history, sample)
             count += 1
     return count

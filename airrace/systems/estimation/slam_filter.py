@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.immutable import Immutable
 from airrace.math.quaternion import rotation_matrix
 from airrace.scenario import PerceptionConfig
 from airrace.systems.estimation import landmarks
-from airrace.systems.estimation.alignment import NO_REST, NOT_SEEN, Rest, aligned, averaged, rested
+from airrace.systems.estimation.alignment import NOT_SEEN, Rest, aligned, averaged, rested
 from airrace.systems.estimation.error_state import DRONE, ImuNoise, propagate
 from airrace.systems.estimation.gate_projection import GATE, Camera
 from airrace.systems.estimation.kalman_update import (
@@ -23,15 +22,14 @@ from airrace.systems.estimation.kalman_update import (
     with_spacing,
 )
 from airrace.systems.estimation.landmarks import Candidate, Landmark
-from airrace.systems.estimation.navigation import NAVIGATION_SIZE, Navigation, navigation_vector
-from airrace.systems.estimation.slam_map import map_of
+from airrace.systems.estimation.navigation import Navigation, navigation_vector
+from airrace.systems.estimation.slam_state import SlamState
 from airrace.systems.mapping.gate_filter import RULES_SIGMA, GateFilter, has_spacing_of_rules
 from airrace.systems.mapping.observation import OFF_MAP, UNCONFIRMED, UNKNOWN_TIME, refusal
 from airrace.systems.perception.detection_checks import FOREIGN_ID
 from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.systems.types import Detection, Detections
 from airrace.track import PYLON_BASE_RADIUS
-from airrace.track.gate_map import GateMap
 from airrace.vehicle.camera_info import CameraInfo
 
 # Normalised innovation squared of a marker's eight coordinates: above the first, its weight
@@ -60,58 +58,6 @@ class MapFrame(NamedTuple):
 
     heading: float
     position: Callable[[np.ndarray], np.ndarray]
-
-
-@dc.dataclass(frozen=True, eq=False)
-class SlamState(Immutable):
-    """What the filter knows; a new one for every picture. Its arrays are never written to.
-
-    Attributes:
-        belief: see Belief; its time is that of the newest picture's exposure.
-        landmarks: tuple of Landmark, in the order of the belief's gates.
-        candidates: number of a gate to its Candidate, of all that were seen before they entered.
-        rest: means of the samples at rest.
-        still: marker ID to the Still of its corners, of the markers that were seen at rest.
-        at_rest: whether the rotors have not turned yet.
-        image_time: of the newest picture (s).
-        refused: reason to how many detections did not enter the map.
-        detections: how many markers have been detected, foreign ones among them.
-        innovations: tuple of (marker ID, normalised innovation squared) of the newest picture.
-        refused_in_a_row: pictures up to now in which known markers were seen, and all refused.
-        fault: why the drone cannot go by this any more, see why_lost(); empty if it can.
-    """
-
-    belief: Belief = Belief(
-        np.array([-1.0, 1.0, *[0.0] * (NAVIGATION_SIZE - 2)]), np.zeros((0, GATE)), np.eye(DRONE)
-    )
-    landmarks: tuple = ()
-    candidates: dict = dc.field(default_factory=dict)
-    rest: Rest = NO_REST
-    still: dict = dc.field(default_factory=dict)
-    at_rest: bool = True
-    image_time: float = -1.0
-    refused: dict = dc.field(default_factory=dict)
-    detections: int = 0
-    innovations: tuple = ()
-    refused_in_a_row: int = 0
-    fault: str = ""
-
-    @property
-    def time(self) -> float:
-        """That the belief is of (s), negative before there is one."""
-        return float(self.belief.navigation[0])
-
-    @functools.cached_property
-    def gate_map(self) -> GateMap:
-        """The map that follows, made once somebody asks for it."""
-        return map_of(self)
-
-    def index_of(self, number: int) -> int | None:
-        """Returns where a gate is in the belief, None if it is not."""
-        for index, landmark in enumerate(self.landmarks):
-            if landmark.number == number:
-                return index
-        return None
 
 
 class SlamFilter:

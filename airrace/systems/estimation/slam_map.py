@@ -1,22 +1,18 @@
 """The map for explorer and planner, from what the filter believes."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from airrace.common.immutable import read_only
 from airrace.common.jit import compiled
 from airrace.math.angles import wrap_angle
 from airrace.systems.estimation.kalman_update import Belief, relative_covariance
+from airrace.systems.estimation.slam_state import SlamState
 from airrace.systems.mapping import gate_filter
 from airrace.systems.perception.detection_checks import FOREIGN_ID
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 
-if TYPE_CHECKING:
-    from airrace.systems.estimation.slam_filter import SlamState
 
-
-def map_of(state: "SlamState") -> GateMap:
+def map_of(state: SlamState) -> GateMap:
     """Returns the map that follows from what the filter knows.
 
     Its variances are those of the position relative to the drone and its heading: what counts

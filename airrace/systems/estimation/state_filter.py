@@ -7,12 +7,15 @@ import numpy as np
 from pydrake.math import DiscreteAlgebraicRiccatiEquation
 
 from airrace.common.jit import all_finite, assign, compilable, compiled
-from airrace.math.quaternion import integrate, rotation_matrix
+from airrace.common.packing import Packing
+from airrace.math.quaternion import integrate
+from airrace.math.triples import rotation_rows
 from airrace.math.vec3 import dot
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.vehicle import GRAVITY, GRAVITY_W, Vehicle, load_vehicle
-from airrace.vehicle.state import STATE_SIZE, State, as_state
+from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
+from airrace.vehicle.free_body import at_constant_acceleration, linear_acceleration
+from airrace.vehicle.state import STATE_SIZE, as_state
 
 if TYPE_CHECKING:
     from typing import Self
@@ -50,9 +53,8 @@ class FilterMemory(NamedTuple):
 _NOTHING = FilterMemory(-1.0, -1.0, 0.0, np.zeros(3), np.zeros(3))
 
 
-@compilable
-def _as_memory(vector: np.ndarray) -> FilterMemory:
-    return FilterMemory(vector[0], vector[1], vector[2], vector[3:6], vector[6:9])
+_PACKING = Packing(FilterMemory, position=3, velocity=3)
+_as_memory, _memory_vector = _PACKING.parts, _PACKING.vector
 
 
 class StateFilter(LeafSystem):
@@ -94,7 +96,7 @@ class StateFilter(LeafSystem):
         self._thrust_per_mass = vehicle.thrust_coefficients / vehicle.mass
         self._estimate = self.DeclareVectorInputPort("state_estimate", STATE_SIZE)
         self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
-        self._memory = self.DeclareDiscreteState(np.hstack(_NOTHING))
+        self._memory = self.DeclareDiscreteState(_memory_vector(_NOTHING))
         self._disturbance = self.DeclareDiscreteState(3)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._update)
         self.DeclareVectorOutputPort("filtered_estimate", STATE_SIZE, self._calc_estimate)
@@ -180,15 +182,9 @@ def _predict(
         quaternion: of R_WB, (4,).
         thrust: per mass (m/s^2). disturbance: see StateFilter.
     """
-    p, v, dt = memory.position, memory.velocity, time - memory.time
-    a = thrust * rotation_matrix(quaternion)[:, 2] + disturbance + GRAVITY_W
-    return p + dt * (v + 0.5 * dt * a), v + dt * a
-
-
-@compilable
-def _quaternion_at(state: State, time: float) -> np.ndarray:
-    """Returns the unit quaternion of R_WB a short time after a state estimate, (4,)."""
-    return integrate(state.quaternion, state.angular_velocity, time - state.time)
+    a = linear_acceleration(rotation_rows(quaternion), (0.0, 0.0, thrust), disturbance)
+    p, v = at_constant_acceleration(memory.position, memory.velocity, a, time - memory.time)
+    return np.array(p), np.array(v)
 
 
 @compiled
@@ -197,7 +193,7 @@ def _carry_forward(result, estimate, memory, disturbance, time):
     assign(result, estimate)
     m, state = _as_memory(memory), as_state(result)
     if m.newest >= 0.0 and all_finite(estimate):
-        quaternion = _quaternion_at(state, time)
+        quaternion = integrate(state.quaternion, state.angular_velocity, time - state.time)
         position, velocity = _predict(m, quaternion, m.thrust, disturbance, time)
         result[0] = time
         assign(state.quaternion, quaternion)
@@ -228,7 +224,8 @@ def _update(memory, disturbance, estimate, speeds, thrust_per_mass, gain, now):
     is_new, begins = time > m.newest, m.newest < 0.0 or time > m.newest + _GAP
     if not begins:
         until = time if is_new else now
-        p, v = _predict(m, _quaternion_at(state, until), thrust, disturbance, until)
+        quaternion = integrate(state.quaternion, state.angular_velocity, until - time)
+        p, v = _predict(m, quaternion, thrust, disturbance, until)
         if is_new:
             e_p, e_v = state.position - p, state.velocity - v
             p, v = p + gain[0, 0] * e_p + gain[0, 1] * e_v, v + gain[1, 0] * e_p + gain[1, 1] * e_v

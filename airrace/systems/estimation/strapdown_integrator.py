@@ -6,20 +6,27 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import all_finite, assign, compilable, compiled
-from airrace.math.triples import added, cross, difference, dot, rotate, rotation_rows, scaled, times
+from airrace.common.packing import Packing
+from airrace.math.small_matrices import apply
+from airrace.math.triples import added, cross, difference, dot, rotate, rotation_rows, scaled
 from airrace.systems.estimation.navigation import (
     NAVIGATION_SIZE,
-    SAMPLE_SIZE,
     as_navigation,
     carried_to,
-    carry,
     remember,
     write_state,
 )
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.systems.sensing.imu_samples import IMU_SIZE
+from airrace.systems.sensing.imu_samples import (
+    IMU_SIZE,
+    SAMPLE_SIZE,
+    ImuSample,
+    as_sample,
+    sample_vector,
+)
 from airrace.vehicle import GRAVITY, Vehicle
+from airrace.vehicle.free_body import angular_acceleration
 from airrace.vehicle.state import STATE_SIZE
 
 _TIME_CONSTANT = 0.15  # s, of the disturbance
@@ -30,7 +37,6 @@ _FLYING = 0.5  # of the weight: with less thrust, the ground may carry the drone
 _SPARE = 0.1  # s, of samples, should pictures come late
 _UNLIMITED = np.full(6, np.inf)
 _AVERAGED = 10  # samples, of the angular velocity in `state_estimate`
-_REST = NAVIGATION_SIZE + 1 + STATE_SIZE + 5  # of a _Memory, behind the history
 
 
 def history_depth(fps: float, latency: float, imu_rate: float) -> int:
@@ -184,8 +190,9 @@ class _Memory(NamedTuple):
         navigation: vector of a Navigation, (17,).
         corrected: the time of the correction that it goes on from (s), (1,).
         estimate: at the newest sample, (14,).
-        heard: time of the sensor's newest sound sample (s), the angular velocity since (rad/s), and
-            how old the newest sample has been of late when it came (s), (5,).
+        heard: time of the sensor's newest sound sample (s), (1,).
+        expected: the angular velocity since (rad/s), (3,).
+        age: how old the newest sample has been of late when it came (s), (1,).
     """
 
     history: np.ndarray
@@ -193,20 +200,26 @@ class _Memory(NamedTuple):
     corrected: np.ndarray
     estimate: np.ndarray
     heard: np.ndarray
+    expected: np.ndarray
+    age: np.ndarray
 
 
-@compilable
-def _as_memory(vector):
-    """Returns the parts of a vector, (7 n + _REST,), as views of it."""
-    history, rest = vector[:-_REST], vector[-_REST:]
-    return _Memory(
-        history.reshape((-1, SAMPLE_SIZE)), rest[:17], rest[17:18], rest[18:32], rest[32:]
-    )
+_PACKING = Packing(
+    _Memory,
+    history=(-1, SAMPLE_SIZE),
+    navigation=NAVIGATION_SIZE,
+    corrected=1,
+    estimate=STATE_SIZE,
+    heard=1,
+    expected=3,
+    age=1,
+)
+_as_memory = _PACKING.parts
 
 
 def _initial_memory(depth, start):
     """Returns the vector of a _Memory before anything is known; see StrapdownIntegrator."""
-    vector = np.zeros(depth * SAMPLE_SIZE + _REST)
+    vector = np.zeros(depth * SAMPLE_SIZE + _PACKING.size)
     memory = _as_memory(vector)
     memory.history[:, 0] = memory.navigation[0] = memory.corrected[0] = -1.0
     memory.estimate[:] = start
@@ -234,7 +247,7 @@ def _step(vector, disturbance, samples, corrections, speeds, now, model):
         count = remember(history, samples, constants.ranges)
     if count > 0:
         heard[0] = history[0, 0]
-        heard[4] = max(now - heard[0], _FORGET * heard[4])
+        memory.age[0] = max(now - heard[0], _FORGET * memory.age[0])
     count = _replace_silence(memory, count, now, speeds, constants)
     _advance(memory, count, corrections, constants.p_BI)
     _smooth(disturbance, last, memory, thrust, constants.p_BI)
@@ -254,7 +267,8 @@ def _carry_forward(result, vector, samples, speeds, time, model):
         remember(recent, samples, constants.ranges)
     if memory.navigation[0] >= 0.0 and recent[0, 0] > 0.0:
         state = as_navigation(carried_to(memory.navigation, recent, time))
-        write_state(result, state, difference(recent[0, 1:4], state.gyro_bias), constants.p_BI)
+        w = difference(as_sample(recent[0]).angular_velocity, state.gyro_bias)
+        write_state(result, state, w, constants.p_BI)
 
 
 @compilable
@@ -281,10 +295,9 @@ def _is_stuck(samples, thrust, bridges):
     """
     if not bridges and thrust < _FLYING * GRAVITY:
         return False
-    for k in range(1, len(samples)):
-        for j in range(1, SAMPLE_SIZE):
-            if samples[k, j] != samples[0, j] or samples[k, 0] <= 0.0:
-                return False
+    for sample in samples[1:]:
+        if sample[0] <= 0.0 or np.any(sample[1:] != samples[0, 1:]):
+            return False
     return True
 
 
@@ -303,33 +316,29 @@ def _replace_silence(memory, count, now, speeds, constants):
     Returns:
         how many samples are new; none are written before anything is known, and on the ground.
     """
-    history, heard = memory.history, memory.heard
-    state, expected = as_navigation(memory.navigation), heard[1:4]
+    history, heard, expected = memory.history, memory.heard[0], memory.expected
+    state = as_navigation(memory.navigation)
     if count > 0:
-        assign(expected, difference(history[0, 1:4], state.gyro_bias))
+        newest = as_sample(history[0])
+        assign(expected, difference(newest.angular_velocity, state.gyro_bias))
         return count
-    wrench = np.zeros(4)
-    for i in range(4):
-        for j in range(len(speeds)):
-            wrench[i] += constants.wrench_by_squares[i, j] * speeds[j] * speeds[j]
+    wrench = apply(constants.wrench_by_squares * speeds, speeds)
     mass, J, p_BI = constants.inertia[0], constants.inertia[1:], constants.p_BI
     if not state.time >= 0.0 or not all_finite(wrench):
         return 0
-    moment = difference(wrench[1:], cross(expected, times(J, expected)))
-    turning = (moment[0] / J[0], moment[1] / J[1], moment[2] / J[2])
+    turning = angular_acceleration(wrench[1:], expected, J)
     assign(expected, added(expected, constants.period, turning))
     # Once it has begun it goes on, with however little thrust.
     flies = _bridges(memory) or wrench[0] > _FLYING * GRAVITY * mass
-    time = now - heard[4]
-    if not flies or not now - heard[0] > constants.silent or not time > history[0, 0]:
+    time = now - memory.age[0]
+    if not flies or not now - heard > constants.silent or not time > history[0, 0]:
         return 0
     f = added(cross(turning, p_BI), 1.0, cross(expected, cross(expected, p_BI)))
     f = (f[0], f[1], f[2] + wrench[0] / mass)
-    sample = np.empty((1, SAMPLE_SIZE))
-    sample[0, 0] = time
-    assign(sample[0, 1:4], added(expected, 1.0, state.gyro_bias))
-    assign(sample[0, 4:7], added(f, 1.0, state.accel_bias))
-    return remember(history, sample, _UNLIMITED)
+    sample = sample_vector(
+        ImuSample(time, expected + state.gyro_bias, np.array(f) + state.accel_bias)
+    )
+    return remember(history, sample.reshape((1, SAMPLE_SIZE)), _UNLIMITED)
 
 
 @compilable
@@ -338,26 +347,17 @@ def _advance(memory, count, corrections, p_BI):
     history, navigation = memory.history, memory.navigation
     newest = history[0, 0]
     if all_finite(corrections) and corrections[0] > memory.corrected[0]:
-        assign(navigation, corrections)
-        carry(navigation, history, max(newest, corrections[0]))
+        time = max(newest, corrections[0])
+        assign(navigation, carried_to(corrections, history, time))
         memory.corrected[0] = corrections[0]
     elif count > 0 and navigation[0] >= 0.0:
-        carry(navigation, history, newest)
+        assign(navigation, carried_to(navigation, history, newest))
     else:
         return
-    state, w, averaged = as_navigation(navigation), np.zeros(3), min(_AVERAGED, len(history))
-    for k in range(averaged):
-        for i in range(3):
-            w[i] += history[k, 1 + i] / averaged
+    state, recent, w = as_navigation(navigation), history[:_AVERAGED], np.zeros(3)
+    for sample in recent:
+        w += as_sample(sample).angular_velocity / len(recent)
     write_state(memory.estimate, state, difference(w, state.gyro_bias), p_BI)
-
-
-@compilable
-def _unexplained(state, sample, thrust, p_BI):
-    """Returns the acceleration (m/s^2, in W) that a thrust per mass (m/s^2) does not explain."""
-    w = difference(sample[1:4], state.gyro_bias)
-    f = difference(difference(sample[4:7], state.accel_bias), cross(w, cross(w, p_BI)))
-    return rotate(rotation_rows(state.quaternion), (f[0], f[1], f[2] - thrust))
 
 
 @compilable
@@ -369,13 +369,17 @@ def _smooth(disturbance, last, memory, thrust, p_BI):
     history, state = memory.history, as_navigation(memory.navigation)
     if not state.time >= 0.0 or last < 0.0 or thrust < _FLYING * GRAVITY:
         return
-    for k in range(len(history) - 1, -1, -1):
-        dt = history[k, 0] - last
+    R_WB = rotation_rows(state.quaternion)
+    for sample in history[::-1]:
+        time, angular_velocity, specific_force = as_sample(sample)
+        dt = time - last
         if dt <= 0.0:
             continue
-        last = history[k, 0]
+        last = time
+        w = difference(angular_velocity, state.gyro_bias)
+        f = difference(difference(specific_force, state.accel_bias), cross(w, cross(w, p_BI)))
+        unexplained = rotate(R_WB, (f[0], f[1], f[2] - thrust))
         share = 1.0 - math.exp(-dt / _TIME_CONSTANT)
-        change = difference(_unexplained(state, history[k], thrust, p_BI), disturbance)
-        assign(disturbance, added(disturbance, share, change))
+        assign(disturbance, added(disturbance, share, difference(unexplained, disturbance)))
     length = math.sqrt(dot(disturbance, disturbance))
     assign(disturbance, scaled(min(1.0, _MAX_DISTURBANCE / max(length, 1e-9)), disturbance))

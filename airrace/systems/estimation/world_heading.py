@@ -22,16 +22,19 @@ import numpy as np
 
 from airrace.common.jit import compilable
 from airrace.math.quaternion import rotation_matrix
-from airrace.systems.estimation.error_state import DRONE, POSITION, THETA, VELOCITY
+from airrace.math.small_matrices import mirrored
+from airrace.math.vec3 import cross, dot
+from airrace.systems.estimation.error_state import AT, DRONE
 from airrace.systems.estimation.gate_projection import GATE
 from airrace.systems.estimation.navigation import Navigation
+
+_E_Z = np.array((0.0, 0.0, 1.0))
 
 
 @compilable
 def heading_gradient(state: Navigation) -> np.ndarray:
     """Returns w = R^T e_z, (3,): the error of the heading is w^T theta."""
-    R = rotation_matrix(state.quaternion)
-    return np.array((R[2, 0], R[2, 1], R[2, 2]))
+    return rotation_matrix(state.quaternion)[2]
 
 
 @compilable
@@ -43,39 +46,30 @@ def turn_of_the_world(state: Navigation, gates: np.ndarray) -> np.ndarray:
         gates: nominal states of k gates, (k, 5).
     """
     n = np.zeros(DRONE + GATE * len(gates))
-    n[THETA : THETA + 3] = heading_gradient(state)
-    n[POSITION], n[POSITION + 1] = -state.position[1], state.position[0]
-    n[VELOCITY], n[VELOCITY + 1] = -state.velocity[1], state.velocity[0]
-    for k in range(len(gates)):
-        at = DRONE + GATE * k
-        n[at], n[at + 1], n[at + 3] = -gates[k, 1], gates[k, 0], 1.0
+    n[AT.theta] = heading_gradient(state)
+    n[AT.position], n[AT.velocity] = cross(_E_Z, state.position), cross(_E_Z, state.velocity)
+    for gate, of_gate in zip(gates, n[DRONE:].reshape(gates.shape)):
+        of_gate[:3], of_gate[3] = cross(_E_Z, gate[:3]), 1.0
     return n
 
 
 @compilable
-def carry_over(columns: np.ndarray, change: np.ndarray, w: np.ndarray) -> None:
-    """Multiplies columns of errors, (15 + 5 k, m), by G from the left, in place.
+def carried_over(errors: np.ndarray, change: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Returns columns of errors, (15 + 5 k, m), multiplied by G from the left.
 
     Args:
-        columns: to be changed.
+        errors: before.
         change: n+ - n, (15 + 5 k,).
         w: see heading_gradient(), before, (3,).
     """
-    for j in range(columns.shape[1]):
-        turn = w[0] * columns[0, j] + w[1] * columns[1, j] + w[2] * columns[2, j]
-        for i in range(len(columns)):
-            columns[i, j] += change[i] * turn
+    return errors + np.outer(change, dot(w, errors))
 
 
 @compilable
-def carry_covariance_over(P: np.ndarray, change: np.ndarray, w: np.ndarray) -> None:
-    """Changes a covariance P to G P G^T, in place; see carry_over()."""
-    n = len(P)
-    Pw = np.empty(n)  # P w
-    for i in range(n):
-        Pw[i] = P[i, 0] * w[0] + P[i, 1] * w[1] + P[i, 2] * w[2]
-    variance = w[0] * Pw[0] + w[1] * Pw[1] + w[2] * Pw[2]
-    for i in range(n):
-        for j in range(i + 1):
-            value = P[i, j] + change[i] * Pw[j] + Pw[i] * change[j]
-            P[i, j] = P[j, i] = value + variance * change[i] * change[j]
+def carried_covariance(P: np.ndarray, change: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Returns the covariance G P G^T, (15 + 5 k, 15 + 5 k); see carried_over()."""
+    Pw = dot(P.T, w)
+    variance = dot(w, Pw)
+    return mirrored(
+        P + np.outer(change, Pw) + np.outer(Pw, change) + np.outer(variance * change, change)
+    )

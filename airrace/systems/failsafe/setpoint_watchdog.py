@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from airrace.common.immutable import read_only
+from airrace.common.packing import Packing
 from airrace.math.quaternion import heading
 from airrace.systems.control.setpoint import (
     IDLE,
@@ -43,6 +44,10 @@ class Watch(NamedTuple):
     yaw: float
 
 
+_PACKING = Packing(Watch, position=3)
+_as_watch, _watch_vector = _PACKING.parts, _PACKING.vector
+
+
 class SetpointWatchdog(LeafSystem):
     """Hands set-points on while they come; else it hovers and lands, or stops the motors.
 
@@ -68,7 +73,7 @@ class SetpointWatchdog(LeafSystem):
         self._low = standing_height + _LOW
         self._setpoint = self.DeclareVectorInputPort("setpoint", SETPOINT_SIZE)
         self._estimate = self.DeclareVectorInputPort("filtered_estimate", STATE_SIZE)
-        self._memory = self.DeclareDiscreteState(np.hstack(Watch(FOLLOW, 0.0, np.zeros(3), 0.0)))
+        self._memory = self.DeclareDiscreteState(_PACKING.size)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / _RATE, 0.0, self._watch)
         self.DeclareVectorOutputPort(
             "watched_setpoint",
@@ -79,7 +84,7 @@ class SetpointWatchdog(LeafSystem):
 
     def phase(self, context: Context) -> int:
         """Returns what it does: FOLLOW, HOVER, LAND or OFF; context: of this system."""
-        return int(context.get_discrete_state(self._memory).value()[0])
+        return int(_as_watch(context.get_discrete_state(self._memory).value()).phase)
 
     def _watch(self, context, discrete_state):
         setpoint = as_setpoint(read_vector(self._setpoint, context))
@@ -95,9 +100,10 @@ class SetpointWatchdog(LeafSystem):
                 low = height > _place(watch, seconds)[2] + _TOUCHDOWN
             phase = _next_phase(int(watch.phase), bool(low), seconds)
             if watch.phase == FOLLOW:
-                memory[2:6] = *state.position, heading(state.quaternion)
+                yaw = heading(state.quaternion)
+                memory[:] = _watch_vector(watch._replace(position=state.position, yaw=yaw))
         if phase != watch.phase:
-            memory[0:2] = phase, time
+            memory[:] = _watch_vector(_as_watch(memory)._replace(phase=phase, since=time))
 
     def _calc_setpoint(self, context, output):
         vector = read_vector(self._setpoint, context)
@@ -133,7 +139,3 @@ def _next_phase(phase: int, low: bool, seconds: float) -> int:
     if phase == HOVER and seconds >= HOVER_TIME:
         return LAND
     return HOVER if phase == FOLLOW else phase
-
-
-def _as_watch(v: np.ndarray) -> Watch:
-    return Watch(v[0], v[1], v[2:5], v[5])

@@ -171,7 +171,6 @@ def facing(id: int) -> float:
     return 1.0 if id & 1 else -1.0
 
 
-@compiled
 def gate_heading(observation: Observation) -> float:
     """Returns the gate's heading by the normal of one board (rad)."""
     x, y, _ = observation.normal
@@ -217,7 +216,6 @@ def boards(state: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return result
 
 
-@compiled
 def is_behind(state: np.ndarray, observation: Observation, reach: float) -> bool:
     """Whether a camera was on the wrong side of the face of the board that it saw.
 
@@ -232,7 +230,6 @@ def is_behind(state: np.ndarray, observation: Observation, reach: float) -> bool
     return np.linalg.norm(observation.p_WM - p_WM) < reach and front < 0.0
 
 
-@compiled
 def _squared_distance(state, covariance, observation):
     """Returns the squared Mahalanobis distance of an observation: nu^T S^-1 nu."""
     p_WM, H = board_position(state, observation.id)
@@ -240,14 +237,12 @@ def _squared_distance(state, covariance, observation):
     return _normalized_square(observation.p_WM - p_WM, S)
 
 
-@compiled
 def _normalized_square(error, covariance):
     """Returns e^T (C + sigma^2 I)^-1 e for a position's error (m), with its shared part."""
     C = covariance + _POSITION_SIGMA**2 * np.eye(3)
     return dot(error, solve_cholesky(cholesky(C), error))
 
 
-@compiled
 def _information(state, observation):
     """Returns what an observation says about a gate: H^T R^-1 H, (5, 5), and H^T R^-1 nu, (5,).
 
@@ -266,7 +261,6 @@ def _information(state, observation):
     return matrix, vector
 
 
-@compiled
 def _filtered(state, covariance, dt, weight, observation):
     """Returns state and covariance after one more observation.
 
@@ -286,7 +280,6 @@ def _filtered(state, covariance, dt, weight, observation):
     return state + apply(after, weight * vector), after
 
 
-@compiled
 def _is_below(covariance, variance):
     """Whether v I - C is positive definite for the position's part of a covariance."""
     rest = variance * np.eye(3) - covariance[:3, :3]

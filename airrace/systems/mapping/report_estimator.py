@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from airrace.common.immutable import Immutable, read_only
-from airrace.common.jit import compiled
 from airrace.systems.mapping.observation import INVALID, OFF_MAP, Observation
 from airrace.track import BOARD_OFFSET, PYLON_BASE_RADIUS
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
@@ -86,41 +85,24 @@ def estimate_position(positions: np.ndarray, outlier_sigma: float) -> PositionEs
         positions: (n, 3) m, n at least 1.
         outlier_sigma: the 3.
     """
-    mean, variance, outliers = _estimate(positions, outlier_sigma)
+    mean, variance = _moments(positions)
+    off = np.abs(positions - mean)
+    # Where all positions are equal, s is 0: none is off, though 0 >= 3 s is true.
+    is_outlier = ((off > 0.0) & (off >= outlier_sigma * np.sqrt(variance))).any(axis=1)
+    outliers = int(is_outlier.sum())
+    # With less than sqrt(3) standard deviations all may be outliers. The mean of no positions
+    # does not exist, so that of all of them stands.
+    if outliers == len(positions):
+        outliers = 0
+    elif outliers:
+        mean, variance = _moments(positions[~is_outlier])
     return PositionEstimate(read_only(mean), read_only(variance), outliers)
 
 
-@compiled
-def _estimate(positions, outlier_sigma):
-    """Returns what PositionEstimate consists of; see estimate_position()."""
-    counts = np.full(len(positions), True)
-    mean, variance = _moments(positions, counts)
-    limit = outlier_sigma * np.sqrt(variance)
-    for i in range(len(positions)):
-        for k in range(3):
-            off = abs(positions[i, k] - mean[k])
-            # Where all positions are equal, s is 0: none is off, though 0 >= 3 s is true.
-            if off > 0.0 and off >= limit[k]:
-                counts[i] = False
-    outliers = len(counts) - counts.sum()
-    # With less than sqrt(3) standard deviations all may be outliers. The mean of no positions
-    # does not exist, so that of all of them stands.
-    if 0 < outliers < len(counts):
-        return *_moments(positions, counts), outliers
-    return mean, variance, 0
-
-
-@compiled
-def _moments(positions, counts):
-    """Returns mean and population variance of the positions that count, (3,) each."""
-    mean, variance, count = np.zeros(3), np.zeros(3), counts.sum()
-    for k in range(3):
-        for i in range(len(positions)):
-            mean[k] += counts[i] * positions[i, k]
-        mean[k] /= count
-        for i in range(len(positions)):
-            variance[k] += counts[i] * (positions[i, k] - mean[k]) ** 2
-    return mean, variance / count
+def _moments(positions):
+    """Returns mean and population variance of positions, (3,) each."""
+    mean = positions.sum(axis=0) / len(positions)
+    return mean, np.square(positions - mean).sum(axis=0) / len(positions)
 
 
 class ReportEstimator:

@@ -43,7 +43,9 @@ def misread_modules(grey: np.ndarray, corners: np.ndarray, id: int) -> int:
             (4, 2) px.
         id: what the marker was read as.
     """
-    return _misread(as_pixels(grey), _homography(corners), _white_modules(id))
+    levels, white = _module_levels(as_pixels(grey), _homography(corners)), _white_modules(id)
+    middle = (levels[white].mean() + levels[~white].mean()) / 2
+    return int(((levels > middle) != white)[_INNER].sum())
 
 
 def read_marker(grey: np.ndarray, quad: np.ndarray) -> tuple | None:
@@ -89,26 +91,11 @@ def _white_modules(id: int) -> np.ndarray:
     return cv2.aruco.generateImageMarker(DICTIONARY, id, _MODULES).ravel() > 0
 
 
-@compiled
-def _misread(grey, homography, white):
-    """Returns how many of the modules within the frame are not as they should be.
-
-    Args:
-        grey: the image, (h, w), uint8.
-        homography: see _homography().
-        white: see _white_modules().
-    """
-    levels = _module_levels(grey, homography)
-    middle = (levels[white].mean() + levels[~white].mean()) / 2
-    return ((levels > middle) != white)[_INNER].sum()
-
-
-@compiled
 def _code(grey, homography):
     """Returns the inner modules of a square as bits, -1 if its frame is not black."""
     levels = _module_levels(grey, homography)
     white = levels > (levels.max() + levels.min()) / 2
-    return -1 if white[_FRAME].any() else (white[_INNER] * _BITS).sum()
+    return -1 if white[_FRAME].any() else int((white[_INNER] * _BITS).sum())
 
 
 @compiled

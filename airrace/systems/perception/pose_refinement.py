@@ -12,9 +12,10 @@ from airrace.math.small_matrices import (
     inverse,
     product,
     propagated,
+    skew,
     solve_cholesky,
 )
-from airrace.math.vec3 import cross, dot, rotate
+from airrace.math.vec3 import dot, rotate
 
 _MAX_ITERATIONS = 20
 _CONVERGED = 1e-4  # squared standard deviations, of a step
@@ -97,7 +98,7 @@ def pose_at(pose: Pose, p: np.ndarray) -> Pose:
     """Returns the Pose of a frame that is fixed to F, at p in F with its axes; (3,) m."""
     q = rotate(pose.R, p)
     J = np.eye(6)
-    J[3:, :3] = -_skew(q)  # it moves by w x q when F rotates by w
+    J[3:, :3] = -skew(q)  # it moves by w x q when F rotates by w
     covariance = propagated(J, pose.covariance)
     return Pose(pose.R, pose.t + q, pose.cost, pose.residual, covariance, pose.ambiguity)
 
@@ -141,11 +142,10 @@ def _linearized(problem, R, t):
     for k in range(len(points)):
         q = rotate(R, points[k])
         pixel, by_position = project(q + t, camera)
-        for i in range(2):
-            residual[k, i] = corners[k, i] - pixel[i]
-            by_rotation = cross(q, by_position[i])  # a rotation w moves q by w x q
-            for j in range(3):
-                J[2 * k + i, j], J[2 * k + i, 3 + j] = by_rotation[j], by_position[i, j]
+        residual[k] = corners[k] - pixel
+        rows = slice(2 * k, 2 * k + 2)
+        J[rows, :3] = product(by_position, -skew(q))  # a rotation w moves q by w x q
+        J[rows, 3:] = by_position
     H, g, cost = np.zeros((6, 6)), np.zeros(6), 0.0
     for m in range(len(weights)):
         J_m, r_m = J[8 * m : 8 * m + 8], residual[4 * m : 4 * m + 4].ravel()
@@ -190,12 +190,5 @@ def rotation(vector: np.ndarray) -> np.ndarray:
     angle = math.sqrt(dot(vector, vector))
     s = math.sin(angle) / angle if angle > 1e-9 else 1.0
     c = 0.5 * (math.sin(angle / 2) / (angle / 2)) ** 2 if angle > 1e-9 else 0.5
-    K = _skew(vector)
+    K = skew(vector)
     return np.eye(3) + s * K + c * product(K, K)
-
-
-@compiled
-def _skew(v):
-    """Returns the matrix of the cross product with v: _skew(v) @ x is v x x, (3, 3)."""
-    x, y, z = v
-    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))

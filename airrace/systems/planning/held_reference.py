@@ -3,7 +3,7 @@
 from airrace.common.jit import compiled
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
+from airrace.trajopt.reference import REFERENCE_SIZE, Reference, as_reference, reference_vector
 
 _MOST = 0.3  # s; a drone that hears nothing new for longer is to stop there
 
@@ -35,29 +35,24 @@ class HeldReference(LeafSystem):
         self.DeclareVectorOutputPort(
             "exploration_reference",
             REFERENCE_SIZE,
-            lambda context, output: _carry(
-                output.get_mutable_value(),
-                read_vector(self._told, context),
-                context.get_time() - read_vector(self._time, context)[0],
+            lambda context, output: output.set_value(
+                _carried(
+                    read_vector(self._told, context),
+                    context.get_time() - read_vector(self._time, context)[0],
+                )
             ),
         )
 
 
 @compiled
-def _carry(result, told, dt):
-    """Writes a reference, (18,), a time (s) after another one."""
-    before, after, t = as_reference(told), as_reference(result), min(max(dt, 0.0), _MOST)
-    for i in range(3):
-        p, v, a = before.position[i], before.velocity[i], before.acceleration[i]
-        j, s = before.jerk[i], before.snap[i]
-        after.position[i] = p + t * (v + t / 2 * (a + t / 3 * (j + t / 4 * s)))
-        after.velocity[i] = v + t * (a + t / 2 * (j + t / 3 * s))
-        after.acceleration[i] = a + t * (j + t / 2 * s)
-        after.jerk[i] = j + t * s
-        after.snap[i] = s
-    result[15] = before.yaw + t * (before.yaw_rate + t / 2 * before.yaw_acceleration)
-    result[16] = before.yaw_rate + t * before.yaw_acceleration
-    result[17] = before.yaw_acceleration
+def _carried(told, dt):
+    """Returns a reference, (18,), a time (s) after another one."""
+    p, v, a, j, s, yaw, yaw_rate, yaw_acceleration = as_reference(told)
+    t = min(max(dt, 0.0), _MOST)
+    p = p + t * (v + t / 2 * (a + t / 3 * (j + t / 4 * s)))
+    yaw = yaw + t * (yaw_rate + t / 2 * yaw_acceleration)
     if dt > _MOST:
-        result[3:15] = 0.0
-        result[16:18] = 0.0
+        return reference_vector(Reference(p, 0.0, 0.0, 0.0, 0.0, yaw, 0.0, 0.0))
+    v = v + t * (a + t / 2 * (j + t / 3 * s))
+    a, j, yaw_rate = a + t * (j + t / 2 * s), j + t * s, yaw_rate + t * yaw_acceleration
+    return reference_vector(Reference(p, v, a, j, s, yaw, yaw_rate, yaw_acceleration))

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from airrace.common.packing import Packing
 from airrace.math.random import make_generator
 from airrace.systems.leaf_system import LeafSystem
 from airrace.track import Track
@@ -29,8 +30,8 @@ class GateMoverMemory(NamedTuple):
     moved: np.ndarray
 
 
-def _as_memory(vector: np.ndarray) -> GateMoverMemory:
-    return GateMoverMemory(vector[0], vector[1:4], vector[4:])
+_PACKING = Packing(GateMoverMemory, position=3, moved=-1)
+_as_memory, _memory_vector = _PACKING.parts, _PACKING.vector
 
 
 class GateMover(LeafSystem):
@@ -70,7 +71,7 @@ class GateMover(LeafSystem):
         self._seed = seed
         n = len(track.gates)
         memory = GateMoverMemory(0.0, np.full(3, np.nan), np.zeros(n))
-        self._memory = self.DeclareDiscreteState(np.hstack(memory))
+        self._memory = self.DeclareDiscreteState(_memory_vector(memory))
         self._shifts = self.DeclareDiscreteState(2 * n)
         self._state = self.DeclareVectorInputPort("state", 13)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
@@ -95,7 +96,8 @@ class GateMover(LeafSystem):
                 moved[gate] = due[gate]
                 shifts[gate] = self._next_shift(shifts[gate], gate, int(due[gate]))
             discrete_state.set_value(self._shifts, shifts.ravel())
-        discrete_state.set_value(self._memory, np.hstack(GateMoverMemory(passages, p, moved)))
+        after = GateMoverMemory(passages, p, moved)
+        discrete_state.set_value(self._memory, _memory_vector(after))
 
     def _next_shift(self, old: np.ndarray, gate: int, passage: int) -> np.ndarray:
         """Returns where a gate moves to after a passage, (2,), from its place in the file."""

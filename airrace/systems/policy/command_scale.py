@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from airrace.common.jit import compilable
 from airrace.vehicle import Vehicle
 
 # rad/s, about x, y, z. Roll and pitch: racing turns need 5 to 8, and rotors reach 10 in about
@@ -40,14 +39,9 @@ def ctbr_scale(vehicle: Vehicle) -> CommandScale:
     return make_scale(np.append(0.0, -rates), np.append(vehicle.max_thrusts.sum(), rates))
 
 
-@compilable
 def scaled(action: np.ndarray, scale: CommandScale) -> np.ndarray:
     """Returns the command of an action, (m,); what is beyond -1 or 1 counts as that."""
-    result = np.empty(len(scale.center))
-    for i in range(len(result)):
-        share = min(max(float(action[i]), -1.0), 1.0)
-        result[i] = scale.center[i] + scale.half_range[i] * share
-    return result
+    return scale.center + scale.half_range * np.clip(np.asarray(action, float), -1.0, 1.0)
 
 
 def unscaled(command: np.ndarray, scale: CommandScale) -> np.ndarray:

@@ -11,6 +11,7 @@ from pydrake.systems.framework import Context
 
 from airrace.common.errors import UserError
 from airrace.common.jit import all_finite
+from airrace.common.packing import Packing
 from airrace.common.resources import models_path
 from airrace.math.quaternion import heading
 from airrace.scenario import LEARNED
@@ -21,10 +22,10 @@ from airrace.systems.policy.policy_network import ACTIONS, PolicyNetwork, load_p
 from airrace.systems.types import LAND, ExplorerStatus, PilotStatus
 from airrace.track.gate_map import GateMap
 from airrace.track.gate_opening import find
-from airrace.trajopt.reference import REFERENCE_SIZE
+from airrace.trajopt.reference import REFERENCE_SIZE, Reference, reference_vector
 from airrace.trajopt.stop import Stop
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
-from airrace.vehicle.state import STATE_SIZE, State, as_state
+from airrace.vehicle.state import STATE_SIZE, State, as_state, state_vector
 
 if TYPE_CHECKING:
     from typing import Self
@@ -79,11 +80,8 @@ class PilotMemory(NamedTuple):
     command: np.ndarray
 
 
-def _as_memory(v: np.ndarray) -> PilotMemory:
-    phase, since, reason, passed, unknown, yaw = v[:6].tolist()
-    return PilotMemory(
-        phase, since, reason, passed, unknown, yaw, v[6:9], v[9:12], v[12:16], v[16:20]
-    )
+_PACKING = Packing(PilotMemory, position=3, velocity=3, action=4, command=4)
+_as_memory, _memory_vector = _PACKING.parts, _PACKING.vector
 
 
 class LearnedPilot(LeafSystem):
@@ -137,8 +135,8 @@ class LearnedPilot(LeafSystem):
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self._exploration = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
         self._losses = self.DeclareVectorInputPort("rotor_losses", len(vehicle.rotors))
-        nothing = _as_memory(np.hstack([np.zeros(16), hover]))
-        self._memory = self.DeclareDiscreteState(np.hstack(nothing))
+        nothing = PilotMemory(*9 * [0.0], command=hover)  # type: ignore[arg-type, misc]
+        self._memory = self.DeclareDiscreteState(_memory_vector(nothing))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
         ticket = self.discrete_state_ticket(self._memory)
         for name, size, calc in (
@@ -201,7 +199,7 @@ class LearnedPilot(LeafSystem):
             _course(self._map.Eval(context), explorer.gates),
             bool(np.isfinite(self._losses.Eval(context)).any()),
         )
-        discrete_state.get_mutable_value(self._memory)[:] = np.hstack(after)
+        discrete_state.get_mutable_value(self._memory)[:] = _memory_vector(after)
 
     def _next(
         self,
@@ -232,7 +230,7 @@ class LearnedPilot(LeafSystem):
             return _handed_back(memory, time, state, reason)
         if course is None:
             return memory
-        finite = all_finite(np.hstack(state[1:]))
+        finite = all_finite(state_vector(state))
         if flies and finite:
             memory = _count(memory, state.position, course)
             if memory.reason:
@@ -268,10 +266,9 @@ class LearnedPilot(LeafSystem):
         if memory.phase == WAITING or memory.reason == NOT_READY or lands:
             output.set_value(self._exploration.Eval(context))
         elif memory.phase == FLYING:  # so that the geometric controller can go on at any time
-            reference = output.get_mutable_value()
-            reference[:] = 0.0
-            reference[:3], reference[3:6] = memory.position, memory.velocity
-            reference[15] = memory.yaw
+            m = memory
+            wanted = Reference(m.position, m.velocity, 0.0, 0.0, 0.0, m.yaw, 0.0, 0.0)
+            output.set_value(reference_vector(wanted))
         else:
             output.set_value(_stop(memory).reference(context.get_time() - memory.since))
 
@@ -282,10 +279,10 @@ class LearnedPilot(LeafSystem):
         )
         output.set_value(
             _status(
-                flies=memory.phase == FLYING,
-                since=memory.since if memory.phase != WAITING else 0.0,
+                flies=bool(memory.phase == FLYING),
+                since=float(memory.since) if memory.phase != WAITING else 0.0,
                 reason=REASONS[int(memory.reason)],
-                planner_may_plan=memory.phase == HANDED_BACK and bool(rested),
+                planner_may_plan=bool(memory.phase == HANDED_BACK and rested),
                 passed=int(memory.passed),
             )
         )
@@ -326,7 +323,7 @@ def _count(memory: PilotMemory, position: np.ndarray, course: np.ndarray) -> Pil
 def _handed_back(memory: PilotMemory, time: float, state: State, reason: int) -> PilotMemory:
     """Returns the memory after the hand-back; where the drone is, if that is known."""
     velocity, position, yaw = np.zeros(3), memory.position, memory.yaw
-    if all_finite(np.hstack(state[1:])):
+    if all_finite(state_vector(state)):
         velocity, position = state.velocity.copy(), state.position
         yaw = heading(state.quaternion)
     if position[2] + Stop(position, yaw, velocity).braking_distance[2] < _LEAST_HEIGHT:

@@ -7,6 +7,7 @@ from pydrake.common.value import Value
 from pydrake.geometry import QueryObject
 from pydrake.multibody.plant import ContactResults
 
+from airrace.common.packing import Packing
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.referee import TAKE_OFF, nearest_name
@@ -37,12 +38,8 @@ class Contacts(NamedTuple):
     total: np.ndarray
 
 
-CONTACTS_SIZE = 9
-
-
-def as_contacts(v: np.ndarray) -> Contacts:
-    """Returns the parts of a vector, (9,), as views of it."""
-    return Contacts(v[0], v[1], v[2], v[3], v[4], v[5], v[6:9])
+_PACKING = Packing(Contacts, total=3)
+as_contacts, contacts_vector, CONTACTS_SIZE = _PACKING.parts, _PACKING.vector, _PACKING.size
 
 
 class ContactSensor(LeafSystem):
@@ -87,19 +84,22 @@ class ContactSensor(LeafSystem):
 
     def _sample(self, context, discrete_state):
         memory = discrete_state.get_mutable_value()
-        before = as_contacts(memory.copy())
+        before = as_contacts(memory)
         total = read_vector(self._impulse, context)[3:6]
         impulse = float(np.linalg.norm(total - before.total))
         height = as_plant_state(read_vector(self._state, context)).position[2]
         airborne = float(before.airborne or height > self._take_off_height)
-        memory[4:] = airborne, context.get_time(), *total
-        if not airborne or impulse == 0.0:
-            return
-        name = nearest_name(
-            self._results.Eval(context), self._query.Eval(context), self._names, airborne=True
-        )
+        after = before._replace(airborne=airborne, time=context.get_time(), total=total)
+        name = None
+        if airborne and impulse != 0.0:
+            contacts, query = self._results.Eval(context), self._query.Eval(context)
+            name = nearest_name(contacts, query, self._names, airborne=True)
         if name is None or (name in _FLOOR and impulse < self._little):
-            return
-        kind = GATE if name.startswith("gate_") else ENVIRONMENT
-        memory[kind] += 1.0
-        memory[2:4] = kind, impulse
+            pass
+        elif name.startswith("gate_"):
+            after = after._replace(gates=after.gates + 1.0, kind=GATE, impulse=impulse)
+        else:
+            after = after._replace(
+                environment=after.environment + 1.0, kind=ENVIRONMENT, impulse=impulse
+            )
+        memory[:] = contacts_vector(after)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import assign, compilable, compiled
+from airrace.common.packing import Packing
 from airrace.math.random import NoiseSequence
 from airrace.math.triples import (
     added,
@@ -21,7 +22,7 @@ from airrace.math.triples import (
 )
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.systems.sensing.imu_samples import IMU_ROW, NO_SAMPLES, insert
+from airrace.systems.sensing.imu_samples import NO_SAMPLES, SAMPLE_SIZE, insert
 from airrace.systems.sensing.state_estimate import plant_lead
 from airrace.vehicle import GRAVITY
 from airrace.vehicle.imu_errors import ImuErrors, axis_matrices, turn_on_biases
@@ -48,9 +49,8 @@ class ImuMemory(NamedTuple):
     late: np.ndarray
 
 
-@compilable
-def _as_memory(vector: np.ndarray) -> ImuMemory:
-    return ImuMemory(vector[0:4], vector[4:7], vector[7:13], vector[13:])
+_PACKING = Packing(ImuMemory, quaternion=4, velocity=3, biases=6, late=-1)
+_as_memory, _memory_vector = _PACKING.parts, _PACKING.vector
 
 
 class ImuModel(NamedTuple):
@@ -150,9 +150,9 @@ class Imu(LeafSystem):
             quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
             velocity=np.zeros(3),
             biases=turn_on_biases(errors, seed),
-            late=np.tile(NO_SAMPLES[:IMU_ROW], round(errors.latency * rate)),
+            late=np.tile(NO_SAMPLES[:SAMPLE_SIZE], round(errors.latency * rate)),
         )
-        self._memory = self.DeclareDiscreteState(np.concatenate(memory))
+        self._memory = self.DeclareDiscreteState(_memory_vector(memory))
         self.DeclareStateOutputPort("imu", self._shown)
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         # Without an offset, its times are those of other systems of its rate to the last bit.
@@ -211,7 +211,7 @@ def _sample(shown, memory, plant_state, time, lead, noise, failure, model):
     _remember(memory, plant_state, lead, position)
     after = _as_memory(memory)
     motion, biases, late = _motion(_as_memory(before), after, period), after.biases, after.late
-    row = np.empty(IMU_ROW)
+    row = np.empty(SAMPLE_SIZE)
     row[0] = time + time_offset
     for i in range(6):
         value = dot(axes[i // 3, i % 3], motion[i // 3]) + biases[i] + sigmas[i] * noise[i]
@@ -223,15 +223,15 @@ def _sample(shown, memory, plant_state, time, lead, noise, failure, model):
     elif failure == _NAN:
         row[1:] = np.nan
     elif failure == _STUCK:
-        row[1:] = last[1:IMU_ROW]
+        row[1:] = last[1:SAMPLE_SIZE]
     elif failure == _SATURATED:
         row[1:] = ranges
     if len(late):
         newest = row
-        row = late[-IMU_ROW:].copy()
-        insert(late.reshape((-1, IMU_ROW)), newest)
+        row = late[-SAMPLE_SIZE:].copy()
+        insert(late.reshape((-1, SAMPLE_SIZE)), newest)
     if row[0] >= 0.0:
-        insert(shown.reshape((-1, IMU_ROW)), row)
+        insert(shown.reshape((-1, SAMPLE_SIZE)), row)
 
 
 @compilable

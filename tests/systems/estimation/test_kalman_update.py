@@ -8,7 +8,7 @@ from airrace.systems.estimation.error_state import corrected
 from airrace.systems.estimation.gate_projection import predicted_corners
 from airrace.systems.estimation.navigation import as_navigation, navigation_vector
 from airrace.systems.estimation.world_heading import (
-    carry_covariance_over,
+    carried_covariance,
     heading_gradient,
     turn_of_the_world,
 )
@@ -72,9 +72,8 @@ def test_the_covariance_shrinks_and_stays_one(seed):
     n_before, n_after = (
         turn_of_the_world(as_navigation(each.navigation), each.gates) for each in (before, after)
     )
-    P = before.covariance.copy()
     w = heading_gradient(as_navigation(before.navigation))
-    carry_covariance_over(P, n_after - n_before, w)
+    P = carried_covariance(before.covariance, n_after - n_before, w)
     assert np.linalg.eigvalsh(P - after.covariance).min() > -1e-10
 
 

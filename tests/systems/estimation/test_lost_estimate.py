@@ -8,7 +8,7 @@ import pytest
 from airrace.systems.estimation.kalman_update import Belief
 from airrace.systems.estimation.landmarks import Landmark
 from airrace.systems.estimation.lost_estimate import drift_sigma, why_lost
-from airrace.systems.estimation.slam_filter import SlamState
+from airrace.systems.estimation.slam_state import SlamState
 from tests.systems.estimation.motions import navigation
 
 GOOD = np.diag([*[1e-4] * 3, *[0.04] * 3, *[0.01] * 3, *[1e-6] * 6, *[0.04] * 3, 1e-4, 1e-4])

@@ -54,19 +54,18 @@ def two_turns(seed):
 @given(seeds)
 def test_a_turn_before_is_the_same_turn_after(seed):
     a, before, after = two_turns(seed)
-    columns, w = before[:, np.newaxis].copy(), wh.heading_gradient(as_navigation(a.navigation))
-    wh.carry_over(columns, after - before, w)
+    w = wh.heading_gradient(as_navigation(a.navigation))
+    columns = wh.carried_over(before[:, np.newaxis], after - before, w)
     np.testing.assert_allclose(columns[:, 0], after, atol=1e-12)
 
 
 @given(seeds)
 def test_a_covariance_is_carried_over_as_its_errors_are(seed):
     a, before, after = two_turns(seed)
-    w, P = wh.heading_gradient(as_navigation(a.navigation)), a.covariance.copy()
-    G = np.eye(len(P))
-    wh.carry_over(G, after - before, w)
-    wh.carry_covariance_over(P, after - before, w)
-    np.testing.assert_allclose(P, G @ a.covariance @ G.T, atol=1e-12)
+    w, P = wh.heading_gradient(as_navigation(a.navigation)), a.covariance
+    G = wh.carried_over(np.eye(len(P)), after - before, w)
+    carried = wh.carried_covariance(P, after - before, w)
+    np.testing.assert_allclose(carried, G @ P @ G.T, atol=1e-12)
 
 
 @given(seeds, st.integers(1, 6))

@@ -168,7 +168,7 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
         options = dc.replace(options, companion="local")
     scenario = race_scenario(options)
     make_companion = ssh_companions(options)
-    track = load_track(scenario.track)
+    track = load_track(scenario.track, markers=True)
     vehicle, _ = load_vehicle(scenario.drone)
     if options.graphviz is not None:
         write_graphviz(options.graphviz, scenario)

@@ -12,7 +12,7 @@ from pathlib import Path
 from airrace.common.errors import UserError
 from airrace.common.processes import ONE_THREAD, child_environment
 from airrace.track.command import to_yaml
-from airrace.track.square_generator import generate_square_track
+from airrace.track.generator import generate_square_track
 from benchmarks import harness
 from benchmarks.grand_prix_client import ARM, RESET, Client, Times, command, place
 from benchmarks.grand_prix_noise import KINDS, NoisyClient

@@ -10,7 +10,6 @@ import pandas as pd
 
 from airrace.analysis.figure_style import INK, MUTED, SHADE, add_legend, make_figure
 from airrace.common.colors import BEST, EARLIER
-from airrace.track.layout import Layout
 from airrace.track.plot import draw_gates
 from airrace.trajopt.body_frames import body_frames
 from airrace.trajopt.reference import Reference
@@ -57,7 +56,7 @@ def plans_figure(run: "Run") -> "Figure":
     """Returns the last plan from above with its body axes, and all before it in orange."""
     figure = make_figure(9, 7.2)
     axes = figure.add_subplot(aspect="equal", xlabel="x (m)", ylabel="y (m)")
-    draw_gates(axes, Layout.of(run.track), INK, SHADE)
+    draw_gates(axes, run.track, INK, SHADE)
     *earlier, newest = planned_laps(run).values()
     for samples, opacity in zip(earlier, np.linspace(_LEAST, _MOST, len(earlier) + 1)[1:]):
         label = "plans before it" if samples is earlier[-1] else None

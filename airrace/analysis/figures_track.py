@@ -15,7 +15,6 @@ from airrace.analysis.figure_style import (
     make_figure,
 )
 from airrace.scenario.lap_limits import speed_scale_end
-from airrace.track.layout import Layout
 from airrace.track.plot import draw_gates
 
 if TYPE_CHECKING:
@@ -43,7 +42,7 @@ def track_figure(run: "Run") -> "Figure":
         lines.set_clim(0.0, speed_scale_end(run.result["limits"]))
         axes.add_collection(lines)
         add_colorbar(figure, lines, axes, "speed (m/s)", shrink=0.75, pad=0.02)
-    draw_gates(axes, Layout.of(run.track), INK, SHADE)
+    draw_gates(axes, run.track, INK, SHADE)
     start = run.track.start.position
     axes.plot(*start[:2], "s", color=INK, ms=5, zorder=4, label="start")
     if not run.result["finished"] and len(run.state):

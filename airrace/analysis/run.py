@@ -105,7 +105,7 @@ class Run:
         if "track.yaml" in files:
             self.track = load_yaml(Track, data=files["track.yaml"], what="the track")
         else:
-            self.track = load_track(self.scenario.track)
+            self.track = load_track(self.scenario.track, markers=True)
         if "vehicle.yaml" in files:
             self.vehicle = load_yaml(Vehicle, data=files["vehicle.yaml"], what="the drone")
         else:

@@ -13,10 +13,8 @@ from pydrake.systems.primitives import DiscreteTimeDelay, DiscreteTimeIntegrator
 from airrace.common.errors import UserError
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
-from airrace.rendering.planar.solids_renderer import SolidsRenderer
 from airrace.rendering.scene.pad import AddPad
 from airrace.rendering.scene.scenery import AddScenery, move_gates
-from airrace.rendering.scene.square_scenery import AddSquareScenery
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.scenario import VIO, Scenario
 from airrace.scenario.camera_config import NO_CAMERA
@@ -29,8 +27,7 @@ from airrace.systems.sensing.camera import Camera
 from airrace.systems.sensing.contact_sensor import ContactSensor
 from airrace.systems.sensing.imu import Imu
 from airrace.systems.sensing.state_estimate import StateEstimate
-from airrace.track import start_pose
-from airrace.track.square_track import AnyTrack, SquareTrack, load_course
+from airrace.track import Course, load_track, start_pose
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.camera_info import make_camera_info
 from airrace.vehicle.disturbances import check_rotors_exist, true_vehicle
@@ -98,7 +95,7 @@ class _World(NamedTuple):
     """
 
     scenario: Scenario
-    track: AnyTrack
+    track: Course
     vehicle: Vehicle
     true_vehicle: Vehicle
     plant: MultibodyPlant
@@ -115,19 +112,19 @@ class _World(NamedTuple):
 
 def _add_world(builder: DiagramBuilder, scenario: Scenario, meshcat: Meshcat | None) -> _World:
     """Adds the plant and its scene: the track, the pad and the drone's body."""
-    track = load_course(scenario.track)
+    track = load_track(scenario.track)
     vehicle, sdf = load_vehicle(scenario.drone)
     check_rotors_exist(scenario.rotor_failures, vehicle)
     truth = true_vehicle(vehicle, scenario.disturbances, scenario.seed)
     plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
     visible = meshcat is not None or scenario.camera.renderer == "vtk"
     movable = scenario.disturbances.gate_shift > 0.0
-    if not isinstance(track, SquareTrack):
-        AddScenery(plant, track, movable=movable, visible=visible)
-    elif movable:
-        raise UserError("Square gates cannot move: set disturbances.gate_shift to 0.")
-    else:
-        AddSquareScenery(plant, track, visible=visible)
+    if movable and not track.closed:
+        raise UserError(
+            f"The gates of {track.name} are passed only once, and do not move between laps: set "
+            "disturbances.gate_shift to 0."
+        )
+    AddScenery(plant, track, movable=movable, visible=visible)
     AddPad(plant, track.start, vehicle.radius)
     AddMultirotorModel(plant, vehicle, sdf, truth)
     plant.Finalize()
@@ -198,8 +195,6 @@ def _add_camera(builder: DiagramBuilder, world: _World) -> None:
         drawn = imaging.pinhole
     if config.renderer == "vtk":
         renderer = AddVtkRenderer(world.scene_graph, drawn, indoors=world.track.hall() is not None)
-    elif isinstance(world.track, SquareTrack):
-        renderer = SolidsRenderer(world.track, drawn)
     else:
         renderer = PlanarRenderer(world.track, drawn)
     camera = Camera(
@@ -321,7 +316,6 @@ def _collision_names(plant: MultibodyPlant, scene_graph: SceneGraph) -> dict:
 
 def _add_gate_mover(builder: DiagramBuilder, world: _World) -> None:
     """Adds what moves gates between laps, and shows it to every system that has a port for it."""
-    assert not isinstance(world.track, SquareTrack)  # its gates stand still, see _add_world()
     max_shift = world.scenario.disturbances.gate_shift
     mover = GateMover(track=world.track, max_shift=max_shift, seed=world.scenario.seed)
     builder.AddNamedSystem("gate_mover", mover)

@@ -18,7 +18,6 @@ from airrace.systems.policy.gates_observation import (
     write_gates_observation,
 )
 from airrace.track import GateMap, Track
-from airrace.track.gate_opening import GateOpening
 
 __all__ = [
     "KINDS",
@@ -32,18 +31,18 @@ KINDS = ("gates", "estimate", "pixels")
 
 
 def gates_of_track(track: Track, shifts: np.ndarray | None = None) -> np.ndarray:
-    """Returns the openings of a track's gates, (n, 10), see GateOpening.
+    """Returns the openings of a track's gates, (n, 15), see Opening.
 
     Args:
         track: with the true gates.
         shifts: x and y of each, by which it has moved (m), (2 n,).
     """
-    gates = np.array([GateOpening(gate).numbers for gate in track.gates])
+    gates = track.openings()
     if shifts is not None:
         gates[:, :2] += shifts.reshape(-1, 2)
     return gates
 
 
 def gates_of_map(gate_map: GateMap) -> np.ndarray:
-    """Returns the openings of a map's gates by their numbers, (n, 10); n is 0 while it is empty."""
+    """Returns the openings of a map's gates by their numbers, (n, 15); n is 0 while it is empty."""
     return map_openings(gate_map.gates)

@@ -28,7 +28,7 @@ class StepInfo(NamedTuple):
     Attributes:
         before, after: the drone's state at both ends of the step, see vehicle/state.py, (13,).
         action: that was taken, -1 to 1, (m,).
-        gate: numbers of the opening that was next, see GateOpening, (10,).
+        gate: numbers of the opening that was next, see Opening, (15,).
         passed: whether it was passed.
         outcome: index of reward.REASONS.
         reward: that of reward.judge().

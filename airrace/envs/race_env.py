@@ -33,6 +33,7 @@ from airrace.scenario import Scenario, scenario_yaml
 from airrace.systems.policy.command_scale import scaled
 from airrace.systems.policy.gates_observation import GATE_SIZE, MOTION_SIZE, observation_size
 from airrace.track import Track, load_track
+from airrace.track.gate_opening import OPENING_SIZE
 from airrace.track.generator import generate_track
 from airrace.trajopt.reference import Reference, reference_vector
 from airrace.vehicle import load_vehicle
@@ -70,7 +71,9 @@ class RaceEnv(gymnasium.Env):
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self._options.step)}
         self._scenario = make_scenario(self._options)
         if self._options.track != GENERATED:
-            load_track(self._scenario.track)  # so that it is refused now if it cannot be raced
+            load_track(
+                self._scenario.track, markers=True
+            )  # so that it is refused now if it cannot be raced
         self._folder = tempfile.TemporaryDirectory(prefix="airrace-")  # of generated tracks
         self._vehicle = load_vehicle(self._scenario.drone)[0]
         self.action_scale = action_scale(self._options.action, self._vehicle)
@@ -166,7 +169,7 @@ class RaceEnv(gymnasium.Env):
         while True:
             seed = int(self.np_random.integers(_SEEDS))
             if self._options.track != GENERATED:
-                return seed, load_track(self._scenario.track)
+                return seed, load_track(self._scenario.track, markers=True)
             try:
                 track = generate_track(seed)
             except UserError:  # some seeds have none
@@ -270,7 +273,7 @@ class RaceEnv(gymnasium.Env):
         return self._eval("truth.gate_shifts")
 
     def _gates(self) -> np.ndarray:
-        """Returns the openings of the gates where they stand now, (n, 10)."""
+        """Returns the openings of the gates where they stand now, (n, 15)."""
         shifts = self._shifts()
         return self._course.gates if shifts is None else gates_of_track(self._track, shifts)
 
@@ -282,7 +285,7 @@ class RaceEnv(gymnasium.Env):
 
     def _observe(self):
         state, action = self._known_state(), self._last_action
-        gates = np.zeros((1, 10))
+        gates = np.zeros((1, OPENING_SIZE))
         if self._options.observation == "pixels":
             motion = np.zeros(MOTION_SIZE + len(action), np.float32)
             write_gates_observation(motion, state, gates, 0, action)

@@ -7,9 +7,9 @@ import numpy as np
 
 from airrace.common.jit import compilable
 from airrace.math.vec3 import dot
-from airrace.systems.referee import TAKE_OFF, arena
+from airrace.systems.referee import TAKE_OFF
 from airrace.track import Track
-from airrace.track.gate_opening import GateOpening, find
+from airrace.track.gate_opening import find
 
 # How an episode stands after a step.
 RUNNING, COLLISION, MISSED_GATE, LEFT_ARENA, FINISHED, DIVERGED = range(6)
@@ -37,7 +37,7 @@ class Course(NamedTuple):
     """What the flight is judged by.
 
     Attributes:
-        gates: numbers of their openings, (n, 10), see GateOpening.
+        gates: numbers of their openings, (n, 15), see Opening.
         goal: number of gates to pass until it is finished.
         take_off_height: of the body's origin, above which the drone flies (m).
         arena_min: x and y of the arena (m), (2,).
@@ -76,9 +76,9 @@ def make_course(track: Track, *, goal: int, arena_margin: float, standing_height
         arena_margin: how far beyond the outermost pylons, and above the ground, it reaches (m).
         standing_height: of the body's origin when the drone stands on its pad (m).
     """
-    arena_min, arena_max = arena(track, arena_margin)
+    arena_min, arena_max = track.arena(arena_margin)
     return Course(
-        gates=np.array([GateOpening(gate).numbers for gate in track.gates]),
+        gates=track.openings(),
         goal=int(goal),
         take_off_height=float(standing_height + TAKE_OFF),
         arena_min=arena_min,
@@ -118,7 +118,7 @@ def judge(
     """
     airborne = airborne or p[2] > course.take_off_height
     gate = course.gates[passed % len(course.gates)]
-    share, _ = find(gate, before, p, 0.0, 0.0)
+    share, _ = find(gate, before, p)
     reward = weights.progress * (_distance(before, gate) - _distance(p, gate))
     reward -= weights.rates * dot(w, w)
     outcome = RUNNING

@@ -56,7 +56,9 @@ def make_jobs(
 
 def given_track(name_or_file: str) -> tuple[Track, str]:
     """Returns a track that somebody made, and its YAML; see load_track()."""
-    return load_track(name_or_file), find_yaml("tracks", name_or_file).read_text("utf-8")
+    return load_track(name_or_file, markers=True), find_yaml("tracks", name_or_file).read_text(
+        "utf-8"
+    )
 
 
 def generated_track(seed: int, gates: int | None = None) -> tuple[Track, str]:

@@ -25,7 +25,7 @@ from airrace.systems.ports import read_vector
 from airrace.systems.sensing.contact_sensor import CONTACTS_SIZE, GATE, as_contacts
 from airrace.systems.sensing.imu_samples import IMU_SIZE, as_samples
 from airrace.systems.types import ExplorerStatus, RefereeStatus
-from airrace.track.square_track import SquareTrack
+from airrace.track import Course
 from airrace.vehicle import Vehicle
 from airrace.vehicle.state import STATE_SIZE, as_plant_state
 
@@ -65,7 +65,7 @@ class World(NamedTuple):
         seed: of what quirks draw.
     """
 
-    track: SquareTrack
+    track: Course
     vehicle: Vehicle
     start: np.ndarray
     config: MavlinkConfig

@@ -11,7 +11,7 @@ from airrace.mavlink.bridge import AFTER, MavlinkBridge, is_command
 from airrace.mavlink.flight_controller import MakeFlightController
 from airrace.systems.failsafe.setpoint_watchdog import FOLLOW, HOVER, LAND, OFF, SetpointWatchdog
 from airrace.systems.referee import OUT_OF_TIME
-from airrace.track.square_track import SquareTrack, load_course
+from airrace.track import load_track
 from airrace.vehicle import load_vehicle
 
 if TYPE_CHECKING:
@@ -74,8 +74,8 @@ class ClientTransport(Transport):
     def AddToBuilder(
         self, builder: "DiagramBuilder", scenario: "Scenario", simulation: "Diagram"
     ) -> "System":
-        track = load_course(scenario.track)
-        if not isinstance(track, SquareTrack):
+        track = load_track(scenario.track)
+        if track.has_markers:
             raise UserError(
                 f"The track {track.name} has pylons; a client flies square gates: take "
                 "`--track grand-prix`, or make one with `airrace track --kind square`."

@@ -167,13 +167,13 @@ def _fly(options: GrandPrixOptions) -> dict:
     from airrace.mavlink.client_link import ClientLink
     from airrace.mavlink.grand_prix import fly_attempts, warm_up_grand_prix
     from airrace.recording.foxglove_server import FoxgloveServer
-    from airrace.track.square_track import load_course
+    from airrace.track import load_track
     from airrace.vehicle import load_vehicle
     from airrace.visualization.course_display import CourseDisplay
     from airrace.visualization.live_page import LivePage
 
     scenario = grand_prix_scenario(options)
-    track, (vehicle, _) = load_course(scenario.track), load_vehicle(scenario.drone)
+    track, (vehicle, _) = load_track(scenario.track), load_vehicle(scenario.drone)
     folder = options.output or run_path(track.name, vehicle.name, "mavlink")
     numbered = options.output is None
     display = CourseDisplay(scenario, track)

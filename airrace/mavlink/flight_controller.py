@@ -14,8 +14,7 @@ from airrace.systems.control.rate_controller import RateController
 from airrace.systems.control.velocity_controller import VelocityController
 from airrace.systems.failsafe.setpoint_watchdog import SetpointWatchdog
 from airrace.systems.sensing.true_estimate import TrueEstimate
-from airrace.track import start_pose
-from airrace.track.square_track import SquareTrack
+from airrace.track import Course, start_pose
 from airrace.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ _STANDING = 0.08  # m, about; LOCAL_NED begins there until the drone is armed
 
 
 def MakeFlightController(
-    scenario: Scenario, track: SquareTrack, vehicle: Vehicle, link: "ClientLink"
+    scenario: Scenario, track: Course, vehicle: Vehicle, link: "ClientLink"
 ) -> Diagram:
     """Builds the MavlinkBridge and the controllers that do what its client says.
 

@@ -14,8 +14,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from airrace.mavlink.commands import signed_rates
 from airrace.mavlink.frames import NedState, euler_angles, flipped, flipped_quaternion
 from airrace.systems.types import RefereeStatus
+from airrace.track import Course
 from airrace.track.square_gate import INNER
-from airrace.track.square_track import SquareTrack
 
 GATE_ID, ENVIRONMENT_ID = 1001, 1002  # of COLLISION
 _DATA_SIZE = 253  # bytes of ENCAPSULATED_DATA
@@ -166,7 +166,7 @@ def race_status(
     return mavlink.MAVLink_encapsulated_data_message(0, _padded(data))
 
 
-def track_messages(track: SquareTrack, origin: np.ndarray, hidden: bool) -> Iterator:
+def track_messages(track: Course, origin: np.ndarray, hidden: bool) -> Iterator:
     """Yields DATA_TRANSMISSION_HANDSHAKE, and the track in as many ENCAPSULATED_DATA as it takes.
 
     Args:
@@ -174,7 +174,7 @@ def track_messages(track: SquareTrack, origin: np.ndarray, hidden: bool) -> Iter
         hidden: whether the gates' geometry is zeroed.
     """
     data = _COUNT.pack(len(track.gates))
-    for i, gate in enumerate(track.gates):
+    for i, gate in enumerate(track.frames()):
         numbers = np.zeros(9)
         if not hidden:
             q = gate.X_WG.rotation().ToQuaternion().wxyz()

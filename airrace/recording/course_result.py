@@ -8,7 +8,7 @@ from airrace.recording.race_result import wall_data
 from airrace.scenario import Scenario
 from airrace.systems.sensing.contact_sensor import as_contacts
 from airrace.systems.types import ExplorerStatus, RefereeStatus
-from airrace.track.square_track import SquareTrack
+from airrace.track import Course
 from airrace.vehicle import load_vehicle
 
 
@@ -21,7 +21,7 @@ class CourseResult:
         collisions: samples with a contact so far, with gates and with the environment.
     """
 
-    def __init__(self, scenario: Scenario, track: SquareTrack, simulation: str):
+    def __init__(self, scenario: Scenario, track: Course, simulation: str):
         """Args: scenario, track: of the race. simulation: MAVLINK."""
         self._scenario, self._track, self._simulation = scenario, track, simulation
         self._time, self._status = 0.0, ExplorerStatus()

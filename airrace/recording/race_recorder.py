@@ -17,7 +17,7 @@ from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, IMU_SIZE
-from airrace.track.square_track import SquareTrack, load_course
+from airrace.track import load_track
 from airrace.trajopt.reference import REFERENCE_SIZE
 from airrace.vehicle import find_vehicle, load_vehicle
 from airrace.vehicle.state import STATE_SIZE, as_plant_state, as_state
@@ -74,7 +74,7 @@ class RaceRecorder(LeafSystem):
         """
         LeafSystem.__init__(self)
         self._log, self._config = log, scenario.recording
-        self._track, self._vehicle = load_course(scenario.track), load_vehicle(scenario.drone)[0]
+        self._track, self._vehicle = load_track(scenario.track), load_vehicle(scenario.drone)[0]
         self._max_speed = min(parse_limits(scenario.planner.limits)[0], _FAST)
         pictures = self._config.content == "full"
         estimates = scenario.estimator == VIO
@@ -220,7 +220,7 @@ class RaceRecorder(LeafSystem):
         if "track" not in self._written or shifts != self._written["track"]:
             self._written["track"] = shifts
             track = self._track
-            if shifts is not None and not isinstance(track, SquareTrack):
+            if shifts is not None:
                 track = track.shifted(shifts)
             self._log.write("/scene", time, scene_updates.track_scene(time, track, self._vehicle))
 

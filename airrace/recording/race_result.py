@@ -10,7 +10,7 @@ from airrace.scenario import PLANNED, VIO, Scenario
 from airrace.systems.planning.lap_plan import NO_PLAN, PlanSummary
 from airrace.systems.referee import OUT_OF_TIME
 from airrace.systems.types import ExplorerEvent, ExplorerStatus, PilotStatus, RefereeStatus
-from airrace.track import Track
+from airrace.track import Course
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
 
@@ -45,7 +45,7 @@ class RaceResult:
         rotor_losses: number of a rotor, from 1, to when its loss was noticed (s).
     """
 
-    def __init__(self, scenario: Scenario, track: Track, simulation: str = "SITL"):
+    def __init__(self, scenario: Scenario, track: Course, simulation: str = "SITL"):
         """Args: scenario, track: of the race. simulation: SITL or HITL."""
         self._scenario, self._track, self._simulation = scenario, track, simulation
         self._time, self._plans, self._map_rms = 0.0, {}, {}
@@ -221,7 +221,7 @@ def _pilot_events(
     return events
 
 
-def front_marker_rms(gate_map: GateMap, track: Track, aligned: bool = False) -> float | None:
+def front_marker_rms(gate_map: GateMap, track: Course, aligned: bool = False) -> float | None:
     """Returns the RMS position error of the front markers in the map (m).
 
     Args:

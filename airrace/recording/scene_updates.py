@@ -9,10 +9,15 @@ from foxglove import messages as fg
 from airrace.recording.foxglove_messages import BODY, CAMERA, WORLD, pose, stamp, vector3
 from airrace.rendering.scene.meshes import BOARD_THICKNESS
 from airrace.systems.types import Detections
-from airrace.track import BOARD_SIZE, MARKER_SIZE, PYLON_BASE_RADIUS, PYLON_HEIGHT, PYLON_TIP_RADIUS
+from airrace.track import (
+    BOARD_SIZE,
+    MARKER_SIZE,
+    PYLON_BASE_RADIUS,
+    PYLON_HEIGHT,
+    PYLON_TIP_RADIUS,
+    Course,
+)
 from airrace.track.gate_map import GateMap
-from airrace.track.square_gate import OUTER
-from airrace.track.square_track import AnyTrack, SquareTrack
 from airrace.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -60,7 +65,7 @@ def _lines(kind: str, points: Iterable, thickness: float, **colors: Any) -> fg.L
     return fg.LinePrimitive(type=kind, thickness=thickness, points=points, **colors)
 
 
-def track_scene(time: float, track: AnyTrack, vehicle: Vehicle) -> fg.SceneUpdate:
+def track_scene(time: float, track: Course, vehicle: Vehicle) -> fg.SceneUpdate:
     """Returns the gates, with boards where they have some, their numbers, and the drone."""
     tip = PYLON_TIP_RADIUS / PYLON_BASE_RADIUS
     pylons = [
@@ -83,15 +88,14 @@ def track_scene(time: float, track: AnyTrack, vehicle: Vehicle) -> fg.SceneUpdat
                 )
             )
         texts.append(_text(board.X_WM @ [0.0, 1.0, 0.3], str(board.id), 0.5))
-    for gate in track.gates if isinstance(track, SquareTrack) else ():
+    for gate in track.frames():
         for box in gate.boxes().values():
             turn, (x, y, z) = box.X_WB.rotation().ToQuaternion().wxyz(), box.size
             size = fg.Vector3(x=x, y=y, z=z)
             place = pose(box.X_WB.translation(), turn)
             boards.append(fg.CubePrimitive(pose=place, color=_PYLON, size=size))
-    height = OUTER if isinstance(track, SquareTrack) else PYLON_HEIGHT
-    for n, p_WG in enumerate([gate.p_WG for gate in track.gates]):
-        above = p_WG + [0.0, 0.0, height]
+    for n, gate in enumerate(track.gates):
+        above = gate.p_WG + [0.0, 0.0, gate.height]
         texts.append(_text(above, f"gate {n + 1}", 2.0))
     gates = _entity(time, "gates", cylinders=pylons, cubes=boards, texts=texts)
     return fg.SceneUpdate(entities=[gates, _entity(time, "drone", BODY, **_drone(vehicle))])

@@ -17,9 +17,8 @@ from airrace.math.vec3 import dot
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
 from airrace.systems.types import LAND, ExplorerStatus, GateCrossing, RefereeStatus
-from airrace.track.gate_opening import GateOpening, find
-from airrace.track.square_opening import OPENING_SIZE, find_square, opening_numbers
-from airrace.track.square_track import AnyTrack, SquareTrack
+from airrace.track import Course
+from airrace.track.gate_opening import find
 from airrace.vehicle.disturbances import failures_clause
 from airrace.vehicle.state import as_plant_state
 
@@ -39,11 +38,11 @@ _REASONS = {
 TAKE_OFF = 0.4  # m above where the drone stands: only beyond is a contact a collision
 
 
-class Course(NamedTuple):
+class Criteria(NamedTuple):
     """What a flight is judged by.
 
     Attributes:
-        gates: see GateOpening, (n, 10), or of square ones opening_numbers(), (n, 13).
+        gates: openings of all, (n, 15), see Opening.
         take_off_height: above which the drone flies (m).
         time_limit: for the whole race (s).
         arena_min: x and y of the arena (m), (2,).
@@ -55,15 +54,6 @@ class Course(NamedTuple):
     time_limit: float
     arena_min: np.ndarray
     arena_max: np.ndarray
-
-
-def arena(track: AnyTrack, margin: float) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the least x and y of a track's arena, (2,), and its greatest x, y and z, (3,) (m).
-
-    Args: margin: how far it reaches beyond the outermost pylons, and above the ground (m).
-    """
-    feet = track.outline()[:, :2]
-    return feet.min(0) - margin, np.append(feet.max(0) + margin, float(margin))
 
 
 class RefereeMemory(NamedTuple):
@@ -122,10 +112,9 @@ class Referee(LeafSystem):
     from the moment it says that the exploration is done. ``report`` is a
     RefereeStatus. ``gate_shifts`` (2 n) is where the gates stand, see GateMover.
 
-    A gate counts when the body's origin crosses the rectangle between the
-    two pylon axes, from the front, above the ground and below the pylons'
-    tips, or the inner square of a square gate, in racing order. A lap runs from gate 1 to
-    gate 1; a course that is not closed is flown once, to its last gate. Any contact after
+    A gate counts when the body's origin crosses its opening from the front, in racing
+    order. A lap runs from gate 1 to gate 1; a course that is not closed is flown once, to
+    its last gate. Any contact after
     take-off, leaving the arena, or the time limit ends the race; on the pad,
     only contact with something else than the ground does. A drone that lands because it
     does not know where it is, see Explorer, has not finished, but not collided either.
@@ -138,7 +127,7 @@ class Referee(LeafSystem):
     def __init__(
         self,
         *,
-        track: AnyTrack,
+        track: Course,
         laps: int,
         period: float,
         time_limit: float,
@@ -156,7 +145,7 @@ class Referee(LeafSystem):
             laps: to fly.
             period: of updates (s).
             time_limit: for the whole race (s).
-            arena_margin: how far beyond the outermost pylons, and above the
+            arena_margin: how far beyond the course's outline, and above the
                 ground, the arena reaches (m).
             standing_height: of the body's origin when the drone stands on its
                 pad (m).
@@ -166,9 +155,9 @@ class Referee(LeafSystem):
             contacts_end: whether a contact ends the race; if not, somebody else counts them.
         """
         LeafSystem.__init__(self)
-        arena_min, arena_max = arena(track, arena_margin)
-        self._course = Course(
-            gates=_openings(track),
+        arena_min, arena_max = track.arena(arena_margin)
+        self._criteria = Criteria(
+            gates=track.openings(),
             take_off_height=standing_height + TAKE_OFF,
             time_limit=float(time_limit),
             arena_min=arena_min,
@@ -208,7 +197,7 @@ class Referee(LeafSystem):
             read_vector(self._state, context),
             read_vector(self._impulse, context),
             shifts,
-            tuple(self._course),
+            tuple(self._criteria),
         )
         if crossing < 0.0 and not pushed and verdict == UNDECIDED:
             return
@@ -288,12 +277,6 @@ def nearest_name(
     return None
 
 
-def _openings(track: AnyTrack) -> np.ndarray:
-    if isinstance(track, SquareTrack):
-        return np.array([opening_numbers(gate) for gate in track.gates])
-    return np.array([GateOpening(gate).numbers for gate in track.gates])
-
-
 def _with_landing(reason: str | None, explorer: ExplorerStatus, airborne: bool) -> str | None:
     """Returns why a race ended, with why the drone was to land, if it was."""
     if explorer.state != LAND:
@@ -316,7 +299,7 @@ def _crossings(table: bytes, gates: int) -> tuple:
 
 
 @compiled
-def _observe(memory, time, state, impulse, shifts, course):
+def _observe(memory, time, state, impulse, shifts, criteria):
     """Updates the memory with what is seen of the drone.
 
     Args:
@@ -324,42 +307,39 @@ def _observe(memory, time, state, impulse, shifts, course):
         time: (s).
         state, impulse: see Referee.
         shifts: of the gates, (2 n,) m.
-        course: a Course, as a tuple.
+        criteria: Criteria, as a tuple.
 
     Returns:
         when the drone crossed the next gate since the last update (s), -1 if it did not; how
         far from the midpoint (m); whether it was pushed since then; and the verdict on its
         place and the time. After a verdict, nothing is seen any more.
     """
-    m, state, course = _as_memory(memory), as_plant_state(state), Course(*course)
+    m, state, criteria = _as_memory(memory), as_plant_state(state), Criteria(*criteria)
     if m.verdict != UNDECIDED:
         return -1.0, 0.0, False, UNDECIDED
     p, v = state.position, state.velocity
-    airborne = 1.0 if p[2] > course.take_off_height else m.airborne
+    airborne = 1.0 if p[2] > criteria.take_off_height else m.airborne
     crossing, offset = -1.0, 0.0
     if airborne:
-        gate = int(m.crossings) % len(course.gates)
-        if course.gates.shape[1] == OPENING_SIZE:
-            share, offset = find_square(course.gates[gate], m.position, p)
-        else:
-            share, offset = find(
-                course.gates[gate], m.position, p, shifts[2 * gate], shifts[2 * gate + 1]
-            )
+        gate = int(m.crossings) % len(criteria.gates)
+        opening = criteria.gates[gate].copy()
+        opening[:2] += shifts[2 * gate : 2 * gate + 2]
+        share, offset = find(opening, m.position, p)
         if not math.isnan(share):
             crossing = m.time + share * (time - m.time)
     pushed = np.any(impulse != m.impulse)
     max_speed = max(m.max_speed, math.sqrt(dot(v, v)))
     after = RefereeMemory(time, airborne, m.crossings, max_speed, UNDECIDED, time, 0.0, p, impulse)
     assign(memory, _memory_vector(after))
-    return crossing, offset, pushed, _verdict(p, time, course)
+    return crossing, offset, pushed, _verdict(p, time, criteria)
 
 
 @compilable
-def _verdict(p, time, course):
+def _verdict(p, time, criteria):
     """Returns the verdict on a position and a time."""
     if not math.isfinite(np.sum(p)):
         return DIVERGED
-    inside = np.all(p[:2] > course.arena_min) and np.all(p < course.arena_max)
+    inside = np.all(p[:2] > criteria.arena_min) and np.all(p < criteria.arena_max)
     if not inside:
         return ARENA
-    return TIMEOUT if time >= course.time_limit else UNDECIDED
+    return TIMEOUT if time >= criteria.time_limit else UNDECIDED

@@ -3,6 +3,7 @@
 `airrace track` makes random ones.
 """
 
+from airrace.track.course import Board, Course
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
 from airrace.track.layout import Layout
 from airrace.track.start import Start, start_pose
@@ -14,8 +15,7 @@ from airrace.track.track import (
     PYLON_BASE_RADIUS,
     PYLON_HEIGHT,
     PYLON_TIP_RADIUS,
-    Board,
     Gate,
     Track,
-    load_track,
 )
+from airrace.track.track_files import load_track

@@ -10,7 +10,7 @@ from airrace.common.command_line import Whole
 from airrace.common.errors import UserError
 
 if TYPE_CHECKING:
-    from airrace.track.square_track import AnyTrack
+    from airrace.track import Course
 
 _EPILOG = """\
 Every track obeys the layout rule of the Student AirRace: the next left pylon is
@@ -30,19 +30,6 @@ examples:
   airrace track --kind square --seed 7 --gates 10 > square.yaml
 
 The same options give the same file. Exit codes: 0 printed, 2 bad input."""
-_FORMAT = """\
-# World frame: x forward, y left, z up; metres and degrees. A gate's heading is the
-# direction of flight through it; its right pylon stands pylon_spacing to the right of
-# the left one. The pad descends by pad_tilt_deg in the direction pad_tilt_direction_deg.
-"""
-
-
-_SQUARE_FORMAT = """\
-# World frame: x forward, y left, z up; metres and degrees. A gate's position is the
-# middle of its opening, its yaw the direction of flight through it, and its pitch how
-# much that points down. The pad descends by pad_tilt_deg in pad_tilt_direction_deg.
-# surroundings: hall (dark), or lawn.
-"""
 
 
 def add_to(app: App) -> None:
@@ -67,37 +54,29 @@ def track(
         kind: of gates: pylons with markers, or square frames (default: pylons)
         plot: also draw it from above, as .png, .svg or .pdf
     """
-    from airrace.track.generator import generate_track
+    from airrace.track.generator import generate_square_track, generate_track
     from airrace.track.layout import Layout
-    from airrace.track.square_generator import generate_square_track
-    from airrace.track.square_track import SquareTrack
 
-    made: AnyTrack
+    made: Course
     if kind == "square":
         if direction is not None:
             raise UserError("--direction is for tracks of pylons: leave it out.")
         made = generate_square_track(seed, gates)
+        command = f"airrace track --kind square --seed {seed} --gates {len(made.gates)}"
     else:
         made = generate_track(seed, gates, direction)
+        way = "left" if Layout.of(made).turns.sum() > 0 else "right"
+        command = f"airrace track --seed {seed} --gates {len(made.gates)} --direction {way}"
     if plot is not None:
         from airrace.track.plot import save_plot  # matplotlib takes a second
 
         save_plot(made, plot)
-    if isinstance(made, SquareTrack):
-        command = f"airrace track --kind square --seed {seed} --gates {len(made.gates)}"
-        sys.stdout.write(to_yaml(made, command))
-        return 0
-    way = "left" if Layout.of(made).turns.sum() > 0 else "right"
-    command = f"airrace track --seed {seed} --gates {len(made.gates)} --direction {way}"
     sys.stdout.write(to_yaml(made, command))
     return 0
 
 
-def to_yaml(track: "AnyTrack", comment: str) -> str:
+def to_yaml(track: "Course", comment: str) -> str:
     """Returns the text of a track's file, which begins with a comment."""
     from pydrake.common.yaml import yaml_dump_typed
 
-    from airrace.track.square_track import SquareTrack
-
-    text = _SQUARE_FORMAT if isinstance(track, SquareTrack) else _FORMAT
-    return f"# {comment}\n{text}{yaml_dump_typed(track, schema=type(track))}"
+    return f"# {comment}\n{track.notes}{yaml_dump_typed(track, schema=type(track))}"

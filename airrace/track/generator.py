@@ -1,12 +1,16 @@
-"""Random tracks that obey the rules."""
+"""Random courses that obey the rules: rounds between pylons, and winding ways of square gates."""
 
 import collections
+from collections.abc import Callable
 
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from airrace.common.errors import UserError
+from airrace.math.angles import wrap_angle
 from airrace.math.random import make_generator
+from airrace.track import square_rules
+from airrace.track.course import Course
 from airrace.track.geometry import directions
 from airrace.track.layout import Layout
 from airrace.track.rules import (
@@ -21,6 +25,9 @@ from airrace.track.rules import (
     check_start,
     check_visibility,
 )
+from airrace.track.square_gate import SquareGate
+from airrace.track.square_rules import CLIMB, DESCENT, HEIGHTS, LEGS, check_square_rules
+from airrace.track.square_track import SquareTrack
 from airrace.track.start import Start
 from airrace.track.track import Gate, Track
 
@@ -33,6 +40,12 @@ HOVER_HEIGHT = (4.0, 6.0)  # m
 PAD_TILT_DEG = 10.0
 _LAYOUTS = 2000  # tried before a seed is refused
 _STARTS = 20  # tried for each layout
+# Of square gates.
+_MEAN_LENGTH = 200.0  # m, of a course as raced
+_SPREAD = 0.15  # of a leg's length
+_COURSES, _LEGS = 200, 30  # tried before a seed is refused, and for each leg of a course
+_HIGH = 4.5  # m: from there it goes down, as climbs may be steeper than descents
+_DRAWN_TURN = 0.8 * square_rules.TURN  # so that a gate between two legs faces both
 
 
 def generate_track(seed: int, gates: int | None = None, direction: str | None = None) -> Track:
@@ -51,8 +64,7 @@ def generate_track(seed: int, gates: int | None = None, direction: str | None = 
     Raises:
         UserError: for arguments that no track fits, or if the seed has none.
     """
-    if seed < 0:
-        raise UserError(f"A seed cannot be negative, as {seed} is; give 0 or more.")
+    _check_seed(seed)
     if gates is not None and gates not in GATE_COUNTS:
         raise UserError(
             f"There is no track of {gates} gates: turns of 45 degrees add up to 360 only for an "
@@ -66,17 +78,68 @@ def generate_track(seed: int, gates: int | None = None, direction: str | None = 
     gates, direction = gates or drawn[0], direction or drawn[1]
 
     rng = make_generator(seed, f"track {gates} {direction}")
+    name = f"seed-{seed}-{gates}-{direction}"
+    return _first_fair(
+        lambda: _draw_track(rng, _draw_layout(rng, gates, DIRECTIONS[direction]), name),
+        _LAYOUTS,
+        f"Seed {seed} gives no track of {gates} gates to the {direction}",
+    )
+
+
+def generate_square_track(seed: int, gates: int | None = None) -> SquareTrack:
+    """Returns a random course that obeys all of square_rules.py.
+
+    Gate after gate is drawn; what comes near the way so far is drawn again. The same arguments
+    give the same course.
+
+    Args:
+        seed: at least 0.
+        gates: 2 to 20; None to draw 17 to 20 from the seed.
+
+    Raises:
+        UserError: for arguments that no course fits, or if the seed has none.
+    """
+    _check_seed(seed)
+    if gates is not None and not 2 <= gates <= square_rules.MOST_GATES:
+        raise UserError(
+            f"There is no course of {gates} square gates; give 2 to {square_rules.MOST_GATES}."
+        )
+    drawn = int(make_generator(seed, "square track").choice(square_rules.GATE_COUNTS))
+    gates = gates or drawn
+    rng = make_generator(seed, f"square track {gates}")
+    name = f"square-{seed}-{gates}"
+    return _first_fair(
+        lambda: _draw_square_track(rng, gates, name),
+        _COURSES,
+        f"Seed {seed} gives no course of {gates} square gates",
+    )
+
+
+def _check_seed(seed):
+    if seed < 0:
+        raise UserError(f"A seed cannot be negative, as {seed} is; give 0 or more.")
+
+
+def _first_fair[C: Course](draw: Callable[[], C], tries: int, failure: str) -> C:
+    """Returns the first of so many courses that keeps the rules.
+
+    Args:
+        draw: returns another course, or raises RuleError.
+        tries: after which it is given up.
+        failure: what is said then.
+
+    Raises:
+        UserError: if none does, with the rule that most of them broke.
+    """
     reasons = collections.Counter()
-    for _ in range(_LAYOUTS):
+    for _ in range(tries):
         try:
-            layout = _draw_layout(rng, gates, DIRECTIONS[direction])
-            return _draw_track(rng, layout, f"seed-{seed}-{gates}-{direction}")
+            return draw()
         except RuleError as e:
             reasons[e.rule] += 1
     rule, count = reasons.most_common(1)[0]
     raise UserError(
-        f"Seed {seed} gives no track of {gates} gates to the {direction}: of {_LAYOUTS} layouts "
-        f"{count} broke the rule on {rule}; take another seed."
+        f"{failure}: of {tries} layouts {count} broke the rule on {rule}; take another seed."
     )
 
 
@@ -148,3 +211,79 @@ def _place(rng: np.random.Generator, layout: Layout, name: str) -> Track:
     # + 0.0 takes the sign off -0.0.
     gates = [Gate(p, h, SPACING) for p, h in zip((left + 0.0).tolist(), headings_deg.tolist())]
     return Track(name, start, round(rng.uniform(*HOVER_HEIGHT), 1), gates)
+
+
+def _draw_way(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Returns the pad and n gates, (n + 1, 3) m.
+
+    Raises:
+        RuleError: if the course runs into itself.
+    """
+    count = n if n in square_rules.GATE_COUNTS else square_rules.GATE_COUNTS[0]
+    mean = (_MEAN_LENGTH - np.mean(square_rules.START_DISTANCE)) / (count - 1)
+    bearing = rng.uniform(-np.pi, np.pi)
+    height = rng.uniform(2.0, 3.0)
+    way = np.array(
+        [
+            [0.0, 0.0, 0.0],
+            [*rng.uniform(*square_rules.START_DISTANCE) * directions(bearing), height],
+        ]
+    )
+    for _ in range(n - 1):
+        way, bearing = _with_next(rng, way, bearing, mean)
+    return way
+
+
+def _with_next(
+    rng: np.random.Generator, way: np.ndarray, bearing: float, mean: float
+) -> tuple[np.ndarray, float]:
+    """Returns a way with a gate more, and the bearing (rad) of the leg to it; mean: its length."""
+    for attempt in range(_LEGS):
+        length = np.clip(mean * (1.0 + _SPREAD * rng.standard_normal()), *LEGS)
+        turned = bearing + rng.uniform(-_DRAWN_TURN, _DRAWN_TURN)
+        slope = rng.uniform(-DESCENT, CLIMB) if way[-1, 2] < _HIGH else rng.uniform(-DESCENT, 0.0)
+        height = np.clip(way[-1, 2] + length * np.sin(slope), *HEIGHTS)
+        level = np.sqrt(length**2 - (height - way[-1, 2]) ** 2)
+        longer = np.vstack([way, [*way[-1, :2] + level * directions(turned), height]])
+        try:
+            square_rules.check_legs_apart(longer)
+            return longer, turned
+        except RuleError:
+            if attempt == _LEGS - 1:
+                raise
+    raise AssertionError("not reached")
+
+
+def _draw_square_track(rng: np.random.Generator, n: int, name: str) -> SquareTrack:
+    """Returns a course along a random way, in millimetres and tenths of degrees."""
+    way = _draw_way(rng, n)
+    legs = np.diff(way, axis=0)
+    bearings = np.arctan2(legs[:, 1], legs[:, 0])
+    # A gate looks half-way from the leg that leads to it to the one that leads on.
+    turns = np.append(wrap_angle(np.diff(bearings)), 0.0)
+    yaws = np.rad2deg(bearings + turns / 2)
+    slopes = np.arctan2(legs[:, 2], np.linalg.norm(legs[:, :2], axis=1))
+    slopes[0] = 0.0  # the way up from the pad
+    following = np.append(slopes[1:], 0.0)
+    pitches = np.clip(-np.rad2deg(slopes + following) / 2, -square_rules.PITCH, square_rules.PITCH)
+    heading = (
+        np.rad2deg(
+            bearings[0] + 0.9 * rng.uniform(-square_rules.START_TURN, square_rules.START_TURN)
+        ).round(1)
+        % 360
+    )
+    start = Start(
+        position=[0.0, 0.0, 0.0],
+        heading_deg=float(heading),
+        pad_tilt_deg=square_rules.PAD_TILT_DEG,
+        pad_tilt_direction_deg=float(heading),
+    )
+    # + 0.0 takes the sign off -0.0.
+    gates = [
+        SquareGate((p.round(3) + 0.0).tolist(), float(yaw.round(1) % 360), float(pitch.round(1)))
+        for p, yaw, pitch in zip(way[1:], yaws, pitches + 0.0)
+    ]
+    track = SquareTrack(name, start=start, gates=gates)
+    track.check()
+    check_square_rules(track)
+    return track

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.math import RigidTransform
 
+from airrace.track.course import Box
 from airrace.track.geometry import point_distances
-from airrace.track.square_gate import Box
 
 _MARGIN, _HEADROOM = 8.0, 4.0  # m, beyond the outermost corners of gates, and above them
 _WALL = 0.5  # m, thickness of walls and ceiling

@@ -6,8 +6,8 @@ import functools
 import numpy as np
 
 from airrace.math.angles import wrap_angle
+from airrace.track.course import Course
 from airrace.track.geometry import directions
-from airrace.track.track import Track
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -25,12 +25,12 @@ class Layout:
     spacing: np.ndarray
 
     @classmethod
-    def of(cls, track: Track) -> "Layout":
-        """Returns the layout of a track."""
+    def of(cls, track: Course) -> "Layout":
+        """Returns the layout of a course: of frames, the sides are in the place of pylons."""
         return cls(
-            np.array([gate.left_pylon for gate in track.gates], float),
+            np.array([gate.p_WL[:2] for gate in track.gates]),
             np.array([gate.heading for gate in track.gates]),
-            np.array([gate.pylon_spacing for gate in track.gates]),
+            np.array([gate.width for gate in track.gates]),
         )
 
     @functools.cached_property

@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike
 
 from airrace.common.errors import UserError
 from airrace.common.files import write_json
+from airrace.track.course import Course
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
-from airrace.track.track import Track, load_track
+from airrace.track.track_files import load_track
 
 TRACK = "track"  # in place of a file: where the gates really are
 
@@ -94,7 +95,7 @@ def read_map(name: str, track_name: str) -> GateMap:
         UserError: if there is no such map.
     """
     if name == TRACK:
-        return true_map(load_track(track_name))
+        return true_map(load_track(track_name, markers=True))
     try:
         data = json.loads(Path(name).read_text(encoding="utf-8"))
         gates = [
@@ -128,11 +129,11 @@ def read_map(name: str, track_name: str) -> GateMap:
     return GateMap(gates=tuple(sorted(gates, key=lambda gate: gate.number)), markers=markers)
 
 
-def true_map(track: Track) -> GateMap:
+def true_map(track: Course) -> GateMap:
     """Returns the map that perfect observations would make."""
     return GateMap(
         gates=tuple(
-            GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.pylon_spacing)
+            GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.width)
             for n, gate in enumerate(track.gates)
         ),
         markers=tuple(

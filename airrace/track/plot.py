@@ -1,4 +1,4 @@
-"""Draws a track from above."""
+"""Draws a course from above, and how high it leads."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,56 +8,64 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Rectangle
 
 from airrace.common.errors import UserError
+from airrace.track.course import Course
 from airrace.track.geometry import directions
 from airrace.track.layout import Layout
-from airrace.track.square_plot import draw_square_track
-from airrace.track.square_track import AnyTrack, SquareTrack
-from airrace.track.track import BOARD_SIZE, PYLON_BASE_RADIUS, Track
+from airrace.track.track import BOARD_SIZE, PYLON_BASE_RADIUS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_GRASS, _PYLON, _FRONT, _BACK = "#eef3e6", "#d9480f", "#ffffff", "#212529"
-_LEG, _START = "#4c6ef5", "#2b8a3e"
+_GRASS, _FLOOR, _GATE, _FRONT, _BACK = "#eef3e6", "#ffffff", "#d9480f", "#ffffff", "#212529"
+_LEG, _START, _HALL = "#4c6ef5", "#2b8a3e", "#868e96"
 _UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}  # for equal files
 
 
-def draw_track(track: Track) -> Figure:
-    """Returns a picture of a track: pylons, boards, numbers, legs and the start.
+def draw_track(track: Course) -> Figure:
+    """Returns a picture of a course: gates, numbers, boards, the way through them and the start.
 
-    A legend beside it says what the stripes are: the boards, front ones white, back ones black.
+    If the gates are not all equally high, their heights are below it. A legend beside it says what
+    the marks are: of the stripes on pylons, boards on the front are white, on the back black.
     """
-    layout = Layout.of(track)
-    figure = Figure(figsize=(9, 9), layout="constrained")
-    axes = figure.add_subplot(aspect="equal", facecolor=_GRASS)
-    _draw_legs(axes, layout)
-    draw_gates(axes, layout, _PYLON, _PYLON)
+    way = track.way()
+    length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
+    level = np.ptp([gate.p_WG[2] for gate in track.gates]) == 0.0
+    ratios = [1] if level else [4, 1]
+    figure = Figure(figsize=(9, 9 if level else 10), layout="constrained")
+    axes, *below = figure.subplots(len(ratios), 1, height_ratios=ratios, squeeze=False)[:, 0]
+    hall = track.hall()
+    axes.set(aspect="equal", facecolor=_GRASS if hall is None else _FLOOR)
+    if hall is not None:
+        _draw_hall(axes, hall)
+    _draw_legs(axes, way[:, :2])
+    draw_gates(axes, track, _GATE, _GATE)
     _draw_boards(axes, track)
-    _draw_start(axes, track.start)
-    length = np.linalg.norm(np.roll(layout.middle, -1, axis=0) - layout.middle, axis=1).sum()
-    direction = "counter-clockwise" if layout.turns.sum() > 0 else "clockwise"
-    axes.set_title(f"{track.name}: {len(track.gates)} gates, {length:.0f} m, {direction}")
+    _draw_start(axes, track)
+    title = f"{track.name}: {len(track.gates)} gates, {length:.0f} m"
+    if track.closed:
+        turns = Layout.of(track).turns.sum()
+        title += ", counter-clockwise" if turns > 0 else ", clockwise"
+    axes.set_title(title)
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.margins(0.08)
     axes.grid(color="white", zorder=0)
     axes.set_axisbelow(True)
-    _add_legend(figure)
+    for side in below:
+        _draw_heights(side, track)
+    _add_legend(figure, track)
     return figure
 
 
-def save_plot(track: AnyTrack, path: Path) -> None:
+def save_plot(track: Course, path: Path) -> None:
     """Writes the picture of a track; the file's ending says in which format.
 
     Raises:
         UserError: if the file cannot be written or has an ending of no picture.
     """
-    if isinstance(track, SquareTrack):
-        figure = draw_square_track(track)
-    else:
-        figure = draw_track(track)
+    figure = draw_track(track)
     ending = path.suffix.lstrip(".").lower()
     if ending not in FigureCanvasAgg(figure).get_supported_filetypes():
         raise UserError(f"--plot {path} has no ending of a picture; give a .png, .svg or .pdf.")
@@ -70,24 +78,31 @@ def save_plot(track: AnyTrack, path: Path) -> None:
         ) from None
 
 
-def draw_gates(axes: "Axes", layout: Layout, color: str, foot: str) -> None:
-    """Draws all gates of a layout with their numbers and directions.
+def draw_gates(axes: "Axes", track: Course, color: str, foot: str) -> None:
+    """Draws all gates of a course with their numbers and directions.
 
     Args:
         axes: Matplotlib's.
-        layout: the track.
+        track: the course.
         color: of lines, arrows and numbers.
         foot: colour that pylons are filled with.
     """
+    layout, size = Layout.of(track), _size(track)
+    for p in track.pylons()[:, :2]:
+        circle = Circle(p, PYLON_BASE_RADIUS, facecolor=foot, edgecolor=color, lw=0.7, zorder=3)
+        axes.add_patch(circle)
+    style: dict = dict(lw=3) if track.frames() else dict(lw=0.8, alpha=0.6)
     for n, (left, right) in enumerate(layout.pylons):
-        axes.plot(*np.transpose([left, right]), color=color, lw=0.8, alpha=0.6, zorder=2)
-        for p in (left, right):
-            circle = Circle(p, PYLON_BASE_RADIUS, facecolor=foot, edgecolor=color, lw=0.7, zorder=3)
-            axes.add_patch(circle)
-        _draw_arrow(axes, layout.middle[n], 5 * layout.forward[n], color)
-        # Beside the right pylon, away from the gate.
-        p = right + PYLON_BASE_RADIUS * layout.rightward[n]
+        axes.plot(*np.transpose([left, right]), color=color, zorder=2, **style)
+        _draw_arrow(axes, layout.middle[n], 0.5 * size * layout.forward[n], color)
+        # Beside the right side, away from the gate.
+        p = right + 0.17 * size * layout.rightward[n]
         _draw_text(axes, str(n + 1), p, 12 * layout.rightward[n], color, fontweight="bold")
+
+
+def _size(track):
+    """Returns how large marks are that go with the gates (m)."""
+    return max(track.gates[0].width, 5.0)
 
 
 def _draw_boards(axes, track):
@@ -97,12 +112,36 @@ def _draw_boards(axes, track):
         axes.plot(*ends.T, color=_BACK if board.id % 2 else _FRONT, lw=2, zorder=4)
 
 
-def _add_legend(figure):
+def _draw_hall(axes, hall):
+    size = hall.high - hall.low
+    wall = Rectangle(tuple(hall.low[:2]), size[0], size[1], fill=False, edgecolor=_HALL, lw=2)
+    axes.add_patch(wall)
+    middles = np.array([box.X_WB.translation()[:2] for box in hall.columns]).reshape(-1, 2)
+    axes.plot(*middles.T, "s", ms=4, color=_HALL)
+
+
+def _draw_heights(axes, track):
+    """Draws the frames of gates, and the way through them, from the side."""
+    way = track.way()
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1)))
+    axes.plot(along, way[:, 2], color=_LEG, lw=1.2)
+    for n, (gate, x) in enumerate(zip(track.gates, along[1:]), 1):
+        z, half = gate.p_WG[2], gate.height / 2
+        axes.plot([x, x], [z - half, z + half], color=_GATE, lw=3)
+        axes.annotate(str(n), (x, z + half), ha="center", va="bottom", color=_GATE)
+    axes.set(xlabel="along the course (m)", ylabel="height (m)", ylim=(0.0, None))
+    axes.grid(alpha=0.3)
+
+
+def _add_legend(figure, track):
     """Adds what the marks are, below the picture."""
-    handles = [
-        Line2D([], [], color=_PYLON, marker="o", ls="none", ms=8, label="pylon"),
+    pylons = [
+        Line2D([], [], color=_GATE, marker="o", ls="none", ms=8, label="pylon"),
         Line2D([], [], color=_FRONT, lw=3, label="board on the front, even markers"),
         Line2D([], [], color=_BACK, lw=3, label="board on the back, odd markers"),
+    ]
+    handles = [
+        *(pylons if track.has_markers else [Line2D([], [], color=_GATE, lw=3, label="gate")]),
         Line2D([], [], color=_LEG, lw=1.2, ls=(0, (6, 4)), label="way from gate to gate"),
         Line2D([], [], color=_START, marker="s", ls="none", ms=8, label="start"),
     ]
@@ -112,17 +151,17 @@ def _add_legend(figure):
     )
 
 
-def _draw_legs(axes, layout):
-    for p, q in zip(layout.middle, np.roll(layout.middle, -1, axis=0)):
+def _draw_legs(axes, way):
+    for p, q in zip(way[:-1], way[1:]):
         axes.plot(*np.transpose([p, q]), color=_LEG, lw=1.2, ls=(0, (6, 4)), zorder=2)
         _draw_arrow(axes, p + 0.5 * (q - p), 0.08 * (q - p), _LEG)
 
 
-def _draw_start(axes, start):
-    p = np.array(start.position[:2])
-    forward = directions(np.deg2rad(start.heading_deg))
+def _draw_start(axes, track):
+    p = np.array(track.start.position[:2])
+    forward = directions(np.deg2rad(track.start.heading_deg))
     axes.plot(*p, "s", ms=8, color=_START, zorder=5)
-    _draw_arrow(axes, p, 8 * forward, _START)
+    _draw_arrow(axes, p, 0.8 * _size(track) * forward, _START)
     _draw_text(axes, "start", p, [-22, -13] * forward, _START)
 
 

@@ -1,30 +1,19 @@
 """Square gates, as those of the AI Grand Prix: a frame that stands or hangs anywhere in space."""
 
 import dataclasses as dc
-from typing import NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from airrace.track.track import Board
+from airrace.track.course import Box, Opening
+from airrace.track.start import require
 
 # What every frame looks like (metres).
 OUTER = 2.7  # side of the outer square
 INNER = 1.5  # side of the opening
 DEPTH = 0.26  # along the direction of flight
 MAX_PITCH_DEG = 60.0
-
-
-class Box(NamedTuple):
-    """A box of a frame, or of a hall.
-
-    Attributes:
-        X_WB: pose of its middle.
-        size: along its axes (m), (3,).
-    """
-
-    X_WB: RigidTransform
-    size: np.ndarray
 
 
 @dc.dataclass
@@ -37,10 +26,13 @@ class SquareGate:
         pitch_deg: by which that direction points down (degrees).
     """
 
-    # Drake's YAML loader builds default objects first; SquareTrack.check() refuses these.
+    # Drake's YAML loader builds default objects first; check() refuses these.
     position: list[float] = dc.field(default_factory=list)
     yaw_deg: float = float("nan")
     pitch_deg: float = 0.0
+
+    height: ClassVar[float] = OUTER
+    width: ClassVar[float] = OUTER
 
     @property
     def heading(self) -> float:
@@ -101,6 +93,33 @@ class SquareGate:
             for name, (p, size) in places.items()
         }
 
-    def boards(self, n: int) -> list[Board]:
-        """Returns no boards: a square gate has no markers."""
-        return []
+    def opening(self) -> Opening:
+        """Returns the inner square of the frame."""
+        return Opening(
+            middle=self.p_WG,
+            forward=self.forward,
+            rightward=self.rightward,
+            half_width=INNER / 2,
+            up=np.cross(self.rightward, self.forward),
+            low=-INNER / 2,
+            high=INNER / 2,
+        )
+
+    def shifted(self, move: np.ndarray) -> "SquareGate":
+        """Returns the gate moved. Args: move: x and y (m, world), (2,)."""
+        return dc.replace(self, position=(self.p_WG + [*move, 0.0]).tolist())
+
+    def check(self, number: int) -> None:
+        """Raises ValueError with one clause that says what is wrong with it as gate 1, 2, ..."""
+        require(len(self.position) == 3, f"position of gate {number} needs three numbers")
+        require(
+            np.all(np.isfinite([*self.position, self.yaw_deg, self.pitch_deg])),
+            f"a number of gate {number} is missing or not finite",
+        )
+        require(
+            abs(self.pitch_deg) <= MAX_PITCH_DEG,
+            f"pitch_deg of gate {number} must lie between -{MAX_PITCH_DEG:.0f} and "
+            f"{MAX_PITCH_DEG:.0f}",
+        )
+        # Its middle is so high that the frame does not stick in the ground.
+        require(self.p_WG[2] >= OUTER / 2, f"the frame of gate {number} sticks in the ground")

@@ -33,7 +33,7 @@ def check_square_rules(track: SquareTrack) -> None:
     Raises:
         RuleError: naming the first that the course breaks.
     """
-    way = np.vstack([track.start.position, *(gate.p_WG for gate in track.gates)])
+    way = track.way()
     legs = np.diff(way, axis=0)
     lengths = np.linalg.norm(legs, axis=1)
     n = len(track.gates)

@@ -25,6 +25,27 @@ class Start:
     pad_tilt_deg: float = 0.0
     pad_tilt_direction_deg: float = 0.0
 
+    def check(self, steepest_deg: float) -> None:
+        """Raises ValueError with a clause; steepest_deg: tilt from which drones slip (degrees)."""
+        require(
+            len(self.position) == 3 and np.all(np.isfinite([*self.position, self.heading_deg])),
+            "start.position needs three numbers, and start.heading_deg one, all finite",
+        )
+        require(self.position[2] >= 0.0, "the start lies below the ground")
+        require(
+            0.0 <= self.pad_tilt_deg <= steepest_deg,
+            f"start.pad_tilt_deg must lie between 0 and {steepest_deg:.0f}",
+        )
+        require(
+            np.isfinite(self.pad_tilt_direction_deg), "start.pad_tilt_direction_deg is not finite"
+        )
+
+
+def require(condition: object, message: str) -> None:
+    """Raises ValueError with a message, a clause that says what is wrong, unless it is right."""
+    if not condition:
+        raise ValueError(message)
+
 
 def pad_rotation(start: Start) -> RotationMatrix:
     """Returns the rotation that tilts the level onto the pad of a Start."""

@@ -8,13 +8,13 @@ from rich.console import Console
 from airrace.common.words import count
 from airrace.recording.course_result import CourseResult
 from airrace.scenario import Scenario
-from airrace.track.square_track import AnyTrack
+from airrace.track import Course
 
 
 class CourseDisplay:
     """Shows races while they run; its `show` is a callback of run_race()."""
 
-    def __init__(self, scenario: Scenario, track: AnyTrack, console: Console | None = None):
+    def __init__(self, scenario: Scenario, track: Course, console: Console | None = None):
         """Args: scenario, track: of the races. console: standard output by default."""
         self._scenario, self._track = scenario, track
         self._console = console or Console(highlight=False, soft_wrap=True)

@@ -12,7 +12,7 @@ from airrace.visualization.page_server import FILES, PageServer, Source
 from airrace.visualization.race_record import RaceRecord
 
 if TYPE_CHECKING:
-    from airrace.track.square_track import AnyTrack
+    from airrace.track import Course
 
 _NAP = 0.1  # s
 _RELOAD = 3.0  # s, that a page may be away
@@ -28,7 +28,7 @@ class LivePage:
         url: of the page.
     """
 
-    def __init__(self, track: "AnyTrack", report: bool = False):
+    def __init__(self, track: "Course", report: bool = False):
         """Starts to serve, on loopback.
 
         Args:

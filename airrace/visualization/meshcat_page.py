@@ -20,12 +20,12 @@ from airrace.common.errors import UserError
 from airrace.rendering.scene.textures import HORIZON, ZENITH
 
 if TYPE_CHECKING:
-    from airrace.track.square_track import AnyTrack
+    from airrace.track import Course
 
 _OPENING = 3.0  # s, for which a page that opens is left alone
 
 
-def MakeMeshcat(track: "AnyTrack") -> Meshcat:
+def MakeMeshcat(track: "Course") -> Meshcat:
     """Starts a Meshcat server on loopback that shows a track on a fine day.
 
     Args:
@@ -60,7 +60,7 @@ def _is_no_late_page(record: logging.LogRecord) -> bool:
     return "Unknown CAS key" not in record.getMessage()
 
 
-def overview(track: "AnyTrack") -> tuple[np.ndarray, np.ndarray]:
+def overview(track: "Course") -> tuple[np.ndarray, np.ndarray]:
     """Returns from where all of a track is seen, and the point in the middle, in world (m)."""
     feet = track.outline()
     middle = feet.mean(axis=0)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from airrace.scenario import Scenario
-    from airrace.track.square_track import AnyTrack
+    from airrace.track import Course
     from airrace.vehicle import Vehicle
 
 LIVE, REPLAY = "live", "replay"
@@ -69,7 +69,7 @@ def make_page(meshcat_html: str, config: dict, record: dict | None = None) -> st
 
 def page_config(
     scenario: "Scenario",
-    track: "AnyTrack",
+    track: "Course",
     vehicle: "Vehicle",
     body: str,
     *,

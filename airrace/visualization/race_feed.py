@@ -13,7 +13,6 @@ from airrace.systems.estimation.error_state import AT
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.types import Detections
-from airrace.track import Track
 from airrace.vehicle import GRAVITY
 from airrace.vehicle.camera_info import CameraInfo
 from airrace.vehicle.state import STATE_SIZE, as_plant_state, as_state
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from pydrake.math import RigidTransform
 
     from airrace.systems.planning.lap_plan import LapPlan
-    from airrace.track.square_track import AnyTrack
+    from airrace.track import Course
     from airrace.vehicle import Vehicle
 
 _FRAME_PERIOD, _NEWS_PERIOD = 1 / 30, 0.1  # s
@@ -84,7 +83,7 @@ class RaceFeed(LeafSystem):
         self,
         *,
         record: RaceRecord,
-        track: "AnyTrack",
+        track: "Course",
         vehicle: "Vehicle",
         audience: Audience,
         camera: bool,
@@ -175,11 +174,7 @@ class RaceFeed(LeafSystem):
         self._add_referee(context)
         self._add_estimate(context, time)
         shifts = self._value(context, "truth.gate_shifts")
-        if (
-            shifts is not None
-            and isinstance(self._track, Track)
-            and not np.array_equal(shifts, self._known.get(SHIFTS))
-        ):
+        if shifts is not None and not np.array_equal(shifts, self._known.get(SHIFTS)):
             self._known[SHIFTS] = shifts.copy()
             gates = self._track.shifted(shifts).gates
             self._record.add(SHIFTS, time, gates=[g.p_WG[:2].round(2).tolist() for g in gates])

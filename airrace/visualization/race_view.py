@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.leaf_system import LeafSystem
-from airrace.track.square_track import load_course
+from airrace.track import load_track
 from airrace.vehicle import load_vehicle
 from airrace.visualization.meshcat_page import Audience
 from airrace.visualization.page_html import LIVE, page_config
@@ -34,7 +34,7 @@ def AddVisualization(
         simulation, autonomy: the two diagrams in it.
         page: whose Meshcat the simulation draws its scene in.
     """
-    track = load_course(scenario.track)
+    track = load_track(scenario.track)
     vehicle, _ = load_vehicle(scenario.drone)
     plant = simulation.GetSubsystemByName("plant")
     scene_graph = simulation.GetSubsystemByName("scene_graph")

@@ -24,4 +24,4 @@ def test_a_perfect_map_is_the_track():
 
 
 def test_an_empty_map():
-    assert gates_of_map(GateMap()).shape == (0, 10)
+    assert gates_of_map(GateMap()).shape == (0, 15)

@@ -14,7 +14,7 @@ import airrace
 from airrace.common.resources import models_path
 from airrace.systems.policy.policy_network import load_policy
 from airrace.track.command import to_yaml
-from airrace.track.square_generator import generate_square_track
+from airrace.track.generator import generate_square_track
 from airrace.vehicle import load_vehicle
 from tests.worlds.mavlink_client import UdpClient
 

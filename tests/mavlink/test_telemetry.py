@@ -11,9 +11,9 @@ from airrace.mavlink import telemetry
 from airrace.mavlink.frames import NedState, euler_angles
 from airrace.mavlink.telemetry import Clock
 from airrace.systems.types import GateCrossing, RefereeStatus
-from airrace.track.square_track import load_course
+from airrace.track import load_track
 
-TRACK = load_course("grand-prix")
+TRACK = load_track("grand-prix")
 NED = NedState(
     np.array([1.0, 2.0, -3.0]),
     np.array([4.0, 5.0, 6.0]),

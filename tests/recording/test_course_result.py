@@ -7,9 +7,9 @@ import pytest
 from airrace.recording.course_result import CourseResult
 from airrace.scenario import load_scenario
 from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
-from airrace.track.square_track import load_course
+from airrace.track import load_track
 
-TRACK = load_course("grand-prix")
+TRACK = load_track("grand-prix")
 N = len(TRACK.gates)
 
 

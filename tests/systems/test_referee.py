@@ -10,6 +10,7 @@ from airrace.track import load_track
 from airrace.vehicle.disturbances import RotorFailure
 
 TRACK = load_track("student-airrace")
+COURSE = load_track("grand-prix")
 DT = 0.01
 
 
@@ -24,18 +25,21 @@ def judge(
     gate_shifts=None,
     explorer=None,
     pushed=False,
+    track=TRACK,
+    contacts_end=True,
 ):
     """Shows the referee a path, one position a step, and returns its report."""
     referee = Referee(
-        track=TRACK,
+        track=track,
         laps=laps,
         period=DT,
         time_limit=time_limit,
         arena_margin=60.0,
-        standing_height=TRACK.start.position[2] + 0.1,
+        standing_height=track.start.position[2] + 0.1,
         body_names={},
         rotor_failures=rotor_failures,
         moving_gates=gate_shifts is not None,
+        contacts_end=contacts_end,
     )
     simulator = Simulator(referee)
     context = simulator.get_mutable_context()
@@ -179,3 +183,54 @@ def test_a_landing_is_no_collision(monkeypatch, climb, end):
     assert (report.dnf_reason, report.collisions) == (f"{LOST}, and {end}", 0)
     report = judge(path, pushed=True)
     assert (report.dnf_reason, report.collisions) == ("hit the ground", 1)
+
+
+def course_path(**place):
+    return [p for gate in COURSE.gates for p in through_square(gate, **place)]
+
+
+def through_square(gate, side=0.0, height=0.0):
+    """Two positions, before and behind a square gate."""
+    return [gate.X_WG @ np.array([x, -side, height]) for x in (-0.4, 0.4)]
+
+
+def judge_course(path, **options):
+    return judge(path, velocity=(3.0, 0.0, 4.0), track=COURSE, **options)
+
+
+def test_a_course_runs_from_the_first_gate_to_the_last():
+    report = judge_course(course_path(side=0.3, height=-0.4))
+    assert report.finished and report.dnf_reason is None
+    assert [c.gate for c in report.crossings] == list(range(1, 18))
+    assert {c.lap for c in report.crossings} == {1}
+    np.testing.assert_allclose([c.offset for c in report.crossings], 0.5, atol=1e-9)
+    assert report.crossings[0].max_speed == pytest.approx(5.0)
+    assert report.crossings[0].time == pytest.approx(0.5 * DT)
+    assert report.end_time == pytest.approx(32.5 * DT)
+
+
+@pytest.mark.parametrize(
+    "place", [dict(side=0.76), dict(side=-0.76), dict(height=0.76), dict(height=-0.76)]
+)
+def test_only_the_inner_square_counts(place):
+    assert judge_course(course_path(**place)).crossings == ()
+    closer = {name: 0.98 * value for name, value in place.items()}
+    assert judge_course(course_path(**closer)).finished
+
+
+def test_square_gates_count_in_order_from_the_front_once_armed():
+    first, second, third = map(through_square, COURSE.gates[:3])
+    assert judge_course(first[::-1]).crossings == ()
+    assert judge_course(second).crossings == ()
+    assert [c.gate for c in judge_course(first + third).crossings] == [1]
+    assert judge_course(course_path(), racing=False).crossings == ()
+
+
+def test_contacts_may_end_the_race_or_not():
+    path = [[0.0, 0.0, 3.0], *course_path()]
+    assert judge_course(path, contacts_end=False, pushed=True).finished
+
+
+def test_the_arena_lies_around_all_frames():
+    report = judge_course([[0.0, 0.0, 3.0], [300.0, 0.0, 3.0]])
+    assert report.dnf_reason == "left the arena"

@@ -8,9 +8,7 @@ import yaml
 from airrace.commands.app import main as command
 from airrace.track import load_track
 from airrace.track.command import to_yaml
-from airrace.track.generator import generate_track
-from airrace.track.square_generator import generate_square_track
-from airrace.track.square_track import load_course
+from airrace.track.generator import generate_square_track, generate_track
 
 
 def main(words):
@@ -37,7 +35,7 @@ def test_prints_a_course_of_square_gates(tmp_path, capsys, options):
     text = capsys.readouterr().out
     file = tmp_path / "t.yaml"
     file.write_text(text)
-    assert load_course(str(file)) == generate_square_track(7, 10 if options else None)
+    assert load_track(str(file)) == generate_square_track(7, 10 if options else None)
     command = re.fullmatch(r"# airrace track (.*)", text.splitlines()[0])[1]
     assert command.startswith("--kind square --seed 7 --gates ")
     assert main(command.split()) == 0

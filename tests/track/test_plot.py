@@ -5,8 +5,6 @@ from matplotlib.patches import Circle
 
 from airrace.track import load_track
 from airrace.track.plot import draw_track, save_plot
-from airrace.track.square_plot import draw_square_track
-from airrace.track.square_track import load_course
 from tests.worlds.pictures import count_colours
 
 TRACK = load_track("student-airrace")
@@ -49,8 +47,8 @@ def test_the_same_track_is_the_same_file(name, tmp_path):
 
 
 def test_draws_a_course_and_its_heights():
-    course = load_course("grand-prix")
-    plan, side = draw_square_track(course).axes
+    course = load_track("grand-prix")
+    plan, side = draw_track(course).axes
     labels = {text.get_text() for text in plan.texts}
     assert {*map(str, range(1, 18)), "start"} <= labels
     assert {text.get_text() for text in side.texts} == set(map(str, range(1, 18)))
@@ -62,5 +60,5 @@ def test_draws_a_course_and_its_heights():
 
 
 def test_writes_a_picture_of_a_course(tmp_path):
-    save_plot(load_course("grand-prix"), tmp_path / "t.png")
+    save_plot(load_track("grand-prix"), tmp_path / "t.png")
     assert min(cv2.imread(str(tmp_path / "t.png")).shape[:2]) > 800

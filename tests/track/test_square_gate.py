@@ -57,4 +57,4 @@ def test_it_is_as_large_as_the_official_one():
     gate = SquareGate([1.0, 2.0, 3.0], yaw_deg=90.0)
     np.testing.assert_allclose(gate.p_WL, [1.0 - 1.35, 2.0, 3.0], atol=1e-12)
     np.testing.assert_allclose(gate.p_WR, [1.0 + 1.35, 2.0, 3.0], atol=1e-12)
-    assert gate.boards(0) == []
+    assert (gate.width, gate.height) == (2.7, 2.7)

@@ -3,14 +3,14 @@ import copy
 import numpy as np
 import pytest
 
+from airrace.track import load_track
+from airrace.track.generator import generate_square_track
 from airrace.track.rules import RuleError
-from airrace.track.square_generator import generate_square_track
 from airrace.track.square_rules import check_square_rules
-from airrace.track.square_track import load_course
 
 
 def course():
-    return copy.deepcopy(load_course("grand-prix"))
+    return copy.deepcopy(load_track("grand-prix"))
 
 
 def moved(track, gate, offset):

@@ -1,12 +1,9 @@
-import re
-
 import pytest
 import yaml
 
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml
 from airrace.track import load_track
-from airrace.track.square_track import SquareTrack, load_course
 
 DATA = yaml.safe_load(find_yaml("tracks", "grand-prix").read_text())
 
@@ -17,26 +14,6 @@ def written(tmp_path, change=lambda data: None):
     path = tmp_path / "course.yaml"
     path.write_text(yaml.safe_dump(data))
     return str(path)
-
-
-def test_any_kind_of_track_is_loaded(tmp_path):
-    course = load_course("grand-prix")
-    assert isinstance(course, SquareTrack) and len(course.gates) == 17
-    assert load_course(written(tmp_path)) == course
-    assert load_course("hexagon") == load_track("hexagon")
-
-
-def test_a_track_of_pylons_is_no_course():
-    with pytest.raises(UserError, match="airrace grand-prix --track grand-prix"):
-        load_track("grand-prix")
-
-
-@pytest.mark.parametrize("gate", [{"kind": "round"}, {"kind": "pylons"}, {}, "square", 3, [1]])
-def test_other_kinds_of_gates_are_refused(tmp_path, gate):
-    path = written(tmp_path, lambda data: data.update(gate=gate))
-    for load in (load_track, load_course):
-        with pytest.raises(UserError, match=re.escape("write gate: {kind: square}, or leave gate")):
-            load(path)
 
 
 def set_gate(i, **values):
@@ -70,10 +47,10 @@ def set_start(**values):
 )
 def test_a_bad_course_is_refused_in_a_sentence(tmp_path, change, words):
     with pytest.raises(UserError, match=words) as e:
-        load_course(written(tmp_path, change))
+        load_track(written(tmp_path, change))
     assert "course.yaml" in str(e.value) and "\n" not in str(e.value)
 
 
 def test_a_course_on_the_lawn_has_no_hall(tmp_path):
-    course = load_course(written(tmp_path, lambda data: data.update(surroundings="lawn")))
-    assert course.hall() is None and load_course("grand-prix").hall() is not None
+    course = load_track(written(tmp_path, lambda data: data.update(surroundings="lawn")))
+    assert course.hall() is None and load_track("grand-prix").hall() is not None

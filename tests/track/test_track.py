@@ -89,30 +89,6 @@ def test_bad_tracks_are_refused_with_the_reason(tmp_path, change, words):
     assert "\n" not in str(e.value)
 
 
-def test_missing_and_malformed_files(tmp_path):
-    with pytest.raises(UserError, match="student-airrace"):
-        load_track("no-such-track")
-    with pytest.raises(UserError, match="no such file"):
-        load_track(str(tmp_path / "none.yaml"))
-    broken = tmp_path / "broken.yaml"
-    broken.write_text("gates: [1, 2")
-    with pytest.raises(UserError, match="not valid YAML at line"):
-        load_track(str(broken))
-    broken.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(UserError, match="not a text file|not valid YAML"):
-        load_track(str(broken))
-    broken.write_text("just a sentence")
-    with pytest.raises(UserError, match="does not fit"):
-        load_track(str(broken))
-
-
-def test_a_changed_file_is_read_again(tmp_path):
-    path = write_track(tmp_path, lambda d: None)
-    assert len(load_track(path).gates) == 10
-    write_track(tmp_path, lambda d: d["gates"].pop())
-    assert len(load_track(path).gates) == 9
-
-
 _points = st.tuples(st.floats(-10, 10), st.floats(-10, 10))
 
 

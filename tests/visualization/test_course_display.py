@@ -9,10 +9,10 @@ from rich.console import Console
 from airrace.recording.course_result import CourseResult
 from airrace.scenario import load_scenario
 from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
-from airrace.track.square_track import load_course
+from airrace.track import load_track
 from airrace.visualization.course_display import CourseDisplay
 
-TRACK = load_course("grand-prix")
+TRACK = load_track("grand-prix")
 
 
 class Watching:

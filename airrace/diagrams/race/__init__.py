@@ -26,9 +26,9 @@ from airrace.recording.race_recorder import AddRecorder, close_recording
 from airrace.recording.race_result import RaceResult
 from airrace.scenario import Scenario, scenario_yaml
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
+from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import write_map
-from airrace.track.square_track import SquareTrack, load_course
 from airrace.visualization.controls import RaceControls
 from airrace.visualization.race_view import AddVisualization
 
@@ -150,10 +150,8 @@ def MakeRace(
 
 def make_result(scenario: Scenario, simulation: str) -> RaceResult | CourseResult:
     """Returns what collects the results of a race; simulation: SITL, HITL or MAVLINK."""
-    track = load_course(scenario.track)
-    if isinstance(track, SquareTrack):
-        return CourseResult(scenario, track, simulation)
-    return RaceResult(scenario, track, simulation)
+    track = load_track(scenario.track)
+    return (RaceResult if track.closed else CourseResult)(scenario, track, simulation)
 
 
 class _Race:

@@ -140,7 +140,7 @@ def fly(
     from airrace.visualization.terminal import RaceDisplay
 
     scenario = scenario or race_scenario(options)
-    track = load_track(scenario.track)
+    track = load_track(scenario.track, markers=True)
     vehicle, _ = load_vehicle(scenario.drone)
     if options.graphviz is not None:
         write_graphviz(options.graphviz, scenario)

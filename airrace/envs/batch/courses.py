@@ -7,6 +7,7 @@ import numpy as np
 from airrace.common.jit import inlined
 from airrace.envs.reward import NEVER, Course, make_course
 from airrace.track import Track, start_pose
+from airrace.track.gate_opening import OPENING_SIZE
 
 
 class Courses(NamedTuple):
@@ -15,7 +16,7 @@ class Courses(NamedTuple):
     Attributes:
         counts: of gates, (T,).
         goals: how many to pass until an episode is finished, (T,).
-        gates: numbers of their openings, see GateOpening; NaN beyond the last, (T, G, 10).
+        gates: numbers of their openings, see Opening; NaN beyond the last, (T, G, 15).
         take_off_height: above which a drone flies (m), (T,).
         arena_min: x and y of the arena, (T, 2) m.
         arena_max: its x, y and z, (T, 3) m.
@@ -67,7 +68,7 @@ def make_courses(
             )
         )
     counts = np.array([len(course.gates) for course in courses])
-    gates = np.full((len(tracks), counts.max(), 10), np.nan)
+    gates = np.full((len(tracks), counts.max(), OPENING_SIZE), np.nan)
     for rows, course in zip(gates, courses):
         rows[: len(course.gates)] = course.gates
     return Courses(

@@ -196,7 +196,7 @@ def _in_front(numbers, gate):
     """Returns a hover in front of a gate that was disturbed, see envs/start.py.
 
     Args:
-        numbers: see restart(). gate: numbers of its opening, (10,).
+        numbers: see restart(). gate: numbers of its opening, (15,).
     """
     u = 2.0 * numbers - 1.0  # from -1 to 1
     distance, side = DISTANCE[0] + (DISTANCE[1] - DISTANCE[0]) * numbers[1], SIDE * u[2]

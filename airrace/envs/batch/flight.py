@@ -187,7 +187,7 @@ def _observe(i, gates, fleet, observations):
 def _note_passage(i, gates, passed, clock, fleet):
     """Notes when a gate was passed in the step that is over, if it is gate 1."""
     if passed % len(gates) == 0:
-        share, _ = find(gates[0], fleet.before[i], fleet.state[i, 4:7], 0.0, 0.0)
+        share, _ = find(gates[0], fleet.before[i], fleet.state[i, 4:7])
         period = clock.dt * clock.steps * clock.ticks
         time = (fleet.steps[i] - 1 + share) * period
         fleet.lap_time[i] = time - fleet.lap_began[i]

@@ -86,7 +86,7 @@ class RaceVectorEnv(VectorEnv):
         shape = load_shape(self._vehicle, sdf, clearance)
         generated = wanted.track == GENERATED
         courses = make_courses(
-            _generate(tracks) if generated else [load_track(scenario.track)],
+            _generate(tracks) if generated else [load_track(scenario.track, markers=True)],
             laps=wanted.laps,
             arena_margin=scenario.referee.arena_margin,
             radius=self._vehicle.radius,

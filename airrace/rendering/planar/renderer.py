@@ -1,18 +1,16 @@
-"""Draws the scene without a graphics library: flat boards, convex pylons, a plane."""
+"""Draws the scene without a graphics library: flat boards, convex pylons, solids, a plane."""
 
 import functools
-import typing
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from airrace.common.jit import compilable, compiled
-from airrace.math.vec3 import dot, from_columns, rotate, rotate_each
-from airrace.rendering.images import Box, as_boxes, touches, with_channels
+from airrace.common.jit import compiled
+from airrace.rendering.images import Box, as_boxes, with_channels
 from airrace.rendering.planar.background import Background
-from airrace.rendering.planar.marker_face import FACE, marker_crossings, set_face
+from airrace.rendering.planar.marker_face import FACE
 from airrace.rendering.planar.polygons import (
     EXACT,
     POLYGON,
@@ -22,44 +20,24 @@ from airrace.rendering.planar.polygons import (
     set_polygon,
     with_grey,
 )
-from airrace.rendering.planar.projection import View, bounding_box, clip_near
-from airrace.rendering.planar.pylons import MOST_FACETS, add_pylon, is_inside, pylon_box
-from airrace.rendering.scene.textures import BOARD_BACK, EARTH, PYLON_COLOR
-from airrace.track import BOARD_SIZE
+from airrace.rendering.planar.projection import View
+from airrace.rendering.planar.pylons import MOST_FACETS, add_post, is_inside, make_posts
+from airrace.rendering.planar.solids import add_solid, make_solids, solid_distance
+from airrace.rendering.scene.textures import EARTH, PYLON_COLOR
 
 if TYPE_CHECKING:
     from pydrake.math import RigidTransform
 
-    from airrace.track import Track
+    from airrace.track import Course
     from airrace.vehicle.camera_info import CameraInfo
 
-# Corners (x, y, 1) of a board in its plane.
-_CORNERS = np.array([[-1.0, 1.0, 0], [1.0, 1.0, 0], [1.0, -1.0, 0], [-1.0, -1.0, 0]])
-_CORNERS = _CORNERS * BOARD_SIZE / 2 + [0.0, 0.0, 1.0]
-_NUMBERS = np.arange(4)
-_BACK, _EARTH, _INSIDE = with_grey([BOARD_BACK, EARTH, np.array(PYLON_COLOR) / 2])  # type: ignore[arg-type]
+_EARTH, _INSIDE = with_grey([EARTH, np.array(PYLON_COLOR) / 2])  # type: ignore[arg-type]
 _NO_CORNERS = np.empty((0, 2))
 _SHARING = 4  # exposures, whose blur the background is too soft to show
 
 
-class Scene(typing.NamedTuple):
-    """The pylons and boards of a track.
-
-    Attributes:
-        feet: of the pylons, two a gate, (2 n, 3) m.
-        p_FM_W: of the boards, two a pylon, from its foot, (4 n, 3) m.
-        R_MW: of the boards, (4 n, 3, 3).
-        crossings: of their markers, see marker_crossings(), (4 n, 8).
-    """
-
-    feet: np.ndarray
-    p_FM_W: np.ndarray
-    R_MW: np.ndarray
-    crossings: np.ndarray
-
-
 class PlanarRenderer:
-    """Draws a track without a graphics library, in about a millisecond.
+    """Draws a course without a graphics library, in about a millisecond.
 
     Points of the world appear exactly where K maps them: pixel (u, v) of p_C is
     K p_C / z, and integers are pixel centres. Edges of markers lie there to a
@@ -68,23 +46,12 @@ class PlanarRenderer:
 
     needs_query_object = False
 
-    def __init__(self, track: "Track", camera_info: "CameraInfo"):
-        """Constructs the renderer.
-
-        Args:
-            track: a Track.
-            camera_info: a CameraInfo; distortion is not drawn.
-        """
-        self._background = Background(camera_info)
+    def __init__(self, track: "Course", camera_info: "CameraInfo"):
+        """Args: track: that is drawn. camera_info: a CameraInfo; distortion is not drawn."""
+        self._background = Background(camera_info) if track.hall() is None else None
         self._K = np.array(camera_info.K)
         self._picture = Box(0, 0, camera_info.width, camera_info.height)
-        feet, boards = np.array(track.pylons(), float), track.boards()
-        self._scene = Scene(
-            feet,
-            np.array([board.X_WM.translation() for board in boards]) - np.repeat(feet, 2, axis=0),
-            np.array([board.X_WM.rotation().matrix().T for board in boards]),
-            np.array([marker_crossings(board.id) for board in boards]),
-        )
+        self._posts, self._solids = make_posts(track), make_solids(track)
 
     def render(
         self, X_WC: "RigidTransform", out: np.ndarray, gate_shifts: np.ndarray | None = None
@@ -94,8 +61,8 @@ class PlanarRenderer:
         Args:
             X_WC: pose of the camera frame C: z forward, x right, y down.
             out: RGBA or grey levels, see images.py; contiguous; overwritten.
-            gate_shifts: of every gate from its place in the track, (n, 2) m, if
-                gates move.
+            gate_shifts: of every gate of pylons from its place in the track, (n, 2) m, if gates
+                move.
         """
         self.expose([(1.0, X_WC)], X_WC, gate_shifts).draw(out)
 
@@ -114,17 +81,30 @@ class PlanarRenderer:
             X_WC: the pose in the middle.
             gate_shifts: as for render().
         """
-        scene = self._scene
+        posts, solids = self._posts, self._solids
         if gate_shifts is not None:
-            feet = scene.feet.copy()
+            feet = posts.feet.copy()
             feet[:, :2] += np.repeat(gate_shifts, 2, axis=0)
-            scene = scene._replace(feet=feet)
-        R_WC, p_WC, behind = exposure_poses(poses, X_WC)
+            posts = posts._replace(feet=feet)
+        behind, paint_background = [(1.0, X_WC)], _fill_black
+        if len(poses) > _SHARING:
+            behind = [(0.5, poses[1][1]), (0.5, poses[-2][1])]
+        if self._background is not None:
+            paint_background = functools.partial(self._background.paint, poses=behind)
+        R_WC = np.array([X_WC.rotation().matrix() for _, X_WC in poses])
+        p_WC = np.array([X_WC.translation() for _, X_WC in poses])
         return Exposure(
-            functools.partial(self._background.paint, poses=behind),
-            lambda parts: _display_list(scene, R_WC, p_WC, self._K, self._picture, parts),
-            shares_of(tuple(weight for weight, _ in poses)),
+            paint_background,
+            lambda parts: _display_list(posts, solids, R_WC, p_WC, self._K, self._picture, parts),
+            _shares_of(tuple(weight for weight, _ in poses)),
         )
+
+
+def _fill_black(out: np.ndarray, boxes: ArrayLike) -> None:
+    """Paints the background in a hall."""
+    for x0, y0, x1, y1 in np.asarray(boxes).tolist():
+        out[y0:y1, x0:x1] = 0
+        out[y0:y1, x0:x1, 3:] = 255
 
 
 class Exposure:
@@ -155,121 +135,46 @@ class Exposure:
         paint(out, boxes, self._display_list(boxes), self._shares)
 
 
-def exposure_poses(poses: list, X_WC: "RigidTransform") -> tuple[np.ndarray, np.ndarray, list]:
-    """Returns R_WC and p_WC of all poses of an exposure, and those of its background.
-
-    Args: see PlanarRenderer.expose().
-    """
-    behind = [(1.0, X_WC)]
-    if len(poses) > _SHARING:
-        behind = [(0.5, poses[1][1]), (0.5, poses[-2][1])]
-    R_WC = np.array([X_WC.rotation().matrix() for _, X_WC in poses])
-    p_WC = np.array([X_WC.translation() for _, X_WC in poses])
-    return R_WC, p_WC, behind
-
-
 @functools.lru_cache(maxsize=16)
-def shares_of(weights: Sequence[float]) -> np.ndarray:
+def _shares_of(weights: Sequence[float]) -> np.ndarray:
     """Returns weights as whole numbers: it is quick to multiply and add bytes by them."""
     return np.diff(np.rint(WHOLE * np.cumsum([0.0, *weights]))).astype(np.uint16)
 
 
 @compiled
-def _display_list(scene, R_WC, p_WC, K, picture, parts):
+def _display_list(posts, solids, R_WC, p_WC, K, picture, parts):
     """Returns the DisplayList of a scene in exposures from some poses of the camera.
 
     Args:
-        scene: the Scene.
+        posts, solids: what there is, Posts and Solids. Of these, what is nearer hides the rest.
         R_WC, p_WC: the poses, (k, 3, 3) and (k, 3).
         K: calibration. picture: Box of all pixels.
         parts: of the picture, boxes (m, 4); what touches none is left out.
     """
-    room = len(p_WC) * (len(scene.feet) * MOST_FACETS + len(scene.p_FM_W))
-    polygons, faces = np.empty(room, POLYGON), np.empty(room, FACE)
+    most = len(posts.feet) * MOST_FACETS + len(posts.p_FM_W) + len(solids.corners)
+    polygons, faces = np.empty(len(p_WC) * most, POLYGON), np.empty(len(p_WC) * most, FACE)
     starts, n = np.zeros(len(p_WC) + 1, np.int64), 0
+    count = len(posts.feet)
+    distances = np.empty(count + len(solids.low) - solids.behind)
     for k in range(len(p_WC)):
         view = View(K @ R_WC[k].T, picture, parts)
-        p_CF_W = scene.feet - p_WC[k]
-        distance = np.hypot(p_CF_W[:, 0], p_CF_W[:, 1])
+        for i in range(count):
+            distances[i] = np.hypot(posts.feet[i, 0] - p_WC[k, 0], posts.feet[i, 1] - p_WC[k, 1])
+        for i in range(count, len(distances)):
+            distances[i] = solid_distance(solids, solids.behind + i - count, p_WC[k])
         if p_WC[k, 2] <= 0.0:
             set_polygon(polygons[n], _NO_CORNERS, 0, EXACT, _EARTH, picture)
             n += 1
-        elif is_inside(p_CF_W[np.argmin(distance)]):
+        elif count and is_inside(posts.feet[np.argmin(distances[:count])] - p_WC[k]):
             set_polygon(polygons[n], _NO_CORNERS, 0, EXACT, _INSIDE, picture)
             n += 1
         else:
-            for i in np.argsort(-distance, kind="mergesort"):
-                n = _add_post(polygons, faces, n, scene, i, p_CF_W[i], view)
+            for i in range(solids.behind):
+                n = add_solid(polygons, n, solids, i, p_WC[k], view)
+            for i in np.argsort(-distances, kind="mergesort"):
+                if i < count:
+                    n = add_post(polygons, faces, n, posts, i, p_WC[k], view)
+                else:
+                    n = add_solid(polygons, n, solids, solids.behind + i - count, p_WC[k], view)
         starts[k + 1] = n
     return DisplayList(polygons[:n], faces[:n], starts)
-
-
-@compilable
-def _add_post(
-    polygons: np.ndarray,
-    faces: np.ndarray,
-    n: int,
-    scene: Scene,
-    i: int,
-    p_CF_W: np.ndarray,
-    view: View,
-) -> int:
-    """Adds pylon i and its boards, back to front (the painter's algorithm).
-
-    A pylon and its two boards stand in an upright cylinder of the pylon's radius. The
-    cylinders are disjoint and equally thick, so none hides another one whose axis is
-    nearer. Within one, the plane of a board lies between the board's viewer and the pylon.
-    (It cuts the pylon's foot, but only one who looks along it would notice.)
-
-    Returns:
-        how many polygons there are now.
-    """
-    box = pylon_box(p_CF_W, view)
-    if not touches(box, view.parts):
-        return n
-    for front in (False, True):
-        for b in range(2 * i, 2 * i + 2):
-            p_CM_W = p_CF_W + scene.p_FM_W[b]
-            x_M, y_M, z_M = scene.R_MW[b]
-            if (dot(p_CM_W, z_M) < 0.0) == front:
-                P, crossings = view.P, scene.crossings[b]
-                H = from_columns(rotate(P, x_M), rotate(P, y_M), rotate(P, p_CM_W))
-                n = _add_board(polygons, faces, n, H, crossings, front, view)
-        if not front:
-            n = add_pylon(polygons, n, p_CF_W, view, box)
-    return n
-
-
-@compiled
-def _add_board(
-    polygons: np.ndarray,
-    faces: np.ndarray,
-    n: int,
-    H: np.ndarray,
-    crossings: np.ndarray,
-    front: bool,
-    view: View,
-) -> int:
-    """Adds a board.
-
-    Args:
-        polygons, faces: POLYGONs and FACEs. n: how many there are so far.
-        H: homography from (x, y, 1) of its plane to pixels, (3, 3).
-        crossings: see marker_crossings().
-        front: whether its face is seen, or its back.
-        view: see View.
-
-    Returns:
-        how many polygons there are now.
-    """
-    corners = np.empty((5, 2))
-    count = clip_near(rotate_each(H, _CORNERS), _NUMBERS, corners)
-    box = bounding_box(corners, count, view.picture)
-    if not touches(box, view.parts):
-        return n
-    set_polygon(polygons[n], corners, count, EXACT, _BACK, box)
-    if front:
-        polygons[n].has_face = True
-        middle = (box.x0 + min(box.x1 + 1, view.picture.x1)) / 2
-        set_face(faces[n], H, crossings, box.x0, middle)
-    return n + 1

@@ -1,13 +1,23 @@
-"""The track as bodies: what can be seen and what can be hit."""
+"""The course as bodies: what can be seen and what can be hit."""
 
 import functools
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from pydrake.geometry import Box, Convex, GeometryInstance, Mesh, PerceptionProperties
+from pydrake.geometry import Box as DrakeBox
+from pydrake.geometry import (
+    Convex,
+    GeometryInstance,
+    IllustrationProperties,
+    Mesh,
+    PerceptionProperties,
+    Rgba,
+    Shape,
+)
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, SpatialInertia
+from pydrake.multibody.tree import FixedOffsetFrame, RigidBody, SpatialInertia
 
 from airrace.rendering.scene.meshes import (
     BOARD_THICKNESS,
@@ -18,41 +28,83 @@ from airrace.rendering.scene.meshes import (
 )
 from airrace.rendering.scene.pylon_shape import make_pylon_shape
 from airrace.rendering.scene.shadows import pylon_shadow
+from airrace.rendering.scene.solids import (
+    CEILING_COLORS,
+    COLUMN_COLOR,
+    FLOOR_COLORS,
+    GATE_COLOR,
+    LIGHT_COLOR,
+    WALL_COLORS,
+)
 from airrace.track import BOARD_SIZE
+from airrace.track.course import Box
 
 if TYPE_CHECKING:
     from pydrake.systems.framework import Context
 
-    from airrace.track import Track
+    from airrace.track import Course
+    from airrace.track.hall import Hall
 
 _FRICTION = CoulombFriction(static_friction=0.8, dynamic_friction=0.6)
+_THIN = 0.02  # m, of a floor that is drawn upon the ground
+EVERYBODY, CAMERAS = "everybody", "cameras"  # who sees a thing: a roof would hide all from above
 
 
 def AddScenery(
-    plant: MultibodyPlant, track: "Track", movable: bool = False, visible: bool = True
+    plant: MultibodyPlant, track: "Course", movable: bool = False, visible: bool = True
 ) -> None:
-    """Adds the ground, the pylons and the boards of a track to a plant.
+    """Adds the ground, the gates and all that stands on a course to a plant.
 
-    Everything is fixed to the world, or gates to bodies that move_gates() moves.
-    The collision geometries are named ``ground``, ``pylon_<gate from 1>_<left|right>``
-    and ``board_<marker ID>``, which tells what a contact touched. Nothing is read from
-    or written to disk.
+    Everything is fixed to the world, or gates of pylons to bodies that move_gates() moves. The
+    collision geometries are named ``ground``, ``pylon_<gate from 1>_<left|right>``,
+    ``board_<marker ID>``, ``gate_<from 1>_<top|bottom|left|right>``,
+    ``wall_<east|west|north|south>``, ``ceiling`` and ``column_<from 1>``, which tells what a
+    contact touched. Nothing is read from or written to disk.
 
     Args:
         plant: a MultibodyPlant before Finalize(), registered with a SceneGraph.
-        track: a Track.
+        track: the course.
         movable: whether the gates can be moved. It costs every step of the plant.
         visible: whether somebody will look, through Meshcat or a RenderEngine. The
             pictures on the boards are most of the work.
     """
-    world = plant.world_body()
-    add_ground(plant, visible)
+    hall = track.hall()
+    _add_ground(plant, visible=visible and hall is None)
     n = len(track.gates)
-    gates = _add_gate_bodies(plant, n) if movable else [world] * n
+    bodies = _add_gate_bodies(plant, n) if movable else [plant.world_body()] * n
+    _add_pylons(plant, track, bodies, visible)
+    for i, gate in enumerate(track.frames(), 1):
+        for side, box in gate.boxes().items():
+            _add_box(plant, f"gate_{i}_{side}", box, GATE_COLOR, visible)
+    if hall is not None:
+        _add_hall(plant, hall, visible)
 
-    def add(name, body, X_WG, mesh, shape, X_GS=RigidTransform()):
+
+def _add_ground(plant: MultibodyPlant, visible: bool) -> None:
+    """Adds the ground; visible: whether its grass is seen."""
+    # Drake warns about every HalfSpace, so the ground is a very large box.
+    below, ground = RigidTransform([0.0, 0.0, -10.0]), DrakeBox(4000.0, 4000.0, 20.0)
+    world = plant.world_body()
+    if visible:
+        _show_mesh(plant, "ground", world, RigidTransform(), ground_mesh)
+    plant.RegisterCollisionGeometry(world, below, ground, "ground", _FRICTION)
+
+
+def _add_pylons(
+    plant: MultibodyPlant, track: "Course", bodies: Sequence[RigidBody], visible: bool
+) -> None:
+    """Adds the pylons and their boards to the bodies of their gates."""
+
+    def add(
+        name: str,
+        body: RigidBody,
+        X_WG: RigidTransform,
+        mesh: Callable[[], object],
+        shape: Shape,
+        X_GS: RigidTransform = RigidTransform(),
+    ) -> None:
         if visible:
-            _add_visual(plant, name, body, X_WG, mesh)
+            _show_mesh(plant, name, body, X_WG, mesh)
         plant.RegisterCollisionGeometry(body, X_WG @ X_GS, shape, name, _FRICTION)
 
     # Few vertices suffice for contact: the flank is a few millimetres off.
@@ -62,34 +114,66 @@ def AddScenery(
     for i, foot in enumerate(track.pylons()):
         name = f"pylon_{i // 2 + 1}_{('left', 'right')[i % 2]}"
         X_WG = RigidTransform(foot)
-        add(name, gates[i // 2], X_WG, pylon, Convex(outline.T, "pylon"))
+        add(name, bodies[i // 2], X_WG, pylon, Convex(outline.T, "pylon"))
         if visible:
             mesh = shadow_mesh(*pylon_shadow(foot, boards[2 * i : 2 * i + 2]))
             shadow = GeometryInstance(X_WG, Mesh(mesh), f"{name}_shadow")
             # For render engines only: Meshcat shows no transparent textures.
             shadow.set_perception_properties(PerceptionProperties())
-            plant.RegisterVisualGeometry(gates[i // 2], shadow)
+            plant.RegisterVisualGeometry(bodies[i // 2], shadow)
 
-    box = Box(BOARD_SIZE, BOARD_SIZE, BOARD_THICKNESS)
+    box = DrakeBox(BOARD_SIZE, BOARD_SIZE, BOARD_THICKNESS)
     behind_face = RigidTransform(np.array([0.0, 0.0, -BOARD_THICKNESS / 2]))
     for board in boards:
-        body = gates[board.id // 4]
         face = functools.partial(board_mesh, board.id)
-        add(f"board_{board.id}", body, board.X_WM, face, box, behind_face)
+        add(f"board_{board.id}", bodies[board.id // 4], board.X_WM, face, box, behind_face)
 
 
-def add_ground(plant: MultibodyPlant, visible: bool = True) -> None:
-    """Adds the ground, named ``ground``, to a plant; visible: whether its grass is seen."""
-    world = plant.world_body()
+def _add_hall(plant: MultibodyPlant, hall: "Hall", visible: bool) -> None:
+    for name, box in hall.shell().items():
+        color = CEILING_COLORS[0] if name == "ceiling" else WALL_COLORS[0]
+        _add_box(plant, name, box, color, visible, CAMERAS)
+    for i, box in enumerate(hall.columns, 1):
+        _add_box(plant, f"column_{i}", box, COLUMN_COLOR, visible)
     if visible:
-        _add_visual(plant, "ground", world, RigidTransform(), ground_mesh)
-    # Drake warns about every HalfSpace, so the ground is a very large box.
-    below = RigidTransform([0.0, 0.0, -10.0])
-    ground = Box(4000.0, 4000.0, 20.0)
-    plant.RegisterCollisionGeometry(world, below, ground, "ground", _FRICTION)
+        for i, box in enumerate(hall.lights, 1):
+            _show_box(plant, f"light_{i}", box, LIGHT_COLOR, CAMERAS)
+        size, middle = hall.high - hall.low, (hall.low + hall.high) / 2
+        floor = Box(RigidTransform([*middle[:2], -_THIN / 2]), np.array([size[0], size[1], _THIN]))
+        _show_box(plant, "floor", floor, FLOOR_COLORS[0], EVERYBODY)
 
 
-def _add_visual(plant, name, body, X_WG, mesh):
+def _add_box(
+    plant: MultibodyPlant,
+    name: str,
+    box: Box,
+    color: Sequence[float],
+    visible: bool,
+    seen_by: str = EVERYBODY,
+) -> None:
+    if visible:
+        _show_box(plant, name, box, color, seen_by)
+    world, shape = plant.world_body(), DrakeBox(*box.size)
+    plant.RegisterCollisionGeometry(world, box.X_WB, shape, name, _FRICTION)
+
+
+def _show_box(
+    plant: MultibodyPlant, name: str, box: Box, color: Sequence[float], seen_by: str
+) -> None:
+    """Adds what is seen of a box; color: RGB from 0 to 255."""
+    visual = GeometryInstance(box.X_WB, DrakeBox(*box.size), f"{name}_visual")
+    diffuse = Rgba(*(level / 255 for level in color))
+    perception = PerceptionProperties()
+    perception.AddProperty("phong", "diffuse", diffuse)
+    visual.set_perception_properties(perception)
+    if seen_by == EVERYBODY:
+        illustration = IllustrationProperties()
+        illustration.AddProperty("phong", "diffuse", diffuse)
+        visual.set_illustration_properties(illustration)
+    plant.RegisterVisualGeometry(plant.world_body(), visual)
+
+
+def _show_mesh(plant, name, body, X_WG, mesh):
     visual = GeometryInstance(X_WG, Mesh(mesh()), f"{name}_visual")
     # Without properties it gets the illustration and the perception role.
     plant.RegisterVisualGeometry(body, visual)

@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from airrace.track import Course
+from airrace.track.course import Box
 from airrace.track.hall import Hall
-from airrace.track.square_gate import DEPTH, INNER, OUTER, Box, SquareGate
-from airrace.track.square_track import SquareTrack
+from airrace.track.square_gate import DEPTH, INNER, OUTER, SquareGate
 
 GATE_COLOR = (255.0, 112.0, 16.0)
 GATE_SIDE_COLOR = (214.0, 90.0, 12.0)  # of the faces along the flight
@@ -47,15 +48,15 @@ class Faces(NamedTuple):
         return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def solids_of(track: SquareTrack) -> tuple[list[Faces], list[Faces]]:
-    """Returns what there is to see of a track.
+def solids_of(track: Course) -> tuple[list[Faces], list[Faces]]:
+    """Returns what solids there are to see of a course.
 
     Returns:
         what is behind everything else, in the order to draw it: room and lights; and solids that
         hide each other by their distance: columns and gates.
     """
     hall = track.hall()
-    gates = [gate_faces(gate) for gate in track.gates]
+    gates = [gate_faces(gate) for gate in track.frames()]
     if hall is None:
         return [], gates
     lights = [box_faces(box, [LIGHT_COLOR] * 6) for box in hall.lights]

@@ -129,7 +129,7 @@ class Explorer(LeafSystem):
         return cls(
             config=scenario.explorer,
             # The hover height is a rule of the race; nothing else of the track is read.
-            hover_height=load_track(scenario.track).hover_height,
+            hover_height=load_track(scenario.track, markers=True).hover_height,
             clearance=clearance_of(load_vehicle(scenario.drone)[0].radius),  # type: ignore[arg-type]
             map_is_known=bool(scenario.map),
             drifts=drifts,

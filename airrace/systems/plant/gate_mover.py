@@ -8,8 +8,8 @@ import numpy as np
 from airrace.common.packing import Packing
 from airrace.math.random import make_generator
 from airrace.systems.leaf_system import LeafSystem
-from airrace.track import Track
-from airrace.track.gate_opening import GateOpening
+from airrace.track import Course
+from airrace.track.gate_opening import find
 from airrace.vehicle.state import as_plant_state
 
 PERIOD = 0.01  # s, between two updates
@@ -56,7 +56,7 @@ class GateMover(LeafSystem):
     those that are within ``max_shift`` of the place in the file and of the last one.
     """
 
-    def __init__(self, *, track: Track, max_shift: float, seed: int):
+    def __init__(self, *, track: Course, max_shift: float, seed: int):
         """Constructs the mover.
 
         Args:
@@ -65,8 +65,7 @@ class GateMover(LeafSystem):
             seed: of the new places.
         """
         LeafSystem.__init__(self)
-        self._openings = [GateOpening(gate) for gate in track.gates]
-        self._places = np.array([gate.p_WG[:2] for gate in track.gates])
+        self._openings = track.openings()
         self._max_shift = max_shift
         self._seed = seed
         n = len(track.gates)
@@ -83,14 +82,16 @@ class GateMover(LeafSystem):
         n = len(self._openings)
         p = as_plant_state(self._state.Eval(context)).position
         gate, passages = int(memory.passages) % n, memory.passages
-        if self._openings[gate].find(memory.position, p, shifts[gate]):
+        opening = self._openings[gate].copy()
+        opening[:2] += shifts[gate]
+        if not math.isnan(find(opening, memory.position, p)[0]):
             passages += 1
         # How often each gate has been passed and left half a lap behind.
         due = (passages - 1 - n // 2 - np.arange(n)) // n + 1
         late = np.flatnonzero(due > memory.moved)
         moved = memory.moved.copy()
         if len(late):
-            distances = np.hypot(*(self._places + shifts - p[:2]).T)
+            distances = np.hypot(*(self._openings[:, :2] + shifts - p[:2]).T)
             shifts = shifts.copy()
             for gate in late[distances[late] > _FAR]:
                 moved[gate] = due[gate]

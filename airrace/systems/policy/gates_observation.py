@@ -7,7 +7,9 @@ import numpy as np
 
 from airrace.common.jit import compilable
 from airrace.math.triples import rotate_back, rotation_rows
+from airrace.track.course import Opening
 from airrace.track.gate_map import GateEstimate
+from airrace.track.gate_opening import OPENING_SIZE
 from airrace.track.track import BOARD_HEIGHT, PYLON_HEIGHT
 from airrace.vehicle.state import State
 
@@ -21,20 +23,30 @@ def observation_size(gates: int, actions: int) -> int:
 
 
 def opening_numbers(p_WG: np.ndarray, heading: float, spacing: float) -> np.ndarray:
-    """Returns the numbers of a gate's opening, (10,), as those of track.gate_opening.GateOpening.
+    """Returns the numbers of a gate's opening, (15,), see track.course.Opening.
 
     Args:
         p_WG: midpoint at the boards' height, (3,) m. heading: of flight through it (rad).
         spacing: of the pylon axes (m).
     """
     c, s = math.cos(heading), math.sin(heading)
-    return np.array((*p_WG, c, s, 0.0, s, -c, 0.0, spacing / 2))
+    return np.hstack(
+        Opening(
+            middle=p_WG,
+            forward=np.array([c, s, 0.0]),
+            rightward=np.array([s, -c, 0.0]),
+            half_width=spacing / 2,
+            up=np.array([0.0, 0.0, 1.0]),
+            low=-BOARD_HEIGHT,
+            high=PYLON_HEIGHT - BOARD_HEIGHT,
+        )
+    )
 
 
 def map_openings(gates: Iterable[GateEstimate]) -> np.ndarray:
-    """Returns the openings of a map's gates, (n, 10); n is 0 if there are none."""
+    """Returns the openings of a map's gates, (n, 15); n is 0 if there are none."""
     numbers = [opening_numbers(g.p_WG, g.heading, g.spacing) for g in gates]
-    return np.array(numbers).reshape(-1, 10)
+    return np.array(numbers).reshape(-1, OPENING_SIZE)
 
 
 @compilable
@@ -52,14 +64,14 @@ def write_gates_observation(
     left bottom, right bottom, right top, left top, as seen flying through; and the action
     before. N follows from the length.
 
-    The opening is the rectangle in which a gate counts, see GateOpening: from one pylon axis to
+    The opening is the rectangle in which a gate counts, see Opening: from one pylon axis to
     the other, from the ground to the pylons' tips. A gate's numbers hold its midpoint at the
     height of the boards, so that the ground is BOARD_HEIGHT below it.
 
     Args:
         observation: is written, (15 + 12 N + m,), of floats of any size.
         state: of the body, see vehicle/state.py.
-        gates: numbers of the openings in the order of flight, (n, 10), see GateOpening.
+        gates: numbers of the openings in the order of flight, (n, 15), see Opening.
         next_gate: index of the gate to fly through next; it is counted on round by round.
         last_action: (m,).
     """

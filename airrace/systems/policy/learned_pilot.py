@@ -21,7 +21,7 @@ from airrace.systems.policy.gates_observation import map_openings, write_gates_o
 from airrace.systems.policy.policy_network import ACTIONS, PolicyNetwork, load_policy
 from airrace.systems.types import LAND, ExplorerStatus, PilotStatus
 from airrace.track.gate_map import GateMap
-from airrace.track.gate_opening import find
+from airrace.track.gate_opening import OPENING_SIZE, find
 from airrace.trajopt.reference import REFERENCE_SIZE, Reference, reference_vector
 from airrace.trajopt.stop import Stop
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
@@ -162,8 +162,8 @@ class LearnedPilot(LeafSystem):
             {ticket, self.time_ticket()},
         )
         # So that all of it is compiled before the drone flies.
-        self._act(as_state(np.eye(STATE_SIZE)[1]), np.ones((1, 10)), 0, np.zeros(ACTIONS))
-        find(np.ones(10), np.zeros(3), np.ones(3), 0.0, 0.0)
+        self._act(as_state(np.eye(STATE_SIZE)[1]), np.ones((1, OPENING_SIZE)), 0, np.zeros(ACTIONS))
+        find(np.ones(OPENING_SIZE), np.zeros(3), np.ones(3))
 
     @classmethod
     def from_scenario(cls, scenario: "Scenario") -> "Self":
@@ -212,7 +212,7 @@ class LearnedPilot(LeafSystem):
     ) -> PilotMemory:
         """Returns the memory after a step.
 
-        Args: course: the openings in the order of flight, (n, 10); None if the map has not all.
+        Args: course: the openings in the order of flight, (n, 15); None if the map has not all.
         """
         flies = memory.phase == FLYING
         if not (flies or explorer.done):
@@ -295,7 +295,7 @@ def _status(**values: Any) -> PilotStatus:
 
 @functools.lru_cache(maxsize=4)  # a map is the same object until it changes
 def _course(gate_map: GateMap, found: tuple) -> np.ndarray | None:
-    """Returns the openings of gates in the order in which they were found, (n, 10).
+    """Returns the openings of gates in the order in which they were found, (n, 15).
 
     Args: found: their numbers.
 
@@ -311,7 +311,7 @@ def _course(gate_map: GateMap, found: tuple) -> np.ndarray | None:
 def _count(memory: PilotMemory, position: np.ndarray, course: np.ndarray) -> PilotMemory:
     """Returns the memory after a move, with one gate more, or with reason MISSED."""
     gate = course[int(memory.passed) % len(course)]
-    share, _ = find(gate, memory.position, position, 0.0, 0.0)
+    share, _ = find(gate, memory.position, position)
     before, after = (float(gate[3:5] @ (p[:2] - gate[:2])) for p in (memory.position, position))
     if not math.isnan(share):
         memory = memory._replace(passed=memory.passed + 1.0)

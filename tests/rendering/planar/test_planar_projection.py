@@ -136,8 +136,8 @@ def test_tiny_boards_keep_their_place_and_brightness(distance):
     # The same scene without boards is the background to compare with.
     without = new_picture()
     renderer = PlanarRenderer(TRACK, CAMERA_INFO)
-    scene = renderer._scene
-    renderer._scene = scene._replace(p_FM_W=scene.p_FM_W - [0.0, 0.0, 1e6])
+    posts = renderer._posts
+    renderer._posts = posts._replace(p_FM_W=posts.p_FM_W - [0.0, 0.0, 1e6])
     renderer.render(X_WC, without)
     half = int(3 + 0.8 * CAMERA_INFO.K[0, 0] / distance)
     region = np.s_[360 - half : 361 + half, 640 - half : 641 + half]

@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given
 
 from airrace.rendering.scene.solids import GATE_COLOR, gate_faces, room_faces, solids_of
-from airrace.track.square_track import load_course
+from airrace.track import load_track
 from tests.worlds.square_gates import square_gates
 
-COURSE = load_course("grand-prix")
+COURSE = load_track("grand-prix")
 HALL = COURSE.hall()
 
 

@@ -11,11 +11,10 @@ from airrace.systems.policy.gates_observation import (
     write_gates_observation,
 )
 from airrace.track import PYLON_HEIGHT, Gate, load_track
-from airrace.track.gate_opening import GateOpening
 from airrace.vehicle.state import State
 
 TRACK = load_track("student-airrace")
-GATES = np.array([GateOpening(gate).numbers for gate in TRACK.gates])
+GATES = TRACK.openings()
 ACTION = np.array([0.1, -0.2, 0.3, -0.4])
 angles = st.floats(-3.0, 3.0)
 places = st.floats(-100.0, 100.0)
@@ -72,4 +71,4 @@ def test_flying_through_left_is_left():
 def test_an_opening_of_the_map_is_one_of_the_track(x, y, heading, spacing):
     gate = Gate([x, y], heading, spacing)
     numbers = opening_numbers(gate.p_WG, gate.heading, gate.pylon_spacing)
-    np.testing.assert_allclose(numbers, GateOpening(gate).numbers, atol=1e-12)
+    np.testing.assert_allclose(numbers, np.hstack(gate.opening()), atol=1e-12)

@@ -7,20 +7,20 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from airrace.common.errors import UserError
-from airrace.rendering.planar.solids_renderer import SolidsRenderer
+from airrace.rendering.planar.renderer import PlanarRenderer
+from airrace.rendering.scene.scenery import AddScenery
 from airrace.rendering.scene.solids import GATE_COLOR
-from airrace.rendering.scene.square_scenery import AddSquareScenery
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer, check_vtk_available
-from airrace.track import Start
+from airrace.track import Start, load_track
 from airrace.track.square_gate import SquareGate
-from airrace.track.square_track import LAWN, SquareTrack, load_course
+from airrace.track.square_track import LAWN, SquareTrack
 from airrace.vehicle.camera_info import make_camera_info
 from tests.worlds.pictures import R_BC, look_at, project
 
 INFO = make_camera_info(
     width=640, height=360, fov_y=np.deg2rad(58.7155), X_BC=RigidTransform(R_BC, [0, 0, 0])
 )
-COURSE = load_course("grand-prix")
+COURSE = load_track("grand-prix")
 GATE = SquareGate([10.0, 0.0, 3.0], 0.0)
 ALONE = SquareTrack(
     "alone",
@@ -32,7 +32,7 @@ ALONE = SquareTrack(
 
 def draw(track, X_WC, info=INFO):
     picture = np.full((info.height, info.width, 4), 77, np.uint8)
-    SolidsRenderer(track, info).render(X_WC, picture)
+    PlanarRenderer(track, info).render(X_WC, picture)
     assert np.all(picture[..., 3] == 255)
     return picture
 
@@ -107,7 +107,7 @@ def vtk():
         pytest.skip(str(e))
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=1e-3)
-    AddSquareScenery(plant, COURSE)
+    AddScenery(plant, COURSE)
     plant.Finalize()
     renderer = AddVtkRenderer(scene_graph, INFO, indoors=True)
     context = builder.Build().CreateDefaultContext()

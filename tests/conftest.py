@@ -29,6 +29,10 @@ _MARKED = {
 }
 
 
+def pytest_addoption(parser):
+    parser.addoption("--all", action="store_true", help="run tests that are marked `repeats`, too")
+
+
 def pytest_sessionstart(session):
     """Compiles before the whole suite, most of whose processes would otherwise all do so."""
     whole = session.config.args_source == pytest.Config.ArgsSource.TESTPATHS
@@ -37,13 +41,17 @@ def pytest_sessionstart(session):
             compile_apart(Scenario(estimator=estimator))
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     for item in items:
         path = item.path.relative_to(Path(__file__).parent)
         for marker, places in _MARKED.items():
             if any(path.is_relative_to(place) for place in places):
                 item.add_marker(marker)
     items.sort(key=_turn)
+    if not config.getoption("all"):
+        repeats = [item for item in items if item.get_closest_marker("repeats")]
+        config.hook.pytest_deselected(items=repeats)
+        items[:] = [item for item in items if item not in repeats]
 
 
 def _turn(item):

@@ -64,6 +64,12 @@ def _turn(item):
     return 1 if item.path.name in ("test_docs.py", "test_style.py") else 2
 
 
+@pytest.fixture(scope="session")
+def whole(request):
+    """Whether all is to be run as its users do, however long that takes: with --all."""
+    return request.config.getoption("all")
+
+
 @pytest.fixture
 def ends():
     """Two sockets that are connected to each other."""

@@ -41,12 +41,15 @@ def pytest_sessionstart(session):
             compile_apart(Scenario(estimator=estimator))
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist, which looks for the groups
 def pytest_collection_modifyitems(config, items):
     for item in items:
         path = item.path.relative_to(Path(__file__).parent)
         for marker, places in _MARKED.items():
             if any(path.is_relative_to(place) for place in places):
                 item.add_marker(marker)
+        if group := _group(item):
+            item.add_marker(pytest.mark.xdist_group(group))
     items.sort(key=_turn)
     if not config.getoption("all"):
         repeats = [item for item in items if item.get_closest_marker("repeats")]
@@ -54,14 +57,28 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for item in items if item not in repeats]
 
 
+def _group(item):
+    """Returns the name of the tests that run in one process with a test; None if it may run alone.
+
+    They share what is made once for them: a browser, or what a fixture makes for a module.
+    """
+    if item.get_closest_marker("browser"):
+        return "browser"
+    fixtures = item._fixtureinfo.name2fixturedefs.values()
+    shared = any(definitions[-1].scope == "module" for definitions in fixtures)
+    return item.path.stem if shared else None
+
+
 def _turn(item):
-    """Returns whether a test comes first (0), second or last (2)."""
-    # One process runs all in the browser, and no other takes some over at the end: each that runs
-    # one flies a race in real time to look at.
+    """Returns when a test begins, as a number: what takes long comes first.
+
+    In the end, the other processes would wait for it.
+    """
     if item.get_closest_marker("browser"):
         return 0
-    # These take a minute: at the end, the other processes would wait for them.
-    return 1 if item.path.name in ("test_docs.py", "test_style.py") else 2
+    if item.path.name in ("test_docs.py", "test_style.py"):
+        return 1
+    return 2 if item.get_closest_marker("slow") else 3
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ from airrace.diagrams import race as race_module
 from airrace.diagrams.race import run_race
 from airrace.scenario import Scenario, load_scenario
 from airrace.track import load_track
+from tests.worlds.cases import first
 
 FILES = {"scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap"}
 
@@ -162,7 +163,7 @@ def short(time_limit=2.0, **fields):
     return scenario
 
 
-@pytest.fixture(scope="session")  # once a process: tests of a module move between them
+@pytest.fixture(scope="module")
 def flown(hexagon, tmp_path_factory):
     """A whole race from pixels: its folder, and race.json as it was at every look."""
     folder = tmp_path_factory.mktemp("flown")
@@ -221,6 +222,7 @@ class TestWholeRace:
         statistics = json.loads((folder / "map_statistics.json").read_text())
         assert statistics["detections"] > 500 and statistics["error_rate"] < 0.01
 
+    @pytest.mark.repeats
     def test_its_scenario_gives_the_same_race_again(self, flown, tmp_path, monkeypatch, capsys):
         """By the command line, from another folder, and with a spectator."""
         folder, result, _ = flown
@@ -433,7 +435,7 @@ class TestFaults:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("signum, replay", [(signal.SIGINT, True), (signal.SIGTERM, False)])
+@pytest.mark.parametrize("signum, replay", first([(signal.SIGINT, True), (signal.SIGTERM, False)]))
 def test_a_signal_in_mid_flight(tmp_path, signum, replay):
     log = tmp_path / "log"
     with open(log, "w") as file:
@@ -473,7 +475,7 @@ def test_a_signal_in_mid_flight(tmp_path, signum, replay):
     assert text.splitlines()[-1] == f"Results: {tmp_path / 'out'}"
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_half_as_many_pictures_are_enough(hexagon, tmp_path):
     """Explored and raced, for a board that is too slow for more."""
     scenario = load_scenario(

@@ -35,9 +35,8 @@ for option in "$@"; do
     -n* | --numprocesses* | --pdb | --trace) processes=chosen ;;
   esac
 done
-# Three on two cores: tests of links, pages and clients mostly wait. They are taken up one by one, in
-# the order of tests/conftest.py; only tests that share something stay together.
-[ -n "${processes:-}" ] || set -- -n 3 --dist loadgroup --no-loadscope-reorder "$@"
+# Three on two cores: tests of links, pages and clients mostly wait.
+[ -n "${processes:-}" ] || set -- -n 3 "$@"
 
 cd "$root"
 exec "$venv/bin/python" -m pytest "$@"

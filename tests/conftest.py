@@ -41,15 +41,12 @@ def pytest_sessionstart(session):
             compile_apart(Scenario(estimator=estimator))
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist, which looks for the groups
 def pytest_collection_modifyitems(config, items):
     for item in items:
         path = item.path.relative_to(Path(__file__).parent)
         for marker, places in _MARKED.items():
             if any(path.is_relative_to(place) for place in places):
                 item.add_marker(marker)
-        if group := _group(item):
-            item.add_marker(pytest.mark.xdist_group(group))
     items.sort(key=_turn)
     if not config.getoption("all"):
         repeats = [item for item in items if item.get_closest_marker("repeats")]
@@ -57,16 +54,11 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for item in items if item not in repeats]
 
 
-def _group(item):
-    """Returns the name of the tests that run in one process with a test; None if it may run alone.
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
+def pytest_xdist_make_scheduler(config, log):
+    from tests.scheduling import InOrder
 
-    They share what is made once for them: a browser, or what a fixture makes for a module.
-    """
-    if item.get_closest_marker("browser"):
-        return "browser"
-    fixtures = item._fixtureinfo.name2fixturedefs.values()
-    shared = any(definitions[-1].scope == "module" for definitions in fixtures)
-    return item.path.stem if shared else None
+    return InOrder(config, log)
 
 
 def _turn(item):

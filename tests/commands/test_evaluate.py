@@ -197,7 +197,7 @@ def test_the_results(reference):
     assert text.startswith("# Default, optimal, races Defaults: 3 races of 1 lap, generated tracks")
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_a_killed_worker(reference, tmp_path):
     """Its race dies with it and is flown again, as is one whose process is killed."""
     process = start(*RACES, "--workers", 2, "--output", tmp_path)

@@ -18,7 +18,6 @@ from airrace.diagrams.hitl_race import default_url
 from airrace.diagrams.navigator_process import NAVIGATOR_TICKS
 from airrace.hitl.checkpoint import CHECKPOINT
 from airrace.hitl.companion import OUTPUT, READY
-from tests.worlds.cases import first
 
 pytestmark = pytest.mark.skipif(
     os.geteuid() != 0
@@ -164,8 +163,8 @@ def test_in_real_time_slowed_down(hexagon, tmp_path):
     assert 1000 < ticks["count"] < 2000  # of 500 Hz, in 2.5 s and until it is told of the end
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("victim", first(["navigator", "autonomy"]))
+@pytest.mark.repeats
+@pytest.mark.parametrize("victim", ["autonomy", "navigator"])
 def test_an_autonomy_that_is_killed_ends_the_race_and_says_so(hexagon, tmp_path, victim):
     text = "{camera: {width: 640, height: 360}, referee: {time_limit: 60.0}}"
     process = start(
@@ -216,8 +215,8 @@ def _autonomy_group(parent):
 def test_doctor_and_the_simulations_death(tmp_path):
     """The doctor measures a link; then nobody comes, and the autonomy gives up."""
     script = tmp_path / "both.sh"
-    autonomy = hitl("hitl", "autonomy", "--patience", "8", "--output", tmp_path / OUTPUT)
-    doctor = hitl("doctor", "--link", "--duration", "2")
+    autonomy = hitl("hitl", "autonomy", "--patience", "4", "--output", tmp_path / OUTPUT)
+    doctor = hitl("doctor", "--link", "--duration", "1")
     script.write_text(
         f"{' '.join(autonomy)} & {' '.join(doctor)}; echo doctor $?; wait $!; echo autonomy $?\n"
     )
@@ -225,7 +224,7 @@ def test_doctor_and_the_simulations_death(tmp_path):
     text = process.communicate(timeout=patient(90))[0]
     assert "round trip" in text and "pictures lost" in text
     assert "doctor 0" in text or "The link cannot carry a race" in text, text
-    assert "autonomy 2" in text and "No simulation answered within 8 s" in text
+    assert "autonomy 2" in text and "No simulation answered within 4 s" in text
 
 
 @pytest.mark.parametrize(

@@ -123,7 +123,7 @@ def test_without_an_imu_for_good_it_lands_and_says_why(tmp_path, kind):
     assert result["exploration"]["events"][-1]["state"] == "LAND"
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_after_seven_seconds_in_the_dark_it_looks_at_known_gates_and_goes_on(tmp_path):
     """It is exploring, and would find the next gate too late to know where it is."""
     result = run_race(make_scenario(camera_failures=[CameraFailure("dark", 26.0, 7.0)]), tmp_path)

@@ -277,7 +277,7 @@ def test_two_at_once_set_up_once(sandbox):
 def test_test_bash_runs_pytest_in_the_checkout(ready, options):
     """In several processes, unless it is told in how many."""
     result = ready.run(ready.checkout / "test.bash", *options)
-    default = "-n 3 --dist loadgroup --no-loadscope-reorder " if "-k" in options else ""
+    default = "-n 3 " if "-k" in options else ""
     expected = f"{ready.checkout}: -m pytest {default}{' '.join(options)}\n"
     assert (result.returncode, result.out) == (0, expected)
 

@@ -51,9 +51,18 @@ def explorer(scenario):
     return Explorer(config=scenario.explorer, hover_height=height, clearance=2.0, map_is_known=True)
 
 
+def fly_lap(track, folder, name):
+    """Returns race.json of a lap on a given map, without what depends on the machine."""
+    (folder / name).mkdir()
+    scenario = Scenario(track=track, laps=1, map="track", camera=BLIND, pilot=pilot_file(folder))
+    result = run_race(scenario, folder / name)
+    result.pop("wall")
+    return result
+
+
 @pytest.mark.slow
 def test_a_network_flies_the_lap(hexagon, tmp_path):
-    result = fly_lap(hexagon, tmp_path)
+    result = fly_lap(hexagon, tmp_path, "race")
     assert result["finished"] and result["collisions"] == 0
     assert [event["what"] for event in result["pilot"]["events"]] == ["the network flies"]
     assert result["laps"][0]["plan"] is None and max(result["laps"][0]["gate_offsets_m"]) < 4.0
@@ -61,16 +70,7 @@ def test_a_network_flies_the_lap(hexagon, tmp_path):
 
 @pytest.mark.repeats
 def test_it_flies_twice_alike(hexagon, tmp_path):
-    assert fly_lap(hexagon, tmp_path / "first") == fly_lap(hexagon, tmp_path / "second")
-
-
-def fly_lap(track, folder):
-    """Returns race.json of a lap on a given map, without what depends on the machine."""
-    folder.mkdir(exist_ok=True)
-    pilot = pilot_file(folder.parent)
-    result = run_race(Scenario(track=track, laps=1, map="track", camera=BLIND, pilot=pilot), folder)
-    result.pop("wall")
-    return result
+    assert fly_lap(hexagon, tmp_path, "first") == fly_lap(hexagon, tmp_path, "second")
 
 
 @pytest.mark.slow

@@ -36,7 +36,7 @@ for option in "$@"; do
   esac
 done
 # Three on two cores: tests of links, pages and clients mostly wait.
-[ -n "${processes:-}" ] || set -- -n 3 --dist worksteal "$@"
+[ -n "${processes:-}" ] || set -- -n 3 "$@"
 
 cd "$root"
 exec "$venv/bin/python" -m pytest "$@"

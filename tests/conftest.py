@@ -29,6 +29,10 @@ _MARKED = {
 }
 
 
+def pytest_addoption(parser):
+    parser.addoption("--all", action="store_true", help="run tests that are marked `repeats`, too")
+
+
 def pytest_sessionstart(session):
     """Compiles before the whole suite, most of whose processes would otherwise all do so."""
     whole = session.config.args_source == pytest.Config.ArgsSource.TESTPATHS
@@ -37,23 +41,42 @@ def pytest_sessionstart(session):
             compile_apart(Scenario(estimator=estimator))
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     for item in items:
         path = item.path.relative_to(Path(__file__).parent)
         for marker, places in _MARKED.items():
             if any(path.is_relative_to(place) for place in places):
                 item.add_marker(marker)
     items.sort(key=_turn)
+    if not config.getoption("all"):
+        repeats = [item for item in items if item.get_closest_marker("repeats")]
+        config.hook.pytest_deselected(items=repeats)
+        items[:] = [item for item in items if item not in repeats]
+
+
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
+def pytest_xdist_make_scheduler(config, log):
+    from tests.scheduling import InOrder
+
+    return InOrder(config, log)
 
 
 def _turn(item):
-    """Returns whether a test comes first (0), second or last (2)."""
-    # One process runs all in the browser, and no other takes some over at the end: each that runs
-    # one flies a race in real time to look at.
+    """Returns when a test begins, as a number: what takes long comes first.
+
+    In the end, the other processes would wait for it.
+    """
     if item.get_closest_marker("browser"):
         return 0
-    # These take a minute: at the end, the other processes would wait for them.
-    return 1 if item.path.name in ("test_docs.py", "test_style.py") else 2
+    if item.path.name in ("test_docs.py", "test_style.py"):
+        return 1
+    return 2 if item.get_closest_marker("slow") else 3
+
+
+@pytest.fixture(scope="session")
+def whole(request):
+    """Whether all is to be run as its users do, however long that takes: with --all."""
+    return request.config.getoption("all")
 
 
 @pytest.fixture

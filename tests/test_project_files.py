@@ -39,11 +39,9 @@ def test_citation_has_what_its_format_wants():
     assert citation["license"] == project["license"]
 
 
-def test_the_workflow_runs_the_tests_on_both_processors():
-    workflow = load(".github/workflows/test.yml")
-    (job,) = workflow["jobs"].values()
-    assert job["strategy"]["matrix"]["os"] == ["ubuntu-24.04", "ubuntu-24.04-arm"]
-    assert "./test.bash" in [step.get("run") for step in job["steps"]]
+def test_the_workflow_runs_the_tests():
+    (job,) = load(".github/workflows/test.yml")["jobs"].values()
+    assert job["steps"][-1]["run"].startswith("./test.bash ")
 
 
 def test_hooks_before_a_commit_need_no_network():

@@ -13,6 +13,7 @@ from airrace.analysis.report import make_report, write_report
 from airrace.commands.app import main as command
 from airrace.common.colors import rgb
 from airrace.common.errors import UserError
+from tests.worlds.cases import first
 from tests.worlds.made_up_run import FIRST, GATES, LAP, MAP_ERROR, make_run
 
 
@@ -39,6 +40,13 @@ SECTIONS = [
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return make_run(tmp_path_factory.mktemp("runs") / "made_up", laps=3)
+
+
+@pytest.fixture(scope="module")
+def text(folder):
+    """Its report, by the command."""
+    assert main([str(folder)]) == 0
+    return (folder / "report.html").read_text()
 
 
 def headings(text):
@@ -83,10 +91,7 @@ def ratio(a, b):
 
 
 @pytest.mark.slow
-def test_the_whole_report(folder, capsys):
-    assert main([str(folder)]) == 0
-    assert "report.html" in capsys.readouterr().out
-    text = (folder / "report.html").read_text()
+def test_the_whole_report(text):
     check_page(text)
     assert headings(text) == SECTIONS
     assert text.count("<svg") == 9
@@ -100,9 +105,8 @@ def test_the_whole_report(folder, capsys):
 
 
 @pytest.mark.slow
-def test_every_column_and_number_is_explained(folder):
+def test_every_column_and_number_is_explained(text):
     """On hover, and where the Tab key leads."""
-    text = make_report(load_run(folder))
     heads = re.findall(r"<th\b(.*?)>", text)
     facts = re.findall(r"<li\b(.*?)>", text)
     assert len(heads) == 7 + GATES and len(facts) == 8
@@ -119,8 +123,8 @@ def test_no_words_that_somebody_hovers_over_break_the_picture():
 
 
 @pytest.mark.slow
-def test_the_same_run_gives_the_same_report(folder):
-    assert make_report(load_run(folder)) == make_report(load_run(folder))
+def test_the_same_run_gives_the_same_report(folder, text):
+    assert make_report(load_run(folder)) == text
 
 
 def test_the_numbers_behind_the_pictures(folder):
@@ -137,7 +141,7 @@ def test_the_numbers_behind_the_pictures(folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("field", [{"limits": "rotor"}, {"track": "hexagon"}])
+@pytest.mark.parametrize("field", first([{"limits": "rotor"}, {"track": "hexagon"}]))
 def test_the_original_system_is_no_comparison_for_other_races(tmp_path, field):
     run = load_run(make_run(tmp_path / "run", recorded=False))
     assert "original, 3-D" in make_report(run)

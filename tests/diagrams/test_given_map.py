@@ -14,6 +14,7 @@ from airrace.diagrams.race import MakeRace, run_race
 from airrace.hitl.hitl_race import prepared
 from airrace.scenario import PlannerConfig, Scenario, load_scenario
 from airrace.scenario.camera_config import CameraConfig
+from tests.worlds.cases import first
 
 
 def main(words):
@@ -60,12 +61,18 @@ def test_a_race_without_a_camera_and_another_on_its_map(hexagon, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "planner, numbers",
-    [
-        (PlannerConfig(), [1, 1, 1]),  # the map does not change: no plan is quicker
-        (PlannerConfig(update="always"), [1, 2, 3]),
-        (PlannerConfig(lap="rest_to_rest", time_allocation="report", update="always"), [1, 2, 3]),
-    ],
-    ids=["usual", "always", "original"],
+    first(
+        [
+            (PlannerConfig(), [1, 1, 1]),  # the map does not change: no plan is quicker
+            (
+                PlannerConfig(lap="rest_to_rest", time_allocation="report", update="always"),
+                [1, 2, 3],
+            ),
+            (PlannerConfig(update="always"), [1, 2, 3]),
+        ],
+        2,
+    ),
+    ids=["usual", "original", "always"],
 )
 def test_each_lap_says_which_plan_it_flew(hexagon, tmp_path, planner, numbers):
     scenario = Scenario(

@@ -51,7 +51,7 @@ def build(folder):
 
 
 # One test: with more, several processes would each build the pages, which takes a minute.
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_the_pages_are_built_and_show_what_they_should(extension, tmp_path):
     pages = build(tmp_path)
     every_module_has_its_place(pages, extension)

@@ -115,7 +115,7 @@ def check_same(folder, reference):
     assert reports(folder) == reports(reference)
 
 
-@pytest.fixture(scope="session")  # once a process: tests of a module move between them
+@pytest.fixture(scope="module")
 def reference(tmp_path_factory):
     """The folder of an evaluation that nothing disturbed, by one worker."""
     folder = tmp_path_factory.mktemp("reference")
@@ -197,7 +197,7 @@ def test_the_results(reference):
     assert text.startswith("# Default, optimal, races Defaults: 3 races of 1 lap, generated tracks")
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_a_killed_worker(reference, tmp_path):
     """Its race dies with it and is flown again, as is one whose process is killed."""
     process = start(*RACES, "--workers", 2, "--output", tmp_path)
@@ -212,8 +212,8 @@ def test_a_killed_worker(reference, tmp_path):
 
 
 @pytest.mark.slow
-def test_ctrl_c_then_a_crash(reference, tmp_path, capsys):
-    """Both leave no process behind, and what was flown is not flown again."""
+def test_ctrl_c(reference, tmp_path, capsys):
+    """It leaves no process behind, and what was flown is not flown again."""
     process = start(*RACES, "--workers", 1, "--output", tmp_path)
     wait_until(lambda: stored_seeds(tmp_path) and racing(process))
     family = psutil.Process(process.pid).children(recursive=True)
@@ -229,13 +229,6 @@ def test_ctrl_c_then_a_crash(reference, tmp_path, capsys):
     flown = (tmp_path / "races.jsonl").read_text()
     assert not json.loads((tmp_path / "evaluation.json").read_text())["complete"]
 
-    process = start(*RACES, "--workers", 1, "--output", tmp_path, "--resume")
-    wait_until(lambda: racing(process))
-    family = psutil.Process(process.pid).children(recursive=True)
-    process.kill()
-    process.communicate()
-    wait_until(lambda: gone(family), 20)
-
     _, err = finish(start(*RACES, "--workers", 1, "--output", tmp_path, "--resume"))
     assert (tmp_path / "races.jsonl").read_text().startswith(flown)
     check_same(tmp_path, reference)
@@ -245,6 +238,20 @@ def test_ctrl_c_then_a_crash(reference, tmp_path, capsys):
     out, err = capsys.readouterr()
     assert "Finished 0 of 3" in out and err == ""
     check_same(tmp_path, reference)
+
+
+@pytest.mark.repeats
+def test_a_crash(tmp_path):
+    process = start(*RACES, "--workers", 1, "--output", tmp_path)
+    wait_until(lambda: stored_seeds(tmp_path) and racing(process))
+    family = psutil.Process(process.pid).children(recursive=True)
+    process.kill()
+    process.communicate()
+    wait_until(lambda: gone(family), 20)
+    flown = (tmp_path / "races.jsonl").read_text()
+    finish(start(*RACES, "--workers", 1, "--output", tmp_path, "--resume"))
+    assert (tmp_path / "races.jsonl").read_text().startswith(flown)
+    assert stored_seeds(tmp_path) == [1000, 1001, 1002]
 
 
 @contextlib.contextmanager
@@ -305,7 +312,7 @@ def dask_by_hand(folder, workers=2):
         yield address, scheduler
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_a_dask_cluster_started_by_hand(reference, tmp_path):
     """And its scheduler is killed in the middle."""
     output = tmp_path / "out"

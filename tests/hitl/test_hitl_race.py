@@ -10,6 +10,7 @@ import time
 
 import pytest
 
+from airrace.commands.app import main
 from airrace.common.patience import patient
 from airrace.common.resources import models_path
 from airrace.hitl.autonomy_process import PILOT_TICKS
@@ -110,7 +111,7 @@ def test_lockstep_equals_sitl_to_the_last_bit(hexagon, tmp_path):
     check_lockstep(tmp_path, "hitl")
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_two_races_at_once_do_not_disturb_each_other(hexagon, tmp_path):
     """In one network: each has an LCM port of its own. Both equal SITL to the last bit."""
     options = ("--estimator", "truth")
@@ -162,7 +163,7 @@ def test_in_real_time_slowed_down(hexagon, tmp_path):
     assert 1000 < ticks["count"] < 2000  # of 500 Hz, in 2.5 s and until it is told of the end
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 @pytest.mark.parametrize("victim", ["autonomy", "navigator"])
 def test_an_autonomy_that_is_killed_ends_the_race_and_says_so(hexagon, tmp_path, victim):
     text = "{camera: {width: 640, height: 360}, referee: {time_limit: 60.0}}"
@@ -214,8 +215,8 @@ def _autonomy_group(parent):
 def test_doctor_and_the_simulations_death(tmp_path):
     """The doctor measures a link; then nobody comes, and the autonomy gives up."""
     script = tmp_path / "both.sh"
-    autonomy = hitl("hitl", "autonomy", "--patience", "8", "--output", tmp_path / OUTPUT)
-    doctor = hitl("doctor", "--link", "--duration", "2")
+    autonomy = hitl("hitl", "autonomy", "--patience", "4", "--output", tmp_path / OUTPUT)
+    doctor = hitl("doctor", "--link", "--duration", "1")
     script.write_text(
         f"{' '.join(autonomy)} & {' '.join(doctor)}; echo doctor $?; wait $!; echo autonomy $?\n"
     )
@@ -223,10 +224,9 @@ def test_doctor_and_the_simulations_death(tmp_path):
     text = process.communicate(timeout=patient(90))[0]
     assert "round trip" in text and "pictures lost" in text
     assert "doctor 0" in text or "The link cannot carry a race" in text, text
-    assert "autonomy 2" in text and "No simulation answered within 8 s" in text
+    assert "autonomy 2" in text and "No simulation answered within 4 s" in text
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "options, sentence",
     [
@@ -239,23 +239,14 @@ def test_doctor_and_the_simulations_death(tmp_path):
         ),
     ],
 )
-def test_bad_input_is_one_sentence(options, sentence, tmp_path):
-    process = start(
-        sys.executable,
-        "-m",
-        "airrace",
-        "race",
-        "--no-meshcat",
-        "--output",
-        str(tmp_path / "out"),
-        *options,
-    )
-    text = process.communicate(timeout=patient(60))[0]
-    assert process.returncode == 2 and f"airrace: {sentence}" in text, text
+def test_bad_input_is_one_sentence(options, sentence, tmp_path, capsys):
+    assert main(["race", "--no-meshcat", "--output", str(tmp_path / "out"), *options]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"airrace: {sentence}") and err.count("\n") == 1, err
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_an_autonomy_that_starts_again_goes_on(hexagon, tmp_path):
     """It is killed on its way to gate 1, and another process resumes with its checkpoint."""
     text = "{camera: {width: 640, height: 360}, referee: {time_limit: 60.0}, link_delay: 0.2}"

@@ -42,7 +42,7 @@ def race(hexagon, folder, silence, time_limit):
     return run_race(scenario, folder, transport=transport), transport.modes
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_a_navigator_that_is_busy_for_a_while_stops_nobody(hexagon, tmp_path):
     """For half a second the drone goes on where it was going."""
     result, modes = race(hexagon, tmp_path, (4.0, 4.5), 6.0)

@@ -49,7 +49,7 @@ def test_delay_jitter_and_loss_do_not_stop_a_race_and_are_the_same_twice(hexagon
     assert channels["AIRRACE_ROTOR_SPEED_COMMAND"]["missing"] > 10
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_over_a_link_a_drone_knows_where_it_is_from_what_it_measures(hexagon, tmp_path):
     link = dict(delay=0.02, jitter=0.005, loss=0.01)
     result, _ = race(hexagon, tmp_path, link, 5.0, estimator="vio")

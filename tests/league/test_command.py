@@ -173,6 +173,7 @@ class TestASeason:
         for path in folder.rglob("*"):
             assert not path.is_file() or SECRET.encode() not in path.read_bytes(), path
 
+    @pytest.mark.repeats
     def test_resumed(self, season, tmp_path, monkeypatch, capfd):
         """Only what is missing is flown, and it comes out equal."""
         folder, _, _ = season
@@ -213,6 +214,7 @@ class TestASeason:
         assert right == "right  all files of 2 races agree"
         assert wrong.startswith("WRONG  race 1 of herons: flown again, ")
 
+    @pytest.mark.repeats
     def test_an_honest_one_is_right(self, season, capsys):
         folder, _, _ = season
         words = ["league", "verify", str(folder / "league.json"), "--entry", "optimal"]

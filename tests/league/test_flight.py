@@ -198,6 +198,7 @@ def test_the_wall_changes_no_bit(optimal, tmp_path):
     assert row["conduct"]["steps"] > 4000 and row["conduct"]["attempts"] == []
 
 
+@pytest.mark.repeats
 def test_a_new_entry_flies_as_the_shipped_systems_do(optimal, tmp_path, monkeypatch):
     """All six of its systems; so a team that changes one sees what that does."""
     monkeypatch.chdir(tmp_path)

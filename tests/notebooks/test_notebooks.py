@@ -7,17 +7,41 @@ import pytest
 
 from tests.notebooks.lesson import NOTEBOOKS, ROOT, cells, exercises
 
-# To save time, these lessons' races here have half of the usual pictures, or none and a given map;
-# the others', those of lesson 3 for one, have all.
-FEWER = "_fewer(options)"
-NONE = "_dc.replace(options, map='track', renderer='none')"
-PICTURES = {
+# To save time, lessons' races here have half of the usual pictures, or none and a given map.
+FEWER = {"camera": {"fps": 15}}
+NONE = {"map": "track", "camera": {"renderer": "none"}}
+RACES = {
     "1_first_race": FEWER,
     "5_your_own_box": FEWER,
     "6_compare_and_evaluate": NONE,
     "10_a_pilot_that_learns": NONE,
 }
-# Before a lesson: notes what it flies, and lets the races of an evaluation be short.
+# What is learned is learned by half of the drones.
+FEWER_DRONES = "DRONES, SECONDS = 128", "DRONES, SECONDS = 64"
+# Without --all, races are shorter still, and so is what else takes seconds.
+BRIEF_RACES = {
+    **RACES,
+    "1_first_race": NONE,
+    "5_your_own_box": {**FEWER, "referee": {"time_limit": 8.0}},
+}
+BRIEF_CODE = {
+    "2_dynamics_and_controller": [("seconds=8.0", "seconds=4.0")],
+    "3_pixels_to_map": [("count=6", "count=2"), ("8.0, 60)", "8.0, 20)")],
+    "6_compare_and_evaluate": [
+        ("--tracks 2", "--tracks 1"),
+        ("len(races) == 2", "len(races) == 1"),
+    ],
+    "7_where_am_i": [("range(8)", "range(3)"), ("FLIGHTS = 5", "FLIGHTS = 2")],
+    "8_delay_in_the_loop": [("(0.0, 0.02, 0.03, 0.04, 0.06)", "(0.0, 0.03, 0.06)")],
+    "10_a_pilot_that_learns": [
+        ("DRONES, SECONDS = 128", "DRONES, SECONDS = 32"),
+        ("iterations=60", "iterations=5"),
+        ("iterations=30", "iterations=2"),
+    ],
+}
+# What these say at their end of what they have shown needs all of the lesson.
+ONLY_WHOLE = "5_your_own_box", "10_a_pilot_that_learns"
+# Before a lesson: notes what it flies, and lets its races be short.
 NOTE = """
 import dataclasses as _dc
 import json as _json
@@ -27,13 +51,14 @@ from airrace.diagrams.race.command import RaceOptions, race_scenario
 
 _fly, _folders = python_race.fly, []
 
-def _fewer(options):
+def _short(options):
     fields = _json.loads(options.scenario_text or "{}")
-    camera = {**fields.get("camera", {}), "fps": 15}
-    return _dc.replace(options, scenario_text=_json.dumps({**fields, "camera": camera}))
+    for name, value in FIELDS.items():
+        fields[name] = {**fields.get(name, {}), **value} if isinstance(value, dict) else value
+    return _dc.replace(options, scenario_text=_json.dumps(fields))
 
 def _note(options, quiet=False):
-    result, folder = _fly(PICTURES, quiet)
+    result, folder = _fly(_short(options), quiet)
     _folders.append(folder)
     return result, folder
 
@@ -45,7 +70,7 @@ import subprocess
 _run = subprocess.run
 
 def _run_briefly(command, **options):
-    given = ["--scenario_text", "{map: track, camera: {renderer: none}}"]
+    given = ["--workers", "1", "--scenario_text", "{map: track, camera: {renderer: none}}"]
     return _run([*command, *given] if "evaluate" in command else command, **options)
 
 subprocess.run = _run_briefly
@@ -64,9 +89,7 @@ def _stand_in(options, quiet=False):
 python_race.fly = _stand_in
 """
 EXPENSIVE = re.compile(r"\bevaluate\(")  # flies races in processes of their own
-# What is learned is learned by half of the drones; solutions do so for three iterations, and fly the
-# first two of a series.
-FEWER_DRONES = r"\bDRONES, SECONDS = 128\b", "DRONES, SECONDS = 64"
+# Solutions learn for three iterations, and fly the first two of a series.
 BRIEFLY = (
     (r"\biterations=\d+", "iterations=3"),
     (r"\bfor (\w+) in \(([^(),]+,[^(),]+),[^()]+\)", r"for \1 in (\2)"),
@@ -116,25 +139,55 @@ def test_every_exercise_has_a_hint_and_a_solution(path):
     assert not re.search(r"^\d+\. ", last, re.M)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_and_its_solutions_run(path, tmp_path, monkeypatch):
+@pytest.fixture
+def execute(tmp_path, monkeypatch):
+    """A function that runs a notebook, and raises with the cell and its traceback if one fails."""
     nbclient = pytest.importorskip("nbclient", reason="pip install '.[notebooks]'")
-    nbformat = pytest.importorskip("nbformat", reason="pip install '.[notebooks]'")
     pytest.importorskip("ipykernel", reason="pip install '.[notebooks]'")
     pytest.importorskip("pandas", reason="pip install '.[notebooks]'")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
+
+    def execute(notebook):
+        resources = {"metadata": {"path": str(tmp_path)}}
+        nbclient.NotebookClient(notebook, timeout=600, resources=resources).execute()
+        outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
+        assert any("image/png" in output.get("data", {}) for output in outputs)
+
+    return execute
+
+
+def lesson(path, races, replaced):
+    """Returns a notebook, with short races and some of its code replaced, and how to make cells."""
+    nbformat = pytest.importorskip("nbformat", reason="pip install '.[notebooks]'")
     notebook = nbformat.read(path, as_version=4)
-    new = nbformat.v4.new_code_cell
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    for old, new in replaced:
+        assert any(old in cell.source for cell in code), f"{path.name} has no {old}"
+        for cell in code:
+            cell.source = cell.source.replace(old, new)
+    note = NOTE.replace("FIELDS", repr(races.get(path.stem, {})))
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(note))
+    return notebook, nbformat.v4.new_code_cell
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs(path, execute):
+    notebook, _ = lesson(path, BRIEF_RACES, BRIEF_CODE.get(path.stem, ()))
+    if path.stem in ONLY_WHOLE:
+        last = [cell for cell in notebook.cells if cell.cell_type == "code"][-1]
+        assert last.source.startswith("assert ")
+        notebook.cells.remove(last)
+    execute(notebook)
+
+
+@pytest.mark.repeats
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_and_its_solutions_run(path, execute):
+    learns = path.stem == "10_a_pilot_that_learns"
+    notebook, cell = lesson(path, RACES, [FEWER_DRONES] if learns else ())
     solutions = [code for exercise in exercises(path) for code in exercise.code]
-    for cell in notebook.cells:
-        cell.source = re.sub(*FEWER_DRONES, cell.source)
-    notebook.cells.insert(0, new(NOTE.replace("PICTURES", PICTURES.get(path.stem, "options"))))
-    notebook.cells.append(new(STAND_IN))
-    notebook.cells += [new(briefly(code)) for code in solutions if not EXPENSIVE.search(code)]
-    resources = {"metadata": {"path": str(tmp_path)}}
-    # Raises with the cell and its traceback if one fails.
-    nbclient.NotebookClient(notebook, timeout=600, resources=resources).execute()
-    outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
-    assert any("image/png" in output.get("data", {}) for output in outputs)
+    notebook.cells.append(cell(STAND_IN))
+    notebook.cells += [cell(briefly(code)) for code in solutions if not EXPENSIVE.search(code)]
+    execute(notebook)

@@ -131,13 +131,14 @@ def assert_one_sentence(err):
 # Finding an interpreter.
 
 
-def test_skips_shims_and_unsuitable_versions(sandbox):
-    write_executable(sandbox.folder / "shims/python3.12", f"#!{BASH}\nexit 127\n")
-    write_executable(sandbox.folder / "shims/python3", f"#!{BASH}\nexit 127\n")
+def test_skips_shims_and_unsuitable_versions_and_finds_one_of_pyenv(sandbox):
+    for name in ("python3.12", "python3"):
+        write_executable(sandbox.folder / "shims" / name, f"#!{BASH}\nexit 127\n")
     sandbox.add_python("old/python3", (3, 11))
     sandbox.add_python("too new/python3", (3, 15))
-    good = sandbox.add_python("good/python3", (3, 13))
-    sandbox.add_to_path("shims", "old", "too new", "good")
+    sandbox.add_python("pyenv/versions/3.11.7/bin/python", (3, 11))
+    good = sandbox.add_python("pyenv/versions/3.13.0/bin/python", (3, 13))
+    sandbox.add_to_path("shims", "old", "too new")
     found = sandbox.find_python()
     assert (found.returncode, found.out, found.err) == (0, f"{good}\n", "")
 
@@ -145,21 +146,14 @@ def test_skips_shims_and_unsuitable_versions(sandbox):
 def test_no_python(sandbox):
     sandbox.add_python("old/python3", (3, 11))
     sandbox.add_to_path("old")
-    for result in [sandbox.find_python(), sandbox.race()]:
-        assert (result.returncode, result.out) == (2, "")
-        assert_one_sentence(result.err)
-        assert "python3-venv" in result.err and "uv" in result.err
+    result = sandbox.race()
+    assert (result.returncode, result.out) == (2, "")
+    assert_one_sentence(result.err)
+    assert "python3-venv" in result.err and "uv" in result.err
     assert not (sandbox.checkout / ".venv").exists()
 
 
-def test_finds_pyenv_version(sandbox):
-    sandbox.add_python("pyenv/versions/3.11.7/bin/python", (3, 11))
-    good = sandbox.add_python("pyenv/versions/3.13.0/bin/python", (3, 13))
-    assert sandbox.find_python().out == f"{good}\n"
-
-
-@pytest.mark.parametrize("installed", [True, False])
-def test_finds_or_installs_with_uv(sandbox, installed):
+def test_asks_uv_to_install_one(sandbox):
     good = sandbox.add_python("uv's/python3.12")
     installs = sandbox.folder / "installs"
     write_executable(
@@ -168,14 +162,13 @@ def test_finds_or_installs_with_uv(sandbox, installed):
             #!{BASH}
             case "$*" in
               "python install "*) echo yes >"{installs}" ;;
-              "python find "*) {str(installed).lower()} || [ -e "{installs}" ] && echo "{good}" ;;
+              "python find "*) [ -e "{installs}" ] && echo "{good}" ;;
             esac
         """),
     )
     sandbox.add_to_path("bin")
-    found = sandbox.find_python()
-    assert (found.returncode, found.out) == (0, f"{good}\n")
-    assert installs.exists() == (not installed)
+    for _ in range(2):  # the second time it is found
+        assert sandbox.find_python().out == f"{good}\n"
 
 
 def test_airrace_python_goes_first_and_must_work(sandbox):
@@ -183,7 +176,6 @@ def test_airrace_python_goes_first_and_must_work(sandbox):
     sandbox.add_to_path("good")
     sandbox.env["AIRRACE_PYTHON"] = str(sandbox.add_python("mine/python", (3, 13)))
     assert sandbox.find_python().out == sandbox.env["AIRRACE_PYTHON"] + "\n"
-
     sandbox.env["AIRRACE_PYTHON"] = "/nowhere/python"
     result = sandbox.find_python()
     assert (result.returncode, result.out) == (2, "")
@@ -216,16 +208,17 @@ def test_first_run_sets_up_and_the_next_does_not(sandbox):
     (pip,) = [line for line in sandbox.log.read_text().splitlines() if line.startswith("pip")]
     assert "--require-hashes" in pip and f"--requirement {sandbox.lock}" in pip
     assert sandbox.steps() == ["venv", "pip"]
+    # The checkout is on the interpreter's path, and may move.
+    (site_packages,) = (sandbox.checkout / ".venv/lib").glob("python*/site-packages")
+    line = (site_packages / "airrace.pth").read_text().strip()
+    assert (site_packages / line).resolve() == sandbox.checkout
+    sandbox.checkout = sandbox.checkout.rename(sandbox.folder / "moved")
+    link = sandbox.folder / "link"
+    link.symlink_to(sandbox.checkout / "run.bash")
 
-    second = sandbox.race("--track", "my track.yaml", cwd=elsewhere)
+    second = sandbox.run(link, "--track", "my track.yaml", cwd=elsewhere)
     assert (second.returncode, second.out, second.err) == (0, expected, "")
     assert sandbox.steps() == []
-
-
-def test_package_is_on_the_path(ready):
-    (site_packages,) = (ready.checkout / ".venv/lib").glob("python*/site-packages")
-    line = (site_packages / "airrace.pth").read_text().strip()
-    assert (site_packages / line).resolve() == ready.checkout
 
 
 def test_a_copy_that_hides_the_checkout_is_refused(ready):
@@ -238,25 +231,10 @@ def test_a_copy_that_hides_the_checkout_is_refused(ready):
     assert ready.steps() == []
 
 
-def test_works_through_a_link_and_after_a_move(ready):
-    ready.checkout = ready.checkout.rename(ready.folder / "moved")
-    link = ready.folder / "link"
-    link.symlink_to(ready.checkout / "run.bash")
-    assert ready.run(link, "-h").out == f"{ready.folder}: -m airrace race -h\n"
-    assert ready.steps() == []
-
-
 def test_changed_lock_is_installed(ready):
     ready.lock.write_text("drake==1.59.0 --hash=sha256:0\n")
     assert "has changed" in ready.race().err
     assert ready.steps() == ["pip"]
-    assert ready.race().err == ""
-
-
-def test_vanished_interpreter_is_replaced(ready):
-    (ready.checkout / ".venv/bin/python").unlink()
-    assert ready.race().returncode == 0
-    assert ready.steps() == ["venv", "pip"]
 
 
 @pytest.mark.parametrize("change_lock", [True, False])
@@ -294,18 +272,14 @@ def test_two_at_once_set_up_once(sandbox):
 
 
 @pytest.mark.parametrize(
-    "options, expected",
-    [
-        ([], "-n 3 --dist worksteal"),
-        (["-k", "a or b"], "-n 3 --dist worksteal -k a or b"),
-        (["-n", "4"], "-n 4"),
-        (["-n0", "-x"], "-n0 -x"),
-        (["--pdb"], "--pdb"),
-    ],
+    "options", [["--all", "-k", "a or b"], ["-n", "4"], ["-n0", "-x"], ["--pdb"]]
 )
-def test_test_bash_runs_pytest_in_the_checkout(ready, options, expected):
+def test_test_bash_runs_pytest_in_the_checkout(ready, options):
+    """In several processes, unless it is told in how many."""
     result = ready.run(ready.checkout / "test.bash", *options)
-    assert (result.returncode, result.out) == (0, f"{ready.checkout}: -m pytest {expected}\n")
+    default = "-n 3 " if "-k" in options else ""
+    expected = f"{ready.checkout}: -m pytest {default}{' '.join(options)}\n"
+    assert (result.returncode, result.out) == (0, expected)
 
 
 def test_race_needs_its_system_packages(ready):
@@ -318,6 +292,7 @@ def test_race_needs_its_system_packages(ready):
 
 @pytest.mark.parametrize("user, apt_get_works", [(0, True), (0, False), (1000, True)])
 def test_test_bash_installs_system_packages_for_root(ready, user, apt_get_works):
+    """And whatever comes of it, the tests are run."""
     Path(f"{ready.log}.lacks").write_text("libegl1 libgl1-mesa-dri")
     write_executable(ready.folder / "bin/id", f"#!{BASH}\necho {user}\n")
     write_executable(
@@ -327,29 +302,18 @@ def test_test_bash_installs_system_packages_for_root(ready, user, apt_get_works)
     )
     ready.path.insert(0, ready.folder / "bin")
     result = ready.run(ready.checkout / "test.bash")
-    # Whatever comes of it, the tests are run.
     assert (result.returncode, result.out.count("-m pytest")) == (0, 1)
     log = ready.log.read_text() if ready.log.exists() else ""
     assert ("libegl1 libgl1-mesa-dri\n" in log) == (user == 0 and apt_get_works)
     assert ("apt-get" in log) == (user == 0)
     assert ("noise" in result.err) == (not apt_get_works)
-    if user != 0:
-        assert_one_sentence(result.err)
 
 
-def test_ci_runs_test_bash_and_nothing_else(tmp_path):
-    (tmp_path / ".ci").mkdir()
-    shutil.copy(ROOT / ".ci/run", tmp_path / ".ci/run")
-    write_executable(tmp_path / "test.bash", f'#!{BASH}\necho "$PWD: $0 $*"; exit 7\n')
-    result = subprocess.run(
-        [tmp_path / ".ci/run"], check=False, cwd="/", capture_output=True, text=True
-    )
-    assert (result.returncode, result.stdout) == (7, f"{tmp_path}: ./test.bash \n")
-
-
-@pytest.mark.parametrize("name", ["run.bash", "test.bash", ".ci/run", "tools/lock.bash"])
-def test_scripts_are_executable(name):
-    assert os.access(ROOT / name, os.X_OK)
+def test_ci_runs_test_bash_and_nothing_else():
+    _, command = (ROOT / ".ci/run").read_text(encoding="utf-8").splitlines()
+    assert command == 'cd "$(dirname "$0")/.." && ./test.bash'
+    for name in ("run.bash", "test.bash", ".ci/run", "tools/lock.bash"):
+        assert os.access(ROOT / name, os.X_OK)
 
 
 # The locks.
@@ -369,24 +333,9 @@ def locked(lock):
 
 
 @locks
-def test_lock_holds_no_addresses(lock):
+def test_lock_pins_exactly_and_with_hashes_and_holds_no_addresses(lock):
     text = (ROOT / lock).read_text()
-    for word in [
-        "http",
-        "://",
-        "/opt",
-        "/root",
-        "/home",
-        "file:",
-        "--index",
-        "--find-links",
-        " @ ",
-    ]:
-        assert word not in text
-
-
-@locks
-def test_lock_pins_exactly_and_with_hashes(lock):
+    assert not [word for word in ("://", "file:", "--index", "--find-links", " @ ") if word in text]
     for requirement, hashes in locked(lock):
         assert [s.operator for s in requirement.specifier] == ["=="], requirement
         assert hashes and all(h.startswith("sha256:") for h in hashes), requirement

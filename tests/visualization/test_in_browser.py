@@ -14,6 +14,7 @@ import pytest
 
 from airrace.commands.app import main as airrace
 from tests.visualization.browser import CHROMIUM, Browser
+from tests.worlds.cases import first
 from tests.worlds.made_up_run import FIRST, LAP, estimator_sigmas, make_run
 from tests.worlds.pictures import count_colours
 
@@ -337,7 +338,7 @@ def test_what_a_client_knows_of_the_track_is_not_told(browser, folder):
     assert said == ["gates known2 of 3height1.5 m", "height1.5 m", "height1.5 m"]
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_every_camera_and_every_size(browser, folder, tmp_path):
     """Nothing is covered, nothing leaves the window, and a frame is not too much to draw."""
     open_replay(browser, folder / "race.html")
@@ -391,7 +392,7 @@ def test_a_film_is_one(browser, folder):
     assert browser.errors == []
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_a_long_race_fits_into_the_memory(browser, folder):
     """1000 s with everything that a race tells, and five pictures a second."""
     open_replay(browser, folder / "race.html")
@@ -420,7 +421,7 @@ def test_a_long_race_fits_into_the_memory(browser, folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", first([2, 1]))
 def test_replay(browser, count, tmp_path):
     folders = [tmp_path / f"run{k}" for k in range(count)]
     for k, folder in enumerate(folders):

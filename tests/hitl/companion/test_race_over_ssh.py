@@ -127,14 +127,18 @@ def check_lockstep(board, track, folder, time_limit):
 
 
 @pytest.mark.slow
-def test_the_start_of_a_race_in_lockstep_and_one_that_is_interrupted(board, hexagon, tmp_path):
+def test_the_start_of_a_race_in_lockstep(board, hexagon, tmp_path):
     """However busy the machine is.
 
     That what was not compiled before is compiled first, in both halves of the autonomy, is tested
     in tests/diagrams/test_warm_up.py.
     """
-    assert not check_lockstep(board, hexagon, tmp_path, time_limit=5.0)["finished"]
+    assert not check_lockstep(board, hexagon, tmp_path, time_limit=2.5)["finished"]
+    assert not programs(board, "airrace")
 
+
+@pytest.mark.repeats
+def test_a_race_in_lockstep_that_is_interrupted(board, tmp_path):
     def interrupt(line, program):
         if "TAKE_OFF" in line:
             program.terminate()

@@ -25,7 +25,7 @@ def download_command():
     return shlex.split(line.partition(" -m pip download ")[2])
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_every_locked_package_has_a_wheel_for_the_board(tmp_path):
     words = download_command()
     python = words[words.index("--python-version") + 1]

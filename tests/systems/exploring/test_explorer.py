@@ -16,6 +16,7 @@ from airrace.track import Gate, Start, Track, load_track
 from airrace.track.gate_map import GateMap
 from airrace.track.generator import generate_track
 from airrace.trajopt.reference import NO_LIFT, as_reference
+from tests.worlds.cases import first
 from tests.worlds.exploration import ExplorationWorld, clear_of_pylons, explore, make_explorer
 
 REFERENCE = load_track("student-airrace")
@@ -56,7 +57,7 @@ def test_finds_all_gates_of_the_reference_track_in_order(reference_run):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step_length", [2.0, 5.0, 10.0, 25.0])
+@pytest.mark.parametrize("step_length", first([5.0, 2.0, 10.0, 25.0]))
 def test_steps_of_any_length_find_all_gates_of_the_reference_track(step_length):
     explorer = make_explorer(REFERENCE, Scenario(explorer=ExplorerConfig(step_length=step_length)))
     flown = explore(explorer, ExplorationWorld(REFERENCE), REFERENCE, 300.0)
@@ -97,7 +98,7 @@ def check_hovers_before_steps(events):
         assert state == "HOVER" and waited > ORIGINAL.hover_time - 2.0 / RATE
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_from_pixels_it_can_explore_as_the_original_did(tmp_path):
     scenario = Scenario(explorer=ORIGINAL, laps=1, trajectory="4")
     scenario.recording.content = "none"
@@ -144,8 +145,8 @@ def test_ends_hovering_over_the_start(reference_run):
 
 @pytest.mark.slow
 def test_the_same_seed_flies_the_same(reference_run):
-    again = run(REFERENCE)
-    np.testing.assert_array_equal(again.path, reference_run.path)
+    again = run(REFERENCE, seconds=20.0)
+    np.testing.assert_array_equal(again.path, reference_run.path[:400])
     assert not np.array_equal(run(REFERENCE, seconds=10.0, seed=1).path, again.path[:200])
 
 
@@ -159,7 +160,7 @@ def test_does_not_stop_between_gates_in_sight():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", first(range(10)))
 def test_explores_tracks_that_it_has_never_seen(seed):
     track = generate_track(seed)
     check_explored(run(track, seed=seed), track)
@@ -180,7 +181,7 @@ def test_turns_to_gate_1_before_it_flies(off):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("off", [90.0, 180.0, -100.0])
+@pytest.mark.parametrize("off", first([90.0, 180.0, -100.0]))
 def test_a_start_that_sees_no_gate_turns_before_it_steps(off):
     track = turned_start(off)
     flown = run(track)
@@ -190,7 +191,7 @@ def test_a_start_that_sees_no_gate_turns_before_it_steps(off):
     assert not {"STEP_FORWARD", "STEP_AROUND"} & set(entered[: entered.index("FLY_TO_GATE")])
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_other_gates_that_it_sees_while_turning_are_not_flown():
     """Looking at gates 9 and 10 from the front first."""
     track = turned_start(-120.0)
@@ -258,7 +259,7 @@ def test_gate_1_seen_across_the_track_does_not_close_the_loop():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turned", [90.0, 200.0])
+@pytest.mark.parametrize("turned", first([90.0, 200.0]))
 def test_any_heading_of_the_track(turned):
     c, s = np.cos(np.deg2rad(turned)), np.sin(np.deg2rad(turned))
     gates = [
@@ -287,7 +288,7 @@ def polygon(n, leg=20.0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n", [6, 7, 8])
+@pytest.mark.parametrize("n", first([6, 7, 8]))
 def test_returns_home_clear_of_pylons(n):
     """Gate 1 shows up before the last gates are flown, and they are in the way."""
     track = polygon(n)
@@ -296,7 +297,7 @@ def test_returns_home_clear_of_pylons(n):
     np.testing.assert_allclose(flown.path[-1], [0, 0, 5.1], atol=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_a_ring_that_breaks_the_rule():
     """Six gates on a circle, 60 degrees apart."""
     gates = []

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from airrace.systems.perception.corner_refit import refit
 from tests.systems.perception.marker_pictures import picture, pose, project
+from tests.worlds.cases import first
 
 angles = st.floats(-0.78, 0.78)
 poses = st.builds(
@@ -55,7 +56,7 @@ def test_close_in_blurred_and_noisy_pictures(X_CM, id, blur, noise):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("distance", [12.0, 22.0, 30.0])
+@pytest.mark.parametrize("distance", first([22.0, 12.0, 30.0]))
 @pytest.mark.parametrize("blur", [0.0, 0.8])
 def test_unbiased_and_as_sure_as_it_says(distance, blur):
     rng = np.random.default_rng(4)

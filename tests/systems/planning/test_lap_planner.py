@@ -30,6 +30,7 @@ from airrace.trajopt.min_snap.transition import (
 )
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import load_vehicle
+from tests.worlds import cases
 
 VEHICLE, _ = load_vehicle("Default")
 CLEARANCE = clearance_of(VEHICLE.radius)
@@ -166,7 +167,7 @@ def test_plans_come_into_force_exactly_one_latency_later(latency, rate):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dimensions", [3, 4, 6])
+@pytest.mark.parametrize("dimensions", cases.first([4, 3, 6]))
 def test_a_plan_a_lap_from_the_map_as_it_then_stands(dimensions):
     bench = Bench(dimensions)
     lap = bench.plan_at(1.0).circuit.duration

@@ -1,0 +1,148 @@
+"""Tests mirror airrace/: airrace/track/rules.py is tested by tests/track/test_rules.py.
+
+The modules below are tested by a file of another name; what that does beyond their own is tested
+there, too. `.venv/bin/python -m tests.test_mirror` prints the table as it should be.
+
+analysis/derived.py                       analysis/test_run.py
+analysis/figure_style.py                  analysis/test_report.py
+analysis/figures_estimator.py             analysis/test_report.py
+analysis/figures_explorer.py              analysis/test_report.py
+analysis/figures_laps.py                  analysis/test_report.py
+analysis/figures_signals.py               analysis/test_report.py
+analysis/figures_track.py                 analysis/test_report.py
+analysis/page_templates.py                analysis/test_report.py
+analysis/signals.py                       analysis/test_run.py
+commands/computer_checks.py               commands/test_doctor.py
+commands/hitl.py                          diagrams/test_hitl.py
+commands/options.py                       commands/test_race.py
+commands/race_process.py                  commands/test_evaluate.py
+commands/report.py                        analysis/test_report.py
+commands/tables.py                        analysis/test_run.py
+common/errors.py                          commands/test_app.py
+common/immutable.py                       rendering/imaging/test_lens.py
+common/words.py                           evaluation/test_tables.py
+diagrams/flight_controller.py             diagrams/test_simulated_link.py
+diagrams/grand_prix.py                    diagrams/test_client_transport.py
+diagrams/hitl_race.py                     diagrams/test_hitl.py
+diagrams/in_process.py                    diagrams/test_race.py
+diagrams/lockstep_autonomy.py             diagrams/test_hitl.py
+diagrams/made_up_messages.py              diagrams/test_warm_up.py
+diagrams/navigator.py                     diagrams/test_pilot.py
+diagrams/navigator_process.py             diagrams/test_hitl.py
+diagrams/playback.py                      diagrams/test_warm_up.py
+envs/batch/courses.py                     envs/batch/test_contact.py
+envs/batch/fleet.py                       envs/batch/test_dynamics.py
+envs/batch/flight.py                      envs/batch/test_vector_env.py
+envs/batch/lanes.py                       envs/batch/test_dynamics.py
+envs/env_diagram.py                       envs/test_race_env.py
+envs/options.py                           envs/test_race_env.py
+envs/registration.py                      envs/test_race_env.py
+envs/spectator.py                         envs/test_race_env.py
+envs/start.py                             envs/test_race_env.py
+evaluation/jobs.py                        evaluation/test_worker.py
+evaluation/lifeline.py                    evaluation/test_worker.py
+evaluation/progress.py                    commands/test_evaluate.py
+hitl/channels.py                          hitl/test_imu_channel.py
+hitl/companion/ssh.py                     hitl/companion/test_ssh_errors.py
+hitl/lcm_bridge.py                        hitl/test_imu_channel.py
+hitl/lcm_receiver.py                      hitl/test_lcm_sender.py
+hitl/link/codec.py                        hitl/link/test_image_messages.py
+hitl/link/packets.py                      hitl/link/test_endpoint.py
+hitl/link/phases.py                       diagrams/test_autonomy_process.py
+hitl/link/plan_messages.py                hitl/test_imu_channel.py
+hitl/link/probe.py                        hitl/link/test_doctor.py
+hitl/link/simulated_bus.py                hitl/link/test_lockstep.py
+hitl/remote_autonomy.py                   diagrams/test_hitl.py
+hitl/transport.py                         hitl/link/test_lockstep.py
+league/check.py                           league/test_flight.py
+league/display.py                         commands/test_league.py
+league/duels.py                           commands/test_league.py
+league/result.py                          league/test_proof.py
+league/sandbox.py                         league/test_flight.py
+league/season_files.py                    league/test_proof.py
+league/season_run.py                      commands/test_league.py
+league/verify.py                          commands/test_league.py
+league/worker.py                          league/test_flight.py
+rendering/images.py                       rendering/planar/test_polygons.py
+rendering/planar/background.py            rendering/vtk/test_atmosphere.py
+rendering/planar/projection.py            rendering/planar/test_polygons.py
+rendering/planar/pylons.py                rendering/planar/test_planar_scene.py
+rendering/planar/renderer.py              rendering/planar/test_planar_scene.py
+rendering/scene/meshes.py                 rendering/scene/test_scenery.py
+rendering/scene/pylon_shape.py            rendering/scene/test_shadows.py
+scenario/checks.py                        scenario/test_scenario.py
+scenario/mavlink_config.py                scenario/test_scenario.py
+systems/control/attitude_controller.py    systems/control/test_flight_cascade.py
+systems/control/pilot_switch.py           systems/control/test_learned_pilot.py
+systems/control/rotor_commands.py         systems/control/test_geometric_controller.py
+systems/control/velocity_controller.py    systems/control/test_flight_cascade.py
+systems/estimation/of_scenario.py         diagrams/test_vio_race.py
+systems/estimation/slam_filter.py         systems/estimation/test_gate_slam.py
+systems/estimation/slam_map.py            systems/estimation/test_gate_slam.py
+systems/exploring/explorer_memory.py      systems/exploring/test_search.py
+systems/perception/detector_config.py     systems/perception/test_aruco_detector.py
+systems/perception/edge_profile.py        systems/perception/test_corner_refit.py
+systems/perception/edges.py               systems/perception/test_corner_refit.py
+systems/perception/marker_measurement.py  systems/perception/test_aruco_detector.py
+systems/perception/marker_modules.py      systems/perception/test_detection_checks.py
+systems/perception/marker_search.py       systems/perception/test_aruco_detector.py
+systems/perception/pose_refinement.py     systems/perception/test_marker_pose.py
+systems/planning/lap_plan.py              systems/planning/test_lap_planner.py
+systems/planning/laps.py                  systems/planning/test_lap_planning.py
+systems/planning/min_snap_laps.py         systems/planning/test_lap_planning.py
+systems/planning/time_optimal_laps.py     systems/planning/test_lap_planning.py
+systems/sensing/imu_samples.py            systems/sensing/test_imu.py
+systems/sensing/pose_history.py           systems/sensing/test_state_estimate.py
+systems/types.py                          systems/test_referee.py
+track/gate_map.py                         track/test_map_files.py
+track/gate_opening.py                     systems/control/test_gates_observation.py
+track/hall.py                             track/test_square_generator.py
+track/square_plot.py                      track/test_plot.py
+trajopt/errors.py                         trajopt/test_gate_regions.py
+trajopt/flight_limits.py                  trajopt/test_round_trip.py
+trajopt/hermite.py                        trajopt/min_snap/test_min_snap.py
+trajopt/reference.py                      trajopt/test_round_trip.py
+trajopt/time_optimal/dynamics.py          trajopt/time_optimal/test_lap_step.py
+trajopt/time_optimal/dynamics_limits.py   trajopt/time_optimal/test_optimal_lap.py
+trajopt/time_optimal/lap_samples.py       trajopt/time_optimal/test_lap_step.py
+trajopt/time_optimal/lap_search.py        trajopt/time_optimal/test_optimal_lap.py
+trajopt/time_optimal/optimal_circuit.py   trajopt/time_optimal/test_optimal_lap.py
+trajopt/time_optimal/path_terms.py        trajopt/time_optimal/test_optimal_lap.py
+trajopt/time_optimal/visibility.py        trajopt/time_optimal/test_lap_step.py
+vehicle/imu_errors.py                     systems/sensing/test_imu.py
+vehicle/rotors.py                         systems/plant/test_rotor_bank.py
+vehicle/state.py                          mavlink/test_frames.py
+visualization/ghosts.py                   commands/test_replay.py
+"""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def elsewhere() -> dict[str, str]:
+    """Returns the table above: modules to their tests."""
+    return dict(re.findall(r"^(\S+\.py) +(\S+\.py)$", __doc__, re.M))
+
+
+def without_a_mirror() -> list[str]:
+    """Returns the modules that no test has the name of."""
+    modules = (path.relative_to(ROOT / "airrace") for path in (ROOT / "airrace").rglob("*.py"))
+    return sorted(
+        str(module)
+        for module in modules
+        if not module.stem.startswith("__")
+        and module.parts[0] != "lcmtypes"  # written by lcm-gen
+        and not (ROOT / "tests" / module.with_name(f"test_{module.name}")).exists()
+    )
+
+
+def test_every_module_is_tested():
+    assert list(elsewhere()) == without_a_mirror()
+    assert not [test for test in elsewhere().values() if not (ROOT / "tests" / test).is_file()]
+
+
+if __name__ == "__main__":
+    for module in without_a_mirror():
+        print(f"{module:40s}  {elsewhere().get(module, '?')}")

@@ -1,0 +1,22 @@
+"""Cases of a test that is run with several."""
+
+from collections.abc import Iterable
+
+import pytest
+
+
+def first(cases: Iterable, count: int = 1) -> list:
+    """Returns cases for pytest.mark.parametrize, all but the first only for --all.
+
+    Args:
+        cases: values, or tuples of values if a test has several parameters.
+        count: how many are run in any case.
+    """
+    return [
+        case if i < count else pytest.param(*_values(case), marks=pytest.mark.repeats)
+        for i, case in enumerate(cases)
+    ]
+
+
+def _values(case) -> tuple:
+    return case if isinstance(case, tuple) else (case,)

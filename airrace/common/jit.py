@@ -7,7 +7,7 @@ compiled ones, and stay Python otherwise: with numbers or arrays alike; those ma
 ``@inlined`` too, and they are for innermost loops. What has parts is a NamedTuple of numbers
 and arrays. To hand one over from Python takes Numba longer than a controller computes; so
 loops of hundreds of hertz hand over a plain tuple or a vector, of which the compiled function
-makes the NamedTuple again.
+makes the NamedTuple again (packing.py).
 """
 
 import contextlib

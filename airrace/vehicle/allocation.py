@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from airrace.common.jit import compiled
+from airrace.math.small_matrices import apply
 
 # Of a deviation in [f, Mx, My, Mz], each as a share of what the rotors can do,
 # and of a rotor's thrust as a share of its limit.
@@ -69,14 +70,8 @@ def by_inverse(
 
     Args: inverse: of an Allocator, (n, 4). wrench: see there. limits: (n,) in N.
     """
-    n, m = inverse.shape
-    thrusts, possible = np.zeros(n), True
-    for i in range(n):
-        for j in range(m):
-            thrusts[i] += inverse[i, j] * wrench[j]
-        if not 0.0 <= thrusts[i] <= limits[i]:
-            possible = False
-    return thrusts, possible
+    thrusts = apply(inverse, wrench)
+    return thrusts, bool(np.all((thrusts >= 0.0) & (thrusts <= limits)))
 
 
 def _least_squares_in_unit_box(A: np.ndarray, b: np.ndarray, x: np.ndarray) -> np.ndarray:

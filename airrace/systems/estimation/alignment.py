@@ -148,11 +148,11 @@ def aligned(rest: Rest, heading: float, noise: ImuNoise) -> tuple:
     P += np.diag(
         drone_error_vector(
             DroneError(
-                _HEADING_SIGMA**2,
-                _POSITION_SIGMAS**2,
-                _VELOCITY_SIGMA**2,
-                noise.gyro**2 / duration + 1e-10,
-                1e-8,
+                theta=_HEADING_SIGMA**2,
+                position=_POSITION_SIGMAS**2,
+                velocity=_VELOCITY_SIGMA**2,
+                gyro_bias=noise.gyro**2 / duration + 1e-10,
+                accel_bias=1e-8,
             )
         )
     )

@@ -22,9 +22,9 @@ from airrace.systems.sensing.imu_samples import as_sample
 
 
 class DroneError(NamedTuple):
-    """The error of the drone, in the order of the covariance's rows.
+    """The error of the drone, in the order of the covariance's rows; or what belongs to each.
 
-    Attributes:
+    Attributes: a number stands for three equal ones.
         theta: of the attitude, a rotation vector in axes of the body (rad), (3,).
         position: dp (m), (3,).
         velocity: dv (m/s), (3,).
@@ -126,7 +126,13 @@ def propagate(
     moved = vector.copy()
     P, total = covariance[:DRONE, :DRONE].copy(), np.eye(DRONE)
     densities = drone_error_vector(
-        DroneError(noise.gyro**2, 0.0, noise.accel**2, noise.gyro_walk**2, noise.accel_walk**2)
+        DroneError(
+            theta=noise.gyro**2,
+            position=0.0,
+            velocity=noise.accel**2,
+            gyro_bias=noise.gyro_walk**2,
+            accel_bias=noise.accel_walk**2,
+        )
     )
     for k in range(first_after(history, moved[0]), -2, -1):  # and the newest once more
         sample = history[max(k, 0)]

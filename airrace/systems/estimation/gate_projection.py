@@ -1,6 +1,6 @@
 """Gates as landmarks: where the corners of their markers should appear in a picture.
 
-The state of a gate is x, y, z, heading and spacing, (5,), as in mapping/gate_filter.py.
+The state of a gate is the vector of a GateState, (5,), see mapping/gate_filter.py.
 """
 
 import math
@@ -13,11 +13,10 @@ from airrace.math.quaternion import rotation_matrix
 from airrace.math.small_matrices import product, skew
 from airrace.math.vec3 import rotate
 from airrace.systems.estimation.navigation import Navigation
-from airrace.systems.mapping.gate_filter import board_position, facing
+from airrace.systems.mapping.gate_filter import AT_GATE, GATE, as_gate, board_position, facing
 from airrace.systems.perception.pose_refinement import project
 from airrace.track import MARKER_SIZE
 
-GATE = 5  # numbers of a gate's state
 POSE = 6  # errors that a picture depends on: theta and dp
 _LEAST_DEPTH = 0.1  # m, of a corner that a camera can show
 
@@ -49,18 +48,19 @@ def corner_positions(gate: np.ndarray, id: int) -> tuple[np.ndarray, np.ndarray]
         (4, 3, 5).
     """
     p_WM, by_gate = board_position(gate, id)
-    c, s = math.cos(gate[3]), math.sin(gate[3])
+    heading = as_gate(gate).heading
+    c, s = math.cos(heading), math.sin(heading)
     # To the right of who looks at the face: of a back face, he looks against the heading.
     right = -facing(id) * 0.5 * MARKER_SIZE
-    corners, derivatives = np.empty((4, 3)), np.empty((4, 3, 5))
+    corners, derivatives = np.empty((4, 3)), np.empty((4, 3, GATE))
     for k in range(4):
         along = right if k == 1 or k == 2 else -right
         up = 0.5 * MARKER_SIZE if k < 2 else -0.5 * MARKER_SIZE
         corners[k, 0], corners[k, 1] = p_WM[0] + along * s, p_WM[1] - along * c
         corners[k, 2] = p_WM[2] + up
         derivatives[k] = by_gate
-        derivatives[k, 0, 3] += along * c
-        derivatives[k, 1, 3] += along * s
+        derivatives[k, 0, AT_GATE.heading] += along * c
+        derivatives[k, 1, AT_GATE.heading] += along * s
     return corners, derivatives
 
 

@@ -19,6 +19,7 @@ from airrace.math.small_matrices import (
     solve_lower_each,
     solve_upper,
 )
+from airrace.math.vec3 import cross
 from airrace.systems.estimation.error_state import (
     AT,
     DRONE,
@@ -29,11 +30,13 @@ from airrace.systems.estimation.error_state import (
 from airrace.systems.estimation.gate_projection import GATE, POSE, Camera, predicted_corners
 from airrace.systems.estimation.navigation import Navigation, as_navigation, navigation_vector
 from airrace.systems.estimation.world_heading import (
+    E_Z,
     carried_covariance,
     carried_over,
     heading_gradient,
     turn_of_the_world,
 )
+from airrace.systems.mapping.gate_filter import AT_GATE, as_gate
 
 # Errors that pictures share, and that their noise does not show: px, of a coordinate of a corner up
 # to this depth (m); beyond, it grows. Without noise, and from the true pose, detected corners are
@@ -89,7 +92,7 @@ class Innovation(NamedTuple):
 def _corrected_gates(gates, error):
     """Returns the gates that nominal ones are, if those have an error, (15 + 5 k,)."""
     result = gates + error[DRONE:].reshape(gates.shape)
-    result[:, 3] = wrap_angle(result[:, 3])
+    result[:, AT_GATE.heading] = wrap_angle(result[:, AT_GATE.heading])
     return result
 
 
@@ -188,11 +191,11 @@ def _unchanged(belief):
 @compiled
 def with_spacing(belief: Belief, gate: int, spacing: float, sigma: float) -> Belief:
     """Returns the belief that the spacing of a gate (by index) is a value with a sigma (m)."""
-    index = DRONE + GATE * gate + 4
+    index = DRONE + GATE * gate + AT_GATE.spacing
     P, before = belief.covariance, as_navigation(belief.navigation)
     scale = 1.0 / (P[index, index] + sigma * sigma)
     column = P[:, index].copy()
-    error = column * (scale * (spacing - belief.gates[gate, 4]))
+    error = column * (scale * (spacing - as_gate(belief.gates[gate]).spacing))
     state, gates = corrected(before, error), _corrected_gates(belief.gates, error)
     change = turn_of_the_world(state, gates) - turn_of_the_world(before, belief.gates)
     after = mirrored(P - np.outer(scale * column, column))
@@ -210,12 +213,13 @@ def relative_covariance(belief: Belief, gate: int) -> np.ndarray:
         dp_G - dp_I - e_z x (p_G - p_I) w^T theta,   dpsi_G - w^T theta.
     """
     state = as_navigation(belief.navigation)
-    w, offset = heading_gradient(state), belief.gates[gate, :3] - state.position
+    w, offset = heading_gradient(state), as_gate(belief.gates[gate]).p_WG - state.position
     columns = _columns(gate)
     J = np.zeros((GATE, ACTIVE))
     J[:, POSE:] = np.eye(GATE)
-    J[:3, AT.position] = -np.eye(3)
-    J[0, AT.theta], J[1, AT.theta], J[3, AT.theta] = offset[1] * w, -offset[0] * w, -w
+    J[AT_GATE.p_WG, AT.position] = -np.eye(3)
+    J[AT_GATE.p_WG, AT.theta] = -np.outer(cross(E_Z, offset), w)
+    J[AT_GATE.heading, AT.theta] = -w
     return propagated(J, belief.covariance[columns][:, columns])
 
 

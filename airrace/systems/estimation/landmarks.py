@@ -20,12 +20,19 @@ from airrace.systems.estimation.kalman_update import (
     updated,
 )
 from airrace.systems.estimation.navigation import as_navigation
-from airrace.systems.mapping.gate_filter import board_position, facing
+from airrace.systems.mapping.gate_filter import (
+    AT_GATE,
+    GateState,
+    as_gate,
+    board_position,
+    facing,
+    gate_vector,
+)
 from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.systems.types import Detection
 
 # Variances of any gate before it is seen, about where it seems to be: m^2, rad^2, m^2.
-_UNKNOWN = np.array((20.0, 20.0, 20.0, 1.0, 1.0)) ** 2
+_UNKNOWN = gate_vector(GateState(np.full(3, 20.0), 1.0, 1.0)) ** 2
 _FITS, _ITERATIONS = 3, 15
 _LEAST_ADVANTAGE = 9.0  # squared standard deviations by which the other heading must be worse
 _MOST_COST = 60.0  # of eight or sixteen coordinates of corners
@@ -76,8 +83,9 @@ class Candidate(NamedTuple):
 def agreeing(candidate: Candidate | None, time: float, state: np.ndarray) -> Candidate:
     """Returns the candidate after a sight at a time (s) that puts the gate in a state, (5,)."""
     if candidate is not None and time - candidate.time < _SOON:
-        shift = np.linalg.norm(state[:3] - candidate.state[:3])
-        if shift < _NEAR and abs(wrap_angle(state[3] - candidate.state[3])) < _TURN:
+        gate, before = as_gate(state), as_gate(candidate.state)
+        shift, turn = np.linalg.norm(gate.p_WG - before.p_WG), gate.heading - before.heading
+        if shift < _NEAR and abs(wrap_angle(turn)) < _TURN:
             return Candidate(candidate.sights + 1, time, state)
     return Candidate(1, time, state)
 
@@ -111,8 +119,8 @@ def _seeds(belief: Belief, marker: Detection, camera: Camera) -> list[np.ndarray
     seeds = []
     for outwards in (face, 2.0 * sight - face):
         heading = wrap_angle(outwards if facing(marker.id) > 0.0 else outwards + math.pi)
-        gate = np.array((0.0, 0.0, 0.0, heading, GATE_SPACING))
-        gate[:3] = p_WC + ray - board_position(gate, marker.id)[0]
+        gate = gate_vector(GateState(np.zeros(3), heading, GATE_SPACING))
+        gate[AT_GATE.p_WG] = p_WC + ray - board_position(gate, marker.id)[0]
         seeds.append(gate)
     return seeds
 
@@ -132,13 +140,12 @@ def _as_before(fitted: Belief, belief: Belief) -> np.ndarray:
 
     From there, the gate is where it is in the fit from the drone of the fit.
     """
-    gate = fitted.gates[-1].copy()
+    p_WG, heading, spacing = as_gate(fitted.gates[-1])
     turn = product(body_axes(belief), body_axes(fitted).T)
-    offset = gate[:3] - as_navigation(fitted.navigation).position
-    gate[:3] = as_navigation(belief.navigation).position + rotate(turn, offset)
-    normal = rotate(turn, np.array((math.cos(gate[3]), math.sin(gate[3]), 0.0)))
-    gate[3] = math.atan2(normal[1], normal[0])
-    return gate
+    offset = p_WG - as_navigation(fitted.navigation).position
+    p_WG = as_navigation(belief.navigation).position + rotate(turn, offset)
+    normal = rotate(turn, (math.cos(heading), math.sin(heading), 0.0))
+    return gate_vector(GateState(p_WG, math.atan2(normal[1], normal[0]), spacing))
 
 
 def _fitted(
@@ -172,9 +179,9 @@ def new_gate(belief: Belief, markers: list, camera: Camera) -> Belief | None:
     sight = make_sight(len(belief.gates), markers)
     fits = [_fitted(belief, seed, sight, camera) for seed in _seeds(belief, markers[0], camera)]
     (best, fit), (other, other_fit) = sorted(fits, key=lambda each: each[1].cost)
-    turn = abs(wrap_angle(other.gates[-1, 3] - best.gates[-1, 3]))
-    is_clear = turn <= _SAME_HEADING or other_fit.cost - fit.cost > _LEAST_ADVANTAGE
+    turn = wrap_angle(as_gate(other.gates[-1]).heading - as_gate(best.gates[-1]).heading)
+    is_clear = abs(turn) <= _SAME_HEADING or other_fit.cost - fit.cost > _LEAST_ADVANTAGE
     if not (fit.cost < _MOST_COST and is_clear):
         return None
-    heading_variance = relative_covariance(best, len(best.gates) - 1)[3, 3]
-    return best if heading_variance < _MOST_HEADING_SIGMA**2 else None
+    variances = as_gate(np.diag(relative_covariance(best, len(best.gates) - 1)))
+    return best if variances.heading < _MOST_HEADING_SIGMA**2 else None

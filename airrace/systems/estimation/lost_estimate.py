@@ -6,6 +6,7 @@ from airrace.common.jit import all_finite, compiled
 from airrace.systems.estimation.error_state import as_drone_error
 from airrace.systems.estimation.kalman_update import Belief, relative_covariance
 from airrace.systems.estimation.slam_state import SlamState
+from airrace.systems.mapping.gate_filter import as_gate
 
 # Standard deviations. A gate is 10 m wide: with more than the first, one flight through a gate in
 # three would be beside it. With more than the second, the drone cannot even come to rest.
@@ -65,5 +66,5 @@ def _worst_sigmas(belief):
     variances = as_drone_error(np.diag(P))
     position = np.max(variances.position) if len(belief.gates) == 0 else np.inf
     for gate in range(len(belief.gates)):
-        position = min(position, np.diag(relative_covariance(belief, gate))[:3].max())
+        position = min(position, np.max(as_gate(np.diag(relative_covariance(belief, gate))).p_WG))
     return np.sqrt(np.array((position, np.max(variances.velocity), np.max(variances.theta))))

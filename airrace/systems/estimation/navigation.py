@@ -38,7 +38,7 @@ class Navigation(NamedTuple):
 
 
 _PACKING = Packing(Navigation, quaternion=4, position=3, velocity=3, gyro_bias=3, accel_bias=3)
-as_navigation, navigation_vector, NAVIGATION_SIZE = (_PACKING.parts, _PACKING.vector, _PACKING.size)
+as_navigation, navigation_vector, NAVIGATION_SIZE = _PACKING.parts, _PACKING.vector, _PACKING.size
 
 
 @compilable

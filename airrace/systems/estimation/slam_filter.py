@@ -24,7 +24,15 @@ from airrace.systems.estimation.kalman_update import (
 from airrace.systems.estimation.landmarks import Candidate, Landmark
 from airrace.systems.estimation.navigation import Navigation, navigation_vector
 from airrace.systems.estimation.slam_state import SlamState
-from airrace.systems.mapping.gate_filter import RULES_SIGMA, GateFilter, has_spacing_of_rules
+from airrace.systems.mapping.gate_filter import (
+    AT_GATE,
+    RULES_SIGMA,
+    GateFilter,
+    GateState,
+    as_gate,
+    gate_vector,
+    has_spacing_of_rules,
+)
 from airrace.systems.mapping.observation import OFF_MAP, UNCONFIRMED, UNKNOWN_TIME, refusal
 from airrace.systems.perception.detection_checks import FOREIGN_ID
 from airrace.systems.perception.marker_pose import GATE_SPACING
@@ -41,7 +49,7 @@ _KNOWN_SIGMA = 0.3  # m, of a gate's position relative to the drone, before it i
 # A gate that was refused in so many pictures in a row has moved: variances added. Or it entered
 # wrongly, see _was_wrong().
 _MOST_REFUSED = 5
-_MOVED = np.array([1.0, 1.0, 0.01, 0.01, 0.0])  # m^2, rad^2
+_MOVED = gate_vector(GateState(np.array([1.0, 1.0, 0.01]), 0.01, 0.0))  # m^2, rad^2
 # Markers are used from so many times the range of a mapper that is told its pose: who sees the next
 # gate while the last one is still in view carries his heading from gate to gate.
 _BEYOND = 1.5
@@ -225,8 +233,8 @@ class SlamFilter:
 
     def _certain(self, belief, index, landmark):
         """Returns belief and landmark with what follows once enough is known of the gate."""
-        at = DRONE + GATE * index + 4
-        spacing, variance = belief.gates[index, 4], belief.covariance[at, at]
+        at = DRONE + GATE * index + AT_GATE.spacing
+        spacing, variance = as_gate(belief.gates[index]).spacing, belief.covariance[at, at]
         if not landmark.has_spacing and has_spacing_of_rules(spacing, variance):
             belief = with_spacing(belief, index, GATE_SPACING, RULES_SIGMA)
             landmark = dc.replace(landmark, has_spacing=True)
@@ -272,5 +280,5 @@ def _loosened(belief: Belief, index: int) -> Belief:
     """Returns the belief with a gate that may be elsewhere by about a metre."""
     at = DRONE + GATE * index
     covariance = belief.covariance.copy()
-    covariance[range(at, at + GATE), range(at, at + GATE)] += _MOVED
+    covariance[at : at + GATE, at : at + GATE] += np.diag(_MOVED)
     return Belief(belief.navigation, belief.gates, covariance)

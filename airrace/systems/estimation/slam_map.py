@@ -19,7 +19,10 @@ def map_of(state: SlamState) -> GateMap:
     when the drone has to pass a pylon. Where both are in the world matters to nobody in flight.
     """
     belief = state.belief
-    states, headings = read_only(belief.gates), wrap_angle(belief.gates[:, 3]).tolist()
+    states, headings = (
+        read_only(belief.gates),
+        wrap_angle(belief.gates[:, gate_filter.AT_GATE.heading]).tolist(),
+    )
     boards = read_only(_boards(belief))
     markers, gates = [], []
     for index, landmark in sorted(enumerate(state.landmarks), key=lambda each: each[1].number):
@@ -30,8 +33,8 @@ def map_of(state: SlamState) -> GateMap:
             if landmark.is_known or id in counts
         ]
         if landmark.is_known:
-            gate = states[index]
-            gates.append(GateEstimate(number, gate[:3], headings[index], float(gate[4])))
+            p_WG, _, spacing = gate_filter.as_gate(states[index])
+            gates.append(GateEstimate(number, p_WG, headings[index], float(spacing)))
     return GateMap(
         time=state.image_time,
         markers=tuple(markers),

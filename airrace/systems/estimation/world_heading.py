@@ -27,8 +27,9 @@ from airrace.math.vec3 import cross, dot
 from airrace.systems.estimation.error_state import AT, DRONE
 from airrace.systems.estimation.gate_projection import GATE
 from airrace.systems.estimation.navigation import Navigation
+from airrace.systems.mapping.gate_filter import AT_GATE, as_gate
 
-_E_Z = np.array((0.0, 0.0, 1.0))
+E_Z = np.array((0.0, 0.0, 1.0))
 
 
 @compilable
@@ -47,9 +48,10 @@ def turn_of_the_world(state: Navigation, gates: np.ndarray) -> np.ndarray:
     """
     n = np.zeros(DRONE + GATE * len(gates))
     n[AT.theta] = heading_gradient(state)
-    n[AT.position], n[AT.velocity] = cross(_E_Z, state.position), cross(_E_Z, state.velocity)
+    n[AT.position], n[AT.velocity] = cross(E_Z, state.position), cross(E_Z, state.velocity)
     for gate, of_gate in zip(gates, n[DRONE:].reshape(gates.shape)):
-        of_gate[:3], of_gate[3] = cross(_E_Z, gate[:3]), 1.0
+        of_gate[AT_GATE.p_WG] = cross(E_Z, as_gate(gate).p_WG)
+        of_gate[AT_GATE.heading] = 1.0
     return n
 
 

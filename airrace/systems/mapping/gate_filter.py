@@ -1,18 +1,19 @@
 """A Kalman filter on the pose of one gate: a rigid body with four boards as landmarks.
 
-The state is x = (p_WG, heading, spacing), (5,): midpoint of the gate at the boards' height (m),
-direction of flight (rad), distance between the pylons' axes (m). Pylons stand upright, so a
-gate has no other degree of freedom.
+The state is the vector of a GateState, (5,). Pylons stand upright, so a gate has no other degree of
+freedom.
 """
 
 import dataclasses as dc
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from airrace.common.immutable import Immutable, read_only
 from airrace.common.jit import compiled
+from airrace.common.packing import Packing
 from airrace.math.angles import wrap_angle
 from airrace.math.small_matrices import (
     apply,
@@ -27,18 +28,38 @@ from airrace.systems.mapping.observation import Observation
 from airrace.systems.perception.marker_pose import GATE_SPACING
 from airrace.track import BOARD_OFFSET
 
+
+class GateState(NamedTuple):
+    """Pose and size of a gate.
+
+    Attributes:
+        p_WG: midpoint at the boards' height (m), (3,).
+        heading: direction of flight (rad).
+        spacing: between the pylons' axes (m).
+    """
+
+    p_WG: np.ndarray
+    heading: float
+    spacing: float
+
+
+_PACKING = Packing(GateState, p_WG=3)
+as_gate, gate_vector, GATE = _PACKING.parts, _PACKING.vector, _PACKING.size
+AT_GATE = _PACKING.at  # where each begins and ends
+
 CHI_SQUARE_3 = 16.27  # 99.9 % of the squared Mahalanobis distances of a position
 _CHI_SQUARE_4 = 18.47  # and of two observations of a gate: nine equations, five unknowns
 _POSITION_SIGMA = 0.03  # m, added in tests: errors that observations share
 _HEADING_SIGMAS = 3.0  # a normal that is farther off is not used
 # Random walk of the state, so that the newest laps always count: variances.
-_PROCESS_NOISE = np.array([2e-4, 2e-4, 2e-4, 2e-5, 0.0]) ** 2  # m^2/s, rad^2/s
+_PROCESS_NOISE = gate_vector(GateState(np.full(3, 2e-4), 2e-5, 0.0)) ** 2  # m^2/s, rad^2/s
 _SPACING_SIGMA = 1.0  # m, of gates in general
 # A gate has the spacing of the rules if its estimate is so near, and so certain.
 _SPACING_TOLERANCE, _SPACING_CERTAINTY = 0.2, 0.15  # m
 RULES_SIGMA = 0.005  # m, of the spacing of such a gate
 _HEADING_INFORMATION = 0.1  # 1/rad^2, in a fit, where all normals may be left out
 _ITERATIONS, _TOLERANCE = 8, 1e-4  # m, rad
+_NONE = np.zeros(3)
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -60,17 +81,17 @@ class GateFilter(Immutable):
     @property
     def heading(self) -> float:
         """Direction of flight (rad)."""
-        return float(self.state[3])
+        return float(as_gate(self.state).heading)
 
     @property
     def spacing(self) -> float:
         """Between the pylons' axes (m)."""
-        return float(self.state[4])
+        return float(as_gate(self.state).spacing)
 
     @property
     def heading_variance(self) -> float:
         """Of the heading (rad^2)."""
-        return float(self.covariance[3, 3])
+        return float(as_gate(np.diag(self.covariance)).heading)
 
     def squared_distance(self, observation: Observation) -> float:
         """Returns the squared Mahalanobis distance of an observation."""
@@ -94,12 +115,13 @@ class GateFilter(Immutable):
         Markers are seen in the right direction much more exactly than at the right
         distance. Two directions and a known spacing tell the distance.
         """
-        error, variance = GATE_SPACING - self.spacing, self.covariance[4, 4]
+        error, correlated = GATE_SPACING - self.spacing, self.covariance[AT_GATE.spacing]
+        variance = as_gate(correlated).spacing
         if self.obeys_rules or not has_spacing_of_rules(self.spacing, variance):
             return self
-        gain = self.covariance[:, 4] / (variance + RULES_SIGMA**2)
+        gain = correlated / (variance + RULES_SIGMA**2)
         state = self.state + gain * error
-        covariance = self.covariance - np.outer(gain, self.covariance[4])
+        covariance = self.covariance - np.outer(gain, correlated)
         covariance = (covariance + covariance.T) / 2
         return GateFilter(read_only(state), read_only(covariance), self.time, obeys_rules=True)
 
@@ -128,15 +150,15 @@ def fit(observations: Sequence[Observation], before: GateFilter | None = None) -
     obeys_rules = before is not None and before.obeys_rules
     spacing = before.spacing if obeys_rules else GATE_SPACING
     last = observations[-1]
-    state = np.array([0.0, 0.0, 0.0, gate_heading(last), spacing])
-    state[:3] = last.p_WM - board_position(state, last.id)[0]
+    state = gate_vector(GateState(_NONE, gate_heading(last), spacing))
+    state[AT_GATE.p_WG] = last.p_WM - board_position(state, last.id)[0]
     sigma = RULES_SIGMA if obeys_rules else _SPACING_SIGMA
-    prior = np.diag([0.0, 0.0, 0.0, 0.0, sigma**-2])
-    damping = np.diag([0.0, 0.0, 0.0, _HEADING_INFORMATION, 0.0])
+    prior = np.diag(gate_vector(GateState(_NONE, 0.0, sigma**-2)))
+    damping = np.diag(gate_vector(GateState(_NONE, _HEADING_INFORMATION, 0.0)))
     for _ in range(_ITERATIONS):
         matrices, vectors = zip(*(_information(read_only(state), o) for o in observations))
         covariance = np.linalg.inv(prior + damping + np.sum(matrices, axis=0))
-        to_prior = np.array([0.0, 0.0, 0.0, 0.0, spacing - state[4]])
+        to_prior = gate_vector(GateState(_NONE, 0.0, spacing - as_gate(state).spacing))
         step = covariance @ (np.sum(vectors, axis=0) + prior @ to_prior)
         state = state + step
         if np.abs(step).max() < _TOLERANCE:
@@ -189,7 +211,7 @@ def board_position(state: np.ndarray, id: int) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         (p_WM, H): (3,), (3, 5).
     """
-    x, y, z, heading, spacing = state
+    (x, y, z), heading, spacing = as_gate(state)
     half = 0.5 if id & 2 else -0.5  # right, left
     side, out = half * spacing, BOARD_OFFSET * facing(id)
     c, s = math.cos(heading), math.sin(heading)
@@ -211,8 +233,8 @@ def boards(state: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     for id in range(4):
         p_WM, H = board_position(state, id)
         result[id, 0], result[id, 1] = p_WM, np.diag(propagated(H, covariance))
-        result[id, 2, 0] = facing(id) * math.cos(state[3])
-        result[id, 2, 1] = facing(id) * math.sin(state[3])
+        heading = as_gate(state).heading
+        result[id, 2, :2] = facing(id) * math.cos(heading), facing(id) * math.sin(heading)
     return result
 
 
@@ -226,7 +248,8 @@ def is_behind(state: np.ndarray, observation: Observation, reach: float) -> bool
     """
     p_WM, _ = board_position(state, observation.id)
     x, y, _ = observation.p_WC - p_WM
-    front = facing(observation.id) * (x * math.cos(state[3]) + y * math.sin(state[3]))
+    heading = as_gate(state).heading
+    front = facing(observation.id) * (x * math.cos(heading) + y * math.sin(heading))
     return np.linalg.norm(observation.p_WM - p_WM) < reach and front < 0.0
 
 
@@ -253,11 +276,12 @@ def _information(state, observation):
     p_WM, H = board_position(state, observation.id)
     weighted = product(H.T, inverse(observation.covariance))
     matrix, vector = product(weighted, H), apply(weighted, observation.p_WM - p_WM)
-    turn, variance = wrap_angle(gate_heading(observation) - state[3]), observation.heading_variance
+    turn = wrap_angle(gate_heading(observation) - as_gate(state).heading)
+    variance = observation.heading_variance
     # Of the two poses that a square admits, the detector may have taken the wrong one.
     if turn**2 < _HEADING_SIGMAS**2 * variance:
-        matrix[3, 3] += 1 / variance
-        vector[3] += turn / variance
+        matrix[AT_GATE.heading, AT_GATE.heading] += 1 / variance
+        vector[AT_GATE.heading] += turn / variance
     return matrix, vector
 
 
@@ -282,5 +306,5 @@ def _filtered(state, covariance, dt, weight, observation):
 
 def _is_below(covariance, variance):
     """Whether v I - C is positive definite for the position's part of a covariance."""
-    rest = variance * np.eye(3) - covariance[:3, :3]
+    rest = variance * np.eye(3) - covariance[AT_GATE.p_WG, AT_GATE.p_WG]
     return not math.isnan(cholesky(rest)[2, 2])

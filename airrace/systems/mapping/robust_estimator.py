@@ -204,7 +204,7 @@ def _map_of_gate(number: int, track: GateTrack, min_observations: int) -> GateMa
     boards = read_only(gate_filter.boards(estimate.state, estimate.covariance))
     gate = GateEstimate(
         number=number,
-        p_WG=read_only(estimate.state[:3]),
+        p_WG=read_only(gate_filter.as_gate(estimate.state).p_WG),
         heading=wrap_angle(estimate.heading),
         spacing=estimate.spacing,
     )

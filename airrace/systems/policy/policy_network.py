@@ -8,6 +8,8 @@ import numpy as np
 
 from airrace.common.errors import UserError
 from airrace.common.jit import compiled
+from airrace.math.small_matrices import affine
+from airrace.systems.control.gates_observation import observation_size
 from airrace.systems.policy.gates_observation import observation_size
 from airrace.vehicle import Vehicle
 
@@ -68,14 +70,9 @@ class PolicyNetwork(NamedTuple):
 
 @compiled
 def _layer(W, b, x, squash):
-    """Returns W x + b, or its tanh, (n_out,): sums in a fixed order, see math/vec3.py."""
-    result = np.empty(len(b))
-    for i in range(len(b)):
-        total = b[i]
-        for j in range(len(x)):
-            total += W[i, j] * x[j]
-        result[i] = np.tanh(total) if squash else total
-    return result
+    """Returns W x + b, or its tanh, (n_out,)."""
+    y = affine(W, x, b)
+    return np.tanh(y) if squash else y
 
 
 def load_policy(path: Path, vehicle: Vehicle) -> PolicyNetwork:

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from airrace.diagrams.simulation import CONTACT_RATE
 from airrace.mavlink.bridge import MavlinkBridge, World
 from airrace.scenario import Scenario
 from airrace.systems.control.attitude_controller import AttitudeController
@@ -12,6 +11,7 @@ from airrace.systems.control.motor_switch import MotorSwitch
 from airrace.systems.control.rate_controller import RateController
 from airrace.systems.control.setpoint_watchdog import SetpointWatchdog
 from airrace.systems.control.velocity_controller import VelocityController
+from airrace.systems.sensing.contact_sensor import CONTACT_RATE
 from airrace.systems.sensing.true_estimate import TrueEstimate
 from airrace.track import Course, start_pose
 from airrace.vehicle import Vehicle

@@ -108,6 +108,4 @@ class _PadPosition:
 def _standing_height(vehicle: Vehicle, sdf: "Path") -> float:
     """Returns how high the drone's origin is above what it stands on (m)."""
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
-    AddMultirotorModel(plant, vehicle, sdf)
-    plant.Finalize()
-    return ground_clearance(plant, scene_graph)
+    return ground_clearance(AddMultirotorModel(plant, vehicle, sdf), scene_graph)

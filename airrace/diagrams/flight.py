@@ -125,9 +125,9 @@ def start_in_flight(
     """
     simulation = flight.GetSubsystemByName("simulation")
     plant = simulation.GetSubsystemByName("plant")
-    plant_context = plant.GetMyMutableContextFromRoot(context)
-    plant.SetFloatingBaseBodyPoseInWorldFrame(plant_context, plant.GetBodyByName("body"), X_WB)
-    plant.SetVelocities(plant_context, np.concatenate([w_WB, v_WB]))
+    q, p = X_WB.rotation().ToQuaternion().wxyz(), X_WB.translation()
+    state = np.concatenate([q, p, w_WB, v_WB])
+    plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), state)
     vehicle, _ = load_vehicle(scenario.drone)
     wrench = [vehicle.mass * GRAVITY, 0.0, 0.0, 0.0]
     speeds = np.sqrt(np.linalg.pinv(vehicle.allocation) @ wrench / vehicle.thrust_coefficients)

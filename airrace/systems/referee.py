@@ -149,7 +149,7 @@ class Referee(LeafSystem):
                 ground, the arena reaches (m).
             standing_height: of the body's origin when the drone stands on its
                 pad (m).
-            body_names: geometry IDs to the names used in a reason.
+            body_names: geometry IDs to the names used in a reason, of all that is not the drone's.
             rotor_failures: the scenario's, named in the reason of a crash.
             moving_gates: whether the gates move.
             contacts_end: whether a contact ends the race; if not, somebody else counts them.
@@ -260,21 +260,28 @@ def nearest_name(
 
     Args:
         contacts, query: the plant's contacts now, and SceneGraph's.
-        names: geometry IDs to names.
+        names: geometry IDs to names, of all that is not the drone's own.
         airborne: whether the drone has taken off; before, the floor does not count.
     """
-    pairs = [
+    touching = [
         contacts.point_pair_contact_info(i).point_pair()
         for i in range(contacts.num_point_pair_contacts())
     ]
+    pairs = [pair for pair in touching if _is_of_drone(pair, names)]
     if airborne and not pairs:
-        distances = query.ComputeSignedDistancePairwiseClosestPoints()
-        pairs = sorted(distances, key=lambda pair: pair.distance)
+        near = query.ComputeSignedDistancePairwiseClosestPoints()
+        pairs = [pair for pair in near if _is_of_drone(pair, names)]
+        pairs.sort(key=lambda pair: pair.distance)
     for pair in pairs:
         name = names.get(pair.id_A) or names.get(pair.id_B)
         if name and (airborne or name not in _FLOOR):
             return name
     return None
+
+
+def _is_of_drone(pair, names):
+    """Whether one of a pair of geometries is the drone's own."""
+    return pair.id_A not in names or pair.id_B not in names
 
 
 def _with_landing(reason: str | None, explorer: ExplorerStatus, airborne: bool) -> str | None:

@@ -1,10 +1,12 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from pydrake.common.value import Value
 from pydrake.multibody.plant import ContactResults
 from pydrake.systems.analysis import Simulator
 
-from airrace.systems.referee import Referee
+from airrace.systems.referee import Referee, nearest_name
 from airrace.systems.types import ExplorerStatus
 from airrace.track import load_track
 from airrace.vehicle.disturbances import RotorFailure
@@ -234,3 +236,21 @@ def test_contacts_may_end_the_race_or_not():
 def test_the_arena_lies_around_all_frames():
     report = judge_course([[0.0, 0.0, 3.0], [300.0, 0.0, 3.0]])
     assert report.dnf_reason == "left the arena"
+
+
+def test_what_another_drone_touches_is_not_held_against_this_one():
+    names = {1: "ground", 2: "another drone", 3: "pylon_1_left"}  # 9 is its own
+    others, own = (
+        SimpleNamespace(id_A=2, id_B=1, distance=-0.1),
+        SimpleNamespace(id_A=9, id_B=3, distance=0.2),
+    )
+
+    def name(touching):
+        contacts = SimpleNamespace(
+            num_point_pair_contacts=lambda: len(touching),
+            point_pair_contact_info=lambda i: SimpleNamespace(point_pair=lambda: touching[i]),
+        )
+        query = SimpleNamespace(ComputeSignedDistancePairwiseClosestPoints=lambda: [others, own])
+        return nearest_name(contacts, query, names, airborne=True)
+
+    assert name([others, own]) == name([others]) == name([]) == "pylon_1_left"

@@ -7,7 +7,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
+from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, ApplyForces
 from airrace.track import load_track
 from airrace.trajopt.flatness import attitude_from_force, heading_vectors, inverse_dynamics
 from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
@@ -60,9 +60,10 @@ def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
     vehicle, sdf = load_vehicle(drone)
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, STEP)
-    AddMultirotorModel(plant, vehicle, sdf)
+    body = AddMultirotorModel(plant, vehicle, sdf)
     plant.Finalize()
-    rotors = AddMultirotor(builder, plant, scene_graph, vehicle)
+    rotors, forces = AddMultirotor(builder, body, scene_graph, vehicle)
+    ApplyForces(builder, plant, [forces])
     builder.ExportInput(rotors.GetInputPort("rotor_speed_command"), "command")
     diagram = builder.Build()
     simulator = Simulator(diagram)
@@ -79,9 +80,7 @@ def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
     samples = trajectory.sample(np.append(times, times[-1] + STEP))
     R, w, v = pose_and_rates(samples[:, 0])
     plant.SetFloatingBaseBodyPoseInWorldFrame(
-        own,
-        plant.GetBodyByName("body"),
-        RigidTransform(RotationMatrix(R), as_reference(samples[:, 0]).position),
+        own, body, RigidTransform(RotationMatrix(R), as_reference(samples[:, 0]).position)
     )
     plant.SetVelocities(own, np.concatenate([w, v]))
     simulator.Initialize()
@@ -90,7 +89,7 @@ def test_thrusts_alone_without_any_feedback_fly_a_lap_for_a_while(kind, drone):
         rotors.set_speeds(of_rotors, speeds)
         diagram.GetInputPort("command").FixValue(context, speeds)
         simulator.AdvanceTo((k + 1) * STEP)
-    X = plant.EvalBodyPoseInWorld(own, plant.GetBodyByName("body"))
+    X = plant.EvalBodyPoseInWorld(own, body)
     R, _, v = pose_and_rates(samples[:, -1])
     flown = np.linalg.norm(
         as_reference(samples[:, -1]).position - as_reference(samples[:, 0]).position

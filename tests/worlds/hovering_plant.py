@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
+from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, ApplyForces
 from airrace.systems.sensing.true_estimate import TrueEstimate
 from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 
@@ -27,9 +27,10 @@ def add_hovering_plant(builder: DiagramBuilder, drone: str):
     vehicle, sdf = load_vehicle(drone)
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, DT)
     plant.SetUseSampledOutputPorts(False)
-    AddMultirotorModel(plant, vehicle, sdf)
+    body = AddMultirotorModel(plant, vehicle, sdf)
     plant.Finalize()
-    rotors = AddMultirotor(builder, plant, scene_graph, vehicle, rate=RATE)
+    rotors, forces = AddMultirotor(builder, body, scene_graph, vehicle, rate=RATE)
+    ApplyForces(builder, plant, [forces])
     estimate = builder.AddSystem(TrueEstimate())
     builder.Connect(plant.get_state_output_port(), estimate.get_input_port())
     builder.ExportOutput(plant.get_state_output_port(), "state")

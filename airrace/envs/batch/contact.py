@@ -75,10 +75,10 @@ def load_shape(vehicle: Vehicle, sdf: Path, clearance: float = 0.0) -> Shape:
     """
     plant, scene_graph = MultibodyPlant(0.001), SceneGraph()
     plant.RegisterAsSourceForSceneGraph(scene_graph)
-    AddMultirotorModel(plant, vehicle, sdf)
+    body = AddMultirotorModel(plant, vehicle, sdf)
     plant.Finalize()
     inspector, spheres = scene_graph.model_inspector(), []
-    for geometry_id in plant.GetCollisionGeometriesForBody(plant.GetBodyByName("body")):
+    for geometry_id in plant.GetCollisionGeometriesForBody(body):
         shape = inspector.GetShape(geometry_id)
         if not isinstance(shape, Sphere):
             raise UserError(
@@ -89,7 +89,7 @@ def load_shape(vehicle: Vehicle, sdf: Path, clearance: float = 0.0) -> Shape:
         spheres.append([*centre, shape.radius()])
     table = np.array(spheres) + [0.0, 0.0, 0.0, clearance]
     reach = (np.linalg.norm(table[:, :3], axis=1) + table[:, 3]).max()
-    return Shape(table, float(reach), ground_clearance(plant, scene_graph))
+    return Shape(table, float(reach), ground_clearance(body, scene_graph))
 
 
 @inlined

@@ -18,6 +18,7 @@ from pydrake.multibody.plant import (
     Propeller,
     PropellerInfo,
 )
+from pydrake.multibody.tree import RigidBody
 
 from airrace.common.errors import UserError
 from airrace.systems.plant.rotor_bank import RotorBank
@@ -48,10 +49,8 @@ def _warnings_if_accepted():
 @_warnings_if_accepted()
 def AddMultirotorModel(
     plant: MultibodyPlant, vehicle: Vehicle, sdf: Path, truth: Vehicle | None = None
-) -> None:
-    """Adds the drone's link to a plant that is not yet finalized.
-
-    Its visuals lose the perception role, because the camera sits among them.
+) -> RigidBody:
+    """Adds a drone's link to a plant that is not yet finalized, and returns it.
 
     Args:
         plant: a MultibodyPlant registered with a SceneGraph.
@@ -64,23 +63,26 @@ def AddMultirotorModel(
             its mass or inertia contradict the vehicle.
     """
     bodies, joints = plant.num_bodies(), plant.num_joints()
+    parser = Parser(plant)
+    parser.SetAutoRenaming(True)  # of a second drone of this model
     truth = truth or vehicle
     mass_factor = truth.mass / vehicle.mass
     inertia_factor = truth.inertia[0] / vehicle.inertia[0]
     try:
         if mass_factor == inertia_factor == 1.0:
-            Parser(plant).AddModels(str(sdf))
+            instances = parser.AddModels(str(sdf))
         else:
             text = _scaled_model(sdf, mass_factor, inertia_factor)
-            Parser(plant).AddModels(file_contents=text, file_type="sdf")
+            instances = parser.AddModels(file_contents=text, file_type="sdf")
     except (RuntimeError, ExpatError) as e:
         raise UserError(f"The model {sdf} cannot be used: {' '.join(str(e).split())}") from None
     added = (plant.num_bodies() - bodies, plant.num_joints() - joints)
-    if added != (1, 0) or not plant.HasBodyNamed("body"):
+    if added != (1, 0) or not plant.HasBodyNamed("body", instances[0]):
         raise UserError(
             f"The model {sdf} cannot be used: it must be one link, named 'body', without joints."
         )
-    M = plant.GetBodyByName("body").default_spatial_inertia()
+    body = plant.GetBodyByName("body", instances[0])
+    M = body.default_spatial_inertia()
     # What is scaled agrees with the truth if the file agrees with the vehicle.
     if not np.isclose(M.get_mass(), truth.mass):
         mass = M.get_mass() / mass_factor
@@ -97,6 +99,7 @@ def AddMultirotorModel(
             f"{', '.join(f'{moment:g}' for moment in vehicle.inertia)} kg m^2, about a centre of "
             "mass at the origin; make them equal."
         )
+    return body
 
 
 def _scaled_model(sdf: Path, mass_factor: float, inertia_factor: float) -> str:
@@ -120,22 +123,22 @@ def _scaled_model(sdf: Path, mass_factor: float, inertia_factor: float) -> str:
     return document.toxml()
 
 
-def ground_clearance(plant: MultibodyPlant, scene_graph: SceneGraph) -> float:
-    """Returns how high the origin of the drone is when it stands (m).
+def ground_clearance(body: RigidBody, scene_graph: SceneGraph) -> float:
+    """Returns how high the origin of a drone is when it stands (m).
 
     That is from the boxes around its collision geometries: a drone that is
     placed by it may be a little above the ground, but never in it.
 
     Args:
-        plant: with a link ``body`` from AddMultirotorModel.
-        scene_graph: with the drone's geometry.
+        body: of AddMultirotorModel().
+        scene_graph: with its geometry.
 
     Raises:
         UserError: if the drone has nothing to stand on.
     """
     inspector = scene_graph.model_inspector()
     heights = []
-    for geometry_id in plant.GetCollisionGeometriesForBody(plant.GetBodyByName("body")):
+    for geometry_id in body.GetParentPlant().GetCollisionGeometriesForBody(body):
         box = inspector.GetObbInGeometryFrame(geometry_id)
         if box is not None:  # a plane has no end
             X_BO = inspector.GetPoseInFrame(geometry_id) @ box.pose()
@@ -151,33 +154,35 @@ def ground_clearance(plant: MultibodyPlant, scene_graph: SceneGraph) -> float:
 
 def AddMultirotor(
     builder: "DiagramBuilder",
-    plant: MultibodyPlant,
+    body: RigidBody,
     scene_graph: SceneGraph,
     vehicle: Vehicle,
     *,
     rate: float | None = None,
     failures: Iterable[tuple[int, float]] = (),
-    forces: "Sequence[OutputPort]" = (),
     visible: bool = True,
-) -> RotorBank:
-    """Connects rotors to the drone of a finalized plant.
+    suffix: str = "",
+) -> "tuple[RotorBank, OutputPort]":
+    """Adds the rotors of a drone whose plant is finalized.
+
+    Its visuals lose the perception role, because the camera sits among them.
 
     Args:
-        builder: the DiagramBuilder that owns plant and scene_graph.
-        plant: with a link ``body`` from AddMultirotorModel.
-        scene_graph: with the drone's geometry.
+        builder: the DiagramBuilder that owns the plant and scene_graph.
+        body: of AddMultirotorModel().
+        scene_graph: with its geometry.
         vehicle: the rotor table.
         rate: of the motor controllers (Hz); by default, as often as the plant steps.
         failures: of rotors, see RotorBank.
-        forces: output ports of what else acts on the drone, for the plant's
-            input port of applied spatial forces.
         visible: whether the drone is drawn, in Meshcat: its visuals cost time at every
             step of the plant.
+        suffix: of the names of its subsystems.
 
     Returns:
-        the RotorBank, whose input ``rotor_speed_command`` is left open.
+        the RotorBank, whose input ``rotor_speed_command`` is left open, and the port of the forces
+        of the rotors, for ApplyForces().
     """
-    body = plant.GetBodyByName("body")
+    plant = body.GetParentPlant()
     frame_id = plant.GetBodyFrameIdOrThrow(body.index())
     inspector, source = scene_graph.model_inspector(), plant.get_source_id()
     for geometry_id in inspector.GetGeometries(frame_id):
@@ -185,30 +190,30 @@ def AddMultirotor(
             scene_graph.RemoveRole(source, geometry_id, Role.kPerception)
         elif inspector.GetProximityProperties(geometry_id) is None:
             scene_graph.RemoveGeometry(source, geometry_id)
-    rotors = builder.AddNamedSystem(
-        "rotor_bank",
-        RotorBank(
-            vehicle=vehicle, period=1.0 / rate if rate else plant.time_step(), failures=failures
-        ),
+    period = 1.0 / rate if rate else plant.time_step()
+    rotors = RotorBank(vehicle=vehicle, period=period, failures=failures)
+    propellers = Propeller(
+        [
+            PropellerInfo(body.index(), RigidTransform(r.position), 1.0, r.moment_ratio)
+            for r in vehicle.rotors
+        ]
     )
-    propellers = builder.AddNamedSystem(
-        "propellers",
-        Propeller(
-            [
-                PropellerInfo(body.index(), RigidTransform(r.position), 1.0, r.moment_ratio)
-                for r in vehicle.rotors
-            ]
-        ),
-    )
+    builder.AddNamedSystem("rotor_bank" + suffix, rotors)
+    builder.AddNamedSystem("propellers" + suffix, propellers)
     builder.Connect(rotors.GetOutputPort("thrusts"), propellers.get_command_input_port())
     builder.Connect(plant.get_body_poses_output_port(), propellers.get_body_poses_input_port())
-    applied = propellers.get_spatial_forces_output_port()
-    if forces:
-        total = builder.AddNamedSystem(
-            "forces", ExternallyAppliedSpatialForceMultiplexer(num_inputs=1 + len(forces))
-        )
-        for i, port in enumerate([applied, *forces]):
+    return rotors, propellers.get_spatial_forces_output_port()
+
+
+def ApplyForces(
+    builder: "DiagramBuilder", plant: MultibodyPlant, forces: "Sequence[OutputPort]"
+) -> None:
+    """Connects all that acts on the drones of a plant with it. Args: forces: at least one port."""
+    applied = forces[0]
+    if len(forces) > 1:
+        total = ExternallyAppliedSpatialForceMultiplexer(num_inputs=len(forces))
+        builder.AddNamedSystem("forces", total)
+        for i, port in enumerate(forces):
             builder.Connect(port, total.get_input_port(i))
         applied = total.get_output_port()
     builder.Connect(applied, plant.get_applied_spatial_force_input_port())
-    return rotors

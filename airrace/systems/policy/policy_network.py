@@ -9,7 +9,6 @@ import numpy as np
 from airrace.common.errors import UserError
 from airrace.common.jit import compiled
 from airrace.math.small_matrices import affine
-from airrace.systems.control.gates_observation import observation_size
 from airrace.systems.policy.gates_observation import observation_size
 from airrace.vehicle import Vehicle
 

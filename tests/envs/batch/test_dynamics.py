@@ -21,7 +21,7 @@ from airrace.envs.batch.lanes import (
     sum_thrusts,
 )
 from airrace.systems.plant.drag import Drag
-from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel
+from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, ApplyForces
 from airrace.vehicle import RACERS, load_vehicle
 from airrace.vehicle.state import as_plant_state
 
@@ -37,21 +37,16 @@ class Plant:
         self.vehicle, sdf = load_vehicle(name)
         builder = DiagramBuilder()
         self.plant, scene_graph = AddMultibodyPlantSceneGraph(builder, DT)
-        AddMultirotorModel(self.plant, self.vehicle, sdf)
+        body = AddMultirotorModel(self.plant, self.vehicle, sdf)
         self.plant.Finalize()
-        body = self.plant.GetBodyByName("body")
         drag = builder.AddSystem(Drag(vehicle=self.vehicle, share=SHARE, body_index=body.index()))
         air = builder.AddSystem(ConstantVectorSource(WIND))
         builder.Connect(self.plant.get_state_output_port(), drag.GetInputPort("state"))
         builder.Connect(air.get_output_port(), drag.GetInputPort("wind"))
-        self.rotors = AddMultirotor(
-            builder,
-            self.plant,
-            scene_graph,
-            self.vehicle,
-            rate=1.0 / ROTOR_PERIOD,
-            forces=[drag.GetOutputPort("spatial_forces")],
+        self.rotors, thrusts = AddMultirotor(
+            builder, body, scene_graph, self.vehicle, rate=1.0 / ROTOR_PERIOD
         )
+        ApplyForces(builder, self.plant, [thrusts, drag.GetOutputPort("spatial_forces")])
         builder.ExportInput(self.rotors.GetInputPort("rotor_speed_command"), "command")
         self.diagram = builder.Build()
 

@@ -14,7 +14,12 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from airrace.common.errors import UserError
 from airrace.systems.plant.drag import Drag
-from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, ground_clearance
+from airrace.systems.plant.multirotor import (
+    AddMultirotor,
+    AddMultirotorModel,
+    ApplyForces,
+    ground_clearance,
+)
 from airrace.vehicle import DRONES, GRAVITY, load_vehicle
 from airrace.vehicle.disturbances import DisturbancesConfig, true_vehicle
 
@@ -28,9 +33,8 @@ class Drone:
     def __init__(self, vehicle=VEHICLE, sdf=SDF, dt=DT, wind=None, truth=None):
         builder = DiagramBuilder()
         self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(builder, dt)
-        AddMultirotorModel(self.plant, vehicle, sdf, truth)
+        self.body = AddMultirotorModel(self.plant, vehicle, sdf, truth)
         self.plant.Finalize()
-        self.body = self.plant.GetBodyByName("body")
         forces = []
         if wind is not None:
             drag = builder.AddSystem(Drag(vehicle=vehicle, share=1.0, body_index=self.body.index()))
@@ -38,9 +42,8 @@ class Drone:
             builder.Connect(self.plant.get_state_output_port(), drag.GetInputPort("state"))
             builder.Connect(air.get_output_port(), drag.GetInputPort("wind"))
             forces.append(drag.GetOutputPort("spatial_forces"))
-        self.rotors = AddMultirotor(
-            builder, self.plant, self.scene_graph, truth or vehicle, forces=forces
-        )
+        self.rotors, thrusts = AddMultirotor(builder, self.body, self.scene_graph, truth or vehicle)
+        ApplyForces(builder, self.plant, [thrusts, *forces])
         builder.ExportInput(self.rotors.GetInputPort("rotor_speed_command"), "command")
         self.diagram = builder.Build()
 
@@ -127,9 +130,8 @@ class TestGroundClearance:
             )
         )
         plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), DT)
-        AddMultirotorModel(plant, VEHICLE, tmp_path / "mine.sdf")
-        plant.Finalize()
-        return ground_clearance(plant, scene_graph)
+        body = AddMultirotorModel(plant, VEHICLE, tmp_path / "mine.sdf")
+        return ground_clearance(body, scene_graph)
 
     @pytest.mark.parametrize("shape, height", SHAPES.items(), ids=[s[1:9] for s in SHAPES])
     def test_of_every_shape(self, tmp_path, shape, height):

@@ -10,12 +10,12 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import DiscreteTimeDelay, DiscreteTimeIntegrator
 
+from airrace.diagrams.variants import variant_of
 from airrace.diagrams.world import World
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
 from airrace.rendering.scene.pad import AddPad
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
-from airrace.scenario import VIO
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.plant.drag import Drag
 from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, ground_clearance
@@ -85,7 +85,7 @@ def AddDrone(builder: DiagramBuilder, world: World, drone: Drone) -> list[Output
     rotors = _add_rotors(builder, world, drone)
     if world.scenario.camera.renderer != NO_CAMERA:
         _add_camera(builder, world, drone)
-    if world.scenario.estimator == VIO:
+    if variant_of(world.scenario).localizes:
         _add_imu(builder, world, drone)
     else:
         _add_state_estimate(builder, world, drone)
@@ -239,7 +239,9 @@ def _add_judges(builder: DiagramBuilder, world: World, drone: Drone) -> None:
     _add(builder, world, drone, "referee", referee)
     builder.Connect(impulse.get_output_port(), referee.GetInputPort("contact_impulse"))
     builder.ExportInput(referee.GetInputPort("explorer_status"), "explorer_status" + drone.suffix)
-    builder.ExportOutput(referee.GetOutputPort("report"), "truth.referee_status" + drone.suffix)
+    builder.ExportOutput(
+        referee.GetOutputPort("referee_status"), "truth.referee_status" + drone.suffix
+    )
     if not config.contacts_end:
         sensor = ContactSensor(
             rate=CONTACT_RATE,

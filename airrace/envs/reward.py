@@ -7,7 +7,7 @@ import numpy as np
 
 from airrace.common.jit import compilable
 from airrace.math.vec3 import dot
-from airrace.systems.referee import TAKE_OFF
+from airrace.systems.sensing.contact_names import TAKE_OFF
 from airrace.track import Track
 from airrace.track.gate_opening import find
 

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from airrace.diagrams.simulation import CONTACT_RATE
 from airrace.diagrams.wiring import connect_by_name, export_inputs, outputs_of
 from airrace.mavlink.bridge import MavlinkBridge, World
 from airrace.scenario import Scenario

@@ -16,13 +16,13 @@ from airrace.common.packing import Packing
 from airrace.math.vec3 import dot
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
+from airrace.systems.sensing.contact_names import FLOOR, TAKE_OFF, nearest_name
 from airrace.systems.types import LAND, ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.track import Course
 from airrace.track.gate_opening import find
 from airrace.vehicle.disturbances import failures_clause
 from airrace.vehicle.state import as_plant_state
 
-_FLOOR = ("ground", "pad")
 OUT_OF_TIME = "ran out of time"
 # Verdicts, and the reasons of those that are not a success.
 UNDECIDED, FINISHED, GROUND, TOUCHED, ARENA, TIMEOUT, DIVERGED, LANDED = range(8)
@@ -33,9 +33,6 @@ _REASONS = {
     TIMEOUT: OUT_OF_TIME,
     DIVERGED: "the simulation failed",
 }
-
-
-TAKE_OFF = 0.4  # m above where the drone stands: only beyond is a contact a collision
 
 
 class Criteria(NamedTuple):
@@ -103,13 +100,13 @@ class Referee(LeafSystem):
         - explorer_status
         - gate_shifts (only if gates move)
         output_ports:
-        - report
+        - referee_status
 
     ``state`` is the plant's floating-base state (13), ``contact_results``
     the plant's, ``contact_impulse`` the sum over all of its steps of the generalized
     contact force on the drone (6), ``geometry_query`` SceneGraph's,
     ``explorer_status`` the autonomy's ExplorerStatus: laps count
-    from the moment it says that the exploration is done. ``report`` is a
+    from the moment it says that the exploration is done. ``referee_status`` is a
     RefereeStatus. ``gate_shifts`` (2 n) is where the gates stand, see GateMover.
 
     A gate counts when the body's origin crosses its opening from the front, in racing
@@ -165,7 +162,7 @@ class Referee(LeafSystem):
         )
         self._names = body_names
         self._failures = rotor_failures
-        self._touchable = sorted(set(body_names.values()) - set(_FLOOR))
+        self._touchable = sorted(set(body_names.values()) - set(FLOOR))
         self._total = laps * len(track.gates) + 1 if track.closed else len(track.gates)
         self._contacts_end = contacts_end
         self._state = self.DeclareVectorInputPort("state", 13)
@@ -182,9 +179,9 @@ class Referee(LeafSystem):
         self._table = self.DeclareDiscreteState(3 * self._total)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._judge)
         self.DeclareAbstractOutputPort(
-            "report",
+            "referee_status",
             lambda: Value[object](RefereeStatus((), False, None, None, 0)),
-            self._calc_report,
+            self._calc_status,
             {self.xd_ticket(), self._explorer.ticket()},
         )
 
@@ -205,9 +202,9 @@ class Referee(LeafSystem):
         if pushed and verdict != DIVERGED and self._contacts_end:
             name = self._touched(context, m.airborne)
             if not m.airborne and self._explorer.Eval(context).state == LAND:
-                name = _FLOOR[0]  # it will not take off any more
+                name = FLOOR[0]  # it will not take off any more
         # What was touched since the last update is held to have come before a gate.
-        if name in _FLOOR:
+        if name in FLOOR:
             lands = self._explorer.Eval(context).state == LAND
             m = m._replace(verdict=LANDED if lands else GROUND)
         elif name is not None:
@@ -230,7 +227,7 @@ class Referee(LeafSystem):
         contacts, query = self._contacts.Eval(context), self._query.Eval(context)
         return nearest_name(contacts, query, self._names, airborne)
 
-    def _calc_report(self, context, output):
+    def _calc_status(self, context, output):
         m = _as_memory(context.get_discrete_state(self._memory).value())
         table = context.get_discrete_state(self._table).value()
         verdict, reason = int(m.verdict), None
@@ -253,37 +250,6 @@ class Referee(LeafSystem):
         )
 
 
-def nearest_name(
-    contacts: ContactResults, query: QueryObject, names: dict, airborne: bool
-) -> str | None:
-    """Returns the name of what pushes the drone, or in the air of what is nearest to it.
-
-    Args:
-        contacts, query: the plant's contacts now, and SceneGraph's.
-        names: geometry IDs to names, of all that is not the drone's own.
-        airborne: whether the drone has taken off; before, the floor does not count.
-    """
-    touching = [
-        contacts.point_pair_contact_info(i).point_pair()
-        for i in range(contacts.num_point_pair_contacts())
-    ]
-    pairs = [pair for pair in touching if _is_of_drone(pair, names)]
-    if airborne and not pairs:
-        near = query.ComputeSignedDistancePairwiseClosestPoints()
-        pairs = [pair for pair in near if _is_of_drone(pair, names)]
-        pairs.sort(key=lambda pair: pair.distance)
-    for pair in pairs:
-        name = names.get(pair.id_A) or names.get(pair.id_B)
-        if name and (airborne or name not in _FLOOR):
-            return name
-    return None
-
-
-def _is_of_drone(pair, names):
-    """Whether one of a pair of geometries is the drone's own."""
-    return pair.id_A not in names or pair.id_B not in names
-
-
 def _with_landing(reason: str | None, explorer: ExplorerStatus, airborne: bool) -> str | None:
     """Returns why a race ended, with why the drone was to land, if it was."""
     if explorer.state != LAND:
@@ -294,7 +260,7 @@ def _with_landing(reason: str | None, explorer: ExplorerStatus, airborne: bool) 
     return f"{lost}, and {'came down' if airborne else 'stayed on its pad'}"
 
 
-@functools.lru_cache(maxsize=4)  # the report is evaluated far more often than gates are crossed
+@functools.lru_cache(maxsize=4)  # the status is evaluated far more often than gates are crossed
 def _crossings(table: bytes, gates: int) -> tuple:
     """Returns the GateCrossings of the rows of a table, on a track of so many gates."""
     return tuple(

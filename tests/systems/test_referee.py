@@ -58,7 +58,7 @@ def judge(
         if pushed and k == len(path) - 1:
             referee.GetInputPort("contact_impulse").FixValue(context, np.ones(6))
         simulator.AdvanceTo((k + 0.5) * DT)
-    return referee.GetOutputPort("report").Eval(context)
+    return referee.GetOutputPort("referee_status").Eval(context)
 
 
 def through(gate, side=0.0, height=6.25, distance=0.4):

@@ -10,12 +10,11 @@ from pydrake.multibody.plant import ContactResults
 from airrace.common.packing import Packing
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.systems.referee import TAKE_OFF, nearest_name
+from airrace.systems.sensing.contact_names import FLOOR, TAKE_OFF, nearest_name
 from airrace.vehicle.state import STATE_SIZE, as_plant_state
 
 CONTACT_RATE = 120.0  # Hz
 GATE, ENVIRONMENT = 0, 1
-_FLOOR = ("ground", "pad")
 _STANDING = 3.0  # times the weight: the floor's push below this is no impact
 
 
@@ -95,7 +94,7 @@ class ContactSensor(LeafSystem):
         if airborne and impulse != 0.0:
             contacts, query = self._results.Eval(context), self._query.Eval(context)
             name = nearest_name(contacts, query, self._names, airborne=True)
-        if name is None or (name in _FLOOR and impulse < self._little):
+        if name is None or (name in FLOOR and impulse < self._little):
             pass
         elif name.startswith("gate_"):
             after = after._replace(gates=after.gates + 1.0, kind=GATE, impulse=impulse)

@@ -1,7 +1,7 @@
 """The course as bodies: what can be seen and what can be hit."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,6 @@ from pydrake.geometry import (
     Mesh,
     PerceptionProperties,
     Rgba,
-    Shape,
 )
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
@@ -95,14 +94,7 @@ def _add_pylons(
 ) -> None:
     """Adds the pylons and their boards to the bodies of their gates."""
 
-    def add(
-        name: str,
-        body: RigidBody,
-        X_WG: RigidTransform,
-        mesh: Callable[[], object],
-        shape: Shape,
-        X_GS: RigidTransform = RigidTransform(),
-    ) -> None:
+    def add(name, body, X_WG, mesh, shape, X_GS=RigidTransform()):
         if visible:
             _show_mesh(plant, name, body, X_WG, mesh)
         plant.RegisterCollisionGeometry(body, X_WG @ X_GS, shape, name, _FRICTION)
@@ -143,14 +135,7 @@ def _add_hall(plant: MultibodyPlant, hall: "Hall", visible: bool) -> None:
         _show_box(plant, "floor", floor, FLOOR_COLORS[0], EVERYBODY)
 
 
-def _add_box(
-    plant: MultibodyPlant,
-    name: str,
-    box: Box,
-    color: Sequence[float],
-    visible: bool,
-    seen_by: str = EVERYBODY,
-) -> None:
+def _add_box(plant, name, box, color, visible, seen_by=EVERYBODY):
     if visible:
         _show_box(plant, name, box, color, seen_by)
     world, shape = plant.world_body(), DrakeBox(*box.size)

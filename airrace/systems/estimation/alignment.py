@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.math.quaternion import quaternion_product, rotation_between
-from airrace.math.small_matrices import product, propagated
+from airrace.math.small_matrices import product
 from airrace.math.vec3 import dot
 from airrace.systems.estimation.error_state import (
     AT,
@@ -141,7 +141,9 @@ def aligned(rest: Rest, heading: float, noise: ImuNoise) -> tuple:
     quaternion = attitude_from(f - accel_bias, heading)
     J = _attitude_by_force(f, heading)
     P = np.zeros((DRONE, DRONE))
-    P[AT.theta, AT.theta] = propagated(J, bias + mean_noise * np.eye(3))
+    # J (bias + mean_noise I) J^T, of which each element is one sum of nine products.
+    products = J[:, :, np.newaxis] * (bias + mean_noise * np.eye(3))
+    P[AT.theta, AT.theta] = product(products.reshape(3, 9), np.tile(J, 3).T)
     P[AT.theta, AT.accel_bias] = -product(J, bias)
     P[AT.accel_bias, AT.theta] = P[AT.theta, AT.accel_bias].T
     P[AT.accel_bias, AT.accel_bias] = bias

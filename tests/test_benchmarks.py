@@ -133,7 +133,7 @@ def test_races_are_put_side_by_side(run):
     assert rows_of(table, "level 3")[0][0] == "0 of 1" and "ran out of time" in text
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_a_network_is_put_beside_the_planner(run):
     """Without exploring: what it is about are the laps."""
     options = ("--levels", 0, "--tracks", 1, "--scenario_text", "{map: track}")

@@ -386,7 +386,7 @@ class TestOptions:
                 self.resolve(*args)
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_the_reference_track(folder, capsys):
     """From pixels: explored, mapped and raced."""
     assert main(["--laps", "1", *FEWER_PICTURES, "--no-meshcat", "--output", "out"]) == 0

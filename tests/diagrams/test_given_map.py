@@ -69,8 +69,7 @@ def test_a_race_without_a_camera_and_another_on_its_map(hexagon, tmp_path):
                 [1, 2, 3],
             ),
             (PlannerConfig(update="always"), [1, 2, 3]),
-        ],
-        2,
+        ]
     ),
     ids=["usual", "original", "always"],
 )

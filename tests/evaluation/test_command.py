@@ -126,6 +126,25 @@ def reference(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def interrupted(tmp_path_factory):
+    """The folder of one after Ctrl-C, and after it went on; and what it said at Ctrl-C."""
+    folder = tmp_path_factory.mktemp("interrupted")
+    process = start(*RACES, "--workers", 1, "--output", folder)
+    wait_until(lambda: stored_seeds(folder) and racing(process))
+    family = psutil.Process(process.pid).children(recursive=True)
+    os.killpg(process.pid, signal.SIGINT)  # as the terminal does
+    _, said = finish(process, 1)
+    wait_until(lambda: gone(family), 10)
+    flown = (folder / "races.jsonl").read_text()
+    assert not json.loads((folder / "evaluation.json").read_text())["complete"]
+    out, _ = finish(start(*RACES, "--workers", 1, "--output", folder, "--resume"))
+    assert "Finished 0 of 3 races: 0.0 %, 95 % interval 0.0 to 56.1 %" in out
+    assert out.splitlines()[-1] == f"Results: {folder}"
+    assert (folder / "races.jsonl").read_text().startswith(flown)
+    return folder, said
+
+
 class TestBadInput:
     @pytest.mark.parametrize("args, words", BAD, ids=[" ".join(a)[-40:] for a, _ in BAD])
     def test_one_sentence_and_nothing_left(self, folder, monkeypatch, capsys, args, words):
@@ -185,15 +204,16 @@ class TestOptions:
 
 
 @pytest.mark.slow
-def test_the_results(reference):
-    data = json.loads((reference / "evaluation.json").read_text())
+def test_the_results(interrupted):
+    folder, _ = interrupted
+    data = json.loads((folder / "evaluation.json").read_text())
     assert data["complete"] and data["summary"]["dnf_reasons"] == {
         "ran out of time in state CALIBRATE": 3
     }
     assert [race["seed"] for race in data["races"]] == [1000, 1001, 1002]
     assert len({race["length_m"] for race in data["races"]}) == 3
     assert data["settings"]["scenario"]["laps"] == 1
-    text = (reference / "evaluation.md").read_text()
+    text = (folder / "evaluation.md").read_text()
     assert text.startswith("# Default, optimal, races Defaults: 3 races of 1 lap, generated tracks")
 
 
@@ -212,32 +232,23 @@ def test_a_killed_worker(reference, tmp_path):
 
 
 @pytest.mark.slow
-def test_ctrl_c(reference, tmp_path, capsys):
+def test_ctrl_c(interrupted, capsys):
     """It leaves no process behind, and what was flown is not flown again."""
-    process = start(*RACES, "--workers", 1, "--output", tmp_path)
-    wait_until(lambda: stored_seeds(tmp_path) and racing(process))
-    family = psutil.Process(process.pid).children(recursive=True)
-    os.killpg(process.pid, signal.SIGINT)  # as the terminal does
-    out, err = finish(process, 1)
+    folder, said = interrupted
     assert re.fullmatch(
-        r"airrace: interrupted; [12] of 3 races are in .*--resume flies the "
-        r"others\.",
-        err.splitlines()[-1],
-    ), err
-    assert "Traceback" not in err
-    wait_until(lambda: gone(family), 10)
-    flown = (tmp_path / "races.jsonl").read_text()
-    assert not json.loads((tmp_path / "evaluation.json").read_text())["complete"]
-
-    _, err = finish(start(*RACES, "--workers", 1, "--output", tmp_path, "--resume"))
-    assert (tmp_path / "races.jsonl").read_text().startswith(flown)
-    check_same(tmp_path, reference)
-
+        r"airrace: interrupted; [12] of 3 races are in .*--resume flies the others\.",
+        said.splitlines()[-1],
+    ), said
+    assert "Traceback" not in said
     # Nothing is left to fly.
-    assert main([*RACES, "--output", str(tmp_path), "--resume"]) == 0
+    assert main([*RACES, "--output", str(folder), "--resume"]) == 0
     out, err = capsys.readouterr()
     assert "Finished 0 of 3" in out and err == ""
-    check_same(tmp_path, reference)
+
+
+@pytest.mark.repeats
+def test_after_ctrl_c_its_results_are_those_of_one_that_nothing_disturbed(interrupted, reference):
+    check_same(interrupted[0], reference)
 
 
 @pytest.mark.repeats

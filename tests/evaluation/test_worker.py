@@ -15,6 +15,7 @@ from airrace.evaluation import worker
 from airrace.evaluation.jobs import given_track, make_jobs, settings
 from airrace.evaluation.worker import RaceKilled, fly, stop_races
 from airrace.scenario import load_scenario
+from tests.worlds.cases import first
 
 
 def job(text="referee: {time_limit: 0.2}", seed=3, drone=None):
@@ -115,7 +116,7 @@ class TestFly:
         assert "instead of 1.57.0" in fly(other, "e")["refused"]
 
     @pytest.mark.slow
-    @pytest.mark.parametrize("signal_name", ["SIGKILL", "SIGTERM"])
+    @pytest.mark.parametrize("signal_name", first(["SIGTERM", "SIGKILL"]))
     def test_killed_races_are_to_be_flown_again(self, folder, signal_name):
         threading.Thread(target=kill_the_race, args=(signal_name,)).start()
         with pytest.raises(RaceKilled, match=signal_name):

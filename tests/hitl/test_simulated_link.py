@@ -38,8 +38,8 @@ def race(hexagon, tmp_path, link, time_limit, stall=(0.0, 0.0), **fields):
 @pytest.mark.slow
 def test_delay_jitter_and_loss_do_not_stop_a_race_and_are_the_same_twice(hexagon, tmp_path):
     link = dict(delay=0.02, jitter=0.005, loss=0.01)
-    first, _ = race(hexagon, tmp_path, link, 5.0)
-    second, _ = race(hexagon, tmp_path, link, 5.0)
+    first, _ = race(hexagon, tmp_path, link, 4.0)
+    second, _ = race(hexagon, tmp_path, link, 4.0)
     channels = first["wall"]["link"].pop("channels")
     second["wall"]["link"].pop("channels")
     assert json.dumps(first) == json.dumps(second)
@@ -79,10 +79,10 @@ def test_a_cable_that_is_pulled(hexagon, tmp_path):
 def test_an_autonomy_that_does_nothing_for_a_while(hexagon, tmp_path):
     """As of a computer that is busy: it is back at once, and nothing of the kind was a delay."""
     link = dict(delay=0.02, jitter=0.005, loss=0.01)
-    result, modes = race(hexagon, tmp_path, link, 12.0, stall=(8.0, 9.0))
+    result, modes = race(hexagon, tmp_path, link, 8.0, stall=(5.0, 6.0))
     at = {round(time, 1): mode for time, mode in modes.items()}
-    assert at[8.4] == 1 and at[8.9] == 2
-    assert not any(mode for time, mode in at.items() if time > 9.05)
+    assert at[5.4] == 1 and at[5.9] == 2
+    assert not any(mode for time, mode in at.items() if time > 6.05)
     assert result["wall"]["link"]["watchdog"]["oldest_command_s"] < 1.1
     assert result["collisions"] == 0 and result["dnf_reason"].startswith("ran out of time")
 

@@ -174,7 +174,7 @@ def test_a_race_has_a_limit_of_time_from_arming():
     assert session.transport.advance(session.simulator, 1.6) == "ran out of time"
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_a_client_that_is_killed_in_flight_is_landed_for_and_a_line_says_so(tmp_path):
     """A process of its own, which is killed two metres above its pad, over UDP."""
     ports, notes, heights = [], [], []

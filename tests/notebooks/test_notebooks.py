@@ -2,9 +2,14 @@
 
 import json
 import re
+import subprocess
+import sys
+import tempfile
+import types
 
 import pytest
 
+from airrace.commands import python_race
 from tests.notebooks.lesson import NOTEBOOKS, ROOT, cells, exercises
 
 # To save time, lessons' races here have half of the usual pictures, or none and a given map.
@@ -18,7 +23,8 @@ RACES = {
 }
 # What is learned is learned by half of the drones.
 FEWER_DRONES = "DRONES, SECONDS = 128", "DRONES, SECONDS = 64"
-# Without --all, races are shorter still, and so is what else takes seconds.
+# Without --all, races are shorter still, and so is what else takes seconds; and all of it runs in
+# this process, as a script would.
 BRIEF_RACES = {
     **RACES,
     "1_first_race": NONE,
@@ -35,7 +41,7 @@ BRIEF_CODE = {
     "8_delay_in_the_loop": [("(0.0, 0.02, 0.03, 0.04, 0.06)", "(0.0, 0.03, 0.06)")],
     "10_a_pilot_that_learns": [
         ("DRONES, SECONDS = 128", "DRONES, SECONDS = 32"),
-        ("iterations=60", "iterations=5"),
+        ("iterations=60", "iterations=2"),
         ("iterations=30", "iterations=2"),
     ],
 }
@@ -63,15 +69,17 @@ def _note(options, quiet=False):
     return result, folder
 
 python_race.fly = _note
-
-# An evaluation in a lesson is of races on a given map.
+"""
+_run = subprocess.run
+# And an evaluation in a lesson is of races on a given map.
+GIVEN = ["--workers", "1", "--scenario_text", "{map: track, camera: {renderer: none}}"]
+EVALUATE = """
 import subprocess
 
 _run = subprocess.run
 
 def _run_briefly(command, **options):
-    given = ["--workers", "1", "--scenario_text", "{map: track, camera: {renderer: none}}"]
-    return _run([*command, *given] if "evaluate" in command else command, **options)
+    return _run([*command, *GIVEN] if "evaluate" in command else command, **options)
 
 subprocess.run = _run_briefly
 """
@@ -139,55 +147,60 @@ def test_every_exercise_has_a_hint_and_a_solution(path):
     assert not re.search(r"^\d+\. ", last, re.M)
 
 
-@pytest.fixture
-def execute(tmp_path, monkeypatch):
-    """A function that runs a notebook, and raises with the cell and its traceback if one fails."""
-    nbclient = pytest.importorskip("nbclient", reason="pip install '.[notebooks]'")
-    pytest.importorskip("ipykernel", reason="pip install '.[notebooks]'")
-    pytest.importorskip("pandas", reason="pip install '.[notebooks]'")
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-
-    def execute(notebook):
-        resources = {"metadata": {"path": str(tmp_path)}}
-        nbclient.NotebookClient(notebook, timeout=600, resources=resources).execute()
-        outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
-        assert any("image/png" in output.get("data", {}) for output in outputs)
-
-    return execute
-
-
-def lesson(path, races, replaced):
-    """Returns a notebook, with short races and some of its code replaced, and how to make cells."""
-    nbformat = pytest.importorskip("nbformat", reason="pip install '.[notebooks]'")
-    notebook = nbformat.read(path, as_version=4)
-    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    for old, new in replaced:
-        assert any(old in cell.source for cell in code), f"{path.name} has no {old}"
-        for cell in code:
-            cell.source = cell.source.replace(old, new)
-    note = NOTE.replace("FIELDS", repr(races.get(path.stem, {})))
-    notebook.cells.insert(0, nbformat.v4.new_code_cell(note))
-    return notebook, nbformat.v4.new_code_cell
+def note(path, races):
+    """Returns the code before a lesson that makes its races short."""
+    return NOTE.replace("FIELDS", repr(races.get(path.stem, {})))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs(path, execute):
-    notebook, _ = lesson(path, BRIEF_RACES, BRIEF_CODE.get(path.stem, ()))
+def test_a_notebook_runs(path, tmp_path, monkeypatch):
+    pytest.importorskip("pandas", reason="pip install '.[notebooks]'")
+    plt = pytest.importorskip("matplotlib.pyplot")
+    code = cells(path, "code")
+    for old, new in BRIEF_CODE.get(path.stem, ()):
+        assert any(old in source for source in code), f"{path.name} has no {old}"
+        code = [source.replace(old, new) for source in code]
     if path.stem in ONLY_WHOLE:
-        last = [cell for cell in notebook.cells if cell.cell_type == "code"][-1]
-        assert last.source.startswith("assert ")
-        notebook.cells.remove(last)
-    execute(notebook)
+        assert code.pop().startswith("assert ")
+    module = types.ModuleType("__main__")
+    monkeypatch.setitem(sys.modules, "__main__", module)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(python_race, "fly", python_race.fly)  # is given back
+    if path.stem == "6_compare_and_evaluate":
+        monkeypatch.setattr(subprocess, "run", evaluate)
+    for source in (note(path, BRIEF_RACES), *code):
+        exec(compile(source, path.name, "exec"), vars(module))
+    assert plt.get_fignums()
+    plt.close("all")
+
+
+def evaluate(command, **options):
+    """Runs `airrace evaluate` on a given map."""
+    return _run([*command, *GIVEN], **options)
 
 
 @pytest.mark.repeats
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_and_its_solutions_run(path, execute):
-    learns = path.stem == "10_a_pilot_that_learns"
-    notebook, cell = lesson(path, RACES, [FEWER_DRONES] if learns else ())
+def test_a_notebook_and_its_solutions_run(path, tmp_path, monkeypatch):
+    nbclient = pytest.importorskip("nbclient", reason="pip install '.[notebooks]'")
+    nbformat = pytest.importorskip("nbformat", reason="pip install '.[notebooks]'")
+    pytest.importorskip("ipykernel", reason="pip install '.[notebooks]'")
+    pytest.importorskip("pandas", reason="pip install '.[notebooks]'")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    notebook = nbformat.read(path, as_version=4)
+    for cell in notebook.cells:
+        cell.source = cell.source.replace(*FEWER_DRONES)
+    new = nbformat.v4.new_code_cell
+    before = note(path, RACES) + EVALUATE.replace("GIVEN", repr(GIVEN))
+    notebook.cells.insert(0, new(before))
     solutions = [code for exercise in exercises(path) for code in exercise.code]
-    notebook.cells.append(cell(STAND_IN))
-    notebook.cells += [cell(briefly(code)) for code in solutions if not EXPENSIVE.search(code)]
-    execute(notebook)
+    notebook.cells.append(new(STAND_IN))
+    notebook.cells += [new(briefly(code)) for code in solutions if not EXPENSIVE.search(code)]
+    resources = {"metadata": {"path": str(tmp_path)}}
+    # Raises with the cell and its traceback if one fails.
+    nbclient.NotebookClient(notebook, timeout=600, resources=resources).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
+    assert any("image/png" in output.get("data", {}) for output in outputs)

@@ -126,7 +126,7 @@ def check_lockstep(board, track, folder, time_limit):
     return sitl
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_the_start_of_a_race_in_lockstep(board, hexagon, tmp_path):
     """However busy the machine is.
 

@@ -49,7 +49,7 @@ def test_runs_and_brings_its_files_back(companion, hosts, tmp_path):
     assert not runs(hosts)
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_another_ssh_server(companion, hosts, checkout, tmp_path, monkeypatch):
     """The same with the server of asyncssh, where the other tests have sshd."""
     start(companion, "farewell")
@@ -102,7 +102,7 @@ def test_set_up_is_done_once(companion, hosts, checkout, capfd):
     assert len(list(cache.glob("packages/*/airrace/new.py"))) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_interrupted_set_up_is_done_again(companion, hosts, checkout):
     start(companion, "farewell")
     for stamp in (hosts.home / ".cache/airrace").glob("*/*/complete"):

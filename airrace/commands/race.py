@@ -201,7 +201,7 @@ def fly(options: RaceOptions, quiet: bool = False) -> tuple[dict, Path]:
                 scenario,
                 output_dir,
                 page=page,
-                show=display.show,
+                sinks=[display.take],
                 transport=transport,
                 foxglove=foxglove,
             )

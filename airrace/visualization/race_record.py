@@ -3,6 +3,7 @@
 import base64
 import json
 import threading
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,7 +67,7 @@ class RaceRecord:
             name: EVENTS: ``text``. STATUS: ``state`` of the explorer, number of ``gates``,
                 whether it is ``done``, and whether a plan is flown, ``racing``. CROSSINGS:
                 ``gate`` and ``lap``, from 1. PLANS: first ``lap``, and ``points``, see
-                encoded(). MAPS: the largest ``sigma`` (m), and markers that
+                packed(). MAPS: the largest ``sigma`` (m), and markers that
                 ``changed``: ID, p_WM, and radii of an ellipsoid (m). SHIFTS: middles of the
                 ``gates`` (m). ESTIMATES: see estimate_data().
             time: (s).
@@ -102,13 +103,14 @@ class RaceRecord:
                 times = [picture["t"] for _, picture in self._pictures]
                 self._gap = 0.9 * float(np.median(np.diff(times)))
 
-    def end(self, time: float, finished: bool, reason: str | None, exploration: float) -> None:
-        """Notes how the race ended; exploration: what that took (s)."""
+    def end(self, time: float, result: Mapping[str, Any]) -> None:
+        """Notes how the race ended; time: when (s). result: of race.json."""
+        explored = result.get("exploration")  # not by a client
         over = {
             "t": round(float(time), 3),
-            "finished": finished,
-            "reason": reason,
-            "exploration": exploration,
+            "finished": result["finished"],
+            "reason": result["dnf_reason"],
+            "exploration": explored["time_s"] if explored else result["start_s"],
         }
         with self._lock:
             self._over = over
@@ -153,11 +155,6 @@ class RaceRecord:
         with self._lock:
             batch["pictures"] = [picture for _, picture in self._pictures]
         return batch
-
-
-def encoded(numbers: ArrayLike) -> str:
-    """Returns numbers as text: base64 of little-endian single precision."""
-    return base64.b64encode(np.ascontiguousarray(numbers, "<f4").tobytes()).decode()
 
 
 def script_json(data: Any) -> str:

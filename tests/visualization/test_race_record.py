@@ -35,7 +35,8 @@ def test_a_reader_gets_what_is_new():
     np.testing.assert_array_equal(frames_of(batch), [frame(0.5)])
     assert batch[EVENTS] == [{"t": 0.5, "text": "a"}]
     record.add(CROSSINGS, 1.0, gate=1, lap=1)
-    record.end(2.0, True, None, 1.5)
+    result = {"finished": True, "dnf_reason": None, "exploration": {"time_s": 1.5}}
+    record.end(2.0, result)
     batch, cursor = record.since(cursor)
     over = {"t": 2.0, "finished": True, "reason": None, "exploration": 1.5}
     assert batch == {CROSSINGS: [{"t": 1.0, "gate": 1, "lap": 1}], "over": over}

@@ -34,7 +34,7 @@ def fly_attempts(
     folders: Iterator[Path],
     *,
     pages: Pages,
-    sinks: Iterable[Sink],
+    sinks: "Iterable[Sink]",
     foxglove: "FoxgloveServer | None" = None,
 ) -> Iterator[tuple[dict, Path, int]]:
     """Flies races for one client; a reset begins one anew, with everything as at first.

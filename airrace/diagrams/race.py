@@ -34,7 +34,6 @@ from airrace.track.gate_map import GateMap
 from airrace.track.map_files import write_map
 from airrace.track.square_track import SquareTrack, load_course
 from airrace.visualization.controls import RaceControls
-from airrace.visualization.race_view import MakePageSinks
 
 if TYPE_CHECKING:  # to import a web server takes its time, and many a race has no page
     from airrace.visualization.live_page import LivePage
@@ -136,7 +135,7 @@ def MakeRace(
         )
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
     log = MakeLogSink(scenario, output_dir, foxglove) if output_dir is not None else None
-    shown = MakePageSinks(scenario, simulation, page) if page is not None else ()
+    shown = page.sinks(scenario, simulation) if page is not None else ()
     AddRaceObserver(builder, scenario, simulation, autonomy, log, shown)
     diagram = builder.Build()
     diagram.set_name("race")
@@ -172,7 +171,7 @@ class _Race:
         self._result = make_result(scenario, transport.simulation)
         self._controls = None
         if page is not None and isinstance(transport, InProcess):  # others keep their own time
-            self._controls = RaceControls(page.wishes, self._simulator)
+            self._controls = RaceControls(page.pace, self._simulator)
         self._clock = time.perf_counter()
 
     def begin_files(self):

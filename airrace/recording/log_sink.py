@@ -41,7 +41,7 @@ class LogSink:
         self._path = list[tuple[list[float], float]]()
         self._next_point = self._next_path = 0.0
         self._next_flush = self._config.flush_period
-        if not scenario.disturbances.gate_shift:  # else it is told where they stand
+        if not scenario.disturbances.gate_shift:  # else an event says where they stand
             self._write_scene(0.0, self._track)
 
     def close(self) -> None:

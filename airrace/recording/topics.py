@@ -74,7 +74,8 @@ TOPICS = {
     "/plan/scene": fg.SceneUpdateChannel,
     "/explorer": fg.LogChannel,
     "/referee": fg.LogChannel,
-    # What was found and refused, the map, the plan, and the gates that counted:
+    # What was found and refused, the map, the plan, how far the exploration is, and the gates that
+    # counted:
     **json_topics.SCHEMAS,
 }
 

@@ -1,10 +1,12 @@
-"""What the page of a race is told: a record that grows while the race goes on."""
+"""What the page of a race shows: a record that grows while the race goes on."""
 
 import base64
+import collections
 import json
 import threading
+import types
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,28 +15,17 @@ from numpy.typing import ArrayLike
 # weights of the drone, distance of the position estimate from the truth (m).
 FRAME = ("time", "x", "y", "z", "qw", "qx", "qy", "qz", "speed", "thrust", "error")
 # Lists of dicts with a time ``t`` (s), see RaceRecord.add().
-EVENTS, STATUS, CROSSINGS, PLANS, MAPS, SHIFTS, ESTIMATES = (
-    "events",
-    "status",
-    "crossings",
-    "plans",
-    "maps",
-    "shifts",
-    "estimates",
+_LISTS = EVENTS, STATUS, CROSSINGS, PLANS, MAPS, SHIFTS, ESTIMATES = (
+    *("events", "status", "crossings", "plans"),
+    *("maps", "shifts", "estimates"),
 )
-_LISTS = (EVENTS, STATUS, CROSSINGS, PLANS, MAPS, SHIFTS, ESTIMATES)
 # Of all pictures: with the scene, a replay stays below 30 MB.
 _PICTURE_BYTES = 14_000_000
 _NEWEST = 3  # pictures that a page gets at most at once while the race goes on
 
 
-class Cursor(NamedTuple):
-    """How much of a record somebody has read: bytes of frames, pictures, and of each list."""
-
-    frames: int = 0
-    picture: int = 0
-    lists: tuple[int, ...] = (0,) * len(_LISTS)
-    over: bool = False
+# How much of a record somebody has read: bytes of its frames, and how many of each of its lists.
+Cursor = Mapping[str, int]
 
 
 class RaceRecord:
@@ -115,7 +106,7 @@ class RaceRecord:
         with self._lock:
             self._over = over
 
-    def since(self, cursor: Cursor = Cursor()) -> tuple[dict, Cursor]:
+    def since(self, cursor: Cursor = types.MappingProxyType({})) -> tuple[dict, Cursor]:
         """Returns what is new as a batch, and the cursor for the next call.
 
         Args:
@@ -126,28 +117,17 @@ class RaceRecord:
             a dict that JSON can hold: ``frames`` in base64, lists, and how the race ended;
             only what is new.
         """
+        read = collections.Counter(cursor)
         with self._lock:
-            frames = bytes(self._frames[cursor.frames :])
-            lists = {
-                name: items[start:]
-                for (name, items), start in zip(self._lists.items(), cursor.lists)
-            }
-            pictures = [each for each in self._pictures[-_NEWEST:] if each[0] > cursor.picture]
-            over = self._over
-            after = Cursor(
-                len(self._frames),
-                self._count,
-                tuple(len(items) for items in self._lists.values()),
-                over is not None,
-            )
-        batch: dict = {name: items for name, items in lists.items() if items}
-        if frames:
-            batch["frames"] = base64.b64encode(frames).decode()
-        if pictures:
-            batch["pictures"] = [picture for _, picture in pictures]
-        if over and not cursor.over:
-            batch["over"] = over
-        return batch, after
+            batch: dict = {name: items[read[name] :] for name, items in self._lists.items()}
+            newest = self._pictures[-_NEWEST:]
+            batch["pictures"] = [each for number, each in newest if number > read["pictures"]]
+            batch["frames"] = base64.b64encode(self._frames[read["frames"] :]).decode()
+            batch["over"] = self._over if not read["over"] else None
+            after = {name: len(items) for name, items in self._lists.items()}
+            after |= {"frames": len(self._frames), "pictures": self._count}
+            after["over"] = int(self._over is not None)
+        return {name: new for name, new in batch.items() if new}, after
 
     def whole(self) -> dict:
         """Returns everything as one batch, with all pictures."""

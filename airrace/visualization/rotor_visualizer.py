@@ -62,24 +62,18 @@ class RotorVisualizer:
     """
 
     def __init__(
-        self,
-        meshcat: Meshcat,
-        vehicle: Vehicle,
-        plant: "MultibodyPlant",
-        scene_graph: SceneGraph,
-        audience: Audience,
+        self, meshcat: Meshcat, vehicle: Vehicle, body: str, blades: list, audience: Audience
     ):
         """Constructs the visualizer.
 
         Args:
             meshcat: in which a MeshcatVisualizer draws the drone.
             vehicle: the rotor table.
-            plant, scene_graph: of the drone, see find_blades().
+            body, blades: of the drone, see body_path() and find_blades().
             audience: of the page.
         """
         self._meshcat, self._audience = meshcat, audience
-        self._path = body_path(plant)
-        self._blades = find_blades(plant, scene_graph, vehicle)
+        self._path, self._blades = body, blades
         signs = np.array([1.0 if r.direction == "ccw" else -1.0 for r in vehicle.rotors])
         self._factors, self._angles, self._time = SLOW_MOTION * signs, 0.0 * signs, 0.0
 

@@ -46,7 +46,7 @@ def test_blades_turn_with_their_rotors_and_a_dead_one_stands_still(meshcat):
     vehicle, plant, scene_graph = _drone("Default", meshcat)
     blades = find_blades(plant, scene_graph, vehicle)
     path = body_path(plant)
-    visualizer = RotorVisualizer(meshcat, vehicle, plant, scene_graph, Watching())
+    visualizer = RotorVisualizer(meshcat, vehicle, path, blades, Watching())
     before = [transform(meshcat, f"{path}/{name}") for _, name, _ in blades]
     speeds = np.array([50.0, 0.0, 50.0, 80.0])
     visualizer.take(StateSample(0.1, None, rotor_speeds=speeds))

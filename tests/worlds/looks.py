@@ -5,8 +5,8 @@ import types
 import numpy as np
 
 from airrace.recording import race_events as events
+from airrace.recording.race_changes import FOR_RESULT, Changes
 from airrace.recording.race_events import DRONE
-from airrace.recording.race_observer import FOR_RESULT, Changes
 from airrace.track.gate_map import GateMap
 
 

@@ -74,7 +74,7 @@ ANYTHING = st.recursive(
 
 
 @given(ANYTHING)
-def test_whatever_a_page_sends_is_a_sensible_wish(message):
+def test_whatever_a_page_sends_is_a_sensible_request(message):
     pace = PaceRequest()
     pace.begin(1.0)
     pace.receive(message)

@@ -89,7 +89,7 @@ def test_a_page_gets_what_was_and_what_comes(world):
     assert [event["text"] for event in talk(world, conversation)] == ["before", "after"]
 
 
-def test_a_wish_comes_back_to_all_pages(world):
+def test_a_request_comes_back_to_all_pages(world):
     world.pace.begin(1.0)
 
     async def conversation(socket):

@@ -26,6 +26,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from airrace.common.errors import UserError
 from airrace.diagrams.race import run_race
 from airrace.diagrams.warm_up import compile_apart
+from airrace.recording.race_events import ExplorerChanged
 from airrace.scenario import CONTENTS, TRUTH, VIO, Scenario, load_scenario
 from airrace.scenario.camera_config import NO_CAMERA, RENDERERS
 from airrace.track.map_files import TRACK
@@ -131,21 +132,22 @@ def fly(scenario_text: str, profile: bool = False) -> dict:
             )
         )
 
-    def show(result, outputs):
+    def take(event):
         nonlocal now
-        now = outputs.time
+        now = event.time
         if len(starts) == 1:  # called for the first time: all is set up
             mark()
-        if outputs.explorer_status.done and len(starts) == 2:
+        explored = isinstance(event, ExplorerChanged) and event.status.done
+        if explored and len(starts) == 2:
             mark()
 
     with tempfile.TemporaryDirectory() as folder:
         mark()
         if profile:
             with boxes.measuring(_PARTS):
-                race = run_race(scenario, Path(folder), show=show)
+                race = run_race(scenario, Path(folder), sinks=[take])
         else:
-            race = run_race(scenario, Path(folder), show=show)
+            race = run_race(scenario, Path(folder), sinks=[take])
         mark()
     phases = zip((SET_UP, EXPLORATION, LAPS), starts, starts[1:])
     return {

@@ -31,20 +31,20 @@ def fly(folder: Path):
     from airrace.scenario import load_scenario
 
     scenario = load_scenario(scenario_text="{laps: 1}")
-    with progress_bar("Flying") as show:
-        run_race(scenario, folder, show=show)
+    with progress_bar("Flying") as take:
+        run_race(scenario, folder, sinks=[take])
     return load_run(folder)
 
 
 def progress_bar(what: str):
-    """Returns a context manager of a callback of run_race() that shows a clock."""
+    """Returns a context manager of a sink of run_race() that shows a clock."""
     from rich.console import Console
     from rich.status import Status
 
     class Clock(Status):
         def __enter__(self):
             super().__enter__()
-            return lambda record, look: self.update(f"{what}: {look.time:.0f} s simulated")
+            return lambda event: self.update(f"{what}: {event.time:.0f} s simulated")
 
     return Clock(what, console=Console(stderr=True))
 

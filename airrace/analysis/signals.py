@@ -22,6 +22,8 @@ _ODOMETRY = {
     **{f"v{axis}": f"linear_velocity.{axis}" for axis in "xyz"},
     **{f"w{axis}": f"angular_velocity.{axis}" for axis in "xyz"},
 }
+# Returns position, quaternion, velocity and angular velocity of a message of Odometry.
+odometry_numbers = attrgetter(*_ODOMETRY.values())
 _STATE = ("time", *_ODOMETRY)
 _VECTOR = ("time", "ax", "ay", "az")
 _PLAN = (
@@ -99,10 +101,8 @@ def seconds(stamp: Any) -> float:
 
 
 def _odometry(table):
-    values = attrgetter(*_ODOMETRY.values())
-
     def read(rows, time, message):
-        rows[table].append((seconds(message.timestamp), *values(message)))
+        rows[table].append((seconds(message.timestamp), *odometry_numbers(message)))
 
     return read
 

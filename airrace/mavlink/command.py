@@ -198,7 +198,7 @@ def _fly(options: GrandPrixOptions) -> dict:
 
         stack.callback(lambda: [page.close() for page in pages])
         attempts = fly_attempts(
-            scenario, link, _folders(output, options.runs), pages=open_page, show=display.show,
+            scenario, link, _folders(output, options.runs), pages=open_page, sinks=[display.take],
             foxglove=foxglove,
         )  # fmt: skip
         data: dict = {"finished": False}

@@ -1,10 +1,10 @@
 """Races that a client flies over MAVLink, one after the other, without an end of the client."""
 
 import gc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydrake.systems.analysis import Simulator
 from pymavlink.dialects.v20 import common as mavlink
@@ -16,6 +16,7 @@ from airrace.mavlink.commands import ARM
 
 if TYPE_CHECKING:
     from airrace.recording.foxglove_server import FoxgloveServer
+    from airrace.recording.race_events import Sink
     from airrace.scenario import Scenario
     from airrace.visualization.live_page import LivePage
 
@@ -33,7 +34,7 @@ def fly_attempts(
     folders: Iterator[Path],
     *,
     pages: Pages,
-    show: Callable[[Any, Any], None],
+    sinks: "Iterable[Sink]",
     foxglove: "FoxgloveServer | None" = None,
 ) -> Iterator[tuple[dict, Path, int]]:
     """Flies races for one client; a reset begins one anew, with everything as at first.
@@ -46,7 +47,7 @@ def fly_attempts(
         link: to the client, which stays open.
         folders: an existing folder for the results of each race.
         pages: what shows each attempt.
-        show: as run_race() takes it.
+        sinks: as run_race() takes them.
         foxglove: a server that gets what race.mcap gets, or None.
 
     Yields:
@@ -59,7 +60,7 @@ def fly_attempts(
     for folder in folders:
         resets = 0
         while True:
-            data, again = _attempt(scenario, link, folder, pages, show, foxglove)
+            data, again = _attempt(scenario, link, folder, pages, sinks, foxglove)
             if not again:
                 break
             resets += 1
@@ -68,12 +69,12 @@ def fly_attempts(
             return
 
 
-def _attempt(scenario, link, folder, pages, show, foxglove):
+def _attempt(scenario, link, folder, pages, sinks, foxglove):
     """Flies once; returns race.json, and whether the client wants to begin anew."""
     transport = ClientTransport(scenario, link)
     with pages() as page:
         data = run_race(
-            scenario, folder, page=page, show=show, transport=transport, foxglove=foxglove
+            scenario, folder, page=page, sinks=sinks, transport=transport, foxglove=foxglove
         )
     again = transport.reset_wanted and data["dnf_reason"] != INTERRUPTED
     # What was built holds on to itself, in Python and in Drake.

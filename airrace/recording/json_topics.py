@@ -2,10 +2,12 @@
 
 import base64
 import dataclasses as dc
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
+from numpy.typing import ArrayLike
 
 from airrace.common.files import finite
 from airrace.common.resources import models_path
@@ -13,10 +15,15 @@ from airrace.math.quaternion import rotation_between
 from airrace.systems.estimation.error_state import AT, as_drone_error
 from airrace.systems.estimation.navigation import as_navigation
 from airrace.systems.planning.lap_plan import LapPlan
-from airrace.systems.sensing.imu_samples import SAMPLE_SIZE, as_samples
-from airrace.systems.types import Detections, GateCrossing
+from airrace.systems.sensing.imu_samples import as_samples
+from airrace.systems.types import Detections, ExplorerEvent, ExplorerStatus, GateCrossing
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import map_data, rounded, statistics_data
+from airrace.trajopt.flat_trajectory import (
+    FlatTrajectory,
+    piecewise_polynomial,
+    segment_coefficients,
+)
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle.state import State
 
@@ -31,6 +38,16 @@ _PLAN_SUMMARY = ("solve_time", "max_speed", "max_acceleration", "max_rotor_thrus
 SCHEMAS = yaml.safe_load((models_path() / "foxglove" / "schemas.yaml").read_text("utf-8"))
 
 
+def packed(numbers: ArrayLike, dtype: str) -> str:
+    """Returns numbers as text: base64 of an array; dtype: little-endian, such as "<f4"."""
+    return base64.b64encode(np.ascontiguousarray(numbers, dtype).tobytes()).decode()
+
+
+def unpacked(text: str, dtype: str) -> np.ndarray:
+    """Returns the numbers of packed(), (n,)."""
+    return np.frombuffer(base64.b64decode(text), dtype)
+
+
 def detections_data(detections: Detections) -> dict:
     """Returns a message of /detections."""
     return {
@@ -40,6 +57,7 @@ def detections_data(detections: Detections) -> dict:
                 "id": m.id,
                 "position": rounded(m.X_CM.translation()),
                 "orientation": rounded(m.X_CM.rotation().ToQuaternion().wxyz(), 5),
+                "corners": m.corners.round(2).ravel().tolist(),
                 "reprojection_error": round(float(m.reprojection_error), 3),
                 "ambiguity": round(float(m.ambiguity), 3),
             }
@@ -56,21 +74,9 @@ def imu_data(vector: np.ndarray) -> dict:
     return finite({"time": float(time), "angular_velocity": w, "specific_force": f})
 
 
-def imu_samples_data(vector: np.ndarray, after: float) -> tuple[dict | None, float]:
-    """Returns a message of /imu/samples, and the time of the newest sample (s).
-
-    Args:
-        vector: samples, newest first, (7 n,).
-        after: time of the newest sample of the message before (s).
-
-    Returns:
-        None for the message if there is no new sample.
-    """
-    rows = vector.reshape(-1, SAMPLE_SIZE)
-    new = rows[rows[:, 0] > max(after, 0.0)][::-1]
-    if not len(new):
-        return None, after
-    return {"samples": base64.b64encode(new.astype("<f8").tobytes()).decode()}, float(new[-1, 0])
+def imu_samples_data(samples: np.ndarray) -> dict:
+    """Returns a message of /imu/samples, of samples oldest first, (n, 7)."""
+    return {"samples": packed(samples, "<f8")}
 
 
 def estimator_data(state: "SlamState", error: np.ndarray) -> dict:
@@ -95,13 +101,12 @@ def estimator_data(state: "SlamState", error: np.ndarray) -> dict:
         "gyro_bias_sigma": sigma.gyro_bias,
         "accelerometer_bias_sigma": sigma.accel_bias,
     }
-    covariance = belief.covariance[: len(error), : len(error)].astype("<f4").tobytes()
     return finite(
         {
             "time": state.time,
             "seen_at": max((each.seen_at for each in state.landmarks), default=-1.0),
             **{name: dict(zip("xyz", vector.tolist())) for name, vector in vectors.items()},
-            "covariance": base64.b64encode(covariance).decode(),
+            "covariance": packed(belief.covariance[: len(error), : len(error)], "<f4"),
             "innovations": [
                 {"marker": id, "squared": round(float(squared), 2)}
                 for id, squared in state.innovations
@@ -124,7 +129,9 @@ def estimate_error(truth: State, estimate: State) -> np.ndarray:
 
 def full_map_data(gate_map: GateMap) -> dict:
     """Returns a message of /map."""
-    return finite({"map": map_data(gate_map), "statistics": statistics_data(gate_map)})
+    rows = [[marker.id, *marker.p_WM, *marker.variance] for marker in gate_map.markers]
+    texts = {"map": map_data(gate_map), "statistics": statistics_data(gate_map)}
+    return {**finite(texts), "markers": packed(rows, "<f8")}
 
 
 def plan_data(plan: LapPlan) -> dict:
@@ -142,13 +149,37 @@ def plan_data(plan: LapPlan) -> dict:
         "step": PLAN_STEP,
         "entry": _samples(plan.entry),
         "circuit": _samples(plan.circuit),
+        "polynomials": [_polynomial(each) for each in (plan.entry, plan.circuit)],
     }
 
 
-def _samples(trajectory: "FlatTrajectory") -> dict:
+def _samples(trajectory: FlatTrajectory) -> dict:
     samples = as_reference(trajectory.sample(np.arange(0.0, trajectory.duration, PLAN_STEP)))
     rows = np.vstack([samples.position, samples.velocity, samples.yaw]).round(4)
     return dict(zip(PLAN_COLUMNS, rows.tolist()))
+
+
+def _polynomial(trajectory: FlatTrajectory) -> dict:
+    """Returns what polynomial_trajectory() makes the trajectory of again."""
+    coefficients = segment_coefficients(trajectory.polynomial)
+    return {"breaks": list(trajectory.breaks), "coefficients": packed(coefficients, "<f8")}
+
+
+def polynomial_trajectory(data: dict) -> FlatTrajectory:
+    """Returns the entry or the circuit of ``polynomials`` in a message of /plan."""
+    breaks = np.array(data["breaks"])
+    coefficients = unpacked(data["coefficients"], "<f8").reshape(len(breaks) - 1, 4, -1)
+    return FlatTrajectory(piecewise_polynomial(coefficients, breaks))
+
+
+def status_data(status: ExplorerStatus, entered: Iterable[ExplorerEvent]) -> dict:
+    """Returns a message of /explorer/status; entered: the states since the one before."""
+    names = ("state", "reason", "since", "closed_at", "done")
+    return {
+        **{name: getattr(status, name) for name in names},
+        "gates": [int(gate) for gate in status.gates],
+        "entered": [dc.asdict(event) for event in entered],
+    }
 
 
 def crossing_data(crossing: GateCrossing) -> dict:

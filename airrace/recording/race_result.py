@@ -1,21 +1,23 @@
 """What a race leaves behind: race.json, built up as the race goes on."""
 
 from collections.abc import Mapping
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from airrace.recording import race_events as events
 from airrace.scenario import PLANNED, VIO, Scenario
-from airrace.systems.planning.lap_plan import NO_PLAN, PlanSummary
+from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
 from airrace.systems.referee import OUT_OF_TIME
-from airrace.systems.types import ExplorerEvent, ExplorerStatus, PilotStatus, RefereeStatus
+from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.track import Course
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
 
 # Mean laps of the original system on one track, from rest to rest (s), by trajectory.
 ORIGINAL_TRACK, ORIGINAL_LAPS = "student-airrace", {"3": 40.60, "4": 41.52, "6": 41.21}
+
+NOT_OVER = RefereeStatus((), False, None, None, 0)
 
 
 def wall_data(simulation: str, simulated: float, seconds: float) -> dict:
@@ -34,59 +36,62 @@ def wall_data(simulation: str, simulated: float, seconds: float) -> dict:
 
 
 class RaceResult:
-    """Collects a race's results from its outputs while it goes on.
-
-    Attributes:
-        vehicle: the drone, as its file says.
-        referee_status: the latest.
-        explorer_status: the latest.
-        events: ExplorerEvents, all so far.
-        pilot_events: pairs of when a network took over or handed back (s), and what happened.
-        rotor_losses: number of a rotor, from 1, to when its loss was noticed (s).
-    """
+    """A sink that collects a race's results while it goes on."""
 
     def __init__(self, scenario: Scenario, track: Course, simulation: str = "SITL"):
         """Args: scenario, track: of the race. simulation: SITL or HITL."""
         self._scenario, self._track, self._simulation = scenario, track, simulation
-        self._time, self._plans, self._map_rms = 0.0, {}, {}
-        self.vehicle = load_vehicle(scenario.drone)[0]
-        self.referee_status = RefereeStatus((), False, None, None, 0)
-        self.explorer_status, self.events = ExplorerStatus(), ()
-        self.pilot_events: tuple[tuple[float, str], ...] = ()
-        self.rotor_losses = {}
+        self._drone = load_vehicle(scenario.drone)[0].name
+        self._time, self._map = 0.0, GateMap()
+        self._moved: Course | None = None  # where the gates are, if they move
+        self._crossings = list[GateCrossing]()
+        self._over: RefereeStatus | None = None
+        self._explorer, self._entered = ExplorerStatus(), list[ExplorerEvent]()
+        self._pilot_events = list[dict]()
+        self._plans = dict[int, LapPlan]()  # by the first lap flown on it
+        self._map_rms = dict[int, float | None]()  # by lap (m)
+        self._losses = dict[int, float]()  # number of a rotor, from 1, to when it was noticed (s)
+
+    @property
+    def over(self) -> bool:
+        """Whether the race has ended."""
+        return self._over is not None
 
     @property
     def laps_flown(self) -> int:
         """Number of complete laps."""
-        return max(len(self.referee_status.crossings) - 1, 0) // len(self._track.gates)
+        return max(len(self._crossings) - 1, 0) // len(self._track.gates)
 
-    def observe(self, outputs: SimpleNamespace) -> int:
-        """Takes in what the race's outputs say now; returns how many laps have ended since.
+    def take(self, event: events.RaceEvent) -> None:
+        """Takes in what has happened."""
+        self._time = event.time
+        match event:
+            case events.GatesMoved():
+                self._moved = self._track.shifted(event.shifts)
+            case events.MapChanged():
+                self._map = event.gate_map
+            case events.PlanMade():
+                self._plans[event.plan.lap] = event.plan
+            case events.ExplorerChanged():
+                self._explorer = event.status
+                self._entered += event.entered
+            case events.PilotChanged():
+                self._pilot_events.append({"time_s": event.status.since, "what": event.what})
+            case events.RotorLost():
+                self._losses[event.rotor] = event.noticed
+            case events.RaceOver():
+                self._over = event.status
+            case events.GateCrossed():
+                laps_before = self.laps_flown
+                self._crossings.append(event.crossing)
+                if self.laps_flown > laps_before:
+                    self._map_rms[self.laps_flown] = self._map_error()
 
-        Args:
-            outputs: a namespace of ``time`` (s) and of the values of the outputs at that
-                time: ``referee_status``, ``explorer_status``, ``gate_map``, ``lap_plan``,
-                ``rotor_losses``, see RotorMonitor, and ``gate_shifts``, see GateMover,
-                None if the gates stand still; ``pilot_status``, if a LearnedPilot flies.
-        """
-        before = self.laps_flown
-        self.pilot_events = _pilot_events(
-            self.pilot_events, getattr(outputs, "pilot_status", PilotStatus())
-        )
-        self._time, self.referee_status = outputs.time, outputs.referee_status
-        self.explorer_status = outputs.explorer_status
-        self.events = _events(self.events, outputs.explorer_status)
-        for i in np.flatnonzero(np.isfinite(outputs.rotor_losses)):
-            self.rotor_losses[int(i) + 1] = float(outputs.rotor_losses[i])
-        plan, shifts = outputs.lap_plan, outputs.gate_shifts
-        if plan is not NO_PLAN:
-            self._plans[plan.lap] = plan
-        for lap in range(before + 1, self.laps_flown + 1):
-            track = self._track if shifts is None else self._track.shifted(shifts)
-            # What a drone that finds out itself where it is takes for the world moves with gate 1.
-            floats = shifts is not None and self._scenario.estimator == VIO
-            self._map_rms[lap] = front_marker_rms(outputs.gate_map, track, aligned=floats)
-        return self.laps_flown - before
+    def _map_error(self) -> float | None:
+        if self._moved is None:
+            return front_marker_rms(self._map, self._track)
+        # What a drone that finds out itself where it is takes for the world moves with gate 1.
+        return front_marker_rms(self._map, self._moved, aligned=self._scenario.estimator == VIO)
 
     def data(
         self,
@@ -104,33 +109,34 @@ class RaceResult:
         laps = [self._lap(k) for k in range(1, self.laps_flown + 1)]
         summaries = [self._plan_of(lap["lap"])[1] for lap in laps]
         times = [lap["time_s"] for lap in laps]
-        referee, explorer = self.referee_status, self.explorer_status
-        end = referee.end_time if referee.over else self._time  # is observed a little later
+        over, explorer = self._over or NOT_OVER, self._explorer
+        reason = self._dnf_reason(over.dnf_reason or dnf_reason)
+        end = self._time if over.end_time is None else over.end_time  # is seen a little later
         return {
             "track": self._track.name,
-            "drone": self.vehicle.name,
+            "drone": self._drone,
             "trajectory": self._scenario.trajectory,
             "limits": self._scenario.planner.limits,
             "seed": self._scenario.seed,
             "rotor_failures": [
-                {"rotor": f.rotor, "time_s": f.time, "noticed_s": self.rotor_losses.get(f.rotor)}
+                {"rotor": f.rotor, "time_s": f.time, "noticed_s": self._losses.get(f.rotor)}
                 for f in self._scenario.rotor_failures
             ],
-            "finished": referee.finished,
-            "dnf_reason": None if referee.finished else self._dnf_reason(dnf_reason),
+            "finished": over.finished,
+            "dnf_reason": None if over.finished else reason,
             "exploration": {
                 "success": explorer.closed_at is not None,
                 "time_s": end if explorer.closed_at is None else explorer.closed_at,
                 "gates_found": len(explorer.gates),
                 "events": [
-                    {"time_s": e.time, "state": e.state, "reason": e.reason} for e in self.events
+                    {"time_s": e.time, "state": e.state, "reason": e.reason} for e in self._entered
                 ],
             },
             **self._pilot_data(),
             "laps": laps,
             "mean_lap_s": float(np.mean(times)) if times else None,
             "best_lap_s": min(times, default=None),
-            "collisions": referee.collisions,
+            "collisions": over.collisions,
             "wall": {
                 **wall_data(self._simulation, self._time, wall_seconds),
                 "plan_solve_times_s": [each and each.solve_time for each in summaries],
@@ -142,12 +148,11 @@ class RaceResult:
         """Returns what race.json says of a pilot that is not the planner."""
         if self._scenario.pilot == PLANNED:
             return {}
-        events = [{"time_s": time, "what": what} for time, what in self.pilot_events]
-        return {"pilot": {"name": self._scenario.pilot, "events": events}}
+        return {"pilot": {"name": self._scenario.pilot, "events": self._pilot_events}}
 
-    def _dnf_reason(self, other: str | None) -> str | None:
+    def _dnf_reason(self, reason: str | None) -> str | None:
         """Returns why the race ended; for a search in vain, in which state, or for what."""
-        reason, explorer = self.referee_status.dnf_reason or other, self.explorer_status
+        explorer = self._explorer
         if reason != OUT_OF_TIME:
             return reason
         if not explorer.done:
@@ -156,7 +161,7 @@ class RaceResult:
 
     def _lap(self, lap: int) -> dict:
         n = len(self._track.gates)
-        crossings = self.referee_status.crossings[n * (lap - 1) : n * lap + 1]
+        crossings = self._crossings[n * (lap - 1) : n * lap + 1]
         start, (number, summary) = crossings[0].time, self._plan_of(lap)
         return {
             "lap": lap,
@@ -199,26 +204,6 @@ def plan_data(summary: PlanSummary) -> dict:
     """Returns what race.json says of a plan: see PlanSummary for what it is."""
     values = {name: getattr(summary, attribute) for name, attribute in _PLAN.items()}
     return {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
-
-
-def _events(events: tuple, status: ExplorerStatus) -> tuple:
-    """Returns all events after an observation; an explorer of one's own may keep none."""
-    if status.events:
-        return status.events
-    if events and (events[-1].state, events[-1].time) == (status.state, status.since):
-        return events
-    return (*events, ExplorerEvent(status.since, status.state, status.reason))
-
-
-def _pilot_events(
-    events: tuple[tuple[float, str], ...], status: PilotStatus
-) -> tuple[tuple[float, str], ...]:
-    """Returns when a LearnedPilot took over and handed back (s), and in words, so far."""
-    if status.flies and not events:
-        return ((status.since, "the network flies"),)
-    if status.reason and not (events and events[-1][1].endswith(status.reason)):
-        return (*events, (status.since, f"the planner flies: {status.reason}"))
-    return events
 
 
 def front_marker_rms(gate_map: GateMap, track: Course, aligned: bool = False) -> float | None:

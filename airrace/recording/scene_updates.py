@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from foxglove import messages as fg
+from numpy.typing import ArrayLike
 
 from airrace.recording.foxglove_messages import BODY, CAMERA, WORLD, pose, stamp, vector3
 from airrace.rendering.scene.meshes import BOARD_THICKNESS
@@ -159,7 +160,7 @@ def plan_scene(time: float, plans: "Sequence[LapPlan]") -> fg.SceneUpdate:
 
 
 def path_scene(
-    time: float, positions: np.ndarray, speeds: np.ndarray, max_speed: float
+    time: float, positions: Iterable, speeds: ArrayLike, max_speed: float
 ) -> fg.SceneUpdate:
     """Returns a flown path, from blue where it was slow to red where it was fast.
 

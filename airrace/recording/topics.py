@@ -11,28 +11,22 @@ from foxglove import channels as fg
 
 from airrace.recording import foxglove_messages as messages
 from airrace.recording import json_topics
-from airrace.trajopt.reference import as_reference
-from airrace.vehicle.state import as_plant_state, as_state
 
 
-def _truth(time, vector, vehicle):
-    return messages.odometry(as_plant_state(vector)._replace(time=time))
-
-
-def _estimate(time, vector, vehicle):
-    return messages.odometry(as_state(vector))
-
-
-def _reference(time, vector, vehicle):
-    return messages.reference_odometry(time, as_reference(vector))
-
-
-def _acceleration(time, vector, vehicle):
-    return messages.vector3(as_reference(vector).acceleration)
+def _state(time, state, vehicle):
+    return messages.odometry(state)
 
 
 def _vector3(time, vector, vehicle):
     return messages.vector3(vector)
+
+
+def _reference(time, reference, vehicle):
+    return messages.reference_odometry(time, reference)
+
+
+def _acceleration(time, reference, vehicle):
+    return messages.vector3(reference.acceleration)
 
 
 def _rotors(time, speeds, vehicle):
@@ -43,14 +37,14 @@ def _imu(time, vector, vehicle):
     return json_topics.imu_data(vector)
 
 
-# Written at the state_rate of RecordingConfig: class of Foxglove's channel, or a JSON schema, port
-# of RaceRecorder, and what makes the message of the time (s), the port's vector and the Vehicle.
+# Written for every StateSample: class of Foxglove's channel, or a JSON schema, the field of the
+# sample, and what makes the message of the time (s), the field and the Vehicle.
 SAMPLED = {
-    "/state/truth": (fg.OdometryChannel, "truth.state", _truth),
+    "/state/truth": (fg.OdometryChannel, "truth", _state),
     # As the autopilot hands it to the autonomy, as the controller uses it, and the
     # acceleration that it finds (m/s^2 in world).
-    "/state/estimate": (fg.OdometryChannel, "state_estimate", _estimate),
-    "/state/filtered": (fg.OdometryChannel, "filtered_estimate", _estimate),
+    "/state/estimate": (fg.OdometryChannel, "estimate", _state),
+    "/state/filtered": (fg.OdometryChannel, "filtered", _state),
     "/state/disturbance": (fg.Vector3Channel, "disturbance", _vector3),
     # The newest sample, where the drone has an IMU.
     "/imu": (json_topics.SCHEMAS["/imu"], "imu", _imu),
@@ -59,7 +53,7 @@ SAMPLED = {
     "/reference/acceleration": (fg.Vector3Channel, "reference", _acceleration),
     # rad/s; effort: nominal thrust (N).
     "/rotors/measured": (fg.JointStatesChannel, "rotor_speeds", _rotors),
-    "/rotors/command": (fg.JointStatesChannel, "rotor_speed_command", _rotors),
+    "/rotors/command": (fg.JointStatesChannel, "rotor_commands", _rotors),
 }
 # Class of Foxglove's channel, or a JSON schema, of all topics.
 TOPICS = {
@@ -80,7 +74,8 @@ TOPICS = {
     "/plan/scene": fg.SceneUpdateChannel,
     "/explorer": fg.LogChannel,
     "/referee": fg.LogChannel,
-    # What was found and refused, the map, the plan, and the gates that counted:
+    # What was found and refused, the map, the plan, how far the exploration is, and the gates that
+    # counted:
     **json_topics.SCHEMAS,
 }
 

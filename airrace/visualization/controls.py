@@ -1,4 +1,4 @@
-"""How fast a race is simulated, as people ask for it on its page."""
+"""The pace of a race's simulation, as its pages ask for it."""
 
 import threading
 import time
@@ -11,36 +11,36 @@ MAX_RATE = 100.0  # x real time
 _NAP = 0.05  # s
 
 
-class Wish(NamedTuple):
-    """What was asked for: to pause, and a rate (x real time, 0 = as fast as it can)."""
+class Pace(NamedTuple):
+    """Whether the simulation pauses, and its rate (x real time, 0 = as fast as it can)."""
 
     paused: bool = False
     rate: float = 0.0
 
 
-class Wishes:
-    """What people ask for on a page; its server writes it, and the race reads it."""
+class PaceRequest:
+    """The pace that pages ask for: their server writes it, and the race reads it."""
 
     def __init__(self) -> None:
-        """Begins without a race that could be steered."""
+        """Begins without a race whose pace could be set."""
         self._lock = threading.Lock()
-        self._now: Wish | None = None
+        self._now: Pace | None = None
 
     @property
-    def now(self) -> Wish | None:
-        """The latest Wish; None if nothing can be asked for."""
+    def now(self) -> Pace | None:
+        """The latest request; None if the pace cannot be set."""
         return self._now
 
     def begin(self, rate: float) -> None:
-        """Allows wishes; rate: that the race begins with (x real time, 0 = as fast as it can)."""
-        self._now = Wish(rate=rate)
+        """Allows requests; rate: that the race begins with (x real time, 0 = as fast as it can)."""
+        self._now = Pace(rate=rate)
 
     def end(self) -> None:
         """Allows none any more."""
         with self._lock:
             self._now = None
 
-    def ask(self, message: object) -> None:
+    def receive(self, message: object) -> None:
         """Takes in a page's message: a dict with ``pause``, ``rate``, or both.
 
         What makes no sense is left out: anybody can send anything.
@@ -58,30 +58,30 @@ class Wishes:
 
 
 class RaceControls:
-    """Steers a Simulator as people wish.
+    """Gives a Simulator the pace that is asked for.
 
     Only how fast a race is simulated changes, never what happens in it.
     """
 
-    def __init__(self, wishes: Wishes, simulator: Simulator):
-        """Args: wishes: of the page. simulator: of the race."""
-        self._wishes, self._simulator = wishes, simulator
+    def __init__(self, request: PaceRequest, simulator: Simulator):
+        """Args: request: of the page. simulator: of the race."""
+        self._request, self._simulator = request, simulator
         self._rate = simulator.get_target_realtime_rate()
-        wishes.begin(self._rate)
+        request.begin(self._rate)
 
     def steer(self, interrupted: Callable[[], bool] = lambda: False) -> None:
-        """Does what was asked for; while the race is paused, waits.
+        """Sets the pace; while the race is paused, waits.
 
         Args:
             interrupted: whether to give up waiting.
         """
         paused = False
-        while (wish := self._wishes.now) and wish.paused and not interrupted():
+        while (pace := self._request.now) and pace.paused and not interrupted():
             paused = True
             time.sleep(_NAP)
-        if wish and wish.rate != self._rate:
-            self._rate = wish.rate
-            self._simulator.set_target_realtime_rate(wish.rate)
+        if pace and pace.rate != self._rate:
+            self._rate = pace.rate
+            self._simulator.set_target_realtime_rate(pace.rate)
         elif not paused:
             return
         # It would hurry to make up for the time before.

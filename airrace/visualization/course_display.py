@@ -1,25 +1,23 @@
 """A client's race on the terminal: a line for everything that happens."""
 
-import types
 from pathlib import Path
 
 from rich.console import Console
 
 from airrace.common.words import count
-from airrace.recording.course_result import CourseResult
+from airrace.recording import race_events as events
 from airrace.scenario import Scenario
 from airrace.track import Course
 
 
 class CourseDisplay:
-    """Shows races while they run; its `show` is a callback of run_race()."""
+    """A sink that shows races while they run, and prints how each ended."""
 
     def __init__(self, scenario: Scenario, track: Course, console: Console | None = None):
         """Args: scenario, track: of the races. console: standard output by default."""
         self._scenario, self._track = scenario, track
         self._console = console or Console(highlight=False, soft_wrap=True)
-        self._time = self._shown_collisions = 0.0
-        self._crossings, self._started = 0, False
+        self._time, self._started, self._touched = 0.0, False, False
 
     def note(self, line: str) -> None:
         """Prints a line."""
@@ -40,27 +38,26 @@ class CourseDisplay:
         )
         self.note(f"Waiting for a client at {client}.")
 
-    def show(self, result: CourseResult, outputs: types.SimpleNamespace) -> None:
-        """Shows what the outputs of the race say; see run_race()."""
-        if outputs.time < self._time:
-            self._crossings, self._started, self._shown_collisions = 0, False, 0.0
+    def take(self, event: events.RaceEvent) -> None:
+        """Shows what has happened."""
+        if event.time < self._time:
+            self._begin()
             self.note("Reset: the drone is on its pad again.")
-        self._time = outputs.time
-        status = outputs.explorer_status
-        if status.done and not self._started:
-            self._started = True
-            self._at(status.since, "armed")
-        for crossing in outputs.referee_status.crossings[self._crossings :]:
-            self._at(
-                crossing.time,
-                f"gate {crossing.gate} of {len(self._track.gates)}, {crossing.offset:.2f} m from "
-                f"its middle, at most {crossing.max_speed:.1f} m/s",
-            )
-        self._crossings = len(outputs.referee_status.crossings)
-        touched = sum(result.collisions.values())
-        if touched and not self._shown_collisions:
-            self._at(outputs.time, "the drone has touched something")
-        self._shown_collisions = touched
+        self._time = event.time
+        match event:
+            case events.ExplorerChanged() if event.status.done and not self._started:
+                self._started = True
+                self._at(event.status.since, "armed")
+            case events.GateCrossed():
+                crossing = event.crossing
+                self._at(
+                    crossing.time,
+                    f"gate {crossing.gate} of {len(self._track.gates)}, {crossing.offset:.2f} m "
+                    f"from its middle, at most {crossing.max_speed:.1f} m/s",
+                )
+            case events.ContactsCounted() if not self._touched:
+                self._touched = True
+                self._at(event.time, "the drone has touched something")
 
     def print_result(self, data: dict, folder: Path, resets: int) -> None:
         """Prints how a race ended: race.json, its folder, and how often it was reset."""
@@ -73,8 +70,10 @@ class CourseDisplay:
         else:
             self.note(f"Did not finish: {data['dnf_reason']}; {passed}{touched}{again}")
         self.note(f"Results: {folder}")
-        self._time = 0.0  # the next race is no reset
-        self._crossings, self._started, self._shown_collisions = 0, False, 0.0
+        self._begin()  # the next race is no reset
+
+    def _begin(self):
+        self._time, self._started, self._touched = 0.0, False, False
 
     def _at(self, time, what):
         self.note(f"[{time:7.1f} s] {what}")

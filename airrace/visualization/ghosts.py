@@ -4,18 +4,19 @@ import dataclasses as dc
 import logging
 from collections.abc import Iterable, Sequence
 
-import numpy as np
-from pydrake.geometry import IllustrationProperties, Rgba, RoleAssign
+from pydrake.geometry import IllustrationProperties, Meshcat, Rgba, RoleAssign
 from pydrake.multibody.parsing import Parser
 
 from airrace.analysis import Run
+from airrace.analysis.recorded_events import recorded_events
 from airrace.common.errors import UserError
 from airrace.rendering.scene.pad import AddPad
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.vehicle import load_vehicle
 from airrace.visualization.meshcat_page import MakeMeshcat, draw_bodies
 from airrace.visualization.page_html import REPLAY, make_page, page_config
-from airrace.visualization.run_record import poses_at, record_of
+from airrace.visualization.page_sink import PageSink
+from airrace.visualization.race_record import RaceRecord
 
 # Blue, orange, green, purple, ...: far apart for all eyes.
 COLORS = {
@@ -42,16 +43,6 @@ class Ghost:
     run: Run
     start: float
     color: str
-
-    @property
-    def duration(self) -> float:
-        """From time zero to its end (s)."""
-        return float(self.run.state["time"].iloc[-1]) - self.start
-
-    def poses(self, times: np.ndarray) -> tuple:
-        """Returns positions, (n, 3) m, and quaternions w, x, y, z, (n, 4), at replay times (s)."""
-        p_WB, R_WB = poses_at(self.run.state, np.asarray(times) + self.start)
-        return p_WB, R_WB.as_quat(scalar_first=True)
 
 
 def make_ghosts(runs: "Sequence[Run]", align: str = "start", lap: int = 1) -> list:
@@ -122,7 +113,27 @@ def replay_page(
         for i, ghost in enumerate(ghosts)
         if i > 0
     ]
-    return make_page(meshcat.StaticHtml(), config, record_of(run, pictures).whole())
+    record = record_of(run, pictures, meshcat).whole()
+    return make_page(meshcat.StaticHtml(), config, record)
+
+
+def record_of(run: Run, pictures: bool = True, meshcat: Meshcat | None = None) -> RaceRecord:
+    """Returns what the page of a run that was recorded shows.
+
+    Args:
+        run: with its state recorded.
+        pictures: whether it shows those of the camera; they are most of it.
+        meshcat: to draw the plans' arrows in, if any.
+
+    Raises:
+        UserError: if an older airrace has recorded the run.
+    """
+    record = RaceRecord()
+    sink = PageSink(record, run.track, run.vehicle, meshcat=meshcat)
+    for event in recorded_events(run, pictures):
+        sink.take(event)
+    record.end(float(run.state["time"].iloc[-1]), run.result)
+    return record
 
 
 def _body(i: int) -> str:

@@ -1,17 +1,25 @@
-"""The live page of a race: Drake's Meshcat, what is told of the race, and their server."""
+"""The live page of a race: Drake's Meshcat, the record of the race, and their server."""
 
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from airrace.visualization.controls import Wishes
-from airrace.visualization.meshcat_page import MakeMeshcat
-from airrace.visualization.page_html import LIVE, REPLAY, make_page
+from airrace.track import load_track
+from airrace.vehicle import load_vehicle
+from airrace.visualization.controls import PaceRequest
+from airrace.visualization.meshcat_page import Audience, MakeMeshcat
+from airrace.visualization.page_html import LIVE, REPLAY, make_page, page_config
 from airrace.visualization.page_server import FILES, PageServer, Source
+from airrace.visualization.page_sink import PageSink
 from airrace.visualization.race_record import RaceRecord
+from airrace.visualization.rotor_visualizer import PERIOD, RotorVisualizer, body_path, find_blades
 
 if TYPE_CHECKING:
+    from pydrake.systems.framework import Diagram
+
+    from airrace.recording.race_events import Sink
+    from airrace.scenario import Scenario
     from airrace.track import Course
 
 _NAP = 0.1  # s
@@ -24,7 +32,7 @@ class LivePage:
     Attributes:
         meshcat: that the scene is drawn in.
         record: of the race.
-        wishes: of those who watch.
+        pace: that pages ask for.
         url: of the page.
     """
 
@@ -39,7 +47,7 @@ class LivePage:
             UserError: if no port is free.
         """
         self.meshcat = MakeMeshcat(track)
-        self.record, self.wishes = RaceRecord(), Wishes()
+        self.record, self.pace = RaceRecord(), PaceRequest()
         self._config: dict = {}
         self._beside = ("report.html", "race.json") if report else ("race.json",)
         # The server's thread must not hold the Meshcat, so it is given only its port.
@@ -49,7 +57,7 @@ class LivePage:
                 make_page=lambda html: make_page(html, pages[LIVE]),
                 meshcat_port=self.meshcat.port(),
                 record=self.record,
-                wishes=self.wishes,
+                pace=self.pace,
             )
         )
         self.url = self._server.url
@@ -67,6 +75,29 @@ class LivePage:
     def begin(self, config: dict) -> None:
         """Says what race is shown; config: see page_config()."""
         self._config[LIVE] = config
+
+    def sinks(self, scenario: "Scenario", simulation: "Diagram") -> tuple["Sink", ...]:
+        """Begins to show a race; returns the sinks that show it.
+
+        Args:
+            scenario: the race.
+            simulation: which draws its scene in the Meshcat.
+        """
+        track, (vehicle, _) = load_track(scenario.track), load_vehicle(scenario.drone)
+        plant = simulation.GetSubsystemByName("plant")
+        blades = find_blades(plant, simulation.GetSubsystemByName("scene_graph"), vehicle)
+        body, meshcat = body_path(plant), self.meshcat
+        self.begin(page_config(scenario, track, vehicle, body, mode=LIVE))
+        page = PageSink(
+            self.record,
+            track,
+            vehicle,
+            meshcat=meshcat,
+            audience=Audience(meshcat),
+            keep_pictures=scenario.recording.content == "full",
+        )
+        audience = Audience(meshcat, PERIOD)
+        return page.take, RotorVisualizer(meshcat, vehicle, body, blades, audience).take
 
     @property
     def watching(self) -> int:
@@ -92,7 +123,7 @@ class LivePage:
             most: the longest to stay (s); None: as long as somebody watches.
             note: shows a line.
         """
-        self.wishes.end()
+        self.pace.end()
         self._server.show_results(folder)
         if not self.watching or most == 0.0:
             return

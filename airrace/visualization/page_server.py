@@ -18,7 +18,7 @@ import tornado.web
 import tornado.websocket
 
 from airrace.common.errors import UserError
-from airrace.visualization.controls import Wishes
+from airrace.visualization.controls import PaceRequest
 from airrace.visualization.race_record import Cursor, RaceRecord
 
 _HOST, _LOOPBACK = "localhost", "127.0.0.1"
@@ -38,13 +38,13 @@ class Source(NamedTuple):
         make_page: from Meshcat's HTML to the page; raises KeyError while there is none yet.
         meshcat_port: of Drake's Meshcat on this computer.
         record: of the race.
-        wishes: that pages may have.
+        pace: that pages ask for.
     """
 
     make_page: Callable[[str], str]
     meshcat_port: int
     record: RaceRecord
-    wishes: Wishes
+    pace: PaceRequest
 
 
 class PageServer:
@@ -273,17 +273,18 @@ class _RaceSocket(tornado.websocket.WebSocketHandler):
 
     def on_message(self, message):
         try:
-            self._source.wishes.ask(json.loads(message))
+            self._source.pace.receive(json.loads(message))
         except ValueError:
             pass  # no page of ours sends it
 
     async def _send(self):
-        cursor, wish, folder = Cursor(), None, None
+        cursor: Cursor = {}
+        pace = folder = None
         try:
             while True:
                 batch, cursor = self._source.record.since(cursor)
-                if (now := self._source.wishes.now) != wish:
-                    wish = now
+                if (now := self._source.pace.now) != pace:
+                    pace = now
                     batch["controls"] = now._asdict() if now else None
                 if self._server.folder != folder:
                     folder = self._server.folder

@@ -1,9 +1,12 @@
-"""What the page of a race is told: a record that grows while the race goes on."""
+"""What the page of a race shows: a record that grows while the race goes on."""
 
 import base64
+import collections
 import json
 import threading
-from typing import Any, NamedTuple
+import types
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,28 +15,17 @@ from numpy.typing import ArrayLike
 # weights of the drone, distance of the position estimate from the truth (m).
 FRAME = ("time", "x", "y", "z", "qw", "qx", "qy", "qz", "speed", "thrust", "error")
 # Lists of dicts with a time ``t`` (s), see RaceRecord.add().
-EVENTS, STATUS, CROSSINGS, PLANS, MAPS, SHIFTS, ESTIMATES = (
-    "events",
-    "status",
-    "crossings",
-    "plans",
-    "maps",
-    "shifts",
-    "estimates",
+_LISTS = EVENTS, STATUS, CROSSINGS, PLANS, MAPS, SHIFTS, ESTIMATES = (
+    *("events", "status", "crossings", "plans"),
+    *("maps", "shifts", "estimates"),
 )
-_LISTS = (EVENTS, STATUS, CROSSINGS, PLANS, MAPS, SHIFTS, ESTIMATES)
 # Of all pictures: with the scene, a replay stays below 30 MB.
 _PICTURE_BYTES = 14_000_000
 _NEWEST = 3  # pictures that a page gets at most at once while the race goes on
 
 
-class Cursor(NamedTuple):
-    """How much of a record somebody has read: bytes of frames, pictures, and of each list."""
-
-    frames: int = 0
-    picture: int = 0
-    lists: tuple[int, ...] = (0,) * len(_LISTS)
-    over: bool = False
+# How much of a record somebody has read: bytes of its frames, and how many of each of its lists.
+Cursor = Mapping[str, int]
 
 
 class RaceRecord:
@@ -66,7 +58,7 @@ class RaceRecord:
             name: EVENTS: ``text``. STATUS: ``state`` of the explorer, number of ``gates``,
                 whether it is ``done``, and whether a plan is flown, ``racing``. CROSSINGS:
                 ``gate`` and ``lap``, from 1. PLANS: first ``lap``, and ``points``, see
-                encoded(). MAPS: the largest ``sigma`` (m), and markers that
+                packed(). MAPS: the largest ``sigma`` (m), and markers that
                 ``changed``: ID, p_WM, and radii of an ellipsoid (m). SHIFTS: middles of the
                 ``gates`` (m). ESTIMATES: see estimate_data().
             time: (s).
@@ -102,18 +94,19 @@ class RaceRecord:
                 times = [picture["t"] for _, picture in self._pictures]
                 self._gap = 0.9 * float(np.median(np.diff(times)))
 
-    def end(self, time: float, finished: bool, reason: str | None, exploration: float) -> None:
-        """Notes how the race ended; exploration: what that took (s)."""
+    def end(self, time: float, result: Mapping[str, Any]) -> None:
+        """Notes how the race ended; time: when (s). result: of race.json."""
+        explored = result.get("exploration")  # not by a client
         over = {
             "t": round(float(time), 3),
-            "finished": finished,
-            "reason": reason,
-            "exploration": exploration,
+            "finished": result["finished"],
+            "reason": result["dnf_reason"],
+            "exploration": explored["time_s"] if explored else result["start_s"],
         }
         with self._lock:
             self._over = over
 
-    def since(self, cursor: Cursor = Cursor()) -> tuple[dict, Cursor]:
+    def since(self, cursor: Cursor = types.MappingProxyType({})) -> tuple[dict, Cursor]:
         """Returns what is new as a batch, and the cursor for the next call.
 
         Args:
@@ -124,28 +117,17 @@ class RaceRecord:
             a dict that JSON can hold: ``frames`` in base64, lists, and how the race ended;
             only what is new.
         """
+        read = collections.Counter(cursor)
         with self._lock:
-            frames = bytes(self._frames[cursor.frames :])
-            lists = {
-                name: items[start:]
-                for (name, items), start in zip(self._lists.items(), cursor.lists)
-            }
-            pictures = [each for each in self._pictures[-_NEWEST:] if each[0] > cursor.picture]
-            over = self._over
-            after = Cursor(
-                len(self._frames),
-                self._count,
-                tuple(len(items) for items in self._lists.values()),
-                over is not None,
-            )
-        batch: dict = {name: items for name, items in lists.items() if items}
-        if frames:
-            batch["frames"] = base64.b64encode(frames).decode()
-        if pictures:
-            batch["pictures"] = [picture for _, picture in pictures]
-        if over and not cursor.over:
-            batch["over"] = over
-        return batch, after
+            batch: dict = {name: items[read[name] :] for name, items in self._lists.items()}
+            newest = self._pictures[-_NEWEST:]
+            batch["pictures"] = [each for number, each in newest if number > read["pictures"]]
+            batch["frames"] = base64.b64encode(self._frames[read["frames"] :]).decode()
+            batch["over"] = self._over if not read["over"] else None
+            after = {name: len(items) for name, items in self._lists.items()}
+            after |= {"frames": len(self._frames), "pictures": self._count}
+            after["over"] = int(self._over is not None)
+        return {name: new for name, new in batch.items() if new}, after
 
     def whole(self) -> dict:
         """Returns everything as one batch, with all pictures."""
@@ -153,11 +135,6 @@ class RaceRecord:
         with self._lock:
             batch["pictures"] = [picture for _, picture in self._pictures]
         return batch
-
-
-def encoded(numbers: ArrayLike) -> str:
-    """Returns numbers as text: base64 of little-endian single precision."""
-    return base64.b64encode(np.ascontiguousarray(numbers, "<f4").tobytes()).decode()
 
 
 def script_json(data: Any) -> str:

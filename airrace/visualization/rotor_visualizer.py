@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.geometry import Box, Convex, Ellipsoid, Mesh, Meshcat, Role, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 
-from airrace.systems.leaf_system import LeafSystem
+from airrace.recording.race_events import RaceEvent, StateSample
 from airrace.vehicle import Vehicle
 from airrace.visualization.meshcat_page import Audience
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 # Of the true speed, which would be a blur or, sampled, seem to stand still.
 SLOW_MOTION = 0.1
-PERIOD = 1 / 15  # s, between two poses
+PERIOD = 1 / 15  # s of wall time, between two poses
 _ON_AXIS = 0.01  # m
 _NOT_ROUND = (Box, Convex, Ellipsoid, Mesh)
 
@@ -55,49 +55,34 @@ def body_path(plant: "MultibodyPlant") -> str:
     return f"visualizer/{model}/body"
 
 
-class RotorVisualizer(LeafSystem):
-    """Turns the blades of the drone, in slow motion.
+class RotorVisualizer:
+    """A sink that turns the blades of the drone, in slow motion.
 
-    .. pydrake_system::
-
-        name: RotorVisualizer
-        input_ports:
-        - rotor_speeds
-
-    ``rotor_speeds`` (n) are in rad/s. Nothing is drawn if nobody watches, and the replay's
-    drone does not turn its rotors.
+    Nothing is drawn if nobody watches, and the replay's drone does not turn its rotors.
     """
 
     def __init__(
-        self,
-        *,
-        meshcat: Meshcat,
-        vehicle: Vehicle,
-        plant: "MultibodyPlant",
-        scene_graph: SceneGraph,
-        audience: Audience | None = None,
+        self, meshcat: Meshcat, vehicle: Vehicle, body: str, blades: list, audience: Audience
     ):
         """Constructs the visualizer.
 
         Args:
             meshcat: in which a MeshcatVisualizer draws the drone.
             vehicle: the rotor table.
-            plant, scene_graph: of the drone, see find_blades().
+            body, blades: of the drone, see body_path() and find_blades().
             audience: of the page.
         """
-        LeafSystem.__init__(self)
-        self._meshcat = meshcat
-        self._audience = audience or Audience(meshcat, PERIOD)
-        self._path = body_path(plant)
-        self._blades = find_blades(plant, scene_graph, vehicle)
+        self._meshcat, self._audience = meshcat, audience
+        self._path, self._blades = body, blades
         signs = np.array([1.0 if r.direction == "ccw" else -1.0 for r in vehicle.rotors])
-        self._step = SLOW_MOTION * PERIOD * signs
-        self._angles = np.zeros(len(vehicle.rotors))  # output, not state: see PlanVisualizer
-        self._speeds = self.DeclareVectorInputPort("rotor_speeds", len(vehicle.rotors))
-        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, self._draw)
+        self._factors, self._angles, self._time = SLOW_MOTION * signs, 0.0 * signs, 0.0
 
-    def _draw(self, context):
-        self._angles += self._step * self._speeds.Eval(context)
+    def take(self, event: RaceEvent) -> None:
+        """Turns the blades up to a StateSample."""
+        if not isinstance(event, StateSample) or event.rotor_speeds is None:
+            return
+        self._angles += (event.time - self._time) * self._factors * event.rotor_speeds
+        self._time = event.time
         if not self._audience.waits():
             return
         for rotor, name, X_BG in self._blades:

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import time
-import types
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -12,10 +11,13 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Column, Table
 
 from airrace.common.words import count
+from airrace.recording import race_events as events
 from airrace.recording.flown_plans import plan_of_laps, same_plan_words
-from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK, RaceResult
+from airrace.recording.race_result import ORIGINAL_LAPS, ORIGINAL_TRACK
 from airrace.scenario import Scenario, trajectory_name
+from airrace.systems.types import ExplorerStatus
 from airrace.track import Track
+from airrace.vehicle import Vehicle, load_vehicle
 from airrace.vehicle.rotor_loss import Remaining
 
 _REFRESH = 0.1  # s
@@ -33,7 +35,7 @@ class _PatientConsole(Console):
 
 
 class RaceDisplay:
-    """Shows a race while it runs; its `show` is a callback of run_race()."""
+    """A sink that shows a race while it runs, then prints its table of laps."""
 
     def __init__(
         self,
@@ -42,7 +44,7 @@ class RaceDisplay:
         addresses: Sequence[str] = (),
         console: Console | None = None,
     ):
-        """Constructs the display; nothing is printed before the first show().
+        """Constructs the display; nothing is printed before the first event.
 
         Args:
             scenario, track: of the race.
@@ -56,7 +58,10 @@ class RaceDisplay:
         self._addresses = addresses
         self._console = console or _PatientConsole()
         self._start = self._last = time.perf_counter()
-        self._events = self._losses = self._pilot_events = 0  # shown so far
+        self._vehicle = load_vehicle(scenario.drone)[0]
+        self._opened, self._explorer = False, ExplorerStatus()
+        self._lost, self._crossings = list[int](), 0
+        self._lap_start = 0.0  # s
         self._live: Progress | None = None
 
     def announce(self, what: str) -> None:
@@ -74,12 +79,13 @@ class RaceDisplay:
             with self._patience():
                 self._live.stop()
 
-    def show(self, result: RaceResult, outputs: types.SimpleNamespace) -> None:
-        """Shows what the outputs of the race say; see run_race()."""
+    def take(self, event: events.RaceEvent) -> None:
+        """Shows what has happened."""
         with self._patience():
-            if not self._events:
-                self._open(result.vehicle.name)
-            self._show(result, outputs)
+            if not self._opened:
+                self._opened = True
+                self._open()
+            self._take(event)
 
     @contextlib.contextmanager
     def _patience(self) -> Iterator[None]:
@@ -97,13 +103,13 @@ class RaceDisplay:
         with self._patience():
             self._print(line)
 
-    def _open(self, drone: str) -> None:
+    def _open(self) -> None:
         scenario = self._scenario
         kind = trajectory_name(scenario.trajectory)
         if scenario.planner.limits != "original":
             kind += f" within limits {scenario.planner.limits}"
         self._print(
-            f"airrace: {drone} on {self._track_name}, {kind}, "
+            f"airrace: {self._vehicle.name} on {self._track_name}, {kind}, "
             f"seed {scenario.seed}, {count(scenario.laps, 'lap')}"
         )
         for line in self._addresses:
@@ -124,39 +130,51 @@ class RaceDisplay:
         """Prints a line as it is: names and paths may look like markup."""
         self._console.print(line, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
-    def _show(self, result, outputs):
-        for event in result.events[self._events :]:
-            self._events += 1
-            self._print(f"[{event.time:7.1f} s] {event.state}: {event.reason}")
-        for time_s, what in result.pilot_events[self._pilot_events :]:
-            self._pilot_events += 1
-            self._print(f"[{time_s:7.1f} s] {what}")
-        for rotor, time_noticed in list(result.rotor_losses.items())[self._losses :]:
-            self._losses += 1
-            self._print(f"[{time_noticed:7.1f} s] {loss_line(result, rotor)}")
-        for lap in range(result.laps_flown - outputs.laps_ended, result.laps_flown):
-            first, last = (
-                result.referee_status.crossings[self._gates * k].time for k in (lap, lap + 1)
-            )
-            self._print(f"[{last:7.1f} s] lap {lap + 1}: {last - first:.2f} s")
+    def _take(self, event: events.RaceEvent) -> None:
+        match event:
+            case events.ExplorerChanged():
+                self._explorer = event.status
+                for each in event.entered:
+                    self._print_at(each.time, f"{each.state}: {each.reason}")
+            case events.PilotChanged():
+                self._print_at(event.status.since, event.what)
+            case events.RotorLost():
+                self._lost.append(event.rotor)
+                self._print_at(event.noticed, loss_line(self._vehicle, self._lost))
+            case events.GateCrossed():
+                crossing = event.crossing
+                if crossing.gate == 1 and self._crossings:
+                    lap = self._crossings // self._gates
+                    self._print_at(
+                        crossing.time, f"lap {lap}: {crossing.time - self._lap_start:.2f} s"
+                    )
+                if crossing.gate == 1:
+                    self._lap_start = crossing.time
+                self._crossings += 1
+            case events.StateSample():
+                self._refresh(event.time)
+
+    def _print_at(self, time: float, line: str) -> None:
+        self._print(f"[{time:7.1f} s] {line}")
+
+    def _refresh(self, time_s: float) -> None:
         now = time.perf_counter()
         if self._live is not None and now - self._last > _REFRESH:
             self._last = now
-            self._live.update(self._live.task_ids[0], **self._progress(result, outputs, now))
+            self._live.update(self._live.task_ids[0], **self._progress(time_s, now))
             self._live.refresh()
 
-    def _progress(self, result: RaceResult, outputs: types.SimpleNamespace, now: float) -> dict:
+    def _progress(self, time_s: float, now: float) -> dict:
         """Returns what the bar shows; while exploring, nobody knows how long it will take."""
-        rate = outputs.time / (now - self._start)
-        clock = f"{outputs.time:.1f} s simulated, {rate:.1f} x real time"
-        if not result.explorer_status.done:
-            found = count(len(result.explorer_status.gates), "gate")
+        clock = f"{time_s:.1f} s simulated, {time_s / (now - self._start):.1f} x real time"
+        if not self._explorer.done:
+            found = count(len(self._explorer.gates), "gate")
             return dict(description=f"exploring, {found} found", total=None, clock=clock)
-        crossings, laps = len(result.referee_status.crossings), self._scenario.laps
-        lap, gate = lap_and_gate(crossings, self._gates, laps)
+        crossings, gates, laps = self._crossings, self._gates, self._scenario.laps
+        lap = min(max(crossings - 1, 0) // gates + 1, laps)
         return dict(
-            description=f"lap {lap}/{laps}, next gate {gate}",
-            total=laps * self._gates,
+            description=f"lap {lap}/{laps}, next gate {crossings % gates + 1}",
+            total=laps * gates,
             completed=max(crossings - 1, 0),
             clock=clock,
         )
@@ -184,11 +202,6 @@ class RaceDisplay:
                 f"{wall['real_time_factor']:.1f} x real time."
             )
             self._print(f"Results: {output_dir}")
-
-
-def lap_and_gate(crossings: int, gates: int, laps: int) -> tuple[int, int]:
-    """Returns the lap that is flown, and the next gate, after so many crossings; both from 1."""
-    return min(max(crossings - 1, 0) // gates + 1, laps), crossings % gates + 1
 
 
 def lap_table(result: dict, half_width: float) -> Table:
@@ -222,13 +235,12 @@ def lap_table(result: dict, half_width: float) -> Table:
     return table
 
 
-def loss_line(result: RaceResult, rotor: int) -> str:
-    """Returns what the autonomy makes of a lost rotor, given by its number."""
-    n = len(result.vehicle.rotors)
-    remaining = Remaining(result.vehicle, [i + 1 not in result.rotor_losses for i in range(n)])
-    if remaining.can_fly:
-        return f"rotor {rotor} lost: flying on with the other {n - len(result.rotor_losses)}"
-    return f"rotor {rotor} lost: the others cannot hold the yaw, coming down"
+def loss_line(vehicle: Vehicle, lost: Sequence[int]) -> str:
+    """Returns what the autonomy makes of lost rotors, given by their numbers, the newest last."""
+    n = len(vehicle.rotors)
+    if Remaining(vehicle, [i + 1 not in lost for i in range(n)]).can_fly:
+        return f"rotor {lost[-1]} lost: flying on with the other {n - len(lost)}"
+    return f"rotor {lost[-1]} lost: the others cannot hold the yaw, coming down"
 
 
 def failures_line(result: dict) -> str:

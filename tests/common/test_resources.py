@@ -39,9 +39,7 @@ def elsewhere(tmp_path, monkeypatch):
     """airrace's module of resources as if it lay in an empty folder."""
     package = tmp_path / "site-packages" / "airrace"
     package.mkdir(parents=True)
-    monkeypatch.setattr(
-        airrace.common.resources, "__file__", str(package / "common" / "resources.py")
-    )
+    monkeypatch.setattr(airrace.common.resources, "PACKAGE", package)
     models_path.cache_clear()
     yield package
     models_path.cache_clear()

@@ -12,6 +12,7 @@ from airrace.diagrams.variants import variant_of
 from airrace.scenario import Scenario
 from airrace.systems.estimation.state_filter import UnfilteredState
 from airrace.vehicle import find_vehicle
+from tests.worlds.looks import Looks
 
 STUDENT = """
     from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -169,12 +170,12 @@ def test_a_students_box_flies(tmp_path):
         }
     )
     scenario.referee.time_limit = 3.0
-    heights = []
+    looks = Looks()
     student_boxes.updates = 0
-    result = run_race(scenario, tmp_path, show=lambda record, look: heights.append(look.state[6]))
+    result = run_race(scenario, tmp_path, sinks=[looks.take])
     assert result["dnf_reason"].startswith("ran out of time")
-    assert student_boxes.updates == pytest.approx(250 * 0.1 * len(heights), abs=2)
-    assert 4.5 < heights[-1] < 5.5
+    assert student_boxes.updates == pytest.approx(250 * 0.1 * len(looks), abs=2)
+    assert 4.5 < looks[-1].state[6] < 5.5
 
 
 def test_a_box_may_look_at_all_that_autonomy_has():

@@ -16,11 +16,11 @@ from airrace.scenario import LEARNED, LINK_DELAY, VIO, Scenario, load_scenario, 
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 from airrace.systems.exploring.explorer import Explorer
 from airrace.systems.mapping.known_map import KnownMap, NoDetector
-from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.track import load_track
 from airrace.track.map_files import read_map
 from airrace.vehicle import load_vehicle
 from tests.worlds.linear_pilot import linear_network
+from tests.worlds.looks import Looks
 
 BLIND = CameraConfig(renderer=NO_CAMERA)
 
@@ -115,7 +115,7 @@ def test_a_network_flies_over_a_link(hexagon, tmp_path):
         scenario.systems[name] = f"{__name__}:{make}"
     folder = tmp_path / "autonomy"
     folder.mkdir()
-    flew, plans = [], []
+    flew, looks = [], Looks()
     link = LinkConfig(delay=0.02, jitter=0.005, loss=0.01)
 
     class Watched(SimulatedRemote):
@@ -129,16 +129,14 @@ def test_a_network_flies_over_a_link(hexagon, tmp_path):
             return result
 
     result = run_race(
-        scenario,
-        tmp_path,
-        transport=Watched(scenario, link, folder),
-        show=lambda _, outputs: plans.append(outputs.lap_plan is not NO_PLAN),
+        scenario, tmp_path, transport=Watched(scenario, link, folder), sinks=[looks.take]
     )
     assert any(flies for flies, _, _ in flew)
     passed, reason = flew[-1][1:]
     assert passed >= 1 and reason == "it saw what it was not trained on"
     # The planner is told of it, and plans only then.
     handed = [bool(reason) for _, _, reason in flew]
+    plans = [look.plan is not None for look in looks]
     assert plans[-1] and plans.index(True) > handed.index(True)
     assert result["collisions"] == 0 and result["wall"]["link"]["watchdog"]["hovers"] == 0
     assert result["dnf_reason"].startswith("ran out of time")

@@ -8,6 +8,7 @@ from airrace.scenario import Scenario
 from airrace.scenario.camera_config import CameraConfig
 from airrace.track import load_track
 from airrace.vehicle.disturbances import DisturbancesConfig
+from tests.worlds.looks import Looks
 
 N, LAPS = 6, 1
 
@@ -24,9 +25,9 @@ def race(hexagon, tmp_path_factory):
         disturbances=DisturbancesConfig(gate_shift=1.0),
     )
     scenario.referee.time_limit = 120.0
-    looks = []
+    looks = Looks()
     folder = tmp_path_factory.mktemp("moving")
-    result = run_race(scenario, folder, show=lambda record, look: looks.append(look))
+    result = run_race(scenario, folder, sinks=[looks.take])
     return load_track(hexagon), result, looks
 
 
@@ -41,9 +42,9 @@ def passages(looks):
     """Yields every counted passage of a gate, its index and the first look after it."""
     seen = 0
     for look in looks:
-        for crossing in look.referee_status.crossings[seen:]:
+        for crossing in look.crossings[seen:]:
             yield crossing, crossing.gate - 1, look
-        seen = len(look.referee_status.crossings)
+        seen = len(look.crossings)
 
 
 @pytest.mark.slow

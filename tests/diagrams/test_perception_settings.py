@@ -43,7 +43,7 @@ def test_the_first_seconds_of_a_flight(tmp_path, perception):
         if file.exists():
             written.add(json.loads(file.read_text())["time_s"])
 
-    run_race(scenario, tmp_path, show=look)
+    run_race(scenario, tmp_path, sinks=[look])
     statistics = json.loads((tmp_path / "map_statistics.json").read_text())
     ours = perception is not ORIGINAL
     assert (len(written) < 6) == ours

@@ -13,9 +13,11 @@ from airrace.commands.app import main as airrace
 from airrace.common.errors import UserError
 from airrace.diagrams import race as race_module
 from airrace.diagrams.race import run_race
+from airrace.recording.race_events import StateSample
 from airrace.scenario import Scenario, load_scenario
 from airrace.track import load_track
 from tests.worlds.cases import first
+from tests.worlds.looks import Looks
 
 FILES = {"scenario.yaml", "map.json", "map_statistics.json", "race.json", "race.mcap"}
 
@@ -69,13 +71,14 @@ def flown(hexagon, tmp_path_factory):
     scenario = Scenario(track=hexagon, laps=2, trajectory="4", seed=3)
     scenario.referee.time_limit = 120.0
     scenario.camera.fps = 15.0  # half of the usual pictures, to save time
-    looks = []
+    looks = Looks()
 
-    def show(record, look):
-        look.on_disk = json.loads((folder / "race.json").read_text())
-        looks.append(look)
+    def take(event):
+        looks.take(event)
+        if isinstance(event, StateSample):
+            looks[-1].on_disk = json.loads((folder / "race.json").read_text())
 
-    result = run_race(scenario, folder, show=show)
+    result = run_race(scenario, folder, sinks=[take])
     return folder, result, looks
 
 
@@ -105,11 +108,10 @@ class TestWholeRace:
 
     def test_laps_are_on_disk_as_they_end(self, flown):
         for look in flown[2]:
-            crossings = len(look.referee_status.crossings)
+            crossings = len(look.crossings)
             assert len(look.on_disk["laps"]) == max(crossings - 1, 0) // 6
             check_laps(look.on_disk, 6, 2)
-        assert [look.laps_ended for look in flown[2] if look.laps_ended] == [1, 1]
-        first = next(look for look in flown[2] if look.laps_ended)
+        first = next(look for look in flown[2] if len(look.crossings) > 6)
         assert first.on_disk["laps"] == flown[1]["laps"][:1]
         assert first.on_disk["dnf_reason"] == "not over yet"
 
@@ -151,14 +153,10 @@ class TestWholeRace:
 class TestShortFlights:
     @pytest.mark.slow
     def test_the_seed_decides(self, tmp_path):
-        states = {}
+        states = {name: Looks() for name in "abc"}
         for name, seed in (("a", 3), ("b", 3), ("c", 4)):
             (tmp_path / name).mkdir()
-            result = run_race(
-                short(seed=seed),
-                tmp_path / name,
-                show=lambda record, look: states.setdefault(name, []).append(look.state.tolist()),
-            )
+            result = run_race(short(seed=seed), tmp_path / name, sinks=[states[name].take])
             assert result == read_race(tmp_path / name)
             assert result["seed"] == seed
             assert result["dnf_reason"].startswith("ran out of time in state TAKE_OFF: level")
@@ -169,22 +167,24 @@ class TestShortFlights:
                 "time_s": pytest.approx(2.0),
                 "gates_found": 0,
             }
-        assert states["a"] == states["b"] != states["c"]
+        a, b, c = ([look.state.tolist() for look in states[name]] for name in "abc")
+        assert a == b != c
         same = [comparable(read_race(tmp_path / name)) for name in "ab"]
         assert same[0] == same[1]
 
     def test_every_file_is_there_from_the_first_look_on(self, tmp_path):
-        def show(record, look):
+        def take(event):
             data = read_race(tmp_path)
             assert data["dnf_reason"] == "not over yet" and data["laps"] == []
             raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            run_race(short(), tmp_path, show=show)
+            run_race(short(), tmp_path, sinks=[take])
 
     def test_looks_come_at_round_times(self, tmp_path):
-        times = []
-        run_race(short(1.0), tmp_path, show=lambda record, look: times.append(look.time))
+        looks = Looks()
+        run_race(short(1.0), tmp_path, sinks=[looks.take])
+        times = [look.time for look in looks]
         np.testing.assert_allclose(times, 0.1 * np.arange(1, len(times) + 1), rtol=0, atol=1e-12)
 
     def test_signal_handlers_are_given_back(self, tmp_path):
@@ -193,22 +193,24 @@ class TestShortFlights:
         run_race(
             short(0.2),
             tmp_path,
-            show=lambda record, look: during.append(
-                [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)]
-            ),
+            sinks=[
+                lambda _: during.append(
+                    [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)]
+                )
+            ],
         )
         assert [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)] == before
         assert all(handlers != before for handlers in during)
 
     def test_the_second_ctrl_c_means_it(self, tmp_path):
-        def show(record, look):
-            if look.time > 0.25:
+        def take(event):
+            if event.time > 0.25:
                 os.kill(os.getpid(), signal.SIGINT)  # only sets a flag
                 os.kill(os.getpid(), signal.SIGINT)
                 pytest.fail("still flying")
 
         with pytest.raises(KeyboardInterrupt):
-            run_race(short(), tmp_path, show=show)
+            run_race(short(), tmp_path, sinks=[take])
         assert read_race(tmp_path)["dnf_reason"] == "interrupted"
 
     def test_ctrl_c_before_the_first_look(self, tmp_path, monkeypatch):
@@ -220,7 +222,7 @@ class TestShortFlights:
 
         write_map = race_module.write_map
         monkeypatch.setattr(race_module, "write_map", interrupted_write)
-        data = run_race(short(), tmp_path, show=lambda record, look: pytest.fail("flew"))
+        data = run_race(short(), tmp_path, sinks=[lambda event: pytest.fail("flew")])
         assert data == read_race(tmp_path)
         assert data["dnf_reason"] == "interrupted"
 
@@ -291,26 +293,26 @@ class TestFaults:
         assert data["dnf_reason"] == "stopped by an error" and not data["finished"]
         assert data["exploration"]["time_s"] == pytest.approx(time_s, abs=0.101)
 
-    def test_a_display_that_raises(self, tmp_path):
-        def show(record, look):
+    def test_a_sink_that_raises(self, tmp_path):
+        def take(event):
             raise ZeroDivisionError("in the display")
 
         with pytest.raises(ZeroDivisionError):
-            run_race(short(), tmp_path, show=show)
+            run_race(short(), tmp_path, sinks=[take])
         assert read_race(tmp_path)["dnf_reason"] == "stopped by an error"
 
     def test_a_disk_that_is_full_at_the_end(self, tmp_path, monkeypatch):
         """What was written before stays, and one sentence says what is wrong."""
 
-        def show(record, look):
-            if look.time > 1.45:
+        def take(event):
+            if event.time > 1.45:
                 monkeypatch.setattr("pathlib.Path.write_bytes", full)
 
         def full(self, *args, **kwargs):
             raise OSError(28, "No space left on device")
 
         with pytest.raises(UserError, match="cannot be written .No space left on device"):
-            run_race(short(1.5), tmp_path, show=show)
+            run_race(short(1.5), tmp_path, sinks=[take])
         monkeypatch.undo()
         assert read_race(tmp_path)["dnf_reason"] == "not over yet"
 

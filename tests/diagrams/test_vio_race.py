@@ -15,6 +15,7 @@ from airrace.track.generator import generate_track
 from airrace.vehicle.disturbances import RotorFailure
 from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure
 from tests.worlds.cases import first
+from tests.worlds.looks import Looks
 
 
 def make_scenario(fps=15.0, **fields):
@@ -48,11 +49,10 @@ def test_a_system_that_is_not_there():
 @pytest.mark.repeats
 def test_a_race_from_pixels_and_an_imu(tmp_path):
     """Undisturbed; see also test_sensors_that_fail_for_a_while_end_no_race()."""
-    maps = []
-    scenario = make_scenario(fps=30.0)
-    result = run_race(scenario, tmp_path, show=lambda _, outputs: maps.append(outputs.gate_map))
+    looks, scenario = Looks(), make_scenario(fps=30.0)
+    result = run_race(scenario, tmp_path, sinks=[looks.take])
     assert result["finished"], result
-    check_map(maps[-1])
+    check_map(looks[-1].gate_map)
 
 
 def check_map(known):
@@ -66,10 +66,11 @@ def check_map(known):
 @pytest.mark.slow
 def test_on_its_pad_a_drone_with_a_wrong_attitude_does_not_stir(tmp_path):
     """With any thrust, the controller would make it dance; the gate in sight is misleading."""
-    track, scenario, states = tmp_path / "track.yaml", make_scenario(fps=30.0, seed=6), []
+    track, scenario, looks = tmp_path / "track.yaml", make_scenario(fps=30.0, seed=6), Looks()
     track.write_text(yaml_dump_typed(generate_track(6), schema=Track))
     scenario.track, scenario.imu.preset, scenario.referee.time_limit = str(track), "harsh", 1.5
-    run_race(scenario, tmp_path, show=lambda _, outputs: states.append(outputs.state[:7]))
+    run_race(scenario, tmp_path, sinks=[looks.take])
+    states = [look.state[:7] for look in looks]
     assert len(states) > 10
     np.testing.assert_allclose(states, np.tile(states[0], (len(states), 1)), atol=1e-3)
 
@@ -84,8 +85,10 @@ def test_two_equal_races_are_equal_to_the_last_bit():
         context = simulator.get_context()
         autonomy = race.GetSubsystemByName("autonomy")
         port = autonomy.GetOutputPort("slam_state")
+        simulation = race.GetSubsystemByName("simulation")
+        state = simulation.GetOutputPort("truth.state")
         belief = port.Eval(autonomy.GetMyContextFromRoot(context)).belief
-        states.append([race.GetOutputPort("truth.state").Eval(context), *belief])
+        states.append([state.Eval(simulation.GetMyContextFromRoot(context)), *belief])
     for a, b in zip(*states):
         np.testing.assert_array_equal(a, b)
 
@@ -100,22 +103,21 @@ def test_sensors_that_fail_for_a_while_end_no_race(tmp_path):
         imu_failures=[ImuFailure(kind, 8.0 + 4.0 * k, 0.05) for k, kind in enumerate(kinds)],
         camera_failures=[CameraFailure("dark", 24.0, 1.0)],
     )
-    maps = []
-    result = run_race(scenario, tmp_path, show=lambda _, outputs: maps.append(outputs.gate_map))
+    looks = Looks()
+    result = run_race(scenario, tmp_path, sinks=[looks.take])
     assert result["finished"], result
-    check_map(maps[-1])
+    check_map(looks[-1].gate_map)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", first(["lost", "nan", "stuck", "saturated"]))
 def test_without_an_imu_for_good_it_lands_and_says_why(tmp_path, kind):
     """In flight at 8 m/s, the rotors' own speeds have to do for a landing."""
-    speeds = []
+    looks = Looks()
     result = run_race(
-        make_scenario(imu_failures=[ImuFailure(kind, 7.5)]),
-        tmp_path,
-        show=lambda _, outputs: speeds.append(np.linalg.norm(outputs.state[-3:])),
+        make_scenario(imu_failures=[ImuFailure(kind, 7.5)]), tmp_path, sinks=[looks.take]
     )
+    speeds = [np.linalg.norm(look.state[-3:]) for look in looks]
     assert not result["finished"] and result["collisions"] == 0
     lost = r"the drone lost itself at 7.\d s \(the IMU fell silent\), and came down"
     assert re.fullmatch(lost, result["dnf_reason"])

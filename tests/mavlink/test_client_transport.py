@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from pydrake.systems.framework import Diagram
 from pymavlink.dialects.v20 import common as mavlink
 
 from airrace.diagrams.race import run_race
@@ -24,6 +25,7 @@ from airrace.mavlink.client_transport import RESET_BY_CLIENT, ClientTransport
 from airrace.mavlink.grand_prix import fly_attempts
 from airrace.systems.sensing.contact_sensor import as_contacts
 from tests.worlds import killed_client
+from tests.worlds.looks import Looks
 from tests.worlds.mavlink_client import (
     Earpiece,
     Session,
@@ -55,22 +57,19 @@ class Client(threading.Thread):
 
 def fly(folder, answer, **fields):
     """Flies a race for a client; returns its states, race.json, and how many messages it heard."""
-    states = []
+    looks = Looks()
     with UdpClient() as udp:
         port, pictures = udp.ports
         link = ClientLink(Addresses(port=port, picture_port=pictures), lambda line: None)
         client, scenario = Client(udp, answer), grand_prix(**fields)
         client.start()
         data = run_race(
-            scenario,
-            folder,
-            transport=ClientTransport(scenario, link),
-            show=lambda result, outputs: states.append(outputs.state.copy()),
+            scenario, folder, transport=ClientTransport(scenario, link), sinks=[looks.take]
         )
         client.over.set()
         client.join(5.0)
         link.close()
-    return np.array(states), data, client.count
+    return np.array([look.state for look in looks]), data, client.count
 
 
 def pilot(i, imu):
@@ -177,24 +176,22 @@ def test_a_race_has_a_limit_of_time_from_arming():
 @pytest.mark.repeats
 def test_a_client_that_is_killed_in_flight_is_landed_for_and_a_line_says_so(tmp_path):
     """A process of its own, which is killed two metres above its pad, over UDP."""
-    ports, notes, heights = [], [], []
+    notes, looks = [], Looks()
     with UdpClient() as free:
-        ports += free.ports
+        ports = free.ports
     script = Path(killed_client.__file__)
     client = subprocess.Popen([sys.executable, script, str(ports[0]), "2.0"])
     link = ClientLink(Addresses(port=ports[0], picture_port=ports[1]), notes.append)
     try:
         scenario = grand_prix(step=True, time_limit=12.0)
         data = run_race(
-            scenario,
-            tmp_path,
-            transport=ClientTransport(scenario, link),
-            show=lambda result, outputs: heights.append(outputs.state[6]),
+            scenario, tmp_path, transport=ClientTransport(scenario, link), sinks=[looks.take]
         )
     finally:
         client.kill()
         link.close()
     assert client.wait(10.0) == -signal.SIGKILL
+    heights = [look.state[6] for look in looks]
     assert max(heights) > 1.2 and heights[-1] < 0.3
     # It is set down, at half a metre a second: never does it fall.
     assert np.diff(heights).min() > -0.1
@@ -227,10 +224,11 @@ def test_nothing_of_a_race_is_left():
     session.link.say(arm(), velocity(0.0, 0.0, -1.0))
     session.fly(0.1)
     diagrams = [session.diagram, *session.diagram.GetSystems()]
-    diagrams += [each for one in diagrams[1:] for each in one.GetSystems()]
+    inner = [one for one in diagrams[1:] if isinstance(one, Diagram)]
+    diagrams += [each for one in inner for each in one.GetSystems()]
     left = [(type(each).__name__, weakref.ref(each)) for each in diagrams]
     assert len(left) > 20
-    del session, diagrams
+    del session, diagrams, inner
     gc.collect()
     assert [name for name, reference in left if reference() is not None] == []
 
@@ -239,7 +237,7 @@ def test_nothing_of_a_race_is_left():
 def test_resets_again_and_again_leave_nothing_open(tmp_path):
     """Each begins on the pad, with all as at first, and no file or socket stays open."""
     link = Earpiece()
-    resets, open_files, states = 6, [], []
+    resets, open_files, looks = 6, [], Looks()
     process = psutil.Process()
 
     def pages():
@@ -250,11 +248,8 @@ def test_resets_again_and_again_leave_nothing_open(tmp_path):
         open_files.append(process.num_fds())
         return contextlib.nullcontext()
 
-    def show(result, outputs):
-        states.append((outputs.time, *outputs.state))
-
     scenario = grand_prix(time_limit=0.1)
-    attempts = fly_attempts(scenario, link, iter([tmp_path]), pages=pages, show=show)
+    attempts = fly_attempts(scenario, link, iter([tmp_path]), pages=pages, sinks=[looks.take])
 
     def arm_in_the_end(message):
         last = len(open_files) > resets and not any(
@@ -266,6 +261,7 @@ def test_resets_again_and_again_leave_nothing_open(tmp_path):
     ((data, folder, count),) = attempts
     assert (folder, count) == (tmp_path, resets) and data["dnf_reason"] == "ran out of time"
     assert data["dnf_reason"] != RESET_BY_CLIENT
+    states = [(look.time, *look.state) for look in looks]
     starts = [
         state for before, state in itertools.pairwise([(9e9,), *states]) if state[0] < before[0]
     ]

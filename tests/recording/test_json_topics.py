@@ -33,6 +33,7 @@ def test_detections():
                 "id": 7,
                 "position": [1.0, -2.0, 9.0],
                 "orientation": [1.0, 0.0, 0.0, 0.0],
+                "corners": [0.0] * 8,
                 "reprojection_error": 0.123,
                 "ambiguity": 0.5,
             }

@@ -1,7 +1,6 @@
 import dataclasses as dc
 import json
 import math
-import types
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateCrossing, R
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.vehicle.disturbances import RotorFailure
+from tests.worlds.looks import MadeUpRace
 
 TRACK = load_track("student-airrace")
 N = len(TRACK.gates)
@@ -39,17 +39,26 @@ def referee(count, finished=False, dnf_reason=None, end_time=None, collisions=0)
     return RefereeStatus(crossings(count), finished, dnf_reason, end_time, collisions)
 
 
-def observe(result, time, referee, explorer, gate_map, plan, losses=(), shifts=None):
-    outputs = types.SimpleNamespace(
-        time=time,
-        referee_status=referee,
-        explorer_status=explorer,
-        gate_map=gate_map,
-        lap_plan=plan,
-        rotor_losses=losses,
-        gate_shifts=shifts,
-    )
-    return result.observe(outputs)
+class Watched(RaceResult):
+    """A result that is shown one moment after the other."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self._race = MadeUpRace(self.take)
+
+    def look(self, time, referee, explorer, gate_map=None, plan=NO_PLAN, losses=(), shifts=None):
+        """Returns how many laps have ended since the last look."""
+        before = self.laps_flown
+        self._race.look(
+            time,
+            referee_status=referee,
+            explorer_status=explorer,
+            gate_map=gate_map,
+            lap_plan=plan,
+            rotor_losses=np.array(losses),
+            gate_shifts=shifts,
+        )
+        return self.laps_flown - before
 
 
 def plan(lap, duration):
@@ -99,7 +108,7 @@ def gate_map(error=0.0, ids=range(4 * N)):
 
 
 def test_before_the_first_observation():
-    result = RaceResult(Scenario(seed=7, trajectory="4"), TRACK)
+    result = Watched(Scenario(seed=7, trajectory="4"), TRACK)
     data = result.data(0.5, "interrupted")
     assert data == {
         "track": "student-airrace",
@@ -122,15 +131,15 @@ def test_before_the_first_observation():
             "plan_solve_times_s": [],
         },
     }
-    assert result.laps_flown == 0 and not result.referee_status.over
+    assert result.laps_flown == 0 and not result.over
     wall = RaceResult(Scenario(), TRACK, simulation="HITL").data(1.0, wall={"link": {}})["wall"]
     assert wall["simulation"] == "HITL" and wall["link"] == {}
 
 
 def test_rotor_failures_are_the_scenarios():
     scenario = Scenario(rotor_failures=[RotorFailure(3, 60.0), RotorFailure(1, 50.0)])
-    result = RaceResult(scenario, TRACK)
-    observe(result, 50.1, referee(0), RACING, GateMap(), NO_PLAN, np.array([50.02, *[np.inf] * 3]))
+    result = Watched(scenario, TRACK)
+    result.look(50.1, referee(0), RACING, GateMap(), NO_PLAN, np.array([50.02, *[np.inf] * 3]))
     assert result.data(1.0)["rotor_failures"] == [
         {"rotor": 3, "time_s": 60.0, "noticed_s": None},
         {"rotor": 1, "time_s": 50.0, "noticed_s": 50.02},
@@ -138,9 +147,9 @@ def test_rotor_failures_are_the_scenarios():
 
 
 def test_exploring():
-    result = RaceResult(Scenario(), TRACK)
+    result = Watched(Scenario(), TRACK)
     status = ExplorerStatus(state="HOVER", gates=(0, 1, 2))
-    assert observe(result, 12.5, referee(0), status, gate_map(), NO_PLAN) == 0
+    assert result.look(12.5, referee(0), status, gate_map(), NO_PLAN) == 0
     data = result.data(5.0, "interrupted")
     assert data["exploration"] == {
         "success": False,
@@ -149,13 +158,12 @@ def test_exploring():
         "events": [{"time_s": 0.0, "state": "HOVER", "reason": "power on"}],
     }
     assert (data["wall"]["seconds"], data["wall"]["real_time_factor"]) == (5.0, 2.5)
-    assert result.explorer_status is status
 
 
 def test_an_exploration_that_fails_took_until_the_end():
-    result = RaceResult(Scenario(), TRACK)
+    result = Watched(Scenario(), TRACK)
     over = referee(0, dnf_reason="touched pylon_3_left", end_time=12.43, collisions=1)
-    observe(result, 12.5, over, ExplorerStatus(gates=(0, 1)), gate_map(), NO_PLAN)
+    result.look(12.5, over, ExplorerStatus(gates=(0, 1)), gate_map(), NO_PLAN)
     data = result.data(5.0, "interrupted")
     explored = data["exploration"]
     assert (explored["success"], explored["time_s"], explored["gates_found"]) == (False, 12.43, 2)
@@ -164,43 +172,43 @@ def test_an_exploration_that_fails_took_until_the_end():
 
 
 def test_every_event_of_the_exploration_is_kept_even_between_two_observations():
-    result = RaceResult(Scenario(), TRACK)
+    result = Watched(Scenario(), TRACK)
     events = [ExplorerEvent(0.05 * k, "HOVER", f"reason {k}") for k in range(5)]
     for n in (2, 5):
         status = ExplorerStatus(state="HOVER", events=tuple(events[:n]))
-        observe(result, 0.1 * n, referee(0), status, GateMap(), NO_PLAN)
+        result.look(0.1 * n, referee(0), status, GateMap(), NO_PLAN)
     assert result.data(1.0)["exploration"]["events"] == [
         {"time_s": e.time, "state": e.state, "reason": e.reason} for e in events
     ]
 
 
 def test_an_explorer_without_events_is_recorded_by_its_states():
-    result = RaceResult(Scenario(), TRACK)
+    result = Watched(Scenario(), TRACK)
     for since, state in ((0.0, "CALIBRATE"), (0.0, "CALIBRATE"), (1.0, "MINE")):
         status = ExplorerStatus(state=state, reason="why", since=since)
-        observe(result, since, referee(0), status, GateMap(), NO_PLAN)
+        result.look(since, referee(0), status, GateMap(), NO_PLAN)
     states = [event["state"] for event in result.data(1.0)["exploration"]["events"]]
     assert states == ["CALIBRATE", "MINE"]
 
 
 def test_a_search_in_vain_ends_with_what_it_tried_last():
-    result = RaceResult(Scenario(), TRACK)
+    result = Watched(Scenario(), TRACK)
     over = referee(0, dnf_reason="ran out of time", end_time=600.0)
     status = ExplorerStatus(state="LOOK_AROUND", reason="lost, looking left", gates=(0,))
-    observe(result, 600.0, over, status, GateMap(), NO_PLAN)
+    result.look(600.0, over, status, GateMap(), NO_PLAN)
     assert result.data(1.0)["dnf_reason"] == (
         "ran out of time in state LOOK_AROUND: lost, looking left"
     )
-    observe(result, 600.0, over, RACING, GateMap(), NO_PLAN)
+    result.look(600.0, over, RACING, GateMap(), NO_PLAN)
     assert result.data(1.0)["dnf_reason"] == (
         "ran out of time: no lap through the map's gates was found"
     )
-    observe(result, 600.0, over, RACING, GateMap(), plan(1, 19.0))
+    result.look(600.0, over, RACING, GateMap(), plan(1, 19.0))
     assert result.data(1.0)["dnf_reason"] == "ran out of time"
 
 
 def test_a_whole_race():
-    result = RaceResult(Scenario(laps=2), TRACK)
+    result = Watched(Scenario(laps=2), TRACK)
     observed = [
         (99.0, referee(0), gate_map(9.0), plan(1, 19.0), 0),
         (101.0, referee(1), gate_map(9.0), plan(1, 19.0), 0),
@@ -210,7 +218,7 @@ def test_a_whole_race():
         (140.1, referee(2 * N + 1, finished=True, end_time=140.0), gate_map(0.2), plan(3, 17.0), 1),
     ]
     for time, seen, seen_map, seen_plan, ended in observed:
-        assert observe(result, time, seen, RACING, seen_map, seen_plan) == ended
+        assert result.look(time, seen, RACING, seen_map, seen_plan) == ended
     assert result.laps_flown == 2
     data = result.data(70.05)
     assert data["finished"] is True and data["dnf_reason"] is None
@@ -253,10 +261,10 @@ def test_a_whole_race():
 
 
 def test_a_plan_that_is_flown_twice_counts_twice():
-    result = RaceResult(Scenario(), TRACK)
-    observe(result, 99.0, referee(0), RACING, gate_map(), plan(1, 19.0))
-    observe(result, 101.0, referee(1), RACING, gate_map(), plan(2, 18.0))
-    observe(result, 199.0, referee(3 * N + 1), RACING, gate_map(), plan(2, 18.0))
+    result = Watched(Scenario(), TRACK)
+    result.look(99.0, referee(0), RACING, gate_map(), plan(1, 19.0))
+    result.look(101.0, referee(1), RACING, gate_map(), plan(2, 18.0))
+    result.look(199.0, referee(3 * N + 1), RACING, gate_map(), plan(2, 18.0))
     laps = result.data(1.0)["laps"]
     assert [lap["plan"]["duration_s"] for lap in laps] == [19.0, 18.0, 18.0]
     assert [lap["plan"]["number"] for lap in laps] == [1, 2, 2]
@@ -264,18 +272,17 @@ def test_a_plan_that_is_flown_twice_counts_twice():
 
 def test_a_lap_without_a_plan():
     """A student's planner may not say what it promises."""
-    result = RaceResult(Scenario(), TRACK)
-    observe(result, 199.0, referee(N + 1), RACING, GateMap(), NO_PLAN)
+    result = Watched(Scenario(), TRACK)
+    result.look(199.0, referee(N + 1), RACING, GateMap(), NO_PLAN)
     (lap,) = result.data(1.0)["laps"]
     assert lap["plan"] is None and lap["map_rms_m"] is None
 
 
 def test_laps_of_different_length():
-    result = RaceResult(Scenario(), TRACK)
+    result = Watched(Scenario(), TRACK)
     slow = crossings(N + 1, pace=3.0)
     fast = crossings(2 * N + 1, start=slow[-1].time - 2.0 * N)[N + 1 :]
-    observe(
-        result,
+    result.look(
         1e3,
         RefereeStatus(slow + fast, False, "ran out of time", 9e2, 0),
         RACING,
@@ -290,11 +297,11 @@ def test_laps_of_different_length():
 @settings(deadline=None, max_examples=30)
 @given(st.lists(st.integers(0, 12), max_size=12))
 def test_laps_end_once_however_rarely_they_are_observed(steps):
-    result = RaceResult(Scenario(), TRACK)
+    result = Watched(Scenario(), TRACK)
     count = ended = 0
     for step in steps:
         count += step
-        seen = observe(result, 10.0 * count, referee(count), RACING, gate_map(0.1), NO_PLAN)
+        seen = result.look(10.0 * count, referee(count), RACING, gate_map(0.1), NO_PLAN)
         ended += seen
         assert seen >= 0
         assert ended == result.laps_flown == max(count - 1, 0) // N
@@ -328,9 +335,9 @@ def test_the_map_is_compared_with_where_the_gates_stand_then():
     shifts = np.zeros((N, 2))
     shifts[:, 1] = 0.5
     for moved, rms in ((shifts, 0.5), (0 * shifts, 0.0), (None, 0.0)):
-        result = RaceResult(Scenario(), TRACK)
+        result = Watched(Scenario(), TRACK)
         given = None if moved is None else moved.ravel()
-        observe(result, 130.0, referee(N + 1), RACING, gate_map(), NO_PLAN, shifts=given)
+        result.look(130.0, referee(N + 1), RACING, gate_map(), NO_PLAN, shifts=given)
         assert result.data(1.0)["laps"][0]["map_rms_m"] == pytest.approx(rms)
 
 
@@ -350,7 +357,7 @@ def test_laid_over_the_truth_a_map_that_is_off_as_a_whole_has_no_error(turn, x, 
 def test_only_with_gates_that_move_and_vio_it_is_laid_over():
     errors = []
     for estimator, shifts in (("truth", np.zeros(2 * N)), ("vio", np.zeros(2 * N)), ("vio", None)):
-        result = RaceResult(Scenario(estimator=estimator), TRACK)
-        observe(result, 99.0, referee(N + 1), RACING, gate_map(0.5), NO_PLAN, shifts=shifts)
+        result = Watched(Scenario(estimator=estimator), TRACK)
+        result.look(99.0, referee(N + 1), RACING, gate_map(0.5), NO_PLAN, shifts=shifts)
         errors.append(result.data(1.0)["laps"][0]["map_rms_m"])
     assert errors == pytest.approx([0.5, 0.0, 0.5], abs=1e-9)

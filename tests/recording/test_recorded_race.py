@@ -10,8 +10,9 @@ import pytest
 
 from airrace.analysis import load_run
 from airrace.analysis.report import write_report
-from airrace.diagrams.race import MakeRace, close_recording, run_race
+from airrace.diagrams.race import MakeRace, run_race
 from airrace.scenario import Scenario, load_scenario, scenario_yaml
+from tests.worlds.looks import Looks
 
 TIME_LIMIT = 4.0  # s, in which the drone takes off and flies towards gate 1
 
@@ -27,10 +28,9 @@ def races(tmp_path_factory):
     """The same race, recorded in each way: folder, race.json and the states flown."""
     result = {}
     for content in ("none", "light", "full"):
-        folder, states = tmp_path_factory.mktemp(content), []
-        data = run_race(
-            short(content), folder, show=lambda record, look: states.append(look.state.tolist())
-        )
+        folder, looks = tmp_path_factory.mktemp(content), Looks()
+        data = run_race(short(content), folder, sinks=[looks.take])
+        states = [look.state.tolist() for look in looks]
         del data["wall"]
         result[content] = folder, data, states
     return result
@@ -95,9 +95,9 @@ def test_the_log_says_what_was_raced(races):
 def test_gates_that_move_are_recorded(tmp_path):
     scenario = Scenario()
     scenario.disturbances.gate_shift = 0.5
-    race = MakeRace(scenario, tmp_path)
-    assert race.GetSubsystemByName("race_recorder").HasInputPort("truth.gate_shifts")
-    close_recording(race)
+    observer = MakeRace(scenario, tmp_path).GetSubsystemByName("race_observer")
+    assert observer.HasInputPort("truth.gate_shifts")
+    observer.close()
 
 
 KILLED = """
@@ -105,7 +105,7 @@ import sys
 from pathlib import Path
 from airrace.diagrams.race import run_race
 from airrace.scenario import Scenario
-run_race(Scenario(), Path(sys.argv[1]), show=lambda record, look: print(look.time, flush=True))
+run_race(Scenario(), Path(sys.argv[1]), sinks=[lambda event: print(event.time, flush=True)])
 """
 
 

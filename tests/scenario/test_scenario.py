@@ -21,6 +21,7 @@ from airrace.scenario.checks import UNLIMITED
 from airrace.scenario.mavlink_config import MavlinkConfig, QuirksConfig
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig
 from airrace.vehicle.sensor_failures import IMU_FAILURES, CameraFailure, ImuFailure
+from tests.worlds.looks import Looks
 
 SHIPPED = [
     (path.stem, name)
@@ -103,11 +104,11 @@ def test_shipped_scenarios_fly(tmp_path, filename, name):
             check_vtk_available()
         except UserError as e:
             pytest.skip(str(e))
-    heights = []
-    result = run_race(scenario, tmp_path, show=lambda record, look: heights.append(look.state[6]))
+    looks = Looks()
+    result = run_race(scenario, tmp_path, sinks=[looks.take])
     assert result["dnf_reason"].startswith("ran out of time")
     assert result["track"] == "student-airrace"
-    assert heights[-1] > 0.3  # it stands at 0.1
+    assert looks[-1].state[6] > 0.3  # it stands at 0.1
 
 
 def disturbances(scenario):

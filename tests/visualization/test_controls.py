@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import ConstantVectorSource
 
-from airrace.visualization.controls import MAX_RATE, RaceControls, Wish, Wishes
+from airrace.visualization.controls import MAX_RATE, Pace, PaceRequest, RaceControls
 
 
 @pytest.fixture
@@ -15,56 +15,56 @@ def simulator():
 
 
 @pytest.fixture
-def wishes():
-    return Wishes()
+def pace():
+    return PaceRequest()
 
 
-def test_a_wish_sets_the_rate(wishes, simulator):
-    controls = RaceControls(wishes, simulator)
+def test_a_request_sets_the_rate(pace, simulator):
+    controls = RaceControls(pace, simulator)
     controls.steer()
     assert simulator.get_target_realtime_rate() == 0.0
-    wishes.ask({"rate": 2.5})
+    pace.receive({"rate": 2.5})
     controls.steer()
     assert simulator.get_target_realtime_rate() == 2.5
 
 
-def test_a_rate_that_nobody_changes_stays_as_it_is(wishes, simulator):
+def test_a_rate_that_nobody_changes_stays_as_it_is(pace, simulator):
     simulator.set_target_realtime_rate(0.3)
-    controls = RaceControls(wishes, simulator)
+    controls = RaceControls(pace, simulator)
     controls.steer()
     assert simulator.get_target_realtime_rate() == 0.3
 
 
-def test_the_race_stands_still_until_it_may_go_on(wishes, simulator, monkeypatch):
-    controls = RaceControls(wishes, simulator)
+def test_the_race_stands_still_until_it_may_go_on(pace, simulator, monkeypatch):
+    controls = RaceControls(pace, simulator)
     naps = []
 
     def nap(seconds):
         naps.append(seconds)
         if len(naps) == 3:
-            wishes.ask({"pause": False})
+            pace.receive({"pause": False})
 
     monkeypatch.setattr(time, "sleep", nap)
-    wishes.ask({"pause": True})
+    pace.receive({"pause": True})
     controls.steer()
     assert len(naps) == 3
     controls.steer()
     assert len(naps) == 3
 
 
-def test_a_paused_race_can_be_interrupted(wishes, simulator):
-    controls = RaceControls(wishes, simulator)
-    wishes.ask({"pause": True})
+def test_a_paused_race_can_be_interrupted(pace, simulator):
+    controls = RaceControls(pace, simulator)
+    pace.receive({"pause": True})
     controls.steer(interrupted=lambda: True)
 
 
-def test_nothing_can_be_asked_of_a_race_that_keeps_its_own_time(wishes):
-    wishes.ask({"pause": True})
-    assert wishes.now is None
-    wishes.begin(1.0)
-    wishes.end()
-    wishes.ask({"pause": True})
-    assert wishes.now is None
+def test_nothing_can_be_asked_of_a_race_that_keeps_its_own_time(pace):
+    pace.receive({"pause": True})
+    assert pace.now is None
+    pace.begin(1.0)
+    pace.end()
+    pace.receive({"pause": True})
+    assert pace.now is None
 
 
 ANYTHING = st.recursive(
@@ -74,10 +74,10 @@ ANYTHING = st.recursive(
 
 
 @given(ANYTHING)
-def test_whatever_a_page_sends_is_a_sensible_wish(message):
-    wishes = Wishes()
-    wishes.begin(1.0)
-    wishes.ask(message)
-    paused, rate = wishes.now
-    assert isinstance(wishes.now, Wish) and type(paused) is bool and type(rate) is float
+def test_whatever_a_page_sends_is_a_sensible_request(message):
+    pace = PaceRequest()
+    pace.begin(1.0)
+    pace.receive(message)
+    paused, rate = pace.now
+    assert isinstance(pace.now, Pace) and type(paused) is bool and type(rate) is float
     assert 0.0 <= rate <= MAX_RATE

@@ -1,5 +1,4 @@
 import io
-import types
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from airrace.scenario import load_scenario
 from airrace.systems.types import ExplorerStatus, GateCrossing, RefereeStatus
 from airrace.track import load_track
 from airrace.visualization.course_display import CourseDisplay
+from tests.worlds.looks import MadeUpRace
 
 TRACK = load_track("grand-prix")
 
@@ -24,20 +24,22 @@ class Watching:
         self._file = io.StringIO()
         console = Console(file=self._file, highlight=False, soft_wrap=True)
         self.display = CourseDisplay(self.scenario, TRACK, console)
+        self.begin()
+
+    def begin(self):
+        self.race = MadeUpRace(self.display.take, self.result.take)
 
     def look(self, time, armed=None, passed=0, contacts=0):
         crossings = tuple(
             GateCrossing(gate=i + 1, lap=1, time=5.0 + i, offset=0.25, max_speed=7.5)
             for i in range(passed)
         )
-        outputs = types.SimpleNamespace(
-            time=time,
+        self.race.look(
+            time,
             referee_status=RefereeStatus(crossings, False, None, None, 0),
             explorer_status=ExplorerStatus(since=armed or 0.0, done=armed is not None),
             contacts=np.array([contacts, *8 * [0.0]], float),
         )
-        self.result.observe(outputs)
-        self.display.show(self.result, outputs)
 
     def lines(self):
         """Returns the lines since this was called last."""
@@ -85,6 +87,7 @@ def test_contacts_are_told_once(watching):
 def test_after_a_reset_all_is_told_anew(watching):
     watching.look(6.5, armed=2.0, passed=1, contacts=1)
     before = watching.lines()
+    watching.begin()
     watching.look(0.1)
     assert watching.lines() == ["Reset: the drone is on its pad again."]
     watching.look(6.5, armed=2.0, passed=1, contacts=1)
@@ -95,6 +98,7 @@ def test_the_next_race_is_no_reset(watching):
     watching.look(9.0, armed=2.0)
     watching.display.print_result(watching.result.data(1.0, "interrupted"), Path("here"), 0)
     watching.lines()
+    watching.begin()
     watching.look(0.1)
     assert watching.lines() == []
 

@@ -13,7 +13,7 @@ import tornado.websocket
 
 from airrace.common.errors import UserError
 from airrace.visualization import page_server
-from airrace.visualization.controls import Wishes
+from airrace.visualization.controls import PaceRequest
 from airrace.visualization.page_server import PageServer, Source
 from airrace.visualization.race_record import EVENTS, RaceRecord
 
@@ -21,10 +21,10 @@ from airrace.visualization.race_record import EVENTS, RaceRecord
 @pytest.fixture
 def world(meshcat):
     """A server, and what it serves."""
-    record, wishes = RaceRecord(), Wishes()
-    source = Source(lambda html: html + "<!-- ours -->", meshcat.port(), record, wishes)
+    record, pace = RaceRecord(), PaceRequest()
+    source = Source(lambda html: html + "<!-- ours -->", meshcat.port(), record, pace)
     server = PageServer(source)
-    yield types.SimpleNamespace(server=server, record=record, wishes=wishes, url=server.url)
+    yield types.SimpleNamespace(server=server, record=record, pace=pace, url=server.url)
     server.close()
 
 
@@ -89,8 +89,8 @@ def test_a_page_gets_what_was_and_what_comes(world):
     assert [event["text"] for event in talk(world, conversation)] == ["before", "after"]
 
 
-def test_a_wish_comes_back_to_all_pages(world):
-    world.wishes.begin(1.0)
+def test_a_request_comes_back_to_all_pages(world):
+    world.pace.begin(1.0)
 
     async def conversation(socket):
         before = await batch_with(socket, "controls")
@@ -157,7 +157,7 @@ def test_who_does_not_read_keeps_nobody_waiting(world):
 
 
 def test_two_servers_have_two_ports(world, meshcat):
-    other = PageServer(Source(str, meshcat.port(), RaceRecord(), Wishes()))
+    other = PageServer(Source(str, meshcat.port(), RaceRecord(), PaceRequest()))
     assert other.url != world.url
     other.close()
     other.close()  # may be called again
@@ -167,4 +167,4 @@ def test_no_port_is_free(world, monkeypatch):
     port = int(world.url.rpartition(":")[2])
     monkeypatch.setattr(page_server, "_PORTS", range(port, port + 1))
     with pytest.raises(UserError, match="are taken; close another program"):
-        PageServer(Source(str, 1, RaceRecord(), Wishes()))
+        PageServer(Source(str, 1, RaceRecord(), PaceRequest()))

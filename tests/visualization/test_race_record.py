@@ -7,14 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.visualization import race_record
-from airrace.visualization.race_record import (
-    CROSSINGS,
-    EVENTS,
-    FRAME,
-    Cursor,
-    RaceRecord,
-    script_json,
-)
+from airrace.visualization.race_record import CROSSINGS, EVENTS, FRAME, RaceRecord, script_json
 
 
 def frames_of(batch):
@@ -27,15 +20,16 @@ def frame(time):
 
 
 def test_a_reader_gets_what_is_new():
-    record, cursor = RaceRecord(), Cursor()
-    assert record.since(cursor) == ({}, cursor)
+    record, cursor = RaceRecord(), {}
+    assert record.since(cursor)[0] == {}
     record.add_frame(frame(0.5))
     record.add(EVENTS, 0.5, text="a")
     batch, cursor = record.since(cursor)
     np.testing.assert_array_equal(frames_of(batch), [frame(0.5)])
     assert batch[EVENTS] == [{"t": 0.5, "text": "a"}]
     record.add(CROSSINGS, 1.0, gate=1, lap=1)
-    record.end(2.0, True, None, 1.5)
+    result = {"finished": True, "dnf_reason": None, "exploration": {"time_s": 1.5}}
+    record.end(2.0, result)
     batch, cursor = record.since(cursor)
     over = {"t": 2.0, "finished": True, "reason": None, "exploration": 1.5}
     assert batch == {CROSSINGS: [{"t": 1.0, "gate": 1, "lap": 1}], "over": over}
@@ -44,7 +38,7 @@ def test_a_reader_gets_what_is_new():
 
 @given(st.lists(st.sampled_from(["frame", "event", "read"]), max_size=40))
 def test_all_batches_together_are_the_whole(steps):
-    record, cursor, batches = RaceRecord(), Cursor(), []
+    record, cursor, batches = RaceRecord(), {}, []
     for k, step in enumerate([*steps, "read"]):
         if step == "frame":
             record.add_frame(frame(k))
@@ -85,7 +79,7 @@ def test_a_reader_in_another_thread_misses_nothing():
     record, seen, done = RaceRecord(), [], threading.Event()
 
     def read():
-        cursor = Cursor()
+        cursor = {}
         while not done.is_set() or record.since(cursor)[0]:
             batch, cursor = record.since(cursor)
             seen.extend(frames_of(batch)[:, 0])

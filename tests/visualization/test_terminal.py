@@ -15,6 +15,7 @@ from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.vehicle.disturbances import RotorFailure
 from airrace.visualization.terminal import RaceDisplay, _PatientConsole, failures_line, lap_table
+from tests.worlds.looks import MadeUpRace
 
 TRACK = load_track("student-airrace")
 N = len(TRACK.gates)
@@ -27,14 +28,16 @@ class Race:
         scenario = Scenario(laps=laps, **fields)
         self.result = RaceResult(scenario, track)
         self.display = RaceDisplay(scenario, track, addresses, console)
+        self.race = MadeUpRace(self.result.take, self.display.take)
 
     def look(self, time, crossings=0, rotor_losses=(), **status):
         seen = tuple(
             GateCrossing(10.0 + k, k % N + 1, k // N + 1, 0.1, 9.0) for k in range(crossings)
         )
         finished = crossings == 2 * N + 1
-        outputs = types.SimpleNamespace(
-            time=time,
+        self.display._last = -1.0  # do not wait for the next refresh
+        self.race.look(
+            time,
             referee_status=RefereeStatus(
                 seen, finished, None, seen[-1].time if finished else None, 0
             ),
@@ -42,11 +45,7 @@ class Race:
             gate_map=GateMap(),
             lap_plan=NO_PLAN,
             rotor_losses=np.array(rotor_losses),
-            gate_shifts=None,
         )
-        outputs.laps_ended = self.result.observe(outputs)
-        self.display._last = -1.0  # do not wait for the next refresh
-        self.display.show(self.result, outputs)
 
     def fly(self):
         self.look(0.1)

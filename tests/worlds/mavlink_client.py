@@ -128,7 +128,8 @@ class Session:
         return as_plant_state(self.output("truth.state").copy())
 
     def output(self, name):
-        return self.diagram.GetOutputPort(name).Eval(self.context)
+        observer = self.diagram.GetSubsystemByName("race_observer")
+        return observer.GetInputPort(name).Eval(observer.GetMyContextFromRoot(self.context))
 
     @property
     def bridge(self):

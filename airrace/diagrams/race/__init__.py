@@ -4,12 +4,13 @@
 """
 
 import contextlib
+import dataclasses as dc
 import gc
 import time
 import types
-from collections.abc import Callable
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -22,7 +23,9 @@ from airrace.diagrams.simulation import MakeSimulation, follow_gates
 from airrace.diagrams.transport import POLL_PERIOD, Transport
 from airrace.recording.course_result import CourseResult
 from airrace.recording.foxglove_server import FoxgloveServer
-from airrace.recording.race_recorder import AddRecorder, close_recording
+from airrace.recording.log_sink import MakeLogSink
+from airrace.recording.race_events import RaceEvent, RaceOver, Sink
+from airrace.recording.race_observer import AddRaceObserver
 from airrace.recording.race_result import RaceResult
 from airrace.scenario import Scenario, scenario_yaml
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
@@ -30,7 +33,6 @@ from airrace.track import load_track
 from airrace.track.gate_map import GateMap
 from airrace.track.map_files import write_map
 from airrace.visualization.controls import RaceControls
-from airrace.visualization.race_view import AddVisualization
 
 if TYPE_CHECKING:  # to import a web server takes its time, and many a race has no page
     from airrace.visualization.live_page import LivePage
@@ -46,9 +48,6 @@ RESULTS = (
     "report.html",
 )
 INTERRUPTED = "interrupted"  # why a race has ended, after Ctrl-C or SIGTERM
-# Outputs of the race, for its result and for spectators.
-_SIMULATION_OUTPUTS = ("truth.referee_status", "truth.state", "truth.gate_shifts", "truth.contacts")
-_AUTONOMY_OUTPUTS = ("explorer_status", "gate_map", "lap_plan", "rotor_losses", "pilot_status")
 
 
 def run_race(
@@ -56,7 +55,7 @@ def run_race(
     output_dir: Path,
     *,
     page: "LivePage | None" = None,
-    show: Callable[[Any, types.SimpleNamespace], None] = lambda result, outputs: None,
+    sinks: Iterable[Sink] = (),
     transport: Transport | None = None,
     foxglove: FoxgloveServer | None = None,
 ) -> dict:
@@ -69,8 +68,8 @@ def run_race(
         scenario: the race.
         output_dir: an existing folder.
         page: to show the race on, or None.
-        show: called every 0.1 s of simulated time with the RaceResult so far and a
-            namespace of ``time`` (s), ``laps_ended`` and the values of the race's outputs.
+        sinks: called every 0.1 s of simulated time with each RaceEvent since, and at last with a
+            StateSample of where the drone then is.
         transport: joins simulation and autonomy; by default, both are in one diagram.
         foxglove: a server that gets what race.mcap gets, or None.
 
@@ -83,14 +82,14 @@ def run_race(
     """
     transport = transport or InProcess()
     diagram = MakeRace(scenario, output_dir, page, transport, foxglove)
-    race = _Race(scenario, output_dir, page, transport, diagram)
+    race = _Race(scenario, output_dir, page, transport, diagram, sinks)
     with interrupt_flag() as interrupted:
         race.begin_files()
         try:
             race.start()
             # What is built is kept to the end: no need to look through it for garbage.
             gc.freeze()
-            reason = race.fly(show, interrupted)
+            reason = race.fly(interrupted)
         except BaseException:
             race.rescue(INTERRUPTED if interrupted.is_set else "stopped by an error")
             raise
@@ -108,8 +107,7 @@ def MakeRace(
 ) -> Diagram:
     """Builds a whole race: two subsystems, ``simulation`` and ``autonomy``.
 
-    The two are joined by the names of their ports; the race has the outputs that its
-    result is made of.
+    The two are joined by the names of their ports; a third, ``race_observer``, tells of them.
 
     Args:
         scenario: the race.
@@ -135,14 +133,9 @@ def MakeRace(
             GateMapWriter(directory=output_dir, period=scenario.perception.map_period),
         )
         builder.Connect(autonomy.GetOutputPort("gate_map"), writer.GetInputPort("gate_map"))
-    if output_dir is not None:
-        AddRecorder(builder, scenario, simulation, autonomy, output_dir, foxglove)
-    if page is not None:
-        AddVisualization(builder, scenario, simulation, autonomy, page)
-    for source, names in ((simulation, _SIMULATION_OUTPUTS), (autonomy, _AUTONOMY_OUTPUTS)):
-        for name in names:
-            if source.HasOutputPort(name):  # gates may stand still
-                builder.ExportOutput(source.GetOutputPort(name), name)
+    log = MakeLogSink(scenario, output_dir, foxglove) if output_dir is not None else None
+    shown = page.sinks(scenario, simulation) if page is not None else ()
+    AddRaceObserver(builder, scenario, simulation, autonomy, log, shown)
     diagram = builder.Build()
     diagram.set_name("race")
     return diagram
@@ -164,22 +157,24 @@ class _Race:
         page: "LivePage | None",
         transport: Transport,
         diagram: Diagram,
+        sinks: Iterable[Sink],
     ):
         self._scenario, self._folder, self._page = scenario, output_dir, page
-        self._transport = transport
+        self._transport, self._sinks = transport, tuple(sinks)
         self._diagram = diagram
+        self._observer = diagram.GetSubsystemByName("race_observer")
         self._simulator = Simulator(self._diagram)
         ApplySimulatorConfig(scenario.simulator_config, self._simulator)
         self._result = make_result(scenario, transport.simulation)
         self._controls = None
         if page is not None and isinstance(transport, InProcess):  # others keep their own time
-            self._controls = RaceControls(page.wishes, self._simulator)
+            self._controls = RaceControls(page.pace, self._simulator)
         self._clock = time.perf_counter()
 
     def begin_files(self):
         """Writes every file: from here on, whatever happens, each is there and valid."""
         write_text(self._folder / "scenario.yaml", scenario_yaml(self._scenario))
-        if self._diagram.HasOutputPort("gate_map"):
+        if self._diagram.HasSubsystemNamed("gate_map_writer"):
             write_map(self._folder, GateMap())
         self._save_result("not over yet")
 
@@ -188,32 +183,37 @@ class _Race:
         self._simulator.Initialize()
         self._transport.begin(self._simulator)
 
-    def fly(self, show: Callable, interrupted: types.SimpleNamespace) -> str | None:
+    def fly(self, interrupted: types.SimpleNamespace) -> str | None:
         """Flies until the referee ends the race; returns why it ended before, or None."""
         steps, reason = 0, None
-        while not (self._result.referee_status.over or interrupted.is_set or reason):
+        while not (self._result.over or interrupted.is_set or reason):
             steps += 1
             reason = self._transport.advance(self._simulator, steps * POLL_PERIOD)
             simulation = self._diagram.GetSubsystemByName("simulation")
             follow_gates(simulation, self._simulator.get_mutable_context())
-            outputs = self._observe()
-            if outputs.laps_ended:
-                self._save_result("not over yet")
-            show(self._result, outputs)
+            self._look()
             if self._controls is not None:
                 self._controls.steer(lambda: interrupted.is_set)
         return reason
 
-    def _observe(self) -> types.SimpleNamespace:
-        """Adds what the race's outputs say now to its result; returns their values by name."""
-        context = self._simulator.get_context()
-        outputs = types.SimpleNamespace(time=context.get_time(), gate_shifts=None)
-        for i in range(self._diagram.num_output_ports()):
-            port = self._diagram.get_output_port(i)
-            setattr(outputs, port.get_name().removeprefix("truth."), port.Eval(context))
-        outputs.referee_status = self._transport.judged(outputs.referee_status, self._simulator)
-        outputs.laps_ended = self._result.observe(outputs)
-        return outputs
+    def _look(self):
+        """Tells the result, and then the other sinks, what has happened since the last look."""
+        laps = self._result.laps_flown
+        happened = [*map(self._judged, self._observer.look(self._simulator.get_context()))]
+        for event in happened:
+            self._result.take(event)
+        if self._result.laps_flown > laps:
+            self._save_result("not over yet")
+        for event in happened:
+            for sink in self._sinks:
+                sink(event)
+
+    def _judged(self, event: RaceEvent) -> RaceEvent:
+        """Returns an event; of the end of the race, with what only the link knows of it."""
+        if isinstance(event, RaceOver):
+            status = self._transport.judged(event.status, self._simulator)
+            return dc.replace(event, status=status)
+        return event
 
     def finish(self, reason: str) -> dict:
         """Ends the autonomy and brings every file up to date; returns race.json.
@@ -225,7 +225,7 @@ class _Race:
         data = self._save_result(reason)
         self._tell_end(data)
         self._diagram.ForcedPublish(self._simulator.get_context())
-        close_recording(self._diagram)
+        self._observer.close()
         self._save_replay()
         return data
 
@@ -238,7 +238,7 @@ class _Race:
         for step in (
             lambda: self._tell_end(self._save_result(reason)),
             lambda: self._diagram.ForcedPublish(self._simulator.get_context()),
-            lambda: close_recording(self._diagram),
+            self._observer.close,
             self._save_replay,
             lambda: self._transport.end(self._simulator),
         ):
@@ -254,12 +254,7 @@ class _Race:
     def _tell_end(self, data):
         """Tells the page how the race ended."""
         if self._page is not None:
-            self._page.record.end(
-                self._simulator.get_context().get_time(),
-                data["finished"],
-                data["dnf_reason"],
-                data["exploration"]["time_s"] if "exploration" in data else data["start_s"],
-            )
+            self._page.record.end(self._simulator.get_context().get_time(), data)
 
     def _save_replay(self):
         if self._page is not None:

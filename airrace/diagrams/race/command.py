@@ -169,7 +169,7 @@ def fly(
                 scenario,
                 output_dir,
                 page=page,
-                show=display.show,
+                sinks=[display.take],
                 transport=joined,
                 foxglove=foxglove,
             )

@@ -1,4 +1,4 @@
-// The connection to a race that goes on: batches come, wishes go.
+// The connection to a race that goes on: batches come, requests go.
 
 export class LiveFeed extends EventTarget {
   constructor(timeline, player) {
@@ -31,7 +31,7 @@ export class LiveFeed extends EventTarget {
   }
 
   // Asks for something: {pause: true}, or {rate: 0.5}, which is 0 for as fast as it can.
-  ask(wish) {
-    if (this.open && this.controls) this.socket.send(JSON.stringify(wish));
+  ask(request) {
+    if (this.open && this.controls) this.socket.send(JSON.stringify(request));
   }
 }

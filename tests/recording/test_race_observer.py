@@ -1,3 +1,5 @@
+"""What an observer tells a log, and who asks it."""
+
 import json
 
 import cv2
@@ -9,11 +11,13 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from airrace.recording.race_recorder import RaceRecorder
+from airrace.recording import race_events as events
+from airrace.recording.log_sink import LogSink
+from airrace.recording.race_observer import RaceObserver
 from airrace.recording.topics import TOPICS
 from airrace.recording.writer import RaceLog
 from airrace.scenario import RecordingConfig, Scenario
-from airrace.systems.planning.lap_plan import LapPlan
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.sensing.imu_samples import NO_SAMPLES
 from airrace.systems.types import (
@@ -21,6 +25,7 @@ from airrace.systems.types import (
     ExplorerEvent,
     ExplorerStatus,
     GateCrossing,
+    PilotStatus,
     RefereeStatus,
 )
 from airrace.track.gate_map import GateMap
@@ -30,56 +35,57 @@ from airrace.vehicle.camera_info import make_camera_info
 STATE = np.array([1.0, 0, 0, 0, 1, 2, 3, 0, 0, 0, 4, 0, 0])
 
 
-class Recording:
-    """A recorder alone, with values at all its ports."""
+VALUES = {
+    "truth.state": STATE,
+    "state_estimate": [0.5, *STATE],
+    "filtered_estimate": [0.5, *STATE],
+    "disturbance": [0, 0, 1],
+    "imu": [0.25, *np.arange(6.0), 0.125, *np.ones(6), *NO_SAMPLES[14:]],
+    "reference": np.zeros(18),
+    "rotor_speeds": [1, 2, 3, 4],
+    "rotor_speed_command": [4, 3, 2, 1],
+    "camera_image_time": [0.25],
+    "camera_view": CameraView.of(np.tile(np.arange(64, dtype=np.uint8), (36, 1))),
+    "camera_info": make_camera_info(width=64, height=36, fov_y=1.0, X_BC=RigidTransform()),
+    "detections": Detections(),
+    "gate_map": GateMap(),
+    "lap_plan": NO_PLAN,
+    "explorer_status": ExplorerStatus(),
+    "truth.referee_status": RefereeStatus((), False, None, None, 0),
+}
 
-    def __init__(self, path, moving_gates=False, **config):
-        self.path = path
-        self.recorder = RaceRecorder(
-            scenario=Scenario(recording=RecordingConfig(**config)),
-            log=RaceLog(path),
-            moving_gates=moving_gates,
-        )
-        self.simulator = Simulator(self.recorder)
-        picture = np.tile(np.arange(64, dtype=np.uint8), (36, 1))
-        self.fix(
-            **{
-                "truth.state": STATE,
-                "state_estimate": [0.5, *STATE],
-                "filtered_estimate": [0.5, *STATE],
-                "disturbance": [0, 0, 1],
-                "imu": [0.25, *np.arange(6.0), 0.125, *np.ones(6), *NO_SAMPLES[14:]],
-                "reference": np.zeros(18),
-                "rotor_speeds": [1, 2, 3, 4],
-                "rotor_speed_command": [4, 3, 2, 1],
-                "camera_image_time": [0.25],
-                "truth.gate_shifts": np.zeros(20),
-                "camera_view": CameraView.of(picture),
-                "camera_info": make_camera_info(
-                    width=64, height=36, fov_y=1.0, X_BC=RigidTransform()
-                ),
-                "detections": Detections(),
-                "gate_map": GateMap(),
-                "explorer_status": ExplorerStatus(),
-                "truth.referee_status": RefereeStatus((), False, None, None, 0),
-            }
-        )
+
+class Recording:
+    """An observer alone, with values at its ports."""
+
+    def __init__(self, path, more=None, scenario=None, **config):
+        self.path, values = path, VALUES | (more or {})
+        scenario = scenario or Scenario(recording=RecordingConfig(**config))
+        sizes = {
+            name: len(value) if isinstance(value, (list, np.ndarray)) else None
+            for name, value in values.items()
+        }
+        self.observer = RaceObserver(sizes, scenario, LogSink(scenario, RaceLog(path)))
+        self.simulator = Simulator(self.observer)
+        self.fix(**values)
 
     def fix(self, **values):
         context = self.simulator.get_mutable_context()
         for name, value in values.items():
-            if self.recorder.HasInputPort(name):
-                if isinstance(value, (list, np.ndarray)):
-                    self.recorder.GetInputPort(name).FixValue(context, np.array(value, float))
-                else:
-                    self.recorder.GetInputPort(name).FixValue(context, Value[object](value))
+            is_vector = isinstance(value, (list, np.ndarray))
+            fixed = np.array(value, float) if is_vector else Value[object](value)
+            self.observer.GetInputPort(name).FixValue(context, fixed)
+
+    def look(self):
+        """Returns what whoever flies the race is told."""
+        return [*self.observer.look(self.simulator.get_context())]
 
     def fly(self, until):
         self.simulator.AdvanceTo(until)
 
     def messages(self) -> dict:
         """Closes the log; returns topic to pairs of time (s) and message."""
-        self.recorder.close()
+        self.observer.close()
         result = {topic: [] for topic in TOPICS}
         with open(self.path, "rb") as file:
             reader, factory = make_reader(file), DecoderFactory()
@@ -172,9 +178,9 @@ def test_pictures_come_with_what_was_found_in_them(path):
     assert [time for time, _ in messages["/camera/annotations"]] == later and len(later) == 3
 
 
-def test_light_asks_for_no_pictures(path):
+def test_light_draws_no_pictures(path):
     recording = Recording(path, content="light")
-    assert not recording.recorder.HasInputPort("camera_view")
+    recording.fix(camera_view=CameraView((36, 64), lambda pixels, boxes: pytest.fail("drawn")))
     recording.fly(0.5)
     assert recording.messages()["/camera/image"] == []
 
@@ -229,7 +235,9 @@ def test_the_map_is_written_when_a_lap_ends(path):
 
 
 def test_gates_that_move_are_drawn_anew(path):
-    recording = Recording(path, moving_gates=True)
+    scenario = Scenario()
+    scenario.disturbances.gate_shift = 1.0
+    recording = Recording(path, {"truth.gate_shifts": np.zeros(20)}, scenario)
     recording.fly(0.2)
     shifts = np.zeros(20)
     shifts[0] = 1.0
@@ -242,13 +250,56 @@ def test_gates_that_move_are_drawn_anew(path):
     assert feet == [20.0, 21.0]
 
 
-def test_what_is_not_connected_is_not_recorded(path):
-    recorder = RaceRecorder(scenario=Scenario(), log=RaceLog(path))
-    Simulator(recorder).AdvanceTo(0.5)
-    recorder.close()
+def test_what_is_not_there_is_not_recorded(path):
+    log = LogSink(Scenario(), RaceLog(path))
+    observer = RaceObserver({"truth.state": 13}, Scenario(), log)
+    simulator = Simulator(observer)
+    observer.GetInputPort("truth.state").FixValue(simulator.get_mutable_context(), STATE)
+    simulator.AdvanceTo(0.5)
+    observer.close()
     with open(path, "rb") as file:
         topics = {channel.topic for _, channel, _ in make_reader(file).iter_messages()}
-    assert topics == {"/scene"}
+    assert topics == {"/scene", "/state/truth"}
+
+
+def test_who_flies_the_race_is_told_what_has_changed_since_it_asked(path):
+    more = {
+        "truth.contacts": np.zeros(9),
+        "rotor_losses": [np.inf] * 4,
+        "pilot_status": PilotStatus(),
+    }
+    recording = Recording(path, more)
+    assert [type(event) for event in recording.look()] == [
+        events.MapChanged,
+        events.ExplorerChanged,
+        events.StateSample,
+    ]
+    recording.fly(0.1)  # what the log is told is told here, too
+    crossings = tuple(GateCrossing(0.01 * k, k, 1, 0.1, 9.0) for k in (1, 2))
+    gate_map, rest = GateMap(time=0.05), FlatTrajectory.resting([1.0, 2.0, 3.0, 0.5])
+    recording.fix(
+        **{
+            "gate_map": gate_map,
+            "lap_plan": LapPlan(1, 0.0, rest, rest, 0.0, None),
+            "rotor_losses": [np.inf, 0.07, np.inf, np.inf],
+            "pilot_status": PilotStatus(flies=True, since=0.05),
+            "truth.contacts": [2, 1, *[0] * 7],
+            "truth.referee_status": RefereeStatus(crossings, False, "why", 0.09, 1),
+        }
+    )
+    new_map, plan, pilot, lost, contacts, *crossed, over, sample = recording.look()
+    assert new_map.gate_map is gate_map and plan.plan.lap == 1
+    assert (pilot.status.since, pilot.what) == (0.05, "the network flies")
+    assert (lost.rotor, lost.noticed, contacts.gates, contacts.environment) == (2, 0.07, 2, 1)
+    assert tuple(event.crossing for event in crossed) == crossings
+    assert over.status.dnf_reason == "why" and sample.truth.position.tolist() == [1, 2, 3]
+    assert {(event.time, event.drone) for event in (new_map, over, sample)} == {(0.1, "drone")}
+    # As it comes over a link: the same as other objects.
+    recording.fix(
+        lap_plan=LapPlan(1, 0.0, rest, rest, 0.0, None),
+        pilot_status=PilotStatus(flies=True, since=0.05),
+    )
+    assert [type(event) for event in recording.look()] == [events.StateSample]
 
 
 def test_a_crash_costs_no_more_than_a_flush_period(path):

@@ -21,7 +21,7 @@ class _Watched(meshcat_page.Audience):
 @pytest.fixture
 def run(tmp_path, hexagon, monkeypatch):
     """Flies the beginning of a race, in which the first gate is found."""
-    monkeypatch.setattr("airrace.visualization.race_view.Audience", _Watched)
+    monkeypatch.setattr("airrace.visualization.live_page.Audience", _Watched)
 
     def run(name, page=None, text="{}"):
         scenario = load_scenario(scenario_text=text)

@@ -16,7 +16,6 @@ from airrace.hitl.link.image_messages import decode_pictures
 from airrace.hitl.link.messages import CAMERA_INFO
 from airrace.scenario import TRUTH, VIO, Scenario, load_scenario
 from airrace.track.track import Gate
-from tests.worlds.cases import first
 
 PROGRAM = """
 import gc, pathlib, sys
@@ -57,9 +56,9 @@ SIMULATION = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 @pytest.mark.parametrize(
-    "functions, others", first([("warm_up_pilot, warm_up_navigator", SIMULATION), ("warm_up,", ())])
+    "functions, others", [("warm_up_pilot, warm_up_navigator", SIMULATION), ("warm_up,", ())]
 )
 def test_nothing_is_left_to_compile_in_the_race(tmp_path, functions, others):
     program = PROGRAM.format(warm_up=functions, folder=str(tmp_path))

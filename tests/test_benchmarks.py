@@ -104,7 +104,7 @@ def test_recovery_is_the_same_in_any_process(run_apart):
     assert run_apart("control", *options, "--workers", 2)[1] == figures
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_recovery(run):
     table, figures, _ = run("control", "--only", "recovery", "--attitudes", 1)
     assert len(figures["recovery"]) == len(table) == 4

@@ -209,7 +209,7 @@ def test_a_quadrotor_without_a_rotor_comes_down_softly(rotor):
     assert np.linalg.norm(flown.positions[:, :2], axis=1).max() < 5.0
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_the_spin_settles_on_a_long_way_down():
     """Without drag nothing stops it but the rotor opposite the lost one."""
     failing = scenario(rotor_failures=[RotorFailure(3, 0.3)])

@@ -61,7 +61,7 @@ def fly_lap(track, folder, name):
     return result
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_a_network_flies_the_lap(hexagon, tmp_path):
     result = fly_lap(hexagon, tmp_path, "race")
     assert result["finished"] and result["collisions"] == 0

@@ -15,7 +15,6 @@ from cyclopts import CycloptsError
 from airrace.commands.app import make_app
 from airrace.scenario import load_scenario
 from tests.docs.pages import PAGES, ROOT, blocks, console_commands, same_line, same_lines
-from tests.worlds.cases import first
 
 SHELL = blocks("sh")
 PYTHON = blocks("python")
@@ -29,8 +28,8 @@ def test_the_readme_is_a_front_page():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 200
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", first(WITH_OUTPUT), ids=lambda page: page.name)
+@pytest.mark.repeats
+@pytest.mark.parametrize("page", WITH_OUTPUT, ids=lambda page: page.name)
 def test_commands_print_what_the_page_says(page, tmp_path):
     write_stubs(tmp_path)
     for block in PYTHON:

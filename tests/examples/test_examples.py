@@ -228,8 +228,8 @@ def test_comparing_planners(run, folder):
     assert len(list((folder / "runs").iterdir())) == 2
 
 
-@pytest.mark.slow
-def test_train_pilot(folder, whole):
+@pytest.mark.repeats
+def test_train_pilot(folder):
     """It learns a little, and leaves a network that can fly; then it goes on from where it was."""
     pytest.importorskip("jax", reason="needs the extra `train`")
     words = ("--output", folder, "--envs", 32, "--tracks", 2, "--held-out", 3)
@@ -237,15 +237,12 @@ def test_train_pilot(folder, whole):
     assert "finished" in run_apart("train_pilot", folder, *words, "--steps", few)
     first = load_policy(folder / "pilot.npz", load_vehicle("Default")[0])
     assert f"--steps {few}" in first.made_by and "seed 0" in first.made_by
-    if whole:
-        # What is done is not done again, and what is not, is.
-        assert "finished" not in run_apart(
-            "train_pilot", folder, *words, "--steps", few, "--resume"
-        )
-        run_apart("train_pilot", folder, *words, "--steps", more, "--resume")
-        second = load_policy(folder / "pilot.npz", load_vehicle("Default")[0])
-        assert "--resume" in second.made_by
-        assert 0.0 < np.abs(second.weights[0] - first.weights[0]).max() < 0.1
+    # What is done is not done again, and what is not, is.
+    assert "finished" not in run_apart("train_pilot", folder, *words, "--steps", few, "--resume")
+    run_apart("train_pilot", folder, *words, "--steps", more, "--resume")
+    second = load_policy(folder / "pilot.npz", load_vehicle("Default")[0])
+    assert "--resume" in second.made_by
+    assert 0.0 < np.abs(second.weights[0] - first.weights[0]).max() < 0.1
 
 
 @pytest.mark.slow

@@ -35,7 +35,7 @@ def race(hexagon, tmp_path, link, time_limit, stall=(0.0, 0.0), **fields):
     return result, dict(modes)
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 def test_delay_jitter_and_loss_do_not_stop_a_race_and_are_the_same_twice(hexagon, tmp_path):
     link = dict(delay=0.02, jitter=0.005, loss=0.01)
     first, _ = race(hexagon, tmp_path, link, 4.0)

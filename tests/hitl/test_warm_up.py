@@ -52,7 +52,7 @@ SIMULATION = (
 )
 
 
-@pytest.mark.slow
+@pytest.mark.repeats
 @pytest.mark.parametrize(
     "functions, others", [("warm_up,", ()), ("warm_up_pilot, warm_up_navigator", SIMULATION)]
 )

@@ -313,7 +313,7 @@ class TestQuirks:
         repeated = sum(a == b for a, b in zip(jpegs, jpegs[1:]))
         assert 0.1 * len(jpegs) < repeated < 0.6 * len(jpegs)
 
-    @pytest.mark.slow
+    @pytest.mark.repeats
     def test_the_imus_rate_varies_with_load(self):
         session = Session(grand_prix("{mavlink: {quirks: {imu_drop: 0.5}}}"))
         session.fly(6.0)

@@ -69,9 +69,9 @@ league/verify.py                          league/test_command.py
 league/worker.py                          league/test_flight.py
 mavlink/flight_controller.py              hitl/test_simulated_link.py
 mavlink/grand_prix.py                     mavlink/test_client_transport.py
-recording/log_sink.py                     None
-recording/race_changes.py                 None
-recording/race_events.py                  None
+recording/log_sink.py                     recording/test_recorded_race.py
+recording/race_changes.py                 recording/test_race_observer.py
+recording/race_events.py                  recording/test_race_observer.py
 rendering/images.py                       rendering/planar/test_polygons.py
 rendering/planar/background.py            rendering/vtk/test_atmosphere.py
 rendering/planar/projection.py            rendering/planar/test_polygons.py

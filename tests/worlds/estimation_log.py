@@ -13,6 +13,7 @@ from pydrake.systems.framework import LeafSystem
 
 from airrace.diagrams.race import run_race
 from airrace.math.quaternion import rotation_between, rotation_matrix
+from airrace.recording.race_events import GatesMoved, MapChanged
 from airrace.scenario import Scenario
 from airrace.systems.estimation.navigation import as_navigation
 from airrace.track import load_track
@@ -97,13 +98,17 @@ def fly_logged(scenario: Scenario, folder: Path) -> tuple[dict, dict]:
     )
     maps: list = []
 
-    def show(_, outputs):
-        if not maps or outputs.gate_map is not maps[-1][1]:
-            shifts = outputs.gate_shifts
-            shifts = None if shifts is None else np.reshape(shifts, (-1, 2))
-            maps.append((outputs.time, outputs.gate_map, shifts))
+    shifts = None
 
-    race = run_race(scenario, folder, show=show, transport=transport)
+    def take(event):
+        nonlocal shifts
+        match event:
+            case GatesMoved():
+                shifts = np.reshape(event.shifts, (-1, 2))
+            case MapChanged():
+                maps.append((event.time, event.gate_map, shifts))
+
+    race = run_race(scenario, folder, sinks=[take], transport=transport)
     explored = race["exploration"]["time_s"] if race["exploration"]["success"] else np.inf
     return race, figures(scenario, transport.log, maps, explored)
 

@@ -16,6 +16,7 @@ from airrace.systems.types import Detection, Detections, GateCrossing
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.trajopt.reference import as_reference
+from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import State
 
 GATES, LAP, FIRST = 10, 5.0, 2.0  # gates; s a lap; s, when gate 1 is crossed first
@@ -114,8 +115,9 @@ def made_up_map(time):
     )
 
 
-def write_log(log, laps):
+def write_log(log, laps, rotors=4):
     """Writes the signals of the run to a RaceLog."""
+    coefficients = np.full(rotors, 1e-3)
     end = FIRST + laps * LAP
     for time in np.arange(0.0, end + 0.5, 0.02).tolist():
         p, v, q = flight(time)
@@ -132,10 +134,10 @@ def write_log(log, laps):
         log.write("/reference", time, foxglove_messages.reference_odometry(time, reference))
         log.write("/reference/acceleration", time, foxglove_messages.vector3([1.0, 2.0, 3.0]))
         log.write(
-            "/rotors/measured", time, foxglove_messages.rotors(time, [40.0] * 4, np.full(4, 1e-3))
+            "/rotors/measured", time, foxglove_messages.rotors(time, [40.0] * rotors, coefficients)
         )
         log.write(
-            "/rotors/command", time, foxglove_messages.rotors(time, [50.0] * 4, np.full(4, 1e-3))
+            "/rotors/command", time, foxglove_messages.rotors(time, [50.0] * rotors, coefficients)
         )
     jpeg = cv2.imencode(".jpg", np.full((36, 64), 128, np.uint8))[1].tobytes()
     for time in np.arange(0.0, end, 0.2).tolist():
@@ -155,6 +157,7 @@ def write_log(log, laps):
                 "/map", crossing.time + 0.01, json_topics.full_map_data(made_up_map(crossing.time))
             )
     samples = {name: [0.0, 1.0] for name in json_topics.PLAN_COLUMNS}
+    rest = {"breaks": [0.0, 1.0], "coefficients": json_topics.packed(np.zeros((1, 4, 1)), "<f8")}
     log.write(
         "/plan",
         1.0,
@@ -168,6 +171,7 @@ def write_log(log, laps):
             "step": 0.02,
             "entry": samples,
             "circuit": samples,
+            "polynomials": [rest, rest],
         },
     )
     log.write("/explorer", 0.0, foxglove_messages.log(0.0, "CALIBRATE", "power on"))
@@ -187,8 +191,7 @@ def write_estimator(log, laps):
     for time in np.arange(0.02, FIRST + laps * LAP, 0.02).tolist():
         sample[:, 0] = time - 0.002 * np.arange(10)
         sample[:, 6] = time
-        data, _ = json_topics.imu_samples_data(sample.ravel(), time - 0.02 - 1e-9)
-        log.write("/imu/samples", time, data)
+        log.write("/imu/samples", time, json_topics.imu_samples_data(sample[::-1]))
     for time in np.arange(0.0, FIRST + laps * LAP, 1 / 30).tolist():
         p, v, q = flight(time)
         sigmas = estimator_sigmas(time)
@@ -214,7 +217,7 @@ def make_run(folder, laps=2, finished=True, recorded=True, closed=True, **fields
     (folder / "race.json").write_text(json.dumps(race_json(laps, finished)))
     if recorded:
         log = RaceLog(folder / FILE)
-        write_log(log, laps)
+        write_log(log, laps, len(load_vehicle(scenario.drone)[0].rotors))
         if scenario.estimator == VIO:
             write_estimator(log, laps)
         log.flush()

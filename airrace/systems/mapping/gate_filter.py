@@ -125,12 +125,12 @@ def fit(observations: Sequence[Observation], before: GateFilter | None = None) -
             last of them alone puts the gate.
         before: the estimate of the gate before it moved: its spacing is still the same.
     """
-    obeys_rules = before is not None and before.obeys_rules
-    spacing = before.spacing if obeys_rules else GATE_SPACING
+    spacing, sigma, obeys_rules = GATE_SPACING, _SPACING_SIGMA, False
+    if before is not None and before.obeys_rules:
+        spacing, sigma, obeys_rules = before.spacing, RULES_SIGMA, True
     last = observations[-1]
     state = np.array([0.0, 0.0, 0.0, gate_heading(last), spacing])
     state[:3] = last.p_WM - board_position(state, last.id)[0]
-    sigma = RULES_SIGMA if obeys_rules else _SPACING_SIGMA
     prior = np.diag([0.0, 0.0, 0.0, 0.0, sigma**-2])
     damping = np.diag([0.0, 0.0, 0.0, _HEADING_INFORMATION, 0.0])
     for _ in range(_ITERATIONS):

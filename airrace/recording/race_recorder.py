@@ -248,8 +248,8 @@ class RaceRecorder(LeafSystem):
             )
             self._log.write("/referee", time, message)
             self._log.write("/referee/crossings", time, json_topics.crossing_data(crossing))
-        if status.over:
-            reason = "finished" if status.finished else status.dnf_reason
+        if status.end_time is not None:
+            reason = status.dnf_reason or "finished"
             message = messages.log(status.end_time, "over", reason, bad=not status.finished)
             self._log.write("/referee", time, message)
         return any(crossing.gate == 1 for crossing in new)

@@ -121,7 +121,9 @@ def min_snap(dimensions: int) -> dict:
     best = exact_bound(
         regions("midpoints", midpoints, headings), PointMassLimits(**ORIGINAL)
     ).duration
-    constraints = FlightConstraints(pylons, 2.0, FlightLimits(**ORIGINAL))
+    constraints = FlightConstraints(
+        pylons, 2.0, FlightLimits(load_vehicle("Default")[0], **ORIGINAL)
+    )
     clock = time.process_time()
     lap = plan_circuit(midpoints, headings, dimensions, constraints)
     cold = time.process_time() - clock

@@ -94,6 +94,7 @@ def add_colorbar(
 ) -> None:
     """Adds what the colours of something mean; options are Figure.colorbar's."""
     bar = figure.colorbar(mappable, ax=axes, label=label, **options)
+    assert bar.solids is not None  # as of lines of contours alone
     bar.solids.set_edgecolor("face")  # no hairlines between its colours
 
 

@@ -141,6 +141,7 @@ class Run:
 
         for _, _, message in read_log(self.folder / FILE, ["/camera/image"]):
             picture = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+            assert picture is not None  # the recorder encoded it
             yield seconds(message.timestamp), picture
 
     def export(self, folder: str | Path, format: str = "csv") -> list:

@@ -4,6 +4,7 @@ It is for computers that have the autonomy alone, and for compiling what the aut
 that simulates or draws is called, so that its machine code is not needed there.
 """
 
+import dataclasses as dc
 import functools
 import math
 from collections.abc import Collection, Mapping
@@ -18,12 +19,11 @@ from airrace.diagrams.variants import variant_of
 from airrace.rendering.scene.textures import BLACK, WHITE, marker_modules
 from airrace.systems.estimation.navigation import Navigation, navigation_vector
 from airrace.systems.leaf_system import LeafSystem
-from airrace.systems.planning.lap_plan import LapPlan
+from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, NO_SAMPLES, SAMPLE_SIZE
 from airrace.systems.sensing.picture_ports import COLOUR, IMAGE_TYPES, PICTURE_PORTS
 from airrace.track.track import BOARD_SIZE, MARKER_SIZE, Gate
-from airrace.trajopt.flat_trajectory import FlatTrajectory, hold
-from airrace.trajopt.min_snap.circuit import Circuit
+from airrace.trajopt.flat_trajectory import hold
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.camera_info import CameraInfo, make_camera_info
 from airrace.vehicle.state import State, state_vector
@@ -38,15 +38,7 @@ _MODULE = 16  # px of a board's texture
 # In the end it says that it tumbles, so that rotors come to their limits.
 _TUMBLE, _TUMBLE_RATE = 0.05, 20.0  # s, rad/s
 _SWAY, _SWAY_RATE = 0.01, 6.0  # m, rad/s: no two pictures are the same
-_REST = FlatTrajectory.resting(np.zeros(4))
-_PLAN = LapPlan(
-    lap=1,
-    start_time=0.0,
-    entry=_REST,
-    circuit=Circuit(_REST.polynomial, (0.0, _REST.duration), np.zeros(1), {}),
-    phase=0.0,
-    summary=None,  # type: ignore[arg-type]
-)
+_PLAN = dc.replace(NO_PLAN, lap=1)
 _IDLE = 0.15  # s, with `vio`: an estimator begins where the rotors do not turn yet
 
 

@@ -22,7 +22,7 @@ from airrace.evaluation.versions import mismatch, versions
 SCENARIO, TRACK, DRONE, RESULTS = "scenario.yaml", "track.yaml", "drone", "results"
 _KILLS = ("SIGHUP", "SIGINT", "SIGKILL", "SIGTERM")
 _TAIL = 4000  # characters kept of what a crashed race wrote
-NO_RESULT = {
+NO_RESULT: dict = {
     "finished": False,
     "dnf_reason": None,
     "exploration": {"success": False, "time_s": None, "gates_found": 0},
@@ -149,8 +149,7 @@ def run_process(module: str, folder: Path, evaluation: str) -> int:
             return process.wait()
         finally:
             process.kill()
-            process.wait()
-            process.stdin.close()
+            process.communicate()
             with _lock:
                 _running[evaluation].discard(process)
 

@@ -134,9 +134,10 @@ class AutonomyProcess:
                 self._scenario, autonomy, self.channels, self._endpoint, self._output_dir
             )
             return race_in_lockstep(self._scenario, side, self._endpoint, self._log, self._stop)
+        assert self._navigator is not None and self._budget is not None  # of prepare()
         self._endpoint.clock.rate = float(rate or 1.0)
         self._log(f"airrace: {self._budget.verdict(self._endpoint.clock.rate)}")
-        return self._race(resume)
+        return self._race(self._navigator, resume)
 
     def show_compiling(self, count: int) -> None:
         """Tells the simulation, and now and then whoever reads the log, that it goes on.
@@ -156,13 +157,12 @@ class AutonomyProcess:
         if self._stop():
             raise KeyboardInterrupt
 
-    def _race(self, resume: Path | None) -> int:
-        navigator = self._navigator
+    def _race(self, navigator: NavigatorProcess, resume: Path | None) -> int:
         pilot = Pilot(self._scenario, self._halves, self._endpoint, navigator.handover)
         while not pilot.is_ready():
             self._wait_and_poll(phases.WAITING)
             pilot.prepare(resume)
-            if self._has_lost_navigator():
+            if self._has_lost(navigator):
                 return BLIND
             if self._endpoint.silence > self._patience:
                 return self._lost()
@@ -172,14 +172,14 @@ class AutonomyProcess:
             self._wait_and_poll(phases.READY)
         self._endpoint.clock.restart()
         with _without_garbage_collection(), real_time_priority():
-            code = self._fly(pilot)
+            code = self._fly(pilot, navigator)
         return code
 
-    def _fly(self, pilot: Pilot) -> int:
+    def _fly(self, pilot: Pilot, navigator: NavigatorProcess) -> int:
         """Flies the race; returns the exit code."""
         ticks, tidied = LoopTimes(), self._endpoint.now()
         while not self._ended():
-            if self._has_lost_navigator(pilot.time):
+            if self._has_lost(navigator, pilot.time):
                 return BLIND
             self._endpoint.wait(_TICK)
             ticks.start()
@@ -196,16 +196,16 @@ class AutonomyProcess:
             return STOPPED
         return LEFT if self._phase() == phases.OVER else self._lost()
 
-    def _has_lost_navigator(self, sim_time: float = 0.0) -> bool:
+    def _has_lost(self, navigator: NavigatorProcess, sim_time: float = 0.0) -> bool:
         """Whether the navigator has ended; then it says so, also to the simulation.
 
         The drone is left to its flight controller, as if the link had failed: without a map it
         does not know where to fly.
         """
-        if (code := self._navigator.poll()) is None:
+        if (code := navigator.poll()) is None:
             return False
         reason = f"its navigator ended with exit code {code}"
-        for message in self._navigator.handover.receive():
+        for message in navigator.handover.receive():
             if isinstance(message, Ended):
                 reason = message.reason
         self._log(f"airrace: the autonomy gives up: {reason}")

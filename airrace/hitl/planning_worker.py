@@ -34,35 +34,34 @@ class PlanningWorker:
 
     def __init__(self, scenario: Scenario) -> None:
         """Args: scenario: of the race; its planner solves them."""
-        self._process = subprocess.Popen(
+        process = subprocess.Popen(
             [sys.executable, "-m", __name__],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=child_environment(),
         )
+        assert process.stdin is not None and process.stdout is not None  # they are pipes
+        self._process, self._requests, self._answers = process, process.stdin, process.stdout
         with contextlib.suppress(OSError):
-            _write(self._process.stdin, scenario_yaml(scenario).encode())
+            _write(self._requests, scenario_yaml(scenario).encode())
 
     def submit(self, problem: "LapProblem") -> "PlanningJob":
         """Starts to solve a LapProblem; the job before, if any, is done or given up."""
-        return PlanningJob(self._process, problem)
+        return PlanningJob(self._requests, self._answers, problem)
 
     def close(self) -> None:
         """Ends the process."""
         self._process.kill()
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            with contextlib.suppress(OSError):
-                pipe.close()
+        self._process.communicate()
 
 
 class PlanningJob(Immutable):
     """A problem that is being solved elsewhere."""
 
-    def __init__(self, process: subprocess.Popen, problem: "LapProblem"):
-        self._answers, self._plan, self._is_done = process.stdout, None, False
+    def __init__(self, requests: IO[bytes], answers: IO[bytes], problem: "LapProblem"):
+        self._answers, self._plan, self._is_done = answers, None, False
         try:
-            _write(process.stdin, PLAN_REQUEST.encode(problem.request).encode())
+            _write(requests, PLAN_REQUEST.encode(problem.request).encode())
         except OSError:
             self._is_done = True  # without a worker there is no plan
 

@@ -222,8 +222,8 @@ class RealTimeRemote(Remote):
 
     def _last_words(self):
         """Returns why the autonomy fell silent, if it has said so."""
-        heard = self._endpoint.peer_heartbeat
-        return f" ({heard.value.text})" if heard is not None and heard.value.text else ""
+        words = self._endpoint.peer_heartbeat.value.text
+        return f" ({words})" if words else ""
 
     def _watchdog_memory(self, context):
         return self._watchdog.recall(self._watchdog.GetMyContextFromRoot(context))

@@ -136,7 +136,6 @@ def full_map_data(gate_map: GateMap) -> dict:
 
 def plan_data(plan: LapPlan) -> dict:
     """Returns a message of /plan."""
-    summary = {name: getattr(plan.summary, name) for name in _PLAN_SUMMARY} if plan.summary else {}
     return {
         "lap": plan.lap,
         "start_time": plan.start_time,
@@ -145,7 +144,7 @@ def plan_data(plan: LapPlan) -> dict:
         "duration": plan.circuit.duration,
         # A planner of one's own may know nothing of gates.
         "gate_times": [float(t) for t in getattr(plan.circuit, "gate_times", ())],
-        **summary,
+        **{name: getattr(plan.summary, name) for name in _PLAN_SUMMARY},
         "step": PLAN_STEP,
         "entry": _samples(plan.entry),
         "circuit": _samples(plan.circuit),

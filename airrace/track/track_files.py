@@ -21,7 +21,7 @@ def load_track(name_or_file: str, *, markers: Literal[True]) -> Track: ...
 def load_track(name_or_file: str, *, markers: bool = False) -> Course: ...
 
 
-def load_track(name_or_file, *, markers=False):
+def load_track(name_or_file: str, *, markers: bool = False) -> Course:
     """Loads and checks a track.
 
     Args:

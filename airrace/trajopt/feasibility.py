@@ -36,7 +36,7 @@ def is_feasible(trajectory: FlatTrajectory, constraints: FlightConstraints) -> b
         and acceleration <= limits.max_acceleration
         and samples[2].min() >= MIN_HEIGHT
         and np.all(pylon_distances(samples, constraints.pylons) >= constraints.clearance)
-        and (limits.vehicle is None or check_flight(samples, (), limits).excess <= 0.0)
+        and check_flight(samples, (), limits).excess <= 0.0
     )
 
 

@@ -16,8 +16,7 @@ class FlightLimits:
     """Limits of a flight.
 
     Attributes:
-        vehicle: each rotor's thrust must lie between zero and its limit; None for a point that
-            has no rotors.
+        vehicle: each rotor's thrust must lie between zero and its limit.
         thrust_share: of the rotors' limits, that may be used at most; the rest is left
             to the controller. idle_share: likewise, at least.
         max_speed: (m/s). max_acceleration: without gravity (m/s^2).
@@ -26,7 +25,7 @@ class FlightLimits:
             never points down, and a heading always has a meaning.
     """
 
-    vehicle: Vehicle | None = None
+    vehicle: Vehicle
     thrust_share: float = 1.0
     idle_share: float = 0.0
     max_speed: float = np.inf

@@ -17,7 +17,7 @@ from airrace.recording.race_observer import RaceObserver
 from airrace.recording.topics import TOPICS
 from airrace.recording.writer import RaceLog
 from airrace.scenario import RecordingConfig, Scenario
-from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.sensing.imu_samples import NO_SAMPLES
 from airrace.systems.types import (
@@ -194,7 +194,7 @@ def test_what_is_new_is_written_once(path):
         detections=Detections(time=0.04),
         gate_map=GateMap(time=0.04),
         explorer_status=ExplorerStatus(events=(event,)),
-        lap_plan=LapPlan(1, 0.0, rest, rest, 0.0, None),
+        lap_plan=LapPlan(1, 0.0, rest, rest, 0.0, PlanSummary()),
     )
     recording.fly(2.5)
     messages = recording.messages()

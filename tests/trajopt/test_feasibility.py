@@ -22,7 +22,11 @@ from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.min_snap import DerivativeConstraint, solve_min_snap
 from airrace.vehicle import load_vehicle
 
-LIMITS = dict(clearance=2.0, limits=FlightLimits(max_speed=20.0, max_acceleration=10.0))
+VEHICLE, _ = load_vehicle("Default")
+ANY = dict(thrust_share=1e3, idle_share=-1e3, max_rate=1e3)  # of thrust and rate
+LIMITS = dict(
+    clearance=2.0, limits=FlightLimits(VEHICLE, max_speed=20.0, max_acceleration=10.0, **ANY)
+)
 NONE = np.zeros((0, 2))
 few = settings(max_examples=40)
 

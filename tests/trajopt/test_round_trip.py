@@ -35,7 +35,9 @@ def lap(kind, vehicle):
         MIDPOINTS,
         HEADINGS,
         kind,
-        FlightConstraints(PYLONS, 2.0, FlightLimits(max_speed=20.0, max_acceleration=10.0)),
+        FlightConstraints(
+            PYLONS, 2.0, FlightLimits(vehicle, max_speed=20.0, max_acceleration=10.0)
+        ),
     )
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.trajectories import PiecewisePolynomial
 
-from airrace.systems.planning.lap_plan import LapPlan
+from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 
 
@@ -50,5 +50,5 @@ def plan(lap: int, lap_time: float = 4.0, start_time: float = 0.0) -> LapPlan:
         entry=FlatTrajectory.resting(corners[0]),
         circuit=FlatTrajectory(square),
         phase=1e-3,
-        summary=None,
+        summary=PlanSummary(),
     )

@@ -108,9 +108,11 @@ def _built(scenario_text: str, reference) -> tuple[Diagram, Simulator]:
 @functools.cache
 def racing_lap(drone: str) -> Circuit:
     """Returns the 3-D lap of a drone through the true gates of the reference track."""
-    clearance = clearance_of(load_vehicle(drone)[0].radius)
+    vehicle = load_vehicle(drone)[0]
     midpoints, headings, pylons = load_course()
-    constraints = FlightConstraints(pylons, clearance, FlightLimits(**ORIGINAL))
+    constraints = FlightConstraints(
+        pylons, clearance_of(vehicle.radius), FlightLimits(vehicle, **ORIGINAL)
+    )
     return plan_circuit(midpoints, headings, 3, constraints)
 
 

@@ -67,11 +67,11 @@ def fly_laps(track: Track, dimensions: int, limits, laps: int) -> Flight:
         limits: of speed (m/s) and acceleration (m/s^2).
         laps: how many.
     """
-    course = Course.of(track)
+    course, vehicle = Course.of(track), load_vehicle("Default")[0]
     constraints = FlightConstraints(
         course.pylons,
-        clearance_of(load_vehicle("Default")[0].radius),
-        FlightLimits(max_speed=limits[0], max_acceleration=limits[1]),
+        clearance_of(vehicle.radius),
+        FlightLimits(vehicle, max_speed=limits[0], max_acceleration=limits[1]),
     )
     lap = plan_circuit(course.midpoints, course.headings, dimensions, constraints)
     return Flight(lap, laps)

@@ -47,7 +47,7 @@ def parse_address(text: str) -> Address | None:
     if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.+-]*", user):
         raise UserError(f"--companion '{text}' names no user; give {_FORM}.")
     match = re.fullmatch(r"(?:\[([^\[\]]+)\]|([^\[\]:]*))(?::([^:]*))?", rest)
-    v6, name, port = match.groups() if match else (rest, None, None)
+    v6, name, port = match.groups() if match else (rest, "", None)
     if not (_is_ipv6(v6) if v6 else re.fullmatch(r"(?!.*\.\.)[A-Za-z0-9_][A-Za-z0-9_.-]*", name)):
         raise UserError(f"--companion '{text}' names no host; give {_FORM}.")
     if port is not None and not (re.fullmatch(r"[0-9]{1,5}", port) and 0 < int(port) < 65536):

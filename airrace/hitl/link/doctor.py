@@ -81,7 +81,7 @@ def _judged(
     what: str, value: float, form: str, good: float | None, bearable: float | None, remedy: str
 ) -> Row:
     """Returns a row; more is better if ``good`` is more than ``bearable``; None: any will do."""
-    if good is None:
+    if good is None or bearable is None:
         return Row(what, form.format(value), "any", GOOD, "")
     more = good > bearable
     fits = (lambda limit: value >= limit) if more else (lambda limit: value <= limit)

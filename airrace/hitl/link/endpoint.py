@@ -63,6 +63,10 @@ class Received:
     arrival: float
 
 
+# What is heard before the first: infinitely long ago, of no phase, and saying nothing.
+_NO_HEARTBEAT = Received(lcmt_heartbeat(), packets.Stamp(0, 0, 0.0), float("-inf"))
+
+
 def open_lcm(url: str) -> lcm.LCM:
     """Returns an LCM at a URL; for UDP with a receive buffer large enough for pictures.
 
@@ -105,7 +109,7 @@ class Endpoint:
         self.role = role
         self.session = session or int.from_bytes(os.urandom(7)) | 1
         self.peer = 0  # session of the other side, 0 while unknown
-        self.peer_heartbeat: Received | None = None  # the newest
+        self.peer_heartbeat = _NO_HEARTBEAT  # the newest
         self._stranger = None  # Received, a heartbeat of another session
         self.clock = PeerClock()
         self.statistics = {}  # name of a channel to ChannelStatistics
@@ -179,7 +183,7 @@ class Endpoint:
         heard = self.peer_heartbeat
         if self._stranger is not None and self.silence > _DOUBT:
             heard, self._stranger = self._stranger, None
-        if heard is not None:
+        if heard is not _NO_HEARTBEAT:
             message.peer, message.peer_sent = heard.stamp.session, heard.value.sent
             message.peer_received = round(heard.arrival * 1e9)
         belongs = belongs or {}
@@ -244,8 +248,6 @@ class Endpoint:
     @property
     def silence(self) -> float:
         """Time since the other side's last heartbeat (s); infinite before the first."""
-        if self.peer_heartbeat is None:
-            return float("inf")
         return self.now() - self.peer_heartbeat.arrival
 
     def _receive(self, channel: Channel, data: bytes) -> None:

@@ -201,7 +201,7 @@ def await_peer(
         endpoint.drain()
         poll()
         heard = endpoint.peer_heartbeat
-        if heard is not None and endpoint.silence < 1.0:
+        if endpoint.silence < 1.0:
             if heard.value.phase == (expected or phase):
                 # The echo of what was heard: until it comes, the other side drops all we send.
                 endpoint.send_heartbeat(phase, 0.0, text)

@@ -76,7 +76,7 @@ class MeanPicture:
         """
         (total, X_WC), *others = self._poses
         self._render(X_WC, out)
-        picture = np.empty_like(out) if others else None
+        picture = np.empty_like(out)
         for weight, X_WC in others:
             self._render(X_WC, picture)
             total += weight

@@ -89,7 +89,7 @@ def _closes_loop(now: Situation, closing_range: float, is_lost: bool) -> bool:
     What was seen while the last gate was being passed still counts behind it.
     """
     last, first = now.last, now.gates.get(0)
-    if now.next_number < _FEWEST_GATES or first is None:
+    if last is None or now.next_number < _FEWEST_GATES or first is None:
         return False
     if presumed_gate(now.gate_map, now.next_number):
         return False

@@ -140,7 +140,7 @@ class Explorer(LeafSystem):
 
     def _calc_reference(self, context, output):
         memory = self._read_memory(context)
-        if memory.leg is None:
+        if memory.status.state == "CALIBRATE":
             *position, yaw = exploration.hover_pose(self._estimate.Eval(context))
             output.set_value(idle(position, yaw))
         else:

@@ -92,6 +92,7 @@ class LegPlanner:
             if leg is not None:
                 return leg
         # Climb right behind the last gate, where no pylon can stand.
+        assert now.last is not None  # there is no way home from a track without gates
         out = gate_pose(now.last, 2 * beyond)
         routes = [
             [*passing, home],

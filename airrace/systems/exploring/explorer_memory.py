@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from airrace.common.immutable import Immutable
+from airrace.common.immutable import Immutable, read_only
 from airrace.systems.types import Detections, ExplorerEvent, ExplorerStatus
 from airrace.track.gate_map import GateEstimate, GateMap
 from airrace.trajopt.flat_trajectory import FlatTrajectory
 
+_ON_PAD = FlatTrajectory.resting(np.zeros(4))  # wherever that is
 _SWITCHED_ON = ExplorerStatus(events=(ExplorerEvent(0.0, "CALIBRATE", "power on"),))
 
 
@@ -20,8 +21,9 @@ class Memory(Immutable):
 
     Attributes:
         status: the output.
-        leg, leg_start: trajectory being flown, at last a Landing, and when it started (s).
-        home: hover pose over the start: x, y, z and yaw, (4,).
+        leg, leg_start: trajectory being flown, at last a Landing, and when it started (s). On the
+            pad there is nothing to fly, until the status is no longer CALIBRATE.
+        home: hover pose over the start: x, y, z and yaw, (4,); on the pad infinitely far down.
         aligned: whether the heading was checked against gate 1.
         last: newest gate of the list, None before the first.
         closing: whether gate 1 was seen to close the loop while it was too late to turn home: it
@@ -34,9 +36,9 @@ class Memory(Immutable):
     """
 
     status: ExplorerStatus = _SWITCHED_ON
-    leg: FlatTrajectory | None = None
+    leg: FlatTrajectory = _ON_PAD
     leg_start: float = 0.0
-    home: np.ndarray | None = None
+    home: np.ndarray = dc.field(default_factory=lambda: read_only([0.0, 0.0, -np.inf, 0.0]))
     aligned: bool = False
     last: GateEstimate | None = None
     closing: bool = False

@@ -72,8 +72,7 @@ class StateMachine:
         if memory.status.state == LAND:
             return memory
         if now.fault:
-            pad = -np.inf if memory.home is None else memory.home[2] - self._hover_height
-            landing = Landing(Stop.of(now.estimate, pad))
+            landing = Landing(Stop.of(now.estimate, memory.home[2] - self._hover_height))
             # From here on, nothing is asked of a leg but its reference.
             memory = memory.flying(landing, now.time)  # type: ignore[arg-type]
             return memory.entered(now.time, LAND, now.fault)

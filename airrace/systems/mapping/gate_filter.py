@@ -147,12 +147,12 @@ def fit(observations: Sequence[Observation], before: GateFilter | None = None) -
             last of them alone puts the gate.
         before: the estimate of the gate before it moved: its spacing is still the same.
     """
-    obeys_rules = before is not None and before.obeys_rules
-    spacing = before.spacing if obeys_rules else GATE_SPACING
+    spacing, sigma, obeys_rules = GATE_SPACING, _SPACING_SIGMA, False
+    if before is not None and before.obeys_rules:
+        spacing, sigma, obeys_rules = before.spacing, RULES_SIGMA, True
     last = observations[-1]
     state = gate_vector(GateState(_NONE, gate_heading(last), spacing))
     state[AT_GATE.p_WG] = last.p_WM - board_position(state, last.id)[0]
-    sigma = RULES_SIGMA if obeys_rules else _SPACING_SIGMA
     prior = np.diag(gate_vector(GateState(_NONE, 0.0, sigma**-2)))
     damping = np.diag(gate_vector(GateState(_NONE, _HEADING_INFORMATION, 0.0)))
     for _ in range(_ITERATIONS):

@@ -59,11 +59,11 @@ class GateTrack(Immutable):
         """Returns the track after one more observation of one of the gate's boards."""
         reason = UNCONFIRMED
         if self.estimate is not None:
-            if self._is_behind(observation):
+            if _is_behind(self.estimate, observation):
                 return self._refusing((observation, FROM_BEHIND))
-            if self.estimate.squared_distance(observation) <= CHI_SQUARE_3:
-                return self._accepting(observation)
             reason = JUMP if self._elapsed(observation) <= _JUMP_TIME else OFF_MAP
+        if (after := self._accepting(observation)) is not None:
+            return after
         unconfirmed = (*self.unconfirmed, (observation, reason))
         for other, _ in reversed(self.unconfirmed):
             estimate = gate_filter.fit_pair(other, observation, self.estimate)
@@ -97,12 +97,6 @@ class GateTrack(Immutable):
     def _is_certain(self) -> bool:
         return self.estimate is not None and self.estimate.is_certain(_POSITION_SIGMA)
 
-    def _is_behind(self, observation: Observation) -> bool:
-        """Whether the camera was behind the face of the board that it seems to have seen."""
-        return self.estimate.heading_variance < _HEADING_SIGMA**2 and gate_filter.is_behind(
-            self.estimate.state, observation, _REACH
-        )
-
     def _refusing(self, *pairs: tuple) -> "GateTrack":
         """Returns the track that refuses observations for good; pairs: as unconfirmed."""
         if not pairs:
@@ -110,19 +104,22 @@ class GateTrack(Immutable):
         refused = Counter(self.refused) + Counter((o.id, reason) for o, reason in pairs)
         return dc.replace(self, refused=dict(refused))
 
-    def _accepting(self, observation: Observation) -> "GateTrack":
-        """Returns the track with an observation that fits.
+    def _accepting(self, observation: Observation) -> "GateTrack | None":
+        """Returns the track with an observation, None if that does not fit.
 
-        It refutes the unconfirmed ones of the same marker. Its errors are correlated with
-        those of the observation before, and of two markers that were solved as one rigid
+        One that fits refutes the unconfirmed ones of the same marker. Its errors are correlated
+        with those of the observation before, and of two markers that were solved as one rigid
         body each counts half.
         """
+        estimate = self.estimate
+        if estimate is None or not estimate.squared_distance(observation) <= CHI_SQUARE_3:
+            return None
         id, elapsed = observation.id, max(self._elapsed(observation), 0.0)
         weight = min(elapsed / _CORRELATION_TIME, 1.0) / (2 if observation.joint else 1)
         refuted = [pair for pair in self.unconfirmed if pair[0].id == id]
         return dc.replace(
             self,
-            estimate=self.estimate.updated(observation, weight).with_rules(),
+            estimate=estimate.updated(observation, weight).with_rules(),
             unconfirmed=tuple(pair for pair in self.unconfirmed if pair[0].id != id),
             counts=self.counts | {id: self.counts.get(id, 0) + 1},
             times=self.times | {id: observation.time},
@@ -149,12 +146,16 @@ class GateTrack(Immutable):
         for observation, reason in unconfirmed:
             if any(observation is o for o in agreed):
                 continue
-            if track.estimate.squared_distance(observation) <= CHI_SQUARE_3:
-                track = track._accepting(observation)
-            else:
-                rest = (*track.unconfirmed, (observation, reason))
-                track = dc.replace(track, unconfirmed=rest)
+            rest = (*track.unconfirmed, (observation, reason))
+            track = track._accepting(observation) or dc.replace(track, unconfirmed=rest)
         return track
+
+
+def _is_behind(estimate: GateFilter, observation: Observation) -> bool:
+    """Whether the camera was behind the face of the board that it seems to have seen."""
+    return estimate.heading_variance < _HEADING_SIGMA**2 and gate_filter.is_behind(
+        estimate.state, observation, _REACH
+    )
 
 
 class RobustEstimator:

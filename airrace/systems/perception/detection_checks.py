@@ -110,6 +110,7 @@ def jumps(detection: Detection, before: Detection, dt: float) -> bool:
     moved = abs(_distance(detection) - _distance(before))
     turn = detection.X_CM.rotation() @ before.X_CM.rotation().inverse()
     turned = abs(turn.ToAngleAxis().angle())
+    assert detection.covariance is not None and before.covariance is not None  # ours have it
     variances = (detection.covariance.diagonal() + before.covariance.diagonal()).tolist()
     turn_sigma, position_sigma = math.sqrt(sum(variances[:3])), math.sqrt(sum(variances[3:]))
     return (

@@ -31,11 +31,11 @@ class PlanSummary(Immutable):
         warm: whether the search started from the lap before.
     """
 
-    solve_time: float
-    duration: float
-    max_speed: float
-    max_acceleration: float
-    max_rotor_thrust: float
+    solve_time: float = 0.0
+    duration: float = 0.0
+    max_speed: float = 0.0
+    max_acceleration: float = 0.0
+    max_rotor_thrust: float = 0.0
     max_thrusts: tuple = ()
     min_thrusts: tuple = ()
     max_rate: float | None = None
@@ -50,7 +50,7 @@ class PlanSummary(Immutable):
     @property
     def gap(self) -> float | None:
         """How much longer than the bound, as a share of it."""
-        return None if self.bound is None else self.duration / self.bound - 1.0
+        return self.duration / self.bound - 1.0 if self.bound else None
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -68,10 +68,10 @@ class LapPlan(Immutable):
 
     lap: int
     start_time: float
-    entry: FlatTrajectory | None
-    circuit: Circuit | None
+    entry: FlatTrajectory
+    circuit: Circuit
     phase: float
-    summary: PlanSummary | None
+    summary: PlanSummary
 
     def derivatives(self, time: float) -> np.ndarray:
         """Returns value and four derivatives of x, y, z, yaw at a time, (5, 4)."""
@@ -114,5 +114,13 @@ class LapPlan(Immutable):
         return "NO_PLAN" if self.lap == 0 else super().__reduce_ex__(protocol)
 
 
+_REST = FlatTrajectory.resting(np.zeros(4))
 # What the lap_plan port holds until the race begins; compare with `is`.
-NO_PLAN = LapPlan(lap=0, start_time=0.0, entry=None, circuit=None, phase=0.0, summary=None)
+NO_PLAN = LapPlan(
+    lap=0,
+    start_time=0.0,
+    entry=_REST,
+    circuit=Circuit(_REST.polynomial, (0.0, _REST.duration), np.zeros(1), {}),
+    phase=0.0,
+    summary=PlanSummary(),
+)

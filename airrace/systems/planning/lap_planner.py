@@ -231,14 +231,18 @@ class LapPlanner(LeafSystem):
         start_time = self._in_force_from(memory, now)
         problem = self._make_problem(context, memory, start_time)
         last = None if self._always else memory.searched
-        if problem and last and last.old and last.has_same_lap(problem):
+        if problem and last and last.old is not NO_PLAN and last.has_same_lap(problem):
             # Another search would make the lap a few hundredths of a percent quicker.
             problem = None
-        elsewhere = problem is not None and self._submit is not None
+        pending = job = None
+        if problem is not None and self._submit is not None:
+            job = self._submit(problem)
+        elif problem is not None:
+            pending = self.solve(problem)
         return dc.replace(
             memory,
-            pending=None if problem is None or elsewhere else self.solve(problem),
-            job=self._submit(problem) if elsewhere else None,
+            pending=pending,
+            job=job,
             tried_at=now,
             tried_lap=0 if memory.plan is NO_PLAN else memory.plan.lap_at(start_time),
             tried_gates=self._map.Eval(context).gates,
@@ -301,7 +305,7 @@ class LapPlanner(LeafSystem):
     def problem_of(self, request: PlanRequest) -> LapProblem:
         """Returns the problem that this planner makes of what is new."""
         return LapProblem(
-            **{**request._asdict(), "old": None if request.old is NO_PLAN else request.old},
+            **request._asdict(),
             trajectory=self._trajectory,
             limits=self._limits,
             style=self._style,

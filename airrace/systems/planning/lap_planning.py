@@ -6,7 +6,7 @@ import time as wall_clock
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
 from airrace.systems.planning.laps import LapProblem, Laps
 from airrace.systems.planning.min_snap_laps import MinSnapLaps
 from airrace.systems.planning.time_optimal_laps import TimeOptimalLaps
@@ -39,7 +39,7 @@ def plan_lap(problem: LapProblem) -> LapPlan | None:
         if circuit is None:
             return None
         remaining = None
-        if old is not None:
+        if old is not NO_PLAN:
             remaining = old.next_start(problem.start_time) - problem.start_time
         entry, phase = laps.transition(circuit, problem.start, remaining)
     except TrajectoryOptimizationError:
@@ -64,26 +64,24 @@ def plan_lap(problem: LapProblem) -> LapPlan | None:
         iterations=own and own.iterations,
         warm=bool(own and own.warm),
     )
-    lap = 1 if old is None else old.lap_at(problem.start_time) + 1
+    lap = 1 if old is NO_PLAN else old.lap_at(problem.start_time) + 1
     return LapPlan(lap, problem.start_time, entry, circuit, phase, summary)
 
 
-def _best_lap(
-    laps: Laps, old: LapPlan | None, always: bool = False
-) -> tuple[Circuit | None, float]:
+def _best_lap(laps: Laps, old: LapPlan, always: bool = False) -> tuple[Circuit | None, float]:
     """Returns the lap to fly and its bound; None to stay with the old, unless always a new one.
 
     A lap is judged beside the bound, since gates that moved explain as much. One that
     started from the old lap and fell behind it is searched for again from nothing.
     """
     bound = laps.point_mass_lap.duration
-    if old is None:
+    if old is NO_PLAN:
         return laps.lap(None), bound
     found = []
     with contextlib.suppress(TrajectoryOptimizationError):
         found.append(laps.lap(old.circuit))
-    as_good = old.summary is not None and old.summary.bound and old.summary.gap + 1.0
-    if not found or (as_good and found[0].duration > (as_good + _WORSE) * bound):
+    gap = old.summary.gap
+    if not found or (gap is not None and found[0].duration > (gap + 1.0 + _WORSE) * bound):
         with contextlib.suppress(TrajectoryOptimizationError):
             found.append(laps.lap(None))
     best = min(found, key=lambda lap: lap.duration, default=None)

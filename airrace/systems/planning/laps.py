@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.immutable import Immutable
-from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
+from airrace.systems.planning.lap_plan import LapPlan
 from airrace.systems.planning.map_margins import largest_move
 from airrace.trajopt.feasibility import clearance_of, pylon_distances, sample_times
 from airrace.trajopt.flat_trajectory import FlatTrajectory
@@ -46,7 +46,7 @@ class LapProblem(Immutable):
         start_time: when the plan comes into force (s).
         start: value and four derivatives of x, y, z (m) and yaw (rad) at that time,
             (5, 4); at rest, if there is no old plan.
-        old: the LapPlan in force until then, or None before the first.
+        old: the LapPlan in force until then, NO_PLAN before the first.
         style: of minimum-snap laps.
         always: whether a new plan is flown even if the old one is quicker and still fits.
     """
@@ -58,15 +58,14 @@ class LapProblem(Immutable):
     margins: np.ndarray
     start_time: float
     start: np.ndarray
-    old: LapPlan | None
+    old: LapPlan
     style: LapStyle = LapStyle()
     always: bool = False
 
     @property
     def request(self) -> PlanRequest:
         """What a planner of the same race makes this problem of."""
-        gates, pylons, margins = self.gates, self.pylons, self.margins
-        return PlanRequest(self.start_time, gates, pylons, margins, self.start, self.old or NO_PLAN)
+        return PlanRequest(*(getattr(self, name) for name in PlanRequest._fields))
 
     def has_same_lap(self, other: "LapProblem") -> bool:
         """Whether the lap of another problem leads through the very same gates."""

@@ -32,7 +32,7 @@ class CameraView(Immutable):
                 of which overlap.
         """
         self.shape, self.dtype = tuple(shape), np.dtype(np.uint8)
-        self._draw = draw
+        self._draw: Callable | None = draw  # None: there is nothing left to draw
         self._pixels = np.empty(self.shape, np.uint8)
         h, w = self.shape
         self._missing = np.full((-(-h // _TILE_H), -(-w // _TILE_W)), True)

@@ -136,8 +136,8 @@ def plan_circuit(
         midpoints: of the gates, (n, 3) m.
         headings: of the gates, (n,) rad.
         dimensions: 3, 4 or 6.
-        constraints: of finite speed and acceleration. If there is a vehicle, the lap is
-            slowed until its rotors can fly it.
+        constraints: of finite speed and acceleration. The lap is slowed until the rotors of
+            the vehicle can fly it.
         previous: the lap through a similar map, to start from; not with soft limits.
         style: see LapStyle.
 
@@ -235,7 +235,7 @@ def _solve(
             times[[0, -1]] -= _since_gate(path, times[-2], gates[0])
         return Circuit(path, times, gates[:, 3], approach)
 
-    return lap(1.0) if limits.vehicle is None else _slowed(lap, limits)
+    return _slowed(lap, limits)
 
 
 def _kept(limits: FlightLimits, dimensions: int, style: LapStyle) -> FlightLimits:

@@ -115,7 +115,7 @@ def slowed(
     """
     slow = fast = None  # what keeps the limits, and what does not: factor, excess, samples
     factor, step, rounds = 1.0, None, 0
-    while rounds <= 60:
+    while slow is None or fast is None or rounds <= 60:
         samples = LapSamples.of(lap.dilated(factor), grid, limits, turn)
         excess = samples.excess()
         if excess <= 0.0:

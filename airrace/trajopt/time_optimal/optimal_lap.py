@@ -72,9 +72,11 @@ def plan_optimal_circuit(
             now = _moved_lap(previous.spline, search)
     if bound is None or now is None:
         bound = point_mass_bound(gates, constraints, **({} if now else _PRECISION))  # type: ignore[arg-type]
-    warm = now is not None and now.lap.duration < _MOST_HELPFUL * bound.duration
+    if now is not None and now.lap.duration >= _MOST_HELPFUL * bound.duration:
+        now = None
+    warm = now is not None
     effort = effort or (IN_FLIGHT if warm else Effort())
-    if not warm:
+    if now is None:
         search = LapSearch(gates, gates.turn, constraints, effort.samples)
         now = _first_lap(bound, search)
     now, iterations = search.improve(now, warm, effort)

@@ -107,7 +107,7 @@ def point_mass_bound(
         T, V, merit, best = new_T, new_V, new_merit, (w, P)
         if done:
             break
-    if not np.isfinite(merit):
+    if best is None or not np.isfinite(merit):
         raise TrajectoryOptimizationError("No lap of a point mass is within the limits.")
     w, P = best
     return PointMassBound(float(T.sum()), T, w / T[:, None, None], P)

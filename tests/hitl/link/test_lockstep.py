@@ -194,7 +194,7 @@ def test_what_is_sent_after_the_peer_was_awaited_is_heard():
         link.time += seconds
 
     def be_the_autonomy():
-        if simulation.endpoint.peer_heartbeat is None:
+        if not simulation.endpoint.peer_heartbeat.value.phase:
             autonomy.endpoint.drain()
             autonomy.endpoint.beat("waiting", 0.0)
 

@@ -183,8 +183,8 @@ def test_without_an_estimate_it_lands_for_good(state):
     start = np.zeros((5, 4))
     start[0], start[1, :2] = [0.0, 0.0, 0.1 if state == "TAKE_OFF" else 6.0, 1.0], [9.0, 0.0]
     leg = plan_leg(start, np.array([[60.0, 0.0, 6.0, 1.0]]), max_speed=9.0, max_acceleration=6.0)
-    home = None if state == "CALIBRATE" else HOME
-    memory = Memory(home=home).flying(leg, 2.0).entered(2.0, state, "test", done=state == "DONE")
+    memory = Memory() if state == "CALIBRATE" else Memory(home=HOME)
+    memory = memory.flying(leg, 2.0).entered(2.0, state, "test", done=state == "DONE")
     machine = StateMachine(config=ExplorerConfig(), hover_height=5.0, clearance=2.0)
     estimate = flat_state(leg.reference(0.0), 2.0)
     looking = situation({}, [])

@@ -11,7 +11,7 @@ from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator
 
 from airrace.scenario import PlannerConfig
-from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
 from airrace.systems.planning.lap_planner import LapPlanner
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.map_margins import pylon_margins
@@ -34,7 +34,7 @@ from tests.worlds import cases
 
 VEHICLE, _ = load_vehicle("Default")
 CLEARANCE = clearance_of(VEHICLE.radius)
-LIMITS = FlightLimits(max_speed=20.0, max_acceleration=10.0)
+LIMITS = FlightLimits(VEHICLE, max_speed=20.0, max_acceleration=10.0)
 GATES = tuple(
     GateEstimate(number=n, p_WG=gate.p_WG, heading=gate.heading, spacing=gate.pylon_spacing)
     for n, gate in enumerate(load_track("student-airrace").gates)
@@ -248,7 +248,7 @@ def test_what_gave_no_plan_is_not_tried_again_until_the_map_has_changed():
     bench.plan_at(20.0)
     assert len(tried) == 2
     np.testing.assert_array_equal(tried[1].gates[0].p_WG, GATES[0].p_WG + [0.3, 0.0, 0.0])
-    assert tried[1].old is None and tried[1].start.shape == (5, 4)
+    assert tried[1].old is NO_PLAN and tried[1].start.shape == (5, 4)
 
 
 def test_it_does_not_search_twice_for_a_lap_through_the_same_gates():
@@ -256,7 +256,7 @@ def test_it_does_not_search_twice_for_a_lap_through_the_same_gates():
     plans, _ = bench.follow(110.0, every=0.5)
     assert plans[-1].lap_at(110.0) >= 4
     first, second = bench.problems
-    assert first.old is None and second.old is plans[0]
+    assert first.old is NO_PLAN and second.old is plans[0]
     bench.fix(gate_map=GateMap(gates=moved([0.001, 0.0, 0.0])))
     bench.follow(200.0, every=0.5)
     assert len(bench.problems) == 3
@@ -460,7 +460,9 @@ def make_plan(dimensions, phase_zero):
         start = np.zeros((5, 4))
         start[0] = 0, 0, 5, 0.5
         entry, phase = plan_transition_from_hover(start, circuit, dimensions, free)
-    return LapPlan(lap=3, start_time=12.5, entry=entry, circuit=circuit, phase=phase, summary=None)
+    return LapPlan(
+        lap=3, start_time=12.5, entry=entry, circuit=circuit, phase=phase, summary=PlanSummary()
+    )
 
 
 plans = st.builds(make_plan, st.sampled_from([3, 4, 6]), st.booleans())

@@ -12,6 +12,7 @@ from threadpoolctl import ThreadpoolController
 from airrace.evaluation.jobs import generated_track
 from airrace.scenario.lap_limits import parse_limits
 from airrace.systems.planning import lap_planning
+from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.planning.lap_planning import plan_lap
 from airrace.systems.planning.laps import LapProblem
 from airrace.systems.planning.map_margins import pylon_margins
@@ -42,13 +43,13 @@ def problem(
     limits="original",
     gates=GATES,
     extra=0.0,
-    old=None,
+    old=NO_PLAN,
     thrust_share=0.9,
     **changes,
 ):
     speed, acceleration = parse_limits(limits)
     time, start = 1.0, HOVER
-    if old is not None:
+    if old is not NO_PLAN:
         time = old.next_start(old.start_time + old.entry.duration + 1.0)
         time -= old.circuit.duration - old.circuit.gate_times[-2] - 0.02
         start = old.derivatives(time)

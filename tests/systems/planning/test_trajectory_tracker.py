@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.common.value import Value
 
-from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan
+from airrace.systems.planning.lap_plan import NO_PLAN, LapPlan, PlanSummary
 from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
 from airrace.systems.types import ExplorerStatus
 from airrace.trajopt.flat_trajectory import flat_outputs, hold
@@ -11,8 +11,10 @@ from airrace.trajopt.flight_limits import FlightConstraints, FlightLimits
 from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.min_snap.transition import plan_transition_from_hover
 from airrace.trajopt.reference import REFERENCE_SIZE, as_reference
+from airrace.vehicle import load_vehicle
 
-CONSTRAINTS = FlightConstraints([], 2.0, FlightLimits(max_speed=20.0, max_acceleration=10.0))
+LIMITS = FlightLimits(load_vehicle("Default")[0], max_speed=20.0, max_acceleration=10.0)
+CONSTRAINTS = FlightConstraints([], 2.0, LIMITS)
 MIDPOINTS = np.array([[0, -20, 6], [20, 0, 6], [0, 20, 6], [-20, 0, 6]], float)
 few = settings(max_examples=40)
 
@@ -22,7 +24,9 @@ def make_plan():
     start = np.zeros((5, 4))
     start[0] = -20, -20, 5, 0
     entry, phase = plan_transition_from_hover(start, circuit, 4, CONSTRAINTS)
-    return LapPlan(lap=1, start_time=3.0, entry=entry, circuit=circuit, phase=phase, summary=None)
+    return LapPlan(
+        lap=1, start_time=3.0, entry=entry, circuit=circuit, phase=phase, summary=PlanSummary()
+    )
 
 
 PLAN = make_plan()

@@ -22,7 +22,10 @@ from tests.worlds import cases
 TRACK = load_track("student-airrace")
 MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
 HEADINGS = np.array([gate.heading for gate in TRACK.gates])
-LIMITS = dict(clearance=2.0, limits=FlightLimits(max_speed=20.0, max_acceleration=10.0))
+LIMITS = dict(
+    clearance=2.0,
+    limits=FlightLimits(load_vehicle("Default")[0], max_speed=20.0, max_acceleration=10.0),
+)
 each = pytest.mark.parametrize("dimensions", [3, 4, 6])
 few = settings(max_examples=8)
 
@@ -332,7 +335,14 @@ def test_limits_scale(s):
         FlightConstraints(
             pylons_of(MIDPOINTS, HEADINGS),
             2.0,
-            FlightLimits(max_speed=20 / s, max_acceleration=10 / s**2),
+            FlightLimits(
+                load_vehicle("Default")[0],
+                thrust_share=1e3,  # any thrust, from above and below
+                idle_share=-1e3,
+                max_rate=1e3,
+                max_speed=20 / s,
+                max_acceleration=10 / s**2,
+            ),
         ),
     )
     assert circuit.duration == pytest.approx(s * reference(3).duration, rel=1e-4)

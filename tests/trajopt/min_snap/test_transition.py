@@ -17,13 +17,17 @@ from airrace.trajopt.min_snap.transition import (
     plan_transition_from_hover,
 )
 from airrace.trajopt.reference import as_reference
+from airrace.vehicle import load_vehicle
 from tests.worlds.cases import first
 
 TRACK = load_track("student-airrace")
 MIDPOINTS = np.array([gate.p_WG for gate in TRACK.gates])
 HEADINGS = np.array([gate.heading for gate in TRACK.gates])
 PYLONS = TRACK.pylons()[:, :2]
-LIMITS = dict(clearance=2.0, limits=FlightLimits(max_speed=20.0, max_acceleration=10.0))
+LIMITS = dict(
+    clearance=2.0,
+    limits=FlightLimits(load_vehicle("Default")[0], max_speed=20.0, max_acceleration=10.0),
+)
 CONSTRAINTS = FlightConstraints(PYLONS, **LIMITS)
 each = pytest.mark.parametrize("dimensions", [3, 4, 6])
 few = settings(max_examples=12)

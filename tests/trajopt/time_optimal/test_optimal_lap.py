@@ -112,7 +112,9 @@ def test_the_report_says_what_is_so():
 
 
 def test_it_is_faster_than_minimum_snap():
-    constraints = FlightConstraints(PYLONS, CLEARANCE, FlightLimits(**LIMITS["original"]))
+    constraints = FlightConstraints(
+        PYLONS, CLEARANCE, FlightLimits(VEHICLES["Default"], **LIMITS["original"])
+    )
     slow = plan_circuit(MIDPOINTS, HEADINGS, 4, constraints)
     assert reference("original", "balls").duration < 0.95 * slow.duration
 

@@ -112,10 +112,7 @@ def test_it_is_quicker_than_minimum_snap():
     circuit, gates = lap("original")
     found, phase = transition(hover(), 2.0, 3, "original", circuit, gates)
     snap, joined = plan_transition_from_hover(
-        hover(),
-        circuit,
-        4,
-        FlightConstraints(PYLONS, CLEARANCE, FlightLimits(max_speed=20.0, max_acceleration=10.0)),
+        hover(), circuit, 4, FlightConstraints(PYLONS, CLEARANCE, LIMITS["original"])
     )
     assert found.duration - phase < 0.7 * (snap.duration - joined)
     # Nothing gets 20 m from rest to gate 1 in less than 2 s, nor to 20 m/s.

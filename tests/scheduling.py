@@ -11,8 +11,8 @@ _TESTS = Path(__file__).parent
 class InOrder(LoadScopeScheduling):
     """Hands out tests in the order of tests/conftest.py: a process that is free takes the next.
 
-    Only those stay in one process that share something: a browser, or what a fixture makes once for
-    a module.
+    Only those stay in one process that share something: a browser, what a fixture makes once for a
+    module, or machine code that takes ten seconds to compile.
     """
 
     def __init__(self, config, log):
@@ -23,6 +23,8 @@ class InOrder(LoadScopeScheduling):
         path = nodeid.partition("::")[0]
         if "in_browser" in path:
             return "browser"
+        if "envs/batch" in path:
+            return "batch"
         return path if _shares(path) else nodeid
 
 

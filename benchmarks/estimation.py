@@ -27,11 +27,11 @@ from unittest import mock
 import numpy as np
 from pydrake.systems.framework import System
 
-from airrace.diagrams.autonomy import SYSTEMS
 from airrace.scenario import TRUTH, VIO, Scenario, load_scenario
 from airrace.scenario.imu_config import PRESETS
 from airrace.systems.estimation import slam_filter
 from airrace.systems.estimation.error_state import AT
+from airrace.systems.exploring.explorer import Explorer
 from benchmarks import harness, races
 from benchmarks.harness import groups
 from benchmarks.races import Case
@@ -189,7 +189,7 @@ def fly(scenario_text: str, track_seed: int | None = None) -> dict:
 
 def make_hasty_explorer(scenario: Scenario) -> System:
     """Returns an explorer that goes home when it sees gate 1 again, without closing the loop."""
-    explorer = SYSTEMS["explorer"](scenario)
+    explorer = Explorer.from_scenario(scenario)
     explorer._machine._closes_loop = False
     return explorer
 

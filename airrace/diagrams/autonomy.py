@@ -117,10 +117,13 @@ def _output(system: System, name: str) -> OutputPort:
 def _rectified(builder: DiagramBuilder, sinks: list[System]) -> dict[str, OutputPort]:
     """Adds a Rectifier if a system takes pictures; returns its outputs."""
     rectifier = Rectifier()
-    outputs = outputs_of(rectifier)
-    if not any(sink.HasInputPort(name) for sink in sinks for name in outputs):
-        return {}
-    builder.AddNamedSystem("rectifier", rectifier)
-    for name in outputs:
-        builder.ExportInput(rectifier.GetInputPort(name), name)
+    outputs = {
+        name: port
+        for name, port in outputs_of(rectifier).items()
+        if any(sink.HasInputPort(name) for sink in sinks)
+    }
+    if outputs:
+        builder.AddNamedSystem("rectifier", rectifier)
+        for name in sorted({*outputs, "camera_info"}):
+            builder.ExportInput(rectifier.GetInputPort(name), name)
     return outputs

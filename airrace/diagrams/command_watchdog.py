@@ -3,7 +3,6 @@
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from airrace.diagrams.estimators import make_strapdown_integrator
-from airrace.diagrams.variants import variant_of
 from airrace.diagrams.wiring import connect_by_name, outputs_of
 from airrace.scenario import Scenario
 from airrace.systems.control.geometric_controller import GeometricController
@@ -33,7 +32,7 @@ def AddCommandWatchdog(
     watchdog = add("command_watchdog", CommandWatchdog(rotors=len(vehicle.rotors), rate=rate))
     monitor = add("own_rotor_monitor", RotorMonitor.from_scenario(scenario))
     controller = add("own_controller", GeometricController(vehicle=vehicle, rate=rate))
-    if variant_of(scenario).localizes:
+    if scenario.localizes:
         estimator = add("own_strapdown_integrator", make_strapdown_integrator(scenario))
     else:
         estimator = add("own_state_filter", StateFilter.from_scenario(scenario))

@@ -10,7 +10,6 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import DiscreteTimeDelay, DiscreteTimeIntegrator
 
-from airrace.diagrams.variants import variant_of
 from airrace.diagrams.world import World
 from airrace.rendering.imaging.camera_effects import CameraEffects, ImagingChain
 from airrace.rendering.planar.renderer import PlanarRenderer
@@ -85,7 +84,7 @@ def AddDrone(builder: DiagramBuilder, world: World, drone: Drone) -> list[Output
     rotors = _add_rotors(builder, world, drone)
     if world.scenario.camera.renderer != NO_CAMERA:
         _add_camera(builder, world, drone)
-    if variant_of(world.scenario).localizes:
+    if world.scenario.localizes:
         _add_imu(builder, world, drone)
     else:
         _add_state_estimate(builder, world, drone)

@@ -98,7 +98,8 @@ def MakeFlight(scenario: Scenario, reference: Callable[[float], np.ndarray]) -> 
     status = builder.AddSystem(ConstantValueSource(Value[object](ExplorerStatus(done=True))))
     sources = outputs_of(simulation, source, *systems)
     sources["explorer_status"] = status.get_output_port()
-    connect_by_name(builder, (simulation, *systems), sources)
+    told = {name: port for name, port in sources.items() if not name.startswith("truth.")}
+    connect_by_name(builder, (simulation, *systems), told)
     export_outputs(builder, sources, OUTPUTS)
     diagram = builder.Build()
     diagram.set_name("flight")

@@ -15,7 +15,6 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 
-from airrace.diagrams.variants import variant_of
 from airrace.rendering.scene.textures import BLACK, WHITE, marker_modules
 from airrace.systems.estimation.navigation import Navigation, navigation_vector
 from airrace.systems.leaf_system import LeafSystem
@@ -58,7 +57,7 @@ class Standing:
         thrust = vehicle.mass * GRAVITY / len(vehicle.rotors)
         self._tumbling = duration - _TUMBLE  # since when (s)
         self._speeds = np.sqrt(thrust / vehicle.thrust_coefficients)
-        self._turning = _IDLE if variant_of(scenario).localizes else -1.0  # since when (s)
+        self._turning = _IDLE if scenario.localizes else -1.0  # since when (s)
         self._imu_rate = scenario.imu.rate
 
     def of(self, port: str, time: float) -> Any:

@@ -46,11 +46,6 @@ class Variant:
     optional: frozenset[str] = frozenset()
     pilot: frozenset[str] = frozenset()
 
-    @property
-    def localizes(self) -> bool:
-        """Whether the drone finds out itself where it is."""
-        return "imu" in self.inputs
-
     def __or__(self, addition: "Variant") -> "Variant":
         """Returns the variant with an addition, whose entries win."""
         return Variant(

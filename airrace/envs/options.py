@@ -13,7 +13,7 @@ from airrace.common.errors import UserError
 from airrace.envs import action, observation
 from airrace.envs.reward import RewardWeights
 from airrace.envs.start import STARTS
-from airrace.scenario import VIO, Scenario, load_scenario
+from airrace.scenario import Scenario, load_scenario
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.scenario.checks import check_choice
 from airrace.track.map_files import TRACK
@@ -141,7 +141,7 @@ def make_scenario(options: EnvOptions) -> Scenario:
     elif scenario.map:
         scenario.camera.renderer = NO_CAMERA
     if options.observation != "estimate":
-        if scenario.estimator == VIO:
+        if scenario.localizes:
             raise UserError(
                 f"The estimator 'vio' is for the observation 'estimate', not for "
                 f"'{options.observation}'."
@@ -174,8 +174,5 @@ def depends_on_seed(scenario: Scenario) -> bool:
     effects = scenario.camera.resolved()
     pictures = scenario.camera.renderer != NO_CAMERA and (effects.read_noise or effects.shot_noise)
     return bool(
-        any((*errors, *wind))
-        or scenario.state_noise != "none"
-        or scenario.estimator == VIO
-        or pictures
+        any((*errors, *wind)) or scenario.state_noise != "none" or scenario.localizes or pictures
     )

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from airrace.diagrams.variants import variant_of
 from airrace.diagrams.wiring import connect_by_name, initial_values, outputs_of
 from airrace.hitl.channels import OPTIONAL_PORTS
 from airrace.hitl.handed_ports import HandedPorts
@@ -65,16 +64,8 @@ def ports_wanted(*parts: Diagram) -> tuple[str, ...]:
 
 
 def inputs_of(part: Diagram) -> list[str]:
-    """Returns the names of the inputs of a diagram that its systems use."""
-    # A rectifier has inputs for pictures that nobody may use.
-    used = {
-        system.get_input_port(i).get_name()
-        for system in part.GetSystems()
-        if system.get_name() != "rectifier"
-        for i in range(system.num_input_ports())
-    }
-    names = [part.get_input_port(i).get_name() for i in range(part.num_input_ports())]
-    return [name for name in names if name in used]
+    """Returns the names of the inputs of a diagram."""
+    return [part.get_input_port(i).get_name() for i in range(part.num_input_ports())]
 
 
 def MakeLockstepSide(
@@ -132,7 +123,7 @@ def MakePilotSide(
         DelayCompensator(
             vehicle=load_vehicle(scenario.drone)[0],
             rate=scenario.controller.rate,
-            to_present=variant_of(scenario).localizes,
+            to_present=scenario.localizes,
         ),
     )
     connect_by_name(builder, [compensator], outputs_of(pilot, simulation))

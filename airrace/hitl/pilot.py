@@ -7,7 +7,6 @@ from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Diagram
 
 from airrace.diagrams.autonomy import MakeNavigator, MakePilot
-from airrace.diagrams.variants import variant_of
 from airrace.hitl.channels import make_channels
 from airrace.hitl.checkpoint import CHECKPOINT_PERIOD, restore, states_of
 from airrace.hitl.handover import Handover, PortValues, Ready, Resume, States
@@ -42,7 +41,7 @@ def make_halves(scenario: "Scenario") -> Halves:
     Raises:
         UserError: if a system of the scenario cannot be had or does not fit.
     """
-    given = (PREDICTED,) if variant_of(scenario).localizes else ()
+    given = (PREDICTED,) if scenario.localizes else ()
     return Halves(MakePilot(scenario, given), MakeNavigator(scenario))
 
 

@@ -13,7 +13,7 @@ from airrace.hitl.link.lockstep import PeerLost, await_peer
 from airrace.hitl.link.socket_bus import SocketBus
 from airrace.hitl.remote_autonomy import LockstepRemote
 from airrace.lcmtypes import lcmt_heartbeat
-from airrace.scenario import VIO, Scenario
+from airrace.scenario import Scenario
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -219,9 +219,7 @@ def _wanted(heartbeat: Any, scenario: Scenario) -> tuple[str, ...]:
     """Returns the optional ports that an entry asks for in a heartbeat."""
     mark, _, names = heartbeat.value.text.partition(" ")
     wanted = tuple(names.split())
-    given = [
-        port for port in OPTIONAL_PORTS if port != "state_estimate" or scenario.estimator != VIO
-    ]
+    given = [port for port in OPTIONAL_PORTS if port != "state_estimate" or not scenario.localizes]
     if mark != PORTS_WANTED or any(port not in given for port in wanted):
         raise EntryFailed(f"the entry broke the rules: it asked for '{heartbeat.value.text[:80]}'")
     return wanted

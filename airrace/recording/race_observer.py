@@ -11,7 +11,7 @@ from airrace.recording import race_events as events
 from airrace.recording.log_sink import LogSink
 from airrace.recording.race_changes import FOR_LOG, FOR_RESULT, KEYS, Changes
 from airrace.recording.race_events import DRONE, RaceEvent, Sink
-from airrace.scenario import VIO, Scenario
+from airrace.scenario import Scenario
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, SAMPLE_SIZE
 from airrace.trajopt.reference import as_reference
@@ -88,7 +88,7 @@ class RaceObserver(LeafSystem):
         logged, config = log is not None, scenario.recording
         pictures = config.image_rate if logged and config.content == "full" else 0.0
         # Often enough that each sample is in the port's vector at least once.
-        imu_rate = 2 / IMU_DEPTH * scenario.imu.rate if scenario.estimator == VIO else 0.0
+        imu_rate = 2 / IMU_DEPTH * scenario.imu.rate if scenario.localizes else 0.0
         for rate, look in (
             (config.state_rate if logged else _PAGE_RATE, self._sample_state),
             (config.pose_rate if logged else 0.0, self._sample_pose),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from airrace.recording import race_events as events
-from airrace.scenario import PLANNED, VIO, Scenario
+from airrace.scenario import PLANNED, Scenario
 from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
 from airrace.systems.referee import OUT_OF_TIME
 from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateCrossing, RefereeStatus
@@ -91,7 +91,7 @@ class RaceResult:
         if self._moved is None:
             return front_marker_rms(self._map, self._track)
         # What a drone that finds out itself where it is takes for the world moves with gate 1.
-        return front_marker_rms(self._map, self._moved, aligned=self._scenario.estimator == VIO)
+        return front_marker_rms(self._map, self._moved, aligned=self._scenario.localizes)
 
     def data(
         self,

@@ -235,6 +235,11 @@ class Scenario:
     # What is kept of it.
     recording: RecordingConfig = dc.field(default_factory=RecordingConfig)
 
+    @property
+    def localizes(self) -> bool:
+        """Whether the drone finds out itself where it is."""
+        return self.estimator == VIO
+
     def check(self) -> None:
         """Raises UserError with one sentence on the first bad value."""
         check_numbers(self)

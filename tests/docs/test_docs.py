@@ -146,7 +146,7 @@ def test_fields_are_read_with_their_comments(reference):
 
 
 def test_the_table_of_systems_has_their_ports(reference):
-    row = "| `lap_planner` | `gate_map`, `explorer_status`, `exploration_reference` | `lap_plan` |"
+    row = "| `rotor_monitor` | `rotor_status` | `rotor_losses` |"
     assert row in reference.systems()
 
 

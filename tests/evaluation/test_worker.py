@@ -169,15 +169,16 @@ def test_a_race_dies_with_who_waits_for_it(tmp_path):
 WRITES_WITHOUT_PAUSE = """
 import itertools, sys
 from pathlib import Path
-from airrace.commands import app, race_process
+from airrace.diagrams.race import command
+from airrace.evaluation import race_process
 
-def writes(arguments):
-    results = Path(arguments[arguments.index("--output") + 1])
+def writes(options):
+    results = options.output
     for number in itertools.count():
         results.mkdir(exist_ok=True)
         (results / str(number % 500)).write_text("")
 
-app.main = writes
+command.race = writes
 race_process.main(Path(sys.argv[1]))
 """
 

@@ -86,14 +86,14 @@ def run_here(name, folder, *words) -> str:
     """The same in this process; its races are short, and its evaluations made up."""
     blind = {"map": "track", "camera": {"renderer": "none"}}
     fields = {"referee": {"time_limit": 8.0}} if name == "own_detector" else blind
-    fly = python_race.fly
+    fly = python_race.fly_any
 
     def fly_briefly(options, quiet=False):
         text = json.dumps({**json.loads(options.scenario_text or "{}"), **fields})
         return fly(dc.replace(options, scenario_text=text), quiet)
 
     with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(python_race, "fly", fly_briefly)
+        patch.setattr(python_race, "fly_any", fly_briefly)
         patch.setattr(subprocess, "run", made_up_evaluation)
         patch.setattr(sys, "argv", [str(script(name)), *map(str, words)])
         with contextlib.redirect_stdout(io.StringIO()) as out:

@@ -55,7 +55,7 @@ import json as _json
 from airrace.commands import python_race
 from airrace.diagrams.race.command import RaceOptions, race_scenario
 
-_fly, _folders = python_race.fly, []
+_fly, _folders = python_race.fly_any, []
 
 def _short(options):
     fields = _json.loads(options.scenario_text or "{}")
@@ -68,7 +68,7 @@ def _note(options, quiet=False):
     _folders.append(folder)
     return result, folder
 
-python_race.fly = _note
+python_race.fly_any = _note
 """
 _run = subprocess.run
 # And an evaluation in a lesson is of races on a given map.
@@ -94,7 +94,7 @@ def _stand_in(options, quiet=False):
     race_scenario(options)
     return {}, _folders[-1] if _folders else _note(_SHORT, quiet=True)[1]
 
-python_race.fly = _stand_in
+python_race.fly_any = _stand_in
 """
 EXPENSIVE = re.compile(r"\bevaluate\(")  # flies races in processes of their own
 # Solutions learn for three iterations, and fly the first two of a series.
@@ -167,7 +167,7 @@ def test_a_notebook_runs(path, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "__main__", module)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(python_race, "fly", python_race.fly)  # is given back
+    monkeypatch.setattr(python_race, "fly_any", python_race.fly_any)  # is given back
     if path.stem == "6_compare_and_evaluate":
         monkeypatch.setattr(subprocess, "run", evaluate)
     for source in (note(path, BRIEF_RACES), *code):

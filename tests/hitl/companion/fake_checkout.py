@@ -15,8 +15,8 @@ AUTONOMY = '''
 import os, signal, subprocess, sys, time
 from pathlib import Path
 
-assert sys.argv[1:3] == ["hitl", "autonomy"]
-words = sys.argv[3:]
+assert sys.argv[1:2] == ["autonomy"]
+words = sys.argv[2:]
 print("arguments", words)
 print("folder", sorted(os.listdir()), file=sys.stderr)
 output = Path("output")
@@ -91,11 +91,11 @@ def make_checkout(folder: Path, drake: str = "") -> tuple[Path, Path]:
     wheel = make_wheel(
         wheels, "drake", "1.58.0", {"pydrake/__init__.py": "", "pydrake/common.py": drake}
     )
-    (checkout / "airrace").mkdir(parents=True)
+    (checkout / "airrace" / "hitl").mkdir(parents=True)
     (checkout / "models").mkdir()
     for name in ("pyproject.toml", "models/package.xml"):
         shutil.copy(ROOT / name, checkout / name)
     (checkout / "airrace" / "__init__.py").touch()
-    (checkout / "airrace" / "__main__.py").write_text(AUTONOMY)
+    (checkout / "airrace" / "hitl" / "__main__.py").write_text(AUTONOMY)
     make_lock(checkout / LOCK, [wheel])
     return checkout, wheels

@@ -25,6 +25,7 @@ from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 from airrace.systems.types import ExplorerStatus
 
 _TIME = 0.6  # s: it has seen, measured and mapped, and takes off by then
+_REST = 2.0  # s, more on its pad if it has to find out itself where it is
 _BRIEF = 0.3  # s: it has seen by then
 _TICK = 0.01  # s, between two looks at what it answers
 
@@ -58,20 +59,24 @@ def warm_up_half(scenario: Scenario, which: str) -> None:
     halves = {"pilot": MakePilot(scenario), "navigator": MakeNavigator(scenario)}
     part = halves.pop(which)
     (other,) = halves.values()
-    simulator = Simulator(_before_gate(scenario, part, other))
+    duration = _TIME + _REST * scenario.localizes
+    simulator = Simulator(_before_gate(scenario, part, other, duration))
     context = simulator.get_mutable_context()
-    for time in np.arange(0.0, _TIME, _TICK).tolist():
+    for time in np.arange(0.0, duration, _TICK).tolist():
         simulator.AdvanceTo(time)
         for port in outputs_of(part).values():
             port.Eval(part.GetMyContextFromRoot(context))
 
 
-def _before_gate(scenario: Scenario, part: Diagram, other: Diagram) -> Diagram:
-    """Returns a half of the autonomy with what it gets where a drone stands before a gate."""
+def _before_gate(scenario: Scenario, part: Diagram, other: Diagram, duration: float) -> Diagram:
+    """Returns a half of the autonomy with what it gets where a drone stands before a gate.
+
+    Args: part, other: the half, and the other one. duration: of the flight (s).
+    """
     names = [part.get_input_port(i).get_name() for i in range(part.num_input_ports())]
     told = [name for name in names if other.HasOutputPort(name)]
     drone = StandingDrone(
-        Standing(scenario, _TIME),
+        Standing(scenario, duration),
         initial_values(other, part, told),
         [name for name in names if name not in told],
         scenario.camera.fps,

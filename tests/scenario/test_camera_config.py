@@ -120,9 +120,7 @@ def test_a_rectifier_stands_before_every_box_if_the_lens_distorts():
             fed.add((box.get_name(), name))
     assert {("aruco_detector", "camera_view"), ("aruco_detector", "camera_info")} <= fed
     inputs = {autonomy.get_input_port(i).get_name() for i in range(autonomy.num_input_ports())}
-    assert inputs == {
-        "camera_image",
-        "camera_grey",
+    assert inputs == {  # of pictures, what somebody reads
         "camera_view",
         "camera_image_time",
         "camera_info",

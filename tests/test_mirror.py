@@ -23,7 +23,7 @@ diagrams/command_watchdog.py              systems/failsafe/test_command_watchdog
 diagrams/estimators.py                    diagrams/test_vio_race.py
 diagrams/in_process.py                    diagrams/test_race.py
 diagrams/own_systems.py                   diagrams/test_autonomy.py
-diagrams/race/command.py                  commands/test_race.py
+diagrams/race_command.py                  commands/test_race.py
 diagrams/standing_drone.py                diagrams/test_warm_up.py
 diagrams/transport.py                     hitl/link/test_lockstep.py
 diagrams/variants.py                      diagrams/test_autonomy.py

@@ -5,6 +5,18 @@
 >>> run.tracking.groupby("lap").distance.max()
 """
 
-from airrace.analysis.run import Run, load_run
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from airrace.analysis.run import Run, load_run
 
 __all__ = ["Run", "load_run"]
+
+
+def __getattr__(name: str) -> Any:
+    # Imported when it is asked for: pandas takes a second, and the command line waits for this.
+    if name not in __all__:
+        raise AttributeError(f"module 'airrace.analysis' has no attribute '{name}'")
+    from airrace.analysis import run
+
+    return getattr(run, name)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import App, Parameter
 
 from airrace.common.errors import UserError
-from airrace.diagrams.race.command import EPILOG, fly
+from airrace.diagrams.race_command import EPILOG, fly
 from airrace.hitl.command import LINK, HitlOptions, fly_hitl
 
 MAVLINK = "MAVLINK"

@@ -16,7 +16,7 @@ from airrace.evaluation.worker import DRONE, RESULTS, SCENARIO, TRACK
 def main(folder: Path) -> int:
     """Flies the race; returns the exit code of `airrace race`."""
     with bound_to_worker(folder):
-        from airrace.diagrams.race.command import RaceOptions, race
+        from airrace.diagrams.race_command import RaceOptions, race
 
         drone = folder / DRONE
         options = RaceOptions(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Group, Parameter
 
-from airrace.diagrams.race.command import RaceOptions, fly
+from airrace.diagrams.race_command import RaceOptions, fly
 from airrace.hitl.companion import READY
 from airrace.scenario.options import ScenarioOptions, resolve_scenario
 

@@ -14,9 +14,8 @@ import yaml
 from airrace.commands.app import main as command
 from airrace.common import files
 from airrace.common.resources import models_path
-from airrace.diagrams import race, warm_up
-from airrace.diagrams.race import command as race_command
-from airrace.diagrams.race.command import EPILOG, RaceOptions, race_scenario
+from airrace.diagrams import race, race_command, warm_up
+from airrace.diagrams.race_command import EPILOG, RaceOptions, race_scenario
 from airrace.scenario import load_scenario, scenario_yaml
 from tests.worlds.cases import first
 from tests.worlds.command_line import parse

@@ -169,7 +169,7 @@ def test_a_race_dies_with_who_waits_for_it(tmp_path):
 WRITES_WITHOUT_PAUSE = """
 import itertools, sys
 from pathlib import Path
-from airrace.diagrams.race import command
+from airrace.diagrams import race_command as command
 from airrace.evaluation import race_process
 
 def writes(options):

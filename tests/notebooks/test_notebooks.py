@@ -53,7 +53,7 @@ import dataclasses as _dc
 import json as _json
 
 from airrace.commands import python_race
-from airrace.diagrams.race.command import RaceOptions, race_scenario
+from airrace.diagrams.race_command import RaceOptions, race_scenario
 
 _fly, _folders = python_race.fly_any, []
 

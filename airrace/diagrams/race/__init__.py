@@ -1,6 +1,6 @@
 """A race, from its scenario to the files that it leaves: built, flown, saved.
 
-`python -m airrace.diagrams.race` flies one, see command.py.
+`python -m airrace.diagrams.race` flies one, see race_command.py.
 """
 
 import contextlib

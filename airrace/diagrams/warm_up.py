@@ -19,7 +19,7 @@ from airrace.common.processes import child_environment
 from airrace.diagrams.autonomy import MakeNavigator, MakePilot
 from airrace.diagrams.simulation import MakeSimulation
 from airrace.diagrams.standing_drone import Standing, StandingDrone
-from airrace.diagrams.wiring import connect_by_name, initial_values, outputs_of
+from airrace.diagrams.wiring import connect_by_name, initial_values, inputs_of, outputs_of
 from airrace.scenario import Scenario, load_scenario, scenario_yaml
 from airrace.scenario.camera_config import NO_CAMERA, CameraConfig
 from airrace.systems.types import ExplorerStatus
@@ -73,7 +73,7 @@ def _before_gate(scenario: Scenario, part: Diagram, other: Diagram, duration: fl
 
     Args: part, other: the half, and the other one. duration: of the flight (s).
     """
-    names = [part.get_input_port(i).get_name() for i in range(part.num_input_ports())]
+    names = inputs_of(part)
     told = [name for name in names if other.HasOutputPort(name)]
     drone = StandingDrone(
         Standing(scenario, duration),

@@ -14,6 +14,11 @@ class Port(NamedTuple):
     name: str
 
 
+def inputs_of(system: System) -> list[str]:
+    """Returns the names of the input ports of a system, or of a diagram."""
+    return [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+
+
 def outputs_of(*systems: System) -> dict[str, OutputPort]:
     """Returns the output ports of systems by their names; of two alike, the first system's."""
     ports: dict[str, OutputPort] = {}

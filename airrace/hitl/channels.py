@@ -100,7 +100,8 @@ def make_channels(
         ("pilot_status", AUTONOMY, messages.PILOT_STATUS, PilotStatus(), 1.0 / PILOT_PERIOD),
     )
     made = variant_of(scenario).outputs.keys() - OPTIONAL_PORTS
-    rows = [row for row in table if row[0] in {*_ALWAYS, *made, *wanted}]
+    crossing = {*_ALWAYS, *made, *wanted}
+    rows = [row for row in table if row[0] in crossing]
     pictures = [port for port in wanted if port in PICTURE_PORTS]
     return (_camera(scenario, pictures), _rotor_status(scenario, n), *starmap(_channel, rows))
 

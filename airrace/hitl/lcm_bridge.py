@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from airrace.diagrams.wiring import connect_by_name, initial_values, outputs_of
+from airrace.diagrams.wiring import connect_by_name, initial_values, inputs_of, outputs_of
 from airrace.hitl.channels import OPTIONAL_PORTS
 from airrace.hitl.handed_ports import HandedPorts
 from airrace.hitl.lcm_receiver import LcmReceiver
@@ -61,11 +61,6 @@ def ports_wanted(*parts: Diagram) -> tuple[str, ...]:
         for port in OPTIONAL_PORTS
         if port in used and not any(part.HasOutputPort(port) for part in parts)
     )
-
-
-def inputs_of(part: Diagram) -> list[str]:
-    """Returns the names of the inputs of a diagram."""
-    return [part.get_input_port(i).get_name() for i in range(part.num_input_ports())]
 
 
 def MakeLockstepSide(

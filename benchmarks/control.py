@@ -20,7 +20,7 @@ from benchmarks.experiments import MAX_RATE, Case, loss, race, recovery, trackin
 from benchmarks.harness import groups, make_table, worst
 from tests.worlds.flight import racing_lap
 
-_NOISES = ("none", "reference")
+_NOISES = ("none", "nominal")
 _NO_REJECTION = "controller: {disturbance_rejection: false}"
 _TRACKING_CASES = (
     Case("nominal"),
@@ -148,8 +148,8 @@ def tracking_tables(rows: list) -> list:
         "RMS (m)": "{none_rms:.3f}",
         "x nominal": "{ratio:.1f}",
         "max (m)": "{none_max:.3f}",
-        "noise: RMS (m)": "{reference_rms:.3f}",
-        "noise: max (m)": "{reference_max:.3f}",
+        "noise: RMS (m)": "{nominal_rms:.3f}",
+        "noise: max (m)": "{nominal_max:.3f}",
     }
     summary, nominal = [], np.nan
     for (drone, case), group in groups(rows, "drone", "case"):

@@ -22,7 +22,15 @@ from benchmarks import harness
 FOLDER = Path(__file__).parents[1] / "docs" / "measurements"
 # The name of the file, and what is run; {workers} is the option.
 BENCHMARKS = {
-    "reference": ("races", "--only", "reference", "--runs", "2", "--workers", "{workers}"),
+    "student_airrace": (
+        "races",
+        "--only",
+        "student-airrace",
+        "--runs",
+        "2",
+        "--workers",
+        "{workers}",
+    ),
     "generated": ("races", "--only", "generated", "--tracks", "5", "--workers", "{workers}"),
     "original": ("original", "--workers", "{workers}"),
     "control": ("control", "--workers", "{workers}"),
@@ -31,9 +39,17 @@ BENCHMARKS = {
     "exploration": ("exploration", "--workers", "{workers}"),
     "exploration_steps": (
         *("exploration", "--step_length", "2", "5", "10", "15", "25"),
-        *("--reference", "--tracks", "40", "--workers", "{workers}"),
+        *("--student_airrace", "--tracks", "40", "--workers", "{workers}"),
     ),
-    "estimation": ("estimation", "--only", "reference", "--seeds", "20", "--workers", "{workers}"),
+    "estimation": (
+        "estimation",
+        "--only",
+        "student-airrace",
+        "--seeds",
+        "20",
+        "--workers",
+        "{workers}",
+    ),
     "estimation_kinds": (
         *("estimation", "--only", "kinds", "--seeds", "10", "--laps", "3"),
         *("--workers", "{workers}"),
@@ -69,8 +85,8 @@ BENCHMARKS = {
     "vtk_frame": ("vtk_frame",),
     "peers": ("peers", "--install"),
     **{
-        f"pilots_level_{level}": (
-            *("pilots", "--levels", str(level), "--tracks", "200", "--workers", "{workers}"),
+        f"policies_level_{level}": (
+            *("policies", "--levels", str(level), "--tracks", "200", "--workers", "{workers}"),
         )
         for level in (1, 3)
     },

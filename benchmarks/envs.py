@@ -3,7 +3,7 @@
     python -m benchmarks.envs [--envs 1 16 256 4096] [--drone NAME] [--level 0] [--peers]
 
 A step is 20 ms of every drone, with observation, reward, and new episodes for those that end. The
-drones hover in front of gates of the reference track, by noisy actions of thrust and body rates;
+drones hover in front of gates of student-airrace, by noisy actions of thrust and body rates;
 the plant makes 20 steps at 1 kHz meanwhile, and the rate controller 10. On one core, and on all
 that there are; each in a process of its own, the median of some blocks. --peers adds two others on
 one core, if `python -m benchmarks.peers --install` has put them where that says: crazyflow's

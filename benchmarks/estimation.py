@@ -1,13 +1,13 @@
 """Races on an inertial sensor and pixels: how well the drone knows where it and the gates are.
 
-    python -m benchmarks.estimation [--only reference kinds generated ablations] [--seeds 4]
+    python -m benchmarks.estimation [--only student-airrace kinds generated ablations] [--seeds 4]
         [--laps 10] [--tracks 20] [--levels 1 3] [--preset racing] [--scenario_text YAML]
         [--workers N] [--json FILE]
 
-`reference`: the reference track with the estimator `vio`, beside the same races with `truth`,
+`student-airrace`: that track with the estimator `vio`, beside the same races with `truth`,
 a race a seed. `kinds`: that track in other laps and with the other drone. `generated`: one lap
 on random tracks that obey the rules, a race a track, at each level of difficulty. `ablations`:
-the reference track with something left out or wrong. The results do not depend on the number
+the track student-airrace with something left out or wrong. The results do not depend on the number
 of workers.
 
 Errors are those of the estimate as it is, without any alignment. NEES is the normalised
@@ -79,10 +79,10 @@ def main(argv=None) -> int:
         "--only", nargs="+", choices=_MAKERS, default=list(_MAKERS), help="(default: all)"
     )
     parser.add_argument(
-        "--seeds", type=harness.count, default=4, help="on the reference track (default: 4)"
+        "--seeds", type=harness.count, default=4, help="on the track student-airrace (default: 4)"
     )
     parser.add_argument(
-        "--laps", type=harness.count, default=10, help="on the reference track (default: 10)"
+        "--laps", type=harness.count, default=10, help="on the track student-airrace (default: 10)"
     )
     parser.add_argument(
         "--tracks", type=harness.count, default=20, help="generated, a level (default: 20)"
@@ -109,14 +109,14 @@ def _estimating(scenario: Scenario, args) -> Scenario:
     return dc.replace(scenario, estimator=VIO, imu=imu)
 
 
-def _reference_race(args) -> Scenario:
-    """Returns the scenario of the options on the reference track."""
+def _race(args) -> Scenario:
+    """Returns the scenario of the options on the track student-airrace."""
     scenario = load_scenario(scenario_text=args.scenario_text)
     return dc.replace(_estimating(scenario, args), laps=args.laps)
 
 
-def _reference(args) -> list[Case]:
-    scenario = _reference_race(args)
+def _student_airrace(args) -> list[Case]:
+    scenario = _race(args)
     return [
         Case(name, dc.replace(scenario, estimator=name), range(args.seeds), fly=fly)
         for name in (VIO, TRUTH)
@@ -124,7 +124,7 @@ def _reference(args) -> list[Case]:
 
 
 def _kinds(args) -> list[Case]:
-    scenario = _reference_race(args)
+    scenario = _race(args)
     rotor = dc.replace(scenario.planner, limits="rotor")
     kinds = {
         "3-D": dc.replace(scenario, trajectory="3"),
@@ -148,7 +148,7 @@ def _generated(args) -> list[Case]:
 
 
 def _ablations(args) -> list[Case]:
-    scenario = _reference_race(args)
+    scenario = _race(args)
 
     def with_imu(**fields):
         return dc.replace(scenario, imu=dc.replace(scenario.imu, **fields))
@@ -172,7 +172,7 @@ def _ablations(args) -> list[Case]:
 
 
 _MAKERS = {
-    "reference": _reference,
+    "student-airrace": _student_airrace,
     "kinds": _kinds,
     "generated": _generated,
     "ablations": _ablations,
@@ -260,14 +260,16 @@ def summaries(rows: list[dict]) -> list[dict]:
 def show(results: dict) -> tuple[list, bool]:
     """Returns the tables of what measure() found, and whether all races finished."""
     titles = {
-        "reference": "The reference track",
-        "kinds": "The reference track, in other laps and with the other drone",
+        "student-airrace": "The track student-airrace",
+        "kinds": "The track student-airrace, in other laps and with the other drone",
         "generated": "One lap on generated tracks, a race a track",
-        "ablations": "The reference track, with something left out or wrong",
+        "ablations": "The track student-airrace, with something left out or wrong",
     }
     tables = []
     for name, rows in results.items():
-        columns = {k: v for k, v in _COLUMNS.items() if k != "to truth's" or name == "reference"}
+        columns = {
+            k: v for k, v in _COLUMNS.items() if k != "to truth's" or name == "student-airrace"
+        }
         tables.append(harness.make_table(titles[name], summaries(rows), columns))
         title = f"{titles[name]}: consistency, and the longest time without a marker"
         tables.append(harness.make_table(title, summaries(rows), _CONSISTENCY))

@@ -62,8 +62,8 @@ def main(argv=None) -> int:
     courses.add_argument(
         "--client",
         type=Path,
-        default=parts.ROOT / "examples" / "grand_prix_pilot.py",
-        help="program that flies (default: examples/grand_prix_pilot.py)",
+        default=parts.ROOT / "examples" / "grand_prix_client.py",
+        help="program that flies (default: examples/grand_prix_client.py)",
     )
     courses.add_argument("--vq", type=int, choices=(1, 2), default=2, help="(default: 2)")
     courses.add_argument("--time_limit", type=float, default=480.0, help="s (default: 480)")

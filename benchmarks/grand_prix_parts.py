@@ -166,10 +166,10 @@ def _fly_client(args, folder, *options):
         (folder / "client.txt").open("w") as words,
         Simulation(folder, ports, *options, time_limit=args.time_limit) as sim,
     ):
-        pilot = [sys.executable, args.client.absolute()]
-        pilot += ["--mavlink", ports[0], "--pictures", ports[1]]
+        client = [sys.executable, args.client.absolute()]
+        client += ["--mavlink", ports[0], "--pictures", ports[1]]
         client = subprocess.Popen(
-            list(map(str, pilot)),
+            list(map(str, client)),
             cwd=folder,
             env=child_environment() | ONE_THREAD,
             stdin=subprocess.DEVNULL,

@@ -10,7 +10,7 @@ as airrace does, and the same detections are mapped by both estimators.
 import itertools
 import sys
 
-from airrace.scenario import ESTIMATORS, Scenario
+from airrace.scenario import MAP_ESTIMATORS, Scenario
 from airrace.scenario.camera_config import CameraConfig
 from benchmarks import harness
 from benchmarks.mapping_world import CORNERS, Errors, World
@@ -24,7 +24,7 @@ _REQUIRED = (  # what, case, phase, figure, at most (m, or a share)
     ("good observations rejected: worst marker", "state noise", 1, "rejected", 0.20),
     ("with outliers as well", "outliers", 1, "rejected", 0.20),
 )
-# Robust than report, on the worst marker, with state noise: report drops outliers, too.
+# Robust than original, on the worst marker, with state noise: original drops outliers, too.
 _TIMES_CLOSER = 2.0
 
 
@@ -53,7 +53,7 @@ def measure(args) -> list:
         "state noise": Errors(seed=args.seed),
         "outliers": Errors(seed=args.seed, outliers=0.02),
     }
-    runs = list(itertools.product(CORNERS, cases, ESTIMATORS))
+    runs = list(itertools.product(CORNERS, cases, MAP_ESTIMATORS))
     return [
         {
             "corners": corners,
@@ -104,12 +104,12 @@ def requirements(figures: dict) -> list[dict]:
         value = figures["refitted", case, "robust"][phase][figure]
         rows.append(_check(what, 100 * value, f"at most {100 * limit:.0f}", value <= limit))
     for corners in CORNERS:
-        report, robust = (
+        original, robust = (
             figures[corners, "state noise", estimator][1]["worst"]
-            for estimator in ("report", "robust")
+            for estimator in ("original", "robust")
         )
-        what = f"state noise, {corners} corners: robust closer than report"
-        ratio = report / robust
+        what = f"state noise, {corners} corners: robust closer than original"
+        ratio = original / robust
         rows.append(_check(what, ratio, f"at least {_TIMES_CLOSER:.0f}", ratio >= _TIMES_CLOSER))
     return rows
 

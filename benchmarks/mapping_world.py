@@ -111,10 +111,10 @@ class World:
         Args:
             frames: from frames().
             corners: which of their markers.
-            estimator: which of ESTIMATORS.
+            estimator: which of MAP_ESTIMATORS.
             errors: of poses and detections.
         """
-        mapper = ImageMapper(dc.replace(self.scenario.perception, estimator=estimator))
+        mapper = ImageMapper(dc.replace(self.scenario.perception, map_estimator=estimator))
         rng = make_generator(0, "outliers")
         state, injected, results = MapperState(), {}, []
         for frame, following in zip(frames, [*frames[1:], None]):

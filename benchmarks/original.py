@@ -3,9 +3,9 @@
     python -m benchmarks.original [--only original improved] [--runs 1] [--laps 10]
                                   [--workers N] [--json FILE]
 
-`original`: Student AirRace, as its report gives its laps, and the scenario file `original`,
+`original`: Student AirRace, as its paper gives its laps, and the scenario file `original`,
 which flies that system here. `improved`: the same 3-D laps with one improvement switched on at
-a time, and then with all: what airrace flies by default. All races are of the reference track
+a time, and then with all: what airrace flies by default. All races are of the track student-airrace
 and from pixels, each of a seed of its own. A race that does not finish is a result, too.
 """
 
@@ -99,7 +99,7 @@ def show(results: dict) -> tuple[list, bool]:
         columns, title = dict(_COLUMNS), "One improvement switched on at a time"
         if name == "original":
             columns["Student AirRace, mean lap (s)"] = "{original_s:.2f}"
-            title = "The scenario file `original`, and the laps of the report"
+            title = "The scenario file `original`, and the laps of the original system"
         tables.append(harness.make_table(title, summaries(rows), columns))
     return tables, True
 

@@ -3,7 +3,7 @@
     python -m benchmarks.perception [--views 200] [--frames 2000] [--seed 0] [--json FILE]
 
 Views of single boards give the errors of corners and poses, random places of the
-reference track the stray markers. `clean` and `realistic` are the presets of the
+track student-airrace the stray markers. `clean` and `realistic` are the presets of the
 scenario's camera, `blurred` adds a defocus of 0.7 px; the drone moves.
 """
 
@@ -86,7 +86,7 @@ def show(results: dict) -> tuple[list, bool]:
         make_accuracy_table(results["accuracy"]),
         make_ways_table(results["ways"]),
         make_list("Corners, planar against vtk", results["renderers"]),
-        make_list("Stray markers over the reference track", results["strays"]),
+        make_list("Stray markers over the track student-airrace", results["strays"]),
         make_list("Time of one frame, one thread", results["time"]),
     ]
     return tables, True
@@ -218,7 +218,7 @@ def find(picture, id):
 
 
 def count_strays(count, seed) -> dict:
-    """Takes pictures above the reference track, of which every second one is blurred."""
+    """Takes pictures above the track student-airrace, of which every second one is blurred."""
     rng = np.random.default_rng(seed)
     race = load_track("student-airrace")
     boards = {board.id: board.X_WM for board in race.boards()}

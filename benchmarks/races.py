@@ -1,9 +1,9 @@
 """Whole races from pixels, side by side: lap times, how near the gates, and how good the map.
 
-    python -m benchmarks.races [--only reference generated] [--runs 4] [--laps 10]
+    python -m benchmarks.races [--only student-airrace generated] [--runs 4] [--laps 10]
         [--tracks 20] [--scenario_text YAML] [--workers N] [--json FILE]
 
-`reference`: the reference track in all kinds of laps, beside the mean laps of the original
+`student-airrace`: that track in all kinds of laps, beside the mean laps of the original
 system there, which flew from rest to rest. Every row is so many races (--runs), each of a
 seed of its own. `generated`: one lap on random tracks that obey the rules, at each level of
 difficulty, a race a track (--tracks). The results do not depend on the number of workers.
@@ -68,7 +68,7 @@ def main(argv=None) -> int:
         "--only", nargs="+", choices=_MAKERS, default=list(_MAKERS), help="(default: both)"
     )
     parser.add_argument(
-        "--laps", type=harness.count, default=10, help="on the reference track (default: 10)"
+        "--laps", type=harness.count, default=10, help="on the track student-airrace (default: 10)"
     )
     parser.add_argument(
         "--tracks", type=harness.count, default=20, help="generated, a level (default: 20)"
@@ -87,7 +87,7 @@ def measure(args) -> dict:
     return {name: fly_all(_MAKERS[name](args), args.workers) for name in args.only}
 
 
-def _reference(args) -> list[Case]:
+def _student_airrace(args) -> list[Case]:
     default = dc.replace(load_scenario(scenario_text=args.scenario_text), laps=args.laps)
     rotor = dc.replace(default, planner=dc.replace(default.planner, limits="rotor"))
     kinds = {f"{d}-D": dc.replace(default, trajectory=d) for d in ORIGINAL_LAPS}
@@ -111,7 +111,7 @@ def lap_of_level(level: str, args) -> Scenario:
     return dc.replace(scenario, laps=1)
 
 
-_MAKERS = {"reference": _reference, "generated": _generated}
+_MAKERS = {"student-airrace": _student_airrace, "generated": _generated}
 
 
 def fly_all(cases: Sequence[Case], workers: int = 1) -> list[dict]:
@@ -232,10 +232,10 @@ def show(results: dict) -> tuple[list, bool]:
     tables = []
     for name, rows in results.items():
         columns, title = dict(_COLUMNS), "One lap on generated tracks, a race a track"
-        if name == "reference":
+        if name == "student-airrace":
             columns["the original's mean lap (s)"] = "{original_s:.2f}"
             laps = max(len(row["lap_times_s"]) for row in rows)
-            title = f"Races of {laps} laps on the reference track"
+            title = f"Races of {laps} laps on the track student-airrace"
         tables.append(harness.make_table(title, summaries(rows), columns))
     finished = all(row["finished"] for row in itertools.chain(*results.values()))
     return tables, finished

@@ -23,7 +23,7 @@ from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.vehicle import RACERS, load_vehicle
 from benchmarks import harness
 from benchmarks.harness import column, groups, make_table
-from tests.worlds.reference_laps import (
+from tests.worlds.published_laps import (
     CLEARANCE,
     LIMITS,
     ORIGINAL,
@@ -87,7 +87,7 @@ def show(results: dict) -> tuple[list, bool]:
 
 
 def point_mass(case: PointMassCase) -> dict:
-    """Compares the point-mass bounds of the reference track with what is published."""
+    """Compares the point-mass bounds of the track student-airrace with what is published."""
     midpoints, headings, _ = load_course()
     row = {"limits": case.name, "ok": True}
     for kind in ("midpoints", "windows"):
@@ -111,12 +111,12 @@ def point_mass_table(rows):
             f"{kind}, published": f"{{{kind}[published_s]:.2f}}",
             f"{kind}, time (s)": f"{{{kind}[cpu_s]:.2f}}",
         }
-    title = "Lap of a point mass on the reference track (bound: 0.3 % off what is published)"
+    title = "Lap of a point mass on the track student-airrace (bound: 0.3 % off what is published)"
     return make_table(title, rows, columns)
 
 
 def min_snap(dimensions: int) -> dict:
-    """Plans the minimum-snap lap of the reference track."""
+    """Plans the minimum-snap lap of the track student-airrace."""
     midpoints, headings, pylons = load_course()
     best = exact_bound(
         regions("midpoints", midpoints, headings), PointMassLimits(**ORIGINAL)
@@ -149,7 +149,7 @@ def min_snap_table(rows):
         "from itself (s)": "{warm_cpu_s:.2f}",
     }
     title = (
-        "Minimum-snap laps of the reference track, through the midpoints within "
+        "Minimum-snap laps of the track student-airrace, through the midpoints within "
         "20 m/s and 10 m/s^2 (bounds: 22.5, 23, 32 s)"
     )
     return make_table(title, rows, columns)
@@ -202,7 +202,7 @@ def optimal(drone: str, limits: str, kind: str, seed: int | None = None) -> dict
 
 
 def optimal_table(rows):
-    """Returns the table of optimal() on the reference track."""
+    """Returns the table of optimal() on the track student-airrace."""
     columns = {
         "drone": "{drone}",
         "limits": "{limits}",
@@ -219,7 +219,7 @@ def optimal_table(rows):
         "gate off axis (deg)": "{bearing_deg:.1f}",
     }
     title = (
-        "Time-optimal laps of the reference track, balls of 0.4 m or windows of 3.2 by 2.5 m to "
+        "Time-optimal laps of student-airrace, balls of 0.4 m or windows of 3.2 by 2.5 m to "
         f"each side\n(bounds: {MOST_TIME:g} s to plan; original: balls 21.0 s, windows 19.3 s; "
         "rotor windows: Default 10.0 s; rotors within their limits by 0.5 %)"
     )

@@ -2,7 +2,7 @@
 
     python -m benchmarks.vtk_frame [--frames 20] [--json FILE]
 
-Both draw the same views of the reference track by turns. Drake's RgbdSensor draws a colour
+Both draw the same views of the track student-airrace by turns. Drake's RgbdSensor draws a colour
 picture and its depths; the vtk renderer draws these, and haze and sky, once in colour and
 once in grey levels, as the detector gets it.
 """

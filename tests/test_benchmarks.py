@@ -127,7 +127,7 @@ def test_generated_tracks_are_measured(run_apart):
 def test_races_are_put_side_by_side(run):
     options = ("--runs", 1, "--tracks", 1, "--scenario_text", SHORT)
     table, figures, text = run("races", *options, code=1)  # out of time, on the pad
-    assert [row["name"] for row in figures["reference"]][:2] == ["optimal", "3-D"]
+    assert [row["name"] for row in figures["student-airrace"]][:2] == ["optimal", "3-D"]
     (row,) = rows_of(table, "6-D")
     assert row[0] == "0 of 1" and row[1] == "-" and row[-1] == "41.21"
     assert rows_of(table, "level 3")[0][0] == "0 of 1" and "ran out of time" in text
@@ -137,7 +137,7 @@ def test_races_are_put_side_by_side(run):
 def test_a_network_is_put_beside_the_planner(run):
     """Without exploring: what it is about are the laps."""
     options = ("--levels", 0, "--tracks", 1, "--scenario_text", "{map: track}")
-    table, figures, _ = run("pilots", *options)
+    table, figures, _ = run("policies", *options)
     planner, network = figures
     assert planner["handed_back"] == ""
     assert rows_of(table, "level 0, planner")[0][:2] == ["1 of 1", "-"]
@@ -364,7 +364,7 @@ def test_estimators_are_put_beside_the_truth(run):
     options = ("--seeds", 1, "--tracks", 1, "--levels", 1, "--laps", 1)
     short = "{referee: {time_limit: 2.5}}"  # the rotors turn for half a second
     table, figures, _ = run("estimation", *options, "--scenario_text", short, code=1)
-    vio, truth = figures["reference"]
+    vio, truth = figures["student-airrace"]
     assert (vio["estimator"], truth["estimator"]) == ("vio", "truth")
     assert 0.0 < vio["nees_exploring"] < 20.0 and truth["nees_exploring"] is None
     assert rows_of(table, "vio")[0][0] == "0 of 1"

@@ -42,7 +42,7 @@ def fly(checkout: Path, name: str, folder: Path, options=()) -> None:
 
 
 def moved_track(checkout: Path, folder: Path) -> Path:
-    """Returns a file of the reference track whose start is moved by 1e-12 m."""
+    """Returns a file of the track student-airrace whose start is moved by 1e-12 m."""
     text = (checkout / "models/tracks/student-airrace.yaml").read_text("utf-8")
     moved = text.replace("start: {position: [0.0,", "start: {position: [1.0e-12,")
     assert moved != text

@@ -1,6 +1,6 @@
 """Makes the README's pictures from a real run: python -m tools.make_pictures.
 
-Flies one lap of the reference track, opens its replay in a headless Chromium, and photographs it:
+Flies one lap of student-airrace, opens its replay in a headless Chromium, and photographs it:
 the whole track, and the lap from behind the drone. So they show what people see on their screens.
 """
 

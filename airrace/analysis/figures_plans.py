@@ -1,6 +1,6 @@
 """A picture of the planned laps, and of how the drone is to be turned along the last of them.
 
-It is figure 11 of the Student AirRace report, seen from above.
+It is figure 11 of the Student AirRace paper, seen from above.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -33,7 +33,7 @@ def recorded_events(run: "Run", pictures: bool = True) -> Iterator[events.RaceEv
     """Yields the events of a run that was recorded, in the order in which they were written.
 
     Numbers have the log's precision. What the page does not show is left out: of state samples,
-    estimates, maps and detections a part, of pilots, lost rotors and contacts all. How the race
+    estimates, maps and detections a part, of policies, lost rotors and contacts all. How the race
     ended is in ``run.result``.
 
     Args:

@@ -69,6 +69,9 @@ def load_yaml[T](
         what: to call that text.
         kwargs: passed on (``child_name``, ``defaults``).
 
+    A dataclass may have a dict ``OLD_NAMES`` of what its fields were once called, so that whoever
+    has an old file learns the new names.
+
     Raises:
         UserError: naming the file and what is wrong with it.
     """
@@ -129,7 +132,9 @@ def _value_misfit(name, schema, value):
         types = _field_types(schema)
         unknown = [key for key in value if key not in types]
         if unknown:
-            return f"{prefix}{unknown[0]} is unknown; there are: {', '.join(types)}"
+            old = getattr(schema, "OLD_NAMES", {}).get(unknown[0])
+            hint = f"its name is {prefix}{old} now" if old else f"there are: {', '.join(types)}"
+            return f"{prefix}{unknown[0]} is unknown; {hint}"
         items = ((f"{prefix}{key}", types[key], item) for key, item in value.items())
     return next(filter(None, (_value_misfit(*item) for item in items)), None)
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 EPILOG = """\
 examples:
-  airrace race                           ten laps of the reference track
+  airrace race                           ten laps of the track student-airrace
   airrace race --laps 2 -t 4             two laps, yaw along the gates' headings
   airrace race --track my_track.yaml     a track of your own
   airrace race -d StarOne                the octocopter

@@ -8,7 +8,7 @@ from pydrake.systems.framework import System
 
 from airrace.diagrams.estimators import make_gate_slam, make_strapdown_integrator
 from airrace.diagrams.wiring import Port
-from airrace.scenario import PLANNED, TRUTH, VIO, Scenario
+from airrace.scenario import NO_POLICY, TRUTH, VIO, Scenario
 from airrace.systems.control.geometric_controller import GeometricController
 from airrace.systems.control.rate_controller import RateController
 from airrace.systems.estimation.state_filter import make_state_filter
@@ -19,8 +19,8 @@ from airrace.systems.mapping.known_map import KnownMap, NoDetector
 from airrace.systems.perception.aruco_detector import ArucoDetector
 from airrace.systems.planning.lap_planner import LapPlanner
 from airrace.systems.planning.trajectory_tracker import TrajectoryTracker
-from airrace.systems.policy.learned_pilot import LearnedPilot
-from airrace.systems.policy.pilot_switch import PilotSwitch
+from airrace.systems.policy.command_switch import CommandSwitch
+from airrace.systems.policy.policy_controller import PolicyController
 
 Make = Callable[[Scenario], System]
 
@@ -89,7 +89,7 @@ _COMMON = Variant(
         **_made_by("explorer", "exploration_reference", "explorer_status"),
         **_made_by("aruco_detector", "detections"),
     },
-    optional=frozenset({"estimate_fault", "estimate_drift", "pilot_status"}),
+    optional=frozenset({"estimate_fault", "estimate_drift", "policy_status"}),
     pilot=frozenset({"trajectory_tracker", "rotor_monitor", "geometric_controller"}),
 )
 # The simulator tells the drone where it is, with a little noise.
@@ -126,22 +126,22 @@ _VIO = _COMMON | Variant(
 # these hear.
 _LEARNED = Variant(
     systems={
-        "learned_pilot": LearnedPilot.from_scenario,
+        "policy_controller": PolicyController.from_scenario,
         "rate_controller": RateController.from_scenario,
-        "pilot_switch": PilotSwitch.from_scenario,
+        "command_switch": CommandSwitch.from_scenario,
     },
     outputs={
-        **_made_by("pilot_switch", "rotor_speed_command"),
+        **_made_by("command_switch", "rotor_speed_command"),
         "planned_command": Port("geometric_controller", "rotor_speed_command"),
-        "learned_command": Port("rate_controller", "rotor_speed_command"),
-        **_made_by("learned_pilot", "rate_command", "network_flies", "safe_reference"),
-        **_made_by("learned_pilot", "pilot_status"),
+        "policy_command": Port("rate_controller", "rotor_speed_command"),
+        **_made_by("policy_controller", "rate_command", "policy_flies", "safe_reference"),
+        **_made_by("policy_controller", "policy_status"),
     },
     aliases={
         Port("trajectory_tracker", "exploration_reference"): "safe_reference",
         Port("lap_planner", "exploration_reference"): "safe_reference",
     },
-    pilot=frozenset({"learned_pilot", "rate_controller", "pilot_switch"}),
+    pilot=frozenset({"policy_controller", "rate_controller", "command_switch"}),
 )
 # Added where the map is given.
 _KNOWN_MAP = Variant(
@@ -157,4 +157,4 @@ def variant_of(scenario: Scenario) -> Variant:
     variant = ESTIMATORS[scenario.estimator]
     if scenario.map:
         variant |= _KNOWN_MAP
-    return variant if scenario.pilot == PLANNED else variant | _LEARNED
+    return variant if scenario.policy == NO_POLICY else variant | _LEARNED

@@ -30,7 +30,7 @@ _OUTPUTS = (
 _ESTIMATION = ("aruco_detector", "gate_mapper", "state_filter", "gate_slam", "strapdown_integrator")
 _GEOMETRIC = ("rotor_monitor", "geometric_controller")
 # What carries the position of an action of the kind `reference` on between two actions.
-REFERENCE_PORTS = ("exploration_reference", "handed_time")
+REFERENCE_PORTS = ("exploration_reference", "values_time")
 
 
 def MakeEnvDiagram(

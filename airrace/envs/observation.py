@@ -1,7 +1,7 @@
 """The observations of the environments: what a policy is shown.
 
 - ``gates``: the drone's motion, and the openings of the next gates in its axes, of the truth; see
-  write_gates_observation(), which the pilot that was learned uses, too.
+  write_gates_observation(), which the PolicyController uses, too.
 - ``estimate``: the same from what the drone itself estimates, and with the map in the place of the
   track.
 - ``pixels``: the camera's picture beside the drone's motion.

@@ -12,7 +12,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from airrace.common.errors import UserError
-from airrace.diagrams.flight import start_in_flight
+from airrace.diagrams.reference_flight import start_in_flight
 from airrace.diagrams.simulation import follow_gates
 from airrace.envs import reward
 from airrace.envs.action import action_scale, check_action
@@ -246,7 +246,7 @@ class RaceEnv(gymnasium.Env):
             position = offset + self._known_state().position
             wanted = Reference(position, velocity, 0.0, 0.0, 0.0, yaw, 0.0, 0.0)
             self._fix("exploration_reference", reference_vector(wanted))
-            self._fix("handed_time", [self._context.get_time()])
+            self._fix("values_time", [self._context.get_time()])
 
     def _fix(self, port, value):
         self._diagram.GetInputPort(port).FixValue(self._context, value)

@@ -33,7 +33,7 @@ class RewardWeights(NamedTuple):
     failure: float = -10.0
 
 
-class Course(NamedTuple):
+class CourseNumbers(NamedTuple):
     """What the flight is judged by.
 
     Attributes:
@@ -67,7 +67,9 @@ class Judgement(NamedTuple):
     airborne: bool
 
 
-def make_course(track: Track, *, goal: int, arena_margin: float, standing_height: float) -> Course:
+def make_course(
+    track: Track, *, goal: int, arena_margin: float, standing_height: float
+) -> CourseNumbers:
     """Returns a track as judge() takes it.
 
     Args:
@@ -77,7 +79,7 @@ def make_course(track: Track, *, goal: int, arena_margin: float, standing_height
         standing_height: of the body's origin when the drone stands on its pad (m).
     """
     arena_min, arena_max = track.arena(arena_margin)
-    return Course(
+    return CourseNumbers(
         gates=track.openings(),
         goal=int(goal),
         take_off_height=float(standing_height + TAKE_OFF),
@@ -94,7 +96,7 @@ def judge(
     touched: bool,
     passed: int,
     airborne: bool,
-    course: Course,
+    course: CourseNumbers,
     weights: RewardWeights,
 ) -> Judgement:
     """Returns reward and outcome of one step.

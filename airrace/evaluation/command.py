@@ -151,7 +151,7 @@ def resolve(options: EvaluateOptions) -> tuple[list, dict]:
 def fly(
     options: EvaluateOptions, jobs: list, settings: dict, folder: Path, store: "RaceStore"
 ) -> int:
-    """Flies the races that a store lacks, and reports; returns the exit code."""
+    """Flies the races that a store lacks, and shows them; returns the exit code."""
     from airrace.evaluation import cluster
     from airrace.evaluation.progress import EvaluationDisplay
 
@@ -180,9 +180,9 @@ def fly(
         stopped = str(e)
     except UserError:
         if len(store.rows) > len(jobs) - len(missing):
-            report(folder, settings, store.rows, display)
+            write_results(folder, settings, store.rows, display)
         raise
-    report(folder, settings, store.rows, display)
+    write_results(folder, settings, store.rows, display)
     if stopped:
         print(
             f"airrace: {stopped}; {len(store.rows)} of {len(jobs)} races are in {folder}: the "
@@ -192,13 +192,13 @@ def fly(
     return 1 if stopped else 0
 
 
-def report(folder: Path, settings: dict, rows: list, display: "EvaluationDisplay") -> None:
+def write_results(folder: Path, settings: dict, rows: list, display: "EvaluationDisplay") -> None:
     """Writes evaluation.json, .md, .png and .html, and prints the tables."""
     from airrace.evaluation.overview_plot import draw_picture
     from airrace.evaluation.page import write_page
-    from airrace.evaluation.tables import write_report
+    from airrace.evaluation.tables import write_summary
 
-    evaluation = write_report(folder, settings, rows)
+    evaluation = write_summary(folder, settings, rows)
     draw_picture(folder, evaluation)
     write_page(folder, evaluation, rows)
     display.print_summary(evaluation, folder)

@@ -31,7 +31,7 @@ _RACES = {
 }
 
 
-def write_report(folder: Path, settings: dict, rows: list[dict]) -> dict:
+def write_summary(folder: Path, settings: dict, rows: list[dict]) -> dict:
     """Writes evaluation.json and evaluation.md, and returns what the former holds.
 
     They depend on settings and results alone: not on the order in which the

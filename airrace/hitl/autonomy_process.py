@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from airrace.hitl.link.simulated_bus import SimulatedBus
     from airrace.scenario import Scenario
 
-BLIND = 4  # exit code; the others are lockstep_autonomy's
+NAVIGATOR_ENDED = 4  # exit code; the others are lockstep_autonomy's
 PILOT_TICKS = "pilot_ticks.json"
 _PATIENCE = 5.0  # s without a heartbeat in a race
 _NEWS = 5.0  # s from one line about compiling to the next
 _TICK = 0.001  # s, that it waits for a message at most
 _TIDY = 1.0  # s from one look for garbage to the next
-_FAREWELLS = 5
+_LAST_HEARTBEATS = 5
 _TRIAL, _BRIEFEST = 1.5, 0.1  # s of made-up messages, by which it says whether it is fast enough
 
 
@@ -163,7 +163,7 @@ class AutonomyProcess:
             self._wait_and_poll(phases.WAITING)
             pilot.prepare(resume)
             if self._has_lost(navigator):
-                return BLIND
+                return NAVIGATOR_ENDED
             if self._endpoint.silence > self._patience:
                 return self._lost()
         pilot.start()
@@ -180,7 +180,7 @@ class AutonomyProcess:
         ticks, tidied = LoopTimes(), self._endpoint.now()
         while not self._ended():
             if self._has_lost(navigator, pilot.time):
-                return BLIND
+                return NAVIGATOR_ENDED
             self._endpoint.wait(_TICK)
             ticks.start()
             self._endpoint.drain()
@@ -209,7 +209,7 @@ class AutonomyProcess:
             if isinstance(message, Ended):
                 reason = message.reason
         self._log(f"airrace: the autonomy gives up: {reason}")
-        for _ in range(_FAREWELLS):
+        for _ in range(_LAST_HEARTBEATS):
             self._endpoint.send_heartbeat(phases.RACING, sim_time, reason)
         return True
 

@@ -18,10 +18,10 @@ from airrace.lcmtypes import lcmt_pictures
 from airrace.scenario import Scenario
 from airrace.systems.estimation.navigation import NAVIGATION_SIZE
 from airrace.systems.planning.lap_plan import NO_PLAN
-from airrace.systems.policy.learned_pilot import PERIOD as PILOT_PERIOD
+from airrace.systems.policy.policy_controller import PERIOD as POLICY_PERIOD
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, NO_SAMPLES
 from airrace.systems.sensing.picture_ports import IMAGE_TYPES, PICTURE_PORTS
-from airrace.systems.types import ExplorerStatus, PilotStatus, RefereeStatus
+from airrace.systems.types import ExplorerStatus, PolicyStatus, RefereeStatus
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import STATE_SIZE
@@ -97,7 +97,7 @@ def make_channels(
         ("lap_plan", AUTONOMY, LAP_PLAN, NO_PLAN, scenario.planner.rate),
         # The flight controller has an estimator of its own, where the drone has to have one.
         ("corrections", AUTONOMY, messages.NAVIGATION, _UNKNOWN, scenario.camera.fps),
-        ("pilot_status", AUTONOMY, messages.PILOT_STATUS, PilotStatus(), 1.0 / PILOT_PERIOD),
+        ("policy_status", AUTONOMY, messages.POLICY_STATUS, PolicyStatus(), 1.0 / POLICY_PERIOD),
     )
     made = variant_of(scenario).outputs.keys() - OPTIONAL_PORTS
     crossing = {*_ALWAYS, *made, *wanted}

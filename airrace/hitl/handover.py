@@ -12,7 +12,7 @@ import socket
 import struct
 from typing import Any, NamedTuple, Protocol
 
-from airrace.hitl.link.messages import EXPLORER_STATUS, GATE_MAP, PILOT_STATUS
+from airrace.hitl.link.messages import EXPLORER_STATUS, GATE_MAP, POLICY_STATUS
 from airrace.hitl.link.plan_messages import LAP_PLAN
 
 _BUFFER = 1 << 20  # bytes; the kernel may give less
@@ -24,7 +24,7 @@ _CODECS = {
     "explorer_status": EXPLORER_STATUS,
     "gate_map": GATE_MAP,
     "lap_plan": LAP_PLAN,
-    "pilot_status": PILOT_STATUS,
+    "policy_status": POLICY_STATUS,
 }
 
 

@@ -12,10 +12,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from airrace.diagrams.wiring import connect_by_name, initial_values, inputs_of, outputs_of
 from airrace.hitl.channels import OPTIONAL_PORTS
-from airrace.hitl.handed_ports import HandedPorts
 from airrace.hitl.lcm_receiver import LcmReceiver
 from airrace.hitl.lcm_sender import LcmSender
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
+from airrace.hitl.received_ports import ReceivedPorts
 from airrace.systems.estimation.delay_compensator import DelayCompensator
 from airrace.systems.mapping.gate_map_writer import GateMapWriter
 from airrace.systems.planning.held_reference import HeldReference
@@ -40,8 +40,8 @@ class Side(NamedTuple):
         receiver: shows what the simulation has sent.
         sender: of the part's outputs.
         compensator: of the link's delay, in the pilot's.
-        handed: shows what the other half has handed over, where there is one.
-        hands_over: names of the outputs of the diagram that the other half is to get.
+        received: shows what the other half has handed over, where there is one.
+        sends: names of the outputs of the diagram that the other half is to get.
     """
 
     diagram: Diagram
@@ -49,8 +49,8 @@ class Side(NamedTuple):
     receiver: LcmReceiver
     sender: LcmSender
     compensator: DelayCompensator | None = None
-    handed: HandedPorts | None = None
-    hands_over: tuple[str, ...] = ()
+    received: ReceivedPorts | None = None
+    sends: tuple[str, ...] = ()
 
 
 def ports_wanted(*parts: Diagram) -> tuple[str, ...]:
@@ -105,13 +105,13 @@ def MakePilotSide(
     """
     builder = DiagramBuilder()
     builder.AddSystem(pilot)
-    told = told_to_pilot(pilot, navigator)
+    told = pilot_inputs(pilot, navigator)
     wanted = {*inputs_of(pilot), *_COMPENSATED} - {*told}
     simulation = builder.AddNamedSystem(
         SIMULATION, LcmReceiver(channels_with(channels, wanted), AUTONOMY)
     )
-    handed = builder.AddNamedSystem(
-        "navigator", HandedPorts(initial_values(navigator, pilot, told))
+    received = builder.AddNamedSystem(
+        "navigator", ReceivedPorts(initial_values(navigator, pilot, told))
     )
     compensator = builder.AddNamedSystem(
         "delay_compensator",
@@ -122,23 +122,23 @@ def MakePilotSide(
         ),
     )
     connect_by_name(builder, [compensator], outputs_of(pilot, simulation))
-    sources: list[System] = [compensator, handed, simulation]
+    sources: list[System] = [compensator, received, simulation]
     if _REFERENCE in told:
         reference = builder.AddNamedSystem("held_reference", HeldReference())
-        connect_by_name(builder, [reference], outputs_of(handed))
+        connect_by_name(builder, [reference], outputs_of(received))
         sources.insert(0, reference)
     connect_by_name(builder, [pilot], outputs_of(*sources))
     if pilot.HasInputPort(PREDICTED):
         builder.Connect(compensator.GetOutputPort("state_estimate"), pilot.GetInputPort(PREDICTED))
-    hands_over = told_to_navigator(pilot, navigator)
-    for name in hands_over:
+    sends = navigator_inputs(pilot, navigator)
+    for name in sends:
         if name == PREDICTED and pilot.HasInputPort(PREDICTED):
             port = compensator.GetOutputPort("state_estimate")
         else:
             port = (pilot if pilot.HasOutputPort(name) else compensator).GetOutputPort(name)
         builder.ExportOutput(port, name)
     sender = LcmSender(pilot, _made_by(pilot, channels), AUTONOMY, endpoint, lossless=False)
-    return Side(builder.Build(), pilot, simulation, sender, compensator, handed, hands_over)
+    return Side(builder.Build(), pilot, simulation, sender, compensator, received, sends)
 
 
 def MakeNavigatorSide(
@@ -155,30 +155,30 @@ def MakeNavigatorSide(
     """
     builder = DiagramBuilder()
     builder.AddSystem(navigator)
-    told = told_to_navigator(pilot, navigator)
+    told = navigator_inputs(pilot, navigator)
     wanted = {*inputs_of(navigator)} - {*told}
     simulation = builder.AddNamedSystem(
         SIMULATION, LcmReceiver(channels_with(channels, wanted), AUTONOMY)
     )
-    handed = builder.AddNamedSystem("pilot", HandedPorts(initial_values(pilot, navigator, told)))
-    connect_by_name(builder, [navigator], outputs_of(handed, simulation))
-    hands_over = told_to_pilot(pilot, navigator)
-    for name in hands_over:
+    received = builder.AddNamedSystem(
+        "pilot", ReceivedPorts(initial_values(pilot, navigator, told))
+    )
+    connect_by_name(builder, [navigator], outputs_of(received, simulation))
+    sends = pilot_inputs(pilot, navigator)
+    for name in sends:
         builder.ExportOutput(navigator.GetOutputPort(name), name)
     _add_writer(builder, scenario, navigator, output_dir)
     made = _made_by(navigator, channels)
     sender = LcmSender(navigator, made, AUTONOMY, endpoint, lossless=False)
-    return Side(
-        builder.Build(), navigator, simulation, sender, handed=handed, hands_over=hands_over
-    )
+    return Side(builder.Build(), navigator, simulation, sender, received=received, sends=sends)
 
 
-def told_to_pilot(pilot: Diagram, navigator: Diagram) -> tuple[str, ...]:
+def pilot_inputs(pilot: Diagram, navigator: Diagram) -> tuple[str, ...]:
     """Returns the names of the ports that the pilot's systems get from the navigator's."""
     return tuple(name for name in inputs_of(pilot) if navigator.HasOutputPort(name))
 
 
-def told_to_navigator(pilot: Diagram, navigator: Diagram) -> tuple[str, ...]:
+def navigator_inputs(pilot: Diagram, navigator: Diagram) -> tuple[str, ...]:
     """Returns the names of the ports that the navigator's systems get from the pilot's side."""
     return tuple(
         name for name in inputs_of(navigator) if pilot.HasOutputPort(name) or name in _COMPENSATED

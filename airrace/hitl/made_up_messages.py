@@ -41,7 +41,7 @@ def standing(
     return sorted(messages, key=lambda each: each.time)
 
 
-def handed_over(scenario: "Scenario", told: dict[str, Any], duration: float) -> list[PortValues]:
+def made_up_values(scenario: "Scenario", told: dict[str, Any], duration: float) -> list[PortValues]:
     """Returns what the other half of the autonomy of a drone that stands there would say.
 
     Args:

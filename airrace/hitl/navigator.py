@@ -59,8 +59,8 @@ class Navigator:
         self._handover, self._output_dir = handover, output_dir
         self._simulator = Simulator(self._side.diagram)
         self._context = self._simulator.get_mutable_context()
-        self._outputs = {n: self._side.diagram.GetOutputPort(n) for n in self._side.hands_over}
-        self._handed: dict = {}  # what was handed over last
+        self._outputs = {n: self._side.diagram.GetOutputPort(n) for n in self._side.sends}
+        self._received: dict = {}  # what was handed over last
         self._resume = ""  # the folder of a checkpoint to go on with
         self.is_started = False
 
@@ -97,7 +97,7 @@ class Navigator:
     def _go_on(self, message):
         """Advances to the time of the pilot's values, and answers."""
         side, context = self._side, self._context
-        side.handed.show(context, message)
+        side.received.show(context, message)
         if not self.is_started:
             if side.receiver.is_complete(self._endpoint):
                 self._start(message.time)
@@ -123,9 +123,9 @@ class Navigator:
     def _answer(self):
         """Hands over what has changed."""
         now = {name: port.Eval(self._context) for name, port in self._outputs.items()}
-        new = {name: v for name, v in now.items() if v is not self._handed.get(name)}
+        new = {name: v for name, v in now.items() if v is not self._received.get(name)}
         if self._handover.send(PortValues(self._context.get_time(), new)):
-            self._handed = now
+            self._received = now
 
     def end(self) -> None:
         """Writes the map as it is at the end."""

@@ -65,10 +65,10 @@ class Pilot:
         self._compensator: DelayCompensator = self._side.compensator  # type: ignore[assignment]
         self._simulator = Simulator(self._side.diagram)
         self._context = self._simulator.get_mutable_context()
-        self._outputs = {n: self._side.diagram.GetOutputPort(n) for n in self._side.hands_over}
+        self._outputs = {n: self._side.diagram.GetOutputPort(n) for n in self._side.sends}
         self._delay = 0.0  # s, there and back, that is compensated for
         self._period = (1.0 - _TOLERANCE) / scenario.state_estimate.rate
-        self._handed = -1.0  # simulated time of what was handed over last (s)
+        self._sent = -1.0  # simulated time of what was handed over last (s)
         # When it was last told everything, heard, and given what to keep, by the endpoint's clock.
         self._asked = self._heard = self._kept = float("-inf")
         self._resume: Path | None = None
@@ -148,7 +148,7 @@ class Pilot:
             self._simulator.AdvanceTo(now)
         if self.is_led:
             side.sender.send(context)
-        if context.get_time() - self._handed >= self._period:
+        if context.get_time() - self._sent >= self._period:
             self._hand_over()
             self._hand_over_states()
         rate = self._scenario.controller.rate
@@ -161,12 +161,12 @@ class Pilot:
                 case Ready():
                     self._navigator_is_ready = True
                 case PortValues(by_port=by_port) if by_port:
-                    self._side.handed.show(self._context, message)
+                    self._side.received.show(self._context, message)
 
     def _hand_over(self):
-        self._handed = self._context.get_time()
+        self._sent = self._context.get_time()
         values = {name: port.Eval(self._context) for name, port in self._outputs.items()}
-        self._handover.send(PortValues(self._handed, values))
+        self._handover.send(PortValues(self._sent, values))
 
     def _hand_over_states(self):
         """Hands over what the pilot knows, once in a while, for the navigator to write it down."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from airrace.diagrams.wiring import initial_values
 from airrace.hitl.handover import PortValues, Ready, queue_pair
-from airrace.hitl.lcm_bridge import told_to_navigator, told_to_pilot
+from airrace.hitl.lcm_bridge import navigator_inputs, pilot_inputs
 from airrace.hitl.link import phases
 from airrace.hitl.link.endpoint import AUTONOMY, SIMULATION, Endpoint
 from airrace.hitl.link.simulated_bus import LinkConfig, SimulatedLink
@@ -70,13 +70,13 @@ class Playback(abc.ABC):
         """Works on what has come."""
 
     def play(
-        self, messages: Sequence[Message], handed: Sequence[PortValues], duration: float
+        self, messages: Sequence[Message], received: Sequence[PortValues], duration: float
     ) -> np.ndarray:
         """Flies for a while from the start.
 
         Args:
             messages: of the simulation, in the order of their times, at least one of each channel.
-            handed: what the other half says, in the order of the times, at least once.
+            received: what the other half says, in the order of the times, at least once.
             duration: (s).
 
         Returns:
@@ -90,11 +90,11 @@ class Playback(abc.ABC):
                 for each in first.values():
                     self._send(each)
                 self._other.send(Ready())
-                self._other.send(handed[0])
+                self._other.send(received[0])
             self._listen(phases.WAITING)
             is_ready = self._prepare()
         self._start()
-        start, waiting, words = self._link.time, deque(messages), deque(handed)
+        start, waiting, words = self._link.time, deque(messages), deque(received)
         spent = np.zeros(round(duration / _TICK))
         for i in range(len(spent)):
             now = (i + 1) * _TICK
@@ -128,7 +128,7 @@ class PilotPlayback(Playback):
     def __init__(self, scenario: "Scenario"):
         """Args: scenario: the race."""
         halves = make_halves(scenario)
-        told = told_to_pilot(*halves)
+        told = pilot_inputs(*halves)
         super().__init__(scenario, halves, initial_values(halves.navigator, halves.pilot, told))
         self._pilot = Pilot(scenario, halves, self._own, self._here)
 
@@ -149,7 +149,7 @@ class NavigatorPlayback(Playback):
     def __init__(self, scenario: "Scenario", output_dir: Path):
         """Args: scenario: the race. output_dir: of the navigator."""
         halves = make_halves(scenario)
-        told = told_to_navigator(*halves)
+        told = navigator_inputs(*halves)
         super().__init__(scenario, halves, initial_values(halves.pilot, halves.navigator, told))
         self._own.only(())  # it beats for the navigator, which listens itself
         self._navigator = Navigator(

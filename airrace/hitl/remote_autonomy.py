@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 LOCKSTEP, REAL_TIME = "lockstep", "realtime"  # what the simulation's heartbeats say
 _TICK = 0.001  # s between polls of the link
 _BEHIND = 0.1  # s of the wall's clock that the simulation catches up; the rest is lost
-_FAREWELLS = 5
+_LAST_HEARTBEATS = 5
 _PATIENCE = 30.0  # s
 
 
@@ -66,7 +66,7 @@ class Remote(Transport):
         return autonomy
 
     def end(self, simulator: "Simulator") -> None:
-        for _ in range(_FAREWELLS):
+        for _ in range(_LAST_HEARTBEATS):
             self._endpoint.send_heartbeat(phases.OVER, simulator.get_context().get_time())
             time.sleep(HEARTBEAT_PERIOD / 5)
 
@@ -199,16 +199,16 @@ class RealTimeRemote(Remote):
         }
         return result
 
-    def judged(self, report: "RefereeStatus", simulator: "Simulator") -> "RefereeStatus":
+    def judged(self, status: "RefereeStatus", simulator: "Simulator") -> "RefereeStatus":
         m = self._watchdog_memory(simulator.get_context())
-        if report.dnf_reason is None or m.mode < HOVER:
-            return report
-        silent = f"the autonomy fell silent at {m.last:.1f} s{self._last_words()}"
-        if m.mode == LAND and report.dnf_reason.startswith("hit the ground"):
+        if status.dnf_reason is None or m.mode < HOVER:
+            return status
+        silent = f"the autonomy fell silent at {m.last:.1f} s{self._reason_given()}"
+        if m.mode == LAND and status.dnf_reason.startswith("hit the ground"):
             return dc.replace(
-                report, dnf_reason=f"{silent}, and the drone landed by itself", collisions=0
+                status, dnf_reason=f"{silent}, and the drone landed by itself", collisions=0
             )
-        return dc.replace(report, dnf_reason=f"{report.dnf_reason}: {silent}")
+        return dc.replace(status, dnf_reason=f"{status.dnf_reason}: {silent}")
 
     def _given_up(self, context: "Context") -> str | None:
         """Returns why a drone that has not taken off never will, or None."""
@@ -216,11 +216,11 @@ class RealTimeRemote(Remote):
         if m.mode == LAND and not m.airborne:
             return (
                 f"the autonomy fell silent at {m.last:.1f} s, before the drone had taken off"
-                f"{self._last_words()}"
+                f"{self._reason_given()}"
             )
         return None
 
-    def _last_words(self):
+    def _reason_given(self):
         """Returns why the autonomy fell silent, if it has said so."""
         words = self._endpoint.peer_heartbeat.value.text
         return f" ({words})" if words else ""

@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from airrace.diagrams.race import MakeRace
-from airrace.hitl.made_up_messages import handed_over, standing
+from airrace.hitl.made_up_messages import made_up_values, standing
 from airrace.hitl.playback import LINK, NavigatorPlayback, PilotPlayback, Playback
 from airrace.hitl.simulated_link import SimulatedRemote
 from airrace.scenario import LINK_DELAY, Scenario
@@ -81,6 +81,6 @@ def play_navigator(scenario: Scenario, duration: float) -> np.ndarray:
 def _play(playback: Playback, scenario: Scenario, duration: float) -> np.ndarray:
     return playback.play(
         standing(scenario, playback.channels, duration),
-        handed_over(scenario, playback.told, duration),
+        made_up_values(scenario, playback.told, duration),
         duration,
     )

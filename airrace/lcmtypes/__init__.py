@@ -21,8 +21,8 @@ from .lcmt_link_status import lcmt_link_status as lcmt_link_status
 from .lcmt_marker_estimate import lcmt_marker_estimate as lcmt_marker_estimate
 from .lcmt_navigation import lcmt_navigation as lcmt_navigation
 from .lcmt_pictures import lcmt_pictures as lcmt_pictures
-from .lcmt_pilot_status import lcmt_pilot_status as lcmt_pilot_status
 from .lcmt_plan_summary import lcmt_plan_summary as lcmt_plan_summary
+from .lcmt_policy_status import lcmt_policy_status as lcmt_policy_status
 from .lcmt_polynomials import lcmt_polynomials as lcmt_polynomials
 from .lcmt_referee_status import lcmt_referee_status as lcmt_referee_status
 from .lcmt_rotor_status import lcmt_rotor_status as lcmt_rotor_status

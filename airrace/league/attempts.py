@@ -1,7 +1,7 @@
-"""Names what an entry tries that the wall would not let through.
+"""Names what an entry tries that the sandbox would not let through.
 
 Python tells an audit hook (PEP 578) of each file, socket and process before there is one. The hook
-only writes a line; what refuses is the wall. An entry in machine code of its own can go unseen.
+only writes a line; what refuses is the sandbox. An entry in machine code of its own can go unseen.
 """
 
 import os
@@ -11,7 +11,7 @@ from typing import NamedTuple
 MARK = "airrace-attempt: "  # begins the line of an attempt
 _MOST = 50  # lines
 _PROCESSES = ("os.fork", "os.forkpty", "os.posix_spawn", "os.exec", "os.system", "subprocess.Popen")
-_SIMULATOR = ("airrace.diagrams.simulation", "airrace.diagrams.race", "airrace.league.flight")
+_SIMULATOR = ("airrace.diagrams.simulation", "airrace.diagrams.race", "airrace.league.entry_race")
 # What this Python itself reads to start, and what libraries ask about the processor and memory.
 _HARMLESS = (
     "/dev/null",
@@ -38,7 +38,7 @@ class Allowed(NamedTuple):
     hidden: tuple[str, ...] = ()
 
 
-def report_attempts(allowed: Allowed) -> None:
+def note_attempts(allowed: Allowed) -> None:
     """From now on writes a line to standard output for every attempt, once each.
 
     Args:

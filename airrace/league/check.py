@@ -5,7 +5,8 @@ from collections.abc import Callable
 from airrace.evaluation.versions import versions
 from airrace.league.display import words_of
 from airrace.league.entry import ENTRY_FILE, Entry
-from airrace.league.flight import LOG, WallConfig
+from airrace.league.entry_race import LOG
+from airrace.league.sandbox import SandboxConfig
 from airrace.league.season import Season, make_legs
 from airrace.league.worker import fly, make_flight
 
@@ -39,11 +40,11 @@ def fly_check(entry: Entry, safe: bool) -> dict:
 
     Args:
         entry: an accepted one.
-        safe: whether behind a wall.
+        safe: whether in a sandbox.
     """
     (leg,) = make_legs(_SEASON, "a race that everybody may know")
-    wall = WallConfig(safe=safe, replay=False, limits=_SEASON.limits)
-    return fly(make_flight(_SEASON, leg, entry, wall, versions({})), "check")
+    sandbox = SandboxConfig(safe=safe, replay=False, limits=_SEASON.limits)
+    return fly(make_flight(_SEASON, leg, entry, sandbox, versions({})), "check")
 
 
 def show_flight(row: dict, show: Callable[[str], object]) -> None:

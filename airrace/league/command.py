@@ -161,7 +161,7 @@ def _fly(
     store: "LeagueStore",
     cluster_options: tuple[int | None, str | None],
 ) -> int:
-    """Flies what a store lacks, and reports; returns the exit code."""
+    """Flies what a store lacks, and shows them; returns the exit code."""
     from airrace.evaluation import cluster
     from airrace.league.display import LeagueDisplay
     from airrace.league.season_run import fly_season

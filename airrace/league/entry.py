@@ -13,11 +13,12 @@ from airrace.common.resources import load_yaml, models_path
 from airrace.diagrams.variants import SYSTEM_NAMES
 from airrace.scenario import (
     LEARNED,
-    PLANNED,
+    NO_POLICY,
     ControllerConfig,
     ExplorerConfig,
     PerceptionConfig,
     PlannerConfig,
+    Scenario,
     StateFilterConfig,
 )
 from airrace.vehicle import DRONES
@@ -35,9 +36,11 @@ class AutonomyConfig:
     Latencies are not the entry's: they stand for the computer that all entries fly on.
     """
 
+    OLD_NAMES = Scenario.OLD_NAMES
+
     trajectory: str = "optimal"
     estimator: str = ""  # "truth" or "vio"; by default, what the season gives
-    pilot: str = PLANNED  # or "learned"; or a file of the entry's folder
+    policy: str = NO_POLICY  # or "learned"; or a file of the entry's folder
     perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
     explorer: ExplorerConfig = dc.field(default_factory=ExplorerConfig)
     planner: PlannerConfig = dc.field(default_factory=PlannerConfig)
@@ -160,10 +163,10 @@ def _check_config(path: Path, config: EntryConfig) -> None:
         raise UserError(
             f"{path}: drone must be a shipped one, {' or '.join(DRONES)}, not '{config.drone}'."
         )
-    if autonomy.pilot not in (PLANNED, LEARNED) and not _is_inside(path.parent, autonomy.pilot):
+    if autonomy.policy not in (NO_POLICY, LEARNED) and not _is_inside(path.parent, autonomy.policy):
         raise UserError(
-            f"{path}: autonomy.pilot must be planned, learned, or a file of the entry's folder, "
-            f"not '{autonomy.pilot}'."
+            f"{path}: autonomy.policy must be none, learned, or a file of the entry's folder, "
+            f"not '{autonomy.policy}'."
         )
     for part, default in (
         ("perception", PerceptionConfig().latency),

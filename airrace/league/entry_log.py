@@ -30,7 +30,7 @@ class EntryLog:
 
     @property
     def attempts(self) -> list[str]:
-        """What the entry tried that an autonomy must not, each once; see report_attempts()."""
+        """What the entry tried that an autonomy must not, each once; see note_attempts()."""
         with self._lock:
             return list(self._attempts)
 

@@ -1,11 +1,11 @@
-"""What runs behind the wall: python -m airrace.league.entry_process FD MEMORY FOLDER.
+"""What runs in the sandbox: python -m airrace.league.entry_process FD MEMORY FOLDER.
 
 It flies the autonomy of an entry, in lockstep with the simulation at the other end of a socket.
 FD is the socket's number, MEMORY how many GB the process may have (0: any), FOLDER holds the
 entry's scenario, its track's file, and the entry's own folder.
 
 Nothing here keeps anybody from anything: the entry's code runs in this very process, and could
-change whatever is written here. What holds is the wall.
+change whatever is written here. What holds is the sandbox.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ from pathlib import Path
 import numba
 
 from airrace.common.resources import PACKAGE, models_path
-from airrace.league.attempts import Allowed, report_attempts
+from airrace.league.attempts import Allowed, note_attempts
 from airrace.league.sandbox import HIDDEN, MACHINE_CODE, OWN_MACHINE_CODE
 from airrace.league.scenarios import ENTRY, SCENARIO
 
@@ -88,7 +88,7 @@ def fly(end: socket.socket, scratch: Path, own_tmp: bool) -> int:
         write=("/tmp",) if own_tmp else (str(scratch), numba.config.CACHE_DIR),
         hidden=tuple(str(models / name) for name in HIDDEN),
     )
-    report_attempts(allowed)  # from here on, code of the entry runs
+    note_attempts(allowed)  # from here on, code of the entry runs
     autonomy = MakeAutonomy(scenario)
     wanted = ports_wanted(autonomy)
     channels = make_channels(scenario, wanted)

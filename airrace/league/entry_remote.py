@@ -1,4 +1,4 @@
-"""The simulation's end of a race whose autonomy is an entry behind a wall."""
+"""The simulation's end of a race whose autonomy is an entry in a sandbox."""
 
 import dataclasses as dc
 import time

@@ -29,7 +29,7 @@ RANKING = (
         "Steps of the link that took more processor time than allowed. They "
         "do not count, since they depend on the computer.",
     ),
-    Column("attempts", "What entries tried that the wall refused; see below."),
+    Column("attempts", "What entries tried that the sandbox refused; see below."),
 )
 
 

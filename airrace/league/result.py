@@ -24,7 +24,7 @@ def settings(
         secret: its seed, of which only a hash is told.
         entries: that fly.
         refused: names of those that do not, and why.
-        flown: ``versions``, see versions(), and ``safe``, whether there was a wall.
+        flown: ``versions``, see versions(), and ``safe``, whether there was a sandbox.
     """
     return {
         "season": dc.asdict(season),

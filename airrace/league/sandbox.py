@@ -1,4 +1,4 @@
-"""The wall around an entry: bubblewrap, with nothing inside but what an autonomy needs.
+"""How an entry is held: bubblewrap, with nothing inside but what an autonomy needs.
 
 Inside there are the system's libraries, this Python with its packages, airrace without its tracks,
 the entry's own folder, and a /tmp that nobody else sees. All but /tmp is read-only, and that is
@@ -7,6 +7,7 @@ handed over by us, and a pipe for what it writes.
 """
 
 import contextlib
+import dataclasses as dc
 import functools
 import json
 import os
@@ -17,7 +18,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import numba
 
@@ -50,16 +50,19 @@ _PROBE = 20.0  # s
 _END = 5.0  # s that it has to end by itself
 
 
-class Wall(NamedTuple):
-    """What holds an entry.
+@dc.dataclass
+class SandboxConfig:
+    """How an entry is held.
 
     Attributes:
-        safe: whether there is a wall at all.
+        safe: whether there is a sandbox at all.
+        replay: whether a replay of the race is kept.
         limits: of the season.
     """
 
-    safe: bool
-    limits: Limits
+    safe: bool = True
+    replay: bool = True
+    limits: Limits = dc.field(default_factory=Limits)
 
 
 @functools.cache
@@ -83,7 +86,7 @@ def why_no_sandbox() -> str | None:
 
 
 def check_sandbox(unsafe: bool) -> None:
-    """Raises UserError if entries would fly without a wall and nobody has agreed to that."""
+    """Raises UserError if entries would fly without a sandbox and nobody has agreed to that."""
     reason = why_no_sandbox()
     if reason is not None and not unsafe:
         raise UserError(
@@ -100,23 +103,23 @@ class EntryProcess:
         log: what it writes.
     """
 
-    def __init__(self, folder: Path, end: socket.socket, wall: Wall):
+    def __init__(self, folder: Path, end: socket.socket, sandbox: SandboxConfig):
         """Starts it.
 
         Args:
             folder: of the race, with TOLD in it.
             end: of a SocketBus; the entry's, which is closed on this side.
-            wall: around it.
+            sandbox: how it is held.
 
         Raises:
             UserError: if it cannot be started.
         """
         arguments = [sys.executable, "-u", "-m", _MODULE, str(end.fileno())]
-        arguments.append(str(wall.limits.memory if wall.safe else 0))
+        arguments.append(str(sandbox.limits.memory if sandbox.safe else 0))
         try:
             with end:
-                start = _start_inside if wall.safe else _start_outside
-                self._process, self.pid = start(arguments, end, folder, wall.limits)
+                start = _start_inside if sandbox.safe else _start_outside
+                self._process, self.pid = start(arguments, end, folder, sandbox.limits)
         except OSError as e:
             raise UserError(
                 f"The process of the entry cannot be started ({e.strerror}); end other programs."
@@ -146,7 +149,7 @@ class EntryProcess:
 
 
 def _start_outside(arguments, end, folder, limits):
-    """Starts an entry without a wall; returns the process and its number."""
+    """Starts an entry without a sandbox; returns the process and its number."""
     process = subprocess.Popen(
         [*arguments, str(folder / TOLD)],
         cwd=folder / TOLD,
@@ -161,7 +164,7 @@ def _start_outside(arguments, end, folder, limits):
 
 
 def _start_inside(arguments, end, folder, limits):
-    """Starts an entry behind the wall; returns the process of bubblewrap and the entry's number."""
+    """Starts an entry in the sandbox; returns the process of bubblewrap and the entry's number."""
     filter_file = folder / _FILTER
     filter_file.write_bytes(make_filter() or b"")
     status, told = os.pipe()

@@ -15,7 +15,7 @@ from airrace.common.resources import load_yaml
 from airrace.evaluation.jobs import given_track
 from airrace.league.entry import Entry
 from airrace.league.season import Leg, Season
-from airrace.scenario import LEARNED, PLANNED, VIO, Scenario, load_scenario
+from airrace.scenario import LEARNED, NO_POLICY, VIO, Scenario, load_scenario
 from airrace.track import Track
 
 SCENARIO, TRACK, ENTRY = "scenario.yaml", "track.yaml", "entry"  # names of files and folder
@@ -48,7 +48,7 @@ def make_flown(season: Season, leg: Leg, entry: Entry) -> Flown:
     hover_height = load_yaml(Track, data=leg.track, what="the track").hover_height
     return Flown(
         _dump(scenario),
-        _dump(told_to_entry(scenario)),
+        _dump(entry_scenario(scenario)),
         yaml_dump_typed(
             dc.replace(given_track(_SAMPLE)[0], hover_height=hover_height), schema=Track
         ),
@@ -75,10 +75,10 @@ def race_scenario(season: Season, leg: Leg, entry: Entry) -> Scenario:
     autonomy = {
         field.name: getattr(config.autonomy, field.name) for field in dc.fields(config.autonomy)
     }
-    pilot = config.autonomy.pilot
+    policy = config.autonomy.policy
     autonomy |= {
         "estimator": estimator,
-        "pilot": pilot if pilot in (PLANNED, LEARNED) else f"{ENTRY}/{pilot}",
+        "policy": policy if policy in (NO_POLICY, LEARNED) else f"{ENTRY}/{policy}",
     }
     recording = dc.replace(scenario.recording, content="light" if season.replays else "none")
     scenario = dc.replace(
@@ -93,18 +93,18 @@ def race_scenario(season: Season, leg: Leg, entry: Entry) -> Scenario:
         map="",
     )
     scenario.simulator_config.target_realtime_rate = 0.0
-    # The file of a pilot is there only where the race is flown.
-    dc.replace(scenario, pilot=PLANNED if pilot != LEARNED else pilot).check()
+    # The file of a policy is there only where the race is flown.
+    dc.replace(scenario, policy=NO_POLICY if policy != LEARNED else policy).check()
     return scenario
 
 
-def told_to_entry(scenario: Scenario) -> Scenario:
+def entry_scenario(scenario: Scenario) -> Scenario:
     """Returns the scenario that an entry may see: how it is set, and what a data sheet says.
 
     Args:
         scenario: of the simulation.
     """
-    own = ("trajectory", "estimator", "pilot", "perception", "explorer", "planner")
+    own = ("trajectory", "estimator", "policy", "perception", "explorer", "planner")
     own += ("state_filter", "rotor_monitor", "controller", "systems")
     told = Scenario(**{name: getattr(scenario, name) for name in (*_PUBLIC, *own)})
     told.referee.rate = scenario.referee.rate  # a step of the link is due when it checks

@@ -9,7 +9,7 @@ from airrace.common.errors import UserError
 from airrace.common.interrupts import interrupts_held
 from airrace.evaluation.versions import versions
 from airrace.league.entry import Entry, load_entry
-from airrace.league.flight import WallConfig
+from airrace.league.sandbox import SandboxConfig
 from airrace.league.scenarios import make_flown
 from airrace.league.season import Leg, Season, load_season, make_legs, read_secret
 from airrace.league.season_files import LeagueStore, keep_files
@@ -44,7 +44,7 @@ def make_plan(season_file: Path, names: Sequence[str | Path], safe: bool) -> Pla
     Args:
         season_file: YAML of the season.
         names: of shipped entries, or folders.
-        safe: whether entries are behind a wall.
+        safe: whether entries are in a sandbox.
 
     Raises:
         UserError: if the season is not sound, or no entry is.
@@ -55,10 +55,10 @@ def make_plan(season_file: Path, names: Sequence[str | Path], safe: bool) -> Pla
     entries, refused = _accepted(names, lambda entry: make_flown(season, legs[0], entry))
     if not entries:
         raise UserError(f"No entry is accepted. {' '.join(refused.values())}")
-    wall = WallConfig(safe=safe, replay=season.replays, limits=season.limits)
+    sandbox = SandboxConfig(safe=safe, replay=season.replays, limits=season.limits)
     flying = versions({})
     flights = [
-        make_flight(season, leg, entry, wall, flying)
+        make_flight(season, leg, entry, sandbox, flying)
         for leg in legs  # all entries on one track after another: an early look is fair
         for entry in entries
     ]

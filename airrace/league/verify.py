@@ -7,8 +7,7 @@ from rich.console import Console
 
 from airrace.common.errors import UserError
 from airrace.league import proof
-from airrace.league.flight import WallConfig
-from airrace.league.sandbox import check_sandbox, why_no_sandbox
+from airrace.league.sandbox import SandboxConfig, check_sandbox, why_no_sandbox
 from airrace.league.season import load_season, make_legs, read_secret
 from airrace.league.season_files import SEASON
 from airrace.league.worker import fly, make_flight
@@ -23,7 +22,7 @@ def verify_league(
         path: of league.json.
         seed_file: with the secret seed; None: where the season says.
         chosen: see proof.choose(): entry, race, and whether all.
-        unsafe: whether entries may fly without a wall.
+        unsafe: whether entries may fly without a sandbox.
 
     Raises:
         UserError: if it cannot be checked here.
@@ -51,8 +50,8 @@ def verify_league(
             continue
         leg = legs[line["leg"] - 1]
         entry = entries[line["entry"]]
-        wall = WallConfig(safe=why_no_sandbox() is None, replay=False, limits=season.limits)
-        flight = make_flight(season, leg, entry, wall, league["settings"]["versions"])
+        sandbox = SandboxConfig(safe=why_no_sandbox() is None, replay=False, limits=season.limits)
+        flight = make_flight(season, leg, entry, sandbox, league["settings"]["versions"])
         with console.status(f"Flying {name} again ({number} of {len(again)})"):
             row = fly(flight, "verify")
         if "refused" in row:

@@ -11,8 +11,8 @@ from pydrake.common.yaml import yaml_dump_typed
 from airrace.evaluation.versions import mismatch, versions
 from airrace.evaluation.worker import NO_RESULT, RaceKilled, run_process, was_killed
 from airrace.league.entry import Entry
-from airrace.league.flight import CONDUCT, LOG, REPLAY, RESULTS, WALL, WallConfig
-from airrace.league.sandbox import TOLD
+from airrace.league.entry_race import CONDUCT, LOG, REPLAY, RESULTS, SANDBOX
+from airrace.league.sandbox import TOLD, SandboxConfig
 from airrace.league.scenarios import ENTRY, SCENARIO, TRACK, Flown, make_flown
 from airrace.league.season import Leg, Season
 
@@ -29,7 +29,7 @@ class Flight:
         flown: the scenarios.
         track: YAML of the track.
         files: of the entry's folder, by relative names.
-        wall: how the entry is held.
+        sandbox: how the entry is held.
         versions: see versions(); a worker with others does not fly the race.
     """
 
@@ -38,7 +38,7 @@ class Flight:
     flown: Flown
     track: str
     files: dict[str, bytes]
-    wall: WallConfig
+    sandbox: SandboxConfig
     versions: dict
 
     @property
@@ -51,14 +51,16 @@ class Flight:
         return f"race {self.leg} of {self.entry}"
 
 
-def make_flight(season: Season, leg: Leg, entry: Entry, wall: WallConfig, flying: dict) -> Flight:
+def make_flight(
+    season: Season, leg: Leg, entry: Entry, sandbox: SandboxConfig, flying: dict
+) -> Flight:
     """Returns the race of an entry on a leg of a season.
 
     Args:
         season: the rules.
         leg: of the season.
         entry: an accepted one.
-        wall: how it is held.
+        sandbox: how it is held.
         flying: see versions(); those that the race is to be flown with.
     """
     return Flight(
@@ -67,7 +69,7 @@ def make_flight(season: Season, leg: Leg, entry: Entry, wall: WallConfig, flying
         flown=make_flown(season, leg, entry),
         track=leg.track,
         files=entry.files,
-        wall=wall,
+        sandbox=sandbox,
         versions=flying,
     )
 
@@ -93,7 +95,7 @@ def fly(flight: Flight, evaluation: str) -> dict:
     with tempfile.TemporaryDirectory(prefix="airrace-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
         _write_files(folder, flight)
-        code = run_process("airrace.league.flight", folder, evaluation)
+        code = run_process("airrace.league.entry_race", folder, evaluation)
         stderr = (folder / "stderr").read_text("utf-8", errors="replace").strip()
         return _row(flight, code, stderr, folder)
 
@@ -109,7 +111,7 @@ def _write_files(folder: Path, flight: Flight) -> None:
     for path, text in (
         (folder / SCENARIO, flight.flown.scenario),
         (folder / TRACK, flight.track),
-        (folder / WALL, yaml_dump_typed(flight.wall, schema=WallConfig)),
+        (folder / SANDBOX, yaml_dump_typed(flight.sandbox, schema=SandboxConfig)),
         (told / SCENARIO, flight.flown.entry_scenario),
         (told / TRACK, flight.flown.entry_track),
     ):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 EPILOG = """\
 Start it, and then a client that waits for MAVLink at 127.0.0.1:14550 and for pictures
 at port 5600, as for the official simulator.
-examples/grand_prix_pilot.py is one that finds the gates in the pictures.
+examples/grand_prix_client.py is one that finds the gates in the pictures.
 
 examples:
   airrace grand-prix                          a course of 17 gates, in real time

@@ -27,13 +27,13 @@ KEYS: dict[str, tuple[Callable[[Any], Any], Any]] = {
         lambda s: (s.state, s.since, len(s.events), s.reason, s.gates, s.closed_at, s.done),
         ("", 0.0, 0, "", (), None, False),
     ),
-    "pilot_status": (lambda status: (status.flies, status.reason), (False, "")),
+    "policy_status": (lambda status: (status.flies, status.reason), (False, "")),
     "rotor_losses": (lambda losses: np.flatnonzero(np.isfinite(losses)).tolist(), []),
     "truth.contacts": (lambda contacts: contacts[:2].tolist(), [0.0, 0.0]),
     "slam_state": (lambda slam: slam.time, -1.0),
 }
 FOR_RESULT = KEYS.keys() - {"detections", "slam_state"}
-FOR_LOG = KEYS.keys() - {"pilot_status", "rotor_losses", "truth.contacts"}
+FOR_LOG = KEYS.keys() - {"policy_status", "rotor_losses", "truth.contacts"}
 
 
 class Changes:
@@ -76,8 +76,8 @@ class Changes:
         for status, before in new("explorer_status"):
             entered = _states_entered(status, *before[:3])
             yield events.ExplorerChanged(time, status, entered, drone=drone)
-        for status, _ in new("pilot_status"):
-            yield events.PilotChanged(time, status, drone=drone)
+        for status, _ in new("policy_status"):
+            yield events.PolicyChanged(time, status, drone=drone)
         for losses, before in new("rotor_losses"):
             for i in np.flatnonzero(np.isfinite(losses)):
                 if i not in before:

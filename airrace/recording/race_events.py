@@ -19,7 +19,7 @@ from airrace.systems.types import (
     ExplorerEvent,
     ExplorerStatus,
     GateCrossing,
-    PilotStatus,
+    PolicyStatus,
     RefereeStatus,
 )
 from airrace.track.gate_map import GateMap
@@ -148,10 +148,10 @@ class ExplorerChanged(DroneEvent):
 
 
 @dc.dataclass(frozen=True, eq=False)
-class PilotChanged(DroneEvent):
-    """A pilot that was learned took over, or handed back."""
+class PolicyChanged(DroneEvent):
+    """A policy took over, or handed back."""
 
-    status: PilotStatus
+    status: PolicyStatus
 
     @property
     def what(self) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from airrace.recording import race_events as events
-from airrace.scenario import PLANNED, Scenario
+from airrace.scenario import NO_POLICY, Scenario
 from airrace.systems.planning.lap_plan import LapPlan, PlanSummary
 from airrace.systems.referee import OUT_OF_TIME
 from airrace.systems.types import ExplorerEvent, ExplorerStatus, GateCrossing, RefereeStatus
@@ -47,7 +47,7 @@ class RaceResult:
         self._crossings = list[GateCrossing]()
         self._over: RefereeStatus | None = None
         self._explorer, self._entered = ExplorerStatus(), list[ExplorerEvent]()
-        self._pilot_events = list[dict]()
+        self._policy_events = list[dict]()
         self._plans = dict[int, LapPlan]()  # by the first lap flown on it
         self._map_rms = dict[int, float | None]()  # by lap (m)
         self._losses = dict[int, float]()  # number of a rotor, from 1, to when it was noticed (s)
@@ -75,8 +75,8 @@ class RaceResult:
             case events.ExplorerChanged():
                 self._explorer = event.status
                 self._entered += event.entered
-            case events.PilotChanged():
-                self._pilot_events.append({"time_s": event.status.since, "what": event.what})
+            case events.PolicyChanged():
+                self._policy_events.append({"time_s": event.status.since, "what": event.what})
             case events.RotorLost():
                 self._losses[event.rotor] = event.noticed
             case events.RaceOver():
@@ -132,7 +132,7 @@ class RaceResult:
                     {"time_s": e.time, "state": e.state, "reason": e.reason} for e in self._entered
                 ],
             },
-            **self._pilot_data(),
+            **self._policy_data(),
             "laps": laps,
             "mean_lap_s": float(np.mean(times)) if times else None,
             "best_lap_s": min(times, default=None),
@@ -144,11 +144,11 @@ class RaceResult:
             },
         }
 
-    def _pilot_data(self) -> dict:
-        """Returns what race.json says of a pilot that is not the planner."""
-        if self._scenario.pilot == PLANNED:
+    def _policy_data(self) -> dict:
+        """Returns what race.json says of a policy."""
+        if self._scenario.policy == NO_POLICY:
             return {}
-        return {"pilot": {"name": self._scenario.pilot, "events": self._pilot_events}}
+        return {"policy": {"name": self._scenario.policy, "events": self._policy_events}}
 
     def _dnf_reason(self, reason: str | None) -> str | None:
         """Returns why the race ended; for a search in vain, in which state, or for what."""

@@ -6,10 +6,10 @@ scenario.py has its fields; checks.py says what their values may be.
 from airrace.scenario.scenario import (
     CONTENTS,
     CORNERS,
-    ESTIMATORS,
     LEARNED,
     LINK_DELAY,
-    PLANNED,
+    MAP_ESTIMATORS,
+    NO_POLICY,
     POSES,
     TRAJECTORIES,
     TRUTH,

@@ -9,7 +9,7 @@ NO_CAMERA = "none"
 PRESETS = {
     # Ideal pictures, at once.
     "clean": CameraEffects(),
-    # A good industrial camera in daylight, rectified like the reference's.
+    # A good industrial camera in daylight, rectified like the original's.
     "realistic": CameraEffects(
         shutter=0.004, vignetting=0.2, read_noise=1.0, shot_noise=0.02, latency=0.010
     ),

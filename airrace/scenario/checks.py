@@ -177,7 +177,7 @@ def check_planner(config: "PlannerConfig", trajectory: str) -> None:
     check_choice("planner.update", config.update, ("if_better", "always"))
     for name, usual, other in (
         ("lap", "periodic", "rest_to_rest"),
-        ("time_allocation", "exact", "report"),
+        ("time_allocation", "exact", "original"),
     ):
         value = getattr(config, name)
         check_choice(f"planner.{name}", value, (usual, other))
@@ -188,12 +188,12 @@ def check_planner(config: "PlannerConfig", trajectory: str) -> None:
             )
 
 
-def check_pilot(pilot: str) -> None:
-    """Checks that the pilot is one of the two names, or looks like a file."""
-    if pilot not in ("planned", "learned") and not pilot.endswith(".npz"):
+def check_policy(policy: str) -> None:
+    """Checks that the policy is one of the two names, or looks like a file."""
+    if policy not in ("none", "learned") and not policy.endswith(".npz"):
         raise UserError(
-            f"pilot (--pilot) must be planned, learned, or the .npz file of a network, "
-            f"not '{pilot}'."
+            f"policy (--policy) must be none, learned, or the .npz file of a network, "
+            f"not '{policy}'."
         )
 
 

@@ -4,7 +4,7 @@ import math
 
 from airrace.common.errors import UserError
 
-ORIGINAL = (20.0, 10.0)  # m/s, m/s^2: of the Student AirRace report
+ORIGINAL = (20.0, 10.0)  # m/s, m/s^2: of the Student AirRace paper
 _FASTEST_COLOR = 30.0  # m/s: where a scale of speeds ends if there is no limit
 
 

@@ -24,7 +24,7 @@ SCENARIO = Group(
 # Fields of the scenario that options give.
 _FIELDS = {
     name: name
-    for name in ("drone", "trajectory", "track", "laps", "seed", "map", "estimator", "pilot")
+    for name in ("drone", "trajectory", "track", "laps", "seed", "map", "estimator", "policy")
 } | {
     "limits": "planner.limits",
     "renderer": "camera.renderer",
@@ -71,10 +71,10 @@ class DroneOptions(ScenarioOptions):
         "what tells the drone where it is: truth = the simulator, with a little noise; vio = "
         "nothing but gyroscope, accelerometer, rotor speeds and the camera (default: truth)"
     )
-    pilot: Annotated[str | None, Parameter(group=RACE, metavar="planned|learned|FILE")] = None
+    policy: Annotated[str | None, Parameter(group=RACE, metavar="none|learned|FILE")] = None
     (
-        "who flies the laps: planned = a lap that is optimised; learned = a network that learned "
-        "to race, from the same estimate and map; or the .npz file of your own (default: planned)"
+        "a network that flies the laps: none = an optimised lap is flown; learned = the one that "
+        "is shipped for the drone; or the .npz file of your own (default: none)"
     )
     level: Annotated[Literal[0, 1, 2, 3, 4] | None, Parameter(group=RACE)] = None
     (

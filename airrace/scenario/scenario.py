@@ -20,8 +20,8 @@ from airrace.scenario.checks import (
     check_imu,
     check_imu_failures,
     check_numbers,
-    check_pilot,
     check_planner,
+    check_policy,
     check_rotor_failures,
 )
 from airrace.scenario.imu_config import ImuConfig
@@ -34,10 +34,10 @@ from airrace.vehicle.sensor_failures import CameraFailure, ImuFailure
 TRAJECTORIES = ("3", "4", "6", "optimal")
 CORNERS = ("refit", "opencv")  # of markers
 POSES = ("gate", "marker")
-ESTIMATORS = ("robust", "report")
+MAP_ESTIMATORS = ("robust", "original")
 ATTITUDE_ERRORS = ("reduced", "lee")
-GAINS = ("vehicle", "report")
-PLANNED, LEARNED = "planned", "learned"  # who flies; or a file
+GAINS = ("vehicle", "original")
+NO_POLICY, LEARNED = "none", "learned"  # what flies the laps besides the planner; or a file
 TRUTH, VIO = "truth", "vio"  # what tells the drone where it is
 CONTENTS = ("none", "light", "full")  # of a recording
 LINK_DELAY = 0.2  # s, of Scenario.link_delay in HITL
@@ -50,7 +50,7 @@ def trajectory_name(trajectory: str) -> str:
 
 @dc.dataclass
 class StateEstimateConfig:
-    """The noise of `state_noise: reference`, and the rate of the estimate."""
+    """The noise of `state_noise: nominal`, and the rate of the estimate."""
 
     rate: float = 200.0  # Hz
     position_sigma: float = 0.005  # m, on each coordinate
@@ -78,21 +78,23 @@ class RefereeConfig:
 class PerceptionConfig:
     """From pixels to the map."""
 
+    OLD_NAMES = {"estimator": "map_estimator"}
+
     latency: float = 0.010  # s, from an image to its detections
     corners: str = "refit"  # by edges fitted to the picture; or "opencv", as OpenCV refines them
     poses: str = "gate"  # of a gate's two markers as one body; or "marker", each alone by OpenCV
     jump_filter: bool = True  # refuses markers whose pose jumps, and pictures if the drone's does
     max_range: float = 30.0  # m, farther observations do not enter the map; .inf for no limit
     max_gates: int = 20  # the rule book's limit: higher IDs are out of range
-    estimator: str = "robust"  # or "report", section III to the letter
-    outlier_sigma: float = 3.0  # standard deviations, the rejection threshold of `report`
+    map_estimator: str = "robust"  # or "original", section III to the letter
+    outlier_sigma: float = 3.0  # standard deviations, the rejection threshold of `original`
     min_observations: int = 5  # of both pylons, before a gate is in the map
     map_period: float = 2.0  # s, between two writes of map.json and map_statistics.json
 
 
 @dc.dataclass
 class ExplorerConfig:
-    """Section IV of the report."""
+    """Section IV of the paper."""
 
     rate: float = 20.0  # Hz
     max_speed: float = 8.0  # m/s
@@ -114,7 +116,7 @@ class ExplorerConfig:
 
 @dc.dataclass
 class PlannerConfig:
-    """Section V of the report."""
+    """Section V of the paper."""
 
     rate: float = 20.0  # Hz
     latency: float = 1.0  # s, declared: from the map to the plan in force
@@ -124,8 +126,8 @@ class PlannerConfig:
     # Laps of -t 3, 4 and 6: without a stop, or "rest_to_rest", each from hover to hover, 0.5 m
     # beyond the midpoint of gate 1.
     lap: str = "periodic"
-    # Of -t 3, 4 and 6: the quickest laps within the limits, or "report", which weighs snap against
-    # time, as the report's planner did: -t 3 exceeds the limits a little, -t 6 flies as -t 4.
+    # Of -t 3, 4 and 6: the quickest laps within the limits, or "original", which weighs snap
+    # against time, as it did: -t 3 exceeds the limits a little, -t 6 flies as -t 4.
     time_allocation: str = "exact"
     update: str = "if_better"  # or "always", each lap on a new plan even if it is slower
 
@@ -153,7 +155,7 @@ class ControllerConfig:
     feed_forward: bool = True  # of the reference's jerk, snap and rates of yaw
     disturbance_rejection: bool = True  # against wind and drag: integral action
     attitude_error: str = "reduced"  # the tilt before the yaw; or "lee", the paper's law as it is
-    gains: str = "vehicle"  # or "report": the original's, of force and moment (report_gains)
+    gains: str = "vehicle"  # or "original": those, of force and moment (original_gains)
     rotor_overdrive: bool = True  # commands overshoot, so that the rotors answer sooner
 
 
@@ -176,6 +178,8 @@ class Scenario:
 
     See hardware_sim in Drake's documentation for the idea.
     """
+
+    OLD_NAMES = {"pilot": "policy"}
 
     # What is raced.
     track: str = "student-airrace"  # name of a shipped track, or a file
@@ -204,7 +208,7 @@ class Scenario:
     camera: CameraConfig = dc.field(default_factory=CameraConfig)
     imu: ImuConfig = dc.field(default_factory=ImuConfig)
     rotors: RotorsConfig = dc.field(default_factory=RotorsConfig)
-    state_noise: str = "reference"  # or "none": the estimate is the truth
+    state_noise: str = "nominal"  # or "none": the estimate is the truth
     state_estimate: StateEstimateConfig = dc.field(default_factory=StateEstimateConfig)
     disturbances: DisturbancesConfig = dc.field(default_factory=DisturbancesConfig)
     rotor_failures: list[RotorFailure] = dc.field(default_factory=list)
@@ -216,9 +220,9 @@ class Scenario:
     estimator: str = "truth"  # tells where it is; or "vio": nothing but IMU, rotors and camera
     perception: PerceptionConfig = dc.field(default_factory=PerceptionConfig)
     explorer: ExplorerConfig = dc.field(default_factory=ExplorerConfig)
-    # Who flies the laps: "planned", a lap that is optimised; "learned", the shipped network of the
+    # Who flies the laps: "none", a lap that is optimised; "learned", the shipped network of the
     # drone; or the .npz file of one.
-    pilot: str = "planned"
+    policy: str = "none"
     planner: PlannerConfig = dc.field(default_factory=PlannerConfig)
     state_filter: StateFilterConfig = dc.field(default_factory=StateFilterConfig)
     rotor_monitor: RotorMonitorConfig = dc.field(default_factory=RotorMonitorConfig)
@@ -245,8 +249,8 @@ class Scenario:
         check_numbers(self)
         check_choice("trajectory", self.trajectory, TRAJECTORIES)
         check_planner(self.planner, self.trajectory)
-        check_pilot(self.pilot)
-        check_choice("state_noise", self.state_noise, ("reference", "none"))
+        check_policy(self.policy)
+        check_choice("state_noise", self.state_noise, ("nominal", "none"))
         if self.perception.latency >= 1.0 / self.camera.fps:
             raise UserError("perception.latency must be shorter than one frame, 1 / camera.fps.")
         check_camera(self.camera)
@@ -267,7 +271,7 @@ class Scenario:
             )
         check_choice("perception.corners", self.perception.corners, CORNERS)
         check_choice("perception.poses", self.perception.poses, POSES)
-        check_choice("perception.estimator", self.perception.estimator, ESTIMATORS)
+        check_choice("perception.map_estimator", self.perception.map_estimator, MAP_ESTIMATORS)
         check_choice("controller.attitude_error", self.controller.attitude_error, ATTITUDE_ERRORS)
         check_choice("controller.gains", self.controller.gains, GAINS)
         check_disturbances(self.disturbances)
@@ -324,8 +328,8 @@ def scenario_yaml(scenario: Scenario, absolute: bool = True) -> str:
         scenario = dc.replace(scenario, track=str(track.resolve()))
     if scenario.map not in ("", TRACK):
         scenario = dc.replace(scenario, map=str(Path(scenario.map).resolve()))
-    if scenario.pilot not in (PLANNED, LEARNED):
-        scenario = dc.replace(scenario, pilot=str(Path(scenario.pilot).resolve()))
+    if scenario.policy not in (NO_POLICY, LEARNED):
+        scenario = dc.replace(scenario, policy=str(Path(scenario.policy).resolve()))
     if scenario.drone not in DRONES:
         folder = find_vehicle(scenario.drone).parent
         scenario = dc.replace(scenario, drone=str(folder.resolve()))

@@ -105,8 +105,8 @@ class ExplorerStatus(Immutable):
 
 
 @dc.dataclass(frozen=True, eq=False)
-class PilotStatus(Immutable):
-    """Who flies, of a pilot that was learned: see LearnedPilot.
+class PolicyStatus(Immutable):
+    """Whether a policy flies: see PolicyController.
 
     Attributes:
         flies: whether the network does.

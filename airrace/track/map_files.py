@@ -46,7 +46,7 @@ def map_data(gate_map: GateMap) -> dict:
 
 
 def statistics_data(gate_map: GateMap) -> dict:
-    """Returns the statistics of section III of the Student AirRace report.
+    """Returns the statistics of section III of the Student AirRace paper.
 
     And why markers were refused. The detections of a marker are its observations, which count,
     and its outliers. Of a board with no observations, position and variance follow from the

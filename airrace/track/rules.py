@@ -59,7 +59,7 @@ def check_rules(track: Track) -> None:
 
 
 def check_layout(layout: Layout) -> None:
-    """Checks the layout rule of the Student AirRace report, section II, and closure.
+    """Checks the layout rule of the Student AirRace paper, section II, and closure.
 
     The next left pylon is straight ahead of the left pylon, the next heading
     45 degrees to the left or right, and the turns add up to one round.

@@ -22,7 +22,7 @@ from airrace.vehicle.vehicle import (
     Drag,
     Gains,
     ImuMount,
-    ReportGains,
+    OriginalGains,
     Rotor,
     Vehicle,
     find_vehicle,

@@ -26,7 +26,7 @@ class DisturbancesConfig:
     """
 
     wind: WindConfig = dc.field(default_factory=WindConfig)
-    drag: float = 0.0  # share of the vehicle's drag: 0 as in the reference system, 1 all
+    drag: float = 0.0  # share of the vehicle's drag: 0 as in the original system, 1 all
     mass_error: float = 0.0  # of the mass
     inertia_error: float = 0.0  # of all moments of inertia alike
     thrust_coefficient_error: float = 0.0  # of each rotor, drawn on its own

@@ -114,8 +114,8 @@ class Gains:
 
 
 @dc.dataclass
-class ReportGains:
-    """Controller gains of force and moment, as the system of the Student AirRace report had them.
+class OriginalGains:
+    """Controller gains of force and moment, as the system of the Student AirRace paper had them.
 
     They belong to one drone: a moment that suits a small inertia is too little for a large one.
     With a moment of inertia J, a mass m and rotors without lag, the linearised loop about a hover,
@@ -147,7 +147,7 @@ class Vehicle:
         rotors: in the order of the rotor_speed_command.
         camera, imu, drag: see there.
         gains: of the geometric controller.
-        report_gains: the same, of the Student AirRace report; None if that did not have the drone.
+        original_gains: the same, of the Student AirRace paper; None if that did not have the drone.
     """
 
     name: str = ""
@@ -160,13 +160,13 @@ class Vehicle:
     imu: ImuMount = dc.field(default_factory=ImuMount)
     drag: Drag = dc.field(default_factory=Drag)
     gains: Gains = dc.field(default_factory=Gains)
-    report_gains: ReportGains | None = None
+    original_gains: OriginalGains | None = None
 
     @property
     def allocation(self) -> np.ndarray:
         """Matrix from rotor thrusts to [f, Mx, My, Mz] in B, shape (4, n).
 
-        Equations (1) and (2) of the Student AirRace report, for any rotors:
+        Equations (1) and (2) of the Student AirRace paper, for any rotors:
         a thrust f_i along z at (x, y, 0) gives the moment (y f_i, -x f_i).
         """
         return np.array(
@@ -244,9 +244,10 @@ class Vehicle:
             "its rotors cannot hold it level",
         )
         require(positive(*dc.astuple(self.gains)), "all gains must be positive")
-        if self.report_gains is not None:
+        if self.original_gains is not None:
             require(
-                positive(*dc.astuple(self.report_gains)), "all four report_gains must be positive"
+                positive(*dc.astuple(self.original_gains)),
+                "all four original_gains must be positive",
             )
 
 

@@ -136,7 +136,7 @@ class RaceDisplay:
                 self._explorer = event.status
                 for each in event.entered:
                     self._print_at(each.time, f"{each.state}: {each.reason}")
-            case events.PilotChanged():
+            case events.PolicyChanged():
                 self._print_at(event.status.since, event.what)
             case events.RotorLost():
                 self._lost.append(event.rotor)

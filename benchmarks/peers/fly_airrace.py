@@ -8,7 +8,7 @@ from importlib.metadata import version
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from airrace.diagrams.flight import MakeFlight, start_in_flight
+from airrace.diagrams.reference_flight import MakeFlight, start_in_flight
 from airrace.scenario import Scenario
 from benchmarks.peers import circle
 from tests.worlds.flight import PERIOD, start_on

@@ -131,7 +131,7 @@ BAD = [
     (["-d", "x" * 300], "no drone named"),
     *((["-d", drone], words) for drone, (_, words) in DRONES.items()),
     (["--lockstep"], "--lockstep is for hardware in the loop: add -s HITL"),
-    (["--companion", "pilot@10.0.0.2"], "--companion is for hardware in the loop: add -s HITL"),
+    (["--companion", "user@10.0.0.2"], "--companion is for hardware in the loop: add -s HITL"),
     (["--track", "none"], "no track named 'none' .* are: .*student-airrace"),
     (["--track", "none.yaml"], "no track named 'none.yaml' and no such file"),
     (["--track", "."], "no track named '.'"),

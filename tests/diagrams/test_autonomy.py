@@ -136,11 +136,11 @@ def test_without_the_state_filter_all_get_the_estimate_as_it_is():
 def test_a_drone_without_the_originals_gains_is_told(tmp_path):
     mine = shutil.copytree(find_vehicle("Default").parent, tmp_path / "mine")
     text = (mine / "vehicle.yaml").read_text()
-    (mine / "vehicle.yaml").write_text(text[: text.index("report_gains: {")])
+    (mine / "vehicle.yaml").write_text(text[: text.index("original_gains: {")])
     scenario = Scenario(drone=str(mine))
     MakeAutonomy(scenario)
-    scenario.controller.gains = "report"
-    with pytest.raises(UserError, match="controller.gains 'report' needs report_gains in the"):
+    scenario.controller.gains = "original"
+    with pytest.raises(UserError, match="controller.gains 'original' needs original_gains in the"):
         MakeAutonomy(scenario)
 
 

@@ -65,7 +65,7 @@ def test_a_race_without_a_camera_and_another_on_its_map(hexagon, tmp_path):
         [
             (PlannerConfig(), [1, 1, 1]),  # the map does not change: no plan is quicker
             (
-                PlannerConfig(lap="rest_to_rest", time_allocation="report", update="always"),
+                PlannerConfig(lap="rest_to_rest", time_allocation="original", update="always"),
                 [1, 2, 3],
             ),
             (PlannerConfig(update="always"), [1, 2, 3]),

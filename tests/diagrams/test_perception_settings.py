@@ -16,7 +16,7 @@ ORIGINAL = PerceptionConfig(
     jump_filter=False,
     max_range=math.inf,
     max_gates=10,
-    estimator="report",
+    map_estimator="original",
     min_observations=1,
     map_period=0.1,
 )

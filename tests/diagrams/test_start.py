@@ -7,7 +7,7 @@ import pytest
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.analysis import Simulator
 
-from airrace.diagrams.flight import MakeFlight
+from airrace.diagrams.reference_flight import MakeFlight
 from airrace.scenario import Scenario
 from airrace.track import Track, load_track
 from airrace.trajopt.flat_trajectory import hold, idle

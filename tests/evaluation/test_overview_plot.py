@@ -3,7 +3,7 @@ import pytest
 
 from airrace.evaluation.overview_plot import beside, draw_picture, figures_of_merit, make_overview
 from airrace.evaluation.summary import race_frame
-from airrace.evaluation.tables import write_report
+from airrace.evaluation.tables import write_summary
 from tests.evaluation.rows import SETTINGS, row
 from tests.evaluation.test_tables import ROWS
 
@@ -14,7 +14,7 @@ def strips(figure):
 
 
 def test_the_picture_shows_the_numbers(tmp_path):
-    figure = make_overview(write_report(tmp_path, SETTINGS, ROWS))
+    figure = make_overview(write_summary(tmp_path, SETTINGS, ROWS))
     exploration, mean_lap, *_ = strips(figure)
     finished, failed = exploration.collections[-2:]
     np.testing.assert_allclose(finished.get_offsets()[:, 0], [70.0])
@@ -46,7 +46,7 @@ def test_equal_values_are_beside_each_other():
 def test_legends_are_not_on_the_data(tmp_path):
     rows = [row(seed, laps=(20.0 + seed / 7, 21.0)) for seed in range(30)]
     rows[3] = row(3, finished=False, laps=(), reason="hit the ground")
-    figure = make_overview(write_report(tmp_path, SETTINGS, rows))
+    figure = make_overview(write_summary(tmp_path, SETTINGS, rows))
     figure.canvas.draw()
     (legend,) = figure.legends
     assert {text.get_text() for text in legend.get_texts()} == {
@@ -61,11 +61,11 @@ def test_legends_are_not_on_the_data(tmp_path):
 
 
 def test_a_race_without_a_number_has_no_mark(tmp_path):
-    races = race_frame(write_report(tmp_path, SETTINGS, ROWS)["races"])
+    races = race_frame(write_summary(tmp_path, SETTINGS, ROWS)["races"])
     merits = figures_of_merit(races)
     assert [int(values.notna().sum()) for values in merits.values()] == [2, 2, 2, 2, 2]
 
 
 def test_a_picture_of_nothing(tmp_path):
-    draw_picture(tmp_path, write_report(tmp_path, SETTINGS, []))
+    draw_picture(tmp_path, write_summary(tmp_path, SETTINGS, []))
     assert (tmp_path / "evaluation.png").read_bytes().startswith(b"\x89PNG")

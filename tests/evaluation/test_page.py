@@ -4,7 +4,7 @@ import shlex
 
 from airrace.evaluation.jobs import generated_track, given_track, make_jobs, settings
 from airrace.evaluation.page import COLUMNS, race_commands, write_page
-from airrace.evaluation.tables import write_report
+from airrace.evaluation.tables import write_summary
 from airrace.scenario import Scenario, load_scenario, scenario_yaml
 from airrace.scenario.options import resolve_scenario
 from tests.evaluation.rows import SETTINGS, row
@@ -13,7 +13,7 @@ from tests.worlds.command_line import parse
 
 
 def page(folder, rows):
-    return write_page(folder, write_report(folder, SETTINGS, rows), rows).read_text()
+    return write_page(folder, write_summary(folder, SETTINGS, rows), rows).read_text()
 
 
 def test_it_needs_nothing_else(tmp_path):

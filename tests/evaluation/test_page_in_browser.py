@@ -3,7 +3,7 @@
 import pytest
 
 from airrace.evaluation.page import write_page
-from airrace.evaluation.tables import write_report
+from airrace.evaluation.tables import write_summary
 from tests.evaluation.rows import SETTINGS, row
 from tests.visualization.browser import CHROMIUM, Browser
 
@@ -19,7 +19,7 @@ SEEDS = "[...document.querySelectorAll('tbody tr:not([hidden])')].map(r => r.cel
 
 @pytest.mark.slow
 def test_races_are_sorted_filtered_and_linked(tmp_path):
-    path = write_page(tmp_path, write_report(tmp_path, SETTINGS, ROWS), ROWS)
+    path = write_page(tmp_path, write_summary(tmp_path, SETTINGS, ROWS), ROWS)
     with Browser(1000, 700) as browser:
         browser.open(path.as_uri())
 

@@ -5,7 +5,7 @@ import pytest
 
 from airrace.evaluation.overview_plot import draw_picture
 from airrace.evaluation.page import write_page
-from airrace.evaluation.tables import write_report
+from airrace.evaluation.tables import write_summary
 from tests.evaluation.rows import SETTINGS, row
 
 ROWS = [
@@ -16,7 +16,7 @@ ROWS = [
 
 
 def test_incomplete(tmp_path):
-    evaluation = write_report(tmp_path, SETTINGS, ROWS)
+    evaluation = write_summary(tmp_path, SETTINGS, ROWS)
     assert json.loads((tmp_path / "evaluation.json").read_text()) == evaluation
     assert not evaluation["complete"]
     text = (tmp_path / "evaluation.md").read_text()
@@ -27,7 +27,7 @@ def test_incomplete(tmp_path):
 
 def test_markdown_tables_are_whole(tmp_path):
     """Whatever an error says, every row has as many cells as its heading."""
-    write_report(tmp_path, SETTINGS, ROWS)
+    write_summary(tmp_path, SETTINGS, ROWS)
     for table in re.findall(r"(?:^\|.*\n)+", (tmp_path / "evaluation.md").read_text(), re.M):
         cells = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
         assert len(cells) == 1
@@ -40,7 +40,7 @@ def test_the_same_races_in_any_order_and_at_any_speed(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         rows = [{**r, "wall": {"seconds": seconds}} for r in (*ROWS, row(3))]
-        evaluation = write_report(folder, SETTINGS, rows)
+        evaluation = write_summary(folder, SETTINGS, rows)
         assert evaluation["complete"]
         draw_picture(folder, evaluation)
         write_page(folder, evaluation, rows)

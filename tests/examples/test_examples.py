@@ -31,7 +31,7 @@ from tests.worlds.mavlink_client import UdpClient
 ROOT = models_path().parent
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
 NUMBER = r"(\d+\.\d+)"
-LINES = {"train_pilot": 250, "grand_prix_pilot": 200}  # at most; of all others, 80
+LINES = {"train_policy": 250, "grand_prix_client": 200}  # at most; of all others, 80
 LAP_ERRORS = rf"(?m)^[1-9] +{NUMBER} +{NUMBER} +{NUMBER}$"
 
 
@@ -229,18 +229,18 @@ def test_comparing_planners(run, folder):
 
 
 @pytest.mark.repeats
-def test_train_pilot(folder):
+def test_train_policy(folder):
     """It learns a little, and leaves a network that can fly; then it goes on from where it was."""
     pytest.importorskip("jax", reason="needs the extra `train`")
     words = ("--output", folder, "--envs", 32, "--tracks", 2, "--held-out", 3)
     few, more = 4 * 64 * 32, 6 * 64 * 32  # steps: 64 of each drone are an update
-    assert "finished" in run_apart("train_pilot", folder, *words, "--steps", few)
-    first = load_policy(folder / "pilot.npz", load_vehicle("Default")[0])
+    assert "finished" in run_apart("train_policy", folder, *words, "--steps", few)
+    first = load_policy(folder / "policy.npz", load_vehicle("Default")[0])
     assert f"--steps {few}" in first.made_by and "seed 0" in first.made_by
     # What is done is not done again, and what is not, is.
-    assert "finished" not in run_apart("train_pilot", folder, *words, "--steps", few, "--resume")
-    run_apart("train_pilot", folder, *words, "--steps", more, "--resume")
-    second = load_policy(folder / "pilot.npz", load_vehicle("Default")[0])
+    assert "finished" not in run_apart("train_policy", folder, *words, "--steps", few, "--resume")
+    run_apart("train_policy", folder, *words, "--steps", more, "--resume")
+    second = load_policy(folder / "policy.npz", load_vehicle("Default")[0])
     assert "--resume" in second.made_by
     assert 0.0 < np.abs(second.weights[0] - first.weights[0]).max() < 0.1
 
@@ -257,14 +257,14 @@ def test_a_client_of_the_grand_prix(folder):
         "--client", f"127.0.0.1:{port}", "--picture_port", pictures, "--no-meshcat",
         "--record", "none", folder=folder,
     )  # fmt: skip
-    pilot = start(
-        script("grand_prix_pilot"), "--mavlink", port, "--pictures", pictures, folder=folder
+    client = start(
+        script("grand_prix_client"), "--mavlink", port, "--pictures", pictures, folder=folder
     )
     try:
         assert "3 of 3 gates" in output_of(simulator)
-        assert "Finished: gate 3 at " in output_of(pilot)
+        assert "Finished: gate 3 at " in output_of(client)
     finally:
-        pilot.kill()
+        client.kill()
     race = json.loads((folder / "out" / "race.json").read_text(encoding="utf-8"))
     assert race["finished"] and race["collisions"] == {"gate": 0, "environment": 0}
     assert max(race["gate_offsets_m"]) < 0.4

@@ -136,7 +136,7 @@ def test_default_urls():
     urls = {default_url("local") for _ in range(2)}
     assert len(urls) == 2 and all(url.endswith("?ttl=0") for url in urls)
     assert default_url("none") == "udpm://239.255.76.67:7667?ttl=0"
-    assert default_url("pilot@10.0.0.2") == "udpm://239.255.76.67:7667?ttl=1"
+    assert default_url("user@10.0.0.2") == "udpm://239.255.76.67:7667?ttl=1"
 
 
 @pytest.mark.slow

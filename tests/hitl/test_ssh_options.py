@@ -17,7 +17,7 @@ def test_options_reach_the_companion(tmp_path):
     make = ssh_companions(
         parse(
             "--companion",
-            "pilot@board",
+            "user@board",
             "--identity",
             str(tmp_path / "key"),
             "--wheels",

@@ -7,8 +7,8 @@ from airrace.league.attempts import MARK
 
 BEGIN = """
 import os, socket, sys
-from airrace.league.attempts import Allowed, report_attempts
-report_attempts(Allowed(read={read!r}, write={write!r}, hidden={hidden!r}))
+from airrace.league.attempts import Allowed, note_attempts
+note_attempts(Allowed(read={read!r}, write={write!r}, hidden={hidden!r}))
 def quietly(do):
     try:
         do()

@@ -114,7 +114,7 @@ def test_help_teaches(capsys):
 
 def racing(process):
     """Returns the first process that flies a race among the descendants of one."""
-    return descendant(process, "airrace.league.flight")
+    return descendant(process, "airrace.league.entry_race")
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ RACES = {
     "1_first_race": FEWER,
     "5_your_own_box": FEWER,
     "6_compare_and_evaluate": NONE,
-    "10_a_pilot_that_learns": NONE,
+    "10_a_policy_that_learns": NONE,
 }
 # What is learned is learned by half of the drones.
 FEWER_DRONES = "DRONES, SECONDS = 128", "DRONES, SECONDS = 64"
@@ -39,14 +39,14 @@ BRIEF_CODE = {
     ],
     "7_where_am_i": [("range(8)", "range(3)"), ("FLIGHTS = 5", "FLIGHTS = 2")],
     "8_delay_in_the_loop": [("(0.0, 0.02, 0.03, 0.04, 0.06)", "(0.0, 0.03, 0.06)")],
-    "10_a_pilot_that_learns": [
+    "10_a_policy_that_learns": [
         ("DRONES, SECONDS = 128", "DRONES, SECONDS = 32"),
         ("iterations=60", "iterations=2"),
         ("iterations=30", "iterations=2"),
     ],
 }
 # What these say at their end of what they have shown needs all of the lesson.
-ONLY_WHOLE = "5_your_own_box", "10_a_pilot_that_learns"
+ONLY_WHOLE = "5_your_own_box", "10_a_policy_that_learns"
 # Before a lesson: notes what it flies, and lets its races be short.
 NOTE = """
 import dataclasses as _dc

@@ -25,7 +25,7 @@ from airrace.systems.types import (
     ExplorerEvent,
     ExplorerStatus,
     GateCrossing,
-    PilotStatus,
+    PolicyStatus,
     RefereeStatus,
 )
 from airrace.track.gate_map import GateMap
@@ -266,7 +266,7 @@ def test_who_flies_the_race_is_told_what_has_changed_since_it_asked(path):
     more = {
         "truth.contacts": np.zeros(9),
         "rotor_losses": [np.inf] * 4,
-        "pilot_status": PilotStatus(),
+        "policy_status": PolicyStatus(),
     }
     recording = Recording(path, more)
     assert [type(event) for event in recording.look()] == [
@@ -282,14 +282,14 @@ def test_who_flies_the_race_is_told_what_has_changed_since_it_asked(path):
             "gate_map": gate_map,
             "lap_plan": LapPlan(1, 0.0, rest, rest, 0.0, None),
             "rotor_losses": [np.inf, 0.07, np.inf, np.inf],
-            "pilot_status": PilotStatus(flies=True, since=0.05),
+            "policy_status": PolicyStatus(flies=True, since=0.05),
             "truth.contacts": [2, 1, *[0] * 7],
             "truth.referee_status": RefereeStatus(crossings, False, "why", 0.09, 1),
         }
     )
-    new_map, plan, pilot, lost, contacts, *crossed, over, sample = recording.look()
+    new_map, plan, policy, lost, contacts, *crossed, over, sample = recording.look()
     assert new_map.gate_map is gate_map and plan.plan.lap == 1
-    assert (pilot.status.since, pilot.what) == (0.05, "the network flies")
+    assert (policy.status.since, policy.what) == (0.05, "the network flies")
     assert (lost.rotor, lost.noticed, contacts.gates, contacts.environment) == (2, 0.07, 2, 1)
     assert tuple(event.crossing for event in crossed) == crossings
     assert over.status.dnf_reason == "why" and sample.truth.position.tolist() == [1, 2, 3]
@@ -297,7 +297,7 @@ def test_who_flies_the_race_is_told_what_has_changed_since_it_asked(path):
     # As it comes over a link: the same as other objects.
     recording.fix(
         lap_plan=LapPlan(1, 0.0, rest, rest, 0.0, None),
-        pilot_status=PilotStatus(flies=True, since=0.05),
+        policy_status=PolicyStatus(flies=True, since=0.05),
     )
     assert [type(event) for event in recording.look()] == [events.StateSample]
 

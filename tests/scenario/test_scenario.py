@@ -95,7 +95,7 @@ def test_the_defaults_are_good():
 def test_shipped_scenarios_fly(tmp_path, filename, name):
     scenario = load_scenario(filename=filename, scenario_name=name)
     scenario.check()
-    # Level 1 is what the reference system flew, and so the default.
+    # Level 1 is what the original system flew, and so the default.
     same = as_yaml(scenario) == as_yaml(Scenario())
     assert same == (name == "Level1" or (filename, name) == ("races", "Defaults"))
     scenario.referee.time_limit = 2.0
@@ -121,13 +121,7 @@ def test_a_level_is_the_one_before_and_a_little_more():
     """Each makes what the one before left out worse, and nothing better."""
     levels = [load_scenario(filename="levels", scenario_name=f"Level{n}") for n in range(5)]
     noises = [(s.state_noise, list(PRESETS).index(s.camera.preset)) for s in levels]
-    assert noises == [
-        ("none", 0),
-        ("reference", 1),
-        ("reference", 1),
-        ("reference", 2),
-        ("reference", 2),
-    ]
+    assert noises == [("none", 0), ("nominal", 1), ("nominal", 1), ("nominal", 2), ("nominal", 2)]
     numbers = [disturbances(scenario) for scenario in levels]
     assert numbers[0] == numbers[1] == disturbances(Scenario())
     for easier, harder in zip(numbers[1:], numbers[2:]):
@@ -238,7 +232,7 @@ BAD = {
     "camera: {width: 100000}": "camera.width must be at most",
     "camera: {fov_y_deg: 180.0}": "camera.fov_y_deg must be at most",
     "camera: {fps: 1.0e-9}": "camera.fps must be at least",
-    "state_noise: some": "state_noise must be one of reference, none",
+    "state_noise: some": "state_noise must be one of nominal, none",
     "rotors: {rate: 1.0e+12}": "rotors.rate must be at most 10000",
     "referee: {rate: 0.1}": "referee.rate must be at least 1",
     "state_filter: {rate: 0.1}": "state_filter.rate must be at least 1",
@@ -260,7 +254,7 @@ BAD = {
     "disturbances: {gate_shift: 3}": "disturbances.gate_shift must be at most 2, not 3",
     "controller: {feed_forward: 1}": "controller.feed_forward must be true or false, not 1",
     "controller: {attitude_error: Lee}": "controller.attitude_error must be one of reduced, lee, not 'Lee'",
-    "controller: {gains: mine}": "controller.gains must be one of vehicle, report, not 'mine'",
+    "controller: {gains: mine}": "controller.gains must be one of vehicle, original, not 'mine'",
     "rotor_failures: {rotor: 1, time: 1}": "rotor_failures must be a list",
     "rotor_failures: [3]": r"rotor_failures\[0\] must be a mapping",
     "rotor_failures: [{rotor: 1.5, time: 1}]": r"rotor_failures\[0\].rotor must be a whole number",
@@ -275,12 +269,14 @@ BAD = {
     "imu: {preset: ideal}\nimu_failures: [{kind: saturated}]": r"imu_failures\[0\].kind 'saturated' needs an IMU with ranges: set imu.errors.gyro_range and",
     "camera_failures: [{kind: lost}]": r"camera_failures\[0\].kind must be one of dark, not 'lost'",
     "map: track\ncamera: {renderer: none}\ncamera_failures: [{time: 9}]": "camera_failures need a camera: camera.renderer is 'none'",
-    "perception: {estimator: best}": "perception.estimator must be one of robust, report, not",
+    "pilot: learned": "pilot is unknown; its name is policy now",
+    "perception: {estimator: robust}": "perception.estimator is unknown; its name is perception.map_estimator now",
+    "perception: {map_estimator: best}": "perception.map_estimator must be one of robust, original, not",
     "trajectory: '3'\nplanner: {lap: once}": "planner.lap must be one of periodic, rest_to_rest, not 'once'",
-    "planner: {time_allocation: soft}": "planner.time_allocation must be one of exact, report, not 'soft'",
+    "planner: {time_allocation: soft}": "planner.time_allocation must be one of exact, original, not 'soft'",
     "planner: {update: never}": "planner.update must be one of if_better, always, not 'never'",
     "planner: {lap: rest_to_rest}": "planner.lap 'rest_to_rest' is for minimum-snap laps: set trajectory .-t. to 3, 4 or 6",
-    "planner: {time_allocation: report}": "time_allocation 'report' is for minimum-snap laps: .* at 'exact'",
+    "planner: {time_allocation: original}": "time_allocation 'original' is for minimum-snap laps: .* at 'exact'",
     "perception: {corners: subpix}": "perception.corners must be one of refit, opencv, not 'subpix'",
     "perception: {poses: both}": "perception.poses must be one of gate, marker, not 'both'",
     "perception: {jump_filter: 1}": "perception.jump_filter must be true or false, not 1",
@@ -490,7 +486,7 @@ def scenarios(draw):
         laps=draw(st.integers(1, 1000)),
         seed=draw(st.integers(0, 10**30)),
         trajectory=draw(st.sampled_from("346")),
-        state_noise=draw(st.sampled_from(["none", "reference"])),
+        state_noise=draw(st.sampled_from(["none", "nominal"])),
         disturbances=draw(_disturbances),
         rotor_failures=draw(_failures),
         imu_failures=draw(st.lists(_imu_failures, max_size=2)),
@@ -514,7 +510,7 @@ def scenarios(draw):
     scenario.planner.thrust_share = draw(st.floats(0.1, 1.0))
     scenario.planner.limits = draw(st.sampled_from(["original", "rotor", "v=3,a=1.5"]))
     scenario.planner.lap = draw(st.sampled_from(["periodic", "rest_to_rest"]))
-    scenario.planner.time_allocation = draw(st.sampled_from(["exact", "report"]))
+    scenario.planner.time_allocation = draw(st.sampled_from(["exact", "original"]))
     scenario.planner.update = draw(st.sampled_from(["if_better", "always"]))
     scenario.camera.preset = draw(st.sampled_from(list(PRESETS)))
     scenario.camera.effects.shutter = draw(st.none() | st.floats(0, 0.03))

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airrace.common.errors import UserError
-from airrace.systems.mapping.report_estimator import EMPTY, ReportEstimator
+from airrace.systems.mapping.original_estimator import EMPTY, OriginalEstimator
 from airrace.track import load_track
 from airrace.track.gate_map import GateMap, MarkerEstimate
 from airrace.track.map_files import map_data, read_map, statistics_data, write_map
@@ -15,7 +15,7 @@ TRUTH = read_map("track", "student-airrace")
 _numbers = st.floats(-1e4, 1e4)
 _vectors = st.tuples(_numbers, _numbers, _numbers).map(np.array)
 
-ESTIMATOR = ReportEstimator(outlier_sigma=3.0, min_observations=5)
+ESTIMATOR = OriginalEstimator(outlier_sigma=3.0, min_observations=5)
 
 
 @st.composite

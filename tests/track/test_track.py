@@ -14,7 +14,7 @@ REFERENCE = models_path() / "tracks" / "student-airrace.yaml"
 
 
 def write_track(tmp_path, change):
-    """Writes the reference track with a change to its plain data."""
+    """Writes the track student-airrace with a change to its plain data."""
     data = yaml.safe_load(REFERENCE.read_text())
     change(data)
     path = tmp_path / "track.yaml"

@@ -15,7 +15,7 @@ from airrace.vehicle import (
     CameraMount,
     Drag,
     ImuMount,
-    ReportGains,
+    OriginalGains,
     Rotor,
     Vehicle,
     find_vehicle,
@@ -153,7 +153,10 @@ def test_a_folder_of_ones_own(tmp_path, monkeypatch, relative):
         (dict(camera=CameraMount(position=[0.0])), "camera.position"),
         (dict(imu=ImuMount(position=[0.0, 0.0, math.nan])), "imu.position needs three finite"),
         (dict(drag=Drag(linear=[-0.1, 0.0, 0.0])), "drag.linear"),
-        (dict(report_gains=ReportGains(1.0, 1.0, 1.0)), "all four report_gains must be positive"),
+        (
+            dict(original_gains=OriginalGains(1.0, 1.0, 1.0)),
+            "all four original_gains must be positive",
+        ),
     ],
 )
 def test_impossible_vehicles(change, words):

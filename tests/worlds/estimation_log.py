@@ -27,7 +27,7 @@ _AIRBORNE = 0.3  # m above the start
 _NEES_SIZE = 9  # attitude, position and velocity
 
 
-class Sight(NamedTuple):
+class GateMeasurement(NamedTuple):
     """What the estimator knew after a picture.
 
     Attributes:
@@ -83,7 +83,7 @@ class EstimationLog(LeafSystem):
             seen_at = max((each.seen_at for each in slam.landmarks), default=-1.0)
             # Not all of it: in a race that would take a gigabyte.
             P = slam.belief.covariance[:_NEES_SIZE, :_NEES_SIZE].copy()
-            self.sights.append(Sight(slam.belief.navigation, P, seen_at))
+            self.sights.append(GateMeasurement(slam.belief.navigation, P, seen_at))
 
 
 def fly_logged(scenario: Scenario, folder: Path) -> tuple[dict, dict]:
@@ -176,7 +176,7 @@ def _estimate_errors(truths: np.ndarray, estimates: np.ndarray) -> np.ndarray:
     return np.vstack(rows)
 
 
-def _nees(truths: np.ndarray, sight: Sight, p_BI: np.ndarray) -> float:
+def _nees(truths: np.ndarray, sight: GateMeasurement, p_BI: np.ndarray) -> float:
     """Returns e^T P^-1 e / n of attitude, position and velocity after a picture.
 
     Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation",
@@ -195,7 +195,7 @@ def _nees(truths: np.ndarray, sight: Sight, p_BI: np.ndarray) -> float:
     return float(error @ np.linalg.solve(sight.covariance, error)) / _NEES_SIZE
 
 
-def _longest_gap(sights: list[Sight], start: float, end: float) -> float:
+def _longest_gap(sights: list[GateMeasurement], start: float, end: float) -> float:
     """Returns the longest time without a marker that counted (s), NaN without pictures."""
     waits = [
         sight.navigation[0] - sight.seen_at

@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 from scipy.spatial.transform import Rotation
 
-from airrace.diagrams.flight import MakeFlight, start_in_flight
+from airrace.diagrams.reference_flight import MakeFlight, start_in_flight
 from airrace.scenario import Scenario, load_scenario
 from airrace.systems.types import RefereeStatus
 from airrace.trajopt.feasibility import clearance_of
@@ -22,7 +22,7 @@ from airrace.trajopt.reference import as_reference
 from airrace.vehicle import load_vehicle
 from airrace.vehicle.state import as_plant_state, as_state
 from tests.worlds.kinematic_flight import flat_state
-from tests.worlds.reference_laps import ORIGINAL, load_course
+from tests.worlds.published_laps import ORIGINAL, load_course
 
 PERIOD = 0.01  # s, between two samples of a flight
 
@@ -107,7 +107,7 @@ def _built(scenario_text: str, reference) -> tuple[Diagram, Simulator]:
 
 @functools.cache
 def racing_lap(drone: str) -> Circuit:
-    """Returns the 3-D lap of a drone through the true gates of the reference track."""
+    """Returns the 3-D lap of a drone through the true gates of the track student-airrace."""
     vehicle = load_vehicle(drone)[0]
     midpoints, headings, pylons = load_course()
     constraints = FlightConstraints(

@@ -13,7 +13,7 @@ from airrace.trajopt.min_snap.circuit import plan_circuit
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY, load_vehicle
 from airrace.vehicle.state import State, as_state, state_vector
-from tests.worlds.reference_laps import Course
+from tests.worlds.published_laps import Course
 
 
 class Flight:

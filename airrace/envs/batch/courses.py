@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from airrace.common.jit import inlined
-from airrace.envs.reward import NEVER, Course, make_course
+from airrace.envs.reward import NEVER, CourseNumbers, make_course
 from airrace.track import Track, start_pose
 from airrace.track.gate_opening import OPENING_SIZE
 
@@ -84,9 +84,9 @@ def make_courses(
 
 
 @inlined
-def course_of(courses: Courses, track: int, first_gate: int) -> Course:
+def course_of(courses: Courses, track: int, first_gate: int) -> CourseNumbers:
     """Returns one track as judge() takes it, as views, for an episode from a gate on."""
-    return Course(
+    return CourseNumbers(
         courses.gates[track, : courses.counts[track]],
         courses.goals[track] + first_gate,
         courses.take_off_height[track],

@@ -16,8 +16,8 @@ from airrace.envs.action import action_scale
 from airrace.envs.batch.contact import load_shape
 from airrace.envs.batch.courses import make_courses
 from airrace.envs.batch.fleet import START_NUMBERS, hover_speeds, make_bodies, make_fleet, restart
-from airrace.envs.batch.flight import Clock, Results, World, advance, observe_all
 from airrace.envs.batch.lanes import LANES
+from airrace.envs.batch.step import Clock, Results, World, advance, observe_all
 from airrace.envs.options import GENERATED, EnvOptions, make_options, make_scenario
 from airrace.envs.reward import RUNNING, RewardWeights
 from airrace.envs.start import STARTS

@@ -6,7 +6,7 @@ import re
 
 from airrace.common.errors import UserError
 
-_FORM = "local or user@host[:port], such as pilot@10.0.0.2 or pilot@[fe80::2%eth0]:2222"
+_FORM = "local or user@host[:port], such as user@10.0.0.2 or user@[fe80::2%eth0]:2222"
 
 
 @dataclasses.dataclass(frozen=True)

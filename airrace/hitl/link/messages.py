@@ -14,7 +14,7 @@ from airrace.systems.types import (
     ExplorerEvent,
     ExplorerStatus,
     GateCrossing,
-    PilotStatus,
+    PolicyStatus,
     RefereeStatus,
 )
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
@@ -44,7 +44,7 @@ REFEREE_STATUS = field_codec(
     lcmtypes.lcmt_referee_status,
     parts={"crossings": field_codec(GateCrossing, lcmtypes.lcmt_gate_crossing)},
 )
-PILOT_STATUS = field_codec(PilotStatus, lcmtypes.lcmt_pilot_status)
+POLICY_STATUS = field_codec(PolicyStatus, lcmtypes.lcmt_policy_status)
 STATE_ESTIMATE = field_codec(State, lcmtypes.lcmt_state_estimate).of(
     as_state, lambda state: read_only(state_vector(state))
 )

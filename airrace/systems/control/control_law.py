@@ -55,17 +55,17 @@ def make_parameters(vehicle: Vehicle, attitude_error: str, gains: str) -> Contro
     Args:
         vehicle: mass, inertia, rotors and gains.
         attitude_error: "reduced" or "lee", see lee_wrench().
-        gains: "vehicle", or "report" for the vehicle's report_gains as they are.
+        gains: "vehicle", or "original" for the vehicle's original_gains as they are.
 
     Raises:
-        UserError: if the vehicle has no report_gains.
+        UserError: if the vehicle has no original_gains.
     """
     inertia = np.array(vehicle.inertia)
-    if gains == "report":
-        k = vehicle.report_gains
+    if gains == "original":
+        k = vehicle.original_gains
         if k is None:
             raise UserError(
-                f"controller.gains 'report' needs report_gains in the vehicle.yaml of "
+                f"controller.gains 'original' needs original_gains in the vehicle.yaml of "
                 f"{vehicle.name}; add them, or take the gains 'vehicle'."
             )
         k_x, k_v = k.position / vehicle.mass, k.velocity / vehicle.mass

@@ -48,7 +48,7 @@ class GeometricController(LeafSystem):
 
     ``reference``: a trajopt.Reference (18); ``filtered_estimate``: a vehicle.State
     (14); ``disturbance``: an acceleration to lean against (m/s^2,
-    in the world), see StateFilter; ``rotor_speeds`` as reported, and
+    in the world), see StateFilter; ``rotor_speeds`` as measured, and
     ``rotor_speed_command``, held over the period: one speed a rotor (rad/s);
     ``rotor_losses``: see RotorMonitor.
 
@@ -56,7 +56,7 @@ class GeometricController(LeafSystem):
     of the reference; the derivatives of the feedback terms, which would need
     the acceleration of the drone, are left out. Commands of rotor
     speeds overshoot, so that the rotors reach the desired speeds sooner. The
-    system of the Student AirRace report had neither, and other gains; the
+    system of the Student AirRace paper had neither, and other gains; the
     constructor's arguments give its law.
 
     With rotors lost, the wrench is allocated to the rest. If those cannot hold
@@ -86,8 +86,8 @@ class GeometricController(LeafSystem):
             disturbance_rejection: whether to lean against the disturbance.
             attitude_error: "reduced", the tilt before the yaw, or "lee", the
                 paper's law; see lee_wrench().
-            gains: "vehicle", or "report" for the original system's, the vehicle's
-                report_gains. A drone that cannot hold its yaw descends with "vehicle".
+            gains: "vehicle", or "original" for the original system's, the vehicle's
+                original_gains. A drone that cannot hold its yaw descends with "vehicle".
             rotor_overdrive: whether commands overshoot; without, the commanded
                 speeds are the desired ones.
 

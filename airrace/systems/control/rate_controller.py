@@ -34,7 +34,7 @@ class RateController(LeafSystem):
 
     ``rate_command``: [f, w_x, w_y, w_z], total thrust (N) and angular velocity in the axes of the
     body (rad/s), (4,); ``filtered_estimate``: a vehicle.State (14), of which attitude and angular
-    velocity are used; ``rotor_speeds`` as reported, and ``rotor_speed_command``, held over the
+    velocity are used; ``rotor_speeds`` as measured, and ``rotor_speed_command``, held over the
     period: one speed a rotor (rad/s). While an input is not finite, the last command is held.
     """
 

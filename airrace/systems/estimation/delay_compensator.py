@@ -59,7 +59,7 @@ class DelayCompensator(LeafSystem):
     equations of motion of a rigid body, under the commands that have been sent
     and not yet reported upon. So a controller acts on the state that its
     command will meet (O. J. Smith, "Closer control of loops with dead time", 1957).
-    A rotor that does not follow its commands is shown as reported.
+    A rotor that does not follow its commands is shown as measured.
 
     With ``to_present``, the state is carried forward from its own time to that of the Context.
     """

@@ -43,7 +43,7 @@ class GateSlam(LeafSystem):
         - slam_state
 
     ``detections`` is a Detections, ``camera_info`` a CameraInfo, ``imu_history`` and
-    ``imu_silence`` (s) see StrapdownIntegrator, ``rotor_speeds`` as reported (rad/s).
+    ``imu_silence`` (s) see StrapdownIntegrator, ``rotor_speeds`` as measured (rad/s).
     ``corrections`` (17) is the Navigation at the exposure of the newest picture, from which a
     StrapdownIntegrator goes on; ``gate_map`` a GateMap; ``estimate_fault`` says in words why the
     drone cannot go by its estimate any more, and is empty while it can; ``estimate_drift`` is

@@ -59,7 +59,7 @@ class Belief(NamedTuple):
     covariance: np.ndarray
 
 
-class Sight(NamedTuple):
+class GateMeasurement(NamedTuple):
     """Markers of one gate in one picture.
 
     Attributes:
@@ -110,18 +110,18 @@ def error_between(state: Navigation, start: Navigation) -> np.ndarray:
 
 
 @compilable
-def _linearized(state, gate, sight, camera):
+def _linearized(state, gate, measurement, camera):
     """Returns innovation, (8 m,), its matrix H, (8 m, 11), variances, (8 m,), and least depth."""
-    n = sight.corners.size
+    n = measurement.corners.size
     residual, H, variances = np.empty(n), np.empty((n, ACTIVE)), np.empty(n)
     nearest = np.inf
-    for m in range(len(sight.ids)):
-        pixels, by_pose, by_gate, depth = predicted_corners(state, gate, sight.ids[m], camera)
+    for m in range(len(measurement.ids)):
+        pixels, by_pose, by_gate, depth = predicted_corners(state, gate, measurement.ids[m], camera)
         nearest = min(nearest, depth)
         sigma = CORNER_SIGMA * max(1.0, depth / SHARP_RANGE)
         rows = slice(8 * m, 8 * m + 8)
-        residual[rows] = sight.corners[m] - pixels
-        variances[rows] = sigma * sigma + sight.noise[m]
+        residual[rows] = measurement.corners[m] - pixels
+        variances[rows] = sigma * sigma + measurement.noise[m]
         H[rows, :POSE], H[rows, POSE:] = by_pose, by_gate
     return residual, H, variances, nearest
 
@@ -134,7 +134,7 @@ def _columns(gate):
 
 @compiled
 def updated(
-    belief: Belief, sight: Sight, camera: Camera, inflation: float, iterations: int
+    belief: Belief, measurement: GateMeasurement, camera: Camera, inflation: float, iterations: int
 ) -> tuple[Belief, Innovation]:
     """Returns the belief after an update, and how well the markers fitted.
 
@@ -149,17 +149,19 @@ def updated(
 
     Args:
         belief: before.
-        sight: the markers.
+        measurement: the markers.
         camera: of the picture.
         inflation: of the corners' variances, at least 1.
         iterations: at least 1.
     """
     state, gates = as_navigation(belief.navigation.copy()), belief.gates.copy()
-    P, columns = belief.covariance.copy(), _columns(sight.gate)
+    P, columns = belief.covariance.copy(), _columns(measurement.gate)
     e = np.zeros((len(P), 1))
     PHt, L, squared, cost = np.zeros((len(P), 0)), np.zeros((0, 0)), 0.0, np.inf
     for iteration in range(iterations):
-        innovation, H, variances, nearest = _linearized(state, gates[sight.gate], sight, camera)
+        innovation, H, variances, nearest = _linearized(
+            state, gates[measurement.gate], measurement, camera
+        )
         if not nearest > 0.0:
             return _unchanged(belief), Innovation(np.inf, np.inf)
         PHt = product(P[:, columns], H.T)

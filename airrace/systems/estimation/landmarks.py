@@ -13,8 +13,8 @@ from airrace.math.vec3 import rotate
 from airrace.systems.estimation.gate_projection import GATE, Camera
 from airrace.systems.estimation.kalman_update import (
     Belief,
+    GateMeasurement,
     Innovation,
-    Sight,
     body_axes,
     relative_covariance,
     updated,
@@ -70,34 +70,34 @@ class Candidate(NamedTuple):
     """A gate that is not yet in the filter.
 
     Attributes:
-        sights: so far, that agree.
+        measurements: so far, that agree.
         time: of the newest (s).
         state: of the gate by that, (5,).
     """
 
-    sights: int
+    measurements: int
     time: float
     state: np.ndarray
 
 
 def agreeing(candidate: Candidate | None, time: float, state: np.ndarray) -> Candidate:
-    """Returns the candidate after a sight at a time (s) that puts the gate in a state, (5,)."""
+    """Returns the candidate after a measurement at a time (s) of a gate in a state, (5,)."""
     if candidate is not None and time - candidate.time < _SOON:
         gate, before = as_gate(state), as_gate(candidate.state)
         shift, turn = np.linalg.norm(gate.p_WG - before.p_WG), gate.heading - before.heading
         if shift < _NEAR and abs(wrap_angle(turn)) < _TURN:
-            return Candidate(candidate.sights + 1, time, state)
+            return Candidate(candidate.measurements + 1, time, state)
     return Candidate(1, time, state)
 
 
 def is_confirmed(candidate: Candidate) -> bool:
-    """Whether enough sights of a new gate agree."""
-    return candidate.sights >= _CONFIRMATIONS
+    """Whether enough measurements of a new gate agree."""
+    return candidate.measurements >= _CONFIRMATIONS
 
 
-def make_sight(gate: int, markers: list) -> Sight:
-    """Returns the Sight of Detections of one gate, which is that of an index in the belief."""
-    return Sight(
+def make_measurement(gate: int, markers: list) -> GateMeasurement:
+    """Returns the measurement of Detections of one gate, which has that index in the belief."""
+    return GateMeasurement(
         gate,
         np.array([marker.id for marker in markers]),
         np.array([marker.corners.ravel() for marker in markers], float),
@@ -149,24 +149,24 @@ def _as_before(fitted: Belief, belief: Belief) -> np.ndarray:
 
 
 def _fitted(
-    belief: Belief, seed: np.ndarray, sight: Sight, camera: Camera
+    belief: Belief, seed: np.ndarray, measurement: GateMeasurement, camera: Camera
 ) -> tuple[Belief, Innovation]:
-    """Returns the belief with a gate that was fitted to a sight, and how well it fits.
+    """Returns the belief with a gate that was fitted to a measurement, and how well it fits.
 
     From the wrong one of two mirrored poses the attitude goes many degrees astray and comes back.
     The heading of the world, which no corner shows, does not come back with it, as each
     iteration carries it on. So the fit is done again from the drone as it was, and a last time
     for the one in hundreds that goes astray twice.
     """
-    result, fit = updated(_with_gate(belief, seed), sight, camera, 1.0, _ITERATIONS)
+    result, fit = updated(_with_gate(belief, seed), measurement, camera, 1.0, _ITERATIONS)
     for _ in range(_FITS - 1):
         again = _with_gate(belief, _as_before(result, belief))
-        result, fit = updated(again, sight, camera, 1.0, _ITERATIONS)
+        result, fit = updated(again, measurement, camera, 1.0, _ITERATIONS)
     return result, fit
 
 
 def new_gate(belief: Belief, markers: list, camera: Camera) -> Belief | None:
-    """Returns the belief with a gate that is not yet in it, None if its sight is ambiguous.
+    """Returns the belief with a gate that is not yet in it, None if the measurement is ambiguous.
 
     It is the Gauss-Newton fit of gate, attitude and all else to the corners, from each of the
     two headings that a planar marker may have.
@@ -176,8 +176,10 @@ def new_gate(belief: Belief, markers: list, camera: Camera) -> Belief | None:
         markers: Detections of the gate's markers in one picture.
         camera: see Camera.
     """
-    sight = make_sight(len(belief.gates), markers)
-    fits = [_fitted(belief, seed, sight, camera) for seed in _seeds(belief, markers[0], camera)]
+    measurement = make_measurement(len(belief.gates), markers)
+    fits = [
+        _fitted(belief, seed, measurement, camera) for seed in _seeds(belief, markers[0], camera)
+    ]
     (best, fit), (other, other_fit) = sorted(fits, key=lambda each: each[1].cost)
     turn = wrap_angle(as_gate(other.gates[-1]).heading - as_gate(best.gates[-1]).heading)
     is_clear = abs(turn) <= _SAME_HEADING or other_fit.cost - fit.cost > _LEAST_ADVANTAGE

@@ -179,7 +179,7 @@ class SlamFilter:
         )
 
     def _with_new_gate(self, state, number, markers, camera):
-        """Returns the state after a sight of an unknown gate, and reasons of refused markers."""
+        """Returns the state after a measurement of a new gate, and reasons of refused markers."""
         belief = landmarks.new_gate(state.belief, markers, camera)
         if belief is None:
             return state, len(markers) * [UNCONFIRMED]
@@ -194,22 +194,22 @@ class SlamFilter:
         return dc.replace(state, belief=belief, landmarks=known), []
 
     def _with_markers(self, state, index, markers, camera):
-        """Returns the state after a sight of a gate that is in it, and reasons of refusals."""
+        """Returns the state after a measurement of a gate in it, and reasons of refusals."""
         belief, landmark = state.belief, state.landmarks[index]
         counts, outliers = Counter(landmark.counts), Counter(landmark.outliers)
         innovations, accepted = [], 0
         for marker in markers:
-            sight = landmarks.make_sight(index, [marker])
+            measurement = landmarks.make_measurement(index, [marker])
             coarse = attitude_sigma(belief) > _COARSE_ATTITUDE or landmark.refused_in_a_row
             iterations = _ITERATIONS if coarse else 1
-            after, fit = updated(belief, sight, camera, 1.0, iterations)
+            after, fit = updated(belief, measurement, camera, 1.0, iterations)
             innovations.append((marker.id, fit.squared))
             if not fit.squared <= REFUSED:
                 outliers[marker.id] += 1
                 continue
             if fit.squared > _DOUBTFUL:
                 inflation = fit.squared / _DOUBTFUL
-                after, _ = updated(belief, sight, camera, inflation, iterations)
+                after, _ = updated(belief, measurement, camera, inflation, iterations)
             belief = after
             counts[marker.id] += 1
             accepted += 1

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from airrace.scenario import Scenario
 
-# What the filter is tuned for; the first two are the reference system's noise.
+# What the filter is tuned for; the first two are the original system's noise.
 _POSITION_SIGMA = 0.005  # m
 _VELOCITY_SIGMA = 0.3  # m/s, 3 % of 10 m/s
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the rotors' thrust
@@ -71,7 +71,7 @@ class StateFilter(LeafSystem):
         - disturbance
 
     ``state_estimate`` and ``filtered_estimate`` are of vehicle.State (14);
-    ``rotor_speeds`` as reported (rad/s); ``disturbance`` (3) is the acceleration
+    ``rotor_speeds`` as measured (rad/s); ``disturbance`` (3) is the acceleration
     that rotors and gravity do not explain, by wind, drag, or a wrong mass (m/s^2,
     in the world).
 
@@ -145,7 +145,7 @@ class UnfilteredState(LeafSystem):
         - disturbance
 
     ``filtered_estimate`` is the newest ``state_estimate``, as noisy and as old as it is;
-    ``disturbance`` is zero. So the system of the Student AirRace report had it.
+    ``disturbance`` is zero. So the system of the Student AirRace paper had it.
     """
 
     def __init__(self) -> None:

@@ -68,7 +68,7 @@ class StrapdownIntegrator(LeafSystem):
         - imu_silence
 
     ``imu`` (70) see ImuSamples; ``corrections`` (17) is a Navigation of a moment ago;
-    ``rotor_speeds`` as reported (rad/s). ``state_estimate`` (14) is of the newest sample's time,
+    ``rotor_speeds`` as measured (rad/s). ``state_estimate`` (14) is of the newest sample's time,
     its angular velocity the mean of ten; ``filtered_estimate`` (14) is of the present, with all
     that the sensor has shown. ``disturbance`` (3) is the acceleration that rotors and gravity do
     not explain (m/s^2, in the world), smoothed: the accelerometer less the rotors' thrust. So

@@ -11,7 +11,7 @@ from airrace.track.gate_map import GateEstimate, GateMap
 from airrace.vehicle.state import as_state
 
 _LEAST_OBSERVATIONS = 3  # of a marker that is used: fewer may be misread IDs
-# The layout rule, section II of the report: the next left pylon is straight ahead of the
+# The layout rule, section II of the paper: the next left pylon is straight ahead of the
 # left pylon, the next heading turned by 45 degrees to either side. With tolerances for
 # errors of the map, and for tracks that nearly obey it:
 _TURN, _TURN_TOLERANCE = np.deg2rad(45.0), np.deg2rad(15.0)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Explorer(LeafSystem):
-    """Section IV of the Student AirRace report and its flow chart (fig. 8).
+    """Section IV of the Student AirRace paper and its flow chart (fig. 8).
 
     .. pydrake_system::
 

@@ -149,7 +149,7 @@ def next_steps(now: Situation, config: "ExplorerConfig") -> Iterator[Step]:
     """Yields steps of the search, the best first; not all may be free to take.
 
     If a board of the gate was observed, steps around it come first. Then come the steps
-    of the report, and then those that find a gate that the report would not.
+    of the paper, and then those that find a gate that the original would not.
 
     Args:
         now: what is known.

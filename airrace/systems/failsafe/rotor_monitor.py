@@ -66,17 +66,17 @@ class RotorMonitor(LeafSystem):
 
 
 @compiled
-def _compare(slow_since, losses, report, least, now):
+def _compare(slow_since, losses, rotor_status, least, now):
     """Notes which rotors do not follow, and which are lost since now.
 
     Args:
         slow_since: see RotorMonitor (s), (n,); changed.
         losses: of the rotors (s), (n,); changed.
-        report: vector of a RotorStatus, (1 + 2n,).
+        rotor_status: vector of a RotorStatus, (1 + 2n,).
         least: expected speeds up to which there is nothing to tell by (rad/s), (n,).
         now: (s).
     """
-    status = as_rotor_status(report)
+    status = as_rotor_status(rotor_status)
     for i in range(len(losses)):
         expected = status.expected[i]
         # Written such that a speed that is not a number is too low.

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform
 from airrace.common.immutable import Immutable
 from airrace.scenario import PerceptionConfig
 from airrace.systems.mapping.observation import UNKNOWN_TIME, make_observation, refusal
-from airrace.systems.mapping.report_estimator import ReportEstimator
+from airrace.systems.mapping.original_estimator import OriginalEstimator
 from airrace.systems.mapping.robust_estimator import RobustEstimator
 from airrace.systems.perception.detection_checks import FOREIGN_ID
 from airrace.systems.types import Detections
@@ -49,10 +49,10 @@ class ImageMapper:
         self._max_id = 4 * config.max_gates - 1
         self._estimator: Any = {
             "robust": lambda: RobustEstimator(min_observations=config.min_observations),
-            "report": lambda: ReportEstimator(
+            "original": lambda: OriginalEstimator(
                 outlier_sigma=config.outlier_sigma, min_observations=config.min_observations
             ),
-        }[config.estimator]()
+        }[config.map_estimator]()
 
     def updated(
         self,

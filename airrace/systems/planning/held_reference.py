@@ -16,14 +16,14 @@ class HeldReference(LeafSystem):
         name: HeldReference
         input_ports:
         - exploration_reference
-        - handed_time
+        - values_time
         output_ports:
         - exploration_reference
 
     The navigator, in a process of its own, says now and then where the drone should be, and how
     that changes: see trajopt/reference.py. The pilot asks at every tick. In between, the Taylor
     series up to the snap tells it: all that differs from the trajectory itself is where one
-    segment of that ends, and the next one starts. ``handed_time`` is that of the reference (s).
+    segment of that ends, and the next one starts. ``values_time`` is that of the reference (s).
     After 0.3 s the reference stays where it is.
     """
 
@@ -31,7 +31,7 @@ class HeldReference(LeafSystem):
         """Constructs the system."""
         LeafSystem.__init__(self)
         self._told = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
-        self._time = self.DeclareVectorInputPort("handed_time", 1)
+        self._time = self.DeclareVectorInputPort("values_time", 1)
         self.DeclareVectorOutputPort(
             "exploration_reference",
             REFERENCE_SIZE,

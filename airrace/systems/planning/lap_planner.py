@@ -69,7 +69,7 @@ class LapPlanner(LeafSystem):
         - gate_map
         - explorer_status
         - exploration_reference
-        - pilot_status (may be left open: nobody else flies)
+        - policy_status (may be left open: nobody else flies)
         output_ports:
         - lap_plan
 
@@ -78,7 +78,7 @@ class LapPlanner(LeafSystem):
     LapPlan, NO_PLAN until the race begins.
 
     **When is a lap planned?** The first, when the exploration is done, through the gates that
-    the explorer found, in its order (Section V of the Student AirRace report). The next ones
+    the explorer found, in its order (Section V of the Student AirRace paper). The next ones
     once a lap each, so late that the map is fresh, and so early that the plan is in force
     when the last gate has been passed. None is planned for after the end of the race.
 
@@ -92,8 +92,8 @@ class LapPlanner(LeafSystem):
     scenario's ``update: always``, nothing is refused: each lap that a plan is found for has
     one of its own.
 
-    **And with a LearnedPilot?** Then the first lap is planned, if at all, when that has handed
-    back, as ``pilot_status`` says, a PilotStatus, and from where the drone hovers then.
+    **And with a PolicyController?** Then the first lap is planned, if at all, when that has handed
+    back, as ``policy_status`` says, a PolicyStatus, and from where the drone hovers then.
 
     **With which margin?** See pylon_margins(): until a lap has shown how far gates move, they
     count as moving by the scenario's ``first_lap_move``.
@@ -133,7 +133,7 @@ class LapPlanner(LeafSystem):
         self._laps = laps
         self._first_lap_move = config.first_lap_move
         self._style = LapStyle(
-            rests=config.lap == "rest_to_rest", soft=config.time_allocation == "report"
+            rests=config.lap == "rest_to_rest", soft=config.time_allocation == "original"
         )
         self._always = config.update == "always"
         self._solve = solve
@@ -141,7 +141,7 @@ class LapPlanner(LeafSystem):
         self._map = self.DeclareAbstractInputPort("gate_map", Value[object]())
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self._reference = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
-        self._pilot = self.DeclareAbstractInputPort("pilot_status", Value[object]())
+        self._policy = self.DeclareAbstractInputPort("policy_status", Value[object]())
         self._memory = self.DeclareAbstractState(Value[object](_Memory(latency=config.latency)))
         self._period = 1.0 / config.rate
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._update)
@@ -258,8 +258,8 @@ class LapPlanner(LeafSystem):
         if memory.plan is NO_PLAN:
             if not self._explorer.Eval(context).done:
                 return False
-            pilot = self._pilot
-            if pilot.HasValue(context) and not pilot.Eval(context).planner_may_plan:
+            policy = self._policy
+            if policy.HasValue(context) and not policy.Eval(context).planner_may_plan:
                 return False
             # The same map would give no plan again.
             waited = now >= memory.tried_at + _RETRY_PERIOD - 1e-9

@@ -93,11 +93,11 @@ def _update(speeds, thrusts, status, command, failed, rotors, now, period):
         rotors: their RotorDynamics, as a tuple.
         now, period: (s).
     """
-    rotors, report = RotorDynamics(*rotors), as_rotor_status(status)
+    rotors, measured = RotorDynamics(*rotors), as_rotor_status(status)
     status[0] = now + period
     for i in range(len(speeds)):
         limit, share = rotors.max_speeds[i], rotors.step_share
         obeyed = command[i] if now < failed[i] else 0.0
-        speeds[i] = report.speeds[i] = next_speed(speeds[i], obeyed, limit, share)
-        report.expected[i] = next_speed(report.expected[i], command[i], limit, share)
+        speeds[i] = measured.speeds[i] = next_speed(speeds[i], obeyed, limit, share)
+        measured.expected[i] = next_speed(measured.expected[i], command[i], limit, share)
         thrusts[i] = rotors.thrust_coefficients[i] * speeds[i] * speeds[i]

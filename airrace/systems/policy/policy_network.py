@@ -1,4 +1,4 @@
-"""The network of a pilot that was learned, and its file."""
+"""The network of a policy, and its file."""
 
 import zipfile
 from pathlib import Path
@@ -94,13 +94,13 @@ def load_policy(path: Path, vehicle: Vehicle) -> PolicyNetwork:
         _check(network, vehicle)
     except OSError as e:
         raise UserError(
-            f"The pilot {path} cannot be read ({e.strerror or e}); train one with "
-            "examples/train_pilot.py, or race with --pilot planned."
+            f"The policy {path} cannot be read ({e.strerror or e}); train one with "
+            "examples/train_policy.py, or race with --policy none."
         ) from None
     except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as e:
         raise UserError(
-            f"The pilot {path} cannot fly: {str(e).strip(chr(39))}; train one with "
-            "examples/train_pilot.py, or race with --pilot planned."
+            f"The policy {path} cannot fly: {str(e).strip(chr(39))}; train one with "
+            "examples/train_policy.py, or race with --policy none."
         ) from None
     return network
 

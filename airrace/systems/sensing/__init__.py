@@ -1,5 +1,5 @@
 """What the drone measures: pictures, its motion and its own state.
 
 Camera draws with rendering/; Imu shows angular velocity and specific force as a real one would;
-StateEstimate adds the noise of the reference system.
+StateEstimate adds the noise of the original system.
 """

@@ -13,7 +13,7 @@ _MOMENT = 1e-9  # s, that only rounding makes
 
 
 class StateEstimate(LeafSystem):
-    """Samples the true state and adds the reference system's noise.
+    """Samples the true state and adds the original system's noise.
 
     .. pydrake_system::
 

@@ -114,7 +114,7 @@ def plan_circuit(
 ) -> Circuit:
     """Returns the lap through the gates that is shortest within the limits.
 
-    Section V of the Student AirRace report, as a closed loop: nobody stops at
+    Section V of the Student AirRace paper, as a closed loop: nobody stops at
     gate 1, unless the style says so. In three dimensions only x, y, z are planned and yaw stays
     at the heading of gate 1; in four, yaw follows the gates' headings; in six, roll
     and pitch are zero at each gate as well. By differential flatness (Mellinger

@@ -163,7 +163,7 @@ def test_a_whole_race_in_lockstep(board, hexagon, tmp_path):
 
 @pytest.fixture(scope="module")
 def reference_lap(tmp_path_factory):
-    """race.json of a lap of the reference track in one process."""
+    """race.json of a lap of the track student-airrace in one process."""
     return race(tmp_path_factory.mktemp("sitl") / "race")[1]
 
 

@@ -14,7 +14,7 @@ from airrace.systems.types import (
     ExplorerEvent,
     ExplorerStatus,
     GateCrossing,
-    PilotStatus,
+    PolicyStatus,
     RefereeStatus,
 )
 from airrace.track.gate_map import GateEstimate, GateMap, MarkerEstimate
@@ -26,9 +26,9 @@ STAMP = Stamp(session=7, sequence=3, time=1 / 3)
 _noise = np.random.Generator(np.random.PCG64(1))
 
 
-def scenario(pilot="planned"):
+def scenario(policy="none"):
     """A small camera, so that pictures are quick."""
-    result = Scenario(pilot=pilot)
+    result = Scenario(policy=policy)
     result.camera.width, result.camera.height = 96, 64
     return result
 
@@ -97,14 +97,14 @@ def values():
         "rotor_speed_command": _noise.uniform(0, 90, 4),
         "rotor_losses": np.array([np.inf, 2.5, np.inf, np.inf]),
         "explorer_status": ExplorerStatus("DONE", "über", 1 / 3, (2, 0, 1), 1 / 7, True, events),
-        "pilot_status": PilotStatus(False, 1 / 3, "it missed a gate", True, 7),
+        "policy_status": PolicyStatus(False, 1 / 3, "it missed a gate", True, 7),
         "gate_map": GateMap(1 / 3, markers, gates, 20, 1, {"stray": 3, "far": 2}),
         "lap_plan": lap_plan(),
         "truth.referee_status": RefereeStatus(crossings, False, "hit the ground", 2.5, 1),
     }
 
 
-ROWS = make_channels(scenario(pilot="learned"), ("camera_view", "state_estimate", "imu"))
+ROWS = make_channels(scenario(policy="learned"), ("camera_view", "state_estimate", "imu"))
 
 
 def message_of(row, given=None):

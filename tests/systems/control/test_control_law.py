@@ -16,7 +16,7 @@ from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.state import State
 
 VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}
-ORIGINAL = {name: make_parameters(each, "lee", "report") for name, each in VEHICLES.items()}
+ORIGINAL = {name: make_parameters(each, "lee", "original") for name, each in VEHICLES.items()}
 both_drones = pytest.mark.parametrize("drone", VEHICLES)
 REST = np.zeros(3)
 E3 = np.array([0.0, 0.0, 1.0])
@@ -40,8 +40,8 @@ def vee(S):
 
 
 def papers_wrench(vehicle: Vehicle, reference: Reference, state: State) -> np.ndarray:
-    """Returns equations (15) and (16) with report_gains, w_d and its derivative zero, (4,)."""
-    k, J = vehicle.report_gains, np.diag(vehicle.inertia)
+    """Returns equations (15) and (16) with original_gains, w_d and its derivative zero, (4,)."""
+    k, J = vehicle.original_gains, np.diag(vehicle.inertia)
     force = (
         k.position * (reference.position - state.position)
         + k.velocity * (reference.velocity - state.velocity)
@@ -76,7 +76,7 @@ def test_with_the_originals_settings_it_is_the_papers(drone, p, v, a, yaw, q, w)
 def test_the_feed_forward_is_the_papers(drone, a, j, yaw, s, rates, q, w):
     """Equation (16) whole; w_d and its derivative are here found by differences of R_d."""
     vehicle = VEHICLES[drone]
-    k, J = vehicle.report_gains, np.diag(vehicle.inertia)
+    k, J = vehicle.original_gains, np.diag(vehicle.inertia)
 
     def attitude(t):
         """R_d some time later (s), if no error moves it."""
@@ -108,15 +108,15 @@ def test_the_feed_forward_is_the_papers(drone, a, j, yaw, s, rates, q, w):
 
 
 def test_the_originals_gains():
-    found = {name: dc.astuple(vehicle.report_gains) for name, vehicle in VEHICLES.items()}
+    found = {name: dc.astuple(vehicle.original_gains) for name, vehicle in VEHICLES.items()}
     assert found == {"Default": (1.6, 1.6, 3.0, 0.5), "StarOne": (2.0, 1.8, 2.8, 0.5)}
 
 
 def test_a_vehicle_without_the_originals_gains():
-    mine = dc.replace(VEHICLES["Default"], name="Mine", report_gains=None)
+    mine = dc.replace(VEHICLES["Default"], name="Mine", original_gains=None)
     make_parameters(mine, "lee", "vehicle")
-    with pytest.raises(UserError, match="needs report_gains in the vehicle.yaml of Mine; add"):
-        make_parameters(mine, "lee", "report")
+    with pytest.raises(UserError, match="needs original_gains in the vehicle.yaml of Mine; add"):
+        make_parameters(mine, "lee", "original")
 
 
 def hover_eigenvalues(vehicle: Vehicle, attitude_error: str, gains: str, lag: float) -> np.ndarray:
@@ -153,12 +153,12 @@ def test_a_hover_is_stable_with_the_originals_gains(drone, attitude_error):
     """On the shipped drones, whose inertia is that of their size; also with their rotors' lag."""
     vehicle = VEHICLES[drone]
     for lag in (0.0, vehicle.rotor_lag):
-        assert hover_eigenvalues(vehicle, attitude_error, "report", lag).real.max() < -0.1
+        assert hover_eigenvalues(vehicle, attitude_error, "original", lag).real.max() < -0.1
 
 
 def routh(vehicle: Vehicle, J: float) -> float:
-    """Returns what is positive for a stable hover by report_gains, see ReportGains."""
-    k, m = vehicle.report_gains, vehicle.mass
+    """Returns what is positive for a stable hover by original_gains, see OriginalGains."""
+    k, m = vehicle.original_gains, vehicle.mass
     return (
         k.attitude * k.velocity * (k.angular_velocity - J * k.velocity / m)
         - k.angular_velocity**2 * k.position
@@ -170,8 +170,8 @@ def routh(vehicle: Vehicle, J: float) -> float:
 @given(st.floats(0.005, 1.5))
 def test_rouths_criterion_tells_which_inertia_is_too_large(drone, J):
     vehicle = dc.replace(VEHICLES[drone], inertia=[J, J, J])
-    eigenvalues = hover_eigenvalues(vehicle, "lee", "report", 0.0)
-    k, m = vehicle.report_gains, vehicle.mass
+    eigenvalues = hover_eigenvalues(vehicle, "lee", "original", 0.0)
+    k, m = vehicle.original_gains, vehicle.mass
     polynomial = [J, k.angular_velocity, k.attitude, k.attitude * k.velocity / m]
     polynomial.append(k.attitude * k.position / m)
     for root in np.roots(polynomial):
@@ -186,7 +186,7 @@ def test_the_originals_inertia_would_not_be_stable():
     default = VEHICLES["Default"]
     heavy = dc.replace(default, inertia=[1.0, 1.0, 1.0])
     assert routh(default, 0.26) > 0.0 > routh(default, 0.261) > routh(default, 1.0)
-    assert hover_eigenvalues(heavy, "lee", "report", 0.0).real.max() > 0.1
+    assert hover_eigenvalues(heavy, "lee", "original", 0.0).real.max() > 0.1
 
 
 @given(st.tuples(numbers, numbers, numbers).map(lambda f: 50 * np.array(f)), st.floats(5.0, 30.0))

@@ -361,7 +361,7 @@ ORIGINAL = dict(  # the controller of the original system
     feed_forward=False,
     disturbance_rejection=False,
     attitude_error="lee",
-    gains="report",
+    gains="original",
     rotor_overdrive=False,
 )
 
@@ -383,7 +383,7 @@ def test_the_originals_rotors_are_to_give_the_papers_wrench(drone, p, v, w, a, y
     )
     thrusts = vehicle.thrust_coefficients * bench.update() ** 2
     calm = reference._replace(jerk=REST, snap=REST, yaw_rate=0.0, yaw_acceleration=0.0)
-    wrench = lee_wrench(calm, as_state(where), make_parameters(vehicle, "lee", "report"))
+    wrench = lee_wrench(calm, as_state(where), make_parameters(vehicle, "lee", "original"))
     np.testing.assert_allclose(vehicle.allocation @ thrusts, wrench, atol=1e-9)
 
 

@@ -7,7 +7,7 @@ from airrace.scenario import Scenario
 from airrace.systems.estimation.navigation import as_navigation
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate, GateMap
-from tests.worlds.estimation_log import EstimationLog, Sight, figures
+from tests.worlds.estimation_log import EstimationLog, GateMeasurement, figures
 
 
 class TestFiguresOfAnEstimator:
@@ -31,7 +31,7 @@ class TestFiguresOfAnEstimator:
             believed.quaternion[0], believed.velocity[0] = 1.0, 2.0
             believed.position[:] = [2.0 * time, self.SIGMA, min(time, 2.0)]
             P[4, 4] = self.SIGMA**2
-            log.sights.append(Sight(vector, P, min(time, 6.0)))
+            log.sights.append(GateMeasurement(vector, P, min(time, 6.0)))
         return log
 
     def figures(self, **kwargs):

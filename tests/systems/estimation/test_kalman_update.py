@@ -37,7 +37,7 @@ def look(rng, gate, *ids):
     scales = np.array([max(1.0, depth / ku.SHARP_RANGE) for *_, depth in looks])
     noise = ku.CORNER_SIGMA * scales[:, None] * rng.standard_normal((len(ids), 8))
     pixels = np.array([pixels for pixels, *_ in looks])
-    return ku.Sight(gate, np.array(ids), pixels + noise, np.zeros(len(ids)))
+    return ku.GateMeasurement(gate, np.array(ids), pixels + noise, np.zeros(len(ids)))
 
 
 def errors(belief):

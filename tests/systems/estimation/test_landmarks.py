@@ -104,12 +104,12 @@ def test_a_gate_tells_nothing_of_the_heading(ids, near, far, seeds):
         assert abs(twist(after) - twist(before)) < np.deg2rad(0.1)
 
 
-def test_several_sights_have_to_agree():
+def test_several_measurements_have_to_agree():
     gate = np.array([10.0, 0.0, 6.25, 0.0, 10.0])
     candidate = None
     for k in range(3):
         assert candidate is None or not lm.is_confirmed(candidate)
         candidate = lm.agreeing(candidate, 0.1 * k, gate + 0.1 * k)
     assert lm.is_confirmed(candidate)
-    assert lm.agreeing(candidate, 0.3, gate + [5, 0, 0, 0, 0]).sights == 1
-    assert lm.agreeing(candidate, 9.0, gate).sights == 1
+    assert lm.agreeing(candidate, 0.3, gate + [5, 0, 0, 0, 0]).measurements == 1
+    assert lm.agreeing(candidate, 9.0, gate).measurements == 1

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from airrace.scenario import ExplorerConfig
 from airrace.systems.exploring import exploration
 from airrace.systems.exploring.explorer_memory import Memory, Situation
-from airrace.systems.mapping.report_estimator import EMPTY, ReportEstimator
+from airrace.systems.mapping.original_estimator import EMPTY, OriginalEstimator
 from airrace.systems.types import Detection, Detections, ExplorerStatus
 from airrace.track import load_track
 from airrace.track.gate_map import GateEstimate
@@ -29,7 +29,7 @@ def mapped(counts, track=TRACK):
         for _ in range(n):
             p_WM, normal = X_WM.translation(), X_WM.rotation().col(2)
             statistics[id] = statistics[id].updated(p_WM, normal, 3.0)
-    estimator = ReportEstimator(outlier_sigma=3.0, min_observations=5)
+    estimator = OriginalEstimator(outlier_sigma=3.0, min_observations=5)
     return estimator.make_map(statistics, time=0.0, detections=0, out_of_range=0)
 
 

@@ -26,7 +26,7 @@ def front(*numbers):
 
 
 def memory_at(pose, found, state):
-    """The memory of a drone at rest that has found so many gates of the reference track."""
+    """The memory of a drone at rest that has found so many gates of the track student-airrace."""
     gates = mapped(front(*range(found))).gates
     memory = Memory(home=HOME, aligned=True, last=gates[-1])
     memory = memory.flying(FlatTrajectory.resting(np.asarray(pose, float)), 0.0)

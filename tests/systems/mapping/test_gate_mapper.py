@@ -6,7 +6,7 @@ from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
-from airrace.scenario import ESTIMATORS, PerceptionConfig
+from airrace.scenario import MAP_ESTIMATORS, PerceptionConfig
 from airrace.systems.mapping.gate_mapper import GateMapper, extrapolate
 from airrace.systems.types import Detection, Detections
 from airrace.track import load_track
@@ -61,8 +61,8 @@ def run(images, seconds, pose=lambda t: estimate(t, [0, 0, 5]), seen=lambda t: N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_projects_through_the_pose_at_the_images_own_time(estimator):
+@pytest.mark.parametrize("map_estimator", MAP_ESTIMATORS)
+def test_projects_through_the_pose_at_the_images_own_time(map_estimator):
     """At 10 m/s and 2 rad/s, a pose 10 ms off would be 10 cm and more off."""
 
     def pose(t):
@@ -72,22 +72,22 @@ def test_projects_through_the_pose_at_the_images_own_time(estimator):
     # Estimates come every 5 ms, these images in between.
     times = [k / 30 for k in range(1, 30)]
     images = {t: lambda X_WB: [sight(X_WB, board, 0)] for t in times}
-    gate_map = run(images, 1.1, pose, estimator=estimator)
+    gate_map = run(images, 1.1, pose, map_estimator=map_estimator)
     (marker,) = gate_map.markers
     assert marker.count == 29
     np.testing.assert_allclose(marker.p_WM, board.X_WM.translation(), atol=0.005)
     np.testing.assert_allclose(marker.normal, board.X_WM.rotation().col(2), atol=0.005)
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_counters_and_ranges(estimator):
+@pytest.mark.parametrize("map_estimator", MAP_ESTIMATORS)
+def test_counters_and_ranges(map_estimator):
     boards = TRACK.boards()
     stray = [Detection(id, np.zeros((4, 2)), RigidTransform([0, 0, 5.0]), 0.0) for id in (80, 1023)]
     images = {
         time: lambda X_WB: [sight(X_WB, boards[0], 0), sight(X_WB, boards[4], 0), *stray]
         for time in (0.1, 0.2)
     }
-    gate_map = run(images, 0.3, max_range=30.0, estimator=estimator)
+    gate_map = run(images, 0.3, max_range=30.0, map_estimator=map_estimator)
     assert [m.id for m in gate_map.markers] == [0]  # board 4 is far away
     assert gate_map.detections == 8
     assert gate_map.out_of_range == 4
@@ -102,8 +102,8 @@ def test_an_image_counts_once():
     assert marker.count == 2
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_gates_appear_with_enough_observations(estimator):
+@pytest.mark.parametrize("map_estimator", MAP_ESTIMATORS)
+def test_gates_appear_with_enough_observations(map_estimator):
     boards = TRACK.boards()
     images = {
         k / 30: lambda X_WB: [sight(X_WB, boards[4], 0), sight(X_WB, boards[6], 0)]
@@ -113,9 +113,9 @@ def test_gates_appear_with_enough_observations(estimator):
     def pose(t):
         return estimate(t, [25, -3, 5])
 
-    assert run(images, 0.5, pose, estimator=estimator).gates == ()
+    assert run(images, 0.5, pose, map_estimator=map_estimator).gates == ()
     images[5 / 30] = images[1 / 30]
-    (gate,) = run(images, 0.5, pose, estimator=estimator).gates
+    (gate,) = run(images, 0.5, pose, map_estimator=map_estimator).gates
     truth = TRACK.gates[1]
     assert gate.number == 1
     np.testing.assert_allclose(gate.p_WG, truth.p_WG, atol=1e-6)
@@ -163,27 +163,27 @@ def jumping(t):
     return estimate(t, [0, 0, 5 + 2.0 * (abs(t - 0.1) < 1e-3)])
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_a_drone_that_jumps_maps_nothing_from_mid_air(estimator):
-    gate_map = run(looks([0.05, 0.1, 0.15]), 0.3, seen=jumping, estimator=estimator)
+@pytest.mark.parametrize("map_estimator", MAP_ESTIMATORS)
+def test_a_drone_that_jumps_maps_nothing_from_mid_air(map_estimator):
+    gate_map = run(looks([0.05, 0.1, 0.15]), 0.3, seen=jumping, map_estimator=map_estimator)
     assert gate_map.refused == {"pose jumps": 1}
     assert gate_map.markers[0].count == 2
 
 
 def test_it_does_without_the_jump_filter():
     gate_map = run(
-        looks([0.05, 0.1, 0.15]), 0.3, seen=jumping, estimator="report", jump_filter=False
+        looks([0.05, 0.1, 0.15]), 0.3, seen=jumping, map_estimator="original", jump_filter=False
     )
     (marker,) = gate_map.markers
     assert gate_map.refused == {} and marker.count == 3
     assert marker.p_WM[2] == pytest.approx(BOARD.X_WM.translation()[2] + 2.0 / 3, abs=1e-6)
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_a_gate_far_away_that_was_seen_once_or_twice(estimator):
+@pytest.mark.parametrize("map_estimator", MAP_ESTIMATORS)
+def test_a_gate_far_away_that_was_seen_once_or_twice(map_estimator):
     """Twice by the robust estimator, which wants two observations in agreement."""
-    boards, images = TRACK.boards(), 1 if estimator == "report" else 2
-    settings = dict(max_range=np.inf, min_observations=1, estimator=estimator)
+    boards, images = TRACK.boards(), 1 if map_estimator == "original" else 2
+    settings = dict(max_range=np.inf, min_observations=1, map_estimator=map_estimator)
 
     def pose(t):
         return estimate(t, [-40, -5, 5])
@@ -197,7 +197,7 @@ def test_a_gate_far_away_that_was_seen_once_or_twice(estimator):
     assert run(one, 0.3, pose, **settings).gates == ()
     gate_map = run(far, 0.3, pose, **settings)
     assert gate_map.refused == {}
-    if estimator == "report":
+    if map_estimator == "original":
         (gate,) = gate_map.gates
         np.testing.assert_allclose(gate.p_WG, TRACK.gates[0].p_WG, atol=1e-6)
     else:  # from so far away, two are not enough for it to be certain

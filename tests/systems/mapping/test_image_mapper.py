@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from airrace.scenario import ESTIMATORS, PerceptionConfig
+from airrace.scenario import MAP_ESTIMATORS, PerceptionConfig
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.types import Detection, Detections
 from airrace.track.map_files import map_data, statistics_data
@@ -14,8 +14,10 @@ from airrace.vehicle.camera_info import make_camera_info
 INFO = make_camera_info(width=1280, height=720, fov_y=1.0, X_BC=CameraMount().X_BC)
 
 
-def make_mapper(estimator, max_range=30.0):
-    return ImageMapper(PerceptionConfig(max_gates=10, estimator=estimator, max_range=max_range))
+def make_mapper(map_estimator, max_range=30.0):
+    return ImageMapper(
+        PerceptionConfig(max_gates=10, map_estimator=map_estimator, max_range=max_range)
+    )
 
 
 def fuzzed(rng) -> Detection:
@@ -49,11 +51,11 @@ def fuzzed(rng) -> Detection:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("max_range", [30.0, np.inf])
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_two_thousand_fuzzed_detections(estimator, max_range):
+@pytest.mark.parametrize("map_estimator", MAP_ESTIMATORS)
+def test_two_thousand_fuzzed_detections(map_estimator, max_range):
     """Nothing crashes, everything is counted, and the map stays finite."""
     rng = np.random.default_rng(0)
-    mapper, state, own, foreign = make_mapper(estimator, max_range), MapperState(), 0, 0
+    mapper, state, own, foreign = make_mapper(map_estimator, max_range), MapperState(), 0, 0
     for k in range(500):
         markers = tuple(fuzzed(rng) for _ in range(4))
         refused = (("tiny quad", 3), ("foreign ID", 99)) if k % 100 == 0 else ()
@@ -77,9 +79,9 @@ def test_two_thousand_fuzzed_detections(estimator, max_range):
     assert map_data(gate_map) and statistics_data(gate_map)
 
 
-@given(st.sampled_from(ESTIMATORS), st.lists(st.integers(0, 2**32), max_size=5))
-def test_the_state_before_is_not_touched(estimator, seeds):
-    mapper, states = make_mapper(estimator), [MapperState()]
+@given(st.sampled_from(MAP_ESTIMATORS), st.lists(st.integers(0, 2**32), max_size=5))
+def test_the_state_before_is_not_touched(map_estimator, seeds):
+    mapper, states = make_mapper(map_estimator), [MapperState()]
     for k, seed in enumerate(seeds):
         markers = (fuzzed(np.random.default_rng(seed)),)
         states.append(
@@ -88,9 +90,9 @@ def test_the_state_before_is_not_touched(estimator, seeds):
     assert [m.gate_map.detections for m in states] == list(range(len(seeds) + 1))
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_an_image_counts_once(estimator):
-    mapper = make_mapper(estimator)
+@pytest.mark.parametrize("map_estimator", MAP_ESTIMATORS)
+def test_an_image_counts_once(map_estimator):
+    mapper = make_mapper(map_estimator)
     marker = Detection(
         2,
         np.zeros((4, 2)),

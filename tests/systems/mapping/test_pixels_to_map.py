@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RotationMatrix
 
-from airrace.scenario import CORNERS, ESTIMATORS, POSES, PerceptionConfig
+from airrace.scenario import CORNERS, MAP_ESTIMATORS, POSES, PerceptionConfig
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
 from airrace.systems.perception.aruco_detector import DetectorState, detect
 from airrace.systems.perception.detector_config import DetectorConfig
@@ -49,11 +49,11 @@ def error(gate_map):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.parametrize("map_estimator", MAP_ESTIMATORS)
 @pytest.mark.parametrize("poses", first(POSES))
 @pytest.mark.parametrize("corners", first(CORNERS))
-def test_a_gate_is_mapped_by_any_corners_poses_and_estimator(corners, poses, estimator):
-    perception = PerceptionConfig(corners=corners, poses=poses, estimator=estimator)
+def test_a_gate_is_mapped_by_any_corners_poses_and_estimator(corners, poses, map_estimator):
+    perception = PerceptionConfig(corners=corners, poses=poses, map_estimator=map_estimator)
     gate_map = mapped(np.linspace(26.0, 14.0, 12), perception)
     assert [gate.number for gate in gate_map.gates] == [0]
     assert {m.id: m.count + m.outliers for m in gate_map.markers if m.count} == {0: 12, 2: 12}
@@ -68,7 +68,7 @@ def test_as_the_original_maps_from_its_first_picture():
         poses="marker",
         jump_filter=False,
         max_range=np.inf,
-        estimator="report",
+        map_estimator="original",
         min_observations=1,
     )
     gate_map = mapped([33.0], original)

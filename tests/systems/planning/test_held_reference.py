@@ -20,7 +20,7 @@ def held(told, at, time):
     context = box.CreateDefaultContext()
     context.SetTime(time)
     box.GetInputPort("exploration_reference").FixValue(context, told)
-    box.GetInputPort("handed_time").FixValue(context, [at])
+    box.GetInputPort("values_time").FixValue(context, [at])
     return box.get_output_port().Eval(context)
 
 

@@ -271,7 +271,7 @@ def test_it_does_not_search_twice_for_a_lap_through_the_same_gates():
 
 
 def test_always_a_new_plan_even_on_the_same_map():
-    bench = Bench(update="always", lap="rest_to_rest", time_allocation="report")
+    bench = Bench(update="always", lap="rest_to_rest", time_allocation="original")
     plans, _ = bench.follow(160.0, every=0.5)
     assert [plan.lap for plan in plans] == [1, 2, 3, 4]
     assert len(bench.problems) == 4
@@ -293,7 +293,7 @@ def test_what_the_scenario_says_of_laps_reaches_the_problem():
     assert problem.style == LapStyle() and not problem.always
     for config, style in (
         (dict(lap="rest_to_rest"), LapStyle(rests=True)),
-        (dict(time_allocation="report"), LapStyle(soft=True)),
+        (dict(time_allocation="original"), LapStyle(soft=True)),
     ):
         bench = Bench(solve=lambda problem: None, **config)
         bench.plan_at(1.0)

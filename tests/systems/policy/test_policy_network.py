@@ -9,7 +9,7 @@ from airrace.common.errors import UserError
 from airrace.systems.policy.gates_observation import observation_size
 from airrace.systems.policy.policy_network import PolicyNetwork, load_policy
 from airrace.vehicle import load_vehicle
-from tests.worlds.linear_pilot import linear_network
+from tests.worlds.linear_policy import linear_network
 
 VEHICLE = load_vehicle("Default")[0]
 SIZE = observation_size(2, 4)
@@ -26,7 +26,7 @@ def random_network(seed=0, sizes=(SIZE, 16, 16, 4)):
         high=np.full(sizes[0], 10.0),
         gates=2,
         drone="Default",
-        made_by="python examples/train_pilot.py --seed 1",
+        made_by="python examples/train_policy.py --seed 1",
     )
 
 
@@ -44,8 +44,8 @@ def test_it_is_a_perceptron_with_tanh(seed):
 
 def test_a_file_is_the_network_again(tmp_path):
     network = random_network()
-    network.save(tmp_path / "pilot.npz")
-    loaded = load_policy(tmp_path / "pilot.npz", VEHICLE)
+    network.save(tmp_path / "policy.npz")
+    loaded = load_policy(tmp_path / "policy.npz", VEHICLE)
     observation = np.linspace(-1.0, 1.0, SIZE)
     np.testing.assert_array_equal(loaded.act(observation), network.act(observation))
     assert loaded.made_by == network.made_by and loaded.gates == 2
@@ -82,7 +82,7 @@ def changed(**changes):
     ],
 )
 def test_a_network_that_cannot_fly(network, words, tmp_path):
-    path = tmp_path / "pilot.npz"
+    path = tmp_path / "policy.npz"
     network.save(path)
     if words == "39 + 4":
         words = "weights_0 is 16 x 43"
@@ -118,7 +118,7 @@ def test_files_that_are_none(tmp_path):
     assert "it has no high" in refusal(tmp_path / "part.npz")
 
 
-def test_a_linear_pilot_hovers_in_the_middle_of_a_gate():
+def test_a_linear_policy_hovers_in_the_middle_of_a_gate():
     network = linear_network(VEHICLE)
     observation = np.zeros(SIZE)
     observation[[3, 7, 11]] = 1.0  # level

@@ -47,7 +47,7 @@ def reference(dimensions):
 
 
 def moved(seed, distance=0.3):
-    """Returns the reference track as a poor map has it."""
+    """Returns the track student-airrace as a poor map has it."""
     rng = np.random.default_rng(seed)
     step = rng.normal(size=MIDPOINTS.shape)
     step *= distance / np.linalg.norm(step, axis=1, keepdims=True)

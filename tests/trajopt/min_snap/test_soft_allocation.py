@@ -18,7 +18,7 @@ REST = [DerivativeConstraint(i, k, np.zeros(3)) for i in (0, -1) for k in range(
 
 @pytest.fixture(scope="module")
 def lap():
-    """The midpoints of the reference track from gate 1 to gate 1, (11, 3) m."""
+    """The midpoints of the track student-airrace from gate 1 to gate 1, (11, 3) m."""
     midpoints = np.array([gate.p_WG for gate in load_track("student-airrace").gates])
     return np.vstack([midpoints, midpoints[:1]])
 

@@ -16,7 +16,7 @@ from airrace.trajopt.reference import as_reference
 from airrace.trajopt.time_optimal.lap_search import Effort
 from airrace.trajopt.time_optimal.optimal_lap import plan_optimal_circuit
 from airrace.vehicle import load_vehicle
-from tests.worlds.reference_laps import CLEARANCE, LIMITS, load_course, regions
+from tests.worlds.published_laps import CLEARANCE, LIMITS, load_course, regions
 from tests.worlds.rotor_check import greatest_bearing, rotor_shares
 
 VEHICLES = {name: load_vehicle(name)[0] for name in ("Default", "StarOne")}

@@ -5,7 +5,7 @@ import pytest
 
 from airrace.trajopt.errors import TrajectoryOptimizationError
 from airrace.trajopt.gate_regions import GateRegions
-from tests.worlds.reference_laps import (
+from tests.worlds.published_laps import (
     POINT_MASS_CASES,
     PointMassLimits,
     exact_bound,

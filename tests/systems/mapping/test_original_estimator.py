@@ -8,9 +8,9 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from airrace.scenario import PerceptionConfig
 from airrace.systems.mapping.image_mapper import ImageMapper, MapperState
-from airrace.systems.mapping.report_estimator import (
+from airrace.systems.mapping.original_estimator import (
     EMPTY,
-    ReportEstimator,
+    OriginalEstimator,
     estimate_position,
     make_gate,
 )
@@ -43,7 +43,7 @@ def moments(values):
 
 
 def section_iii(values):
-    """Mean, variance and number of outliers by section III of the report, in plain loops."""
+    """Mean, variance and number of outliers by section III of the paper, in plain loops."""
     means, variances = moments(values)
     kept = []
     for value in values:
@@ -106,7 +106,7 @@ def sightings():
 def test_section_iii_to_the_letter():
     """All figures after every single detection, against plain loops over all values so far."""
     config = PerceptionConfig(
-        estimator="report", max_gates=10, max_range=math.inf, min_observations=1
+        map_estimator="original", max_gates=10, max_range=math.inf, min_observations=1
     )
     mapper, state, values, wrong, invalid = ImageMapper(config), MapperState(), {}, 0, 0
     outliers_then = []
@@ -214,7 +214,7 @@ def test_all_that_is_known_is_read_only():
 
 def test_a_marker_that_was_only_seen_invalid_is_not_in_the_map():
     statistics = {4: EMPTY.updated(np.zeros(3), NORMAL, 3.0)}
-    gate_map = ReportEstimator(outlier_sigma=3.0, min_observations=1).make_map(statistics)
+    gate_map = OriginalEstimator(outlier_sigma=3.0, min_observations=1).make_map(statistics)
     assert gate_map.markers == () and gate_map.refused == {"at the origin of the world": 1}
 
 

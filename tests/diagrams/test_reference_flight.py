@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from airrace.diagrams.flight import CONTROL, MakeFlight, circle_reference, fly_reference
+from airrace.diagrams.reference_flight import CONTROL, MakeFlight, circle_reference, fly_reference
 from airrace.scenario import ControllerConfig, Scenario, StateFilterConfig
 from airrace.vehicle import RACERS
 from airrace.vehicle.disturbances import DisturbancesConfig, RotorFailure, WindConfig
@@ -103,9 +103,7 @@ def test_a_hover_stays(drone):
 
 def test_the_same_flight_twice():
     noisy = scenario(
-        state_noise="reference",
-        seed=3,
-        disturbances=DisturbancesConfig(thrust_coefficient_error=0.1),
+        state_noise="nominal", seed=3, disturbances=DisturbancesConfig(thrust_coefficient_error=0.1)
     )
     one, other, quiet = (
         fly_on(each, hover_reference(8.0), 0.3) for each in (noisy, noisy, scenario())
@@ -143,14 +141,14 @@ def test_the_feed_forward_is_why():
 
 # The original system's: slower and simpler, on the noisy estimate itself.
 ORIGINAL = dict(
-    state_noise="reference",
+    state_noise="nominal",
     state_filter=StateFilterConfig(enabled=False),
     controller=ControllerConfig(
         rate=800.0,
         feed_forward=False,
         disturbance_rejection=False,
         attitude_error="lee",
-        gains="report",
+        gains="original",
         rotor_overdrive=False,
     ),
 )
@@ -222,7 +220,7 @@ def test_the_spin_settles_on_a_long_way_down():
 @pytest.mark.slow
 def test_it_comes_down_from_a_lap_as_well():
     """When the rotor stops, it is fast and leans into a bend."""
-    failing = scenario(rotor_failures=[RotorFailure(2, 3.0)], state_noise="reference")
+    failing = scenario(rotor_failures=[RotorFailure(2, 3.0)], state_noise="nominal")
     flown = fly_on(failing, lap(), 15.0, down_to=LANDED)
     assert flown.speeds[round(3.0 / PERIOD)] > 15.0
     assert_landed_softly(flown)

@@ -30,7 +30,7 @@ class PointMassLimits(NamedTuple):
 
 
 class PointMassCase(NamedTuple):
-    """Lap times of a point mass on the reference track, as published.
+    """Lap times of a point mass on the track student-airrace, as published.
 
     Attributes:
         name: of the limits.
@@ -81,7 +81,7 @@ class Course(NamedTuple):
 
 
 def load_course(seed: int | None = None) -> Course:
-    """Returns the reference track, or the generated track of a seed."""
+    """Returns the track student-airrace, or the generated track of a seed."""
     return Course.of(load_track("student-airrace") if seed is None else generate_track(seed))
 
 

@@ -1,4 +1,4 @@
-"""A pilot that was learned: flies laps by a network, from the filtered estimate and the map."""
+"""Flies laps by a network, from the filtered estimate and the map."""
 
 import functools
 import math
@@ -19,7 +19,7 @@ from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.policy.command_scale import ctbr_scale, scaled
 from airrace.systems.policy.gates_observation import map_openings, write_gates_observation
 from airrace.systems.policy.policy_network import ACTIONS, PolicyNetwork, load_policy
-from airrace.systems.types import LAND, ExplorerStatus, PilotStatus
+from airrace.systems.types import LAND, ExplorerStatus, PolicyStatus
 from airrace.track.gate_map import GateMap
 from airrace.track.gate_opening import OPENING_SIZE, find
 from airrace.trajopt.reference import REFERENCE_SIZE, Reference, reference_vector
@@ -53,8 +53,8 @@ REASONS = (
 )
 
 
-class PilotMemory(NamedTuple):
-    """What the pilot remembers: numbers only, so that a step copies no objects.
+class PolicyMemory(NamedTuple):
+    """What the controller remembers: numbers only, so that a step copies no objects.
 
     Attributes:
         phase: WAITING, FLYING or HANDED_BACK. since: when that began (s).
@@ -80,16 +80,16 @@ class PilotMemory(NamedTuple):
     command: np.ndarray
 
 
-_PACKING = Packing(PilotMemory, position=3, velocity=3, action=4, command=4)
+_PACKING = Packing(PolicyMemory, position=3, velocity=3, action=4, command=4)
 _as_memory, _memory_vector = _PACKING.parts, _PACKING.vector
 
 
-class LearnedPilot(LeafSystem):
+class PolicyController(LeafSystem):
     """Races by a network once the map is complete; before and after, the planner flies.
 
     .. pydrake_system::
 
-        name: LearnedPilot
+        name: PolicyController
         input_ports:
         - filtered_estimate
         - gate_map
@@ -98,16 +98,16 @@ class LearnedPilot(LeafSystem):
         - rotor_losses
         output_ports:
         - rate_command
-        - network_flies
+        - policy_flies
         - safe_reference
-        - pilot_status
+        - policy_status
 
     ``filtered_estimate`` is a vehicle.State (14), ``gate_map`` a GateMap, ``explorer_status`` an
     ExplorerStatus, ``exploration_reference`` see trajopt/reference.py, ``rotor_losses`` see
-    RotorMonitor. ``rate_command`` is for the RateController, ``network_flies`` for the PilotSwitch,
-    ``safe_reference`` (18) for the tracker and the planner in the place of the explorer's (while
-    the network flies, it is where the drone is), and
-    ``pilot_status`` a PilotStatus.
+    RotorMonitor. ``rate_command`` is for the RateController, ``policy_flies`` for the
+    CommandSwitch, ``safe_reference`` (18) for the tracker and the planner in the place of the
+    explorer's (while the network flies, it is where the drone is), and ``policy_status`` a
+    PolicyStatus.
 
     - WAITING: the drone explores. The network takes over when the exploration is done, all gates
       that were found are on the map, and the drone hovers.
@@ -121,7 +121,7 @@ class LearnedPilot(LeafSystem):
     """
 
     def __init__(self, *, vehicle: Vehicle, network: PolicyNetwork):
-        """Constructs the pilot.
+        """Constructs the controller.
 
         Args:
             vehicle: that the network was trained on.
@@ -135,13 +135,13 @@ class LearnedPilot(LeafSystem):
         self._explorer = self.DeclareAbstractInputPort("explorer_status", Value[object]())
         self._exploration = self.DeclareVectorInputPort("exploration_reference", REFERENCE_SIZE)
         self._losses = self.DeclareVectorInputPort("rotor_losses", len(vehicle.rotors))
-        nothing = PilotMemory(*9 * [0.0], command=hover)  # type: ignore[arg-type, misc]
+        nothing = PolicyMemory(*9 * [0.0], command=hover)  # type: ignore[arg-type, misc]
         self._memory = self.DeclareDiscreteState(_memory_vector(nothing))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
         ticket = self.discrete_state_ticket(self._memory)
         for name, size, calc in (
             ("rate_command", 4, lambda m: m.command),
-            ("network_flies", 1, lambda m: [float(m.phase == FLYING)]),
+            ("policy_flies", 1, lambda m: [float(m.phase == FLYING)]),
         ):
             self.DeclareVectorOutputPort(
                 name,
@@ -156,8 +156,8 @@ class LearnedPilot(LeafSystem):
             {ticket, self.time_ticket(), self._exploration.ticket(), self._explorer.ticket()},
         )
         self.DeclareAbstractOutputPort(
-            "pilot_status",
-            lambda: Value[object](PilotStatus()),
+            "policy_status",
+            lambda: Value[object](PolicyStatus()),
             self._calc_status,
             {ticket, self.time_ticket()},
         )
@@ -167,23 +167,23 @@ class LearnedPilot(LeafSystem):
 
     @classmethod
     def from_scenario(cls, scenario: "Scenario") -> "Self":
-        """Returns the pilot of a scenario.
+        """Returns the controller of a scenario.
 
         Raises:
             UserError: if there is no such network, or it is not for the drone.
         """
         vehicle, _ = load_vehicle(scenario.drone)
-        path = Path(scenario.pilot)
-        if scenario.pilot == LEARNED:
-            path = models_path() / "pilots" / f"{vehicle.name}.npz"
+        path = Path(scenario.policy)
+        if scenario.policy == LEARNED:
+            path = models_path() / "policies" / f"{vehicle.name}.npz"
             if not path.exists():
                 raise UserError(
-                    f"There is no learned pilot for the drone {vehicle.name}: train one with "
-                    "examples/train_pilot.py and name its file, or race with --pilot planned."
+                    f"There is no learned policy for the drone {vehicle.name}: train one with "
+                    "examples/train_policy.py and name its file, or race with --policy none."
                 )
         return cls(vehicle=vehicle, network=load_policy(path, vehicle))
 
-    def _recall(self, context: Context) -> PilotMemory:
+    def _recall(self, context: Context) -> PolicyMemory:
         return _as_memory(context.get_discrete_state(self._memory).value())
 
     def _update(self, context, discrete_state):
@@ -203,13 +203,13 @@ class LearnedPilot(LeafSystem):
 
     def _next(
         self,
-        memory: PilotMemory,
+        memory: PolicyMemory,
         time: float,
         state: State,
         explorer: ExplorerStatus,
         course: np.ndarray | None,
         rotor_lost: bool,
-    ) -> PilotMemory:
+    ) -> PolicyMemory:
         """Returns the memory after a step.
 
         Args: course: the openings in the order of flight, (n, 15); None if the map has not all.
@@ -289,8 +289,8 @@ class LearnedPilot(LeafSystem):
 
 
 @functools.lru_cache(maxsize=4)  # another object tells a link that there is something new
-def _status(**values: Any) -> PilotStatus:
-    return PilotStatus(**values)
+def _status(**values: Any) -> PolicyStatus:
+    return PolicyStatus(**values)
 
 
 @functools.lru_cache(maxsize=4)  # a map is the same object until it changes
@@ -308,7 +308,7 @@ def _course(gate_map: GateMap, found: tuple) -> np.ndarray | None:
     return map_openings([known[number] for number in found])
 
 
-def _count(memory: PilotMemory, position: np.ndarray, course: np.ndarray) -> PilotMemory:
+def _count(memory: PolicyMemory, position: np.ndarray, course: np.ndarray) -> PolicyMemory:
     """Returns the memory after a move, with one gate more, or with reason MISSED."""
     gate = course[int(memory.passed) % len(course)]
     share, _ = find(gate, memory.position, position)
@@ -320,7 +320,7 @@ def _count(memory: PilotMemory, position: np.ndarray, course: np.ndarray) -> Pil
     return memory._replace(position=position)
 
 
-def _handed_back(memory: PilotMemory, time: float, state: State, reason: int) -> PilotMemory:
+def _handed_back(memory: PolicyMemory, time: float, state: State, reason: int) -> PolicyMemory:
     """Returns the memory after the hand-back; where the drone is, if that is known."""
     velocity, position, yaw = np.zeros(3), memory.position, memory.yaw
     if all_finite(state_vector(state)):
@@ -333,6 +333,6 @@ def _handed_back(memory: PilotMemory, time: float, state: State, reason: int) ->
     )
 
 
-def _stop(memory: PilotMemory) -> Stop:
-    """Returns the stop of a pilot that has handed back."""
+def _stop(memory: PolicyMemory) -> Stop:
+    """Returns the stop of a controller that has handed back."""
     return Stop(memory.position, memory.yaw, memory.velocity)

@@ -1,4 +1,4 @@
-"""A pilot that was not learned: one linear layer, which flies slowly from gate to gate."""
+"""A policy that was not learned: one linear layer, which flies slowly from gate to gate."""
 
 import numpy as np
 
@@ -47,6 +47,6 @@ def linear_network(vehicle: Vehicle, hovers: bool = False, **changes) -> PolicyN
         high=np.full(m, np.inf),
         gates=_GATES,
         drone=vehicle.name,
-        made_by="tests/worlds/linear_pilot.py",
+        made_by="tests/worlds/linear_policy.py",
     )
     return network._replace(**changes)

@@ -1,6 +1,6 @@
 """A client of the AI Grand Prix: finds orange gates in pictures, and flies through them.
 
-    .venv/bin/python examples/grand_prix_pilot.py     # and in another terminal: airrace grand-prix
+    .venv/bin/python examples/grand_prix_client.py     # and in another terminal: airrace grand-prix
 
 It knows the specification, and nothing of the simulator. A good IMU says how the drone moves, and
 orange squares in pictures where gates are. Each message of the IMU is answered with body rates and
@@ -78,7 +78,7 @@ class Gate:
         self.place, self.normal, self.seen, self.time = place, normal, 0, 0.0
 
 
-class Pilot:
+class Client:
     """Flies from gate to gate, or looks for the next one; R is R_NB, v and p are in N."""
 
     def __init__(self):
@@ -159,7 +159,7 @@ class Pilot:
         return np.clip(HOVER_THRUST * (thrust @ self.R[:, 2]) / GRAVITY[2], 0.02, 0.9), rates
 
 
-def fly(pilot, link, stream, signs=1):
+def fly(client, link, stream, signs=1):
     """Flies until the race is over; returns how many gates count, and the time of the finish."""
     armed, parts, level = False, {}, [1, 0, 0, 0]  # an attitude, which is ignored
     while message := link.recv_match(blocking=True, timeout=120):
@@ -171,15 +171,15 @@ def fly(pilot, link, stream, signs=1):
             _, _, _, finish, count, _ = struct.unpack_from("<BQqqIq", bytes(message.data))
             if finish >= 0:
                 return count, finish / 1e9
-            pilot.hear(count)
+            client.hear(count)
         elif kind == "HIGHRES_IMU":
             force = np.array([message.xacc, message.yacc, message.zacc])
             rates = np.array([message.xgyro, message.ygyro, message.zgyro])
-            pilot.feel(message.time_usec / 1e6, force, signs * rates)
+            client.feel(message.time_usec / 1e6, force, signs * rates)
             for time, picture in pictures(stream, parts):
-                pilot.look(time, picture)
+                client.look(time, picture)
             if armed:
-                thrust, rates = pilot.command()
+                thrust, rates = client.command()
                 link.mav.set_attitude_target_send(0, 1, 1, 128, level, *(signs * rates), thrust)
             else:
                 link.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
@@ -196,5 +196,5 @@ if __name__ == "__main__":
     stream.bind(("127.0.0.1", args.pictures))
     link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{args.mavlink}", source_system=255)
     print(f"Waiting for a simulator at port {args.mavlink}.", flush=True)
-    count, finish = fly(Pilot(), link, stream, np.array([-1, 1, -1]) if args.official else 1)
+    count, finish = fly(Client(), link, stream, np.array([-1, 1, -1]) if args.official else 1)
     print(f"Finished: gate {count} at {finish:.2f} s of the simulator's clock.")

@@ -1,6 +1,6 @@
-"""The process of one race of a league: python -m airrace.league.flight FOLDER.
+"""The process of one race of a league: python -m airrace.league.entry_race FOLDER.
 
-The simulation and the referee are in this process, the autonomy is an entry behind a wall. When
+The simulation and the referee are in this process, the autonomy is an entry in a sandbox. When
 its standard input ends, whoever waits for the race has died: it removes FOLDER and ends at once.
 """
 
@@ -16,25 +16,16 @@ from airrace.common.errors import exit_code
 from airrace.common.files import write_json, write_text
 from airrace.common.resources import load_yaml
 from airrace.evaluation.lifeline import bound_to_worker
+from airrace.league.sandbox import EntryProcess, SandboxConfig
 from airrace.league.scenarios import SCENARIO, TRACK
-from airrace.league.season import Limits
 
 if TYPE_CHECKING:
     from airrace.league.entry_remote import EntryRemote
     from airrace.scenario import Scenario
 
 # In the folder of a race: how the entry is held, the results, how it behaved, what it wrote.
-WALL, RESULTS, CONDUCT, LOG = "wall.yaml", "results", "conduct.json", "entry.log"
+SANDBOX, RESULTS, CONDUCT, LOG = "sandbox.yaml", "results", "conduct.json", "entry.log"
 REPLAY = "race.html"
-
-
-@dc.dataclass
-class WallConfig:
-    """What WALL says; see sandbox.Wall."""
-
-    safe: bool = True
-    replay: bool = True
-    limits: Limits = dc.field(default_factory=Limits)
 
 
 def main(folder: Path) -> int:
@@ -49,14 +40,14 @@ def _fly(folder: Path) -> int:
     from airrace.league.entry_remote import EntryFailed
     from airrace.scenario import load_scenario
 
-    wall = load_yaml(WallConfig, filename=folder / WALL)
+    sandbox = load_yaml(SandboxConfig, filename=folder / SANDBOX)
     scenario = load_scenario(filename=str(folder / SCENARIO))
     scenario.track = str(folder / TRACK)
-    # Not with the entry's systems: its code stays behind the wall.
-    compile_apart(dc.replace(scenario, systems={}, pilot="planned"))
+    # Not with the entry's systems: its code stays in the sandbox.
+    compile_apart(dc.replace(scenario, systems={}, policy="none"))
     results = folder / RESULTS
     results.mkdir()
-    with _entry_remote(folder, scenario, wall) as remote:
+    with _entry_remote(folder, scenario, sandbox) as remote:
         if remote is None:
             return 0
         try:
@@ -64,28 +55,27 @@ def _fly(folder: Path) -> int:
         except EntryFailed as e:
             _save_failure(folder, str(e))
             return 0
-    if wall.replay:
+    if sandbox.replay:
         write_text(results / REPLAY, _replay(results))
     return 0
 
 
 @contextlib.contextmanager
 def _entry_remote(
-    folder: Path, scenario: "Scenario", wall: WallConfig
+    folder: Path, scenario: "Scenario", sandbox: SandboxConfig
 ) -> "Iterator[EntryRemote | None]":
     """Starts the entry, and yields the Remote to race with, or None if it cannot race.
 
     When the block is left, it writes how the entry behaved.
     """
     from airrace.league.entry_remote import EntryFailed, GuardedBus, meet_entry
-    from airrace.league.sandbox import EntryProcess, Wall
 
     ours, theirs = socket.socketpair()
-    process = EntryProcess(folder, theirs, Wall(wall.safe, wall.limits))
+    process = EntryProcess(folder, theirs, sandbox)
     bus, remote = GuardedBus(ours), None
     try:
         try:
-            remote = meet_entry(scenario, bus, process, wall.limits)
+            remote = meet_entry(scenario, bus, process, sandbox.limits)
         except EntryFailed as e:
             _save_failure(folder, str(e))
         yield remote

@@ -1,6 +1,6 @@
 """Who flies the laps: the planner, or a network that has learned it.
 
-    python -m benchmarks.pilots [--tracks 20] [--levels 1 3] [--pilot learned]
+    python -m benchmarks.policies [--tracks 20] [--levels 1 3] [--policy learned]
         [--scenario_text YAML] [--workers N] [--json FILE]
 
 One lap on random tracks that obey the rules, a race a track, explored from pixels: a time-optimal
@@ -19,7 +19,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from airrace.diagrams.race import run_race
-from airrace.scenario import LEARNED, PLANNED
+from airrace.scenario import LEARNED, NO_POLICY
 from airrace.track import load_track
 from airrace.trajopt.feasibility import pylon_distances
 from airrace.vehicle import Vehicle, load_vehicle
@@ -52,7 +52,7 @@ def main(argv=None) -> int:
         "--levels", nargs="+", choices=list("0123"), default=["1", "3"], help="(default: 1 3)"
     )
     parser.add_argument(
-        "--pilot", default=LEARNED, help=f"{LEARNED}, or the .npz of a network (default: {LEARNED})"
+        "--policy", default=LEARNED, help=f"{LEARNED}, or a network's .npz (default: {LEARNED})"
     )
     parser.add_argument(
         "--scenario_text", metavar="YAML", help="scenario fields on top, e.g. '{drone: StarOne}'"
@@ -65,8 +65,8 @@ def measure(args) -> list[dict]:
     """Returns rows of fly(), with the ``name`` of their case."""
     cases = []
     for level in args.levels:
-        for name, pilot in (("planner", PLANNED), ("network", args.pilot)):
-            by = dc.replace(races.lap_of_level(level, args), pilot=pilot)
+        for name, policy in (("planner", NO_POLICY), ("network", args.policy)):
+            by = dc.replace(races.lap_of_level(level, args), policy=policy)
             cases.append(Case(f"level {level}, {name}", by, range(args.tracks), True, fly))
     return races.fly_all(cases, args.workers)
 
@@ -106,7 +106,7 @@ def fly(scenario_text: str, track_seed: int) -> dict:
         transport = LoggedInProcess(lambda _: _FlightLog(len(vehicle.rotors)))
         race = run_race(scenario, Path(folder), transport=transport)
         pylons = load_track(scenario.track).pylons()
-    events = race.get("pilot", {"events": []})["events"][1:]  # the first: it takes over
+    events = race.get("policy", {"events": []})["events"][1:]  # the first: it takes over
     result = {
         **races.figures(scenario, race),
         "handed_back": events[0]["what"] if events else "",

@@ -13,26 +13,26 @@ if TYPE_CHECKING:
     from airrace.hitl.handover import PortValues
 
 
-class HandedPorts(LeafSystem):
+class ReceivedPorts(LeafSystem):
     """Holds what was last handed over.
 
     .. pydrake_system::
 
-        name: HandedPorts
+        name: ReceivedPorts
         output_ports:
         - the ports that are handed over
-        - handed_time
+        - values_time
 
     It stands for the other half of the autonomy, as an LcmReceiver stands for the other side of
     the link: its output ports have the names and types of that one's, and show the state, which
-    show() sets between two steps of the Simulator. ``handed_time``, a vector of one number, is
+    show() sets between two steps of the Simulator. ``values_time``, a vector of one number, is
     the simulated time of the values (s).
     """
 
     def __init__(self, models: "dict[str, Any]"):
         """Args: models: name of a port to its value before the first, see initial_values()."""
         LeafSystem.__init__(self)
-        every = {**models, "handed_time": np.zeros(1)}
+        every = {**models, "values_time": np.zeros(1)}
         self._state = self.DeclareAbstractState(Value[object](_Values(every)))
         ticket = {self.abstract_state_ticket(self._state)}
 
@@ -59,7 +59,7 @@ class HandedPorts(LeafSystem):
         values = {
             **self._values(context).by_port,
             **message.by_port,
-            "handed_time": np.array([message.time]),
+            "values_time": np.array([message.time]),
         }
         context.SetAbstractState(int(self._state), _Values(values))
 

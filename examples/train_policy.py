@@ -1,13 +1,13 @@
 """Learns to race: a network that flies generated tracks, by proximal policy optimisation (PPO).
 
     .venv/bin/python -m pip install -e '.[train]'
-    .venv/bin/python examples/train_pilot.py
-    ./run.bash --pilot runs/pilot/pilot.npz
+    .venv/bin/python examples/train_policy.py
+    ./run.bash --policy runs/policy/policy.npz
 
 Schulman et al., "Proximal policy optimization algorithms", 2017, with the advantages of Schulman
 et al., "High-dimensional continuous control using generalized advantage estimation", 2016. The
-drones fly in machine code, and JAX learns, on the CPU. The folder gets pilot.npz, the best network
-so far, train_pilot.png, and checkpoint.npz, from which --resume goes on.
+drones fly in machine code, and JAX learns, on the CPU. The folder gets policy.npz, the best network
+so far, train_policy.png, and checkpoint.npz, from which --resume goes on.
 """
 
 import argparse
@@ -161,10 +161,10 @@ def judge(env, policy, normaliser):
     return finished.mean(), laps[finished].mean() if finished.any() else np.inf
 
 
-def save_pilot(path, policy, normaliser, args):
-    """Writes the network as `--pilot` reads it."""
+def save_policy(path, policy, normaliser, args):
+    """Writes the network as `--policy` reads it."""
     git = f"git -C {Path(__file__).parent} describe --always --dirty=+"
-    words = " ".join(["examples/train_pilot.py", *sys.argv[1:]])
+    words = " ".join(["examples/train_policy.py", *sys.argv[1:]])
     weights, biases = zip(*((np.asarray(W).T, np.asarray(b)) for W, b in policy))
     PolicyNetwork(
         *(weights, biases, normaliser.mean, normaliser.std, normaliser.low, normaliser.high),
@@ -186,7 +186,7 @@ def draw(path, rows):
 
 def main(args):
     (folder := Path(args.output)).mkdir(parents=True, exist_ok=True)
-    checkpoint, picture = folder / "checkpoint.npz", folder / "train_pilot.png"
+    checkpoint, picture = folder / "checkpoint.npz", folder / "train_policy.png"
     common = dict(track="generated", drone=args.drone, num_threads=args.threads)
     make = functools.partial(gymnasium.make_vec, "airrace.envs:airrace/Race-v0", **common)
     trained = dict(tracks=range(args.tracks), start="random", clearance=CLEARANCE)
@@ -224,7 +224,7 @@ def main(args):
         print(f"{steps / 1e6:5.1f} million steps: {finished:4.0%} finished, lap {lap:.2f} s")
         if (score := (min(finished, 0.98), -lap)) >= best:  # 98 % are enough, then the quicker
             best = score
-            save_pilot(folder / "pilot.npz", average, normaliser, args)
+            save_policy(folder / "policy.npz", average, normaliser, args)
         draw(picture, rows)
         rest = np.array([k + 1, normaliser, rows, best], object)
         leaves = {f"leaf_{i}": leaf for i, leaf in enumerate(jax.tree.leaves((learned, average)))}
@@ -236,7 +236,7 @@ if __name__ == "__main__":
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     for name, default, text in (
-        ("output", "runs/pilot", "a folder"),
+        ("output", "runs/policy", "a folder"),
         ("drone", "Default", "a shipped drone, or a folder"),
         ("steps", 50e6, "of all drones together"),
         ("envs", 512, "drones that fly at once"),

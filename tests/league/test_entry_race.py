@@ -1,4 +1,4 @@
-"""Races of entries behind the wall: equal to those without one, and nothing to be had by cheating."""
+"""Races of entries in the sandbox: equal to those without one, and nothing to be had by cheating."""
 
 import dataclasses as dc
 import json
@@ -12,8 +12,7 @@ from airrace.diagrams.race import run_race
 from airrace.evaluation.versions import versions
 from airrace.league import check
 from airrace.league.entry import load_entry
-from airrace.league.flight import WallConfig
-from airrace.league.sandbox import why_no_sandbox
+from airrace.league.sandbox import SandboxConfig, why_no_sandbox
 from airrace.league.scenarios import race_scenario
 from airrace.league.season import Limits, Season, make_legs
 from airrace.league.worker import fly, make_flight
@@ -40,9 +39,9 @@ pytestmark = [
 
 
 def flown(folder, **limits):
-    """The row of an entry's race behind the wall."""
-    wall = WallConfig(safe=True, replay=False, limits=Limits(**limits))
-    return fly(make_flight(SEASON, LEG, load_entry(folder), wall, versions({})), "tests")
+    """The row of an entry's race in the sandbox."""
+    sandbox = SandboxConfig(safe=True, replay=False, limits=Limits(**limits))
+    return fly(make_flight(SEASON, LEG, load_entry(folder), sandbox, versions({})), "tests")
 
 
 # It tries all, writes what came of it, and ends: nothing of it needs a race.

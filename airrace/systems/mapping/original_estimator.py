@@ -1,4 +1,4 @@
-"""The estimator of the Student AirRace report: mean and variance of each marker by itself."""
+"""The estimator of the Student AirRace paper: mean and variance of each marker by itself."""
 
 import dataclasses as dc
 from collections import Counter
@@ -76,7 +76,7 @@ EMPTY = MarkerStatistics(read_only(np.zeros((0, 3))), _ZERO, PositionEstimate(_Z
 def estimate_position(positions: np.ndarray, outlier_sigma: float) -> PositionEstimate:
     """Returns what positions of a marker say together.
 
-    Section III of the Student AirRace report, as its mapping service computed it. With mean m
+    Section III of the Student AirRace paper, as its mapping service computed it. With mean m
     and standard deviation s = sqrt(sum (x - m)^2 / n) of each coordinate of all n positions, a
     position is an outlier if a coordinate has |x - m| >= 3 s. Mean and variance of the others
     are the estimate. As no x is farther off than s sqrt(n - 1), the first outlier is one of ten.
@@ -105,8 +105,8 @@ def _moments(positions):
     return mean, np.square(positions - mean).sum(axis=0) / len(positions)
 
 
-class ReportEstimator:
-    """Section III of the Student AirRace report.
+class OriginalEstimator:
+    """Section III of the Student AirRace paper.
 
     The variance of a MarkerEstimate is that of the observations that count, and an outlier is
     one that is left out of the mean now: all are tested again whenever one is added.

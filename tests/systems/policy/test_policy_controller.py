@@ -5,16 +5,16 @@ import pytest
 from pydrake.common.value import Value
 
 from airrace.envs.observation import gates_of_track
+from airrace.systems.policy.command_switch import CommandSwitch
 from airrace.systems.policy.gates_observation import write_gates_observation
-from airrace.systems.policy.learned_pilot import FLYING, PERIOD, LearnedPilot, _stop
-from airrace.systems.policy.pilot_switch import PilotSwitch
+from airrace.systems.policy.policy_controller import FLYING, PERIOD, PolicyController, _stop
 from airrace.systems.types import LAND, ExplorerStatus
 from airrace.track import GateEstimate, GateMap, load_track
 from airrace.trajopt.flat_trajectory import hold
 from airrace.trajopt.reference import as_reference
 from airrace.vehicle import GRAVITY, load_vehicle
 from airrace.vehicle.state import as_state
-from tests.worlds.linear_pilot import linear_network
+from tests.worlds.linear_policy import linear_network
 
 VEHICLE = load_vehicle("Default")[0]
 TRACK = load_track("hexagon")
@@ -38,11 +38,13 @@ def estimate(position, velocity=(0, 0, 0), q=(1, 0, 0, 0)):
 
 
 class Bench:
-    """The pilot alone, its inputs fixed: it hovers over the start, and the map is complete."""
+    """The controller alone, its inputs fixed: it hovers over the start, and the map is complete."""
 
     def __init__(self, network=None, explorer=DONE, known=None):
-        self.pilot = LearnedPilot(vehicle=VEHICLE, network=network or linear_network(VEHICLE))
-        self.context = self.pilot.CreateDefaultContext()
+        self.controller = PolicyController(
+            vehicle=VEHICLE, network=network or linear_network(VEHICLE)
+        )
+        self.context = self.controller.CreateDefaultContext()
         self.start = np.array([*TRACK.start.position[:2], 5.0])
         self.fix("filtered_estimate", estimate(self.start))
         self.fix("gate_map", Value[object](known or gate_map()))
@@ -51,36 +53,36 @@ class Bench:
         self.fix("rotor_losses", np.full(4, np.inf))
 
     def fix(self, port, value):
-        self.pilot.GetInputPort(port).FixValue(self.context, value)
+        self.controller.GetInputPort(port).FixValue(self.context, value)
 
     def step(self, times=1):
         for _ in range(times):
-            after = self.pilot.EvalUniquePeriodicDiscreteUpdate(self.context).value().copy()
+            after = self.controller.EvalUniquePeriodicDiscreteUpdate(self.context).value().copy()
             self.context.SetDiscreteState(after)
             self.context.SetTime(self.context.get_time() + PERIOD)
         return self.status
 
     def eval(self, port):
-        return self.pilot.GetOutputPort(port).Eval(self.context)
+        return self.controller.GetOutputPort(port).Eval(self.context)
 
     @property
     def status(self):
-        return self.eval("pilot_status")
+        return self.eval("policy_status")
 
     @property
     def memory(self):
-        return self.pilot._recall(self.context)
+        return self.controller._recall(self.context)
 
 
 def test_it_waits_for_the_end_of_the_exploration():
     bench = Bench(explorer=ExplorerStatus(state="RETURN", gates=NUMBERS))
     status = bench.step(400)
     assert not status.flies and not status.planner_may_plan and not status.reason
-    assert bench.eval("network_flies") == 0.0
+    assert bench.eval("policy_flies") == 0.0
     np.testing.assert_allclose(bench.eval("rate_command"), HOVER)
     np.testing.assert_array_equal(bench.eval("safe_reference"), hold(bench.start, 0.3))
     bench.fix("explorer_status", Value[object](DONE))
-    assert bench.step().flies and bench.eval("network_flies") == 1.0
+    assert bench.step().flies and bench.eval("policy_flies") == 1.0
 
 
 def test_it_sees_what_the_environment_shows():
@@ -224,10 +226,10 @@ def test_commands_are_what_the_actions_stand_for():
 
 
 def test_the_switch():
-    switch = PilotSwitch(rotors=4)
+    switch = CommandSwitch(rotors=4)
     context = switch.CreateDefaultContext()
     switch.GetInputPort("planned_command").FixValue(context, np.full(4, 1.0))
-    switch.GetInputPort("learned_command").FixValue(context, np.full(4, 2.0))
+    switch.GetInputPort("policy_command").FixValue(context, np.full(4, 2.0))
     for flies, command in ((0.0, 1.0), (1.0, 2.0)):
-        switch.GetInputPort("network_flies").FixValue(context, [flies])
+        switch.GetInputPort("policy_flies").FixValue(context, [flies])
         np.testing.assert_array_equal(switch.get_output_port().Eval(context), np.full(4, command))

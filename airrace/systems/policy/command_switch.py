@@ -12,29 +12,29 @@ if TYPE_CHECKING:
     from airrace.scenario import Scenario
 
 
-class PilotSwitch(LeafSystem):
+class CommandSwitch(LeafSystem):
     """Passes the command of the planner's controller on, or that of the network's.
 
     .. pydrake_system::
 
-        name: PilotSwitch
+        name: CommandSwitch
         input_ports:
         - planned_command
-        - learned_command
-        - network_flies
+        - policy_command
+        - policy_flies
         output_ports:
         - rotor_speed_command
 
-    ``planned_command`` is the GeometricController's, ``learned_command`` the RateController's: one
-    speed a rotor (rad/s); ``network_flies``, of the LearnedPilot, is 1 if the second counts.
+    ``planned_command`` is the GeometricController's, ``policy_command`` the RateController's: one
+    speed a rotor (rad/s); ``policy_flies``, of the PolicyController, is 1 if the second counts.
     """
 
     def __init__(self, *, rotors: int):
         """Args: rotors: how many there are."""
         LeafSystem.__init__(self)
         self._planned = self.DeclareVectorInputPort("planned_command", rotors)
-        self._learned = self.DeclareVectorInputPort("learned_command", rotors)
-        self._flies = self.DeclareVectorInputPort("network_flies", 1)
+        self._learned = self.DeclareVectorInputPort("policy_command", rotors)
+        self._flies = self.DeclareVectorInputPort("policy_flies", 1)
         self.DeclareVectorOutputPort("rotor_speed_command", rotors, self._calc_command)
 
     @classmethod

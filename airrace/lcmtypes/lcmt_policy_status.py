@@ -9,8 +9,8 @@ import struct
 
 import airrace.lcmtypes
 
-class lcmt_pilot_status(object):
-    """ See PilotStatus in airrace/systems/types.py. """
+class lcmt_policy_status(object):
+    """ See PolicyStatus in airrace/systems/types.py. """
 
     __slots__ = ["header", "flies", "since", "reason", "planner_may_plan", "passed"]
 
@@ -38,7 +38,7 @@ class lcmt_pilot_status(object):
 
     def encode(self):
         buf = BytesIO()
-        buf.write(lcmt_pilot_status._get_packed_fingerprint())
+        buf.write(lcmt_policy_status._get_packed_fingerprint())
         self._encode_one(buf)
         return buf.getvalue()
 
@@ -58,13 +58,13 @@ class lcmt_pilot_status(object):
             buf = data
         else:
             buf = BytesIO(data)
-        if buf.read(8) != lcmt_pilot_status._get_packed_fingerprint():
+        if buf.read(8) != lcmt_policy_status._get_packed_fingerprint():
             raise ValueError("Decode error")
-        return lcmt_pilot_status._decode_one(buf)
+        return lcmt_policy_status._decode_one(buf)
 
     @staticmethod
     def _decode_one(buf):
-        self = lcmt_pilot_status()
+        self = lcmt_policy_status()
         self.header = airrace.lcmtypes.lcmt_header._decode_one(buf)
         self.flies = bool(struct.unpack('b', buf.read(1))[0])
         self.since = struct.unpack(">d", buf.read(8))[0]
@@ -76,8 +76,8 @@ class lcmt_pilot_status(object):
 
     @staticmethod
     def _get_hash_recursive(parents):
-        if lcmt_pilot_status in parents: return 0
-        newparents = parents + [lcmt_pilot_status]
+        if lcmt_policy_status in parents: return 0
+        newparents = parents + [lcmt_policy_status]
         tmphash = (0x174ffbf80955c21b+ airrace.lcmtypes.lcmt_header._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
@@ -85,11 +85,11 @@ class lcmt_pilot_status(object):
 
     @staticmethod
     def _get_packed_fingerprint():
-        if lcmt_pilot_status._packed_fingerprint is None:
-            lcmt_pilot_status._packed_fingerprint = struct.pack(">Q", lcmt_pilot_status._get_hash_recursive([]))
-        return lcmt_pilot_status._packed_fingerprint
+        if lcmt_policy_status._packed_fingerprint is None:
+            lcmt_policy_status._packed_fingerprint = struct.pack(">Q", lcmt_policy_status._get_hash_recursive([]))
+        return lcmt_policy_status._packed_fingerprint
 
     def get_hash(self):
         """Get the LCM hash of the struct"""
-        return struct.unpack(">Q", lcmt_pilot_status._get_packed_fingerprint())[0]
+        return struct.unpack(">Q", lcmt_policy_status._get_packed_fingerprint())[0]
 

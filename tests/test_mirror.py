@@ -20,6 +20,7 @@ common/immutable.py                      rendering/imaging/test_lens.py
 common/version.py                        test_project_files.py
 common/words.py                          evaluation/test_tables.py
 diagrams/command_watchdog.py             systems/failsafe/test_command_watchdog.py
+diagrams/drone_alone.py                  drake_user/test_drone_alone.py
 diagrams/estimators.py                   diagrams/test_vio_race.py
 diagrams/in_process.py                   diagrams/test_race.py
 diagrams/own_systems.py                  diagrams/test_autonomy.py
@@ -100,12 +101,15 @@ systems/planning/lap_plan.py             systems/planning/test_lap_planner.py
 systems/planning/laps.py                 systems/planning/test_lap_planning.py
 systems/planning/min_snap_laps.py        systems/planning/test_lap_planning.py
 systems/planning/time_optimal_laps.py    systems/planning/test_lap_planning.py
+systems/plant/drawn_body.py              drake_user/test_random.py
 systems/policy/command_switch.py         systems/policy/test_policy_controller.py
+systems/seed.py                          drake_user/test_random.py
 systems/sensing/contact_names.py         systems/sensing/test_contact_sensor.py
 systems/sensing/imu_samples.py           systems/sensing/test_imu.py
 systems/sensing/picture_ports.py         hitl/link/test_image_messages.py
 systems/sensing/pose_history.py          systems/sensing/test_state_estimate.py
 systems/types.py                         systems/test_referee.py
+systems/vector_function.py               drake_user/test_drone_alone.py
 track/gate_map.py                        track/test_map_files.py
 track/hall.py                            track/test_generator.py
 trajopt/errors.py                        trajopt/test_gate_regions.py

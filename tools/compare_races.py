@@ -1,14 +1,16 @@
 """Holds the races of two checkouts against each other: python -m tools.compare_races A B.
 
-Five scenarios are flown in each, all of seed 5. race.json and map.json should be equal but for
-wall times; where they are not, the greatest difference of a lap time is printed. Races from pixels
-amplify the last digit of anything: with --rounding, the first checkout also flies with a start
-that is moved by 1e-12 m, and how much its own laps change by that is printed beside.
+Eight scenarios are flown in each, all of seed 5, the last one by the example of a MAVLink client.
+race.json and map.json should be equal but for wall times; where they are not, the greatest
+difference of a lap time is printed. Races from pixels amplify the last digit of anything: with
+--rounding, the first checkout also flies with a start that is moved by 1e-12 m, and how much its
+own laps change by that is printed beside.
 """
 
 import argparse
 import concurrent.futures
 import json
+import socket
 import subprocess
 import sys
 import tempfile
@@ -25,20 +27,42 @@ RACES = {
     "star_one": ["--laps", "2", "-d", "StarOne", "--scenario_text", ONE_ROTOR_LOST],
     "level3": ["--laps", "2", "--level", "3"],
     "level4": ["--laps", "2", "--level", "4"],
+    "vio": ["--laps", "2", "--estimator", "vio"],
+    "learned": ["--laps", "2", "--policy", "learned"],
+    "grand_prix": ["--step"],
 }
-QUIET = ["--seed", "5", "--no-meshcat", "--no-report", "--record", "none"]
+QUIET = ["--seed", "5", "--no-meshcat", "--record", "none"]
+CLIENT = Path("examples/grand_prix_client.py")
 
 
 def fly(checkout: Path, name: str, folder: Path, options=()) -> None:
     """Flies a race of RACES with a checkout's own .venv, unless the folder has it already."""
     if (folder / "race.json").exists():
         return
-    command = [".venv/bin/python", "-m", "airrace.diagrams.race", *QUIET, *RACES[name], *options]
-    done = subprocess.run(
-        [*command, "--output", str(folder.resolve())], cwd=checkout, capture_output=True, text=True
-    )
+    python, words = checkout.resolve() / ".venv/bin/python", [*QUIET, *RACES[name], *options]
+    words += ["--output", str(folder.resolve())]
+    if name == "grand_prix":
+        done = fly_client(checkout, python, words)
+    else:
+        command = [python, "-m", "airrace.diagrams.race", "--no-report", *words]
+        done = subprocess.run(command, cwd=checkout, capture_output=True, text=True)
     if not (folder / "race.json").exists():
         sys.exit(f"{checkout} could not fly {name}:\n{done.stderr}")
+
+
+def fly_client(checkout: Path, python: Path, words: list[str]) -> subprocess.CompletedProcess:
+    """Has a checkout's own client fly the Grand Prix in its simulation, in lockstep."""
+    with socket.socket(type=socket.SOCK_DGRAM) as a, socket.socket(type=socket.SOCK_DGRAM) as b:
+        a.bind(("127.0.0.1", 0))
+        b.bind(("127.0.0.1", 0))
+        mavlink, pictures = (str(each.getsockname()[1]) for each in (a, b))
+    client = [python, CLIENT, "--mavlink", mavlink, "--pictures", pictures]
+    with subprocess.Popen(client, cwd=checkout, stdout=subprocess.DEVNULL) as flying:
+        ports = ["--client", f"127.0.0.1:{mavlink}", "--picture_port", pictures, "--linger", "0"]
+        command = [python, "-m", "airrace", "grand-prix", *words, *ports]
+        done = subprocess.run(command, cwd=checkout, capture_output=True, text=True)
+        flying.kill()
+    return done
 
 
 def moved_track(checkout: Path, folder: Path) -> Path:
@@ -55,7 +79,9 @@ def results(folder: Path) -> dict:
     """Returns what race.json and map.json of a race hold, but for wall times."""
     race = json.loads((folder / "race.json").read_text("utf-8"))
     race.pop("wall")
-    return {"race.json": race, "map.json": json.loads((folder / "map.json").read_text("utf-8"))}
+    found = folder / "map.json"  # a client keeps its map to itself
+    text = found.read_text("utf-8") if found.exists() else "{}"
+    return {"race.json": race, "map.json": json.loads(text)}
 
 
 def differences(a, b, path="") -> list[str]:
@@ -70,9 +96,13 @@ def differences(a, b, path="") -> list[str]:
 
 def lap_difference(a: dict, b: dict) -> str:
     """Returns the greatest difference between the lap times of two races, as text."""
-    times = [[lap["time_s"] for lap in result["race.json"]["laps"]] for result in (a, b)]
+    races = [result["race.json"] for result in (a, b)]
+    if "gate_times_s" in races[0]:
+        times = [race["gate_times_s"] for race in races]
+    else:
+        times = [[lap["time_s"] for lap in race["laps"]] for race in races]
     if len(times[0]) != len(times[1]):
-        return f"{len(times[0])} and {len(times[1])} laps"
+        return f"{len(times[0])} and {len(times[1])} laps or gates"
     return f"{max((abs(x - y) for x, y in zip(*times)), default=0.0):.1e} s"
 
 
@@ -94,7 +124,12 @@ def main() -> int:
     sides = {"a": (before, ()), "b": (after, ())}
     if args.rounding:
         sides["moved"] = before, ("--track", str(moved_track(before, output)))
-    folders = {(side, name): output / side / name for name in args.only for side in sides}
+    folders = {
+        (side, name): output / side / name
+        for name in args.only
+        for side in sides
+        if (side, name) != ("moved", "grand_prix")
+    }
     with (
         Progress(console=Console(stderr=True)) as progress,
         concurrent.futures.ThreadPoolExecutor(2) as pool,
@@ -114,7 +149,7 @@ def main() -> int:
         found = differences(a, b)
         all_equal &= not found
         row = [name, f"{len(found)} differences" if found else "equal", lap_difference(a, b)]
-        if args.rounding:
+        if ("moved", name) in folders:
             row.append(lap_difference(a, results(folders["moved", name])))
         table.add_row(*row)
         shown += [f"{name}{each}" for each in found[: args.show]]

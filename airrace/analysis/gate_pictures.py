@@ -83,7 +83,7 @@ def _times_read(run, gate):
 
 
 def _smaller(jpeg):
-    """Returns a JPEG at the width of the paper's strip."""
+    """Returns a JPEG at the width of the report's strip."""
     picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
     height, width = picture.shape
     size = (_WIDTH, round(height * _WIDTH / width))

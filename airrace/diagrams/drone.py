@@ -1,6 +1,8 @@
 """One drone of a simulation: its body, its rotors and sensors, and who judges it."""
 
 import dataclasses as dc
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +19,7 @@ from airrace.rendering.scene.pad import AddPad
 from airrace.rendering.vtk.vtk_renderer import AddVtkRenderer
 from airrace.scenario.camera_config import NO_CAMERA
 from airrace.systems.plant.drag import Drag
+from airrace.systems.plant.drawn_body import DrawnBody
 from airrace.systems.plant.multirotor import AddMultirotor, AddMultirotorModel, ground_clearance
 from airrace.systems.plant.wind import Wind
 from airrace.systems.referee import Referee
@@ -29,19 +32,23 @@ from airrace.vehicle import GRAVITY, Vehicle, load_vehicle
 from airrace.vehicle.camera_info import make_camera_info
 from airrace.vehicle.disturbances import check_rotors_exist, true_vehicle
 
+DRAWN_BODY = "drawn_body"
+
 
 class Drone(NamedTuple):
     """A drone in a World.
 
     Attributes:
         suffix: of the names of its subsystems and ports; the only drone's is empty.
-        vehicle: as its file says; true_vehicle: as it really is.
+        vehicle: as its file says; drawn: from a seed to as it really is.
+        true_vehicle: that of the scenario's seed, by which the plant is made.
         body: its link in the plant.
         X_WB: where it stands at the start.
     """
 
     suffix: str
     vehicle: Vehicle
+    drawn: Callable[[int], Vehicle]
     true_vehicle: Vehicle
     body: RigidBody
     X_WB: RigidTransform
@@ -63,12 +70,13 @@ def PlaceDrone(world: World, start: Start, suffix: str = "") -> Drone:
     scenario = world.scenario
     vehicle, sdf = load_vehicle(scenario.drone)
     check_rotors_exist(scenario.rotor_failures, vehicle)
-    truth = true_vehicle(vehicle, scenario.disturbances, scenario.seed)
+    drawn = functools.partial(true_vehicle, vehicle, scenario.disturbances)
+    truth = drawn(scenario.seed)
     AddPad(world.plant, start, vehicle.radius)
     body = AddMultirotorModel(world.plant, vehicle, sdf, truth)
     X_WB = start_pose(start, vehicle.radius, ground_clearance(body, world.scene_graph))
     world.plant.SetDefaultFloatingBaseBodyPose(body, X_WB)
-    return Drone(suffix, vehicle, truth, body, X_WB)
+    return Drone(suffix, vehicle, drawn, truth, body, X_WB)
 
 
 def AddDrone(builder: DiagramBuilder, world: World, drone: Drone) -> list[OutputPort]:
@@ -89,6 +97,11 @@ def AddDrone(builder: DiagramBuilder, world: World, drone: Drone) -> list[Output
     else:
         _add_state_estimate(builder, world, drone)
     _add_judges(builder, world, drone)
+    errors = world.scenario.disturbances
+    if errors.mass_error > 0.0 or errors.inertia_error > 0.0:
+        seed, body = world.scenario.seed, drone.body.index()
+        drawn_body = DrawnBody(body=body, drawn=drone.drawn, seed=seed)
+        _add(builder, world, drone, DRAWN_BODY, drawn_body)
     builder.ExportOutput(drone.state, "truth.state" + drone.suffix)
     return [rotors, *air]
 
@@ -100,6 +113,7 @@ def _add[S: System](builder: DiagramBuilder, world: World, drone: Drone, name: s
         ("state", drone.state),
         ("contact_results", world.plant.get_contact_results_output_port()),
         ("geometry_query", world.scene_graph.get_query_output_port()),
+        ("seed", world.seed),
     ):
         if system.HasInputPort(port):
             builder.Connect(source, system.GetInputPort(port))
@@ -132,12 +146,15 @@ def _add_rotors(builder: DiagramBuilder, world: World, drone: Drone) -> OutputPo
         builder,
         drone.body,
         world.scene_graph,
-        drone.true_vehicle,
+        drone.vehicle,
+        drawn=drone.drawn,
+        seed=scenario.seed,
         rate=scenario.rotors.rate,
         failures=[(f.rotor - 1, f.time) for f in scenario.rotor_failures],
         visible=world.shown,
         suffix=drone.suffix,
     )
+    builder.Connect(world.seed, rotors.GetInputPort("seed"))
     command = rotors.GetInputPort("rotor_speed_command")
     period = 1.0 / scenario.rotors.rate
     periods = scenario.disturbances.periods_of_delay(period)

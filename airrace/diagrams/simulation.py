@@ -1,16 +1,26 @@
 """The Simulation diagram: where the truth lives."""
 
+import functools
+from collections.abc import Callable, Sequence
+
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.visualization import ApplyVisualizationConfig
 
-from airrace.diagrams.drone import AddDrone, PlaceDrone
-from airrace.diagrams.world import AddGateMover, AddWorld
-from airrace.rendering.scene.scenery import move_gates
+from airrace.common.errors import UserError
+from airrace.diagrams.drone import DRAWN_BODY, AddDrone, PlaceDrone
+from airrace.diagrams.world import GATE_MOVER, AddGateMover, Addition, AddWorld, World
 from airrace.scenario import Scenario
 from airrace.systems.plant.multirotor import ApplyForces
 
 
-def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagram:
+def MakeSimulation(
+    scenario: Scenario,
+    meshcat: Meshcat | None = None,
+    *,
+    additions: Sequence[Addition] = (),
+    visible: bool = False,
+) -> Diagram:
     """Builds the simulated world of a scenario.
 
     Input ports: ``rotor_speed_command`` (vector, rad/s) and
@@ -22,25 +32,38 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
     ``rotor_status`` (see RotorBank) of the motor controllers; and ``state_estimate`` (see
     vehicle/state.py), or with the estimator ``vio`` ``imu`` (see ImuSamples) in its place.
     Truth, for judges and spectators only: ``truth.state`` (13),
-    ``truth.referee_status`` (RefereeStatus), and if gates move, ``truth.gate_shifts`` (see
-    GateMover), which the plant's bodies follow when follow_gates() is called; and if contacts do
-    not end the race, ``truth.contacts`` (see ContactSensor).
+    ``truth.referee_status`` (RefereeStatus), the plant's ``truth.contact_results`` and the
+    SceneGraph's ``truth.geometry_query``; if gates move, ``truth.gate_shifts`` (see GateMover),
+    which the plant's bodies follow by MakeMonitor(); and if contacts do not end the race,
+    ``truth.contacts`` (see ContactSensor).
 
     The drone that flies is the scenario's with the errors of its disturbances.
 
     Args:
         scenario: the race.
         meshcat: a Meshcat to show the world in, or None.
+        additions: what else is in the world.
+        visible: whether there is geometry to look at, though no meshcat is given: for
+            visualizers of your own.
 
     Raises:
         UserError: if the track, the drone or the renderer cannot be had, or a
             rotor fails that is not there.
     """
+    shown = visible or meshcat is not None or scenario.visualization is not None
     builder = DiagramBuilder()
-    world = AddWorld(builder, scenario, shown=meshcat is not None)
+    world = AddWorld(builder, scenario, shown=shown)
     drone = PlaceDrone(world, world.track.start)
+    for addition in additions:
+        addition.AddToPlant(world)
     world.plant.Finalize()
-    ApplyForces(builder, world.plant, AddDrone(builder, world, drone))
+    forces = AddDrone(builder, world, drone)
+    for addition in additions:
+        forces += addition.AddToBuilder(builder, world, drone)
+    ApplyForces(builder, world.plant, forces)
+    contacts = world.plant.get_contact_results_output_port()
+    builder.ExportOutput(contacts, "truth.contact_results")
+    builder.ExportOutput(world.scene_graph.get_query_output_port(), "truth.geometry_query")
     if world.gates_move:
         AddGateMover(builder, world, drone.state)
     if meshcat is not None:
@@ -48,23 +71,51 @@ def MakeSimulation(scenario: Scenario, meshcat: Meshcat | None = None) -> Diagra
         MeshcatVisualizer.AddToBuilder(
             builder, world.scene_graph, meshcat, MeshcatVisualizerParams(publish_period=0.1)
         )
+    if scenario.visualization is not None:
+        _visualize(builder, world)
     diagram = builder.Build()
     diagram.set_name("simulation")
     return diagram
 
 
-def follow_gates(simulation: Diagram, context: Context) -> None:
-    """Moves the bodies of the gates to where GateMover says that they stand.
+def _visualize(builder: DiagramBuilder, world: World) -> None:
+    config = world.scenario.visualization
+    try:
+        ApplyVisualizationConfig(config, builder, plant=world.plant, scene_graph=world.scene_graph)
+    except RuntimeError as e:
+        raise UserError(f"visualization cannot be used: {' '.join(str(e).split())}.") from None
 
-    The loop that runs the simulation calls it ten times a second: a gate only moves when
-    the drone is far from it, and no system of Drake may change the parameters of another.
+
+def MakeMonitor(diagram: Diagram) -> Callable[[Context], None]:
+    """Returns the monitor that a Simulator of a race needs.
+
+    Where gates move, or mass and inertia are drawn and the Context has another seed than the
+    scenario, these are parameters of the plant, and no system of Drake may write those of another.
+    With ``simulator.set_monitor(MakeMonitor(diagram))`` they are written after each step. Without
+    it, the simulation ends with an error that says so, as soon as it would be wrong.
 
     Args:
-        simulation: from MakeSimulation(); if its gates stand still, nothing happens.
+        diagram: the Simulation, or one in which it is, under the name ``simulation``.
+    """
+    if diagram.HasSubsystemNamed("simulation"):
+        diagram = diagram.GetSubsystemByName("simulation")
+    return functools.partial(set_bodies, diagram)
+
+
+def set_bodies(simulation: Diagram, context: Context) -> None:
+    """Gives the bodies of a plant what is drawn while it is simulated: see MakeMonitor().
+
+    To call it ten times a second is enough: a gate only moves when the drone is far from it.
+
+    Args:
+        simulation: from MakeSimulation(); if nothing is drawn, nothing happens.
         context: of the diagram that is simulated.
     """
-    if simulation.HasOutputPort("truth.gate_shifts"):
-        port = simulation.GetOutputPort("truth.gate_shifts")
-        shifts = port.Eval(simulation.GetMyContextFromRoot(context))
-        plant = simulation.GetSubsystemByName("plant")
-        move_gates(plant, plant.GetMyMutableContextFromRoot(context), shifts.reshape(-1, 2))
+    for name in (GATE_MOVER, DRAWN_BODY):
+        if simulation.HasSubsystemNamed(name):
+            system, plant = map(simulation.GetSubsystemByName, (name, "plant"))
+            system.set_bodies(
+                system.GetMyMutableContextFromRoot(context),
+                plant,
+                plant.GetMyMutableContextFromRoot(context),
+            )

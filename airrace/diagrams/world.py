@@ -1,18 +1,27 @@
 """The world of a simulation: the plant with the course in it, and gates that may move."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from pydrake.geometry import SceneGraph
+from pydrake.multibody.parsing import ModelDirectives, Parser, ProcessModelDirectives
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 
 from airrace.common.errors import UserError
+from airrace.common.resources import models_path
 from airrace.rendering.scene.scenery import AddScenery
 from airrace.scenario import Scenario
 from airrace.systems.plant.gate_mover import GateMover
+from airrace.systems.seed import AddSeedSource
 from airrace.track import Course, load_track
 
 if TYPE_CHECKING:
     from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+    from airrace.diagrams.drone import Drone
+
+
+GATE_MOVER = "gate_mover"
 
 
 class World(NamedTuple):
@@ -21,13 +30,15 @@ class World(NamedTuple):
     Attributes:
         scenario, track: of the race.
         plant, scene_graph: with the course; drones are added before the plant is finalized.
-        shown: whether somebody watches in Meshcat.
+        seed: the port of what is random; see SeedSource.
+        shown: whether the drone and the course are drawn, in Meshcat or by your own means.
     """
 
     scenario: Scenario
     track: Course
     plant: MultibodyPlant
     scene_graph: SceneGraph
+    seed: "OutputPort"
     shown: bool
 
     @property
@@ -36,17 +47,44 @@ class World(NamedTuple):
         return self.scenario.disturbances.gate_shift > 0.0
 
 
-def AddWorld(builder: "DiagramBuilder", scenario: Scenario, shown: bool = False) -> World:
-    """Adds a plant, which is not yet finalized, and the course of a scenario.
+class Addition:
+    """What you add to the simulated world: bodies, sensors, forces, views. See docs/drake.md.
 
-    Args: shown: whether somebody watches in Meshcat.
+    Both methods do nothing; override what you need, and give it to MakeSimulation().
+    """
+
+    def AddToPlant(self, world: World) -> None:
+        """Adds bodies or geometry to ``world.plant``, before it is finalized."""
+
+    def AddToBuilder(
+        self, builder: "DiagramBuilder", world: World, drone: "Drone"
+    ) -> "Sequence[OutputPort]":
+        """Adds systems to the diagram, which may export ports of their own.
+
+        Args:
+            builder: of the Simulation; ``plant`` and ``scene_graph`` are in it.
+            world: whose plant is finalized.
+            drone: that flies.
+
+        Returns:
+            ports of forces on bodies, lists of ExternallyAppliedSpatialForce.
+        """
+        return ()
+
+
+def AddWorld(builder: "DiagramBuilder", scenario: Scenario, shown: bool = False) -> World:
+    """Adds a plant, which is not yet finalized, the course of a scenario, and its directives.
+
+    Args: shown: see World.
 
     Raises:
-        UserError: if the course cannot be had, or its gates cannot move as they should.
+        UserError: if the course cannot be had, its gates cannot move as they should, or Drake
+            cannot take the directives.
     """
     track = load_track(scenario.track)
     plant, scene_graph = AddMultibodyPlant(scenario.plant_config, builder)
-    world = World(scenario, track, plant, scene_graph, shown)
+    seed = AddSeedSource(builder, scenario.seed)
+    world = World(scenario, track, plant, scene_graph, seed, shown)
     if world.gates_move and not track.closed:
         raise UserError(
             f"The gates of {track.name} are passed only once, and do not move between laps: set "
@@ -54,6 +92,12 @@ def AddWorld(builder: "DiagramBuilder", scenario: Scenario, shown: bool = False)
         )
     visible = shown or scenario.camera.renderer == "vtk"
     AddScenery(plant, track, movable=world.gates_move, visible=visible)
+    parser = Parser(plant)
+    parser.package_map().AddPackageXml(str(models_path() / "package.xml"))
+    try:
+        ProcessModelDirectives(ModelDirectives(directives=scenario.directives), parser)
+    except RuntimeError as e:
+        raise UserError(f"directives cannot be used: {' '.join(str(e).split())}") from None
     return world
 
 
@@ -66,8 +110,9 @@ def AddGateMover(builder: "DiagramBuilder", world: World, state: "OutputPort") -
     mover = GateMover(
         track=world.track, max_shift=scenario.disturbances.gate_shift, seed=scenario.seed
     )
-    builder.AddNamedSystem("gate_mover", mover)
+    builder.AddNamedSystem(GATE_MOVER, mover)
     builder.Connect(state, mover.GetInputPort("state"))
+    builder.Connect(world.seed, mover.GetInputPort("seed"))
     shifts = mover.GetOutputPort("gate_shifts")
     for system in builder.GetSystems():
         if system.HasInputPort("gate_shifts"):

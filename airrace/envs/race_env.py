@@ -13,7 +13,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from airrace.common.errors import UserError
 from airrace.diagrams.reference_flight import start_in_flight
-from airrace.diagrams.simulation import follow_gates
+from airrace.diagrams.simulation import set_bodies
 from airrace.envs import reward
 from airrace.envs.action import action_scale, check_action
 from airrace.envs.env_diagram import MakeEnvDiagram
@@ -131,7 +131,7 @@ class RaceEnv(gymnasium.Env):
         self._steps += 1
         self._simulator.AdvanceTo(self._steps * self._options.step)
         if self._steps % _GATES_PERIOD == 0:
-            follow_gates(self._diagram.GetSubsystemByName("simulation"), self._context)
+            set_bodies(self._diagram.GetSubsystemByName("simulation"), self._context)
         after = self._state()
         judged, passed_before = self._judge(before, after, pushes), self._passed
         value = self._value(judged, before, after, action)

@@ -2,6 +2,7 @@
 
 import functools
 import zlib
+from collections.abc import Callable
 
 import numpy as np
 
@@ -37,6 +38,11 @@ class NoiseSequence:
             return make_generator(seed, name, block).standard_normal((_BLOCK, size))
 
         self._draw = draw
+
+    @staticmethod
+    def of_seeds(name: str, size: int) -> Callable[[int], "NoiseSequence"]:
+        """Returns a function of a seed, which remembers the sequences of the newest seeds."""
+        return functools.lru_cache(maxsize=4)(lambda seed: NoiseSequence(seed, name, size))
 
     def __getitem__(self, index: int) -> np.ndarray:
         """Returns vector number ``index`` >= 0, shape (size,)."""

@@ -4,8 +4,10 @@ import dataclasses as dc
 from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
+from pydrake.multibody.parsing import ModelDirective
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
+from pydrake.visualization import VisualizationConfig
 
 from airrace.common.errors import UserError
 from airrace.common.resources import find_yaml, load_yaml, models_path
@@ -208,6 +210,8 @@ class Scenario:
     camera: CameraConfig = dc.field(default_factory=CameraConfig)
     imu: ImuConfig = dc.field(default_factory=ImuConfig)
     rotors: RotorsConfig = dc.field(default_factory=RotorsConfig)
+    # Drake's model directives: other bodies in the world. Of the renderers, only vtk draws them.
+    directives: list[ModelDirective] = dc.field(default_factory=list)
     state_noise: str = "nominal"  # or "none": the estimate is the truth
     state_estimate: StateEstimateConfig = dc.field(default_factory=StateEstimateConfig)
     disturbances: DisturbancesConfig = dc.field(default_factory=DisturbancesConfig)
@@ -236,7 +240,8 @@ class Scenario:
     # What a client is told that flies in the place of the autonomy.
     mavlink: MavlinkConfig = dc.field(default_factory=MavlinkConfig)
 
-    # What is kept of it.
+    # How it is seen, and what is kept of it.
+    visualization: VisualizationConfig | None = None  # Drake's own means, such as Meldis
     recording: RecordingConfig = dc.field(default_factory=RecordingConfig)
 
     @property

@@ -54,7 +54,7 @@ class RotorStatus(NamedTuple):
     """What the motor controllers report of n rotors, the vector ``rotor_status``, (1 + 2n,).
 
     Attributes:
-        time: of the paper (s).
+        time: of the measurement (s).
         speeds: measured (rad/s), (n,).
         expected: of rotors that work, after the commands that arrived (rad/s), (n,).
     """

@@ -153,6 +153,12 @@ def test_every_script_is_run_here():
     )
 
 
+def test_a_diagram_of_ones_own(run, folder):
+    """A lap in pydrake's Simulator, with shaken rotors."""
+    ((seconds, gates),) = numbers(rf"{NUMBER} s, (\d+) gates passed", run("own_diagram", folder))
+    assert gates == 7 and 15.0 < seconds < 20.0
+
+
 @pytest.mark.slow
 def test_a_first_race(first_race, whole):
     _, text = first_race

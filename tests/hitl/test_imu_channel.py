@@ -35,7 +35,7 @@ def sent_in(seconds, lossless, **kwargs):
     """Returns the messages of an IMU at rest, and all that it measured, (n, 7)."""
     builder = DiagramBuilder()
     imu = builder.AddSystem(Imu(rate=500.0, errors=ImuErrors(gyro_noise=0.01), **kwargs))
-    builder.ExportInput(imu.get_input_port(), "state")
+    builder.ExportInput(imu.GetInputPort("state"), "state")
     builder.ExportOutput(imu.get_output_port(), "imu")
     diagram = builder.Build()
     simulator, sent, measured = Simulator(diagram), Sent(), []

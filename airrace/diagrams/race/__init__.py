@@ -19,7 +19,7 @@ from airrace.common.errors import UserError
 from airrace.common.files import write_json, write_text
 from airrace.common.interrupts import interrupt_flag
 from airrace.diagrams.in_process import InProcess
-from airrace.diagrams.simulation import MakeSimulation, follow_gates
+from airrace.diagrams.simulation import MakeSimulation, set_bodies
 from airrace.diagrams.transport import POLL_PERIOD, Transport
 from airrace.recording.course_result import CourseResult
 from airrace.recording.foxglove_server import FoxgloveServer
@@ -190,7 +190,7 @@ class _Race:
             steps += 1
             reason = self._transport.advance(self._simulator, steps * POLL_PERIOD)
             simulation = self._diagram.GetSubsystemByName("simulation")
-            follow_gates(simulation, self._simulator.get_mutable_context())
+            set_bodies(simulation, self._simulator.get_mutable_context())
             self._look()
             if self._controls is not None:
                 self._controls.steer(lambda: interrupted.is_set)

@@ -99,6 +99,7 @@ class ImagingChain:
         w_WB: np.ndarray,
         v_WB: np.ndarray,
         frame: int,
+        seed: int | None = None,
     ) -> "MeanPicture | Exposure | _TakenPicture":
         """Returns a picture to be drawn, perhaps piece by piece.
 
@@ -109,13 +110,14 @@ class ImagingChain:
                 exposure.
             w_WB, v_WB: its angular velocity (rad/s) and velocity (m/s) in world.
             frame: number of the picture >= 0.
+            seed: of the noise, in the place of the chain's.
 
         Returns:
             an object with draw(out, boxes=None), see Exposure.
         """
         poses = self._shutter.poses(X_WB, w_WB, v_WB)
         ideal = expose(poses, X_WB @ self.pinhole.X_BC)
-        return _TakenPicture(ideal, self._lens, self._sensor, frame)
+        return _TakenPicture(ideal, self._lens, self._sensor, frame, seed)
 
 
 @dc.dataclass(frozen=True)
@@ -126,6 +128,7 @@ class _TakenPicture:
     lens: Lens | None
     sensor: Sensor
     frame: int
+    seed: int | None
 
     def draw(self, out: np.ndarray, boxes: np.ndarray | None = None) -> None:
         boxes = as_boxes(boxes, out)
@@ -138,4 +141,4 @@ class _TakenPicture:
                 size = pinhole.width, pinhole.height
                 self.ideal.draw(wide, [self.lens.distortion.source(box, size)])
                 self.lens.distortion.bend(wide, out, box)
-        self.sensor.expose(out, self.frame, boxes)
+        self.sensor.expose(out, self.frame, boxes, self.seed)

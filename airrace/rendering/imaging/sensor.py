@@ -99,18 +99,24 @@ class Sensor:
             return
 
         @functools.lru_cache(maxsize=2)
-        def places(block):
+        def places(seed, block):
             rng = make_generator(seed, "camera_noise_place", block)
             return rng.integers([_MARGIN + 1, _MARGIN + 1, 2], size=(_BLOCK, 3)).tolist()
 
-        self._places = places  # in the sheet, and whether it is turned over
+        self._places, self._seed = places, seed  # in the sheet, and whether it is turned over
         rng = make_generator(seed, "camera_noise_sheet")
         sheet = rng.standard_normal((h + _MARGIN, w + _MARGIN), np.float32)
         # Bytes, because most of the time is spent on fetching them.
         sheet = np.clip(np.round(_STEPS * sheet), -127, 127).astype(np.int8)
         self._noise = self._noise._replace(sheet=sheet)
 
-    def expose(self, image: np.ndarray, frame: int, boxes: np.ndarray | None = None) -> None:
+    def expose(
+        self,
+        image: np.ndarray,
+        frame: int,
+        boxes: np.ndarray | None = None,
+        seed: int | None = None,
+    ) -> None:
         """Changes a picture in place; opaque pixels stay opaque.
 
         Args:
@@ -118,12 +124,15 @@ class Sensor:
             frame: number of the picture >= 0; the noise is a function of it and
                 of the place.
             boxes: the parts of it that are changed, (n, 4); None: all of it.
+            seed: of the noise, in the place of the sensor's.
         """
         if self._is_ideal:
             return
         noise = self._noise
         if self._places is not None:
-            y, x, turned = self._places(frame // _BLOCK)[frame % _BLOCK]
+            y, x, turned = self._places(self._seed if seed is None else seed, frame // _BLOCK)[
+                frame % _BLOCK
+            ]
             noise = noise._replace(x=x, y=y, step=np.float32((1.0 - 2.0 * turned) / _STEPS))  # type: ignore[arg-type]
         _expose(with_channels(image), as_boxes(boxes, image), self._light, noise)
 

@@ -2,7 +2,7 @@
 
 import contextlib
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.dom import expatbuilder
@@ -25,7 +25,7 @@ from airrace.systems.plant.rotor_bank import RotorBank
 from airrace.vehicle import Vehicle
 
 if TYPE_CHECKING:
-    from pydrake.systems.framework import DiagramBuilder, OutputPort
+    from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
 
 
 @contextlib.contextmanager
@@ -158,6 +158,8 @@ def AddMultirotor(
     scene_graph: SceneGraph,
     vehicle: Vehicle,
     *,
+    drawn: "Callable[[int], Vehicle] | None" = None,
+    seed: int = 0,
     rate: float | None = None,
     failures: Iterable[tuple[int, float]] = (),
     visible: bool = True,
@@ -172,6 +174,7 @@ def AddMultirotor(
         body: of AddMultirotorModel().
         scene_graph: with its geometry.
         vehicle: the rotor table.
+        drawn, seed: see RotorBank.
         rate: of the motor controllers (Hz); by default, as often as the plant steps.
         failures: of rotors, see RotorBank.
         visible: whether the drone is drawn, in Meshcat: its visuals cost time at every
@@ -191,18 +194,33 @@ def AddMultirotor(
         elif inspector.GetProximityProperties(geometry_id) is None:
             scene_graph.RemoveGeometry(source, geometry_id)
     period = 1.0 / rate if rate else plant.time_step()
-    rotors = RotorBank(vehicle=vehicle, period=period, failures=failures)
+    rotors = RotorBank(vehicle=vehicle, period=period, failures=failures, drawn=drawn, seed=seed)
+    builder.AddNamedSystem("rotor_bank" + suffix, rotors)
+    thrusts, forces = AddPropellers(builder, body, vehicle, suffix)
+    builder.Connect(rotors.GetOutputPort("thrusts"), thrusts)
+    return rotors, forces
+
+
+def AddPropellers(
+    builder: "DiagramBuilder", body: RigidBody, vehicle: Vehicle, suffix: str = ""
+) -> "tuple[InputPort, OutputPort]":
+    """Adds what turns the thrusts of a drone's rotors into forces on it.
+
+    Args: as of AddMultirotor().
+
+    Returns:
+        the ports of the thrusts (N), one a rotor, and of the forces, for ApplyForces().
+    """
+    plant = body.GetParentPlant()
     propellers = Propeller(
         [
             PropellerInfo(body.index(), RigidTransform(r.position), 1.0, r.moment_ratio)
             for r in vehicle.rotors
         ]
     )
-    builder.AddNamedSystem("rotor_bank" + suffix, rotors)
     builder.AddNamedSystem("propellers" + suffix, propellers)
-    builder.Connect(rotors.GetOutputPort("thrusts"), propellers.get_command_input_port())
     builder.Connect(plant.get_body_poses_output_port(), propellers.get_body_poses_input_port())
-    return rotors, propellers.get_spatial_forces_output_port()
+    return propellers.get_command_input_port(), propellers.get_spatial_forces_output_port()
 
 
 def ApplyForces(

@@ -1,6 +1,7 @@
 """Rotors between the commanded speeds and their thrusts."""
 
-from collections.abc import Iterable
+import functools
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from pydrake.systems.framework import Context
@@ -8,6 +9,7 @@ from pydrake.systems.framework import Context
 from airrace.common.jit import compiled
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
+from airrace.systems.seed import declare_seed
 from airrace.vehicle import Vehicle
 from airrace.vehicle.rotors import RotorDynamics, as_rotor_status, make_rotor_dynamics, next_speed
 
@@ -20,6 +22,7 @@ class RotorBank(LeafSystem):
         name: RotorBank
         input_ports:
         - rotor_speed_command
+        - seed (may be left open)
         output_ports:
         - rotor_speeds
         - rotor_status
@@ -31,11 +34,17 @@ class RotorBank(LeafSystem):
     failed: it spins down.
 
     ``rotor_status`` is a vehicle.RotorStatus (1 + 2n), as the motor controllers report
-    it. Only they know which commands arrived: over a link, not all do.
+    it. Only they know which commands arrived: over a link, not all do. ``seed``: see SeedSource.
     """
 
     def __init__(
-        self, *, vehicle: Vehicle, period: float, failures: Iterable[tuple[int, float]] = ()
+        self,
+        *,
+        vehicle: Vehicle,
+        period: float,
+        failures: Iterable[tuple[int, float]] = (),
+        drawn: Callable[[int], Vehicle] | None = None,
+        seed: int = 0,
     ):
         """Constructs the bank, its rotors at rest.
 
@@ -44,6 +53,8 @@ class RotorBank(LeafSystem):
             period: of the update (s). Speeds and thrusts are those of its end, and hold.
             failures: pairs of a rotor's index, from 0, and since when it has
                 failed (s).
+            drawn: from a seed to the vehicle as it really is; by default, it is as it is.
+            seed: for that, if the port is left open.
         """
         LeafSystem.__init__(self)
         n = len(vehicle.rotors)
@@ -51,7 +62,12 @@ class RotorBank(LeafSystem):
         for rotor, time in failures:
             self._failed[rotor] = min(time, self._failed[rotor])
         self._period = period
-        self._rotors = make_rotor_dynamics(vehicle, period)
+
+        @functools.lru_cache(maxsize=4)
+        def rotors_of(seed):
+            return tuple(make_rotor_dynamics(drawn(seed) if drawn else vehicle, period))
+
+        self._rotors, self._seed = rotors_of, declare_seed(self, seed)
         self._command = self.DeclareVectorInputPort("rotor_speed_command", n)
         # The thrusts are a state, too, so that the plant never has to call Python.
         self._speeds = self.DeclareDiscreteState(n)
@@ -64,10 +80,9 @@ class RotorBank(LeafSystem):
 
     def set_speeds(self, context: Context, speeds: np.ndarray) -> None:
         """Makes the rotors turn with some speeds (rad/s), (n,)."""
+        rotors = RotorDynamics(*self._rotors(self._seed(context)))
         context.SetDiscreteState(self._speeds, speeds)
-        context.SetDiscreteState(
-            self._thrusts, self._rotors.thrust_coefficients * np.square(speeds)
-        )
+        context.SetDiscreteState(self._thrusts, rotors.thrust_coefficients * np.square(speeds))
         context.SetDiscreteState(self._status, [context.get_time(), *speeds, *speeds])
 
     def _update_speeds(self, context, discrete_state):
@@ -77,7 +92,7 @@ class RotorBank(LeafSystem):
             discrete_state.get_mutable_value(self._status),
             read_vector(self._command, context),
             self._failed,
-            tuple(self._rotors),
+            self._rotors(self._seed(context)),
             context.get_time(),
             self._period,
         )

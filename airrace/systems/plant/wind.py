@@ -1,11 +1,13 @@
 """The wind over the track."""
 
+import functools
 import math
 
 import numpy as np
 
 from airrace.math.random import NoiseSequence, make_generator
 from airrace.systems.leaf_system import LeafSystem
+from airrace.systems.seed import declare_seed
 from airrace.vehicle.disturbances import WindConfig
 
 PERIOD = 0.01  # s, between two values
@@ -23,6 +25,8 @@ class Wind(LeafSystem):
     .. pydrake_system::
 
         name: Wind
+        input_ports:
+        - seed (may be left open)
         output_ports:
         - wind
 
@@ -32,24 +36,43 @@ class Wind(LeafSystem):
     (Gillespie, "Exact numerical simulation of the Ornstein-Uhlenbeck process
     and its integral", 1996). Its spectrum is that of Dryden's longitudinal
     gusts (MIL-F-8785C, section 3.7) where the length of turbulence over the
-    airspeed, L / V, is ``gust_time``.
+    airspeed, L / V, is ``gust_time``. ``seed``: see SeedSource.
     """
 
     def __init__(self, *, config: WindConfig, seed: int):
-        """Args: config: the wind. seed: of the gusts and of where ``mean_speed`` comes from."""
+        """Args: config: the wind. seed: of all that is random, if the port is left open."""
         LeafSystem.__init__(self)
+        self._config = config
         self._fade, self._push = gust_factors(config)
-        angle = make_generator(seed, "wind_direction").uniform(0.0, 2.0 * math.pi)
-        drawn = config.mean_speed * np.array([math.cos(angle), math.sin(angle), 0.0])
-        mean = np.array(config.mean) + drawn
-        self._rest = (1.0 - self._fade) * mean
-        self._noise = NoiseSequence(seed, "wind", 3)
-        # The first gust is as strong as any other.
-        state = self.DeclareDiscreteState(mean + config.gust_rms * self._noise[0])
+        self._noise = NoiseSequence.of_seeds("wind", 3)
+        self._seed = declare_seed(self, seed)
+        state = self.DeclareDiscreteState(self._first(seed))
+        self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self._update_wind)
         self.DeclareStateOutputPort("wind", state)
 
+    def _mean(self, seed: int) -> np.ndarray:
+        """Returns the steady wind (m/s), (3,), whose direction may be drawn."""
+        return np.array(self._config.mean) + self._config.mean_speed * _direction(seed)
+
+    def _first(self, seed: int) -> np.ndarray:
+        """Returns the wind at the start (m/s), (3,); the first gust is as strong as any other."""
+        return self._mean(seed) + self._config.gust_rms * self._noise(seed)[0]
+
+    def _start(self, context, discrete_state):
+        if context.get_time() == 0.0:
+            discrete_state.set_value(self._first(self._seed(context)))
+
     def _update_wind(self, context, discrete_state):
-        noise = self._noise[round(context.get_time() / PERIOD)]
+        seed = self._seed(context)
+        noise = self._noise(seed)[round(context.get_time() / PERIOD)]
         wind = context.get_discrete_state_vector().value()
-        discrete_state.set_value(self._rest + self._fade * wind + self._push * noise)
+        rest = (1.0 - self._fade) * self._mean(seed)
+        discrete_state.set_value(rest + self._fade * wind + self._push * noise)
+
+
+@functools.lru_cache(maxsize=8)
+def _direction(seed: int) -> np.ndarray:
+    """Returns where the drawn part of the wind goes to, a level unit vector in the world, (3,)."""
+    angle = make_generator(seed, "wind_direction").uniform(0.0, 2.0 * math.pi)
+    return np.array([math.cos(angle), math.sin(angle), 0.0])

@@ -16,11 +16,14 @@ from pydrake.systems.sensors import ImageGrey8U, ImageRgba8U
 from airrace.rendering.imaging.camera_effects import ImagingChain
 from airrace.rendering.imaging.motion_blur import MeanPicture, moved
 from airrace.systems.leaf_system import LeafSystem
+from airrace.systems.seed import declare_seed
 from airrace.systems.sensing.camera_view import CameraView
 from airrace.systems.sensing.state_estimate import plant_lead
 from airrace.vehicle.camera_info import CameraInfo
 from airrace.vehicle.sensor_failures import CameraFailure, failure_at
 from airrace.vehicle.state import STATE_SIZE, as_state
+
+_NO_SEED = -1  # of the sample that is shown before the first
 
 
 class Renderer(typing.Protocol):
@@ -51,6 +54,7 @@ class Camera(LeafSystem):
         - state
         - geometry_query (only if the renderer needs it)
         - gate_shifts (only if gates move, and the renderer needs no geometry_query)
+        - seed (may be left open)
         output_ports:
         - camera_image
         - camera_grey
@@ -59,9 +63,9 @@ class Camera(LeafSystem):
         - camera_info
 
     ``state`` is the plant's floating-base state (13), see vehicle.State; ``gate_shifts``
-    (2 n) is where the gates stand, see GateMover.
+    (2 n) is where the gates stand, see GateMover; ``seed``, of the noise: see SeedSource.
 
-    The camera samples its inputs at initialization and then at all multiples of 1/fps.
+    The camera samples its inputs when a flight starts and then at all multiples of 1/fps.
     A picture shows the world from the sampled pose. There are three forms of it:
     ``camera_image`` (abstract, ImageRgba8U); ``camera_grey`` (abstract, ImageGrey8U), which
     is drawn several times as fast and equals, up to rounding, what OpenCV makes of the
@@ -92,6 +96,7 @@ class Camera(LeafSystem):
         latency: float = 0.0,
         moving_gates: int = 0,
         failures: Iterable[CameraFailure] = (),
+        seed: int = 0,
         state_period: float = 0.0,
     ):
         """Constructs the camera.
@@ -105,6 +110,7 @@ class Camera(LeafSystem):
             latency: from a sample to its picture, less than 1/fps (s).
             moving_gates: how many gates there are, if they move, else 0.
             failures: when pictures are black.
+            seed: of the noise, if the port is left open.
             state_period: of the plant's steps (s); 0 if its state is continuous.
         """
         LeafSystem.__init__(self)
@@ -121,16 +127,18 @@ class Camera(LeafSystem):
         self._shifts = None
         if moving_gates and not renderer.needs_query_object:
             self._shifts = self.DeclareVectorInputPort("gate_shifts", 2 * moving_gates)
+        self._seed = declare_seed(self, seed)
 
-        # A sample is a vector of State, and where gates that move are. The one that the
+        # A sample is a vector of State, where gates that move are, and the seed. The one that the
         # outputs show is an abstract state: any discrete update would invalidate Drake's
         # cache of all discrete states, and the picture would be drawn anew.
-        blank = np.zeros(STATE_SIZE + (0 if self._shifts is None else 2 * moving_gates))
-        as_state(blank).quaternion[0] = 1.0
+        blank = np.zeros(STATE_SIZE + (0 if self._shifts is None else 2 * moving_gates) + 1)
+        blank[-1] = _NO_SEED
+        as_state(blank[:STATE_SIZE]).quaternion[0] = 1.0
         self._shown = self.DeclareAbstractState(Value[object](blank))
         # The periodic event at t = 0 happens only in the first step, after the
         # first publish; so the first sample is taken at initialization, too.
-        self.DeclareInitializationUnrestrictedUpdateEvent(self._show_now)
+        self.DeclareInitializationUnrestrictedUpdateEvent(self._start)
         self.DeclareForcedUnrestrictedUpdateEvent(self._show_now)
         if latency == 0:
             self.DeclarePeriodicUnrestrictedUpdateEvent(1 / fps, 0.0, self._show_now)
@@ -167,7 +175,13 @@ class Camera(LeafSystem):
 
     def _sample_now(self, context: Context) -> np.ndarray:
         inputs = [self._state] if self._shifts is None else [self._state, self._shifts]
-        return np.hstack([context.get_time(), *(port.Eval(context) for port in inputs)])
+        values = [port.Eval(context) for port in inputs]
+        return np.hstack([context.get_time(), *values, self._seed(context)])
+
+    def _start(self, context, state):
+        # A flight that goes on has a sample, and gets the next one when it is due.
+        if context.get_time() == 0.0 or self._shown_sample(context)[-1] == _NO_SEED:
+            self._show_now(context, state)
 
     def _show_now(self, context, state):
         shown = state.get_mutable_abstract_state(int(self._shown))
@@ -199,7 +213,7 @@ class Camera(LeafSystem):
     def _picture(self, context):
         """Returns what draws the picture: draw(out, boxes=None), see Exposure."""
         sample = self._shown_sample(context)
-        time, q, p_WB, w_WB, v_WB = as_state(sample)
+        time, q, p_WB, w_WB, v_WB = as_state(sample[:STATE_SIZE])
         if failure_at(self._failures, time) == "dark":
             return _Black()
         # The plant's integrator lets the quaternion's norm drift a little.
@@ -208,7 +222,7 @@ class Camera(LeafSystem):
             X_WB = moved(X_WB, w_WB, v_WB, -plant_lead(time, self._state_period))
         args = () if self._query is None else (self._query.Eval(context),)
         if self._shifts is not None:
-            args = (sample[STATE_SIZE:].reshape(-1, 2),)
+            args = (sample[STATE_SIZE:-1].reshape(-1, 2),)
 
         def expose(poses, X_WC):
             if hasattr(self._renderer, "expose"):
@@ -218,10 +232,11 @@ class Camera(LeafSystem):
         if self._imaging is None:
             X_WC = X_WB @ self._info.X_BC
             return expose([(1.0, X_WC)], X_WC)
-        return self._imaging.picture(expose, X_WB, w_WB, v_WB, round(time * self._fps))
+        frame, seed = round(time * self._fps), max(int(sample[-1]), 0)
+        return self._imaging.picture(expose, X_WB, w_WB, v_WB, frame, seed)
 
     def _calc_time(self, context, output):
-        output.SetAtIndex(0, as_state(self._shown_sample(context)).time)
+        output.SetAtIndex(0, self._shown_sample(context)[0])
 
 
 class _Black:

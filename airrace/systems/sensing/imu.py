@@ -1,5 +1,6 @@
 """The gyroscope and the accelerometer."""
 
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -22,6 +23,7 @@ from airrace.math.triples import (
 )
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
+from airrace.systems.seed import declare_seed
 from airrace.systems.sensing.imu_samples import NO_SAMPLES, SAMPLE_SIZE, insert
 from airrace.systems.sensing.state_estimate import plant_lead
 from airrace.vehicle import GRAVITY
@@ -83,12 +85,13 @@ class Imu(LeafSystem):
         name: Imu
         input_ports:
         - state
+        - seed (may be left open)
         output_ports:
         - imu
 
-    ``state`` is the plant's floating-base state (13), see vehicle.State. ``imu`` (70) are the
-    newest ten ImuSamples. A sample is the mean over a period, from where the drone is at its two
-    ends: with the rotation vector log() of a rotation, and v of the sensor,
+    ``state`` is the plant's floating-base state (13), see vehicle.State; ``seed``: see SeedSource.
+    ``imu`` (70) are the newest ten ImuSamples. A sample is the mean over a period, from where the
+    drone is at its two ends: with the rotation vector log() of a rotation, and v of the sensor,
 
         w = log(R_WB(t - T)^T R_WB(t)) / T,    f = R_WB(t - T)^T (v(t) - v(t - T) - g T) / T,
 
@@ -124,7 +127,7 @@ class Imu(LeafSystem):
             errors: of the sensor; by default, none.
             position: p_BI, of the sensor in the body (m).
             failures: when it fails, and how.
-            seed: of all that is random in the errors.
+            seed: of all that is random in the errors, if the port is left open.
             state_period: of the plant's steps (s); 0 if its state is continuous.
         """
         LeafSystem.__init__(self)
@@ -136,20 +139,26 @@ class Imu(LeafSystem):
         model = ImuModel(
             period,
             self._position,
-            axis_matrices(errors, seed),
+            np.tile(np.eye(3), (2, 1, 1)),
             np.repeat([errors.gyro_noise, errors.accelerometer_noise], 3) / math.sqrt(period),
             np.repeat([errors.gyro_walk, errors.accelerometer_walk], 3) * math.sqrt(period),
             np.repeat([errors.gyro_range, errors.accelerometer_range], 3),
             errors.time_offset,
         )
-        self._model = tuple(model)
-        self._noise = NoiseSequence(seed, "imu", 12)
+
+        @functools.lru_cache(maxsize=4)
+        def model_of(seed):
+            return tuple(model._replace(axes=axis_matrices(errors, seed)))
+
+        self._errors, self._model = errors, model_of
+        self._noise = NoiseSequence.of_seeds("imu", 12)
+        self._seed = declare_seed(self, seed)
         self._state = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
         self._shown = self.DeclareDiscreteState(NO_SAMPLES)
         memory = ImuMemory(
-            quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+            quaternion=np.zeros(4),  # until it starts
             velocity=np.zeros(3),
-            biases=turn_on_biases(errors, seed),
+            biases=np.zeros(6),
             late=np.tile(NO_SAMPLES[:SAMPLE_SIZE], round(errors.latency * rate)),
         )
         self._memory = self.DeclareDiscreteState(_memory_vector(memory))
@@ -159,23 +168,28 @@ class Imu(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
 
     def _start(self, context, discrete_state):
-        memory = discrete_state.get_mutable_value(self._memory)
-        lead = plant_lead(context.get_time(), self._state_period)
+        memory, time = discrete_state.get_mutable_value(self._memory), context.get_time()
+        started = _as_memory(memory).quaternion.any()
+        if started and time > 0.0:
+            return  # a flight that goes on
+        _as_memory(memory).biases[:] = turn_on_biases(self._errors, self._seed(context))
+        lead = plant_lead(time, self._state_period)
         _remember(memory, read_vector(self._state, context), lead, self._position)
 
     def _sample(self, context, discrete_state):
         time = context.get_time()
         if time == 0.0:
             return self._start(context, discrete_state)
+        seed = self._seed(context)
         _sample(
             discrete_state.get_mutable_value(self._shown),
             discrete_state.get_mutable_value(self._memory),
             read_vector(self._state, context),
             time,
             plant_lead(time, self._state_period),
-            self._noise[round(time * self._rate)],
+            self._noise(seed)[round(time * self._rate)],
             self._failure(time),
-            self._model,
+            self._model(seed),
         )
 
     def _failure(self, time):

@@ -6,6 +6,7 @@ from airrace.common.jit import assign, compiled
 from airrace.math.random import NoiseSequence
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
+from airrace.systems.seed import declare_seed
 from airrace.systems.sensing.pose_history import moved
 from airrace.vehicle.state import STATE_SIZE, as_state
 
@@ -20,12 +21,13 @@ class StateEstimate(LeafSystem):
         name: StateEstimate
         input_ports:
         - state
+        - seed (may be left open)
         output_ports:
         - state_estimate
 
     ``state`` is the plant's floating-base state (13). ``state_estimate`` (14) is a
     vehicle.State: the time of the sample (s) and the same, with white noise on the
-    position and a random factor on each horizontal velocity component.
+    position and a random factor on each horizontal velocity component. ``seed``: see SeedSource.
 
     Between its steps a discrete plant shows the state at the end of the step; the pose
     goes back from there to the time of the sample.
@@ -46,20 +48,27 @@ class StateEstimate(LeafSystem):
             rate: samples per second (Hz).
             position_sigma: of the noise on each position coordinate (m).
             velocity_sigma: of the factor 1 + N(0, sigma) on v_x and v_y.
-            seed: of the noise.
+            seed: of the noise, if the port is left open.
             state_period: of the plant's steps (s); 0 if its state is continuous.
         """
         LeafSystem.__init__(self)
         self._rate = rate
         self._sigmas = position_sigma, velocity_sigma
-        self._noise = NoiseSequence(seed, "state_estimate", 5)
+        self._noise = NoiseSequence.of_seeds("state_estimate", 5)
+        self._seed = declare_seed(self, seed)
         self._state_period = state_period
         self._state = self.DeclareVectorInputPort("state", STATE_SIZE - 1)
         index = self.DeclareDiscreteState(STATE_SIZE)
         self.DeclareStateOutputPort("state_estimate", index)
         # The controller's first tick must already see a sample.
-        self.DeclareInitializationDiscreteUpdateEvent(self._sample)
+        self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / rate, 0.0, self._sample)
+
+    def _start(self, context, discrete_state):
+        # A flight that goes on has a sample, and gets the next one when it is due.
+        is_new = not as_state(context.get_discrete_state_vector().value()).quaternion.any()
+        if is_new or context.get_time() == 0.0:
+            self._sample(context, discrete_state)
 
     def _sample(self, context, discrete_state):
         time = context.get_time()
@@ -68,7 +77,7 @@ class StateEstimate(LeafSystem):
             read_vector(self._state, context),
             time,
             plant_lead(time, self._state_period),
-            self._noise[round(time * self._rate)],
+            self._noise(self._seed(context))[round(time * self._rate)],
             self._sigmas,
         )
 

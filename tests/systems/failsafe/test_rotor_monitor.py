@@ -28,7 +28,7 @@ def reports_of(commands, *, arrivals=None, stops=(), vehicle=DEFAULT):
     bank = RotorBank(vehicle=vehicle, period=STEP, failures=stops)
     builder = DiagramBuilder()
     builder.AddSystem(bank)
-    builder.ExportInput(bank.get_input_port(), "command")
+    builder.ExportInput(bank.GetInputPort("rotor_speed_command"), "command")
     builder.ExportOutput(bank.GetOutputPort("rotor_status"))
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()

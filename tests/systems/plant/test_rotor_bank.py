@@ -12,7 +12,7 @@ def run(command, time, failures=()):
     bank = RotorBank(vehicle=VEHICLE, period=0.001, failures=failures)
     simulator = Simulator(bank)
     context = simulator.get_mutable_context()
-    bank.get_input_port().FixValue(context, command)
+    bank.GetInputPort("rotor_speed_command").FixValue(context, command)
     simulator.AdvanceTo(time)
     return (
         bank.GetOutputPort("rotor_speeds").Eval(context),
@@ -60,7 +60,7 @@ def test_the_report_has_what_a_failed_rotor_should_do():
     bank = RotorBank(vehicle=VEHICLE, period=0.001, failures=[(0, 0.5), (2, 0.94)])
     simulator = Simulator(bank)
     context = simulator.get_mutable_context()
-    bank.get_input_port().FixValue(context, command)
+    bank.GetInputPort("rotor_speed_command").FixValue(context, command)
     np.testing.assert_array_equal(bank.GetOutputPort("rotor_status").Eval(context), np.zeros(9))
     simulator.AdvanceTo(0.999)
     simulator.AdvancePendingEvents()

@@ -52,7 +52,7 @@ def sample(camera, context):
 def test_ports():
     camera, _ = make_camera()
     inputs = [camera.get_input_port(i).get_name() for i in range(camera.num_input_ports())]
-    assert inputs == ["state"]
+    assert inputs == ["state", "seed"]
     outputs = [camera.get_output_port(i).get_name() for i in range(camera.num_output_ports())]
     assert outputs == [
         "camera_image",
@@ -190,7 +190,7 @@ def test_latency_is_exact():
 
 def test_imaging_is_given_the_sample_and_its_number():
     class Imaging:
-        def picture(self, expose, X_WB, w_WB, v_WB, frame):
+        def picture(self, expose, X_WB, w_WB, v_WB, frame, seed):
             self.args = X_WB.translation().tolist(), w_WB.tolist(), v_WB.tolist(), frame
             return expose([(1.0, X_WB)], X_WB)
 

@@ -34,7 +34,7 @@ def measure(state=lambda time: STILL, seconds=0.1, **kwargs):
     builder = DiagramBuilder()
     imu = builder.AddSystem(Imu(rate=RATE, **kwargs))
     motion = builder.AddSystem(Motion(state))
-    builder.Connect(motion.get_output_port(), imu.get_input_port())
+    builder.Connect(motion.get_output_port(), imu.GetInputPort("state"))
     simulator = Simulator(builder.Build())
     context = imu.GetMyContextFromRoot(simulator.get_context())
     simulator.Initialize()
@@ -274,7 +274,7 @@ def test_of_a_plant_in_steps(period):
     for k in range(1, 40):
         end = np.ceil(t / period - 1e-6) * period  # what a discrete plant shows
         state = np.concatenate([[np.cos(2 * end), 0, 0, np.sin(2 * end)], end * v, w, v])
-        imu.get_input_port().FixValue(context, state)
+        imu.GetInputPort("state").FixValue(context, state)
         if k == 1:
             simulator.Initialize()
         simulator.AdvanceTo(t + 0.1 * T)
@@ -312,7 +312,7 @@ class TestFailures:
         imu = Imu(rate=RATE, failures=[ImuFailure("lost", 0.05, 0.05)])
         simulator = Simulator(imu)
         context = simulator.get_mutable_context()
-        imu.get_input_port().FixValue(context, STILL)
+        imu.GetInputPort("state").FixValue(context, STILL)
         newest = []
         for k in range(1, 60):
             simulator.AdvanceTo((k + 0.5) * T)

@@ -15,7 +15,7 @@ def sample(seconds, **kwargs):
     system = StateEstimate(rate=200.0, **kwargs)
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
-    system.get_input_port().FixValue(context, TRUTH)
+    system.GetInputPort("state").FixValue(context, TRUTH)
     simulator.Initialize()
     rows = [system.get_output_port().Eval(context)]
     for k in range(1, round(200 * seconds)):
@@ -59,7 +59,7 @@ def test_between_steps_of_the_plant_the_estimate_is_of_its_own_time():
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
     for time, shown in ((0.0, 0.0), (0.005, 0.006), (0.01, 0.01), (0.015, 0.016)):
-        system.get_input_port().FixValue(context, state(shown))
+        system.GetInputPort("state").FixValue(context, state(shown))
         simulator.AdvanceTo(time + 1e-4)
         estimate = system.get_output_port().Eval(context)
         np.testing.assert_allclose(estimate, [time, *state(time)], rtol=0, atol=1e-8)

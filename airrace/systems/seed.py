@@ -1,0 +1,76 @@
+"""The seed of all that is random in a simulation, which a Context holds."""
+
+import struct
+import zlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydrake.systems.framework import BasicVector
+from pydrake.systems.primitives import LinearSystem
+
+from airrace.systems.leaf_system import LeafSystem
+
+if TYPE_CHECKING:
+    from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
+
+_NEVER = 1e9  # s, until the draw is replaced by itself
+
+
+class SeedSource(LeafSystem):
+    """Says which seed a Context has: by default the scenario's.
+
+    .. pydrake_system::
+
+        name: SeedSource
+        input_ports:
+        - draw
+        output_ports:
+        - seed
+
+    ``draw`` is a number that SetRandomContext() draws, and SetDefaultContext() makes zero again.
+    While it is zero, ``seed`` is the parameter 0 of this system: the scenario's seed, until you
+    write another one into a Context. Else it follows from the draw. (In Python a system can't
+    override SetRandomParameters(), so the draw is the state of a LinearSystem.)
+    """
+
+    def __init__(self, seed: int):
+        """Args: seed: of the scenario."""
+        LeafSystem.__init__(self)
+        self._seed = self.DeclareNumericParameter(BasicVector([seed]))
+        self._draw = self.DeclareVectorInputPort("draw", 1)
+        self.DeclareVectorOutputPort("seed", 1, self._calc_seed)
+
+    def _calc_seed(self, context, output):
+        (draw,) = self._draw.Eval(context)
+        seed = context.get_numeric_parameter(self._seed)[0]
+        output.SetAtIndex(0, zlib.crc32(struct.pack("d", draw)) if draw else seed)
+
+
+def AddSeedSource(builder: "DiagramBuilder", seed: int) -> "OutputPort":
+    """Adds a SeedSource with a scenario's seed, and what draws others; returns its port."""
+    one, none = np.eye(1), np.zeros((1, 0))
+    draw = LinearSystem(one, none, one, none, _NEVER)
+    draw.configure_random_state(one)
+    builder.AddNamedSystem("seed_draw", draw)
+    source = builder.AddNamedSystem("seed_source", SeedSource(seed))
+    builder.Connect(draw.get_output_port(), source.GetInputPort("draw"))
+    return source.GetOutputPort("seed")
+
+
+def declare_seed(system: LeafSystem, default: int) -> "Callable[[Context], int]":
+    """Declares the input port ``seed`` (1) of a system, which may be left open.
+
+    Args:
+        system: the system.
+        default: the seed if nothing is connected.
+
+    Returns:
+        a function of the system's Context, which returns the seed.
+    """
+    port = system.DeclareVectorInputPort("seed", 1)
+
+    def seed(context):
+        return int(port.EvalBasicVector(context)[0]) if port.HasValue(context) else default
+
+    return seed

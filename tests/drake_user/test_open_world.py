@@ -1,0 +1,148 @@
+"""Bodies, sensors, forces and views of the user's own, in the world of a race."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+from pydrake.geometry import DrakeVisualizer, Meshcat, RenderCameraCore  # noqa: F401
+from pydrake.lcm import DrakeLcm
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import (
+    ConnectContactResultsToDrakeVisualizer,  # noqa: F401
+    ExternallyAppliedSpatialForce,
+)
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.lcm import LcmPublisherSystem
+from pydrake.systems.primitives import ConstantValueSource
+from pydrake.systems.sensors import ImageToLcmImageArrayT, PixelType
+from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
+
+from airrace.common.errors import UserError
+from airrace.diagrams.simulation import MakeSimulation
+from airrace.diagrams.world import Addition
+from airrace.scenario import Scenario, load_scenario
+from airrace.scenario.camera_config import CameraConfig
+from tests.drake_user.flights import HEXAGON, OwnRace, on_a_map, tower_directives
+
+MEMORY = "memq://"
+
+
+def test_directives_put_a_tower_in_the_way(tmp_path):
+    """Which ends the race by its name."""
+    scenario = on_a_map(f"{{{tower_directives(tmp_path, 0.0, 0.0)}}}")
+    free = OwnRace(on_a_map())
+    free.simulator.AdvanceTo(4.0)
+    x, y = free.value("truth.state")[4:6]
+    scenario = on_a_map(f"{{{tower_directives(tmp_path, x, y)}}}")
+    race = OwnRace(scenario)
+    race.simulator.AdvanceTo(4.5)
+    assert race.value("truth.referee_status").dnf_reason == "touched tower"
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        (
+            "{directives: [{add_weld: {parent: world, child: nobody}}]}",
+            "directives cannot be used:",
+        ),
+        (
+            "{visualization: {lcm_bus: other, enable_meshcat_creation: false}}",
+            "visualization cannot be used:",
+        ),
+    ],
+)
+def test_what_drake_cannot_use(text, words):
+    with pytest.raises(UserError, match=words):
+        MakeSimulation(load_scenario(scenario_text=text))
+
+
+class Push(Addition):
+    """A constant force on the drone, and its height above the ground as an output."""
+
+    def AddToPlant(self, world):
+        self.plant_was_open = not world.plant.is_finalized()
+
+    def AddToBuilder(self, builder, world, drone):
+        force = ExternallyAppliedSpatialForce()
+        force.body_index, force.p_BoBq_B = drone.body.index(), np.zeros(3)
+        force.F_Bq_W = SpatialForce(np.zeros(3), np.array([0.0, 0.0, 3.0 * drone.vehicle.mass]))
+        source = builder.AddSystem(ConstantValueSource(Value([force])))
+        builder.ExportOutput(world.plant.get_body_poses_output_port(), "my.body_poses")
+        return [source.get_output_port()]
+
+
+def test_a_force_and_a_port_of_ones_own():
+    """The drone, its rotors at rest, stands lighter on its pad, and falls up if it is strong."""
+    push = Push()
+    race = OwnRace(on_a_map(), additions=[push])
+    assert push.plant_was_open
+    free = OwnRace(on_a_map())
+    for each in (race, free):
+        each.simulator.AdvanceTo(2.5)
+    assert race.value("truth.state")[6] > free.value("truth.state")[6] + 0.02
+    assert isinstance(race.value("my.body_poses")[0], RigidTransform)
+
+
+class View(Addition):
+    """Drake's own visualization, over LCM."""
+
+    def __init__(self):
+        self.lcm = DrakeLcm(MEMORY)
+        self.messages = []
+        self.lcm.Subscribe("DRAKE_VIEWER_LOAD_ROBOT", self.messages.append)
+
+    def AddToBuilder(self, builder, world, drone):
+        config = VisualizationConfig(enable_meshcat_creation=False)
+        ApplyVisualizationConfig(
+            config, builder, plant=world.plant, scene_graph=world.scene_graph, lcm=self.lcm
+        )
+        return []
+
+
+def test_drakes_own_views():
+    """Illustration, proximity and inertia go over LCM; contact results have a port."""
+    view = View()
+    race = OwnRace(on_a_map(), additions=[view], visible=True)
+    race.simulator.AdvanceTo(0.05)
+    view.lcm.HandleSubscriptions(10)
+    assert view.messages
+    assert race.value("truth.contact_results").num_point_pair_contacts() > 0
+
+
+def test_a_view_from_outside():
+    """By the exported query port, in one's own builder."""
+    builder, lcm, messages = DiagramBuilder(), DrakeLcm(MEMORY), []
+    lcm.Subscribe("DRAKE_VIEWER_LOAD_ROBOT", messages.append)
+    simulation = builder.AddSystem(MakeSimulation(on_a_map(), visible=True))
+    DrakeVisualizer.AddToBuilder(builder, simulation.GetOutputPort("truth.geometry_query"), lcm)
+    diagram = builder.Build()
+    diagram.ForcedPublish(diagram.CreateDefaultContext())
+    lcm.HandleSubscriptions(10)
+    assert messages
+
+
+def test_pictures_go_over_lcm():
+    """By Drake's converter and publisher."""
+    builder, lcm, messages = DiagramBuilder(), DrakeLcm(MEMORY), []
+    lcm.Subscribe("PICTURES", messages.append)
+    camera = CameraConfig(width=64, height=48)
+    simulation = builder.AddSystem(MakeSimulation(Scenario(track=HEXAGON, camera=camera)))
+    convert = builder.AddSystem(ImageToLcmImageArrayT())
+    port = convert.DeclareImageInputPort[PixelType.kRgba8U]("camera")
+    builder.Connect(simulation.GetOutputPort("camera_image"), port)
+    publisher = LcmPublisherSystem.Make(
+        "PICTURES", _image_array(), lcm, 0.1, use_cpp_serializer=True
+    )
+    builder.AddSystem(publisher)
+    builder.Connect(convert.image_array_t_msg_output_port(), publisher.get_input_port())
+    diagram = builder.Build()
+    diagram.ForcedPublish(diagram.CreateDefaultContext())
+    lcm.HandleSubscriptions(10)
+    assert len(messages) == 1
+
+
+def _image_array():
+    from drake import lcmt_image_array
+
+    return lcmt_image_array

@@ -1,0 +1,128 @@
+"""Random contexts give different races, and a seed the same one."""
+
+import functools
+
+import numpy as np
+import pytest
+from pydrake.common import RandomGenerator
+from pydrake.systems.analysis import MonteCarloSimulation, Simulator
+
+from airrace.diagrams.reference_flight import MakeFlight
+from airrace.diagrams.simulation import MakeMonitor
+from airrace.scenario import load_scenario
+from airrace.trajopt.flat_trajectory import hold
+from tests.drake_user.flights import OwnRace, on_a_map
+
+WILD = (
+    "{disturbances: {drag: 1.0, wind: {mean_speed: 3.0, gust_rms: 1.0}, mass_error: 0.05, "
+    "inertia_error: 0.05, thrust_coefficient_error: 0.03}}"
+)
+
+
+def states(race, context):
+    """Truth, estimate and wind."""
+    wind, own = race.subsystem("wind", context)
+    return [race.value("truth.state", context), race.value("state_estimate", context),
+            wind.get_output_port().Eval(own)]  # fmt: skip
+
+
+def flown(race, seed, seconds=0.3):
+    """What a race shows after some time, from a random context; of None, from the default one."""
+    context = race.diagram.CreateDefaultContext()
+    if seed is not None:
+        race.diagram.SetRandomContext(context, RandomGenerator(seed))
+    simulator = Simulator(race.diagram, context)
+    simulator.set_monitor(MakeMonitor(race.diagram))
+    simulator.AdvanceTo(seconds)
+    return [each.copy() for each in states(race, simulator.get_context())]
+
+
+def test_random_contexts_differ_and_a_seed_repeats():
+    race = OwnRace(on_a_map(WILD))
+    default = flown(race, None)
+    for a, b in zip(flown(race, None), default):
+        np.testing.assert_array_equal(a, b)
+    first, second, again = flown(race, 1), flown(race, 2), flown(race, 1)
+    for a, b, c, d in zip(first, second, default, again):
+        assert (a != b).any() and (a != c).any()
+        np.testing.assert_array_equal(a, d)
+
+
+def test_the_default_context_is_the_scenarios():
+    """Also after a random one; and a seed that is written is that of such a scenario."""
+    race, other = OwnRace(on_a_map(WILD)), OwnRace(on_a_map(WILD, seed=7))
+    context = race.diagram.CreateDefaultContext()
+    race.diagram.SetRandomContext(context, RandomGenerator(5))
+    race.diagram.SetDefaultContext(context)
+    for seed, expected in ((None, flown(race, None)), (7, flown(other, None))):
+        if seed is not None:
+            source, own = race.subsystem("seed_source", context)
+            own.get_mutable_numeric_parameter(0).SetAtIndex(0, seed)
+        simulator = Simulator(race.diagram, context.Clone())
+        simulator.set_monitor(MakeMonitor(race.diagram))
+        simulator.AdvanceTo(0.3)
+        for a, b in zip(states(race, simulator.get_context()), expected):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_a_drawn_mass_needs_the_monitor():
+    race = OwnRace(on_a_map(WILD))
+    context = race.diagram.CreateDefaultContext()
+    race.diagram.SetRandomContext(context, RandomGenerator(1))
+    plant, own = race.subsystem("plant", context)
+    before = plant.GetBodyByName("body").get_mass(own)
+    simulator = Simulator(race.diagram, context.Clone())
+    with pytest.raises(RuntimeError, match=r"of another seed .* call simulator.set_monitor\("):
+        simulator.AdvanceTo(0.5)
+    simulator = Simulator(race.diagram, context)
+    simulator.set_monitor(MakeMonitor(race.diagram))
+    simulator.AdvanceTo(0.01)
+    plant, own = race.subsystem("plant", simulator.get_mutable_context())
+    assert plant.GetBodyByName("body").get_mass(own) != before
+
+
+def monte_carlo(make_simulator, output, seconds, samples, seed):
+    """The outputs of a MonteCarloSimulation."""
+    results = MonteCarloSimulation(make_simulator, output, seconds, samples, RandomGenerator(seed))
+    return [result.output for result in results]
+
+
+def hovering(scenario, generator):
+    """A Simulator of a drone that hovers."""
+    simulator = Simulator(MakeFlight(scenario, lambda time: hold([0.0, 0.0, 2.0], 0.0)))
+    simulator.set_monitor(MakeMonitor(simulator.get_system()))
+    return simulator
+
+
+def height(system, context):
+    """Of the drone (m)."""
+    return float(system.GetOutputPort("truth.state").Eval(context)[6])
+
+
+def test_monte_carlo():
+    """Twenty samples, twenty results; twice the same by the same generator."""
+    scenario = load_scenario(scenario_text=WILD)
+    run = functools.partial(monte_carlo, functools.partial(hovering, scenario), height, 0.2, 20)
+    heights = run(3)
+    assert len(set(heights)) == 20
+    assert heights == run(3) != run(4)
+
+
+@pytest.mark.repeats
+def test_monte_carlo_of_whole_races():
+    """Of twenty laps no two are alike."""
+
+    def make(generator):
+        race = OwnRace(on_a_map(WILD))
+        race.simulator.set_monitor(MakeMonitor(race.diagram))
+        return race.simulator
+
+    def last_gate(system, context):
+        simulation = system.GetSubsystemByName("simulation")
+        own = simulation.GetMyContextFromRoot(context)
+        status = simulation.GetOutputPort("truth.referee_status").Eval(own)
+        return status.crossings[-1].time
+
+    times = monte_carlo(make, last_gate, 15.0, 20, 0)
+    assert len(set(times)) == 20
+    assert times == monte_carlo(make, last_gate, 15.0, 20, 0)

@@ -50,8 +50,7 @@ class Flight(NamedTuple):
     origin: np.ndarray
 
 
-_PACKING = Packing(Flight, origin=3)
-_as_flight, _flight_vector = _PACKING.parts, _PACKING.vector
+_FLIGHT = Packing(Flight, origin=3)
 
 
 class World(NamedTuple):
@@ -138,7 +137,7 @@ class MavlinkBridge(LeafSystem):
             "truth.referee_status", Value[object](RefereeStatus((), False, None, None, 0))
         )
         self._setpoint = self.DeclareDiscreteState(setpoint_vector(NO_SETPOINT))
-        self._flight = self.DeclareDiscreteState(_flight_vector(Flight(-1.0, self._world.start)))
+        self._flight = self.DeclareDiscreteState(_FLIGHT.vector(Flight(-1.0, self._world.start)))
         self.DeclareStateOutputPort("setpoint", self._setpoint)
         self.DeclareAbstractOutputPort(
             "explorer_status",
@@ -167,7 +166,7 @@ class MavlinkBridge(LeafSystem):
 
     def armed(self, context: Context) -> bool:
         """Whether the drone is armed; context: of this system."""
-        return bool(as_setpoint(self._wanted(context)).armed)
+        return bool(as_setpoint(context.get_discrete_state(self._setpoint).value()).armed)
 
     def finished(self, context: Context) -> bool:
         """Returns whether the drone has passed its last gate, of which the client hears soon."""
@@ -175,14 +174,14 @@ class MavlinkBridge(LeafSystem):
 
     def started(self, context: Context) -> float:
         """Returns when it was first armed (s), -1 before; context: of this system."""
-        return float(_as_flight(context.get_discrete_state(self._flight).value()).started)
+        return float(self._remembered(context).started)
 
     def greet(self) -> None:
         """Sends a HEARTBEAT while the time does not go on yet."""
         self._link.send(telemetry.heartbeat(armed=False))
 
-    def _wanted(self, context):
-        return context.get_discrete_state(self._setpoint).value()
+    def _remembered(self, context: Context) -> Flight:
+        return _FLIGHT.parts(context.get_discrete_state(self._flight).value())
 
     def _clock(self, time):
         return Clock(time, self._quirks.clock_offset)
@@ -201,24 +200,16 @@ class MavlinkBridge(LeafSystem):
         if time < 0.0 or time == self._imu_time:
             return
         self._imu_time = time
-        if self._imu_random.random() < self._dropped(time):
-            return
-        self.imu_messages += 1
-        self._link.send(
-            telemetry.highres_imu(
-                self._clock(time),
-                samples.specific_force[0],
-                samples.angular_velocity[0],
-                self._quirks.inverted_rates,
-            )
-        )
-
-    def _dropped(self, time):
-        """Returns the share of samples that load takes now: another one every second."""
-        if int(time) != self._second:
+        lost = self._imu_random.random()
+        if int(time) != self._second:  # load takes another share of samples every second
             self._second = int(time)
             self._drop = self._quirks.imu_drop * self._imu_random.random()
-        return self._drop
+        if lost < self._drop:
+            return
+        self.imu_messages += 1
+        force, rates = samples.specific_force[0], samples.angular_velocity[0]
+        inverted = self._quirks.inverted_rates
+        self._link.send(telemetry.highres_imu(self._clock(time), force, rates, inverted))
 
     def _send_actuators(self, context):
         vehicle = self._world.vehicle
@@ -226,18 +217,12 @@ class MavlinkBridge(LeafSystem):
         self._link.send(telemetry.actuators(self._now(context), thrusts / vehicle.max_thrusts))
 
     def _send_status(self, context):
-        self._link.send(
-            telemetry.race_status(
-                self._now(context),
-                self.started(context),
-                self._referee.Eval(context),
-                len(self._world.track.gates),
-            )
-        )
+        started, status = self.started(context), self._referee.Eval(context)
+        gates = len(self._world.track.gates)
+        self._link.send(telemetry.race_status(self._now(context), started, status, gates))
 
     def _send_track(self, context):
-        hidden = self._config.vq != 1
-        origin = _as_flight(context.get_discrete_state(self._flight).value()).origin
+        hidden, origin = self._config.vq != 1, self._remembered(context).origin
         for message in telemetry.track_messages(self._world.track, origin, hidden):
             self._link.send(message)
 
@@ -252,21 +237,21 @@ class MavlinkBridge(LeafSystem):
 
     def _ned(self, context):
         state = as_plant_state(read_vector(self._state, context))
-        origin = _as_flight(context.get_discrete_state(self._flight).value()).origin
-        return ned_state(state, rotation_matrix(np.array(state.quaternion)), origin)
+        R_WB = rotation_matrix(np.array(state.quaternion))
+        return ned_state(state, R_WB, self._remembered(context).origin)
 
     def _send_attitude(self, context):
         inverted, wrong = self._quirks.inverted_rates, self._quirks.wrong_signs
-        ned = self._ned(context)
-        self._link.send(telemetry.attitude(self._now(context), ned, inverted, wrong))
+        message = telemetry.attitude(self._now(context), self._ned(context), inverted, wrong)
+        self._link.send(message)
 
     def _send_position(self, context):
         self._link.send(telemetry.local_position(self._now(context), self._ned(context)))
 
     def _send_odometry(self, context):
         inverted, wrong = self._quirks.inverted_rates, self._quirks.wrong_signs
-        ned = self._ned(context)
-        self._link.send(telemetry.odometry(self._now(context), ned, inverted, wrong))
+        message = telemetry.odometry(self._now(context), self._ned(context), inverted, wrong)
+        self._link.send(message)
 
     def _send_picture(self, context):
         (taken,) = self._taken.Eval(context)
@@ -279,10 +264,9 @@ class MavlinkBridge(LeafSystem):
             return
         if not (self._jpeg and repeated < self._quirks.repeated_pictures):
             self._jpeg = encode(self._image.Eval(context).data, self._config.jpeg_quality)
-        copies = 2 if self._quirks.doubled_pictures else 1
-        time_ns = self._clock(taken).ns
-        for datagram in datagrams(frame, time_ns, self._jpeg, self._config.chunk_size):
-            for _ in range(copies):
+        size, time_ns = self._config.chunk_size, self._clock(taken).ns
+        for datagram in datagrams(frame, time_ns, self._jpeg, size):
+            for _ in range(2 if self._quirks.doubled_pictures else 1):
                 self._link.send_picture(datagram)
 
     # What the client says.
@@ -309,7 +293,7 @@ class MavlinkBridge(LeafSystem):
             # What is not a number must not disarm a drone that flies.
             result = mavlink.MAV_RESULT_DENIED
             self._link.counts.refused += 1
-        self._link.send(telemetry.acknowledgement(message.command, result))
+        self._link.send(mavlink.MAVLink_command_ack_message(message.command, result))
         if result != mavlink.MAV_RESULT_ACCEPTED:
             return
         if message.command == RESET:
@@ -318,19 +302,18 @@ class MavlinkBridge(LeafSystem):
             setpoint = discrete_state.get_mutable_value(self._setpoint)
             wanted, arms = as_setpoint(setpoint), message.param1 == 1.0
             if arms and not wanted.armed:
-                flight = discrete_state.get_mutable_value(self._flight)
+                flight, time = discrete_state.get_mutable_value(self._flight), context.get_time()
                 position = as_plant_state(read_vector(self._state, context)).position
-                time = context.get_time()
-                started = _as_flight(flight).started
-                flight[:] = _flight_vector(Flight(time if started < 0.0 else started, position))
-                changed = NO_SETPOINT._replace(kind=IDLE, time=time, armed=1.0)
-                setpoint[:] = setpoint_vector(changed)
+                started = _FLIGHT.parts(flight).started
+                flight[:] = _FLIGHT.vector(Flight(time if started < 0.0 else started, position))
+                idle = NO_SETPOINT._replace(kind=IDLE, time=time, armed=1.0)
+                setpoint[:] = setpoint_vector(idle)
             elif not arms:
                 setpoint[:] = setpoint_vector(NO_SETPOINT)
 
     def _follow(self, context, discrete_state, message):
         setpoint = discrete_state.get_mutable_value(self._setpoint)
-        origin = _as_flight(discrete_state.value(self._flight)).origin
+        origin = _FLIGHT.parts(discrete_state.value(self._flight)).origin
         try:
             wanted = setpoint_of(message, origin, self._quirks.inverted_rates)
         except RefusedError:

@@ -34,10 +34,6 @@ def MakeFlightController(
 
     Input ports: the Simulation's outputs that MavlinkBridge takes. Output ports:
     ``rotor_speed_command`` and ``explorer_status``.
-
-    Args:
-        scenario: the race. track, vehicle: of it.
-        link: to the client.
     """
     builder = DiagramBuilder()
     start = start_pose(track.start, vehicle.radius, _STANDING).translation()

@@ -144,9 +144,7 @@ def race_status(
     """Returns ENCAPSULATED_DATA with the state of the race.
 
     Args:
-        clock: now.
         started: when the drone was first armed (s), negative before.
-        status: the referee's.
         gates: how many there are.
     """
 
@@ -190,11 +188,6 @@ def track_messages(track: Course, origin: np.ndarray, hidden: bool) -> Iterator:
     for i in range(packets):
         part = bytes([TRACK_TYPE]) + data[i * room : (i + 1) * room]
         yield mavlink.MAVLink_encapsulated_data_message(i, _padded(part))
-
-
-def acknowledgement(command: int, result: int) -> mavlink.MAVLink_command_ack_message:
-    """Returns COMMAND_ACK; result: one of MAV_RESULT."""
-    return mavlink.MAVLink_command_ack_message(command, result)
 
 
 def _padded(data: bytes) -> list[int]:

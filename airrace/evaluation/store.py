@@ -38,7 +38,6 @@ class RaceStore:
         """Opens a folder, and writes the settings to the file that is for them.
 
         Args:
-            folder: an existing one.
             settings: plain data; equal for the same evaluation.
             resume: whether to go on with what is in the folder.
 
@@ -81,8 +80,7 @@ class RaceStore:
     def append(self, row: dict) -> None:
         """Keeps the row of a race; it is on the disk when this returns.
 
-        Raises:
-            UserError: if it cannot be written.
+        Raises UserError if it cannot be written.
         """
         if row[self.key] in self._rows:
             raise ValueError(f"the race with {self.key} {row[self.key]} has ended before")

@@ -91,15 +91,11 @@ def prepare_halves(
     They fly by made-up messages, each as fast as it can, both at the same time.
 
     Args:
-        scenario: the race.
-        navigator: that was started, with the same duration.
-        duration: of the flight (s).
-        briefly: see warm_up_pilot().
+        navigator: that was started, with the same duration (s).
         show: called with the number of functions that were compiled, here or there.
         poll: called while it waits.
 
-    Raises:
-        UserError: if the navigator cannot begin.
+    Raises UserError if the navigator cannot begin.
     """
     with jit.watched(show):
         warm_up_pilot(scenario, briefly)

@@ -6,7 +6,6 @@ from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydrake.common.value import AbstractValue, Value
 
 from airrace.common.immutable import read_only
 from airrace.diagrams.variants import variant_of
@@ -20,7 +19,7 @@ from airrace.systems.estimation.navigation import NAVIGATION_SIZE
 from airrace.systems.planning.lap_plan import NO_PLAN
 from airrace.systems.policy.policy_controller import PERIOD as POLICY_PERIOD
 from airrace.systems.sensing.imu_samples import IMU_DEPTH, NO_SAMPLES
-from airrace.systems.sensing.picture_ports import IMAGE_TYPES, PICTURE_PORTS
+from airrace.systems.sensing.picture_ports import PICTURE_PORTS
 from airrace.systems.types import ExplorerStatus, PolicyStatus, RefereeStatus
 from airrace.track.gate_map import GateMap
 from airrace.vehicle import load_vehicle
@@ -58,13 +57,6 @@ class PortChannel(Channel):
     initial: dict
     repeat: float = 0.5
 
-    def model(self, port: str) -> int | AbstractValue:
-        """Returns the size of a port that is a vector, else a Value of its type."""
-        initial = self.initial[port]
-        if isinstance(initial, np.ndarray):
-            return initial.size
-        return Value[IMAGE_TYPES.get(port, object)]()
-
 
 def make_channels(
     scenario: Scenario, wanted: Collection[str] = ("camera_view", "state_estimate")
@@ -73,9 +65,7 @@ def make_channels(
 
     ``truth.referee_status`` is for spectators on the network: the autonomy does not listen.
 
-    Args:
-        scenario: the race.
-        wanted: which ports of OPTIONAL_PORTS the autonomy's systems use.
+    Args: wanted: which ports of OPTIONAL_PORTS the autonomy's systems use.
     """
     n = len(load_vehicle(scenario.drone)[0].rotors)
     nothing = RefereeStatus((), False, None, None, 0)

@@ -6,18 +6,13 @@ socket's buffer, since the other one is busy, is lost.
 """
 
 import collections
-import contextlib
 import pickle
 import socket
-import struct
 from typing import Any, NamedTuple, Protocol
 
+from airrace.hitl.link.message_socket import MessageSocket
 from airrace.hitl.link.messages import EXPLORER_STATUS, GATE_MAP, POLICY_STATUS
 from airrace.hitl.link.plan_messages import LAP_PLAN
-
-_BUFFER = 1 << 20  # bytes; the kernel may give less
-_CHUNK = 1 << 16  # bytes that are taken at a time
-_LENGTH = struct.Struct("=I")  # of a message, before it
 
 # How values of ports cross, which are no vectors; those of a user's own systems are pickled.
 _CODECS = {
@@ -129,8 +124,7 @@ class QueueHandover(Handover):
 
 def queue_pair() -> tuple[QueueHandover, QueueHandover]:
     """Returns the two ends, in one process."""
-    there: collections.deque = collections.deque()
-    back: collections.deque = collections.deque()
+    there, back = collections.deque(), collections.deque()
     return QueueHandover(there, back), QueueHandover(back, there)
 
 
@@ -138,60 +132,18 @@ class SocketHandover(Handover):
     """An end in another process.
 
     Attributes:
-        is_open: whether the other end is there.
-        socket: to wait for.
+        link: to wait for, and to close.
     """
 
     def __init__(self, end: socket.socket):
         """Args: end: of socket.socketpair()."""
-        end.setblocking(False)
-        for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
-            end.setsockopt(socket.SOL_SOCKET, option, _BUFFER)
-        self.socket, self.is_open = end, True
-        self._unsent = b""  # the rest of a message that did not fit into the buffer
-        self._incoming = bytearray()
+        self.link = MessageSocket(end, most_waiting=0)
 
     def send(self, message: Message) -> bool:
-        if self._unsent:
-            self._push(b"")
-        if self._unsent or not self.is_open:
-            return False
-        data = pickle.dumps(_encoded(message), pickle.HIGHEST_PROTOCOL)
-        self._push(_LENGTH.pack(len(data)) + data)
-        return self.is_open
-
-    def _push(self, data):
-        """Sends as much as fits of what is unsent and some bytes."""
-        data = self._unsent + data
-        try:
-            self._unsent = data[self.socket.send(data) :]
-        except BlockingIOError:
-            self._unsent = data
-        except OSError:
-            self.is_open = False
+        return self.link.send(pickle.dumps(_encoded(message), pickle.HIGHEST_PROTOCOL))
 
     def receive(self) -> list[Message]:
-        with contextlib.suppress(BlockingIOError):
-            while self.is_open:
-                try:
-                    data = self.socket.recv(_CHUNK)
-                except ConnectionError:
-                    data = b""
-                self._incoming += data
-                self.is_open = bool(data)
-        messages = []
-        while len(self._incoming) >= _LENGTH.size:
-            end = _LENGTH.size + _LENGTH.unpack_from(self._incoming)[0]
-            if len(self._incoming) < end:
-                break
-            messages.append(_decoded(pickle.loads(self._incoming[_LENGTH.size : end])))
-            del self._incoming[:end]
-        return messages
-
-    def close(self) -> None:
-        """Lets the other end know that there will be no more."""
-        self.socket.close()
-        self.is_open = False
+        return [_decoded(pickle.loads(data)) for data in iter(self.link.receive, None)]
 
 
 def _encoded(message: Message) -> Message:

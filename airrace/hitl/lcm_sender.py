@@ -34,9 +34,8 @@ class LcmSender:
 
         Args:
             source: the diagram of this side.
-            channels: PortChannels of the race.
+            channels: of the race.
             role: of this side.
-            endpoint: sends the messages.
             lossless: whether every change must arrive as it is: in lockstep.
         """
         self._source, self._endpoint, self._lossless = source, endpoint, lossless

@@ -38,8 +38,7 @@ class Halves(NamedTuple):
 def make_halves(scenario: "Scenario") -> Halves:
     """Builds both halves of the autonomy of a scenario, for a link that takes its time.
 
-    Raises:
-        UserError: if a system of the scenario cannot be had or does not fit.
+    Raises UserError if a system of the scenario cannot be had or does not fit.
     """
     given = (PREDICTED,) if scenario.localizes else ()
     return Halves(MakePilot(scenario, given), MakeNavigator(scenario))
@@ -54,10 +53,8 @@ class Pilot:
         """Constructs it.
 
         Args:
-            scenario: the race.
             halves: from make_halves(); it takes the pilot.
             endpoint: of the autonomy's side; from now on it receives what the pilot needs alone.
-            handover: to the navigator.
         """
         self._scenario, self._endpoint, self._handover = scenario, endpoint, handover
         self._side = MakePilotSide(scenario, *halves, halves.channels(scenario), endpoint)
@@ -92,11 +89,9 @@ class Pilot:
     def prepare(self, resume: Path | None = None) -> None:
         """Tells the navigator how it stands; to be called until is_ready().
 
-        Args:
-            resume: folder of a checkpoint to go on with, or None.
+        Args: resume: folder of a checkpoint to go on with, or None.
 
-        Raises:
-            UserError: if there is no such checkpoint.
+        Raises UserError if there is no such checkpoint.
         """
         self._hear()
         now = self._endpoint.now()

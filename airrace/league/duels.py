@@ -13,15 +13,13 @@ def make_duels(
     """Writes a page for each race that two entries have finished.
 
     Args:
-        folder: of the season.
         league: what league.json holds.
         show: called with the number of each race before its page is made.
 
     Returns:
         dictionaries: ``leg``, ``link``, ``first`` and ``second`` (names of entries), ``gap_s``.
 
-    Raises:
-        UserError: if a page cannot be written.
+    Raises UserError if a page cannot be written.
     """
     from airrace.analysis.run import load_run
     from airrace.visualization.ghosts import make_ghosts, replay_page
@@ -41,15 +39,9 @@ def make_duels(
             ghosts = make_ghosts([load_run(run) for run in runs], align="lap")
             write_text(page, replay_page(ghosts, pictures=False))
         first, second = pair
-        duels.append(
-            {
-                "leg": leg,
-                "link": f"{DUELS}/{leg}.html",
-                "first": first["entry"],
-                "second": second["entry"],
-                "gap_s": second["mean_lap_s"] - first["mean_lap_s"],
-            }
-        )
+        names = {"first": first["entry"], "second": second["entry"]}
+        gap = second["mean_lap_s"] - first["mean_lap_s"]
+        duels.append({"leg": leg, "link": f"{DUELS}/{leg}.html", **names, "gap_s": gap})
     return duels
 
 

@@ -66,7 +66,6 @@ def fly(end: socket.socket, scratch: Path, own_tmp: bool) -> int:
     """Builds the autonomy and races; returns the exit code.
 
     Args:
-        end: of the link.
         scratch: a folder for what it writes.
         own_tmp: whether /tmp is this process' alone.
     """

@@ -110,7 +110,12 @@ class EntryRemote(LockstepRemote):
         self._reason: str | None = None
 
     def begin(self, simulator: "Simulator") -> None:
-        context = simulator.get_mutable_context()
+        super().begin(simulator)
+        if self._over is not None:
+            raise EntryFailed(self._over)
+        self.conduct = Conduct()  # what the first step loads is no matter of the race
+
+    def _meet(self) -> None:
         await_peer(
             self._endpoint,
             phases.READY,
@@ -118,26 +123,8 @@ class EntryRemote(LockstepRemote):
             timeout=self._limits.start_wall,
             poll=lambda: _check_start(self._process, self._bus),
         )
-        self._start_exchange()
-        next(self._times)
-        reason = self._step(context)
-        if reason is not None:
-            raise EntryFailed(reason)
-        self.conduct = Conduct()  # what the first step loads is no matter of the race
-        self._next = next(self._times)
-
-    def advance(self, simulator: "Simulator", end: float) -> str | None:
-        context = simulator.get_mutable_context()
-        while self._next <= end:
-            simulator.AdvanceTo(self._next)
-            reason = self._step(context)
-            if reason is not None:
-                return reason
-            self._next = next(self._times)
-        return None
 
     def _step(self, context: "Context") -> str | None:
-        """Exchanges the messages of one step; returns why the race cannot go on, or None."""
         self._began, self._reason = time.monotonic(), None
         self._cpu = self._process.cpu_time()
         self._bus.begin_step()
@@ -147,7 +134,8 @@ class EntryRemote(LockstepRemote):
         except PeerLost:
             ended, self._reason = True, self._late()
         if ended or self._bus.violation:
-            return self._broken() or self._reason or "the entry left the race"
+            broken = self._bus.violation and f"the entry broke the rules: {self._bus.violation}"
+            return broken or self._reason or "the entry left the race"
         spent = self._process.cpu_time() - self._cpu
         self.conduct.steps += 1
         self.conduct.missed_deadlines += spent > self._limits.step_cpu
@@ -170,24 +158,15 @@ class EntryRemote(LockstepRemote):
     def _late(self) -> str:
         return f"the entry did not answer within {self._limits.step_wall:g} s"
 
-    def _broken(self) -> str | None:
-        violation = self._bus.violation
-        return violation and f"the entry broke the rules: {violation}"
-
 
 def meet_entry(
     scenario: Scenario, bus: GuardedBus, process: "EntryProcess", limits: "Limits"
 ) -> EntryRemote:
     """Waits until an entry is there, and returns the Remote to race with.
 
-    Args:
-        scenario: the race, as the simulation knows it.
-        bus: to the entry.
-        process: of the entry.
-        limits: of the season.
+    Args: scenario: the race, as the simulation knows it.
 
-    Raises:
-        EntryFailed: if it does not come, or asks for what it must not have.
+    Raises EntryFailed if it does not come, or asks for what it must not have.
     """
     channels = make_channels(scenario, ())
     bus.allowed = tuple(channel.name for channel in channels if channel.sender == AUTONOMY)

@@ -37,28 +37,26 @@ def write_page(folder: Path, league: dict, duels: Sequence[dict] = ()) -> Path:
     """Writes league.html, which needs no network; returns its path.
 
     Args:
-        folder: of the season.
         league: what league.json holds.
         duels: of make_duels().
 
-    Raises:
-        UserError: if it cannot be written.
+    Raises UserError if it cannot be written.
     """
     settings = league["settings"]
-    teams = {entry["entry"]: entry for entry in settings["entries"]}
+    order = [each["entry"] for each in league["ranking"]]  # the best first
     flights = {(line["entry"], line["leg"]): line for line in league["flights"]}
     text = page_template("airrace.league", PAGE).render(
         league=league,
         season=settings["season"],
         settings=settings,
-        teams=teams,
+        teams={entry["entry"]: entry for entry in settings["entries"]},
         columns=RANKING,
         standings=[_standing(each, league) for each in league["ranking"]],
         rows=[
-            (leg, [_cell(folder, flights.get((name, leg["leg"]))) for name in _order(league)])
+            (leg, [_cell(folder, flights.get((name, leg["leg"]))) for name in order])
             for leg in league["legs"]
         ],
-        order=_order(league),
+        order=order,
         failures=[line for line in league["flights"] if not line["finished"]],
         attempts=_attempts(league),
         duels=duels,
@@ -67,11 +65,6 @@ def write_page(folder: Path, league: dict, duels: Sequence[dict] = ()) -> Path:
     path = folder / PAGE
     write_text(path, text)
     return path
-
-
-def _order(league: dict) -> list[str]:
-    """Returns the names of the entries, the best first."""
-    return [each["entry"] for each in league["ranking"]]
 
 
 def _standing(standing: dict, league: dict) -> dict[str, Any]:

@@ -33,14 +33,10 @@ class Doubt(NamedTuple):
 
 
 def read_league(path: Path) -> dict[str, Any]:
-    """Returns what a league.json holds.
-
-    Raises:
-        UserError: if it is none.
-    """
+    """Returns what a league.json holds; raises UserError if it is none."""
     try:
         league = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError):
+    except (OSError, ValueError):
         raise UserError(
             f"{path} cannot be read as a league's result; name the league.json in the folder of a "
             "season."
@@ -75,12 +71,7 @@ def check_season(league: dict, season: Season, secret: str, legs: Sequence[Leg])
 
 
 def load_flown_entries(folder: Path, league: dict) -> tuple[dict[str, Entry], list[Doubt]]:
-    """Returns the entries of a season by name, and doubts about them.
-
-    Args:
-        folder: of the season.
-        league: what its league.json holds.
-    """
+    """Returns the entries in a season's folder by name, and doubts about them."""
     entries, doubts = {}, []
     for line in league["settings"]["entries"]:
         name = line["entry"]
@@ -95,10 +86,7 @@ def load_flown_entries(folder: Path, league: dict) -> tuple[dict[str, Entry], li
 
 
 def check_files(folder: Path, league: dict) -> Iterator[Doubt]:
-    """Yields what does not agree within a season's folder, without flying.
-
-    Args: see load_flown_entries().
-    """
+    """Yields what does not agree within a season's folder, without flying."""
     for line in league["flights"]:
         where = describe(line)
         path = folder / race_folder(line["entry"], line["leg"]) / "race.json"
@@ -122,7 +110,6 @@ def compare(folder: Path, line: dict, result: dict) -> Doubt | None:
     """Returns a doubt if a race, flown again, is another one than league.json says.
 
     Args:
-        folder: of the season.
         line: of the race in league.json.
         result: race.json without ``wall``, of the race flown again.
     """
@@ -152,12 +139,10 @@ def choose(flights: Iterable[dict], entry: str | None, leg: int | None, every: b
     """Returns which races of league.json to fly again.
 
     Args:
-        flights: of league.json.
         entry, leg: only that entry's, and only that race; None: any.
         every: whether all of them, else of each entry the one with the quickest mean lap.
 
-    Raises:
-        UserError: if there is none.
+    Raises UserError if there is none.
     """
     chosen = [
         line for line in flights if entry in (None, line["entry"]) and leg in (None, line["leg"])

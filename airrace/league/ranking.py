@@ -47,13 +47,15 @@ def rank(entries: Sequence[str], flights: Sequence[dict], rate_step: float) -> l
     """Returns the ranking, the best first.
 
     Args:
-        entries: names of all that take part.
         flights: lines of league.json: ``entry``, ``leg``, ``finished``, ``mean_lap_s`` and
             ``best_lap_s``.
-        rate_step: of the season.
     """
-    laps = {name: _laps_of(name, flights) for name in entries}
-    drafts = {name: _draft(name, flights, len(laps[name]), rate_step) for name in entries}
+    own = {name: [each for each in flights if each["entry"] == name] for name in entries}
+    laps = {
+        name: {each["leg"]: each["mean_lap_s"] for each in own[name] if each["finished"]}
+        for name in entries
+    }
+    drafts = {name: _draft(name, own[name], rate_step) for name in entries}
     for step in {draft.step for draft in drafts.values()}:
         members = [name for name in entries if drafts[name].step == step and laps[name]]
         common = set.intersection(*({*laps[name]} for name in members)) if members else set()
@@ -76,17 +78,9 @@ def _merit(standing: Standing) -> tuple[float, float]:
     return -standing.step, math.inf if standing.mean_lap_s is None else standing.mean_lap_s
 
 
-def _laps_of(name: str, flights: Sequence[dict]) -> dict[int, float]:
-    """Returns the mean lap (s) of each race that an entry finished, by the race's number."""
-    return {
-        flight["leg"]: flight["mean_lap_s"]
-        for flight in flights
-        if flight["entry"] == name and flight["finished"]
-    }
-
-
-def _draft(name: str, flights: Sequence[dict], finished: int, rate_step: float) -> Standing:
-    own = [flight for flight in flights if flight["entry"] == name]
+def _draft(name: str, own: Sequence[dict], rate_step: float) -> Standing:
+    """Returns the line of an entry by its own races alone."""
+    finished = sum(flight["finished"] for flight in own)
     low, high = wilson_interval(finished, len(own))
     bests = [flight["best_lap_s"] for flight in own if flight["best_lap_s"] is not None]
     return Standing(

@@ -20,9 +20,6 @@ def settings(
     """Returns what must be equal for two seasons to be the same.
 
     Args:
-        season: what its file says.
-        secret: its seed, of which only a hash is told.
-        entries: that fly.
         refused: names of those that do not, and why.
         flown: ``versions``, see versions(), and ``safe``, whether there was a sandbox.
     """
@@ -47,19 +44,22 @@ def settings(
 def write_league(folder: Path, settings: dict, legs: Sequence[Leg], rows: Sequence[dict]) -> dict:
     """Writes league.json, and returns what it holds.
 
-    Args:
-        folder: of the season.
-        settings: see there.
-        legs: the races.
-        rows: of worker.fly(), without their files, of all that have been flown.
+    Args: settings: see there. rows: of worker.fly(), of all races that have been flown.
 
-    Raises:
-        UserError: if it cannot be written.
+    Raises UserError if it cannot be written.
     """
     names = [entry["entry"] for entry in settings["entries"]]
-    flights = sorted(
-        (flight_line(row) for row in rows), key=lambda f: (names.index(f["entry"]), f["leg"])
-    )
+    lines = [
+        {
+            "entry": row["entry"],
+            "leg": row["leg"],
+            **figures(row["result"]),
+            "conduct": row["conduct"],
+            "sha256": row["sha256"],
+        }
+        for row in rows
+    ]
+    flights = sorted(lines, key=lambda line: (names.index(line["entry"]), line["leg"]))
     league = {
         "format": FORMAT,
         "complete": len(flights) == len(names) * len(legs),
@@ -86,24 +86,7 @@ def ranking_of(names: Sequence[str], flights: Sequence[dict], settings: dict) ->
     return [dc.asdict(standing) for standing in standings]
 
 
-def flight_line(row: dict) -> dict:
-    """Returns what league.json says of a race, from its row; see worker.fly()."""
-    return {
-        "entry": row["entry"],
-        "leg": row["leg"],
-        **figures(row["result"]),
-        "conduct": row["conduct"],
-        "sha256": row["sha256"],
-    }
-
-
 def figures(result: dict) -> dict:
     """Returns the figures of a race that league.json repeats; result: race.json."""
-    return {
-        "finished": result["finished"],
-        "dnf_reason": result["dnf_reason"],
-        "laps": len(result["laps"]),
-        "mean_lap_s": result["mean_lap_s"],
-        "best_lap_s": result["best_lap_s"],
-        "collisions": result["collisions"],
-    }
+    names = "finished", "dnf_reason", "laps", "mean_lap_s", "best_lap_s", "collisions"
+    return {name: result[name] for name in names} | {"laps": len(result["laps"])}

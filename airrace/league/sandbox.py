@@ -38,13 +38,8 @@ _MODULE = "airrace.league.entry_process"
 _FILTER = "filter"  # file in the race's folder
 # Of the system; those that a computer does not have are left out.
 _SYSTEM = (
-    "/usr",
-    "/lib",
-    "/lib64",
-    "/bin",
-    "/etc/ld.so.cache",
-    "/etc/alternatives",
-    "/etc/localtime",
+    *("/usr", "/lib", "/lib64", "/bin"),
+    *("/etc/ld.so.cache", "/etc/alternatives", "/etc/localtime"),
 )
 _PROBE = 20.0  # s
 _END = 5.0  # s that it has to end by itself
@@ -109,10 +104,8 @@ class EntryProcess:
         Args:
             folder: of the race, with TOLD in it.
             end: of a SocketBus; the entry's, which is closed on this side.
-            sandbox: how it is held.
 
-        Raises:
-            UserError: if it cannot be started.
+        Raises UserError if it cannot be started.
         """
         arguments = [sys.executable, "-u", "-m", _MODULE, str(end.fileno())]
         arguments.append(str(sandbox.limits.memory if sandbox.safe else 0))
@@ -194,12 +187,7 @@ def _bubblewrap() -> list[str]:
 
 
 def _mounts(folder: Path, limits: Limits) -> list[str]:
-    """Returns the options of bubblewrap that say what there is inside.
-
-    Args:
-        folder: of the race.
-        limits: of the season.
-    """
+    """Returns the options of bubblewrap that say what there is inside."""
     package, models = PACKAGE, models_path()
     mounts = []
     for path in _SYSTEM:

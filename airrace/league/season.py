@@ -124,14 +124,9 @@ def load_season(path: Path) -> Season:
 
 
 def read_secret(path: Path, season: Season) -> str:
-    """Returns the secret seed of a season.
+    """Returns the secret seed of a season, from the file that its own, at a path, names.
 
-    Args:
-        path: of the season's file.
-        season: what it says.
-
-    Raises:
-        UserError: if it cannot be read or is too short to be a secret.
+    Raises UserError if it cannot be read or is too short to be a secret.
     """
     file = path.parent / season.seed_file
     try:
@@ -162,8 +157,7 @@ def secret_digest(secret: str) -> str:
 def make_legs(season: Season, secret: str) -> list[Leg]:
     """Returns all races of a season; the same for the same season and secret.
 
-    Raises:
-        UserError: if a track cannot be had.
+    Raises UserError if a track cannot be had.
     """
     legs = []
     for level in season.levels:

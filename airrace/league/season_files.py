@@ -30,8 +30,7 @@ def race_folder(entry: str, leg: int) -> str:
 def keep_sources(folder: Path, season: Path, entries: list[Entry]) -> None:
     """Copies the season's file and the entries: whoever has the folder can fly all again.
 
-    Raises:
-        UserError: if that cannot be done.
+    Raises UserError if that cannot be done.
     """
     try:
         if season.resolve() != (folder / SEASON).resolve():

@@ -19,13 +19,10 @@ def verify_league(
     """Compares all files, flies races again, and says what is wrong; returns the exit code.
 
     Args:
-        path: of league.json.
         seed_file: with the secret seed; None: where the season says.
         chosen: see proof.choose(): entry, race, and whether all.
-        unsafe: whether entries may fly without a sandbox.
 
-    Raises:
-        UserError: if it cannot be checked here.
+    Raises UserError if it cannot be checked here.
     """
     folder, league = path.parent, proof.read_league(path)
     proof.check_versions(league)
@@ -68,7 +65,8 @@ def verify_league(
 def _secret(folder, season, seed_file):
     """Returns the secret seed, from the file that is named or where the season's file may be."""
     if seed_file is not None:
-        return read_secret(Path("--seed_file"), _with(season, str(seed_file.resolve())))
+        named = dc.replace(season, seed_file=str(seed_file.resolve()))
+        return read_secret(Path("--seed_file"), named)
     for place in (folder, Path()):
         if (place / season.seed_file).is_file():
             return read_secret(place / SEASON, season)
@@ -76,7 +74,3 @@ def _secret(folder, season, seed_file):
         "Races cannot be flown again without the season's secret seed; name its file by "
         "--seed_file."
     )
-
-
-def _with(season, seed_file):
-    return dc.replace(season, seed_file=seed_file)

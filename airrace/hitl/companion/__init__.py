@@ -43,8 +43,7 @@ class Autonomy(abc.ABC):
     def collect(self, folder: Path) -> None:
         """Copies what is in its OUTPUT folder into a folder here, which is made.
 
-        Raises:
-            UserError: if that cannot be done.
+        Raises UserError if that cannot be done.
         """
 
     @abc.abstractmethod
@@ -77,8 +76,7 @@ class Companion(abc.ABC):
             log: called by poll() with each line that it prints, without the line's
                 end, on standard output or standard error.
 
-        Raises:
-            UserError: if it cannot be started, with the remedy.
+        Raises UserError if it cannot be started, with the remedy.
         """
 
     def close(self) -> None:

@@ -38,8 +38,7 @@ def parse_address(text: str) -> Address | None:
 
     An IPv6 address stands in brackets if a port follows it.
 
-    Raises:
-        UserError: if it is neither.
+    Raises UserError if it is neither.
     """
     if text == "local":
         return None

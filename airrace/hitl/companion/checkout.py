@@ -13,8 +13,7 @@ _FOLDERS = ("airrace", "models")
 def checkout_path() -> Path:
     """Returns the folder of the checkout that this airrace runs from.
 
-    Raises:
-        UserError: if it runs from an installed package.
+    Raises UserError if it runs from an installed package.
     """
     root = PACKAGE.parent
     if not all((root / name).is_file() for name in ("pyproject.toml", LOCK)):
@@ -33,8 +32,7 @@ def source_digest(root: Path) -> str:
 def source_files(root: Path) -> dict[str, bytes]:
     """Returns all of a checkout that a companion gets: path to contents.
 
-    Raises:
-        UserError: if a file cannot be read.
+    Raises UserError if a file cannot be read.
     """
     try:
         return {

@@ -61,7 +61,6 @@ def failure(events: list[tuple[str, str]], code: int | None, address: "Address")
     Args:
         events: that it wrote, see event_of().
         code: its exit code, None if the connection was lost.
-        address: of the companion.
     """
     if code is None:
         return ConnectionLost("it ended in the set-up")
@@ -87,12 +86,9 @@ def set_up(
     """Brings over what is not there yet and has it installed.
 
     Args:
-        connection: to the companion.
-        address: of the companion.
         checkout: whose airrace and requirements-run.lock to bring.
         wheels: a folder of wheels to install from, instead of the index
             that pip is set to there; None: no.
-        display: shows what is being done.
 
     Raises:
         UserError: if that fails.
@@ -163,8 +159,7 @@ def inspect_board(
 def find_wheels(folder: Path, lock: Path) -> list[Path]:
     """Returns the wheels of a folder that a lock has, by their hashes.
 
-    Raises:
-        UserError: if there are none.
+    Raises UserError if there are none.
     """
     text = lock.read_text(encoding="utf-8")
     try:

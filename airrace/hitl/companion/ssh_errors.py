@@ -33,8 +33,6 @@ async def connect_error(
     """Returns the UserError for a connection that could not be made.
 
     Args:
-        error: that asyncssh raised.
-        address: of the companion.
         identity: the key that the user named, or None.
         options: asyncssh.SSHClientConnectionOptions; None if error came of making them.
     """
@@ -132,7 +130,6 @@ def file_error(said: str, path: str, address: Address) -> UserError:
     Args:
         said: what the program that failed has said.
         path: of a file or folder there.
-        address: of the companion.
     """
     if is_disk_full(said):
         return UserError(f"The disk of {address.host} is full at {path}; make room there.")

@@ -36,7 +36,7 @@ class Row(NamedTuple):
 
 
 def diagnose(findings: LinkFindings) -> list[Row]:
-    """Returns the rows of the doctor's table. Args: findings: LinkFindings."""
+    """Returns the rows of the doctor's table."""
     f = findings
     pictures, states, commands = f.received(PICTURE), f.received(STATE), f.commands
     loss = max(1.0 - pictures.received / max(f.picture_rate * f.duration, 1.0), 0.0)

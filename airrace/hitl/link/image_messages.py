@@ -50,10 +50,7 @@ def decode_pictures(message: lcmt_pictures) -> tuple[dict, float]:
 def port_value(port: str, pictures: dict, shape: tuple[int, int]) -> Any:
     """Returns the value of one of PICTURE_PORTS.
 
-    Args:
-        port: its name.
-        pictures: see encode_pictures().
-        shape: (h, w) that the picture must have, else Dropped is raised.
+    Args: shape: (h, w) that the picture must have, else Dropped is raised.
     """
     kind = PICTURE_PORTS[port]
     picture = pictures.get(kind.picture)

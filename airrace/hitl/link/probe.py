@@ -82,15 +82,11 @@ def measure(
     """Returns how a link does, with an autonomy that waits at its other end.
 
     Args:
-        bus: from open_lcm().
-        scenario: whose rates and size of pictures to use.
-        duration: (s).
         poll: called now and then; may raise.
         show: called with the share of the test that is over.
         patience: how long to wait for the autonomy (s).
 
-    Raises:
-        UserError: if there is no autonomy.
+    Raises UserError if there is no autonomy.
     """
     endpoint = Endpoint(SIMULATION, CHANNELS, bus)
     try:

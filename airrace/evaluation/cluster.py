@@ -110,20 +110,15 @@ def fly_missing(
     fly: Callable[[Any, str], dict] = fly,
     live: contextlib.AbstractContextManager = contextlib.nullcontext(),
 ) -> str | None:
-    """Flies the races that a store lacks.
+    """Flies the races that a store lacks; returns why they were ended early, or None.
 
     Args:
-        jobs: all races.
-        store: gets their rows.
         options: --workers (by default, one a processor) and --scheduler (None: on this computer).
         show: called with the row of each race that has ended.
         systems: of the scenario.
         keep: from a row to what of it is stored.
         fly: see fly_races().
         live: the block in which they fly.
-
-    Returns:
-        a clause on why they were ended early, or None.
 
     Raises:
         UserError: if there is no cluster, a worker has other versions, or a file cannot be written.

@@ -70,9 +70,7 @@ def generated_track(seed: int, gates: int | None = None) -> tuple[Track, str]:
 def settings(jobs: list[RaceJob], *, track: str, scenario_name: str) -> dict:
     """Returns what must be equal for two evaluations to be the same.
 
-    Args:
-        track: where the tracks come from.
-        scenario_name: where the scenario comes from.
+    Args: track: where the tracks come from. scenario_name: where the scenario comes from.
     """
     races = [(job.track, job.scenario, sorted(job.drone.items())) for job in jobs]
     scenario = yaml.safe_load(jobs[0].scenario)["Defaults"]

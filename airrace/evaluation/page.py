@@ -21,21 +21,13 @@ _LAST_EVENTS = 6  # of an explorer whose race failed
 
 
 class Column(NamedTuple):
-    """A column of the table of races.
+    """A column of the table of races."""
 
-    Attributes:
-        name: its head.
-        meaning: what it says, for who points at its head.
-        key: of a race of evaluation.json.
-        factor: of numbers.
-        decimals: of numbers.
-    """
-
-    name: str
-    meaning: str
-    key: str
-    factor: float = 1.0
-    decimals: int = 0
+    name: str  # its head
+    meaning: str  # what it says, for who points at its head
+    key: str  # of a race of evaluation.json
+    factor: float = 1.0  # of numbers
+    decimals: int = 0  # of numbers
 
 
 COLUMNS = (
@@ -67,9 +59,7 @@ COLUMNS = (
 def write_page(folder: Path, evaluation: dict, rows: list[dict]) -> Path:
     """Writes evaluation.html, which needs nothing else; returns its path.
 
-    Args:
-        evaluation: what evaluation.json holds.
-        rows: of the races, see worker.fly().
+    Args: evaluation: what evaluation.json holds. rows: of the races, see worker.fly().
 
     Raises UserError if it cannot be written.
     """

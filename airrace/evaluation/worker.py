@@ -45,28 +45,17 @@ _stopped = set()  # evaluations
 
 @dc.dataclass(frozen=True)
 class RaceJob:
-    """One race, with all that a worker on another machine needs to fly it.
+    """One race, with all that a worker on another machine needs to fly it."""
 
-    Attributes:
-        seed: of the race and, if it was generated, of the track.
-        track: YAML of the track.
-        gates: number of them.
-        length: of the polygon through the gates' midpoints (m).
-        scenario: a scenario file; its track is not used.
-        drone: contents of the files of the drone's folder by relative names;
-            empty for a shipped drone.
-        systems: of the scenario.
-        versions: see versions(); a worker with others does not fly the race.
-    """
-
-    seed: int
-    track: str
-    gates: int
-    length: float
-    scenario: str
+    seed: int  # of the race and, if it was generated, of the track
+    track: str  # YAML of the track
+    gates: int  # number of them
+    length: float  # of the polygon through the gates' midpoints (m)
+    scenario: str  # a scenario file; its track is not used
+    # Contents of the files of the drone's folder by relative names; empty for a shipped drone
     drone: dict
-    systems: dict
-    versions: dict
+    systems: dict  # of the scenario
+    versions: dict  # see versions(); a worker with others does not fly the race
 
     @property
     def key(self) -> int:
@@ -83,21 +72,13 @@ class RaceKilled(Exception):
 
 
 class EndedRace(NamedTuple):
-    """A race whose process has ended.
+    """A race whose process has ended."""
 
-    Attributes:
-        folder: of its files.
-        result: race.json without ``wall``.
-        wall: of race.json, or None.
-        error: a clause on what stopped it, unless it ended as races do.
-        stderr: the end of what it wrote if so, else None.
-    """
-
-    folder: Path
-    result: dict
-    wall: dict | None
-    error: str | None
-    stderr: str | None
+    folder: Path  # of its files
+    result: dict  # race.json without ``wall``
+    wall: dict | None  # of race.json, or None
+    error: str | None  # a clause on what stopped it, unless it ended as races do
+    stderr: str | None  # the end of what it wrote if so, else None
 
 
 class RaceRefused(Exception):
@@ -105,15 +86,11 @@ class RaceRefused(Exception):
 
 
 def fly(job: RaceJob, evaluation: str) -> dict:
-    """Flies a race and returns its row of races.jsonl.
+    """Flies a race and returns its row of races.jsonl; evaluation: a name for stop_races().
 
-    Args: evaluation: a name for stop_races().
-
-    Returns:
-        ``seed``, ``gates``, ``length_m``, ``result`` (race.json without
-        ``wall``), ``stderr`` (the end of what a race that was stopped by an
-        error wrote, else None) and ``wall`` (of race.json, or None). Or
-        ``seed`` and ``refused``, why no such race can be flown here.
+    That is ``seed``, ``gates``, ``length_m``, ``result`` (race.json without ``wall``), ``stderr``
+    (the end of what a race that was stopped by an error wrote, else None) and ``wall`` (of
+    race.json, or None). Or ``seed`` and ``refused``, why no such race can be flown here.
 
     Raises RaceKilled if it was killed from outside.
     """
@@ -151,11 +128,8 @@ def ended_race(
 ) -> Iterator[EndedRace]:
     """Flies a race in a process of its own, and yields how it ended; its folder is then removed.
 
-    Args:
-        module: see run_process().
-        files: of the race's folder: path to contents.
-        evaluation: a name for stop_races().
-        ends: exit codes of a race that was not stopped by an error.
+    Args: module, evaluation: see run_process(). files: of the race's folder: path to contents.
+    ends: exit codes of a race that was not stopped by an error.
 
     Raises:
         RaceRefused: if the process says so, by exit code 2.
@@ -203,11 +177,9 @@ def stop_races(evaluation: str) -> None:
 
 
 def run_process(module: str, folder: Path, evaluation: str) -> int:
-    """Runs a module as the process of a race; returns its exit code.
+    """Runs a module with the folder of a race; returns its exit code.
 
-    Args:
-        module: which is called with the folder.
-        folder: of the race; what the process writes to standard error is left in `stderr` there.
+    What it writes to standard error is left in `stderr` there. Args: evaluation: for stop_races().
 
     Raises RaceKilled if the evaluation was stopped before.
     """

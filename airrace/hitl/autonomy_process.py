@@ -56,10 +56,8 @@ class AutonomyProcess:
     ):
         """Constructs it; it listens from now on.
 
-        Args:
-            bus: from open_lcm().
-            stop: asked now and then; whether to end.
-            clock: of the Endpoint (s).
+        Args: bus: from open_lcm(). stop: asked now and then; whether to end. clock: of the Endpoint
+        (s).
 
         Raises UserError if the variable of patient() is no number.
         """
@@ -96,12 +94,9 @@ class AutonomyProcess:
             self._navigator.close()
 
     def run(self, resume: Path | None = None, patience: float = 60.0) -> int:
-        """Waits for a simulation and races; returns the exit code.
+        """Waits for a simulation, at most some time (s), and races; returns the exit code.
 
-        Args:
-            resume: folder with the checkpoint of an autonomy that has ended, to
-                go on where it was; None: a new race.
-            patience: how long to wait for the simulation (s).
+        Args: resume: folder with the checkpoint of an autonomy that has ended, to go on with.
 
         Raises UserError if there is none, or nothing to resume.
         """

@@ -36,25 +36,20 @@ _UNKNOWN = np.array([-1.0, 1.0, *[0.0] * (NAVIGATION_SIZE - 2)])  # before the f
 
 @dc.dataclass(frozen=True, kw_only=True)
 class PortChannel(Channel):
-    """A channel that carries the values of ports.
+    """A channel that carries the values of ports."""
 
-    Attributes:
-        ports: output ports of the sender's diagram, and input ports of the other one's;
-            whether the value of the first is another tells whether there is a new message.
-        rate: how often the ports' values change (Hz), which is how often they are
-            sent; in lockstep, at every change.
-        encode: from the values of the ports, as keywords, and ``lossless``, to a message.
-            ``decode`` returns a dict by port.
-        initial: dict of the values before the first message; an array says that a
-            port is a vector.
-        repeat: a value that does not change is sent again after so long (s), since
-            messages get lost.
-    """
-
+    # Output ports of the sender's diagram, and input ports of the other one's; whether the value of
+    # the first is another tells whether there is a new message
     ports: tuple
+    # How often the ports' values change (Hz), which is how often they are sent; in lockstep, at
+    # every change
     rate: float
+    # From the values of the ports, as keywords, and ``lossless``, to a message. ``decode`` returns
+    # a dict by port.
     encode: Callable
+    # Dict of the values before the first message; an array says that a port is a vector
     initial: dict
+    # A value that does not change is sent again after so long (s), since messages get lost
     repeat: float = 0.5
 
 

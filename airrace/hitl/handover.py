@@ -24,23 +24,14 @@ _CODECS = {
 
 
 class Setup(NamedTuple):
-    """What the navigator has to know to begin.
+    """What the navigator has to know to begin."""
 
-    Attributes:
-        scenario: as YAML.
-        lcm_url: of the link to the simulation.
-        output_dir: where the checkpoint and the map go.
-        session: of the pilot's Endpoint.
-        briefly: see warm_up_navigator().
-        duration: of the flight by made-up messages, see Budget (s).
-    """
-
-    scenario: str
-    lcm_url: str
-    output_dir: str
-    session: int
-    briefly: bool
-    duration: float
+    scenario: str  # as YAML
+    lcm_url: str  # of the link to the simulation
+    output_dir: str  # where the checkpoint and the map go
+    session: int  # of the pilot's Endpoint
+    briefly: bool  # see warm_up_navigator()
+    duration: float  # of the flight by made-up messages, see Budget (s)
 
 
 class Compiling(NamedTuple):
@@ -82,14 +73,10 @@ class States(NamedTuple):
 
 
 class PortValues(NamedTuple):
-    """What ports hold.
+    """What ports hold."""
 
-    Attributes:
-        time: simulated (s).
-        by_port: name of a port to its value; a port that is missing has the value it had.
-    """
-
-    time: float
+    time: float  # simulated (s)
+    # Name of a port to its value; a port that is missing has the value it had
     by_port: dict[str, Any]
 
 

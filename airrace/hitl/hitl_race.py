@@ -115,8 +115,7 @@ def remote_transport(
 def _start(companion, scenario, url, folder, note, stack):
     """Starts the autonomy, which is ended and whose files are fetched when the stack unwinds.
 
-    Returns:
-        its poll(), and one that raises UserError if it has ended.
+    Returns its poll(), and one that raises UserError if it has ended.
     """
     last = ""
 

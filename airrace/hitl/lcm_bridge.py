@@ -31,25 +31,16 @@ _REFERENCE = "exploration_reference"
 
 
 class Side(NamedTuple):
-    """A diagram with its end of the link.
+    """A diagram with its end of the link."""
 
-    Attributes:
-        diagram: of all.
-        part: the autonomy in it, or the half of it.
-        receiver: shows what the simulation has sent.
-        sender: of the part's outputs.
-        compensator: of the link's delay, in the pilot's.
-        received: shows what the other half has handed over, where there is one.
-        sends: names of the outputs of the diagram that the other half is to get.
-    """
-
-    diagram: Diagram
-    part: Diagram
-    receiver: LcmReceiver
-    sender: LcmSender
-    compensator: DelayCompensator | None = None
+    diagram: Diagram  # of all
+    part: Diagram  # the autonomy in it, or the half of it
+    receiver: LcmReceiver  # shows what the simulation has sent
+    sender: LcmSender  # of the part's outputs
+    compensator: DelayCompensator | None = None  # of the link's delay, in the pilot's
+    # Shows what the other half has handed over, where there is one
     received: ReceivedPorts | None = None
-    sends: tuple[str, ...] = ()
+    sends: tuple[str, ...] = ()  # names of the outputs of the diagram that the other half is to get
 
 
 def ports_wanted(*parts: Diagram) -> tuple[str, ...]:
@@ -71,9 +62,7 @@ def MakeLockstepSide(
 ) -> Side:
     """Joins an Autonomy with the link.
 
-    Args:
-        channels, endpoint: see LcmSender.
-        output_dir: where the map is kept on disk.
+    Args: channels, endpoint: see LcmSender. output_dir: where the map is kept on disk.
     """
     builder = DiagramBuilder()
     builder.AddSystem(autonomy)

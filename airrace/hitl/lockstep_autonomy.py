@@ -26,10 +26,8 @@ def race_in_lockstep(
 ) -> int:
     """Races; returns the exit code: LEFT after the race, STOPPED or LOST.
 
-    Args:
-        side: from MakeLockstepSide().
-        endpoint: of the autonomy, which has met the simulation's.
-        stop: asked now and then; whether to end.
+    Args: side: from MakeLockstepSide(). endpoint: of the autonomy, which has met the simulation's.
+    stop: asked now and then; whether to end.
     """
     simulator = Simulator(side.diagram)
     context, code = simulator.get_mutable_context(), LEFT

@@ -43,10 +43,8 @@ class Navigator:
     ):
         """Constructs it; it listens from now on.
 
-        Args:
-            halves: from make_halves(); it takes the navigator.
-            session: of the pilot's Endpoint: both are the same autonomy to the simulation.
-            clock: of the pilot's Endpoint (s).
+        Args: halves: from make_halves(); it takes the navigator. session: of the pilot's Endpoint:
+        both are the same autonomy to the simulation. clock: of the pilot's Endpoint (s).
         """
         channels = halves.channels(scenario)
         self._endpoint = Endpoint(AUTONOMY, channels, bus, clock, session=session)

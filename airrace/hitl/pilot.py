@@ -122,8 +122,7 @@ class Pilot:
     def step(self) -> bool:
         """Advances to what the simulation's clock shows, with what has come last, and sends.
 
-        Returns:
-            whether there was something to control.
+        Returns whether there was something to control.
         """
         side, context = self._side, self._context
         side.receiver.receive(context, self._endpoint)

@@ -28,17 +28,11 @@ _TICK = 0.001  # s
 
 
 class Message(NamedTuple):
-    """A message of the simulation's.
+    """A message of the simulation's."""
 
-    Attributes:
-        time: simulated, at which it is sent (s).
-        channel: its name.
-        message: of airrace.lcmtypes.
-    """
-
-    time: float
-    channel: str
-    message: Any
+    time: float  # simulated, at which it is sent (s)
+    channel: str  # its name
+    message: Any  # of airrace.lcmtypes
 
 
 def standing(
@@ -101,12 +95,9 @@ class Playback(abc.ABC):
         """Works on what has come."""
 
     def play(self, duration: float) -> np.ndarray:
-        """Flies from the start, by made-up messages.
+        """Flies from the start for a while (s), by made-up messages.
 
-        Args: duration: (s).
-
-        Returns:
-            how long this half took for each millisecond (s), (n,).
+        Returns how long this half took for each millisecond (s), (n,).
         """
         messages = standing(self._scenario, self.channels, duration)
         received = made_up_values(self._scenario, self._told, duration)

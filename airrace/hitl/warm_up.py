@@ -54,8 +54,7 @@ def warm_up_navigator(scenario: Scenario, briefly: bool = False) -> None:
 def play_pilot(scenario: Scenario, duration: float) -> np.ndarray:
     """Flies the pilot alone for a while (s) by made-up messages, and forgets it.
 
-    Returns:
-        how long it took for each millisecond (s), (n,).
+    Returns how long it took for each millisecond (s), (n,).
     """
     scenario = dc.replace(scenario, link_delay=LINK_DELAY)
     return PilotPlayback(scenario).play(duration)

@@ -21,17 +21,11 @@ _SYSTEM = ("/usr", "/lib", "/lib64", "/etc", "/bin", "/sys/devices/system/cpu")
 
 
 class Allowed(NamedTuple):
-    """Folders that an entry may use; what is in them, it may use as well.
+    """Folders that an entry may use; what is in them, it may use as well."""
 
-    Attributes:
-        read: from which it may read.
-        write: which it may read and write.
-        hidden: within those of ``read`` or ``write``, which it may not use.
-    """
-
-    read: tuple[str, ...]
-    write: tuple[str, ...]
-    hidden: tuple[str, ...] = ()
+    read: tuple[str, ...]  # from which it may read
+    write: tuple[str, ...]  # which it may read and write
+    hidden: tuple[str, ...] = ()  # within those of ``read`` or ``write``, which it may not use
 
 
 def note_attempts(allowed: Allowed) -> None:

@@ -178,8 +178,7 @@ def _fly(
 def _report(plan: "Plan", settings: dict, folder: Path, rows: list) -> None:
     """Writes league.json and league.html, and prints the ranking."""
     from airrace.league.display import print_ranking
-    from airrace.league.duels import make_duels
-    from airrace.league.page import write_page
+    from airrace.league.page import make_duels, write_page
     from airrace.league.result import write_league
 
     league = write_league(folder, settings, plan.legs, rows)

@@ -63,19 +63,12 @@ class EntryConfig:
 
 @dc.dataclass(frozen=True)
 class Entry:
-    """An entry whose files are sound.
+    """An entry whose files are sound."""
 
-    Attributes:
-        name: of its folder; results are filed under it.
-        folder: with its files.
-        config: of entry.yaml.
-        digest: of all files.
-    """
-
-    name: str
-    folder: Path
-    config: EntryConfig
-    digest: str
+    name: str  # of its folder; results are filed under it
+    folder: Path  # with its files
+    config: EntryConfig  # of entry.yaml
+    digest: str  # of all files
 
     @functools.cached_property
     def files(self) -> dict[str, bytes]:

@@ -36,31 +36,19 @@ class EntryFailed(Exception):
 
 @dc.dataclass
 class Conduct:
-    """How an entry behaved.
+    """How an entry behaved."""
 
-    Attributes:
-        steps: of the link.
-        missed_deadlines: steps that took more processor time than limits.step_cpu.
-        longest_step_s: processor time of the longest (s).
-        cpu_s: of the process, from its start (s).
-    """
-
-    steps: int = 0
-    missed_deadlines: int = 0
-    longest_step_s: float = 0.0
-    cpu_s: float = 0.0
+    steps: int = 0  # of the link
+    missed_deadlines: int = 0  # steps that took more processor time than limits.step_cpu
+    longest_step_s: float = 0.0  # processor time of the longest (s)
+    cpu_s: float = 0.0  # of the process, from its start (s)
 
 
 class GuardedBus(SocketBus):
-    """A SocketBus that notices if the other side is not what it should be.
+    """A SocketBus that notices if the other side is not what it should be."""
 
-    Attributes:
-        allowed: names of the channels that the other side may send on.
-        violation: a clause on what it did, or None.
-    """
-
-    allowed: tuple[str, ...] = ()
-    violation: str | None = None
+    allowed: tuple[str, ...] = ()  # names of the channels that the other side may send on
+    violation: str | None = None  # a clause on what it did, or None
     _at_step = 0  # bytes received before this step
 
     def begin_step(self) -> None:

@@ -21,15 +21,10 @@ from airrace.league.worker import result_digest
 
 
 class Doubt(NamedTuple):
-    """Something that is not as it should be.
+    """Something that is not as it should be."""
 
-    Attributes:
-        where: what is wrong: an entry, a race, the season.
-        what: a clause on what is wrong.
-    """
-
-    where: str
-    what: str
+    where: str  # what is wrong: an entry, a race, the season
+    what: str  # a clause on what is wrong
 
 
 def read_league(path: Path) -> dict[str, Any]:

@@ -16,31 +16,21 @@ _ROUNDING = 1e-9  # of steps: an end that lies on one counts as reached
 
 @dc.dataclass(frozen=True)
 class Standing:
-    """One line of the ranking.
+    """One line of the ranking."""
 
-    Attributes:
-        place: from 1; equal for those that are equal.
-        entry: its name.
-        races: that it has flown.
-        finished: how many of them it finished.
-        rate_low, rate_high: the 95 % interval (Wilson) of its finish rate.
-        step: rate_low, rounded down to a multiple of the season's rate_step.
-        mean_lap_s: mean of its mean laps over the races that all entries of its step finished,
-            if there is one, else over those that it finished itself (s); None without.
-        common: number of those races.
-        best_lap_s: its quickest lap (s), None without one; it does not count.
-    """
-
-    place: int
-    entry: str
-    races: int
-    finished: int
+    place: int  # from 1; equal for those that are equal
+    entry: str  # its name
+    races: int  # that it has flown
+    finished: int  # how many of them it finished
+    # rate_low, rate_high: the 95 % interval (Wilson) of its finish rate
     rate_low: float
     rate_high: float
-    step: float
+    step: float  # rate_low, rounded down to a multiple of the season's rate_step
+    # Mean of its mean laps over the races that all entries of its step finished, if there is one,
+    # else over those that it finished itself (s); None without
     mean_lap_s: float | None
-    common: int
-    best_lap_s: float | None
+    common: int  # number of those races
+    best_lap_s: float | None  # its quickest lap (s), None without one; it does not count
 
 
 def rank(entries: Sequence[str], flights: Sequence[dict], rate_step: float) -> list[Standing]:

@@ -6,6 +6,7 @@ small. There is no network, no process of others, no environment variable of our
 handed over by us, and a pipe for what it writes.
 """
 
+import collections
 import contextlib
 import dataclasses as dc
 import functools
@@ -16,8 +17,10 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
+from typing import BinaryIO
 
 import numba
 
@@ -25,7 +28,7 @@ from airrace.common.errors import UserError
 from airrace.common.patience import patient
 from airrace.common.processes import ONE_THREAD, child_environment
 from airrace.common.resources import PACKAGE, models_path
-from airrace.league.entry_log import EntryLog
+from airrace.league.attempts import MARK
 from airrace.league.season import Limits
 from airrace.league.system_calls import make_filter
 
@@ -43,21 +46,19 @@ _SYSTEM = (
 )
 _PROBE = 20.0  # s
 _END = 5.0  # s that it has to end by itself
+_MOST_ATTEMPTS = 50
+_TAIL = 200  # lines that are kept
+_LONGEST = 2000  # bytes of a line; a longer one counts as several
+_PATIENCE = 5.0  # s for the end of a pipe whose writer has ended
 
 
 @dc.dataclass
 class SandboxConfig:
-    """How an entry is held.
+    """How an entry is held."""
 
-    Attributes:
-        safe: whether there is a sandbox at all.
-        replay: whether a replay of the race is kept.
-        limits: of the season.
-    """
-
-    safe: bool = True
-    replay: bool = True
-    limits: Limits = dc.field(default_factory=Limits)
+    safe: bool = True  # whether there is a sandbox at all
+    replay: bool = True  # whether a replay of the race is kept
+    limits: Limits = dc.field(default_factory=Limits)  # of the season
 
 
 @functools.cache
@@ -88,6 +89,55 @@ def check_sandbox(unsafe: bool) -> None:
             f"Entries cannot be isolated on this computer: {reason}; mend that, or add --unsafe "
             "if you trust the code of every entry as your own."
         )
+
+
+class EntryLog:
+    """Reads what an entry writes from a pipe, in a thread: it cannot take back what it has written.
+
+    It keeps the attempts, and the last lines; what is between is forgotten.
+    """
+
+    def __init__(self, pipe: BinaryIO):
+        """Args: pipe: the end to read from; it is closed at its end."""
+        self._pipe = pipe
+        self._attempts: dict[str, None] = {}
+        self._lines: collections.deque[str] = collections.deque(maxlen=_TAIL)
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    @property
+    def attempts(self) -> list[str]:
+        """What the entry tried that an autonomy must not, each once; see note_attempts()."""
+        with self._lock:
+            return list(self._attempts)
+
+    @property
+    def lines(self) -> list[str]:
+        """The last lines that it wrote, without attempts and without those that are empty."""
+        with self._lock:
+            return list(self._lines)
+
+    def wait(self) -> None:
+        """Waits until all has been read that an entry wrote before its end."""
+        self._thread.join(_PATIENCE)
+
+    def save(self, path: Path) -> None:
+        """Writes the last lines to a file."""
+        path.write_text("".join(f"{line}\n" for line in self.lines), encoding="utf-8")
+
+    def _read(self) -> None:
+        with self._pipe as pipe:
+            while line := pipe.readline(_LONGEST):
+                self._keep(line.decode(errors="replace").strip())
+
+    def _keep(self, line: str) -> None:
+        with self._lock:
+            if line.startswith(MARK):
+                if len(self._attempts) < _MOST_ATTEMPTS:
+                    self._attempts[line.removeprefix(MARK)] = None
+            elif line:
+                self._lines.append(line)
 
 
 class EntryProcess:

@@ -25,17 +25,11 @@ _PUBLIC = ("drone", "laps", "camera", "imu", "rotors", "plant_config", "state_es
 
 
 class Flown(NamedTuple):
-    """A race of an entry.
+    """A race of an entry."""
 
-    Attributes:
-        scenario: YAML of the Scenario of the simulation; its track is in TRACK.
-        entry_scenario: YAML of the Scenario of the entry, whose track is in TRACK beside it.
-        entry_track: YAML of that track, of which only the hover height is true.
-    """
-
-    scenario: str
-    entry_scenario: str
-    entry_track: str
+    scenario: str  # YAML of the Scenario of the simulation; its track is in TRACK
+    entry_scenario: str  # YAML of the Scenario of the entry, whose track is in TRACK beside it
+    entry_track: str  # YAML of that track, of which only the hover height is true
 
 
 def make_flown(season: Season, leg: Leg, entry: Entry) -> Flown:

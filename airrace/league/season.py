@@ -91,21 +91,13 @@ class Season:
 
 @dc.dataclass(frozen=True)
 class Leg:
-    """One race of a season, which every entry flies.
+    """One race of a season, which every entry flies."""
 
-    Attributes:
-        number: from 1.
-        level: of difficulty.
-        seed: of track and race; a secret until the season is over.
-        track: YAML of the track.
-        gates: number of them.
-    """
-
-    number: int
-    level: int
-    seed: int
-    track: str
-    gates: int
+    number: int  # from 1
+    level: int  # of difficulty
+    seed: int  # of track and race; a secret until the season is over
+    track: str  # YAML of the track
+    gates: int  # number of them
 
 
 def load_season(path: Path) -> Season:

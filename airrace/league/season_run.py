@@ -14,23 +14,14 @@ from airrace.league.worker import Flight, make_flight
 
 
 class Plan(NamedTuple):
-    """All that is to be flown.
+    """All that is to be flown."""
 
-    Attributes:
-        season: the rules.
-        secret: its seed.
-        entries: that are accepted.
-        refused: names, or folders, of those that are not, and why.
-        legs: the races.
-        flights: of all entries.
-    """
-
-    season: Season
-    secret: str
-    entries: list[Entry]
-    refused: dict[str, str]
-    legs: list[Leg]
-    flights: list[Flight]
+    season: Season  # the rules
+    secret: str  # its seed
+    entries: list[Entry]  # that are accepted
+    refused: dict[str, str]  # names, or folders, of those that are not, and why
+    legs: list[Leg]  # the races
+    flights: list[Flight]  # of all entries
 
 
 def make_plan(season_file: Path, names: Sequence[str | Path], safe: bool) -> Plan:

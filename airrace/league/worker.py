@@ -26,25 +26,15 @@ _TAIL = 4000  # bytes kept of what an entry wrote
 
 @dc.dataclass(frozen=True)
 class Flight:
-    """One race of one entry, with all that a worker on another machine needs to fly it.
+    """One race of one entry, with all that a worker on another machine needs to fly it."""
 
-    Attributes:
-        entry: its name.
-        leg: number of the race in the season.
-        flown: the scenarios.
-        track: YAML of the track.
-        files: of the entry's folder, by relative names.
-        sandbox: how the entry is held.
-        versions: see versions(); a worker with others does not fly the race.
-    """
-
-    entry: str
-    leg: int
-    flown: Flown
-    track: str
-    files: dict[str, bytes]
-    sandbox: SandboxConfig
-    versions: dict
+    entry: str  # its name
+    leg: int  # number of the race in the season
+    flown: Flown  # the scenarios
+    track: str  # YAML of the track
+    files: dict[str, bytes]  # of the entry's folder, by relative names
+    sandbox: SandboxConfig  # how the entry is held
+    versions: dict  # see versions(); a worker with others does not fly the race
 
     @property
     def key(self) -> str:
@@ -75,14 +65,11 @@ def make_flight(
 
 
 def fly(flight: Flight, evaluation: str) -> dict:
-    """Flies a race and returns its row of flights.jsonl, and the files that it leaves.
+    """Flies a race; returns its row of flights.jsonl with its files. evaluation: for stop_races().
 
-    Args: evaluation: a name for stop_races().
-
-    Returns:
-        ``key``, ``entry``, ``leg``, ``result`` (race.json without ``wall``), ``sha256`` (of that,
-        see result_digest()), ``conduct``, ``wall``, ``stderr`` and ``files`` (contents by name).
-        Or ``key`` and ``refused``, why no such race can be flown here.
+    That is ``key``, ``entry``, ``leg``, ``result`` (race.json without ``wall``), ``sha256`` (of
+    that, see result_digest()), ``conduct``, ``wall``, ``stderr`` and ``files`` (contents by name).
+    Or ``key`` and ``refused``, why no such race can be flown here.
 
     Raises RaceKilled if it was killed from outside.
     """

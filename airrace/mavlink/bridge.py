@@ -39,39 +39,28 @@ _ON_PAD = ExplorerStatus(state="ON_PAD", reason="waiting for the client to arm")
 
 
 class Flight(NamedTuple):
-    """What the bridge remembers, beside the set-point in force.
+    """What the bridge remembers, beside the set-point in force."""
 
-    Attributes:
-        started: when the drone was first armed (s), -1 before.
-        origin: of LOCAL_NED, where it was armed last (m), (3,).
-    """
-
-    started: float
-    origin: np.ndarray
+    started: float  # when the drone was first armed (s), -1 before
+    origin: np.ndarray  # of LOCAL_NED, where it was armed last (m), (3,)
 
 
 _FLIGHT = Packing(Flight, origin=3)
 
 
 class World(NamedTuple):
-    """What a bridge knows of the race.
+    """What a bridge knows of the race."""
 
-    Attributes:
-        track, vehicle: that are flown.
-        start: where the drone stands before it is armed (m), (3,).
-        config: of the interface.
-        imu_rate, fps, contact_rate: of IMU, camera and contact sensor (Hz).
-        seed: of what quirks draw.
-    """
-
+    # track, vehicle: that are flown
     track: Course
     vehicle: Vehicle
-    start: np.ndarray
-    config: MavlinkConfig
+    start: np.ndarray  # where the drone stands before it is armed (m), (3,)
+    config: MavlinkConfig  # of the interface
+    # imu_rate, fps, contact_rate: of IMU, camera and contact sensor (Hz)
     imu_rate: float
     fps: float
     contact_rate: float
-    seed: int
+    seed: int  # of what quirks draw
 
 
 class MavlinkBridge(LeafSystem):

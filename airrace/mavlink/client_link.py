@@ -21,44 +21,28 @@ _MOST_AT_ONCE = 2000  # datagrams that are read in one go: a flood must not stop
 
 
 class Addresses(NamedTuple):
-    """Where the client is.
+    """Where the client is."""
 
-    Attributes:
-        host: of the client. port: at which it waits for MAVLink. picture_port: for pictures.
-        bind: address of this computer that is used, 127.0.0.1 for nobody else.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 14550
-    picture_port: int = 5600
-    bind: str = "127.0.0.1"
+    host: str = "127.0.0.1"  # of the client
+    port: int = 14550  # at which it waits for MAVLink
+    picture_port: int = 5600  # for pictures
+    bind: str = "127.0.0.1"  # address of this computer that is used, 127.0.0.1 for nobody else
 
 
 @dc.dataclass
 class Counts:
-    """Datagrams and messages so far.
+    """Datagrams and messages so far."""
 
-    Attributes:
-        sent: messages. picture_datagrams: and datagrams of pictures.
-        received: messages that were good.
-        malformed: datagrams that are not MAVLink, in whole or in part.
-        oversized: datagrams that are too long.
-        unknown: messages of types that MAVLink's common set does not have, whose checksum nobody
-            knows.
-        replayed: messages whose number is not after the one before.
-        refused: commands that cannot be obeyed.
-        strangers: datagrams of other clients than the first.
-    """
-
-    sent: int = 0
-    picture_datagrams: int = 0
-    received: int = 0
-    malformed: int = 0
-    oversized: int = 0
+    sent: int = 0  # messages
+    picture_datagrams: int = 0  # and datagrams of pictures
+    received: int = 0  # messages that were good
+    malformed: int = 0  # datagrams that are not MAVLink, in whole or in part
+    oversized: int = 0  # datagrams that are too long
+    # Messages of types that MAVLink's common set does not have, whose checksum nobody knows
     unknown: int = 0
-    replayed: int = 0
-    refused: int = 0
-    strangers: int = 0
+    replayed: int = 0  # messages whose number is not after the one before
+    refused: int = 0  # commands that cannot be obeyed
+    strangers: int = 0  # datagrams of other clients than the first
 
 
 class ClientLink:

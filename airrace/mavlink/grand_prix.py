@@ -43,19 +43,12 @@ def fly_attempts(
     A reset builds the simulation again, from the same scenario and seed: so nothing of an attempt
     is left in the next one. The results of an attempt that was reset are replaced.
 
-    Args:
-        scenario: of all races.
-        link: to the client, which stays open.
-        folders: an existing folder for the results of each race.
-        pages: what shows each attempt.
-        sinks, foxglove: see run_race().
+    Args: folders: an existing folder for the results of each race. pages: what shows each attempt.
+    sinks, foxglove: see run_race(), which may raise UserError.
 
     Yields:
         of each race that has ended by itself, or by Ctrl-C: race.json, its folder, and how often
         it was reset.
-
-    Raises:
-        UserError: as run_race().
     """
     for folder in folders:
         for resets in itertools.count():

@@ -27,14 +27,10 @@ _IMU_FIELDS = 0x3F  # accelerometer and gyroscope
 
 
 class Clock(NamedTuple):
-    """The times on the wire.
+    """The times on the wire."""
 
-    Attributes:
-        time: simulated (s). offset: by which the wire's are ahead (s).
-    """
-
-    time: float
-    offset: float = 0.0
+    time: float  # simulated (s)
+    offset: float = 0.0  # by which the wire's are ahead (s)
 
     @property
     def ms(self) -> int:
@@ -143,9 +139,7 @@ def race_status(
 ) -> mavlink.MAVLink_encapsulated_data_message:
     """Returns ENCAPSULATED_DATA with the state of the race.
 
-    Args:
-        started: when the drone was first armed (s), negative before.
-        gates: how many there are.
+    Args: started: when the drone was first armed (s), negative before. gates: how many there are.
     """
 
     def ns(time: float) -> int:

@@ -111,8 +111,7 @@ class SshConnection:
     def run(self, arguments: list[str], data: bytes = b"") -> tuple[int, bytes, str]:
         """Runs a command to its end, each argument as it is, with data as its standard input.
 
-        Returns:
-            exit code (-1: none), standard output, standard error.
+        Returns exit code (-1: none), standard output, standard error.
 
         Raises ConnectionLost if the connection goes.
         """

@@ -14,11 +14,11 @@ from airrace.common.errors import UserError
 from airrace.common.patience import VARIABLE, patient
 from airrace.hitl.companion import OUTPUT, Autonomy, Companion
 from airrace.hitl.companion.address import Address
-from airrace.hitl.companion.checkout import checkout_path
 from airrace.hitl.companion.set_up import (
     Board,
     SetUpDisplay,
     board_command,
+    checkout_path,
     event_of,
     failure,
     set_up,

@@ -127,9 +127,7 @@ def _has_key() -> bool:
 def file_error(said: str, path: str, address: Address) -> UserError:
     """Returns the UserError for a file that could not be written or read there.
 
-    Args:
-        said: what the program that failed has said.
-        path: of a file or folder there.
+    Args: said: what the program that failed has said. path: of a file or folder there.
     """
     if is_disk_full(said):
         return UserError(f"The disk of {address.host} is full at {path}; make room there.")

@@ -18,21 +18,13 @@ _FRAGMENTS = "sysctl -w net.ipv4.ipfrag_time=1 there"
 
 
 class Row(NamedTuple):
-    """One finding.
+    """One finding."""
 
-    Attributes:
-        what: was measured.
-        found: as text.
-        needed: as text: what is good, what a race can just do with.
-        verdict: "good", "weak" (a race works, worse) or "bad" (it does not start).
-        remedy: what to do unless it is good.
-    """
-
-    what: str
-    found: str
-    needed: str
-    verdict: str
-    remedy: str
+    what: str  # was measured
+    found: str  # as text
+    needed: str  # as text: what is good, what a race can just do with
+    verdict: str  # "good", "weak" (a race works, worse) or "bad" (it does not start)
+    remedy: str  # what to do unless it is good
 
 
 def diagnose(findings: LinkFindings) -> list[Row]:

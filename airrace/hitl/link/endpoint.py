@@ -37,21 +37,13 @@ _DRAINING = 0.2  # s that drain() takes at most, if it can choose: messages may 
 
 @dc.dataclass(frozen=True)
 class Channel:
-    """What an endpoint must know of a channel to receive on it.
+    """What an endpoint must know of a channel to receive on it."""
 
-    Attributes:
-        name: of the channel.
-        message_type: of airrace.lcmtypes.
-        sender: the role that sends on it, "simulation" or "autonomy".
-        decode: from a message to a value; may raise Dropped.
-        timed: whether what comes early waits until the time of its stamp.
-    """
-
-    name: str
-    message_type: type
-    sender: str
-    decode: Callable[[Any], Any]
-    timed: bool = False
+    name: str  # of the channel
+    message_type: type  # of airrace.lcmtypes
+    sender: str  # the role that sends on it, "simulation" or "autonomy"
+    decode: Callable[[Any], Any]  # from a message to a value; may raise Dropped
+    timed: bool = False  # whether what comes early waits until the time of its stamp
 
 
 @dc.dataclass(frozen=True)

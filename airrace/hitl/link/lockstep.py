@@ -96,14 +96,8 @@ class Exchange:
     ) -> bool:
         """Waits for the other side's tick, and shows what it brought.
 
-        Args:
-            stop: asked now and then; whether to give up.
-            poll: called while it waits.
-
-        Returns:
-            whether the other side has ended the race, or stop() was true.
-
-        Raises PeerLost if it does not answer.
+        Returns whether the other side has ended the race, or stop() was true; it calls poll()
+        meanwhile. Raises PeerLost if it does not answer.
         """
         start = self._endpoint.now()
         tick = self._received + 1

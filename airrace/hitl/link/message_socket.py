@@ -132,8 +132,7 @@ class MessageSocket:
 def start_module(module: str) -> tuple[subprocess.Popen, socket.socket]:
     """Starts `python -m module FD`, whose end of a pair of sockets has the number FD.
 
-    Returns:
-        the process, and this side's end.
+    Returns the process, and this side's end.
     """
     here, there = socket.socketpair()
     with there:

@@ -28,17 +28,11 @@ class Dropped(Exception):
 
 @dc.dataclass(frozen=True)
 class Stamp:
-    """What a message says of itself.
+    """What a message says of itself."""
 
-    Attributes:
-        session: of the sender.
-        sequence: of the message on its channel, from 1.
-        time: simulated, when it was sent (s).
-    """
-
-    session: int
-    sequence: int
-    time: float
+    session: int  # of the sender
+    sequence: int  # of the message on its channel, from 1
+    time: float  # simulated, when it was sent (s)
 
 
 def pack(message: Any, stamp: Stamp) -> bytes:

@@ -58,11 +58,9 @@ hitl/playback.py                         diagrams/test_warm_up.py
 hitl/remote_autonomy.py                  hitl/test_hitl_race.py
 league/check.py                          league/test_entry_race.py
 league/display.py                        league/test_command.py
-league/result.py                         league/test_proof.py
 league/sandbox.py                        league/test_entry_race.py
 league/season_files.py                   league/test_proof.py
 league/season_run.py                     league/test_command.py
-league/verify.py                         league/test_command.py
 league/worker.py                         league/test_entry_race.py
 mavlink/flight_controller.py             hitl/test_simulated_link.py
 mavlink/grand_prix.py                    mavlink/test_client_transport.py

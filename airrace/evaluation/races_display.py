@@ -6,26 +6,14 @@ from pathlib import Path
 from typing import Any, Self
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TextColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 
 class RacesDisplay(Progress):
     """Shows many races on standard error; inside its ``with`` block the bar is live."""
 
     def __init__(
-        self,
-        greeting: Sequence[str],
-        ended: int,
-        total: int,
-        *columns: ProgressColumn,
-        **fields: Any,
+        self, greeting: Sequence[str], ended: int, total: int, *columns: TextColumn, **fields: Any
     ):
         """Args: greeting: lines to begin with. columns, fields: of Progress, beside the usual."""
         super().__init__(

@@ -84,13 +84,7 @@ def scenario_and_bus(options: ScenarioOptions, lcm_url: str | None) -> tuple["Sc
 
 def checked_scenario(options: ScenarioOptions) -> "Scenario":
     """Returns the Scenario that options name, or raises UserError if it is none."""
-    from airrace.scenario import load_scenario
-
-    scenario = load_scenario(
-        filename=options.scenario_file,
-        scenario_name=options.scenario_name,
-        scenario_text=options.scenario_text,
-    )
+    scenario = resolve_scenario(options)
     scenario.check()
     return scenario
 

@@ -8,7 +8,7 @@ socket's buffer, since the other one is busy, is lost.
 import collections
 import pickle
 import socket
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from airrace.hitl.link.message_socket import MessageSocket
 from airrace.hitl.link.messages import EXPLORER_STATUS, GATE_MAP, POLICY_STATUS
@@ -83,29 +83,19 @@ class PortValues(NamedTuple):
 Message = Setup | Compiling | Playing | Warm | Ended | Resume | Ready | States | PortValues
 
 
-class Handover(Protocol):
-    """One end."""
-
-    def send(self, message: Message) -> bool:
-        """Sends a message; returns whether it will arrive."""
-        ...
-
-    def receive(self) -> list[Message]:
-        """Returns what has come, the oldest first."""
-        ...
-
-
-class QueueHandover(Handover):
+class QueueHandover:
     """An end in the same process; see queue_pair()."""
 
     def __init__(self, incoming: collections.deque, outgoing: collections.deque):
         self._incoming, self._outgoing = incoming, outgoing
 
     def send(self, message: Message) -> bool:
+        """Sends a message; returns whether it will arrive."""
         self._outgoing.append(message)
         return True
 
     def receive(self) -> list[Message]:
+        """Returns what has come, the oldest first."""
         return [self._incoming.popleft() for _ in range(len(self._incoming))]
 
 
@@ -115,7 +105,7 @@ def queue_pair() -> tuple[QueueHandover, QueueHandover]:
     return QueueHandover(there, back), QueueHandover(back, there)
 
 
-class SocketHandover(Handover):
+class SocketHandover:
     """An end in another process.
 
     Attributes:
@@ -127,30 +117,25 @@ class SocketHandover(Handover):
         self.link = MessageSocket(end, most_waiting=0)
 
     def send(self, message: Message) -> bool:
-        return self.link.send(pickle.dumps(_encoded(message), pickle.HIGHEST_PROTOCOL))
+        """Sends a message; returns whether it will arrive."""
+        if isinstance(message, PortValues):
+            values = {
+                name: _CODECS[name].encode(value).encode() if name in _CODECS else value
+                for name, value in message.by_port.items()
+            }
+            message = message._replace(by_port=values)
+        return self.link.send(pickle.dumps(message, pickle.HIGHEST_PROTOCOL))
 
     def receive(self) -> list[Message]:
-        return [_decoded(pickle.loads(data)) for data in iter(self.link.receive, None)]
+        """Returns what has come, the oldest first."""
+        messages = [pickle.loads(data) for data in iter(self.link.receive, None)]
+        for message in messages:
+            if isinstance(message, PortValues):
+                values = message.by_port
+                for name in values.keys() & _CODECS.keys():
+                    codec = _CODECS[name]
+                    values[name] = codec.decode(codec.message_type.decode(values[name]))
+        return messages
 
 
-def _encoded(message: Message) -> Message:
-    """Returns a message with the values of known ports as those of the link."""
-    if not isinstance(message, PortValues):
-        return message
-    return message._replace(
-        by_port={
-            name: _CODECS[name].encode(value).encode() if name in _CODECS else value
-            for name, value in message.by_port.items()
-        }
-    )
-
-
-def _decoded(message: Message) -> Message:
-    """Returns what _encoded() was given."""
-    if not isinstance(message, PortValues):
-        return message
-    values = dict(message.by_port)
-    for name, codec in _CODECS.items():
-        if name in values:
-            values[name] = codec.decode(codec.message_type.decode(values[name]))
-    return message._replace(by_port=values)
+Handover = QueueHandover | SocketHandover  # one end

@@ -144,7 +144,9 @@ class Pilot:
             side.sender.send(context)
         if context.get_time() - self._sent >= self._period:
             self._hand_over()
-            self._hand_over_states()
+            if self._endpoint.now() - self._kept >= CHECKPOINT_PERIOD:  # the navigator writes it
+                self._kept = self._endpoint.now()
+                self._handover.send(States(states_of(side.part, context)))
         rate = self._scenario.controller.rate
         return int(rate * context.get_time()) > int(rate * before)
 
@@ -161,13 +163,6 @@ class Pilot:
         self._sent = self._context.get_time()
         values = {name: port.Eval(self._context) for name, port in self._outputs.items()}
         self._handover.send(PortValues(self._sent, values))
-
-    def _hand_over_states(self):
-        """Hands over what the pilot knows, once in a while, for the navigator to write it down."""
-        now = self._endpoint.now()
-        if now - self._kept >= CHECKPOINT_PERIOD:
-            self._kept = now
-            self._handover.send(States(states_of(self._side.part, self._context)))
 
     def _initialize(self, fresh):
         """Initializes at the context's time; what is known stays unless it is a fresh start."""

@@ -128,9 +128,8 @@ def run(
     from airrace.common.files import results_folder, run_path
     from airrace.diagrams.race import RESULTS
     from airrace.evaluation.command import check_flying
-    from airrace.league.result import settings
     from airrace.league.sandbox import check_sandbox, why_no_sandbox
-    from airrace.league.season_files import LeagueStore, keep_sources
+    from airrace.league.season_files import LeagueStore, keep_sources, settings
     from airrace.league.season_run import make_plan
 
     check_flying(output, resume, workers, scheduler)
@@ -179,7 +178,7 @@ def _report(plan: "Plan", settings: dict, folder: Path, rows: list) -> None:
     """Writes league.json and league.html, and prints the ranking."""
     from airrace.league.display import print_ranking
     from airrace.league.page import make_duels, write_page
-    from airrace.league.result import write_league
+    from airrace.league.season_files import write_league
 
     league = write_league(folder, settings, plan.legs, rows)
     duels: list[dict] = []
@@ -214,7 +213,7 @@ def verify(
         all: fly all races again (default: of each entry the one with the quickest mean lap)
         unsafe: fly entries without a sandbox, where this computer offers none
     """
-    from airrace.league.verify import verify_league
+    from airrace.league.proof import verify_league
 
     return verify_league(league, seed_file, (entry, race, all), unsafe)
 

@@ -1,5 +1,6 @@
 """The simulation's end of a race whose autonomy is an entry in a sandbox."""
 
+import contextlib
 import dataclasses as dc
 import time
 from typing import TYPE_CHECKING, Any
@@ -59,20 +60,13 @@ class GuardedBus(SocketBus):
         if self.received - self._at_step > _MOST_SENT:
             self.violation = f"it sent more than {_MOST_SENT >> 20} MB in one step"
         elif channel == HEARTBEAT:
-            if _role(data) not in (AUTONOMY, None):
-                self.violation = "it spoke as the simulation"
+            with contextlib.suppress(packets.Dropped):  # it is no heartbeat
+                if packets.decode(data, lcmt_heartbeat).role != AUTONOMY:
+                    self.violation = "it spoke as the simulation"
         elif channel not in self.allowed:
             self.violation = f"it sent on {channel[:60]}, which is not a channel of the autonomy"
         if self.violation is None:
             super()._take(channel, data)
-
-
-def _role(data: bytes) -> str | None:
-    """Returns the role that a heartbeat says, None if it is none."""
-    try:
-        return packets.decode(data, lcmt_heartbeat).role
-    except packets.Dropped:
-        return None
 
 
 class EntryRemote(LockstepRemote):
@@ -96,6 +90,7 @@ class EntryRemote(LockstepRemote):
         self.conduct = Conduct()
         self._began, self._cpu = time.monotonic(), 0.0  # of this step: wall's clock, processor (s)
         self._reason: str | None = None
+        self._late = f"the entry did not answer within {limits.step_wall:g} s"
 
     def begin(self, simulator: "Simulator") -> None:
         super().begin(simulator)
@@ -120,7 +115,7 @@ class EntryRemote(LockstepRemote):
         try:
             ended = self._exchange.receive(context, stop=self._must_stop)
         except PeerLost:
-            ended, self._reason = True, self._late()
+            ended, self._reason = True, self._late
         if ended or self._bus.violation:
             broken = self._bus.violation and f"the entry broke the rules: {self._bus.violation}"
             return broken or self._reason or "the entry left the race"
@@ -140,11 +135,8 @@ class EntryRemote(LockstepRemote):
                 f"the entry computed {self._limits.step_cpu_end:g} s for one step, and did not end"
             )
         elif time.monotonic() - self._began > patient(self._limits.step_wall):
-            self._reason = self._late()
+            self._reason = self._late
         return self._reason is not None or self._bus.violation is not None
-
-    def _late(self) -> str:
-        return f"the entry did not answer within {self._limits.step_wall:g} s"
 
 
 def meet_entry(

@@ -128,16 +128,13 @@ class EntryLog:
 
     def _read(self) -> None:
         with self._pipe as pipe:
-            while line := pipe.readline(_LONGEST):
-                self._keep(line.decode(errors="replace").strip())
-
-    def _keep(self, line: str) -> None:
-        with self._lock:
-            if line.startswith(MARK):
-                if len(self._attempts) < _MOST_ATTEMPTS:
-                    self._attempts[line.removeprefix(MARK)] = None
-            elif line:
-                self._lines.append(line)
+            while read := pipe.readline(_LONGEST):
+                line = read.decode(errors="replace").strip()
+                with self._lock:
+                    if not line.startswith(MARK):
+                        self._lines += [line] if line else []
+                    elif len(self._attempts) < _MOST_ATTEMPTS:
+                        self._attempts[line.removeprefix(MARK)] = None
 
 
 class EntryProcess:

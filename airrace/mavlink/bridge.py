@@ -16,13 +16,12 @@ from airrace.mavlink import telemetry
 from airrace.mavlink.client_link import ClientLink
 from airrace.mavlink.commands import ARM, RESET, SET_MODE, SETPOINTS, RefusedError, setpoint_of
 from airrace.mavlink.frames import ned_state
-from airrace.mavlink.picture_stream import datagrams, encode
 from airrace.mavlink.telemetry import Clock
-from airrace.scenario.mavlink_config import MavlinkConfig
+from airrace.scenario import Scenario
 from airrace.systems.control.setpoint import IDLE, NO_SETPOINT, as_setpoint, setpoint_vector
 from airrace.systems.leaf_system import LeafSystem
 from airrace.systems.ports import read_vector
-from airrace.systems.sensing.contact_sensor import CONTACTS_SIZE, GATE, as_contacts
+from airrace.systems.sensing.contact_sensor import CONTACT_RATE, CONTACTS_SIZE, GATE, as_contacts
 from airrace.systems.sensing.imu_samples import IMU_SIZE, as_samples
 from airrace.systems.types import ExplorerStatus, RefereeStatus
 from airrace.track import Course
@@ -46,21 +45,6 @@ class Flight(NamedTuple):
 
 
 _FLIGHT = Packing(Flight, origin=3)
-
-
-class World(NamedTuple):
-    """What a bridge knows of the race."""
-
-    # track, vehicle: that are flown
-    track: Course
-    vehicle: Vehicle
-    start: np.ndarray  # where the drone stands before it is armed (m), (3,)
-    config: MavlinkConfig  # of the interface
-    # imu_rate, fps, contact_rate: of IMU, camera and contact sensor (Hz)
-    imu_rate: float
-    fps: float
-    contact_rate: float
-    seed: int  # of what quirks draw
 
 
 class MavlinkBridge(LeafSystem):
@@ -95,27 +79,35 @@ class MavlinkBridge(LeafSystem):
         commands: how many commands were taken up, whether they could be obeyed or not.
     """
 
-    def __init__(self, *, world: World, link: ClientLink):
-        """Args: world: that is flown in. link: to the client."""
+    def __init__(
+        self,
+        *,
+        scenario: Scenario,
+        track: Course,
+        vehicle: Vehicle,
+        start: np.ndarray,
+        link: ClientLink,
+    ):
+        """Args: start: where the drone stands before it is armed (m), (3,). link: to the client."""
         LeafSystem.__init__(self)
-        self._world, self._link, self._config = world, link, world.config
-        self._quirks = world.config.quirks
+        self._scenario, self._track, self._vehicle, self._link = scenario, track, vehicle, link
+        self._config, self._quirks = scenario.mavlink, scenario.mavlink.quirks
         self.reset_wanted, self.imu_messages, self.commands = False, 0, 0
-        self._declare_ports()
+        self._declare_ports(start)
         # What was sent last. It is output, not state: nothing in the flight depends on it.
         self._imu_time = self._picture_time = -1.0
         self._frames, self._contacts = 0, (0.0, 0.0)
         self._jpeg = b""
-        self._imu_random = make_generator(world.seed, "mavlink imu")
+        self._imu_random = make_generator(scenario.seed, "mavlink imu")
         self._second, self._drop = -1, 0.0
-        self._picture_random = make_generator(world.seed, "mavlink pictures")
+        self._picture_random = make_generator(scenario.seed, "mavlink pictures")
         for rate, send in self._timetable():
             self.DeclarePeriodicPublishEvent(1.0 / rate, AFTER, send)
         self.DeclarePeriodicPublishEvent(1.0 / LISTEN_RATE, 0.0, self._listen)
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / LISTEN_RATE, 0.0, self._obey)
 
-    def _declare_ports(self):
-        n = len(self._world.vehicle.rotors)
+    def _declare_ports(self, start):
+        n = len(self._vehicle.rotors)
         self._imu = self.DeclareVectorInputPort("imu", IMU_SIZE)
         self._state = self.DeclareVectorInputPort("truth.state", STATE_SIZE - 1)
         self._rotors = self.DeclareVectorInputPort("rotor_speeds", n)
@@ -126,7 +118,7 @@ class MavlinkBridge(LeafSystem):
             "truth.referee_status", Value[object](RefereeStatus((), False, None, None, 0))
         )
         self._setpoint = self.DeclareDiscreteState(setpoint_vector(NO_SETPOINT))
-        self._flight = self.DeclareDiscreteState(_FLIGHT.vector(Flight(-1.0, self._world.start)))
+        self._flight = self.DeclareDiscreteState(_FLIGHT.vector(Flight(-1.0, start)))
         self.DeclareStateOutputPort("setpoint", self._setpoint)
         self.DeclareAbstractOutputPort(
             "explorer_status",
@@ -138,12 +130,12 @@ class MavlinkBridge(LeafSystem):
     def _timetable(self):
         """Returns pairs of a rate (Hz) and what is sent then; at equal times, in this order."""
         telling = [
-            (self._world.fps, self._send_picture),  # before the IMU's message that is answered
+            (self._scenario.camera.fps, self._send_picture),  # before the IMU's
             (HEARTBEAT_RATE, self._send_heartbeat),
             (ACTUATOR_RATE, self._send_actuators),
             (STATUS_RATE, self._send_status),
             (TRACK_RATE, self._send_track),
-            (self._world.contact_rate, self._send_collision),
+            (CONTACT_RATE, self._send_collision),
         ]
         if self._config.vq == 1:
             telling += [
@@ -151,7 +143,7 @@ class MavlinkBridge(LeafSystem):
                 (POSITION_RATE, self._send_position),
                 (ODOMETRY_RATE, self._send_odometry),
             ]
-        return [*telling, (self._world.imu_rate, self._send_imu)]
+        return [*telling, (self._scenario.imu.rate, self._send_imu)]
 
     def armed(self, context: Context) -> bool:
         """Whether the drone is armed; context: of this system."""
@@ -201,18 +193,18 @@ class MavlinkBridge(LeafSystem):
         self._link.send(telemetry.highres_imu(self._clock(time), force, rates, inverted))
 
     def _send_actuators(self, context):
-        vehicle = self._world.vehicle
+        vehicle = self._vehicle
         thrusts = vehicle.thrust_coefficients * np.square(read_vector(self._rotors, context))
         self._link.send(telemetry.actuators(self._now(context), thrusts / vehicle.max_thrusts))
 
     def _send_status(self, context):
         started, status = self.started(context), self._referee.Eval(context)
-        gates = len(self._world.track.gates)
+        gates = len(self._track.gates)
         self._link.send(telemetry.race_status(self._now(context), started, status, gates))
 
     def _send_track(self, context):
         hidden, origin = self._config.vq != 1, self._remembered(context).origin
-        for message in telemetry.track_messages(self._world.track, origin, hidden):
+        for message in telemetry.track_messages(self._track, origin, hidden):
             self._link.send(message)
 
     def _send_collision(self, context):
@@ -252,9 +244,10 @@ class MavlinkBridge(LeafSystem):
         if lost < self._quirks.lost_pictures:
             return
         if not (self._jpeg and repeated < self._quirks.repeated_pictures):
-            self._jpeg = encode(self._image.Eval(context).data, self._config.jpeg_quality)
+            picture = self._image.Eval(context).data
+            self._jpeg = telemetry.encode_picture(picture, self._config.jpeg_quality)
         size, time_ns = self._config.chunk_size, self._clock(taken).ns
-        for datagram in datagrams(frame, time_ns, self._jpeg, size):
+        for datagram in telemetry.picture_datagrams(frame, time_ns, self._jpeg, size):
             for _ in range(2 if self._quirks.doubled_pictures else 1):
                 self._link.send_picture(datagram)
 

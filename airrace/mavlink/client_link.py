@@ -124,9 +124,10 @@ class ClientLink:
         return taken
 
     def _take(self, data, sender):
+        is_free = self.client is None or time.monotonic() > self._heard_at + _PATIENCE
         if len(data) > _LARGEST:
             self.counts.oversized += 1
-        elif not self._is_client(sender):
+        elif sender != self.client and not is_free:
             self.counts.strangers += 1
             if sender not in self._strangers and len(self._strangers) < 100:
                 self._strangers.add(sender)
@@ -137,9 +138,6 @@ class ClientLink:
         else:
             for message in self._parsed(data):
                 self._accept(message, sender)
-
-    def _is_client(self, sender):
-        return self.client in (None, sender) or time.monotonic() > self._heard_at + _PATIENCE
 
     def _parsed(self, data):
         """Returns the messages of a datagram, all of them or none."""

@@ -34,17 +34,11 @@ class Autonomy(abc.ABC):
 
     @abc.abstractmethod
     def stop(self, timeout: float = 5.0) -> None:
-        """Ends it: SIGTERM, and after the timeout (s) SIGKILL, to its process group.
-
-        Does nothing if it has ended.
-        """
+        """Ends it, if it runs: SIGTERM, and after the timeout (s) SIGKILL, to its process group."""
 
     @abc.abstractmethod
     def collect(self, folder: Path) -> None:
-        """Copies what is in its OUTPUT folder into a folder here, which is made.
-
-        Raises UserError if that cannot be done.
-        """
+        """Copies its OUTPUT folder into one here, which is made; may raise UserError."""
 
     @abc.abstractmethod
     def remove(self) -> None:
